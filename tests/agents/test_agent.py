@@ -38,7 +38,7 @@ MAX_BYTES = 2**20
 
 
 class Gateway:
-    """The other side: collects frames and progress, asks and commands."""
+    """The other side: collects frames and progress, sends questions and commands."""
 
     def __init__(self, endpoint: str, session: Session) -> None:
         self.endpoint, self.session = endpoint, session
@@ -95,7 +95,7 @@ async def opened(endpoint: str) -> AsyncIterator[Gateway]:
 
 
 def run(scenario: Callable[[Gateway, Process], Awaitable[None]], *flags: str) -> None:
-    """Run a scenario with one UR5, which waits for its gateway."""
+    """Run a scenario with one UR5, whose agent waits for its gateway."""
     endpoint = f"tcp/127.0.0.1:{free_port()}"
 
     async def together(agent: Process) -> None:
@@ -110,7 +110,7 @@ def run(scenario: Callable[[Gateway, Process], Awaitable[None]], *flags: str) ->
 
 
 def test_a_move_is_described_accepted_reached_and_reported_below_the_velocity_limit() -> None:
-    """The description decodes the frames; the joints arrive and none was faster than its URDF says."""
+    """The description decodes the frames; the joints reach their targets, none faster than in the URDF."""
 
     async def scenario(gateway: Gateway, agent: Process) -> None:
         description = await gateway.description()
@@ -138,7 +138,7 @@ def test_a_move_is_described_accepted_reached_and_reported_below_the_velocity_li
 
 
 def test_what_must_not_run_is_refused() -> None:
-    """Stale, out of limits, repeated and malformed, each with its code."""
+    """Stale, out-of-limit, repeated and malformed commands are refused, each with its code."""
 
     async def scenario(gateway: Gateway, agent: Process) -> None:
         async def code(targets: dict[str, float], command_id: str, late_ns: int = 0) -> str:
@@ -174,7 +174,7 @@ def test_the_robot_holds_when_the_last_gateway_goes_and_serves_the_next() -> Non
             assert second.frames[-1].positions[elbow] > -2.0
             alive, _ = await second.session.list_tokens(KEYS.all_presence, 5.0, list)
             assert alive == [KEYS.presence("ur5", description.incarnation)]
-            assert set(second.states_of("m")) == {"failed"}  # told once more a second after the gateway came
+            assert set(second.states_of("m")) == {"failed"}  # repeated a second after the gateway came
             assert isinstance(await second.command("ur5", {"elbow_joint": 0.5}, "n"), Accepted)
             await until(lambda: second.states_of("n")[-1:] == ["succeeded"])
 
@@ -182,7 +182,7 @@ def test_the_robot_holds_when_the_last_gateway_goes_and_serves_the_next() -> Non
 
 
 def test_a_stop_by_the_key_of_all_robots_ends_what_runs() -> None:
-    """No gateway's token and no time is needed: whoever asks is heard, and the joints stand."""
+    """It needs neither a gateway's token nor a time: anybody may stop, and the joints come to rest."""
 
     async def scenario(gateway: Gateway, agent: Process) -> None:
         assert isinstance(await gateway.command("ur5", {"elbow_joint": -3.0}, "m"), Accepted)

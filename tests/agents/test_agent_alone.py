@@ -1,4 +1,4 @@
-"""What an agent accepts, refuses, stops and tells, without a network and on a clock of the test's own."""
+"""What an agent accepts, refuses, stops and reports, without a network and on the test's own clock."""
 
 import asyncio
 import json
@@ -28,7 +28,7 @@ from linked_fleet_agent.wire.messages import (
 
 
 class Memory:
-    """A link without a network, for what needs no network to be shown."""
+    """A link without a network."""
 
     gateway_present = True
     arrivals = 1
@@ -38,7 +38,7 @@ class Memory:
         self.progress: list[Progress] = []
 
     def watch_gateways(self, period_s: float) -> None:
-        """The test says which are there."""
+        """Do nothing: the test says which gateways are present."""
 
     def publish_state(self, payload: bytes) -> None:
         self.states.append(codec.decode_state(payload))
@@ -48,7 +48,7 @@ class Memory:
 
 
 class Brittle:
-    """A robot of two joints that are where they are told to be, and that can be broken."""
+    """A robot with two joints that reach every setpoint at once, and that can be broken."""
 
     broken = unstoppable = short = False
 
@@ -78,7 +78,7 @@ class Brittle:
 
 
 class Bench:
-    """An agent with a brittle robot, a link without a network and a clock of its own."""
+    """An agent with a brittle robot, a link without a network and a clock."""
 
     def __init__(self) -> None:
         self.now_ns = 1_000_000_000
@@ -117,7 +117,7 @@ def _code(reply: Reply) -> str:
 
 
 def test_a_driver_fault_is_survived_and_nothing_is_invented(caplog: pytest.LogCaptureFixture) -> None:
-    """Values become NaN, the motion fails, commands are refused with the fault; afterwards all is well again."""
+    """Values become NaN, the motion fails, commands are refused with the fault; afterwards everything works again."""
     bench = Bench()
     assert _code(bench.command("a")) == "accepted"
     bench.robot.broken = True
@@ -134,7 +134,7 @@ def test_a_driver_fault_is_survived_and_nothing_is_invented(caplog: pytest.LogCa
 
 
 def test_a_driver_that_leaves_out_a_joint_has_a_fault() -> None:
-    """Nobody could say whose the values are."""
+    """It would be unknown to which joints the values belong."""
     bench = Bench()
     bench.robot.short = True
     bench.tick()
@@ -149,7 +149,7 @@ def test_a_driver_that_leaves_out_a_joint_has_a_fault() -> None:
 
 @pytest.mark.parametrize("unstoppable", [False, True])
 def test_a_robot_with_a_fault_is_stopped_by_its_driver(unstoppable: bool) -> None:
-    """Accepted always; that it succeeded is said only if the driver could."""
+    """The stop is always accepted, but reported as successful only if the driver could stop."""
     bench = Bench()
     bench.robot.broken, bench.robot.unstoppable = True, unstoppable
     bench.tick()
@@ -163,7 +163,7 @@ def test_a_robot_with_a_fault_is_stopped_by_its_driver(unstoppable: bool) -> Non
 
 
 def test_a_stop_needs_no_gateway_no_time_and_no_run() -> None:
-    """What a command would be refused for does not matter to it; only a joint that is not there does."""
+    """Reasons that refuse a command do not matter to a stop; only an unknown joint does."""
     bench = Bench()
     bench.command("a")
     bench.tick(20)
@@ -177,7 +177,7 @@ def test_a_stop_needs_no_gateway_no_time_and_no_run() -> None:
 
 
 def test_no_motion_runs_after_a_stop_that_was_asked_for_before_it() -> None:
-    """Not on the joints that were stopped; the next frame is late enough, and rehearsals are told the same."""
+    """Motions of the stopped joints are refused; those after the next frame run, and rehearsals are judged alike."""
     bench = Bench()
     stopped = bench.stop("s", joints=["arm"])
     assert isinstance(stopped, Accepted)
@@ -205,7 +205,7 @@ def test_a_stop_of_all_joints_counts_for_each_and_one_that_was_not_carried_out_f
 
 
 def test_a_command_that_is_cancelled_before_it_comes_never_runs() -> None:
-    """Other commands on its joints do, and one that was accepted before is not forgotten by it."""
+    """Other commands on its joints run, and a command accepted earlier is not affected."""
     bench = Bench()
     bench.stop("s", command="a", rehearsal=True)
     assert _code(bench.command("a", rehearsal=True)) == "accepted"
@@ -231,7 +231,7 @@ def test_what_was_asked_for_before_the_last_gateway_went_does_not_run_after_it_i
 
 
 def test_a_rehearsal_is_judged_and_answered_and_nothing_moves() -> None:
-    """It says what it would take and end; its id is free, and a refusal is the same as in earnest."""
+    """The answer contains duration and end; its id stays free, and a refusal equals that of the real command."""
     bench = Bench()
     bench.command("a", Move({"arm": 1.0, "wheel": 1.0}))
     bench.tick(10)
@@ -250,7 +250,7 @@ def test_a_rehearsal_is_judged_and_answered_and_nothing_moves() -> None:
 
 
 def test_what_is_not_as_expected_does_not_move() -> None:
-    """The reason says both; a wheel may be whole turns away."""
+    """The reason contains both positions; a continuous joint may be whole turns away."""
     bench = Bench()
     bench.robot.positions["wheel"] = 4 * math.pi + 0.01
     bench.tick()
@@ -303,7 +303,7 @@ def _motions(draw: st.DrawFn) -> dict[str, object]:
 def test_no_command_whatever_makes_an_agent_stumble(
     orders: list[tuple[dict[str, object], float, bool, int]],
 ) -> None:
-    """Each is accepted with a duration or refused with a reason, and the joints are where they can be."""
+    """Each is accepted with a duration or refused with a reason, and the joints stay within their limits."""
     bench = Bench()
     for number, (motion, scale, rehearsal, ticks) in enumerate(orders):
         asked = {
@@ -327,7 +327,7 @@ def test_no_command_whatever_makes_an_agent_stumble(
 
 
 def test_a_gateway_that_comes_hears_how_motions_ended_and_what_runs() -> None:
-    """Ends of the last minute and what is under way; each once for each that comes, also while others are there."""
+    """Ends of the last minute and running motions are reported once to each new gateway, whoever else is present."""
     bench = Bench()
     bench.command("old")
     bench.tick(300)
@@ -354,7 +354,7 @@ def test_a_gateway_that_comes_hears_how_motions_ended_and_what_runs() -> None:
 
 
 def test_a_stop_is_followed_by_a_frame_at_once() -> None:
-    """Who asks for it waits for a frame that is later. Many stops at once are followed by one."""
+    """The requester waits for a later frame. Many stops at once are followed by a single frame."""
     bench = Bench()
 
     async def scenario() -> None:

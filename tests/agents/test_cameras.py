@@ -1,4 +1,4 @@
-"""What a simulated robot sees: questions judged, pictures rendered, depths that are right, and the blind."""
+"""Cameras of a simulated robot: requests judged, pictures rendered, correct depths, and robots without a renderer."""
 
 import math
 import struct
@@ -19,7 +19,7 @@ from linked_fleet_agent.wire.pictures import decode_picture
 
 HEIGHT_M, DOWN_RAD, FIELD_RAD = 1.5, 0.8, 1.0
 ROWS, COLUMNS = 60, 80
-# A mast whose eye turns about y: its optical axis (z) lies level at 0 and looks down at positive angles.
+# A mast with a camera that turns about y: its optical axis (z) is level at 0 and points down at positive angles.
 URDF = f"""<robot name="mast"><link name="base"/><link name="eye"/>
 <joint name="tilt" type="revolute"><parent link="base"/><child link="eye"/><origin xyz="0 0 {HEIGHT_M}"/>
 <axis xyz="0 1 0"/><limit lower="-1.5" upper="1.5" velocity="1" effort="10"/></joint></robot>"""
@@ -56,8 +56,10 @@ def question(camera: str = "eye", format: str = "depth") -> bytes:
 
 
 def test_depths_are_those_of_the_floor(seeing: MujocoRobot) -> None:
-    """A pixel looks ``a`` below the axis, which looks DOWN_RAD below level: the floor is HEIGHT_M / sin(DOWN_RAD + a)
-    away along the ray, cos(a) of which is along the axis."""
+    """The floor is HEIGHT_M / sin(DOWN_RAD + a) away along the ray of a pixel ``a`` below the optical axis.
+
+    The axis points DOWN_RAD below level; the depth along the axis is cos(a) of that distance.
+    """
     cameras = Cameras(seeing, seeing.describe().cameras)
     moment, content = decode_picture(cameras.take(question(), shown(DOWN_RAD)), "depth")
     assert (moment.rows, moment.columns, moment.sequence, moment.far_m) == (ROWS, COLUMNS, 9, 10.0)
@@ -114,7 +116,7 @@ def test_what_cannot_be_shown_is_refused_with_a_reason(asked: bytes, reading: St
 
 @pytest.mark.parametrize("way", ["disabled", "no-such-way-to-opengl"])
 def test_without_a_renderer_there_is_a_reason_and_a_robot_all_the_same(way: str) -> None:
-    """Here OpenGL is asked for in ways that no machine has."""
+    """OpenGL is requested in ways that no machine supports."""
     found, reason = Probe(way).result
     assert (found, bool(reason)) == ("", True)
     robot = mast(reason)

@@ -1,4 +1,4 @@
-"""The named poses of the demonstration robots, as their annotations say them."""
+"""The named poses of the demonstration robots, as in their annotations."""
 
 from pathlib import Path
 from urllib.parse import unquote
@@ -49,7 +49,7 @@ def test_the_annotations_name_the_poses_with_their_units_and_within_the_limits(s
 
 
 def test_a_name_that_is_no_plain_segment_is_escaped() -> None:
-    """So is what Turtle would read otherwise."""
+    """Characters with a meaning in Turtle are escaped, too."""
     urdf = (
         '<robot name="r"><link name="a"/><link name="b"/><joint name="arm 2/&gt;left" type="prismatic">'
         '<parent link="a"/><child link="b"/><limit lower="0.1" upper="1" velocity="1" effort="1"/></joint></robot>'

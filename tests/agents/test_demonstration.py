@@ -1,4 +1,4 @@
-"""Demonstrations end by a stop or a command, say so, and begin anew when a person says so."""
+"""Demonstrations end by a stop or a command, say so, and only restart when a person requests it."""
 
 import logging
 import os
@@ -15,7 +15,7 @@ PAN = "shoulder_pan_joint"
 
 
 class Bench:
-    """A simulated arm that sways, on a clock of the test's own; it is its own link."""
+    """A simulated arm that sways, on the test's own clock; also stands in for the link."""
 
     gateway_present, arrivals = True, 1
 
@@ -26,13 +26,13 @@ class Bench:
         self.run(1.0)
 
     def watch_gateways(self, period_s: float) -> None:
-        """They are always there."""
+        """Do nothing: a gateway is always present."""
 
     def publish_state(self, payload: bytes) -> None:
         self.positions = codec.decode_state(payload).positions
 
     def publish_progress(self, payload: bytes, final: bool) -> None:
-        """Nobody listens."""
+        """Do nothing: nobody listens."""
 
     def run(self, seconds: float) -> None:
         for _ in range(round(seconds * 100)):
@@ -60,7 +60,7 @@ class Bench:
 
 
 def test_a_stop_holds_until_a_person_begins_the_demonstration_anew(caplog: pytest.LogCaptureFixture) -> None:
-    """However long that takes; the log has the command, and the next stop ends it once more."""
+    """It holds however long that takes; the log names the command to restart, and the next stop ends it again."""
     bench = Bench()
     for turn in (1, 2):
         bench.stop(f"s{turn}")
@@ -78,7 +78,7 @@ def test_a_stop_holds_until_a_person_begins_the_demonstration_anew(caplog: pytes
 
 
 def test_what_does_not_take_its_joint_ends_no_demonstration(caplog: pytest.LogCaptureFixture) -> None:
-    """A stop or a command of other joints, and rehearsals; a command of the joint does."""
+    """Stops and commands of other joints, and rehearsals, do not end it; a command of its joint does."""
     bench = Bench()
     bench.stop("s", joints=("elbow_joint",))
     bench.stop("t", rehearsal=True)

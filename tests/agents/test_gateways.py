@@ -1,4 +1,4 @@
-"""Which gateways a robot takes for alive, on a clock of the test's own: no gateway is real, and no time passes."""
+"""Which gateways an agent considers alive, on the test's own clock without real gateways."""
 
 import pytest
 
@@ -26,7 +26,7 @@ class Robot:
         self.gateways.heard(name, self.now_s)
 
     def run(self, seconds: float, *beating: str) -> None:
-        """Tick for so long; the gateways that are named send heartbeats, the last one at the end."""
+        """Tick for so long while the named gateways send heartbeats; each sends a last one at the end."""
         for tick in range(1, round(seconds / PERIOD_S) + 1):
             self.tick()
             if tick % round(HEARTBEAT_S / PERIOD_S) == 0:
@@ -42,7 +42,7 @@ class Robot:
         return not self.gateways.present
 
     def runs_until_it_holds(self) -> float:
-        """How long it ticks before it holds."""
+        """Return the time until it holds."""
         start_s = self.now_s
         while not self.holds:
             assert self.now_s - start_s < 60.0, "it never holds"
@@ -66,7 +66,7 @@ def test_a_gateway_is_alive_while_it_sends_heartbeats() -> None:
 def test_a_gateway_whose_token_stays_and_whose_heartbeat_stops_is_gone_within_the_lease(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
-    """An event loop that hangs, whatever keeps it: Zenoh's threads keep the token."""
+    """An event loop may hang while Zenoh's threads keep the token."""
     robot = Robot()
     robot.appear()
     robot.run(10.0, "g")
@@ -75,7 +75,7 @@ def test_a_gateway_whose_token_stays_and_whose_heartbeat_stops_is_gone_within_th
 
 
 def test_a_gateway_that_goes_on_is_there_again_and_counts_as_one_that_has_come() -> None:
-    """How motions ended while it hung is repeated to it."""
+    """Ends of motions during the hang are repeated to it."""
     robot = Robot()
     robot.appear()
     robot.runs_until_it_holds()
@@ -87,7 +87,7 @@ def test_a_gateway_that_goes_on_is_there_again_and_counts_as_one_that_has_come()
 
 
 def test_a_gateway_that_never_sends_a_heartbeat_counts_for_one_lease(caplog: pytest.LogCaptureFixture) -> None:
-    """One that hangs when the agent comes, and one of a version without heartbeats, which the log names."""
+    """Either it hangs when the agent starts, or its version has no heartbeats, which the log reports."""
     robot = Robot()
     robot.appear()
     assert robot.runs_until_it_holds() == pytest.approx(LEASE_S, abs=2 * PERIOD_S)
@@ -112,7 +112,7 @@ def test_the_robot_holds_when_none_of_several_is_left() -> None:
 
 
 def test_a_gateway_whose_token_is_gone_has_a_moment_to_connect_again() -> None:
-    """A connection that was given up and made anew is no gap; one that is not made anew is."""
+    """A connection that is closed and opened again is no gap; one that is not opened again is."""
     robot = Robot()
     robot.appear()
     robot.run(10.0, "g")
@@ -140,7 +140,7 @@ def test_a_gateway_that_hangs_does_not_live_longer_by_connecting_again() -> None
 
 @pytest.mark.parametrize("pause_s", [1.0, 3.0, 3600.0])
 def test_a_pause_of_the_agent_or_of_the_machine_is_no_gateway_that_is_gone(pause_s: float) -> None:
-    """Zenoh gives the connection up, either before the first tick after the pause or later, and connects again."""
+    """Zenoh closes the connection, before or after the first tick following the pause, and connects again."""
     for ticks_before in (0, 1, 10):
         robot = Robot()
         robot.appear()
@@ -170,7 +170,7 @@ def test_a_gateway_that_dies_in_a_pause_is_gone_within_its_lease_of_the_time_in_
 
 
 def test_pause_after_pause_does_not_keep_a_dead_gateway_alive() -> None:
-    """Each pause counts for some time, however little the agent runs in between."""
+    """Each pause is credited with a limited time, however little the agent runs in between."""
     robot = Robot()
     robot.appear()
     robot.run(10.0, "g")
@@ -192,7 +192,7 @@ def test_long_after_a_pause_the_loss_of_a_token_counts_as_ever() -> None:
 
 
 def test_a_slow_agent_is_not_taken_for_paused() -> None:
-    """One that ticks once a second holds within the lease and one tick."""
+    """An agent that ticks once a second holds within the lease and one tick."""
     gateways = Gateways("r")
     gateways.watch(0.0, 1.0)
     gateways.appeared("g", 0.0)
@@ -204,7 +204,7 @@ def test_a_slow_agent_is_not_taken_for_paused() -> None:
 
 
 def test_tokens_of_strangers_cost_bounded_memory() -> None:
-    """Gateways that were there before the pause go on to count."""
+    """Gateways that were present before the pause still count."""
     robot = Robot()
     robot.appear()
     for number in range(10 * MAX_GATEWAYS):

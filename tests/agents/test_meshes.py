@@ -1,4 +1,4 @@
-"""Which files a URDF can make an agent hand out, and which it cannot."""
+"""The files that a URDF can make an agent serve, and those that it cannot."""
 
 import hashlib
 from pathlib import Path
@@ -52,7 +52,7 @@ def _put(path: Path, content: bytes = b"solid") -> Path:
 
 @pytest.fixture
 def urdf(tmp_path: Path) -> Path:
-    """The URDF of an ordinary package in an ordinary workspace."""
+    """Return the URDF of an ordinary package in an ordinary workspace."""
     _put(tmp_path / "share" / "arm" / "package.xml")
     return _put(tmp_path / "share" / "arm" / "urdf" / "arm.urdf")
 
@@ -103,7 +103,7 @@ def test_a_urdf_that_is_in_no_package_has_its_own_folder(tmp_path: Path) -> None
 
 @pytest.mark.parametrize("uri", ESCAPES)
 def test_no_name_leads_out_of_the_package(urdf: Path, uri: str) -> None:
-    """Neither by dots nor by an absolute path nor by a symbolic link."""
+    """Neither dots, nor an absolute path, nor a symbolic link."""
     outside = _put(urdf.parents[3] / "secret.stl")
     link = urdf.parent.parent / "meshes" / "link.stl"
     link.parent.mkdir()

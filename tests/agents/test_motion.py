@@ -1,4 +1,4 @@
-"""How setpoints move, against joints that follow perfectly, one that is stuck, and one that is taken over."""
+"""The motion of setpoints, with joints that follow perfectly, one that is stuck, and one that is taken over."""
 
 import itertools
 import math
@@ -20,7 +20,7 @@ DT = 0.01
 
 
 class Robot:
-    """Joints that are at their setpoints at once, unless they are ``stuck``."""
+    """Joints that reach their setpoints at once, unless they are ``stuck``."""
 
     def __init__(self, sways: Sequence[Sway] = (), arm: float = 0.0) -> None:
         self.motions = Motions(JOINTS, sways)
@@ -32,7 +32,7 @@ class Robot:
     def move(
         self, command_id: str, speeds: dict[str, float] | None = None, scale: float = 1.0, **targets: float
     ) -> float:
-        """Begin; returns how long it will take."""
+        """Begin a motion; return its duration in s."""
         return self._start(command_id, Move(targets, speeds or {}), scale)
 
     def follow(
@@ -81,7 +81,7 @@ goals = st.tuples(
 def test_no_setpoint_is_ever_faster_than_the_cruise_or_beyond_a_limit(
     start: float, orders: list[tuple[float, float, int, str]]
 ) -> None:
-    """However often it is redirected, made to follow or stopped; and the last goal is reached exactly."""
+    """However often it is redirected, put on a path or stopped; and the last goal is reached exactly."""
     robot = Robot(arm=start)
     for number, (goal, scale, steps, kind) in enumerate(orders):
         if kind == "stop":
@@ -104,7 +104,7 @@ def test_no_setpoint_is_ever_faster_than_the_cruise_or_beyond_a_limit(
 
 @given(st.floats(-3, 3), st.floats(-3, 3), st.floats(-0.2, 0.2), st.floats(0.3, 1.0))
 def test_joints_arrive_together_and_on_a_straight_line(arm: float, wheel: float, lift: float, scale: float) -> None:
-    """At every moment each of them has done the same share of its way, and nobody takes longer than was said."""
+    """At any time each joint has completed the same share of its way, within the announced duration."""
     robot = Robot()
     duration_s = robot.move("m", scale=scale, arm=arm, wheel=wheel, lift=lift)
     robot.step(math.ceil(duration_s / DT) + 1)
@@ -120,7 +120,7 @@ def test_joints_arrive_together_and_on_a_straight_line(arm: float, wheel: float,
 
 
 def test_joints_that_move_already_still_arrive_together() -> None:
-    """Redirected on the way, one of them backwards: both come to rest at the same step."""
+    """They are redirected while moving, one of them backwards: both come to rest at the same step."""
     robot = Robot()
     robot.move("a", arm=2.0, wheel=2.0)
     robot.step(100)
@@ -135,7 +135,7 @@ def test_joints_that_move_already_still_arrive_together() -> None:
 
 
 def test_the_duration_that_is_said_is_that_of_the_motion() -> None:
-    """One ramp and the way at cruise; at half the scale half as fast; a cap on one, less a tenth, counts for all."""
+    """Ramp and cruise; half as fast at half the scale; a speed limit of one joint, less a tenth, applies to all."""
     robot = Robot()
     assert robot.move("a", arm=1.6) == pytest.approx(1.6 / 0.8 + 0.4)
     robot.step(239)
@@ -159,7 +159,7 @@ def test_a_path_is_followed_to_its_end() -> None:
 
 
 def test_a_path_starts_with_the_speed_that_the_joint_has() -> None:
-    """No jump of speed where a moving joint is taken over by a path."""
+    """The speed does not jump where a path takes over a moving joint."""
     robot = Robot()
     robot.move("a", arm=2.0)
     robot.step(100)
@@ -172,7 +172,7 @@ def test_a_path_starts_with_the_speed_that_the_joint_has() -> None:
 
 
 def test_a_path_that_momentum_would_carry_beyond_a_limit_brakes_before_it_or_is_refused() -> None:
-    """There is time to brake in one that is slow; not in one that has to be at the limit within no time."""
+    """A slow path has time to brake; one that must be at the limit at once does not."""
     robot = Robot(arm=2.0)
     robot.move("a", arm=3.0)
     robot.step(140)
@@ -199,7 +199,7 @@ def test_progress_grows_from_nothing_to_one() -> None:
 
 
 def test_a_newer_motion_preempts_the_whole_older_one() -> None:
-    """The older command ends once, names its successor, and its other joint comes to rest short of its target."""
+    """The older command ends once and names its successor; its other joint comes to rest short of its target."""
     robot = Robot()
     robot.move("a", arm=1.0, wheel=5.0)
     robot.step(50)
@@ -214,7 +214,7 @@ def test_a_newer_motion_preempts_the_whole_older_one() -> None:
 
 @pytest.mark.parametrize("target", [0.1, 2.0])
 def test_a_stuck_joint_fails_and_is_no_longer_pushed(target: float) -> None:
-    """The reason names the joint and its effort limit; the setpoint returns to where the joint is."""
+    """The reason names the joint and its effort limit; the setpoint returns to the joint's position."""
     robot = Robot()
     robot.stuck = {"arm"}
     robot.move("a", arm=target)
@@ -227,7 +227,7 @@ def test_a_stuck_joint_fails_and_is_no_longer_pushed(target: float) -> None:
 
 
 def test_a_halt_brakes_and_fails_what_runs() -> None:
-    """No jump: the joint rolls out within its ramp and then keeps still."""
+    """The joint decelerates within its ramp, without a jump, and then stays still."""
     robot = Robot()
     robot.move("a", arm=2.0)
     robot.step(60)
@@ -238,7 +238,7 @@ def test_a_halt_brakes_and_fails_what_runs() -> None:
 
 
 def test_a_stop_cancels_what_runs_brakes_and_succeeds_when_all_stand() -> None:
-    """The joint rolls out within its ramp; not before it stands is the stop done."""
+    """The joint decelerates within its ramp, and the stop succeeds only when it stands."""
     robot = Robot([Sway("wheel", 0.4, 2.0)])
     robot.move("a", arm=2.0, lift=0.1)
     robot.step(60)
@@ -272,7 +272,7 @@ def test_a_stop_of_one_joint_or_command_leaves_the_others_alone() -> None:
 
 
 def test_a_stop_is_repeated_overtaken_and_not_undone_by_another() -> None:
-    """The same stop again is one stop, a second one lets the first be, and a newer command preempts both."""
+    """The same stop again is one stop, a second one leaves the first running, and a newer command preempts both."""
     robot = Robot()
     robot.move("a", arm=2.0)
     robot.step(60)
@@ -289,7 +289,7 @@ def test_a_stop_is_repeated_overtaken_and_not_undone_by_another() -> None:
 
 
 def test_a_stop_of_what_does_not_come_to_rest_fails_and_says_what() -> None:
-    """Its setpoint stands, but the joint is measured to move on and on."""
+    """Its setpoint stands, but the joint is measured to keep moving."""
     motions, positions = Motions(JOINTS), dict.fromkeys(JOINTS, 0.0)
     motions.stop("s", list(JOINTS), "", "stopped", positions)
     ends: list[Outcome] = []
@@ -310,7 +310,7 @@ def test_a_stop_goes_on_when_the_gateway_is_lost() -> None:
 
 
 def test_a_command_takes_a_swaying_joint_over_for_good() -> None:
-    """It sways, pauses while held, and after a command stays where the command put it."""
+    """The demonstration pauses while held, and after a command the joint stays where the command moved it."""
     robot = Robot([Sway("arm", 0.4, 2.0)])
     robot.step(400)
     path = robot.paths["arm"]
@@ -327,12 +327,12 @@ def test_a_command_takes_a_swaying_joint_over_for_good() -> None:
 
 
 def test_a_demonstration_that_was_stopped_stays_so_until_it_is_begun_anew() -> None:
-    """It then goes to and fro around where the stop left it, and not while a motion moves its joint."""
+    """It then sways around the position at which the stop left it, but not while a motion moves its joint."""
     robot = Robot([Sway("arm", 0.4, 2.0)])
     robot.step(130)
     robot.stop("s")
     assert robot.motions.swaying == frozenset()
-    assert robot.motions.sway_anew() == []  # it still brakes
+    assert robot.motions.sway_anew() == []  # it is still braking
     robot.step(6000)
     path = robot.paths["arm"]
     stood = path[-1]
@@ -345,7 +345,7 @@ def test_a_demonstration_that_was_stopped_stays_so_until_it_is_begun_anew() -> N
 
 
 def test_an_unknown_position_never_succeeds() -> None:
-    """NaN is not within any tolerance."""
+    """NaN is within no tolerance."""
     robot = Robot()
     robot.move("a", arm=0.0)
     _, outcomes = robot.motions.step(DT, Measured(dict.fromkeys(JOINTS, math.nan)))

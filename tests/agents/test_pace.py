@@ -1,4 +1,4 @@
-"""What is done so often: at once and on, what it raises, and nothing twice for what was missed."""
+"""Periodic calls: begin at once, continue, propagate exceptions, and never repeat what was missed."""
 
 import asyncio
 
@@ -35,7 +35,7 @@ async def test_what_it_raises_ends_it() -> None:
 
 
 async def test_what_was_missed_is_not_made_up() -> None:
-    """After a stall of ten periods one call follows at once, not ten, and then what is due by then."""
+    """After a stall of ten periods one call follows at once, not ten, and then those due."""
     times, loop = list[float](), running_loop()
 
     def act() -> None:

@@ -1,4 +1,4 @@
-"""What a path is between its waypoints, and which motions are refused."""
+"""Paths between waypoints, and the motions that are refused."""
 
 import itertools
 
@@ -17,7 +17,7 @@ JOINTS = {"arm": ARM, "wheel": JointFacts("wheel", continuous=True), "lift": Joi
 
 @given(st.lists(st.tuples(st.floats(0.05, 3.0), st.floats(-3, 3)), min_size=1, max_size=8), st.floats(-3, 3))
 def test_a_path_goes_through_its_waypoints_or_is_refused(rows: list[tuple[float, float]], start: float) -> None:
-    """It is at each waypoint in time, stays between two of them, and the factor in a refusal is one that suffices."""
+    """It is at each waypoint in time, stays between neighbours, and the factor in a refusal suffices."""
     times = list(itertools.accumulate(row[0] for row in rows))
     positions = [row[1] for row in rows]
     starts = [Start(ARM, start)]
@@ -44,7 +44,9 @@ _rows = st.lists(st.tuples(st.floats(0.001, 400.0), st.floats(-2, 2)), min_size=
 def test_a_joint_that_moves_swings_no_further_than_it_takes_to_brake(
     rows: list[tuple[float, float]], name: str, at: float, share: float
 ) -> None:
-    """Beyond start and waypoints; it keeps its speed at first, never jumps, and is at each waypoint in time."""
+    """It never jumps, keeps its speed at first, is in time, and overshoots waypoints by its braking distance at
+    most.
+    """
     joint, times = JOINTS[name], list(itertools.accumulate(row[0] for row in rows))
     velocity = share * cruise_of(joint)
     follow = Follow((name,), tuple(times), tuple((row[1],) for row in rows))
@@ -65,7 +67,7 @@ def test_a_joint_that_moves_swings_no_further_than_it_takes_to_brake(
 
 
 def test_a_joint_that_would_swing_far_brakes_first() -> None:
-    """At full speed towards a waypoint that has half a minute's time: there is time to stop, so nothing is refused."""
+    """At full speed, with half a minute until the waypoint, there is time to stop, so nothing is refused."""
     for name, speed in (("arm", 0.8), ("wheel", -0.5), ("lift", 0.05)):
         follow = Follow((name,), (30.0,), ((0.01,),))
         path = plan(follow, 1.0, [Start(JOINTS[name], 0.0, speed)]).trajectories[name]
@@ -74,7 +76,7 @@ def test_a_joint_that_would_swing_far_brakes_first() -> None:
 
 
 def test_what_moves_faster_than_is_allowed_must_be_stopped_first() -> None:
-    """No stretching of times would help."""
+    """Scaling the times would not help."""
     with pytest.raises(
         ImpossibleError, match=r"still moving at 0\.7 rad/s, and 0\.4 rad/s are allowed; stop it first$"
     ):

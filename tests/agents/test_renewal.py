@@ -1,4 +1,4 @@
-"""When a robot declares itself to Zenoh anew, on a clock of the test's own."""
+"""When an agent repeats its Zenoh declarations, on the test's own clock."""
 
 from itertools import pairwise
 
@@ -10,7 +10,7 @@ PERIOD_S = 0.25
 
 
 class Robot:
-    """One that ticks; ``alive`` is whether any gateway is."""
+    """An agent that ticks; ``alive``: whether any gateway is alive."""
 
     def __init__(self) -> None:
         self.now_s = 1000.0
@@ -25,7 +25,7 @@ class Robot:
         self.alive = alive
 
     def run(self, seconds: float) -> list[float]:
-        """Seconds after which declarations were due."""
+        """Return the seconds after which declarations were repeated."""
         began_s, due = self.now_s, []
         while self.now_s < began_s + seconds:
             self.now_s += PERIOD_S
@@ -43,7 +43,7 @@ def test_with_a_gateway_from_the_beginning_nothing_is_due() -> None:
 
 
 def test_once_after_a_gateway_has_gone_and_come_back() -> None:
-    """A second connection that breaks is waited for."""
+    """It waits for a second connection that breaks."""
     robot = Robot()
     robot.appear()
     robot.run(60.0)
@@ -79,7 +79,7 @@ def test_as_long_as_no_gateway_is_alive_and_once_more_when_one_comes() -> None:
 
 @pytest.mark.parametrize("back", [False, True])
 def test_a_gateway_that_hangs_is_as_none(back: bool) -> None:
-    """Its token stays: nothing else is heard of it."""
+    """Its token stays, but nothing else is heard of it."""
     robot = Robot()
     robot.appear()
     robot.run(60.0)

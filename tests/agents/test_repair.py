@@ -1,4 +1,4 @@
-"""What real URDF files get wrong is repaired for the simulation, and said."""
+"""Common errors of real URDF files are repaired for the simulation, and logged."""
 
 import logging
 from pathlib import Path
@@ -67,7 +67,7 @@ def test_every_kind_of_joint_is_simulated_and_every_repair_is_logged(
 
 
 def test_limits_of_a_continuous_joint_are_open() -> None:
-    """Whatever its file says, a continuous joint has no ends."""
+    """A continuous joint has no limits, whatever its file says."""
     turn, spin, *_ = joints_of(URDF)
     assert (turn.limits.lower, turn.limits.upper) == (-1.0, 1.0)
     assert (spin.limits.lower, spin.limits.upper, spin.limits.velocity) == (None, None, 1.0)
@@ -84,12 +84,12 @@ def test_a_repaired_inertia_is_physical(values: list[float]) -> None:
 
 @pytest.mark.parametrize("text", ["", "<html/>", "<robot><joint type='revolute'/></robot>"])
 def test_what_is_no_urdf_is_refused_with_a_reason(text: str) -> None:
-    """The error is one of ours."""
+    """The error is one of the project's own types."""
     with pytest.raises(UrdfError):
         joints_of(text)
 
 
 def test_an_unknown_robot_is_refused_naming_the_known() -> None:
-    """The message lists what there is."""
+    """The message lists the known robots."""
     with pytest.raises(UnavailableError, match="baxter"):
         load("x", "x")

@@ -1,4 +1,4 @@
-"""What is told again to a gateway that came later."""
+"""Reports that are repeated to a gateway that came later."""
 
 from linked_fleet_agent.motion import Outcome
 from linked_fleet_agent.report import AGAIN_NS, KEPT_NS, Report
@@ -9,7 +9,7 @@ NOW_NS = 10**12
 
 
 def report() -> Report:
-    """Of one motion that has ended and one that has not."""
+    """Return a report of one ended and one running motion."""
     told = Report(7)
     for id, state in (("done", "succeeded"), ("going", "running")):
         told.write(Outcome(id, state, ("elbow",)), {"elbow": 0.5}, NOW_NS, 1)  # type: ignore[arg-type]
@@ -21,7 +21,7 @@ def ids(payloads: list[bytes]) -> list[str]:
 
 
 def test_ends_are_told_when_a_gateway_arrives_and_once_more() -> None:
-    """Once more, because the first time it may not listen yet."""
+    """They are repeated, because the gateway may not listen yet the first time."""
     told = report()
     assert told.repeat(0, NOW_NS) == []
     assert ids(told.repeat(1, NOW_NS)) == ["done"]

@@ -41,7 +41,7 @@ def test_holds_its_pose_against_gravity(robot: Robot) -> None:
 
 
 def test_apply_reaches_its_target_and_stop_holds(robot: Robot) -> None:
-    """A small step is reached, says what was applied, and stop keeps it."""
+    """A small step is reached and returned, and stop keeps it."""
     facts, start = robot.describe(), _run(robot, 0.0, 0.0)
     index = next(i for i, joint in enumerate(facts.joints) if joint.mimics is None and not joint.linear)
     joint = facts.joints[index]
@@ -54,7 +54,7 @@ def test_apply_reaches_its_target_and_stop_holds(robot: Robot) -> None:
 
 
 def test_apply_says_what_the_limits_left(robot: Robot) -> None:
-    """A setpoint beyond the limit is clamped by the driver as well; one that is no number is refused."""
+    """The driver itself clamps a setpoint to its limit; a setpoint that is no number is refused."""
     joint = next(j for j in robot.describe().joints if j.mimics is None and j.limits.upper is not None)
     assert robot.apply({joint.name: 1e9}) == {joint.name: joint.limits.upper}
     with pytest.raises(ValueError, match=joint.name):
@@ -62,7 +62,7 @@ def test_apply_says_what_the_limits_left(robot: Robot) -> None:
 
 
 def test_a_stall_is_forgiven(robot: Robot) -> None:
-    """A read an hour late advances by a bounded time and later reads go on."""
+    """A read that is an hour late advances by a bounded time, and later reads continue."""
     start = _run(robot, 0.0, 0.5)
     assert _run(robot, 3600.0, 0.5) == pytest.approx(start, abs=5e-3)
 

@@ -1,4 +1,4 @@
-"""Which commands are accepted, and what is said of the others."""
+"""Which commands are accepted, and the reasons of refusals."""
 
 import math
 
@@ -101,7 +101,7 @@ def _follow(
     ],
 )
 def test_judge(command: Command, code: str | None, says: str) -> None:
-    """The first thing that is wrong is named, with what would have been right."""
+    """The first fault is named, with what would have been right."""
     stops = Stops()
     stops.note(["arm"], NOW - 500)
     stops.cancel("cancelled")
@@ -120,7 +120,7 @@ def test_a_command_of_the_first_instant_is_not_taken_for_stopped() -> None:
 
 
 def test_a_reason_is_at_most_1024_characters_long() -> None:
-    """A robot may have many joints, and its reasons name them all."""
+    """Reasons may name all joints of a robot with many."""
     joints = {name: JointFacts(name) for name in (f"joint_{number}" for number in range(200))}
     reply = judge(_command({"leg": 0.0}), now_ns=NOW, incarnation=7, joints=joints, seen=(), stops=Stops())
     refused = judge_stop(Stop(version=WIRE_VERSION, id="s", joints=("leg",)), joints)
@@ -130,7 +130,7 @@ def test_a_reason_is_at_most_1024_characters_long() -> None:
 
 
 def test_rounding_is_clamped() -> None:
-    """What the tolerance lets through still ends at the limit."""
+    """A value beyond a limit but within the tolerance still ends at the limit."""
     assert clamp(Move({"arm": 2.0 + 1e-9, "wheel": 9.0}, {"arm": 1.0}), JOINTS) == Move(
         {"arm": 2.0, "wheel": 9.0}, {"arm": 1.0}
     )
@@ -153,7 +153,7 @@ def test_rounding_is_clamped() -> None:
     ],
 )
 def test_what_is_expected_is_compared_by_the_tolerance(joint: str, measured: float, says: str) -> None:
-    """A joint that turns endlessly is as expected a whole turn away; an unknown position never is."""
+    """A continuous joint may be a whole turn away; an unknown position never matches."""
     found = unexpected({joint: Expectation(1.0, 0.1)}, {joint: measured}, JOINTS)
     assert (says in found, bool(found)) == (True, bool(says)), found
 
@@ -163,7 +163,7 @@ def test_a_position_at_the_end_of_the_tolerance_is_as_expected() -> None:
 
 
 def test_a_stop_is_refused_only_for_what_is_not_there() -> None:
-    """A joint that mimics can be stopped as well."""
+    """Joints that mimic others can be stopped as well."""
     assert judge_stop(Stop(version=WIRE_VERSION, id="s", joints=("arm", "finger")), JOINTS) is None
     assert judge_stop(Stop(version=WIRE_VERSION, id="s", command="whatever"), JOINTS) is None
     refused = judge_stop(Stop(version=WIRE_VERSION, id="s", joints=("arm", "leg")), JOINTS)

@@ -1,4 +1,4 @@
-"""What the simulated robots of the catalogue really do when an agent moves them, on a clock of the test's own."""
+"""How the simulated robots of the catalogue actually move when an agent commands them, on the test's own clock."""
 
 import itertools
 from collections.abc import Mapping
@@ -20,7 +20,7 @@ POSES = [(name, pose) for name, model in MODELS.items() for pose in model.poses]
 
 
 class Bench:
-    """A simulated robot with its agent, whose frames and progress are kept here; it is its own link."""
+    """A simulated robot with its agent, which records frames and progress; also stands in for the link."""
 
     gateway_present, arrivals = True, 1
 
@@ -35,7 +35,7 @@ class Bench:
         self.run(0.2)
 
     def watch_gateways(self, period_s: float) -> None:
-        """It is always there."""
+        """Do nothing: a gateway is always present."""
 
     def publish_state(self, payload: bytes) -> None:
         self.frames.append(codec.decode_state(payload))
@@ -62,7 +62,7 @@ class Bench:
         return codec.decode_reply(self.agent.handle(codec.encode(asked)))
 
     def finish(self, command_id: str, motion: Move | Follow) -> Progress:
-        """Let it run for as long as the agent said, and half a second to settle."""
+        """Let it run for the announced duration, and half a second to settle."""
         reply = self.command(command_id, motion)
         assert isinstance(reply, Accepted), reply
         self.run(reply.duration_s + 0.5)
@@ -77,7 +77,7 @@ class Bench:
 
 
 def _held_its_limits(bench: Bench) -> None:
-    """No joint was ever faster, stronger or further than its URDF allows; mimics and free wheels follow others."""
+    """Check that no joint exceeded its URDF limits; mimicking joints and free wheels follow others."""
     speeds, efforts, positions = bench.rows("velocities"), bench.rows("efforts"), bench.rows("positions")
     for name, joint in bench.joints.items():
         limits = joint.limits
@@ -99,7 +99,7 @@ def _stands_upright(bench: Bench) -> None:
 
 @pytest.mark.parametrize(("source", "pose"), POSES)
 def test_a_named_pose_is_reached_exactly_and_home_again(source: str, pose: str) -> None:
-    """At full speed, within limits, on its feet; whoever reads "succeeded" can rely on a millimetre at the tip."""
+    """At full speed, within limits, without falling; "succeeded" means within a millimetre at the tip."""
     bench = Bench(source)
     for title in (pose, "home"):
         end = bench.finish(title, Move(bench.poses[title]))
@@ -121,7 +121,7 @@ def test_home_is_where_the_robot_starts(source: str) -> None:
 
 
 def _out_and_back(joints: Mapping[str, JointFacts], home: Mapping[str, float], pose: Mapping[str, float]) -> Follow:
-    """As fast as is allowed: the times of a first guess, stretched as the speed of every joint asks."""
+    """Return a path as fast as permitted: guessed times, stretched for the speed of each joint."""
     names = tuple(name for name in pose if pose[name] != home[name])
     middle = tuple((home[name] + pose[name]) / 2 for name in names)
     rows = (middle, tuple(pose[name] for name in names), middle, tuple(home[name] for name in names))
@@ -159,7 +159,7 @@ def test_a_stop_in_full_motion_is_smooth_and_holds(source: str, pose: str) -> No
 
 
 def _leap(robot: Robot, begin_s: float) -> tuple[float, float]:
-    """Have the setpoint of the last joint that turns leap, as no agent does: its highest effort and speed then."""
+    """Make the setpoint of the last revolute joint jump, as no agent does; return its highest effort and speed."""
     joints = robot.describe().joints
     index = max(i for i, joint in enumerate(joints) if joint.mimics is None and not joint.linear)
     start = robot.read(begin_s).positions[index]
@@ -181,7 +181,7 @@ def test_not_even_a_leap_of_the_setpoint_exceeds_the_limits_of_effort_and_speed(
 
 
 def test_a_motor_pushes_as_hard_as_its_effort_limit_and_no_harder(tmp_path: Path) -> None:
-    """With a limit so low that it is reached, the force saturates exactly there."""
+    """With a limit low enough to be reached, the force saturates exactly there."""
     weak = tmp_path / "weak.urdf"
     text = (data_folder() / MODELS["ur5"].file).read_text()
     assert text.count('effort="28.0"') >= 3
@@ -191,7 +191,7 @@ def test_a_motor_pushes_as_hard_as_its_effort_limit_and_no_harder(tmp_path: Path
 
 @pytest.mark.parametrize("source", sorted(MODELS))
 def test_redirected_and_stopped_again_and_again_limits_hold(source: str) -> None:
-    """Sent hither and thither at full speed, with stops in between."""
+    """Redirected at full speed, with stops in between."""
     bench = Bench(source)
     titles = itertools.cycle([next(iter(MODELS[source].poses)), "home"])
     for number in range(12):

@@ -1,4 +1,4 @@
-"""Where a ROS 2 robot is, as a setting says it."""
+"""The address of a ROS 2 robot, parsed from a setting."""
 
 import pytest
 

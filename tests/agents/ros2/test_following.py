@@ -1,4 +1,4 @@
-"""Which point a controller is sent."""
+"""The points that are sent to a trajectory controller."""
 
 import math
 
@@ -14,7 +14,7 @@ def follower() -> Follower:
 
 def test_all_joints_of_the_controller_are_in_it_and_those_that_are_told_nothing_stay(follower: Follower) -> None:
     assert follower.next({"a": 0.1}, {"a": 0.0, "b": 1.0}, 0.0) == {"a": 0.1, "b": 1.0}
-    assert follower.next({"a": 0.2}, {"a": 0.1, "b": 0.95}, 0.01) == {"a": 0.2, "b": 1.0}  # it sags, and is not let go
+    assert follower.next({"a": 0.2}, {"a": 0.1, "b": 0.95}, 0.01) == {"a": 0.2, "b": 1.0}  # it sags, but is not let go
 
 
 def test_after_a_pause_what_others_have_moved_stays_there(follower: Follower) -> None:
@@ -23,7 +23,7 @@ def test_after_a_pause_what_others_have_moved_stays_there(follower: Follower) ->
     assert follower.next({"a": 0.3}, {"a": 0.2, "b": 2.005}, 1.2) == {
         "a": 0.3,
         "b": 2.0,
-    }  # what it holds it goes on holding
+    }  # what it holds it continues to hold
 
 
 def test_what_is_unknown_is_left_out(follower: Follower) -> None:

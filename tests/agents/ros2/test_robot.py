@@ -1,4 +1,4 @@
-"""The driver with a robot as ROS 2 has it, on loopback."""
+"""The driver with a ROS 2 robot on loopback."""
 
 import math
 import re
@@ -78,7 +78,7 @@ def test_joints_that_are_told_nothing_stay_where_others_have_moved_them(robot: R
     eventually(lambda: len(robot.heard) > heard, "a trajectory")
     robot.place("lift", 0.3)
     eventually(lambda: driver.read(0.0).positions[1] == 0.3, "it was moved by others")
-    time.sleep(0.6)  # after which the driver no longer sends from what it sent last
+    time.sleep(0.6)  # after this time the driver no longer plans from what it sent last
     driver.read(0.0)
     driver.apply({"pan": 0.1})
     eventually(lambda: len(robot.heard) > heard + 1, "another")

@@ -1,4 +1,4 @@
-"""A robot of ROS 2 in a fleet: through agent and gateway it is browsed, read and moved, and it falls silent."""
+"""A ROS 2 robot in a fleet: through agent and gateway it is browsed, read and moved, until it falls silent."""
 
 from collections.abc import Iterator
 from contextlib import ExitStack
@@ -30,7 +30,7 @@ def scene(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Scene]:
 def test_it_is_browsed_and_read(scene: Scene) -> None:
     browser, _, _ = scene
     page = browser.robot("arm")
-    assert "ros2" not in str(page.response.text)  # where it is speaks of the robot's own network
+    assert "ros2" not in str(page.response.text)  # its address would reveal the robot's own network
     assert number(property_page(browser, "arm", "pan", ROS.rotation), SPATIAL.rotationAngle) == pytest.approx(0.25)
     lift = property_page(browser, "arm", "lift", LF.translation)
     assert "0.1" in lift.response.text

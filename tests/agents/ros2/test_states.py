@@ -1,4 +1,4 @@
-"""What counts of the joint states that came."""
+"""The joint states that a driver uses, of all that arrive."""
 
 import logging
 import math
@@ -48,7 +48,7 @@ def test_a_state_whose_time_stands_still_is_no_news(states: JointStates) -> None
         states.take(said(7, a=arrived_s), arrived_s)
     with pytest.raises(RobotFaultError):
         states.reading(0.7)
-    states.take(said(6, a=1.0), 0.8)  # its clock was set back, it lives
+    states.take(said(6, a=1.0), 0.8)  # its clock was set back, but it is alive
     assert states.reading(0.9).positions[0] == 1.0
 
 
