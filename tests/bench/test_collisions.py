@@ -1,4 +1,4 @@
-"""The check of motions agrees with a second opinion: some of the random motions that ``make check-collisions`` has."""
+"""The collision check agrees with an independent one, for some of the motions of ``make check-collisions``."""
 
 import math
 
@@ -34,7 +34,7 @@ def test_figure_5b_is_free_where_the_demo_stands_and_what_would_hit_is_not(scene
 
 
 def test_the_second_opinion_sees_a_contact_that_is_there(scene: Scene) -> None:
-    """Two opinions that never see anything would agree as well."""
+    """Two checks that never find anything would agree as well."""
     trial = Trial(scene, "ur5", SEED)
     home = scene.home["ur5"]
     contact = trial._contact(home, {"elbow_joint": 3.1}, set(), 0.0, -0.001)

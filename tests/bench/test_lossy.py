@@ -1,4 +1,4 @@
-"""The network with delay and loss: what comes through it, and that nothing of it stays."""
+"""The network with delay and loss: what arrives through it, and that it is removed completely."""
 
 import os
 import socket
@@ -21,7 +21,7 @@ for number in range(int(sys.argv[3])):
 
 
 def arrived(loss: float) -> list[int]:
-    """Numbers of those packets, of all from the far end, that came."""
+    """Return the numbers of the packets that arrived from the far end."""
     try:
         with lossy(1.0, loss) as network, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as here:
             here.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 20)

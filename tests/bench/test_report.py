@@ -1,4 +1,4 @@
-"""The table, the pictures and the page of what was measured."""
+"""The table, the pictures and the page of a benchmark run."""
 
 import json
 import sys
@@ -58,7 +58,7 @@ def test_what_was_not_measured_says_why() -> None:
 def test_a_picture_has_a_bar_for_each_value() -> None:
     picture = ElementTree.fromstring(bars("<all>", ROWS, [row.ratio for row in ROWS]))
     found = picture.findall(".//{http://www.w3.org/2000/svg}rect")
-    assert len(found) == 1 + 2  # the ground, and a bar for each ratio that there is
+    assert len(found) == 1 + 2  # the ground, and a bar for each ratio
 
 
 def test_the_page_says_what_the_last_run_found() -> None:

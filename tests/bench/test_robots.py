@@ -1,4 +1,4 @@
-"""That the bench of many robots still runs, with a few: what it finds then says nothing about speed."""
+"""The benchmark of many robots runs with a few; its speed is not tested."""
 
 import pytest
 

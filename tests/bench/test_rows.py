@@ -1,4 +1,4 @@
-"""That every benchmark still runs, and says what the table needs: what it finds in so short a time is not looked at."""
+"""Every benchmark runs and returns rows for the table; figures of such short runs are not tested."""
 
 import importlib
 import json
