@@ -1,4 +1,4 @@
-"""Another server of the same vocabularies: other addresses and nesting, more types, fewer predicates."""
+"""A different server with the same vocabularies: other addresses and nesting, more types, fewer predicates."""
 
 import contextlib
 import threading
@@ -27,7 +27,7 @@ PREFIXES = """
 """
 
 PAGES = {
-    # the parts of the cell are named by its Link field alone
+    # the parts of the cell are only named in its Link field
     "/start": '<> a ex:Site, hybrit:RoboticThing ; rdfs:label "Hall 7" ; ldp:contains </n/old> .',
     "/n/4711": '<> a ex:Cell, hybrit:RoboticThing, ex:Fenced ; dcterms:identifier "cell" ; ex:fence true .',
     "/n/8c1": """<> a ex:Arm, hybrit:RoboticThing, <https://schema.org/Product> ; dcterms:identifier "lefty" ;
@@ -71,7 +71,7 @@ JOB = "<> a prov:Activity, ex:Job ; lf:state lf:{state} ; lf:progress {progress}
 
 @dataclass
 class OtherTree:
-    """``requests`` are (method, path, body) as they came; a job goes on each time that somebody looks at it."""
+    """``requests``: (method, path, body) as received; a job advances whenever it is read."""
 
     url: str = ""
     requests: list[tuple[str, str, bytes]] = field(default_factory=list)
@@ -167,7 +167,7 @@ class Handler(BaseHTTPRequestHandler):
         self.wfile.write(body)
 
     def log_message(self, *_: object) -> None:
-        """Nothing."""
+        """Log nothing."""
 
 
 @pytest.fixture
@@ -185,14 +185,14 @@ def other_tree() -> Iterator[OtherTree]:
 
 @dataclass
 class Script:
-    """What a server says, byte by byte: to each path a list of answers, of which the last is repeated."""
+    """A scripted server: a list of raw responses for each path, of which the last is repeated."""
 
     answers: dict[str, list[bytes]] = field(default_factory=dict)
     asked: list[tuple[str, str, dict[str, str]]] = field(default_factory=list)
     url: str = ""
 
     def at(self, path: str) -> list[dict[str, str]]:
-        """The header fields of each request for ``path``."""
+        """Return the header fields of each request for ``path``."""
         return [fields for _, asked, fields in self.asked if asked == path]
 
 
@@ -208,7 +208,7 @@ class Reciter(StreamRequestHandler):
         self.script.asked.append((method, path, fields))
         left = self.script.answers.get(path, [b"HTTP/1.1 404 Not Found\r\ncontent-length: 0\r\n\r\n"])
         answer = left.pop(0) if len(left) > 1 else left[0]
-        with contextlib.suppress(BrokenPipeError, ConnectionResetError):  # the client may have heard enough
+        with contextlib.suppress(BrokenPipeError, ConnectionResetError):  # the client may have disconnected
             self.wfile.write(answer)
 
 

@@ -1,4 +1,4 @@
-"""The command line, against the tree in which everything is called otherwise."""
+"""The command line, with a server that names everything differently."""
 
 import io
 import json
@@ -24,7 +24,7 @@ from running import ROOT, eventually, free_port
 
 
 def run(url: str, *arguments: str) -> subprocess.CompletedProcess[str]:
-    """Call ``main`` as a process would, and return its output and exit code. ``tests/processes`` has real ones."""
+    """Call ``main`` like a process and return output and exit code. ``tests/processes`` has real ones."""
     out, err = io.StringIO(), io.StringIO()
     with patch.dict(os.environ, LINKED_FLEET_URL=url), redirect_stdout(out), redirect_stderr(err):
         try:
@@ -109,7 +109,7 @@ def test_nobody_there_is_3() -> None:
 
 @pytest.mark.processes
 def test_watch_prints_what_changes(other_tree: Any) -> None:
-    """In a process, with which its threads end."""
+    """Runs in a process, whose end also ends its threads."""
     paths = ("cell/lefty/elbow/angle", "cell/lefty/elbow/load")
     command = [
         sys.executable,
@@ -131,7 +131,7 @@ def test_watch_prints_what_changes(other_tree: Any) -> None:
 
 
 def test_threads_of_watch_end_before_the_client_does(other_tree: Any) -> None:
-    """No thread is left, and none raises: pytest makes that an error. The server may say that somebody hung up."""
+    """No thread is left or raises, which pytest would report. The server may log a closed connection."""
     before = set(threading.enumerate())
     paths = ("cell/lefty/elbow/angle", "cell/lefty/elbow/load", "cell/lefty/elbow/mood")
     done = run(other_tree.root, "watch", *paths, "--count", "1")
@@ -143,7 +143,7 @@ def test_threads_of_watch_end_before_the_client_does(other_tree: Any) -> None:
 
 @pytest.mark.processes
 def test_ctrl_c_cancels_what_is_running(other_tree: Any) -> None:
-    """By the invocation's own action; the process says so and ends with 1."""
+    """It cancels by the invocation's own action; the process reports it and ends with 1."""
     other_tree.endless = True
     environment = {**os.environ, "PYTHONPATH": str(ROOT), "LINKED_FLEET_URL": other_tree.root}
     goal = 'goal=[{"axis": "Elbow", "value": 45, "unit": "deg"}]'
@@ -190,7 +190,7 @@ def test_completion_offers_what_is_there(other_tree: Any) -> None:
     ],
 )
 def test_the_script_for_bash_completes(other_tree: Any, words: str, found: list[str]) -> None:
-    """In a real bash, with a linked-fleet that is found by its name. bash has cut the words at ``=`` and ``:``."""
+    """In a real bash, with linked-fleet on the path. bash splits words at ``=`` and ``:``."""
     script = run(other_tree.root, "completion", "bash")
     assert script.returncode == 0
     port = other_tree.url.rpartition(":")[2]
@@ -250,7 +250,7 @@ def test_nothing_from_the_network_steers_the_terminal() -> None:
 
 
 def test_the_help_lists_each_command_on_a_line_of_its_own() -> None:
-    """The front door of everything that is installed: no line is cut, and each says something."""
+    """It is a newcomer's first impression: no line is truncated, and each describes its command."""
     listed = run("http://127.0.0.1:1/", "--help").stdout.partition("Commands:\n")[2].splitlines()
     said = dict(line.split(maxsplit=1) for line in listed)
     assert {"demo", "gateway", "agent", "ls", "do", "watch", "conform", "doctor"} <= set(said)

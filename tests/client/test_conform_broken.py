@@ -1,4 +1,4 @@
-"""The conformance checker on a server that is broken in one way at a time."""
+"""The conformance checker, with a server that has one fault at a time."""
 
 import pytest
 
@@ -52,7 +52,7 @@ BROKEN: list[tuple[str, dict[str, str], set[str]]] = [
 
 @pytest.mark.parametrize(("flaw", "pages", "broken"), BROKEN, ids=[flaw for flaw, _, _ in BROKEN])
 def test_each_flaw_is_found_and_only_it(flaw: str, pages: dict[str, str], broken: set[str]) -> None:
-    """The requirement that is broken is named, and no other."""
+    """The violated requirement is named, and no other."""
     with serving({flaw}, pages) as server:
         assert outcomes(check(server.root), Outcome.FAILED) == broken
 

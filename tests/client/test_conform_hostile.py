@@ -1,4 +1,4 @@
-"""The conformance checker on servers that mean harm: it ends with results, stays on the server, and deletes nothing."""
+"""The conformance checker with hostile servers: it ends with results, stays on the server, and deletes nothing."""
 
 import asyncio
 import contextlib
@@ -27,9 +27,9 @@ def http(status: str, headers: str = "", body: str = "") -> bytes:
 
 
 class Hostile:
-    """Answers each connection once with whatever ``reply(method, path)`` makes, and hangs up, unless it ``stalls``.
+    """Answers each connection once with ``reply(method, path)`` and closes it, unless it ``stalls``.
 
-    One that ``keeps`` a connection hangs up at the next request.
+    If it ``keeps`` a connection, it closes it at the next request.
     """
 
     def __init__(self, reply: Reply, stalls: bool, keeps: bool) -> None:
@@ -72,7 +72,7 @@ def hostile(reply: Reply, stalls: bool = False, keeps: bool = False) -> Iterator
 
 
 def results(root: str, capsys: pytest.CaptureFixture[str], *options: str) -> dict[str, str]:
-    """Outcomes by requirement, of a check that found a must broken."""
+    """Return outcomes by requirement, of a check that found a violated "must"."""
     assert command([root, "--json", "--timeout", "30", "--limit", "120", *options]) == 1
     found = json.loads(capsys.readouterr().out)["results"]
     assert len(found) == 29
@@ -116,7 +116,7 @@ def test_whatever_is_answered_becomes_results(name: str, capsys: pytest.CaptureF
 
 
 def test_who_never_finishes_is_not_waited_for(capsys: pytest.CaptureFixture[str]) -> None:
-    """A body that never ends costs one request's time each, and all of them no more than the total."""
+    """Each endless body costs the time limit of one request, and all of them at most the total limit."""
     with hostile(lambda method, path: b"HTTP/1.1 200 OK\r\nContent-Length: 9\r\n\r\n", stalls=True) as server:
         found = results(server.root, capsys, "--timeout", "1", "--limit", "2")
     assert found["R0.4"] == "failed"
@@ -124,7 +124,7 @@ def test_who_never_finishes_is_not_waited_for(capsys: pytest.CaptureFixture[str]
 
 
 def test_endless_trees_end(capsys: pytest.CaptureFixture[str]) -> None:
-    """A tree in which everything has ten parts more is walked no further than was asked."""
+    """A tree in which everything has ten more parts is walked no further than requested."""
 
     def reply(method: str, path: str) -> bytes:
         parts = " ".join(f"<> hybrit:property <{path}{number}> ." for number in range(10))
@@ -136,7 +136,7 @@ def test_endless_trees_end(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 def test_it_never_leaves_the_server(capsys: pytest.CaptureFixture[str]) -> None:
-    """Neither by a link, a Link field, a redirect, a Location, nor by the redirect of a WebSocket."""
+    """Neither a link, a Link field, a redirect, a Location, nor the redirect of a WebSocket leads away."""
     with hostile(lambda method, path: http("200 OK")) as elsewhere:
 
         def reply(method: str, path: str) -> bytes:
@@ -160,7 +160,7 @@ def test_it_never_leaves_the_server(capsys: pytest.CaptureFixture[str]) -> None:
 def test_nothing_is_deleted_that_is_not_surely_ours(
     known: str, listed: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """A server that calls its robot a new subscription keeps its robot, be it a known one or one never linked."""
+    """A server may name its robot as the new subscription: no robot is deleted, whether already known or not."""
     posted: list[str] = []
 
     def reply(method: str, path: str) -> bytes:
@@ -180,7 +180,7 @@ def test_nothing_is_deleted_that_is_not_surely_ours(
 
 
 def test_shapes_with_programs_are_not_run(capsys: pytest.CaptureFixture[str]) -> None:
-    """A blueprint could have SPARQL fetch from anywhere, or never end: even what is harmless is left alone."""
+    """SPARQL in a blueprint could fetch from anywhere or never end: it is never run."""
 
     def reply(method: str, path: str) -> bytes:
         violated = "SELECT $this WHERE { $this a ?anything }"

@@ -1,4 +1,4 @@
-"""The conformance checker on a small sound server of the test's own, which others can break."""
+"""The conformance checker, with a small correct server that other tests break."""
 
 import argparse
 import asyncio
@@ -49,7 +49,7 @@ def replaced(path: str, old: str, new: str) -> dict[str, str]:
 
 
 class Server:
-    """``flaws`` name what it does wrong, ``pages`` what it serves instead."""
+    """``flaws``: names of its faults; ``pages``: replaced contents."""
 
     def __init__(self, flaws: set[str], pages: dict[str, str]) -> None:
         loop = current()
@@ -79,7 +79,7 @@ class Handler(BaseHTTPRequestHandler):
         super().setup()
 
     def log_message(self, format: str, *args: object) -> None:
-        """Nobody reads it."""
+        """Log nothing."""
 
     def has(self, *flaws: str) -> bool:
         return bool(self.server.flaws.intersection(flaws))
@@ -262,7 +262,7 @@ WITH_BLUEPRINT = {"/b": BLUEPRINT, **replaced("/t", "hybrit:action", "hybrit:blu
 
 
 def test_sound_server_breaks_nothing() -> None:
-    """All that can be told from outside is passed; what is left over is named, and nothing stays behind."""
+    """Everything that can be checked from outside passes; the rest is named, and nothing stays behind."""
     with serving(set(), WITH_BLUEPRINT) as server:
         report = check(server.root)
         assert outcomes(report, Outcome.FAILED) == set()
@@ -274,7 +274,7 @@ def test_sound_server_breaks_nothing() -> None:
 
 
 def test_without_writes_nothing_is_sent() -> None:
-    """What would need a write cannot be told, and no request has a body or makes a callback."""
+    """Requirements that need a write stay unchecked; no request has a body or creates a callback."""
     with serving(set(), WITH_BLUEPRINT) as server:
         report = check(server.root, no_write=True)
         assert server.bodies == []
@@ -286,7 +286,7 @@ def test_without_writes_nothing_is_sent() -> None:
 
 
 def test_actions_are_only_sent_what_cannot_run() -> None:
-    """An action that demands nothing could run on anything: it is left alone."""
+    """An action without constraints could run with any body: it is not invoked."""
     free = replaced("/a/1", "sh:minCount 1", "sh:maxCount 1")
     with serving(set(), free) as server, serving(set(), {}) as demanding:
         check(server.root)
@@ -296,7 +296,7 @@ def test_actions_are_only_sent_what_cannot_run() -> None:
 
 
 def test_only_so_many_resources_are_visited_and_of_each_kind() -> None:
-    """A hundred properties do not keep the one action out."""
+    """A hundred properties do not displace the only action."""
     many = ", ".join(f"</p/{number}>" for number in range(1, 101))
     pages = {f"/p/{number}": PAGES["/p/1"] for number in range(1, 101)}
     with serving({"no-upgrade"}, {**pages, **replaced("/t", "</p/1>", many)}) as server:
@@ -308,7 +308,7 @@ def test_only_so_many_resources_are_visited_and_of_each_kind() -> None:
 
 
 def test_other_namespace_of_the_model_is_understood() -> None:
-    """The paper names no IRI for hybrit: a server that has its own is judged by it."""
+    """The paper names no IRI for hybrit: a server with its own is judged by it."""
     pages = {path: text.replace("hybrit:", "ex:") for path, text in {**PAGES, **WITH_BLUEPRINT}.items()}
     with serving({"no-upgrade"}, pages) as server:
         report = check(server.root)

@@ -1,4 +1,4 @@
-"""The client and the real fleet."""
+"""The client with the real fleet."""
 
 import math
 from collections.abc import Iterator
@@ -60,7 +60,7 @@ def test_limits_are_known_before_anything_is_sent(joint: Thing) -> None:
 
 
 def test_every_action_of_joints_of_every_kind_has_a_form_that_it_accepts_itself(here: Fleet) -> None:
-    """A body in the middle of each range, in each unit, conforms to the shape that is served."""
+    """A body in the middle of each range, in each unit, conforms to the served shape."""
     moving = [part for part in here["tiago"].parts if "Joint" in part.kind and len(part.actions)]
     assert len(moving) > 10
     for part in {part.kind: part for part in moving}.values():
@@ -74,7 +74,7 @@ def test_every_action_of_joints_of_every_kind_has_a_form_that_it_accepts_itself(
 
 
 def test_changes_are_told(joint: Thing) -> None:
-    """The first message is the present state; a motion brings more."""
+    """The first message is the present state; a motion causes more."""
     rotation = joint.properties["rotation"]
     feed = iter(rotation.subscribe(timeout_s=60))
     first = next(feed)
@@ -103,7 +103,7 @@ def test_a_refusal_of_the_server_has_its_report(joint: Thing) -> None:
 
 
 def test_joints_are_moved_together_by_name(here: Fleet) -> None:
-    """Nested input, with a thing, a name and a path for the joints."""
+    """Joints are given as a thing, a name and a path in nested input."""
     robot = here["ur5"]
     elbow, wrist = robot["elbow_joint"], robot["wrist_1_joint"]
     move = robot.actions["moveJoints"]

@@ -1,4 +1,4 @@
-"""Forms out of shapes: whatever is built conforms to the shape, and whatever is odd about a shape stops nothing."""
+"""Forms from shapes: every body conforms to its shape, and an odd shape causes no failure."""
 
 from decimal import Decimal
 from pathlib import Path
@@ -68,7 +68,7 @@ def test_what_is_built_conforms_and_what_is_refused_would_not(value: float, unit
 
 
 def test_the_shape_of_the_paper_is_a_form() -> None:
-    """Figure 5a, whose unit has but one choice and need not be given."""
+    """Figure 5a, whose only unit need not be given."""
     figure = Graph().parse(Path(__file__).parents[1] / "golden/figure_5a.ttl", publicID="http://example.org/baxter/")
     node = next(iter(figure.objects(None, HYBRIT.consumes)))
     fields = {each.name: each for each in asked(read_shape(figure, node))}
@@ -102,7 +102,7 @@ def test_an_odd_shape_is_read_as_far_as_it_is_one(text: str, names: list[str]) -
 
 
 def test_a_shape_brings_no_program_and_no_broken_validator_down() -> None:
-    """A query in a shape is not run here; what the validator cannot read is the server's bad answer."""
+    """A query in a shape is not run; a shape that the validator cannot read is reported as the server's fault."""
     query = 'ex:in sh:sparql [ sh:select "SELECT $this WHERE { SERVICE <http://127.0.0.1:1/> { ?s ?p ?o } }" ] .'
     validate(shapes("[] ex:one 1 ."), shapes(query), EX["in"])
     with pytest.raises(BadAnswer):

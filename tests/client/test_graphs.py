@@ -1,4 +1,4 @@
-"""Graphs that Oxigraph parsed or keeps are as right for rdflib, the client and pySHACL as those of rdflib alone."""
+"""Graphs parsed or stored by Oxigraph work with rdflib, the client and pySHACL like those of rdflib itself."""
 
 from collections.abc import Callable
 
@@ -33,7 +33,7 @@ def test_strings_are_plain_and_found_either_way(load: Loader, syntax: str) -> No
 
 @both
 def test_blank_nodes_of_two_documents_are_two(load: Loader) -> None:
-    """Labels hold within a document, also after both were merged. What is added later keeps its nodes."""
+    """Labels hold within one document, even after merging. What is added later keeps its nodes."""
     one, two = (load("<#a> <#p> _:x .", "turtle", BASE) for _ in range(2))
     merged = Graph()
     merged += one
@@ -77,7 +77,7 @@ def test_what_is_no_turtle_of_rdf_1_1_is_refused(broken: str) -> None:
 def test_pyshacl_judges_all_graphs_alike(
     load: Loader, said: list[tuple[str, Literal]], conforms: bool, received: bool
 ) -> None:
-    """The shape was received, and the body was received or built here."""
+    """The shape was received; the body was received or built here."""
     shapes, body = load(SHAPE, "turtle", BASE), Graph()
     for name, value in said:
         body.add((BNode("body"), URIRef(f"{BASE}#{name}"), value))

@@ -37,14 +37,14 @@ def numbers(feed: Feed) -> list[tuple[float | None, bool]]:
 
 
 def test_a_stream_that_breaks_is_resumed_where_it_was_until_it_is_over(script: Any, web: Web) -> None:
-    """Last-Event-ID is that of the last event; 204 ends it; what was conflated is said."""
+    """It sends the last Last-Event-ID; 204 ends it; conflated messages are reported."""
     script.answers["/x"] = [HEAD + event("1", "0", 1.5) + event("2", "1", 2.5), b"", HEAD + event("5", "4", 5.5), OVER]
     assert numbers(Feed(web, f"{script.url}/x")) == [(1.5, False), (2.5, False), (5.5, True)]
     assert [fields.get("last-event-id") for fields in script.at("/x")] == [None, "2", "2", "5"]
 
 
 def test_a_feed_is_closed_while_it_waits_for_the_server(web: Web) -> None:
-    """A thread that waits in a stream without news ends at once, and raises nothing."""
+    """A thread that waits for events ends at once, without raising."""
     with socket.create_server(("127.0.0.1", 0)) as server:
         feed = Feed(web, f"http://127.0.0.1:{server.getsockname()[1]}/x")
         told: queue.Queue[str | None] = queue.Queue()
@@ -86,7 +86,7 @@ def test_a_server_that_is_busy_is_asked_again(script: Any, web: Web, monkeypatch
 
 
 def test_what_was_there_may_be_gone_for_a_moment(script: Any, web: Web) -> None:
-    """A gateway that was started again does not know its robots at once."""
+    """A restarted gateway does not know its robots at once."""
     gone = b"HTTP/1.1 404 X\r\ncontent-length: 0\r\nconnection: close\r\n\r\n"
     script.answers["/x"] = [HEAD + event("1", "0", 1.5), gone, HEAD + event("2", "1", 2.5), gone]
     told = []
@@ -139,7 +139,7 @@ WORDS = st.lists(st.text(alphabet="ab\u2028\x85é", max_size=4), max_size=6)
 
 @given(WORDS, st.sampled_from(["\n", "\r", "\r\n"]), st.data())
 def test_lines_are_the_same_however_they_arrive(said: list[str], end: str, data: st.DataObject) -> None:
-    """Cut anywhere, even between CR and LF or within a character; other line ends of Unicode are text."""
+    """The input is split anywhere, even between CR and LF or within a character; other Unicode line ends are text."""
     whole = "".join(line + end for line in [*said, "x"]).encode() + b"x"
     cuts = sorted(data.draw(st.sets(st.integers(0, len(whole)), max_size=5)))
     parts = [whole[start:stop] for start, stop in zip([0, *cuts], [*cuts, len(whole)], strict=True)]

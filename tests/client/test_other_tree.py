@@ -1,4 +1,4 @@
-"""The client where everything is called otherwise: it works by links, types and shapes, or not at all."""
+"""The client with a server that names everything differently: it works by links, types and shapes only."""
 
 from collections.abc import Iterator
 from typing import Any
@@ -38,7 +38,7 @@ def body_of(sent: bytes) -> rdflib.Graph:
 
 
 def test_things_are_found_by_links_and_names(fleet: Fleet) -> None:
-    """By identifier in their own description, over a redirect, a Link field, a query and a fragment."""
+    """By an identifier in the thing's own description, over a redirect, a Link field, a query and a fragment."""
     assert fleet.title == "Hall 7"
     arm = fleet["cell"]["lefty"]
     assert arm["elbow"].kind == "Hinge"
@@ -79,7 +79,7 @@ def test_an_unknown_form_is_shown_as_statements(elbow: Thing) -> None:
 
 
 def test_a_shape_in_other_documents_is_read(bend: Action, elbow: Thing) -> None:
-    """Nested fields, each limit with its unit and its axis."""
+    """Nested fields, with limits for each unit and axis."""
     goal, mode, tries = sorted(bend.fields, key=lambda each: each.name)
     assert (goal.min_count, goal.max_count, goal.required) == (1, 2, True)
     assert mode.choices is not None
@@ -94,7 +94,7 @@ def test_a_shape_in_other_documents_is_read(bend: Action, elbow: Thing) -> None:
 
 
 def test_a_nested_body_is_built_and_conforms(bend: Action, elbow: Thing) -> None:
-    """A thing, a name and an IRI all say which axis; a unit that is not offered is converted."""
+    """A thing, a name and an IRI all select the axis; a unit that is not offered is converted."""
     fingers = str(elbow.owner["Two fingers"].iri)  # type: ignore[index]
     body = bend.build(goal=[{"axis": "Elbow", "value": 0.125, "unit": "turn"}], tries=2)
     assert {float(each) for each in body.objects(None, VOM.numericalValue)} == {45.0}
@@ -130,7 +130,7 @@ def test_what_is_wrong_is_said_and_not_sent(bend: Action, other_tree: Any, given
 
 
 def test_a_body_of_ones_own_is_judged_by_the_served_shape(bend: Action, elbow: Thing) -> None:
-    """pySHACL finds what the form never let through, and says it in the words of the shape."""
+    """pySHACL finds what the form would not accept, and reports it with the message of the shape."""
     body = bend.build(goal={"axis": elbow, "value": 45, "unit": "deg"})
     bend.validate(body)
     (root,) = body.subjects(RDF.type, EX.Bending)
@@ -140,7 +140,7 @@ def test_a_body_of_ones_own_is_judged_by_the_served_shape(bend: Action, elbow: T
 
 
 def test_an_action_is_done_once_by_its_binding_and_followed(bend: Action, elbow: Thing, other_tree: Any) -> None:
-    """PUT, where the binding says; the job is polled, for this server has no events."""
+    """By PUT, as its binding says; the job is polled, because this server has no events."""
     run = bend(goal={"axis": elbow, "value": 45, "unit": "deg"}, idempotency_key="k1")
     assert run.wait(30) == "succeeded"
     assert run.progress == 1.0
@@ -159,7 +159,7 @@ def test_an_action_without_shape_and_binding_is_done_as_options_allows(fleet: Fl
 
 
 def test_what_does_not_end_is_said_and_can_be_cancelled(bend: Action, elbow: Thing, other_tree: Any) -> None:
-    """By the action that the invocation itself links."""
+    """By the action that the invocation links."""
     other_tree.endless = True
     run = bend(goal={"axis": elbow, "value": 45, "unit": "deg"})
     with pytest.raises(StillRunning):
@@ -183,7 +183,7 @@ def test_a_refusal_is_an_exception_with_its_problem_details(fleet: Fleet) -> Non
 
 
 def test_what_has_not_changed_is_not_sent_again(elbow: Thing, other_tree: Any) -> None:
-    """Every reading asks, with the ETag of the last."""
+    """Every reading is conditional, with the last ETag."""
     angle = elbow.properties["angle"]
     assert angle.value == angle.value
     asked = [headers for (_, path, _), headers in zip(other_tree.requests, other_tree.headers, strict=True)

@@ -1,4 +1,4 @@
-"""Numbers with units, and literals out of what people give."""
+"""Numbers with units, and literals from user input."""
 
 import math
 

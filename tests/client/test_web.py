@@ -1,4 +1,4 @@
-"""Servers that are slow, broken or hostile: each is an error of its own kind, and none takes the client down."""
+"""Slow, broken or hostile servers: each causes a specific error, and none crashes the client."""
 
 from collections.abc import Iterator
 from typing import Any
@@ -84,7 +84,7 @@ def test_doing_is_not_tried_again(script: Any, web: Web, answer: bytes) -> None:
 
 
 def test_doing_follows_only_redirects_that_keep_it_what_it_is(script: Any, web: Web) -> None:
-    """308 is done there; 303 says where to look, and is not done again."""
+    """308 is followed with the same method; 303 names where to look, and the action is not repeated."""
     script.answers |= {
         "/a": [status(308, "location: /b")],
         "/b": [status(204, "location: /c")],
