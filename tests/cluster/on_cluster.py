@@ -1,4 +1,4 @@
-"""Tests of the folder ``fleet`` with real gateways, whose memory is a cluster of three."""
+"""Tests of the folder ``fleet`` with real gateways on a Redis cluster of three masters."""
 
 from collections.abc import Iterator
 

@@ -1,4 +1,4 @@
-"""A cluster that remembers callbacks goes away and comes back."""
+"""Callbacks while a Redis cluster goes away and comes back."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""A gateway that is killed, whose memory is a cluster, loses no callback."""
+"""A killed gateway on a Redis cluster loses no callback."""
 
 import pytest
 

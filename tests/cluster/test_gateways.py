@@ -1,4 +1,4 @@
-"""Gateways on a cluster of three: robots and subscriptions live on different nodes, and each gateway knows them all."""
+"""Gateways on a Redis cluster: robots and subscriptions live on different nodes, and each gateway knows all of them."""
 
 import contextlib
 from collections.abc import Iterator
@@ -50,7 +50,7 @@ def arms(endpoint: str) -> Iterator[None]:
 
 
 def prepare(gateway: Gateway, name: str) -> str:
-    """Set a robot's title, turn it, and take control of it; the motion."""
+    """Set a robot's title, rotate it, and take its control lease; return the invocation."""
     robot = gateway.browser.robot(name)
     title = put(gateway.browser, str(robot.property(LF.TextProperty)), PREFIXES + f'<> lf:value "Arm of {name}" .')
     assert title.status_code == 204, title.text
@@ -74,7 +74,7 @@ def knows(gateway: Gateway, motions: dict[str, str], callbacks: set[str]) -> Non
 
 
 def test_each_gateway_knows_what_the_others_do_whichever_node_has_it(stage: Hub, engine: Servers) -> None:
-    """Also after each node was killed and came back, and also a gateway that comes later."""
+    """Also after each node was killed and restarted, and at a gateway that starts later."""
     with receiving() as receiver, arms(stage.endpoint), gateways(stage, engine.url) as two:
         for name in NAMES:
             all_see(two, name)
@@ -105,6 +105,6 @@ def test_each_gateway_knows_what_the_others_do_whichever_node_has_it(stage: Hub,
 
 
 def controlled(gateway: Gateway) -> bool:
-    """Whether it has heard of all leases."""
+    """Return True if it knows all leases."""
     leases = [gateway.browser.page(str(gateway.browser.robot(name).one(LF.lease))) for name in NAMES]
     return all((page.iri, LF.holder, None) in page.graph for page in leases)

@@ -1,4 +1,4 @@
-"""Gateways that end in good order, whose memory is a cluster."""
+"""Gateways on a Redis cluster that end regularly."""
 
 import pytest
 

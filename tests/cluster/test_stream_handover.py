@@ -1,4 +1,4 @@
-"""Streams that go from one gateway to another whose memory is a cluster."""
+"""Streams that move from one gateway to another, on a Redis cluster."""
 
 import pytest
 
@@ -6,4 +6,4 @@ from cluster import on_cluster
 from fleet.test_stream_handover import *
 
 pytestmark = pytest.mark.test_all
-memory = on_cluster.memory  # after the import of all, which brings the one of that file
+memory = on_cluster.memory  # after all imports, because it replaces the fixture of that module

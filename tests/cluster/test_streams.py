@@ -1,4 +1,4 @@
-"""The streams of a gateway, as ``tests/subscriptions/test_streams.py`` has them, with a store that is a cluster."""
+"""The tests of ``tests/subscriptions/test_streams.py`` with a store on a cluster."""
 
 from collections.abc import Iterator
 
