@@ -1,4 +1,4 @@
-"""The script that makes certificates keeps what is good, and says anew who may say what."""
+"""The script for certificates keeps valid ones, and rewrites the access rules."""
 
 import json
 import subprocess
@@ -32,7 +32,7 @@ def test_keys_are_for_their_owner_alone(tmp_path: Path) -> None:
 
 
 def test_robots_join_and_leave(tmp_path: Path) -> None:
-    """Who has left keeps its certificate, and is nobody: all that it says is denied."""
+    """An agent that left keeps its certificate, but everything that it publishes is denied."""
     before = _contents(made(tmp_path, "--agent", "a,b"))
     after = _contents(made(tmp_path, "--agent", "b,c"))
     assert _named(tmp_path) == {"gateway", "router", "b", "c"}

@@ -1,4 +1,4 @@
-"""The chart for Kubernetes: its objects are valid, run without rights, and have settings that the programs take."""
+"""The Helm chart: its objects are valid, run without privileges, and have settings that the programs accept."""
 
 import json
 import tomllib
@@ -50,7 +50,7 @@ def test_helm_finds_nothing_wrong(values: Path) -> None:
 @each_set
 @pytest.mark.parametrize("version", [_OLDEST, _NEWEST])
 def test_each_object_is_as_kubernetes_has_it(values: Path, version: str) -> None:
-    """Unknown fields are errors, too. The schemas are in the package; nothing is fetched."""
+    """Unknown fields are errors, too. The schemas are in the package; nothing is downloaded."""
     documents = rendered(values, version=f"{version}.0")
     assert len(documents) > 10
     for document in documents:
@@ -126,7 +126,7 @@ def _gateway(values: Path) -> Document:
 
 @each_set
 def test_gateways_take_their_settings(values: Path) -> None:
-    """None is unknown: a variable that the program does not read would be a setting without effect."""
+    """A variable that the program does not read would be a setting without effect."""
     found = variables(_gateway(values))
     settings = GatewaySettings.read(found, [])
     chosen = yaml.safe_load(values.read_text())
@@ -223,7 +223,7 @@ def test_what_cannot_work_is_refused_with_a_sentence(settings: tuple[str, ...], 
 
 
 def test_the_mounted_certificates_are_credentials_of_gateways(tmp_path: Path) -> None:
-    """Variables and keys of secrets are the three that ``Credentials`` asks for."""
+    """Variables and keys of secrets are the three of ``Credentials``."""
     found = variables(_gateway(PRODUCTION))
     names = [found[f"LINKED_FLEET_ZENOH_{part}"] for part in ("CA", "CERT", "KEY")]
     assert [Path(name).name for name in names] == ["ca.crt", "tls.crt", "tls.key"]

@@ -1,4 +1,4 @@
-"""The configurations of routers that the chart renders, on this machine: one mesh, and a region in its south."""
+"""The router configurations of the chart, run on this machine: one mesh, and a region in its south."""
 
 import contextlib
 import json
@@ -21,7 +21,7 @@ _FILES = {"ca.crt": "ca.pem", "tls.crt": "router.pem", "tls.key": "router.key"}
 
 
 def _configurations(values: Path, *more: str) -> dict[str, str]:
-    """File names and texts."""
+    """Return file names and texts."""
     found: dict[str, str] = named(rendered(values, *more), "ConfigMap", "lf-linked-fleet-routers")["data"]
     return found
 
@@ -38,7 +38,7 @@ def test_zenoh_reads_them_and_each_pair_of_routers_has_one_link(values: Path, tm
 
 @contextlib.contextmanager
 def _routing(folder: Path, region: str, texts: dict[str, str], north: list[str]) -> Iterator[list[str]]:
-    """Routers with these texts, at endpoints of this machine and with certificates of ``folder``."""
+    """Run routers with these configurations, at local endpoints and with certificates of ``folder``."""
     endpoints = [f"tls/127.0.0.1:{free_port()}" for _ in texts]
     with contextlib.ExitStack() as open_here:
         for number, text in enumerate(texts.values()):
@@ -66,7 +66,7 @@ def _agent(folder: Path, robot: str, endpoint: str) -> contextlib.AbstractContex
 
 
 def test_robots_behind_any_router_and_in_the_south_are_one_fleet(tmp_path: Path) -> None:
-    """``near`` is at the last of the plant's three routers, ``far`` in a hall's; a gateway of the plant moves both."""
+    """``near`` is at a router of the plant, ``far`` at one of a hall; a gateway of the plant moves both."""
     made(tmp_path, "--agent", "near,far")
     access = ("--set-file", f"zenoh.accessControl={tmp_path / 'access.json'}")
     plant = _configurations(CHART / "ci" / "production-values.yaml", *access)

@@ -1,4 +1,4 @@
-"""The driver in deploy/README.md is one, and the contract tells what is none."""
+"""The driver in deploy/README.md keeps the contract, and the contract rejects faulty drivers."""
 
 import re
 from collections.abc import Mapping
@@ -17,14 +17,14 @@ DRIVER, EXAMPLE = re.findall(r"^```python\n(.*?)^```$", PAGE, re.M | re.S)
 
 @pytest.fixture
 def door() -> dict[str, Any]:
-    """The names of the page's door.py."""
+    """Return the names of the page's door.py."""
     names: dict[str, Any] = {"__name__": "door"}
     exec(compile(DRIVER, "door.py", "exec"), names)
     return names
 
 
 def test_the_driver_of_the_page_keeps_the_contract(door: dict[str, Any], tmp_path: Path) -> None:
-    """By the test of the page, too."""
+    """It also passes the test on the page."""
     names: dict[str, Any] = {}
     exec(EXAMPLE.replace("from door import Door\n", ""), names)
     names["Door"] = door["Door"]

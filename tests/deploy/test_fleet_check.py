@@ -1,4 +1,4 @@
-"""The check of the compose fleet, on reads while a gateway is killed."""
+"""The reads of the compose check while a gateway is killed."""
 
 import contextlib
 import http.client
@@ -17,7 +17,7 @@ OK = b"HTTP/1.1 200 OK\r\nContent-Length: 4\r\n\r\n"
 
 @pytest.fixture
 def reads(monkeypatch: pytest.MonkeyPatch) -> Iterator[ModuleType]:
-    """The module of the check, which is a program of its own and no package."""
+    """Import the module, which is part of a program and no package."""
     monkeypatch.syspath_prepend(str(Path(__file__).parents[2] / "deploy" / "fleet_check"))
     yield importlib.import_module("reads")
     for name in ("reads", "front"):
@@ -26,7 +26,7 @@ def reads(monkeypatch: pytest.MonkeyPatch) -> Iterator[ModuleType]:
 
 @contextlib.contextmanager
 def server(*answers: bytes) -> Iterator[int]:
-    """Gives one answer to each connection, and closes it; the last one for ever. Its port."""
+    """Run a server that sends one answer per connection, the last one repeatedly; yield its port."""
     with socket.create_server(("127.0.0.1", 0)) as listener:
 
         def serve() -> None:
@@ -48,7 +48,7 @@ def server(*answers: bytes) -> Iterator[int]:
 
 
 def outcomes(reads: ModuleType, *answers: bytes) -> list[str]:
-    """Make one read for each answer, as the check does."""
+    """Make one read per answer, like the check."""
     with server(*answers) as port:
         done = threading.Semaphore(0)
 

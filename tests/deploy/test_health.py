@@ -1,4 +1,4 @@
-"""Whether a container is healthy is told from what really is."""
+"""Health checks of containers."""
 
 import importlib.util
 from pathlib import Path
@@ -6,7 +6,7 @@ from types import ModuleType
 
 import pytest
 
-# /proc/net/tcp of an agent: one socket that listens, one established to port 7447 (1D17)
+# /proc/net/tcp of an agent: one listening socket, one connection to port 7447 (1D17)
 _HEAD = "  sl  local_address rem_address   st tx_queue rx_queue tr tm->when retrnsmt   uid  timeout inode\n"
 _LISTENING = "   0: 0100007F:1D17 00000000:0000 0A 00000000:00000000 00:00000000 00000000     0        0 1 1 0\n"
 _LINKED = "   1: 0200000A:C350 0300000A:1D17 01 00000000:00000000 00:00000000 00000000     0        0 2 1 0\n"

@@ -1,4 +1,4 @@
-"""What the files of the deployment say agrees with the rest of the repository, and with each other."""
+"""The deployment files agree with the repository and with each other."""
 
 import importlib
 import importlib.metadata
@@ -84,7 +84,7 @@ _PIN = re.compile(r"([A-Za-z0-9._-]+)==([A-Za-z0-9.!+]+)((?: --hash=sha256:[0-9a
 
 
 def _pins(path: Path) -> dict[str, str]:
-    """Names, as the index knows them, and versions. Each line is a name, a version and hashes, or the first comment."""
+    """Return versions by normalized name. Each line has a name, a version and hashes; the first is a comment."""
     head, *lines = path.read_text().splitlines()
     assert head.startswith("# Written by make requirements: ")
     found = {}
@@ -99,13 +99,13 @@ def _pins(path: Path) -> dict[str, str]:
 def _requires(name: str) -> list[str]:
     try:
         return importlib.metadata.requires(name) or []
-    except importlib.metadata.PackageNotFoundError:  # of another Python 3.11 than this
+    except importlib.metadata.PackageNotFoundError:  # needed by another Python 3.11 than this one
         assert name == importlib.import_module("lock_requirements").BEFORE_3_11_3
         return []
 
 
 def _needed(requirements: list[str]) -> set[str]:
-    """These packages and those that they need here, by the metadata of what is installed."""
+    """Return these packages and their dependencies, by the metadata of the installed ones."""
     waiting, seen = [Requirement(text) for text in requirements], set[tuple[str, str]]()
     while waiting:
         requirement = waiting.pop()
@@ -127,7 +127,7 @@ def test_requirements_have_the_versions_of_the_constraints(path: Path) -> None:
 
 
 def test_requirements_are_what_the_package_needs_and_nothing_else(monkeypatch: pytest.MonkeyPatch) -> None:
-    """If not: make requirements."""
+    """Otherwise run: make requirements."""
     monkeypatch.syspath_prepend(str(ROOT / "deploy"))
     wanted = importlib.import_module("lock_requirements").wanted()
     assert sorted(wanted) == [path.name for path in REQUIREMENTS]
@@ -157,7 +157,7 @@ def test_images_of_others_have_exact_versions_that_can_be_replaced() -> None:
 
 @pytest.mark.parametrize("text", DOCKERFILES)
 def test_images_install_nothing_without_a_hash(text: str) -> None:
-    """Only our own wheel, which is built of what was copied, without any index."""
+    """Except the project's own wheel, which is built from the copied sources, without an index."""
     installs = re.findall(r"\bpip (?:--python \S+ )?(?:install|wheel|download) [^&\n]*", text)
     assert len(installs) >= 4
     for install in installs:
@@ -168,7 +168,7 @@ def test_images_install_nothing_without_a_hash(text: str) -> None:
 
 @pytest.mark.parametrize("text", DOCKERFILES)
 def test_what_images_copy_is_in_the_context_of_the_build(text: str) -> None:
-    """Each path exists, and .dockerignore, which lets in what it names alone, names it."""
+    """Each path exists, and .dockerignore, an allowlist, includes it."""
     lines = (ROOT / ".dockerignore").read_text().splitlines()
     assert lines[1] == "*"
     let_in = [line[1:] for line in lines if line.startswith("!")]

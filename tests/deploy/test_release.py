@@ -1,4 +1,4 @@
-"""The packages of a release: the same at every build, made of their own contents, and refused when they are damaged."""
+"""The packages of a release: reproducible, built from their own contents, and refused when damaged."""
 
 import hashlib
 import json
@@ -41,7 +41,7 @@ def copied(built: Path, tmp_path: Path) -> Path:
 
 
 def test_a_release_has_an_sdist_a_wheel_and_a_bill_of_each_distribution(built: Path) -> None:
-    """The program ``sha256sum`` finds them as the list has them."""
+    """``sha256sum`` accepts them."""
     assert sorted(path.name for path in built.iterdir()) == sorted(
         ["SHA256SUMS"]
         + [f"{name}-{VERSION}{ending}" for name in ("linked_fleet", "linked_fleet_agent")
@@ -55,7 +55,7 @@ def test_a_release_has_an_sdist_a_wheel_and_a_bill_of_each_distribution(built: P
 
 @pytest.mark.parametrize(("name", "wheel"), [("linked_fleet", GATEWAY), ("linked_fleet_agent", AGENT)])
 def test_another_build_of_an_sdist_gives_the_same_wheel(built: Path, tmp_path: Path, name: str, wheel: str) -> None:
-    """Another day, another zone and other rights of files change nothing: times are those of the last commit."""
+    """Date, time zone and file permissions change nothing: archive times are those of the last commit."""
     shutil.unpack_archive(built / f"{name}-{VERSION}.tar.gz", tmp_path)
     committed = subprocess.run(
         ["git", "log", "-1", "--format=%ct"], cwd=ROOT, capture_output=True, text=True, check=True
@@ -90,7 +90,7 @@ def test_sdists_hold_all_that_their_wheels_are_made_of_and_no_tests(built: Path)
 
 
 def test_both_distributions_have_the_same_licence() -> None:
-    """Each is a file: a link would lead out of the sdist, to nothing."""
+    """Each is a regular file: a link would dangle in the sdist."""
     licences = [ROOT / "LICENSE", ROOT / "agents" / "LICENSE"]
     assert not any(path.is_symlink() for path in licences)
     assert len({path.read_text() for path in licences}) == 1
@@ -108,7 +108,7 @@ def test_the_bill_has_each_pinned_requirement_with_its_hash_and_what_pages_are_m
 
 
 def _replace(wheel: Path, name: str, content: bytes | None) -> None:
-    """Write the wheel again with another content of one file, or without it."""
+    """Rewrite the wheel with another content of one file, or without it."""
     with zipfile.ZipFile(wheel) as archive:
         files = {info: archive.read(info) for info in archive.infolist()}
     with zipfile.ZipFile(wheel, "w") as archive:
@@ -120,7 +120,7 @@ def _replace(wheel: Path, name: str, content: bytes | None) -> None:
 
 
 def _summed(folder: Path) -> None:
-    """Let the list of sums agree with what is there."""
+    """Recompute the list of sums."""
     files = sorted(path for path in folder.iterdir() if path.name != "SHA256SUMS")
     lines = [f"{hashlib.sha256(path.read_bytes()).hexdigest()}  {path.name}\n" for path in files]
     (folder / "SHA256SUMS").write_text("".join(lines))
@@ -150,7 +150,7 @@ def test_a_file_that_its_sum_does_not_fit_is_refused(copied: Path) -> None:
     ids=["another content", "a file less", "no record"],
 )
 def test_a_damaged_wheel_is_refused(copied: Path, wheel: str, name: str, content: bytes | None, reason: str) -> None:
-    """By the hashes in the wheel itself, although the list of sums was written anew."""
+    """The hashes in the wheel itself reveal the damage, even if the list of sums was recomputed."""
     _replace(copied / wheel, name, content)
     _summed(copied)
     done = _release("--check", copied)
@@ -179,7 +179,7 @@ def _images(engine: str, **environment: str) -> subprocess.CompletedProcess[str]
 
 
 def test_images_that_could_not_be_built_are_told_with_the_reason(tmp_path: Path) -> None:
-    """A script in the place of the engine, which cannot build one image."""
+    """A script replaces the engine, which cannot build one of the images."""
     engine = tmp_path / "engine"
     engine.write_text(_ENGINE)
     engine.chmod(0o755)

@@ -28,14 +28,14 @@ def wheels(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
 
 @pytest.fixture(scope="module")
 def installed(wheels: list[Path], tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """An environment with our wheels and openai-agents. The packages that they need are lent by that of the tests."""
+    """Create an environment with the project's wheels and openai-agents; it borrows their dependencies."""
     folder = tmp_path_factory.mktemp("environment")
     subprocess.run([sys.executable, "-m", "venv", "--without-pip", str(folder)], check=True)
     site = next(folder.glob("lib/python*/site-packages"))
     python = folder / "bin" / "python"
     target = ["--python", str(python), "install", "--no-deps", "openai-agents", *map(str, wheels)]
     _pip(Path(sys.executable), *target)
-    # Lines of a .pth file add folders, whose own .pth files are not read: the checkout is not on the path.
+    # Lines of a .pth file add folders, whose own .pth files are ignored: the checkout is not on the path.
     lent = Path(sysconfig.get_path("purelib"))
     (site / "cmeel.prefix").symlink_to(lent / "cmeel.prefix")
     (site / "lent.pth").write_text(f"{lent}\nimport cmeel_pth\n")
@@ -99,7 +99,7 @@ def _running(installed: Path, program: str, *arguments: str, cwd: Path) -> Itera
 
 
 def _seen(installed: Path, root: str) -> set[str]:
-    """The robots that the client lists; none while there is no gateway."""
+    """Return the robots that the client lists; none while there is no gateway."""
     done = subprocess.run(
         [installed / "linked-fleet", "--url", root, "--json", "ls"],
         capture_output=True,
