@@ -13,7 +13,7 @@ pytestmark = [pytest.mark.processes, pytest.mark.test_all]
 _DEMO_PORT = "8000"
 _EXTENSIONS = ROOT / "gateway/linked_fleet_gateway/extensions"
 _FIRST = (ROOT / "README.md", ROOT / "docs" / "TUTORIAL.md")
-"""They are run as a newcomer runs them: the UR5 still sways."""
+"""They run as a newcomer runs them: the UR5 still sways."""
 _PAGES = [*_FIRST, *sorted({*(ROOT / "docs").glob("*.md"), *_EXTENSIONS.glob("*/README.md")} - {*_FIRST})]
 _ALONE = (_EXTENSIONS / "world/README.md",)
 """It puts a thing next to a robot that other pages move."""

@@ -1,4 +1,4 @@
-"""The pages of the project itself: their links lead somewhere, and what they say of versions is so."""
+"""The project's own pages: their links work, and what they say about versions is true."""
 
 import re
 import tomllib

@@ -1,4 +1,4 @@
-"""The documentation as a site: it is built whole, without a broken link, and has every page of the repository."""
+"""The documentation site builds without a broken link, and contains every page of the repository."""
 
 import os
 import re
@@ -12,12 +12,12 @@ from running import ROOT
 
 _WORDS_OF_README = 500
 _APART = re.compile(r"\.github/|CODE_OF_CONDUCT\.md")
-"""Pages for those who work on the repository, at the places where forges look for them."""
+"""Pages for developers, at the places where forges look for them."""
 
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The built site. A strict build fails on a link, an anchor or a page of the navigation that does not exist."""
+    """Return the built site. A strict build fails if a link, an anchor or a page in the navigation does not exist."""
     folder = tmp_path_factory.mktemp("site")
     done = subprocess.run(
         [sys.executable, "-m", "mkdocs", "build", "-q", "--strict", "-d", str(folder)],
