@@ -1,4 +1,4 @@
-"""A real Chromium on real pages. What a page complains of, or asks of anybody but its origin, fails its test."""
+"""A real Chromium on real pages. A test fails if its page logs an error or contacts another origin."""
 
 import os
 import shutil
@@ -16,10 +16,11 @@ from small_fleet import Place, live
 
 CHROMIUM = os.environ.get("CHROMIUM") or shutil.which("chromium") or shutil.which("chromium-browser")
 _CALMLY = Path(__file__).with_name("calmly")
-# There is no sandbox for root and no graphics card in a container; WebGL is drawn by the processor.
+# Containers have no sandbox for root and no graphics card; WebGL is rendered in software.
 ARGUMENTS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist"]
 QUIET = ["--disable-background-networking", "--disable-component-update", "--disable-sync", "--no-first-run"]
-PICTURES = os.environ.get("LINKED_FLEET_PICTURES")  # a folder for those of README.md, which are to be sharp
+# a folder for the pictures of README.md, which are then taken in high resolution
+PICTURES = os.environ.get("LINKED_FLEET_PICTURES")
 DESK: ViewportSize = {"width": 1280, "height": 900}
 NO_WEBGL = """
     const own = HTMLCanvasElement.prototype.getContext;
@@ -46,7 +47,7 @@ def chromium() -> Iterator[Browser]:
 
 
 class Watched:
-    """What a page did besides what it was asked to do."""
+    """Console messages and requests of a page."""
 
     def __init__(self, page: Page) -> None:
         self._page = page
@@ -57,7 +58,7 @@ class Watched:
         page.on("request", self._request)
 
     def _console(self, message: ConsoleMessage) -> None:
-        # A page that is left while it connects is no fault of the page.
+        # A page that is left while connecting is not at fault.
         if message.type in ("error", "warning") and "closed before the connection is established" not in message.text:
             self._said.append(f"{message.text} ({message.location.get('url')})")
 
@@ -65,7 +66,7 @@ class Watched:
         self._asked.add(request.url)
 
     def forgive(self, *texts: str) -> None:
-        """Take what the browser itself logs about a failed request, which the test wanted, as said."""
+        """Accept console messages of the browser about failed requests that the test caused."""
         self._said = [each for each in self._said if not any(text in each for text in texts)]
 
     def check(self) -> None:
@@ -77,7 +78,7 @@ class Watched:
 
 @pytest.fixture(scope="module")
 def client(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Client]:
-    """A gateway with one robot, a UR5 that is live."""
+    """Yield a client of a gateway with one robot, a live UR5."""
     place = Place(tmp_path_factory.mktemp("state"))
     with place.gateway() as (_, client), place.ur5():
         live(client, "ur5")
@@ -101,7 +102,7 @@ def page(chromium: Browser, request: pytest.FixtureRequest) -> Iterator[Page]:
 
 @pytest.fixture
 def watched(page: Page) -> Iterator[Watched]:
-    """Everything that ``page`` says on its console and asks for; checked when the test is over."""
+    """Record all console messages and requests of ``page``; checked at the end of the test."""
     found = Watched(page)
     yield found
     found.check()
@@ -116,6 +117,6 @@ def axe() -> str:
 
 @pytest.fixture
 def toy() -> Iterator[tuple[Hub, Gateway]]:
-    """A robot with one joint that the test plays, and a gateway."""
+    """Yield a robot with one joint, played by the test, and a gateway."""
     with hub() as there, gateway(there) as one:
         yield there, one

@@ -1,4 +1,4 @@
-"""Pages for everybody: by keyboard, by screen reader, in the dark, on a phone, and without scripts."""
+"""Accessibility of pages: by keyboard, by screen reader, in the dark, on a phone, and without scripts."""
 
 from typing import Any
 
@@ -57,7 +57,7 @@ def _violations(page: Page, axe: str) -> list[str]:
 
 
 def test_no_page_shuts_anybody_out(page: Page, watched: Any, pages: dict[str, str], axe: str) -> None:
-    """No serious violation by light or in the dark, and no page that a phone scrolls sideways, all actions unfolded."""
+    """No serious violation in light or dark mode, and no sideways scrolling on a phone, with all actions unfolded."""
     desk, found = page.viewport_size, []
     assert desk is not None
     for kind, url in pages.items():
@@ -85,7 +85,7 @@ def test_a_violation_would_be_found(page: Page, pages: dict[str, str], axe: str)
 
 
 def test_stop_is_reached_by_keyboard_alone(page: Page, watched: object, pages: dict[str, str]) -> None:
-    """From the top of the page, in a few steps, wherever it was scrolled to."""
+    """In a few steps from the top of the page, wherever it was scrolled."""
     page.goto(pages["robot"])
     page.mouse.wheel(0, 2000)
     for _ in range(8):

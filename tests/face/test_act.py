@@ -1,4 +1,4 @@
-"""Forms of actions, as people use them: checked, tried, sent, followed, refused and stopped."""
+"""Forms of actions as people use them: validated, rehearsed, sent, followed, refused and stopped."""
 
 import re
 from collections.abc import Iterator
@@ -17,7 +17,7 @@ REFUSED = "Failed to load resource"
 
 @dataclass
 class Robot:
-    """A simulated arm, seen by a client that is no browser."""
+    """A simulated arm, as another client sees it."""
 
     browser: Browser
 
@@ -75,7 +75,7 @@ def task(page: Page) -> Locator:
 
 
 def test_a_joint_is_rotated_by_the_form(page: Page, form: Locator, ur5: Robot) -> None:
-    """The task is shown until it has succeeded, and the value on the page has followed."""
+    """The task is shown until it has succeeded, and the value on the page has changed."""
     fill(form, "30", "°")
     press(form)
     expect(task(page).locator(".state")).to_have_text("succeeded")
@@ -85,7 +85,7 @@ def test_a_joint_is_rotated_by_the_form(page: Page, form: Locator, ur5: Robot) -
 
 
 def test_the_table_of_joints_follows(page: Page, watched: object, ur5: Robot) -> None:
-    """Positions of joints are told by named poses, too: those do not move."""
+    """Positions in named poses do not change."""
     page.goto(ur5.browser.robot("ur5").url)
     position = page.locator(f'#joints data[data-subject="{ur5.joint}"]').first
     for angle in (0.25, -0.25):
@@ -104,7 +104,7 @@ def test_a_motion_is_cancelled(page: Page, form: Locator) -> None:
 
 
 def test_what_is_wrong_is_said_before_anything_is_sent(page: Page, form: Locator) -> None:
-    """Beside the field, with the limits; what is missing too."""
+    """The message is beside the field, with the limits; missing values are reported too."""
     sent: list[Request] = []
     page.on("request", lambda request: sent.append(request) if request.method not in ("GET", "HEAD") else None)
     fill(form, "4000", "°")
@@ -143,7 +143,7 @@ def test_a_refusal_is_shown_in_the_words_of_the_server(
     watched: "Watched",  # noqa: F821
     ur5: Robot,
 ) -> None:
-    """Somebody else has control."""
+    """Somebody else has the control lease."""
     http = ur5.browser.http
     lease = str(ur5.browser.robot("ur5").one(LF.lease))
     said = f'@prefix lf: <{LF}> . <> lf:holder "somebody else" ; lf:leaseDuration 60 .'
@@ -160,7 +160,7 @@ def test_a_refusal_is_shown_in_the_words_of_the_server(
 
 @pytest.mark.parametrize("by", ["button", "keyboard"])
 def test_stop_is_always_in_reach(page: Page, form: Locator, by: str) -> None:
-    """It ends what runs, and says so."""
+    """It ends the running motion, and the page says so."""
     fill(form, "6" if by == "button" else "-6", "rad")
     press(form)
     expect(task(page).locator(".state")).to_have_text("running")
@@ -189,7 +189,7 @@ def test_a_task_that_is_gone_is_forgotten(
     watched: "Watched",  # noqa: F821
     ur5: Robot,
 ) -> None:
-    """It was deleted between two pages: the next one neither shows it for ever nor says that a connection is lost."""
+    """It was deleted between two pages: the next page neither shows it for ever nor reports a lost connection."""
     fill(form, "6" if ur5.angle < 0 else "-6", "rad")
     press(form)
     expect(task(page).locator(".state")).to_have_text("running")
@@ -204,7 +204,7 @@ def test_a_task_that_is_gone_is_forgotten(
 
 
 def test_a_callback_is_made_and_deleted(page: Page, watched: object, ur5: Robot) -> None:
-    """On the page of subscriptions, by the form that the shape gave."""
+    """On the page of subscriptions, by the form generated from the shape."""
     joint = ur5.browser.part("ur5", JOINT)
     container = joint.url + "/subscriptions"
     page.goto(container)

@@ -1,4 +1,4 @@
-"""The page of the world: objects are added, dragged, changed and deleted, robots are placed, and motions meet them."""
+"""The page of the world: objects are added, dragged, changed and deleted, robots are placed, and motions avoid them."""
 
 import re
 from collections.abc import Iterator
@@ -22,7 +22,7 @@ JOINT = "shoulder_pan_joint"
 
 
 class Forgiving(Protocol):
-    """The console of a page, as conftest.py watches it."""
+    """The console of a page, as recorded by conftest.py."""
 
     def forgive(self, *texts: str) -> None: ...
 
@@ -61,7 +61,7 @@ def _coordinate(form: Locator, axis: str) -> Locator:
 
 
 def _add(page: Page, title: str, position: tuple[float, float, float], click: str = "click") -> Locator:
-    """Two clicks, and what is typed between them."""
+    """Add an object by two clicks and some typing."""
     getattr(page.locator("#objects > details > summary"), click)()
     form = page.locator("#objects > details form.invoke")
     form.get_by_label("title").fill(title)
@@ -85,7 +85,7 @@ def _standing(page: Page) -> dict[str, list[float]]:
 
 
 def _over_the_gizmo(page: Page) -> bool:
-    """The gizmo can be taken hold of once it was drawn where it is."""
+    """Return True once the gizmo has been drawn and can be grabbed."""
     x, y = page.evaluate(CRATE)
     page.mouse.move(x + 1, y)
     page.mouse.move(x, y)
@@ -114,7 +114,7 @@ def test_an_object_is_added_dragged_and_deleted(world: Page, client: Client) -> 
     expect(_coordinate(form, "x")).not_to_have_value("2.0")
     dragged = tuple(float(_coordinate(form, axis).input_value()) for axis in "xyz")
     assert _standing(world)["crate"] == [round(each, 3) for each in dragged]
-    assert _placed(client, iri) == (2, 0, 0.2)  # as long as nobody saves it
+    assert _placed(client, iri) == (2, 0, 0.2)  # until somebody saves it
     form.get_by_role("button", name="save").click()
     expect(form.locator("output.answer")).to_have_text("Done.")
     assert _placed(client, iri) == pytest.approx(dragged, abs=1e-4)
@@ -172,21 +172,21 @@ def test_the_page_can_be_read_without_scripts(chromium: Browser, client: Client)
 
 
 def _before_it(client: Client) -> tuple[float, float, float]:
-    """A place that the wrist passes when the arm turns half round, found by asking for poses in the world."""
+    """Return a place that the wrist passes in a half turn, from poses in the world."""
     link = str(client.part("ur5", "wrist_1_link").url)
     world = client.page(str(client.page(client.root).one(LF.world)))
     answer = client.http.get(str(world.one(LF.poses)), params={"of": link}, headers={"accept": "text/turtle"})
     graph = read(answer.content, str(answer.url))
     (node,) = graph.objects(None, LF.position)
     x, y, z = (float(str(graph.value(node, MATHS[axis]))) for axis in "xyz")
-    return round(-y, 3), round(x, 3), round(z, 3)  # a quarter further
+    return round(-y, 3), round(x, 3), round(z, 3)  # a quarter turn further
 
 
 @pytest.mark.parametrize(("size", "touch", "most"), [(DESK, False, 4), (PHONE, True, 4)], ids=["desktop", "phone"])
 def test_a_crate_is_placed_and_a_motion_refused(
     chromium: Browser, client: Client, size: ViewportSize, touch: bool, most: int
 ) -> None:
-    """Open the form, save it, go to the robot, and aim a joint: four clicks or taps."""
+    """Open the form, save it, go to the robot, and set a joint: four clicks or taps."""
     context = chromium.new_context(
         viewport=size, has_touch=touch, is_mobile=touch, reduced_motion="reduce", device_scale_factor=0.5
     )

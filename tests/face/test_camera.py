@@ -1,4 +1,4 @@
-"""The page of a camera shows what it sees, live."""
+"""The page of a camera shows live pictures."""
 
 from collections.abc import Iterator
 from io import BytesIO
@@ -30,7 +30,7 @@ def seer(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Seer, str]]
 
 @pytest.fixture
 def blind(seer: tuple[Seer, str]) -> str:
-    """A camera whose robot has nothing to render with."""
+    """A camera whose robot has no renderer."""
     return seer[1].replace("/seer/", "/blind/")
 
 

@@ -1,4 +1,4 @@
-"""A page of another site that may use the fleet, in a real browser."""
+"""A page of another origin that may use the fleet, in a real browser."""
 
 import contextlib
 import http.server
@@ -15,7 +15,7 @@ pytestmark = [pytest.mark.processes, pytest.mark.test_all]
 
 
 class _Twin(http.server.BaseHTTPRequestHandler):
-    """A site with one page, on which the test runs what it wants."""
+    """A site with one page, on which the test runs scripts."""
 
     def do_GET(self) -> None:
         self.send_response(200)
@@ -38,7 +38,7 @@ def _site() -> Iterator[str]:
 
 
 def test_it_reads_and_acts_with_its_token(page: Page, tmp_path_factory: pytest.TempPathFactory) -> None:
-    """What the browser asks first is answered, and what an answer says beside its body can be read."""
+    """Preflight requests are answered, and response fields can be read."""
     with _site() as twin, guarded(tmp_path_factory.mktemp("cors"), "--cors-origins", twin) as fleet:
         fleet.add("all", *ALL)
         fleet.known("all")

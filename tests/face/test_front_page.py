@@ -1,4 +1,4 @@
-"""The front page: the world on top, drawn when it is wanted and while it is seen; a click leads to a robot."""
+"""The front page: the world on top, loaded on demand and drawn while visible; a click leads to a robot."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -96,7 +96,7 @@ def test_nothing_is_drawn_while_it_is_not_seen(front: Page, client: Client) -> N
     front.evaluate(COUNT)
     front.evaluate("() => scrollTo(0, document.documentElement.scrollHeight)")
     eventually(lambda: front.evaluate("() => !document.getElementById('scene').scene.inSight"), "out of sight")
-    # What was asked for before it went out of sight may still be drawn.
+    # A frame requested before it became invisible may still be drawn.
     front.evaluate("() => new Promise((resolve) => setTimeout(resolve, 300))")
     front.evaluate("() => (window.drawn = 0)")
     answer = client.http.put(of_joint(client, "wrist_3_joint"), content=radian(0.4), headers=TURTLE)

@@ -1,4 +1,4 @@
-"""Robots that mean ill: whatever they bring, their pages go on working, the Stop button first."""
+"""Hostile robots: whatever they serve, their pages keep working, the Stop button first."""
 
 import hashlib
 from collections.abc import Iterator
@@ -23,12 +23,12 @@ COLLADA = (
 
 
 def _doubling() -> bytes:
-    """Each of forty nodes is two of the next."""
+    """Return a tree of forty nodes, each of which contains the next one twice."""
     twice = [f"<node id='n{i}'>{f'''<instance_node url='#n{i + 1}'/>''' * 2}</node>" for i in range(40)]
     return COLLADA.format(nodes="".join(twice) + "<node id='n40'/>").encode()
 
 
-# Each would keep a script that reads it in the usual way from ever, or for minutes, doing anything else.
+# Each would block a script that reads it in the usual way for minutes or for ever.
 FILES = {
     "nodes that repeat nodes": ("a.dae", "model/vnd.collada+xml", _doubling()),
     "facets that never end": ("a.stl", "model/stl", b"solid x " + b"facet " * 400_000 + b" endsolid x"),
@@ -45,7 +45,7 @@ def gateway(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[zenoh.Se
 
 
 def _appear(session: zenoh.Session, name: str, file: str, media_type: str, content: bytes) -> None:
-    """A robot whose base looks like this file."""
+    """Add a robot whose base has this file as its mesh."""
     actor = Actor(session, name)
     mesh = Mesh(uri=file, sha256=hashlib.sha256(content).hexdigest(), size=len(content), type=media_type)
     key = KEYS.robot(name, "mesh")
@@ -71,7 +71,7 @@ def _appear(session: zenoh.Session, name: str, file: str, media_type: str, conte
 def test_a_mesh_that_cannot_be_read_in_time_is_not_drawn(
     page: Page, gateway: tuple[zenoh.Session, Browser], kind: str
 ) -> None:
-    """The rest of the robot is, and the page goes on."""
+    """The rest of the robot is drawn, and the page continues."""
     session, browser = gateway
     _appear(session, kind, *FILES[kind])
     said: list[str] = []
@@ -83,7 +83,7 @@ def test_a_mesh_that_cannot_be_read_in_time_is_not_drawn(
     page.goto(live(browser, kind).url)
     page.locator("#scene").scroll_into_view_if_needed()
     expect(page.locator("#scene")).to_have_attribute("data-phase", "ready")
-    if kind != "facets that never end":  # of which none is left
+    if kind != "facets that never end":  # of which nothing is left
         assert any("is not drawn" in each for each in said), said
     page.locator("form.stop button").click()
     expect(page.locator("form.stop output")).not_to_be_empty()

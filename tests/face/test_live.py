@@ -1,4 +1,4 @@
-"""Pages follow what happens without being loaded again."""
+"""Pages follow changes without being reloaded."""
 
 import re
 import signal
@@ -20,7 +20,7 @@ def _position(page: Page, joint: Gateway) -> Locator:
 
 
 def _mark(page: Page) -> None:
-    """What a page that is loaded again would lose."""
+    """Mark a page with something that a reload would lose."""
     page.evaluate("window.marked = true")
 
 
@@ -29,12 +29,12 @@ def _same(page: Page) -> bool:
 
 
 def test_a_value_changes_without_reload(page: Page, watched: object, toy: tuple[Hub, Gateway]) -> None:
-    """The number, its unit in degrees, and its age; the past minute is drawn beside it."""
+    """The number, its unit in degrees, and its age; the past minute is plotted beside it."""
     robot, one = toy
     page.goto(one.joint)
     _mark(page)
     value = _position(page, one)
-    # The first message has been seen when the past of the value begins.
+    # The history begins after the first message.
     figure = page.locator(f'figure.plot[data-subject="{one.rotation}"]').first
     expect(figure).to_have_attribute("data-points", re.compile(r"\d+"))
     for _ in range(3):
@@ -88,7 +88,7 @@ def test_a_robot_that_left_is_marked_on_the_page_of_its_joint(page: Page, watche
 
 
 def test_a_lost_connection_is_shown_and_recovers(page: Page, watched: "Watched", tmp_path: Path) -> None:  # noqa: F821
-    """The gateway is killed and started again: meanwhile the page says that it is old."""
+    """The gateway is killed and restarted: meanwhile the page shows that its values are old."""
     with hub() as robot:
         port = None
         with gateway(robot, state=tmp_path) as one:
@@ -111,7 +111,7 @@ def test_a_lost_connection_is_shown_and_recovers(page: Page, watched: "Watched",
 
 
 def test_what_is_no_live_value_follows_too(page: Page, watched: object, toy: tuple[Hub, Gateway]) -> None:
-    """The title of a robot is set elsewhere; what somebody has opened meanwhile stays open."""
+    """The title of a robot is changed elsewhere; opened parts of the page stay open."""
     _, one = toy
     robot = one.browser.robot("toy")
     page.goto(robot.url)

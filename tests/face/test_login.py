@@ -1,4 +1,4 @@
-"""People log in on a page, by a token or at an issuer, with and without scripts, and out again."""
+"""Logging in on a page, by a token or at an issuer, with and without scripts, and logging out."""
 
 import re
 from collections.abc import Iterator
@@ -36,7 +36,7 @@ def _log_in(page: Page, own: Guarded, name: str) -> None:
 
 
 def test_a_token_opens_what_it_is_for(page: Page, watched: object, own: Guarded) -> None:
-    """The page that was asked for comes after the login; it is live, and a robot is stopped from it."""
+    """The requested page follows the login; it is live, and can stop a robot."""
     page.goto(f"{own.root}{SEEN}/")
     expect(page).to_have_url(re.compile("/login"))
     _log_in(page, own, "lab")
@@ -52,7 +52,7 @@ def test_a_token_opens_what_it_is_for(page: Page, watched: object, own: Guarded)
 
 
 def test_a_page_of_a_session_is_live(page: Page, watched: object, own: Guarded) -> None:
-    """Its WebSocket or event stream takes the cookie."""
+    """Its WebSocket or event stream accepts the cookie."""
     page.goto(f"{own.root}{SEEN}/")
     _log_in(page, own, "lab")
     expect(page).to_have_url(f"{own.root}{SEEN}/")
@@ -67,7 +67,7 @@ def test_a_page_of_a_session_is_live(page: Page, watched: object, own: Guarded) 
 
 
 def test_every_page_says_what_one_may_do(page: Page, watched: object, own: Guarded) -> None:
-    """There over what the page is about, on the page of the account over everything."""
+    """Other pages show the rights over their resource, the account page shows all."""
     page.goto(f"{own.root}{SEEN}/")
     _log_in(page, own, "lab")
     page.locator(".reader summary").click()
@@ -114,7 +114,7 @@ def test_an_issuer_says_who_one_is(page: Page, own: Guarded, issuer: Issuer) -> 
     expect(page).to_have_url(f"{own.root}{SEEN}/")
     expect(page.locator("#who")).to_have_text("ada@plant")
     names = {cookie["name"] for cookie in page.context.cookies()}
-    assert names == {"linked-fleet"}  # that of the login under way is gone
+    assert names == {"linked-fleet"}  # that of the pending login is gone
 
 
 def test_who_the_issuer_gives_no_rights_finds_nothing(page: Page, own: Guarded, issuer: Issuer) -> None:
@@ -130,7 +130,7 @@ def test_who_the_issuer_gives_no_rights_finds_nothing(page: Page, own: Guarded, 
 def test_a_login_of_another_browser_is_not_taken_over(
     page: Page, chromium: Browser, own: Guarded, issuer: Issuer
 ) -> None:
-    """Login CSRF: the address to which an issuer sends one browser back is worth nothing to another."""
+    """Login CSRF: the address to which an issuer redirects one browser is worthless in another."""
     returned: list[str] = []
     page.on("request", lambda request: returned.append(request.url))
     page.goto(own.root + "login")

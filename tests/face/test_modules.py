@@ -1,4 +1,4 @@
-"""Scripts of the pages on their own, as a browser runs them: RDF read and written, numbers as the gateway has them."""
+"""Single scripts of the pages in a browser: RDF read and written, numbers formatted like the gateway's."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -20,7 +20,7 @@ SLOWLY = settings(max_examples=examples(40), suppress_health_check=[HealthCheck.
 
 @pytest.fixture
 def module(page: Page) -> Iterator[Page]:
-    """A page on which the sources can be imported."""
+    """Yield a page on which the sources can be imported."""
 
     def serve(route: Route) -> None:
         name = route.request.url.removeprefix(HOME)
@@ -49,7 +49,7 @@ def _parsed(module: Page, text: str) -> list[list[Any]]:
 @SLOWLY
 @given(text=st.text(max_size=40))
 def test_any_text_survives_n_triples(module: Page, text: str) -> None:
-    """What another library writes is read, and what is written is read by that library."""
+    """The output of another library is parsed, and the script's output is parsed by that library."""
     if any(0xD800 <= ord(each) <= 0xDFFF for each in text):
         return
     graph = rdflib.Graph()
@@ -88,7 +88,7 @@ def test_what_is_no_n_triples_is_refused(module: Page) -> None:
 @given(value=st.floats(-1e9, 1e9))
 def test_numbers_are_written_as_the_gateway_does(module: Page, value: float) -> None:
     written = module.evaluate('async (value) => (await import("/format.js")).number(value)', value)
-    # Halves are rounded to even on one side and away from zero on the other.
+    # Halves are rounded to even on one side, and away from zero on the other.
     close = {labels.number(value), labels.number(value * (1 + 1e-9)), labels.number(value * (1 - 1e-9))}
     assert written in close
     for unit in ("rad", "m", "kg"):
@@ -99,7 +99,7 @@ def test_numbers_are_written_as_the_gateway_does(module: Page, value: float) -> 
 
 
 def test_nodes_that_share_nodes_are_read_once(module: Page) -> None:
-    """Thirty of them, each named three times by the one before: along every path there would be no end to it."""
+    """Thirty nodes, each named three times by the one before: following every path would never end."""
     steps = [f"_:b{i} <http://{p}> _:b{i + 1} ." for i in range(30) for p in "pqr"]
     said = "\n".join(["<http://s> <http://p> _:b0 .", *steps, '_:b30 <http://p> "VALUE" .'])
     same = module.evaluate(
@@ -125,16 +125,16 @@ def test_nodes_that_share_nodes_are_read_once(module: Page) -> None:
     ("sent_s", "received_s", "dated_s", "text"),
     [
         (0, 0.1, 0, "5.0 s ago"),
-        (-6, 0, -6, "5.0 s ago"),  # an answer that took six seconds
+        (-6, 0, -6, "5.0 s ago"),  # a response that took six seconds
         (-6, 0, -1, "5.0 s ago"),
-        (0, 0, -60, "in 54 s"),  # the clock of the gateway is a minute late, and the value newer than its answer
+        (0, 0, -60, "in 54 s"),  # the gateway's clock is a minute late, and the value newer than its response
         (0, 0, 60, "1 min ago"),
     ],
 )
 def test_a_slow_answer_is_no_clock_that_differs(
     module: Page, sent_s: float, received_s: float, dated_s: float, text: str
 ) -> None:
-    """Ages are counted from the gateway's clock only if its Date cannot lie between request and answer."""
+    """The gateway's clock is used only if its Date cannot lie between request and response."""
     shown = module.evaluate(
         """async ([sent, received, dated]) => {
             const age = await import("/age.js");

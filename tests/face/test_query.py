@@ -1,4 +1,4 @@
-"""Queries on their page, counted in clicks: the editor stays, with rows, charts and mistakes beside it."""
+"""Queries on their page, counted in clicks: the editor stays, with rows, charts and errors beside it."""
 
 import json
 from pathlib import Path
@@ -29,7 +29,7 @@ def write(page: Page, text: str) -> None:
 
 @pytest.mark.parametrize("size", [DESK, PHONE], ids=["desk", "phone"])
 def test_rows_are_asked_for_and_drawn_with_two_clicks(query: Page, size: ViewportSize) -> None:
-    """The positions and limits of all joints; on a phone nothing is scrolled sideways."""
+    """The positions and limits of all joints; nothing scrolls sideways on a phone."""
     query.set_viewport_size(size)
     query.get_by_role("button", name="Ask", exact=True).click()
     results = query.locator("#results")
@@ -55,7 +55,7 @@ def test_rows_are_downloaded(query: Page) -> None:
 
 
 def test_a_mistake_keeps_the_text_and_is_marked(query: Page, watched: Any) -> None:
-    """Also after a reload; the query that is put right is answered without the mark."""
+    """Also after a reload; a corrected query is answered without the mark."""
     wrong = "SELECT ?x {\n  VALUES ?x nonsense { 1 }\n}"
     write(query, wrong)
     query.get_by_role("button", name="Ask", exact=True).click()
@@ -73,7 +73,7 @@ def test_a_mistake_keeps_the_text_and_is_marked(query: Page, watched: Any) -> No
 
 
 def test_our_terms_are_completed_from_the_vocabulary(query: Page) -> None:
-    """With their prefix, where that was not declared."""
+    """With their prefix, if it was not declared."""
     write(query, "")
     query.get_by_role("textbox", name="Query").press_sequentially("SELECT ?x { ?x lf:lastMo")
     option = query.locator(".cm-tooltip-autocomplete [role=option]").first

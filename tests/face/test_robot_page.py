@@ -1,4 +1,4 @@
-"""Commanding a robot on its page, counted in clicks and taps: sliders, named poses, reach, control, the past."""
+"""Commanding a robot on its page, counted in clicks and taps: sliders, named poses, reach, control, history."""
 
 import re
 
@@ -27,14 +27,14 @@ def slider(page: Page, client: Client, joint: str = JOINT) -> Locator:
 
 
 def share(row: Locator, part: float) -> Position:
-    """A place on the track of a slider, from its lower to its upper end."""
+    """Return a position on the track of a slider, from its lower to its upper end."""
     box = row.locator("input[type=range]").bounding_box()
     assert box is not None
     return {"x": box["width"] * part, "y": box["height"] / 2}
 
 
 def test_a_joint_is_moved_with_two_clicks(robot: Page, client: Client) -> None:
-    """One on its slider, after which a dry run says what would happen, and one on Move; the result is in the form."""
+    """One on its slider, after which a dry run shows the outcome, and one on Move; the result is in the form."""
     row, form = slider(robot, client), robot.locator("form.motion")
     before = angle(client, JOINT)
     row.locator("input[type=range]").click(position=share(row, 0.55))
@@ -52,7 +52,7 @@ def test_a_joint_is_moved_with_two_clicks(robot: Page, client: Client) -> None:
 
 
 def test_a_joint_is_moved_with_two_taps_on_a_phone(chromium: Browser, client: Client) -> None:
-    """Nothing has to be scrolled sideways, and forms stand before facts."""
+    """Nothing scrolls sideways, and forms precede facts."""
     context = chromium.new_context(viewport=PHONE, has_touch=True, is_mobile=True, reduced_motion="reduce")
     context.set_default_timeout(PATIENCE_S * 1000)
     page = context.new_page()
@@ -69,7 +69,7 @@ def test_a_joint_is_moved_with_two_taps_on_a_phone(chromium: Browser, client: Cl
 
 
 def test_a_named_pose_aims_all_joints(robot: Page, client: Client) -> None:
-    """It moves nothing by itself; Reset lets the sliders follow the robot again."""
+    """It does not move by itself; Reset makes the sliders follow the robot again."""
     before = angle(client, "shoulder_lift_joint")
     robot.get_by_role("button", name="upright").click()
     form = robot.locator("form.motion")
@@ -94,7 +94,7 @@ def test_a_ghost_stands_where_the_robot_would_be(robot: Page, client: Client) ->
 
 @pytest.mark.webgl
 def test_reach_begins_at_the_tip_and_takes_numbers(robot: Page, client: Client) -> None:
-    """The dragged target and the numbers are one; what would happen is a ghost."""
+    """Dragging and typing set the same target; the outcome is shown as a ghost."""
     expect(robot.locator("#scene")).to_have_attribute("data-phase", "ready")
     details = robot.locator("details[data-reach]")
     details.locator("summary").click()
@@ -136,7 +136,7 @@ def test_the_past_is_drawn_when_the_page_opens(robot: Page, client: Client) -> N
 
 
 def test_a_message_about_a_robot_is_small(page: Page, watched: object, client: Client) -> None:
-    """The page follows values as frames; what the robot is comes once, and again only when it changes."""
+    """Values arrive as frames; the description comes once, and again only when it changes."""
     sizes: dict[str, list[int]] = {}
     page.on(
         "websocket",
@@ -148,7 +148,7 @@ def test_a_message_about_a_robot_is_small(page: Page, watched: object, client: C
     state = client.robot("ur5").url.replace("http", "ws") + "jointState"
 
     def framed() -> bool:
-        page.wait_for_timeout(100)  # which is when its events come
+        page.wait_for_timeout(100)  # the time until its events arrive
         return bool(sizes.get(state))
 
     eventually(framed, "frames")

@@ -1,4 +1,4 @@
-"""Rules on their pages, counted in clicks: made from an example, tried, seen to fire, switched off and on."""
+"""Rules on their pages, counted in clicks: created from an example, tried, fired, disabled and enabled."""
 
 from collections.abc import Iterator
 from typing import Any
@@ -19,7 +19,7 @@ TITLE = "The UR5 stands up when its wrist turns too far"
 
 @pytest.fixture
 def rules(page: Page, watched: object, client: Client) -> Iterator[Page]:
-    """The page of all rules while there is none, and the wrist stands at 0."""
+    """Yield the page of all rules while there are none, and the wrist is at 0."""
     container = str(client.page(client.root).one(LF.rules))
     turn(client, 0.0)
     page.goto(container)
@@ -43,7 +43,7 @@ def row(page: Page) -> Locator:
 
 @pytest.mark.parametrize("size", [DESK, PHONE], ids=["desk", "phone"])
 def test_a_rule_is_made_with_one_click_and_seen_to_fire(rules: Page, client: Client, size: ViewportSize) -> None:
-    """From the example that stands in the editor; another click leads to what the firing did."""
+    """From the example in the editor; another click leads to the result of the firing."""
     rules.set_viewport_size(size)
     rules.get_by_role("button", name="Save the rule").click()
     expect(rules.locator("output.answer")).to_contain_text(f"Saved: {TITLE}")
@@ -62,7 +62,7 @@ def test_a_rule_is_made_with_one_click_and_seen_to_fire(rules: Page, client: Cli
 
 
 def test_a_switch_disables_a_rule_and_enables_it(rules: Page, client: Client) -> None:
-    """The switch leaves what the rule says as it was."""
+    """The switch changes nothing else of the rule."""
     rules.get_by_role("button", name="Save the rule").click()
     expect(row(rules).locator(".state")).to_have_text("active")
     iri = row(rules).get_by_role("link", name=TITLE).get_attribute("href")
@@ -79,7 +79,7 @@ def test_a_switch_disables_a_rule_and_enables_it(rules: Page, client: Client) ->
 
 
 def test_a_condition_is_tried_before_it_is_saved(rules: Page, watched: Any, client: Client) -> None:
-    """Rows while it holds; a mistake is marked, and a refusal is told, with the text as it was."""
+    """Rows are shown while it holds; a syntax error is marked, and a refusal shown, with the text unchanged."""
     editor = rules.get_by_role("textbox", name="When this starts to hold (SPARQL)")
     editor.fill("SELECT ?robot WHERE { ?robot a <https://w3id.org/linked-fleet#Robot> }")
     rules.get_by_role("button", name="Try the condition").click()
@@ -116,7 +116,7 @@ def test_rules_are_read_and_conditions_tried_without_scripts(chromium: Browser, 
 
 
 def test_no_page_of_a_rule_shuts_anybody_out(rules: Page, axe: str) -> None:
-    """By light and in the dark; the list with its editor, a rule and its firings."""
+    """In light and dark mode; the list with its editor, a rule and its firings."""
     rules.get_by_role("button", name="Save the rule").click()
     expect(row(rules).locator(".state")).to_have_text("active")
     iri = row(rules).get_by_role("link", name=TITLE).get_attribute("href")

@@ -1,4 +1,4 @@
-"""The robot in 3D: where its links are drawn is where the gateway says they are, and its parts lead to their pages."""
+"""The robot in 3D: its links are drawn at the poses from the gateway, and its parts lead to their pages."""
 
 import functools
 import math
@@ -24,7 +24,7 @@ XML = {"accept": "application/xml"}
 
 
 class Drawn(TypedDict):
-    """What a scene showed at one moment: joint positions in rad or m, and links' places in metre."""
+    """The contents of a scene at one moment: joint positions in rad or m, places of links in m."""
 
     positions: dict[str, float]
     links: dict[str, list[float]]
@@ -62,7 +62,7 @@ def _drawn(page: Page, links: list[str]) -> Drawn:
 
 
 def _places(browser: Browser, name: str, links: list[str]) -> dict[str, list[float]]:
-    """Where the gateway says that the links are."""
+    """Return the places of links according to the gateway."""
     found = {}
     for each in links:
         pose = browser.page(str(browser.part(name, each).one(LF.pose)))
@@ -76,7 +76,7 @@ def _agree(drawn: dict[str, list[float]], said: dict[str, list[float]]) -> bool:
 
 
 def _kinematics(browser: Browser, name: str) -> Callable[[dict[str, float]], dict[str, list[float]]]:
-    """Link places from joint positions, as the gateway computes them from the robot's model."""
+    """Return a function from joint positions to places of links, as computed by the gateway."""
     urdf = browser.http.get(str(browser.robot(name).one(LF.model)), headers=XML).text
     model = RobotModel.parse(urdf)
 
@@ -88,7 +88,7 @@ def _kinematics(browser: Browser, name: str) -> Callable[[dict[str, float]], dic
 
 
 def _spot(page: Page, name: str) -> tuple[float, float]:
-    """A place of the window where a link is seen, as soon as it is."""
+    """Return a point of the window where a link is visible, waiting for it."""
     look = functools.partial(
         page.evaluate,
         """name => {
@@ -242,7 +242,7 @@ def _stick(name: str, child: str, z: float) -> str:
 def test_a_robot_without_meshes_is_drawn_from_its_frames(
     page: Page, watched: object, place: tuple[Place, Browser]
 ) -> None:
-    """What nobody measures is named, and stays where it is."""
+    """An unmeasured joint is named, and does not move."""
     urdf = robot(link("base"), link("thigh"), link("shin"), _stick("hip", "thigh", 0.5), _stick("knee", "shin", 0.4))
     with stage(place[0].zenoh) as session:
         actor = Actor(session, "sticks")
@@ -265,7 +265,7 @@ HOSTILE = (
 
 
 def test_nothing_is_asked_of_another_host(page: Page, watched: object, place: tuple[Place, Browser]) -> None:
-    """A primitive is drawn whatever stands beside it; names are text."""
+    """Primitives are drawn regardless of what is beside them; names are plain text."""
     name = "<img src=x>"
     urdf = robot(link("base"), f'<link name="{name.replace("<", "&lt;")}">{HOSTILE}</link>')
     urdf = urdf.replace("</robot>", joint("elbow", "revolute", "base", name.replace("<", "&lt;")) + "</robot>")

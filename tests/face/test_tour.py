@@ -1,4 +1,4 @@
-"""What a person does who comes for the first time: look, walk, watch, move, stop. Makes the pictures of the README."""
+"""The steps of a first-time visitor: look, walk, watch, move, stop. Takes the pictures for the README."""
 
 import os
 import re
@@ -20,12 +20,12 @@ from running import Process, eventually, process
 from small_fleet import Place
 
 pytestmark = [pytest.mark.processes, pytest.mark.test_all, pytest.mark.webgl]
-PICTURES = os.environ.get("LINKED_FLEET_PICTURES")  # a folder; without it they are made and thrown away
+PICTURES = os.environ.get("LINKED_FLEET_PICTURES")  # a folder; without it the pictures are discarded
 
 
 @pytest.fixture(scope="module")
 def demo(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Client, Process]]:
-    """The robots of the demo; one of them, the UR5, can be taken away."""
+    """Yield the robots of the demo, of which the UR5 can be stopped."""
     place = Place(tmp_path_factory.mktemp("state"))
     others = (f"--robot={name}" for name in ROBOTS if name != "ur5")
     agents = process("-m", "linked_fleet_agent", *others, "--connect", place.zenoh)
@@ -41,7 +41,7 @@ def picture(page: Page, name: str, folder: Path) -> None:
 
 
 def _rotate(page: Page, degrees: str, speed: str = "") -> None:
-    """Fill in the form of ``rotate`` on the page of the joint, which is open."""
+    """Fill in the form of ``rotate`` on the open page of the joint."""
     details = page.locator("details.action").filter(has=page.get_by_text("rotate", exact=True))
     if details.get_attribute("open") is None:
         details.locator("summary").click()
@@ -60,7 +60,7 @@ def _drawn(page: Page, joint: str) -> float:
 def test_from_the_root_to_a_joint_that_moves(
     page: Page, watched: object, demo: tuple[Client, Process], tmp_path: Path
 ) -> None:
-    """The value changes without a reload, the drawn robot stands like the real one, and a motion can be cancelled."""
+    """The value changes without a reload, the drawn robot matches the real one, and a motion can be cancelled."""
     client, _ = demo
     page.goto(client.root)
     expect(page.locator("#robots .state[data-state=online]")).to_have_count(len(ROBOTS))
@@ -104,4 +104,4 @@ def test_a_robot_that_left_is_marked(page: Page, watched: "Watched", demo: tuple
     card.get_by_role("link").click()
     expect(page.locator("#presence .state")).to_have_text("offline")
     expect(page.locator("#scene")).to_have_attribute("data-phase", "ready")
-    watched.forgive("503", "is not drawn")  # meshes that nobody had asked for while it was there
+    watched.forgive("503", "is not drawn")  # meshes that were not requested while it was online

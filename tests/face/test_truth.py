@@ -1,4 +1,4 @@
-"""Pages say what they do not know: a gateway that hangs, an answer that is late, a robot that left."""
+"""Pages show what they do not know: a hanging gateway, a late response, a robot that left."""
 
 import re
 import signal
@@ -20,7 +20,7 @@ def test_a_gateway_that_hangs_is_told_from_one_with_no_news(
     watched: "Watched",  # noqa: F821
     toy: tuple[Hub, Gateway],
 ) -> None:
-    """A connection that stays open to a stopped process is called silent; values are grey until it goes on."""
+    """An open connection to a stopped process is called silent; values are grey until it continues."""
     robot, one = toy
     page.goto(one.joint)
     robot.step()
@@ -47,7 +47,7 @@ def test_a_gateway_that_hangs_is_told_from_one_with_no_news(
 
 
 def test_a_page_that_is_left_alone_stays_live(page: Page, watched: object, toy: tuple[Hub, Gateway]) -> None:
-    """A robot that stands still is no gateway that hangs: the page asks, and its answer counts."""
+    """A robot that stands still is no hanging gateway: the page polls, and the response counts."""
     _, one = toy
     page.clock.install()
     page.goto(one.joint)
@@ -63,7 +63,7 @@ def test_stop_says_that_nobody_answers(
     watched: "Watched",  # noqa: F821
     toy: tuple[Hub, Gateway],
 ) -> None:
-    """After three seconds it points to the hardware, and tells the late answer; the button stays where it is."""
+    """After three seconds it refers to the hardware stop, and reports the late response; the button stays in place."""
     _, one = toy
     page.goto(one.joint)
     button, said = page.locator("form.stop button"), page.locator("form.stop output")
@@ -83,7 +83,7 @@ def test_stop_says_that_nobody_answers(
 
 
 def test_one_escape_announces_that_a_second_one_stops(page: Page, watched: object, toy: tuple[Hub, Gateway]) -> None:
-    """Menus and dialogs take the key too: the first sends nothing, and is forgotten after two seconds."""
+    """Menus and dialogs use the key, too: the first press sends nothing, and is forgotten after two seconds."""
     _, one = toy
     sent: list[str] = []
     page.on("request", lambda request: sent.append(request.url) if request.method == "POST" else None)
@@ -102,7 +102,7 @@ def test_one_escape_announces_that_a_second_one_stops(page: Page, watched: objec
 
 
 def test_the_whole_label_of_stop_is_seen_on_a_phone(page: Page, watched: object, toy: tuple[Hub, Gateway]) -> None:
-    """It says whom it stops; a longer name than the demo has takes a second line."""
+    """It names what it stops; a longer name than in the demo takes a second line."""
     _, one = toy
     page.set_viewport_size({"width": 390, "height": 844})
     page.goto(one.joint)
@@ -117,7 +117,7 @@ def test_the_whole_label_of_stop_is_seen_on_a_phone(page: Page, watched: object,
 
 
 def test_nothing_can_be_sent_to_a_robot_that_is_offline(page: Page, watched: object, tmp_path: Path) -> None:
-    """Its numbers are no longer bold, and the form of an action says why it is closed, until the robot is back."""
+    """Its numbers are no longer bold, and action forms say why they are disabled, until the robot is back."""
     place = Place(tmp_path)
     with place.gateway() as (_, browser):
         with place.ur5() as agent:

@@ -1,4 +1,4 @@
-"""examples/twin.html: a page of another site that draws a robot as it moves."""
+"""examples/twin.html: a page of another origin that draws a moving robot."""
 
 import contextlib
 import functools
@@ -27,7 +27,7 @@ class _Quiet(http.server.SimpleHTTPRequestHandler):
 
 @contextlib.contextmanager
 def _site() -> Iterator[str]:
-    """A site with the files of examples/."""
+    """Serve the files of examples/."""
     handler = functools.partial(_Quiet, directory=str(ROOT / "examples"))
     with http.server.ThreadingHTTPServer(("127.0.0.1", 0), handler) as server:
         thread = threading.Thread(target=server.serve_forever)

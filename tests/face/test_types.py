@@ -1,4 +1,4 @@
-"""The types that the comments of the scripts declare, checked by the compiler of TypeScript."""
+"""The types declared in the comments of the scripts, checked by the TypeScript compiler."""
 
 import os
 import shutil
@@ -11,7 +11,7 @@ LONGEST_S = 180
 
 
 def test_the_scripts_of_the_pages_keep_their_types() -> None:
-    """Node.js is that of the machine, or the one that `face/build` has put beside Python."""
+    """Node.js is that of the machine, or the one that `face/build` has installed beside Python."""
     folders = (str(Path(sys.executable).parent), os.environ.get("PATH", ""))
     node = shutil.which("node", path=os.pathsep.join(folders))
     assert node is not None, "face/build has not been run"

@@ -1,4 +1,4 @@
-"""The world in 3D: robots and objects are drawn where they stand, and follow when that changes."""
+"""The world in 3D: robots and objects are drawn where they are, and follow changes."""
 
 from collections.abc import Iterator
 
@@ -43,7 +43,7 @@ def test_what_stands_in_the_world_is_drawn_there_and_followed(page: Page, watche
     world = browser.page(str(browser.page(browser.root).one(LF.world)))
     page.goto(world.url)
     expect(page.locator("#scene")).to_have_attribute("data-phase", "ready")
-    assert _standing(page) == {}  # nobody has said where the robot stands
+    assert _standing(page) == {}  # the robot has no placement
     placement = str(browser.robot("ur5").one(LF.placement))
     assert browser.http.put(placement, content=f"{PREFIXES}<> {_at(1, 2, 3)} .", headers=TURTLE).status_code == 204
     eventually(lambda: _rounded(_standing(page)) == {"ur5": [1, 2, 3]}, "the robot where it stands")
