@@ -1,6 +1,6 @@
-"""Bad bodies and headers against a real gateway and a simulated robot: nothing moves, and each is told why.
+"""Invalid bodies and headers at a real gateway with a simulated robot: nothing moves, and each refusal has a reason.
 
-A good body is spoilt in one or more places, written in any syntax, or broken as text. Each answer is a 4xx problem.
+A valid body is spoilt in one or more places, written in any syntax, or broken as text. Each response is a 4xx problem.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -42,7 +42,7 @@ _SYNTAXES = {
 
 @dataclass(frozen=True)
 class Slot:
-    """A term in a body: what is good there (an option is absent), and what is not. ``must``: nothing is bad too."""
+    """A term in a body: valid (absent options) and invalid values. ``must``: absence is invalid too."""
 
     good: str
     bad: tuple[str, ...]
@@ -120,7 +120,7 @@ _NODES = ("twice", "1", '"text"', "true", "<>", "<nowhere>", "[]", "[ vom:numeri
 
 
 def _places(body: Body, path: Path = ()) -> Iterator[tuple[Path, Sequence[str]]]:
-    """Each place in a body, and what spoils it."""
+    """Yield each place in a body, with its invalid values."""
     for index, (_, value) in enumerate(body):
         here = (*path, index)
         if isinstance(value, Slot):
@@ -131,7 +131,7 @@ def _places(body: Body, path: Path = ()) -> Iterator[tuple[Path, Sequence[str]]]
 
 
 def _written(body: Body, spoilt: Mapping[Path, str], path: Path = ()) -> str:
-    """The inside of a node in Turtle, with what is spoilt in the place of what is good."""
+    """Return the contents of a node in Turtle, with the spoilt values in their places."""
     parts = []
     for index, (predicate, value) in enumerate(body):
         here = (*path, index)
@@ -148,7 +148,7 @@ def _turtle(target: str, spoilt: Mapping[Path, str] = MappingProxyType({})) -> s
 
 @st.composite
 def _spoilt_bodies(draw: st.DrawFn) -> tuple[str, str]:
-    """A target and a body for it with one to three faults, none of which mends another."""
+    """Draw a target and a body for it with one to three faults that do not cancel each other."""
     target = draw(_targets)
     places = dict(_places(_GOOD[target]))
     paths = draw(st.lists(st.sampled_from(list(places)), min_size=1, max_size=3, unique=True))
@@ -160,7 +160,7 @@ def _spoilt_bodies(draw: st.DrawFn) -> tuple[str, str]:
 
 @dataclass(frozen=True)
 class Scene:
-    """A robot that nobody moves, and where to send what: the URL, and a page on which success would show."""
+    """A robot that nobody moves, and the targets: URLs, with a page on which success would show."""
 
     browser: Browser
     gateway: Process
@@ -178,7 +178,7 @@ class Scene:
         return self.browser.page(self.shows[target]).response.text
 
     def refused(self, target: str, send: Callable[[], httpx.Response]) -> httpx.Response:
-        """What ``send`` sends to ``target`` is answered with a problem that says why, and changes nothing there."""
+        """Check that what ``send`` sends to ``target`` is refused with a reason, and changes nothing there."""
         before = self.shown(target)
         answer = send()
         told = f"{answer.status_code} {answer.text[:500]}"
@@ -223,7 +223,7 @@ def scene(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Scene]:
 
 @pytest.fixture
 def still(scene: Scene) -> Iterator[Scene]:
-    """All of the robot is where it was, when the attack is over."""
+    """Check after the attack that the whole robot is where it was."""
     before, page = scene.positions(), scene.browser.page(scene.robot)
     title = str(page.graph.value(page.iri, DCTERMS.title))
     yield scene
@@ -240,7 +240,7 @@ def still(scene: Scene) -> Iterator[Scene]:
 
 @pytest.mark.parametrize("target", _MOTIONS)
 def test_unspoilt_bodies_are_good(still: Scene, target: str) -> None:
-    """Or the refusals below would say nothing: rehearsed, the body is admitted, by the robot too."""
+    """Otherwise the refusals below would prove nothing: rehearsed, the body is accepted, by the robot too."""
     answer = still.send(target, _turtle(target), prefer="dry-run")
     assert (answer.status_code, answer.headers.get("preference-applied")) == (200, "dry-run"), answer.text
 
@@ -248,7 +248,7 @@ def test_unspoilt_bodies_are_good(still: Scene, target: str) -> None:
 @_attack
 @given(attack=_spoilt_bodies(), syntax=st.sampled_from([_TURTLE, *_SYNTAXES]))
 def test_spoilt_bodies(still: Scene, attack: tuple[str, str], syntax: str) -> None:
-    """Missing, doubled, of another kind, out of range, of another robot: in whichever syntax."""
+    """Missing, doubled, of another kind, out of range or of another robot, in any syntax."""
     target, turtle = attack
     body = _in_syntax(turtle, syntax, still.urls[target])
     still.refused(target, lambda: still.send(target, body, syntax))
@@ -296,13 +296,13 @@ _texts = st.text(st.characters(codec="utf-8"), max_size=100).map(str.encode)
 
 @st.composite
 def _broken_texts(draw: st.DrawFn) -> tuple[str, bytes, str]:
-    """A target, a body that is none, and what it is said to be."""
+    """Draw a target, an invalid document, and its declared type."""
     target = draw(_targets)
     good = _turtle(target)
     syntax = draw(st.sampled_from([_TURTLE, *_SYNTAXES]))
     how = draw(st.sampled_from(["cut", "added", "coded", "torn", "typed", "whole", "noise", "elsewhere"]))
     if how == "cut":
-        syntax = syntax.replace("n-triples", "ld+json")  # of which some lines are a document too
+        syntax = syntax.replace("n-triples", "ld+json")  # single lines of it are a document too
         body = _in_syntax(good, syntax, "http://127.0.0.1/ur5/x").rstrip()
         return target, body[: draw(st.integers(0, 10_000)) % len(body)], syntax
     if how == "added":
@@ -328,7 +328,7 @@ def _broken_texts(draw: st.DrawFn) -> tuple[str, bytes, str]:
 @_attack
 @given(attack=_broken_texts())
 def test_broken_texts(still: Scene, attack: tuple[str, bytes, str]) -> None:
-    """Cut off, too much of something, in another encoding or syntax, of no type that is taken, or noise."""
+    """Truncated, too long, in another encoding or syntax, of an unsupported type, or noise."""
     target, body, media_type = attack
     still.refused(target, lambda: still.send(target, body, media_type))
 
@@ -339,7 +339,7 @@ _fields = st.binary(max_size=300).map(lambda raw: bytes(each for each in raw if 
 @_attack
 @given(target=st.sampled_from(_MOTIONS), field=st.sampled_from(["idempotency_key", "lock_token"]), value=_fields)
 def test_keys_and_tokens_that_are_none(still: Scene, target: str, field: str, value: bytes) -> None:
-    """A good body with an Idempotency-Key or a Lock-Token that is none: 400, and nothing moves."""
+    """A valid body with an invalid Idempotency-Key or Lock-Token gets 400, and nothing moves."""
     answer = still.refused(target, lambda: still.send(target, _turtle(target), **{field: b"\x80 \x80" + value}))
     assert answer.status_code == 400
 
@@ -347,7 +347,7 @@ def test_keys_and_tokens_that_are_none(still: Scene, target: str, field: str, va
 @_attack
 @given(target=st.sampled_from(_MOTIONS), value=_fields)
 def test_preferences_that_are_none(still: Scene, target: str, value: bytes) -> None:
-    """They are ignored (RFC 7240, 2): no bad body becomes good, and what was asked first still counts."""
+    """They are ignored (RFC 7240, 2): no invalid body becomes valid, and the first preference still counts."""
     still.refused(target, lambda: still.send(target, _turtle(target, {(0,): "[]"}), prefer=value))
     before = still.shown(target)
     assert still.send(target, _turtle(target), prefer=b"dry-run, ~" + value).status_code == 200

@@ -1,9 +1,9 @@
-"""No body of an allowed size keeps the event loop busy: measured on the loop itself, in this process.
+"""No body of a permitted size blocks the event loop: measured on the loop itself, in this process.
 
-The bound is on the processor time of the loop's thread. Other work on the machine still slows the thread, by caches and
-shared cores: the time is divided by how much slower a fixed computation is at that moment. The bound here is twice the
-25 ms that ``make fuzz`` holds, since the defects that it has to find took 100 ms to 10 s. What is above it is measured
-again, and the least counts.
+The limit applies to processor time of the loop's thread. Other work on the machine still slows the thread through
+caches and shared cores: the time is divided by the present slowness of a fixed computation. The limit here is twice the
+25 ms of ``make fuzz``, since the defects to be found took 100 ms to 10 s. Times above it are measured again, and the
+lowest counts.
 """
 
 import asyncio
@@ -46,13 +46,13 @@ pytestmark = [pytest.mark.processes, pytest.mark.test_all]
 MOST_S = 2 * FUZZ_MOST_S
 _REPETITIONS = 4
 _REFERENCE_S = 0.004
-"""Thread time of ``_reference`` on an idle machine of the kind that the bound was chosen on."""
+"""Thread time of ``_reference`` on an idle machine of the kind for which the limit was chosen."""
 _AFTER_S = 0.02
-"""For what a request leaves to do, such as to fan out a change."""
+"""Time for work that a request leaves behind, such as fanning out a change."""
 
 
 def _slowness() -> float:
-    """Return how many times slower than on an idle machine this thread computes now, at least 1."""
+    """Return how many times slower this thread is now than on an idle machine, at least 1."""
     begun_s = time.thread_time()
     _reference()
     return max(1.0, (time.thread_time() - begun_s) / _REFERENCE_S)
@@ -63,7 +63,7 @@ def _reference() -> int:
 
 
 class Gateway:
-    """The application on a loop whose callbacks are timed. ``used_s``: the most that one has used since it was zero."""
+    """The application on a loop with timed callbacks. ``used_s``: the longest since it was reset."""
 
     def __init__(self, runner: asyncio.Runner, client: httpx.AsyncClient) -> None:
         self.used_s = 0.0
@@ -84,7 +84,7 @@ class Gateway:
         return answer
 
     def cost_s(self, method: str, path: str, body: bytes = b"", **fields: str) -> tuple[float, httpx.Response]:
-        """Return the thread time of the longest callback, and the answer; the best of several requests."""
+        """Return the thread time of the longest callback, and the response; the best of several requests."""
         least_s = float("inf")
         for _ in range(_REPETITIONS):
             self.used_s = 0.0
@@ -99,7 +99,7 @@ class Gateway:
 
 @pytest.fixture(scope="module")
 def gateway(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Gateway]:
-    """With a robot that has all kinds of actions and obeys."""
+    """Run a gateway with an obedient robot that has all kinds of actions."""
     port, endpoint = free_port(), f"tcp/127.0.0.1:{free_port()}"
     state: Path = tmp_path_factory.mktemp("state")
     flags = {"port": port, "zenoh-listen": endpoint, "state-dir": state}
@@ -121,7 +121,7 @@ def gateway(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Gateway]:
         upgrade = {"connection": "upgrade", "upgrade": "callback", "callback": "http://127.0.0.1:9/"}
         subscribe = lambda: made.ask("GET", "/arm/pan/rotation", **upgrade).headers.get("location")  # noqa: E731
         made.subscription = eventually(subscribe, "a subscription, once the store is there").rpartition("/")[2]
-        for accept in ACCEPTED:  # what is loaded or compiled once is no body's doing
+        for accept in ACCEPTED:  # loads what is loaded or compiled only once
             made.ask("GET", "/arm/", accept=accept)
         with timed_callbacks(made.note):
             for each in (*ENDPOINTS, QUERIES, LOGIN):
@@ -130,7 +130,7 @@ def gateway(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Gateway]:
 
 
 def _too_long(gateway: Gateway, attack: Attack, accept: str) -> str:
-    """Empty unless a callback was too long, or the answer is none that a body may have."""
+    """Return a description if a callback was too long or the response is not permitted, else an empty string."""
     end = attack.endpoint
     fields = {"content_type": attack.media_type, "accept": accept, "prefer": "return=representation"}
     used_s, answer = gateway.cost_s(end.method, end.path, attack.body, **fields)
@@ -145,20 +145,20 @@ _AT = [each for each in ENDPOINTS if each.families in ("rotate", "annotations", 
 
 @pytest.mark.parametrize("endpoint", _AT, ids=lambda each: each.path)
 def test_no_syntax_keeps_the_loop_busy(gateway: Gateway, endpoint: Endpoint) -> None:
-    """Whatever fills a body of the allowed size in whichever syntax, no callback uses more than 25 ms."""
+    """Whatever fills a body of permitted size in any syntax, no callback takes more than 25 ms."""
     assert [wrong for each in attacks(endpoint) if (wrong := _too_long(gateway, each, "*/*"))] == []
 
 
 @pytest.mark.parametrize("endpoint", (*ENDPOINTS, QUERIES, LOGIN), ids=lambda each: each.path)
 def test_no_content_keeps_the_loop_busy(gateway: Gateway, endpoint: Endpoint) -> None:
-    """Bodies that say as much as they may, right or wrong, with the answer in another media type each."""
+    """Bodies of maximum content, valid or not, with the response in another media type each."""
     accepted = cycle(ACCEPTED if endpoint in ENDPOINTS else ("*/*",))
     found = [_too_long(gateway, *each) for each in zip(attacks(endpoint, syntaxes=False), accepted, strict=False)]
     assert list(filter(None, found)) == []
 
 
 def test_a_body_that_is_short_enough_to_be_read_on_the_loop_keeps_within_the_time(gateway: Gateway) -> None:
-    """Every two bytes of a list are two triples, all of which are judged."""
+    """Every two bytes of a list are two triples, all of which are validated."""
     end = " ) <u:p> 1 ."
     body = ("(" + " 1" * SHORT_BYTES)[: SHORT_BYTES - len(end)].encode() + end.encode()
     for each in ENDPOINTS:
@@ -168,7 +168,7 @@ def test_a_body_that_is_short_enough_to_be_read_on_the_loop_keeps_within_the_tim
 
 @pytest.mark.parametrize("accept", [each for each in ACCEPTED if "problem" not in each])
 def test_what_was_put_keeps_no_reader_waiting(gateway: Gateway, accept: str) -> None:
-    """The robot with as many annotations as it may have, and they themselves, as any media type."""
+    """The robot with as many annotations as permitted, and they themselves, in any media type."""
     (put,) = [each for each in ENDPOINTS if each.families == "annotations"]
     for attack in attacks(put, syntaxes=False):
         status = gateway.ask("PUT", put.path, attack.body, content_type=TURTLE).status_code
@@ -180,7 +180,7 @@ def test_what_was_put_keeps_no_reader_waiting(gateway: Gateway, accept: str) -> 
 
 
 def test_the_context_that_froze_a_gateway_is_refused(gateway: Gateway) -> None:
-    """6.4 kB that kept the loop busy for ten seconds, and a stop with it."""
+    """6.4 kB that blocked the loop, and a stop, for ten seconds."""
     context = {"a": {"@id": "http://a/", "@context": ["/context"] * 200}}
     body = json.dumps({"@context": context, "x": [{"a": {"a": 1}}] * 300}).encode()
     used_s, answer = gateway.cost_s("POST", "/arm/pan/subscriptions", body, content_type=JSON_LD)
@@ -208,7 +208,7 @@ def test_half_a_surrogate_pair_is_malformed(gateway: Gateway, path: str, body: b
 
 @pytest.mark.parametrize("name", ["if_match", "if_none_match"])
 def test_preconditions_take_a_turn_for_each_representation(gateway: Gateway, name: str) -> None:
-    """An entity tag that is none is compared with that of every representation, all of which are rendered for it."""
+    """An invalid entity tag is compared with that of every representation, all of which are rendered for it."""
     (put,) = [each for each in ENDPOINTS if each.families == "annotations"]
     for attack in attacks(put, syntaxes=False):
         gateway.ask("PUT", put.path, attack.body, content_type=TURTLE)

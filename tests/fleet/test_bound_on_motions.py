@@ -1,4 +1,4 @@
-"""How many motions a client may have open at once, at however many gateways, and what that never keeps it from."""
+"""The limit of unfinished motions per client over all gateways, and what it must never prevent."""
 
 from pathlib import Path
 
@@ -33,13 +33,13 @@ _PLANS = [{}, {"prefer": "dry-run"}, {"idempotency-key": "new"}]
 
 
 def _begin(at: Gateway, joint: str, **fields: str) -> str:
-    """A motion of many seconds."""
+    """Begin a motion of many seconds."""
     here = angle(at.browser, joint)
     return begun(put(at.browser, of_joint(at.browser, joint), slowly(here - 2 if here > 0 else here + 2), **fields))
 
 
 def test_who_has_begun_many_motions_begins_no_more_until_some_have_ended(tmp_path: Path) -> None:
-    """At any gateway; a request that is repeated has its answer, and what stops is never refused."""
+    """At any gateway; a repeated request gets its former response, and stops are never refused."""
     with hub() as stage, single(tmp_path) as memory, arm(stage.endpoint):
         flags = ("--redis-url", memory.url, "--invocations-per-client=2")
         with gateway(stage, *flags) as one, gateway(stage, *flags) as other:
@@ -60,7 +60,7 @@ def test_who_has_begun_many_motions_begins_no_more_until_some_have_ended(tmp_pat
             cancel = str(other.browser.page(other.here(second)).one(HYBRIT.action))
             assert post(other.browser, cancel).status_code == 204
             assert ended(one.browser, second).one(LF.state) == LF.cancelled
-            _begin(one, WRIST, **{"idempotency-key": "new"})  # which no refusal has used up
+            _begin(one, WRIST, **{"idempotency-key": "new"})  # the refusal has not used up the key
             moving(one.browser, WRIST)
             for each in (one, other):
                 assert post(each.browser, of_robot(each.browser, LF.StopRobot)).status_code == 204

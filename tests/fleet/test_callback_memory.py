@@ -1,4 +1,4 @@
-"""Accepted callbacks outlive the gateway and the server that remembers them."""
+"""Accepted callbacks survive their gateway and the Redis server that stores them."""
 
 import contextlib
 import signal
@@ -18,7 +18,7 @@ pytestmark = pytest.mark.virtual
 
 
 def test_a_gateway_that_was_killed_serves_its_callbacks_again(tmp_path: Path) -> None:
-    """With the embedded server, after SIGKILL and after an end in good order."""
+    """With the embedded server, after SIGKILL and after a regular end."""
     port, count = free_port(), 5
     with hub() as stage, receiving() as receiver:
         paths = [f"/{index}" for index in range(count)]
@@ -57,7 +57,7 @@ def kill(server: Server) -> None:
 
 
 def terminate(server: Server) -> None:
-    """As an operator does; it may say goodbye."""
+    """Terminate a server as an operator does, with a regular end."""
     server.ask("SHUTDOWN")
     server.kill()
 
@@ -70,7 +70,7 @@ def memory(tmp_path: Path) -> Iterator[Servers]:
 
 @pytest.mark.parametrize("end", [terminate, kill])
 def test_the_memory_goes_away_and_comes_back_under_load(memory: Servers, end: Callable[[Server], None]) -> None:
-    """Streams go on; what is not on disk is not accepted, and what is, is delivered when the server is back."""
+    """Streams continue; a callback is only accepted if it is on disk, and is then delivered once the server is back."""
     with (
         hub() as stage,
         receiving() as receiver,
@@ -85,7 +85,7 @@ def test_the_memory_goes_away_and_comes_back_under_load(memory: Servers, end: Ca
             readers = [watching]
 
             def drive(steps: int) -> None:
-                """Each seen by the WebSockets, so that it was a change."""
+                """Each change is seen by the WebSockets, so that it was a separate one."""
                 for _ in range(steps):
                     stage.step()
                     assert {reader.next().angle for reader in readers} == {stage.angle}

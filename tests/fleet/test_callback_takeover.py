@@ -1,4 +1,4 @@
-"""A gateway that is killed or held up loses no callback: another goes on where it was."""
+"""A killed or delayed gateway loses no callback: another one continues where it was."""
 
 import signal
 from collections.abc import Iterator, Sequence
@@ -32,7 +32,7 @@ def subscribe(gateway: Gateway, receiver: CallbackReceiver, paths: Sequence[str]
 
 
 def drive(hub: Hub, receiver: CallbackReceiver, end: int, at_once: int) -> None:
-    """Move up to position ``end``: each time when ``at_once`` deliveries came, so that every position is a change."""
+    """Move up to position ``end``, each time after ``at_once`` deliveries, so that every position is a change."""
     while hub.steps < end:
         count = len(receiver.log(method="POST"))
         hub.step()
@@ -40,7 +40,7 @@ def drive(hub: Hub, receiver: CallbackReceiver, end: int, at_once: int) -> None:
 
 
 def test_a_gateway_killed_among_many_changes_loses_nothing(memory: Servers) -> None:
-    """20 callbacks, half of them the victim's: each gets the final value, no delivery is missing, repeats are equal."""
+    """20 callbacks, half of them the victim's: each gets the final value, none is missing, repeats are equal."""
     with hub() as stage, receiving() as receiver, gateways(stage, memory.url) as (victim, survivor):
         theirs, ours = paths(0, 10), paths(10, 20)
         made = subscribe(victim, receiver, theirs) + subscribe(survivor, receiver, ours)
@@ -64,7 +64,7 @@ def test_a_gateway_killed_among_many_changes_loses_nothing(memory: Servers) -> N
 
 
 def test_what_a_killed_gateway_left_undone_is_taken_up(memory: Servers) -> None:
-    """A delivery under way is repeated with the same id; what was suspended stays so, and is resumed elsewhere."""
+    """A delivery in progress is repeated with the same id; a suspended callback can be resumed elsewhere."""
     with hub() as stage, receiving() as receiver, gateways(stage, memory.url) as (victim, survivor):
         victim.subscribed(receiver.url("/slow"))
         receiver.wait(1, "/slow")
@@ -79,7 +79,7 @@ def test_what_a_killed_gateway_left_undone_is_taken_up(memory: Servers) -> None:
             stage.step()
         resume = survivor.here(str(survivor.description(resumed).one(HYBRIT.action)))
         victim.process.send(signal.SIGKILL)
-        # Perhaps before anybody serves it, and its death is known.
+        # Possibly before another gateway serves it and knows of the end.
         assert survivor.browser.http.post(resume).status_code == 204
         for path in ("/slow", "/gone"):
             arrived(receiver, path, stage.angle)
@@ -93,7 +93,7 @@ def test_what_a_killed_gateway_left_undone_is_taken_up(memory: Servers) -> None:
 
 
 def test_a_gateway_that_was_thought_dead_disturbs_nobody(memory: Servers) -> None:
-    """Held up for longer than its lease, in the middle of a delivery: it finds that another serves the callback."""
+    """It is delayed beyond its lease in the middle of a delivery, and finds that another serves the callback."""
     with hub() as stage, receiving() as receiver, gateways(stage, memory.url) as (slow, quick):
         iri = slow.subscribed(receiver.url())
         receiver.wait(1)
@@ -113,7 +113,7 @@ def test_a_gateway_that_was_thought_dead_disturbs_nobody(memory: Servers) -> Non
         deliveries(receiver.log())
         assert quick.listed() == slow.listed() == {quick.get(quick.here(iri)).url.path}
         eventually(lambda: present(slow) == stage.angle or stage.repeat(), "the slow one connected again")
-        # and back: what it remembers of the time before is of no use now
+        # and back: what it remembers is out of date now
         quick.process.send(signal.SIGKILL)
         stage.step()
         arrived(receiver, "/callback", stage.angle)

@@ -1,4 +1,4 @@
-"""Callbacks at two gateways with one memory: listed, deleted, failing, suspended and resumed through either of them."""
+"""Callbacks at two gateways with one Redis: listed, deleted, failing, suspended and resumed through either of them."""
 
 import signal
 from collections.abc import Iterator
@@ -53,7 +53,7 @@ def literal(page: Page, predicate: URIRef) -> str | None:
 def test_what_is_deleted_through_another_gateway_ends(
     stage: Hub, pair: tuple[Gateway, Gateway], receiver: CallbackReceiver
 ) -> None:
-    """A callback gets no more, a WebSocket is closed with 1000, an event stream ends; both containers say so."""
+    """A callback gets no messages, a WebSocket closes with 1000, an event stream ends; both containers show it."""
     one, other = pair
     kept = one.subscribed(receiver.url("/kept"))
     callback = one.subscribed(receiver.url("/deleted"))
@@ -76,7 +76,7 @@ def test_what_is_deleted_through_another_gateway_ends(
         for _ in range(10):
             stage.step()
             arrived(receiver, "/kept", stage.angle)
-        # One that was under way when it was deleted may have arrived after that.
+        # A delivery in progress may have arrived after the deletion.
         assert len(receiver.log("/deleted")) <= said + 1
         assert angle(receiver.log("/deleted")[-1]) < stage.angle
     assert other.browser.http.delete(other.here(kept)).status_code == 204
@@ -112,7 +112,7 @@ def test_a_failed_delivery_is_tried_again_and_then_the_latest_value_comes(
     arrived(receiver, "/callback", stage.angle)
     log = receiver.log()
     assert [number(seen) for seen in log] == [1, 1, 1, 1, 2]
-    assert angle(log[0]) == first  # as it was queued; the values in between are conflated
+    assert angle(log[0]) == first  # as it was queued; values in between are conflated
     deliveries(log)
     page = other.in_state(iri, LF.active)
     assert (literal(page, LF.failures), literal(page, LF.lastStatus), literal(page, LF.reason)) == ("0", "204", None)
@@ -121,7 +121,7 @@ def test_a_failed_delivery_is_tried_again_and_then_the_latest_value_comes(
 
 
 def test_retry_after_is_waited_for(stage: Hub, pair: tuple[Gateway, Gateway], receiver: CallbackReceiver) -> None:
-    """One who asked for patience is not tried again while another fails over and over, on its shorter way."""
+    """A receiver that asked for patience is not tried early because another one fails repeatedly."""
     one, _ = pair
     receiver.script(retry_after(600), path="/patient")
     receiver.script(Answer(500), Answer(500), Answer(500), path="/failing")
@@ -132,7 +132,7 @@ def test_retry_after_is_waited_for(stage: Hub, pair: tuple[Gateway, Gateway], re
     assert len(receiver.log("/patient")) == 1
     page = one.in_state(patient, LF.failing)
     assert literal(page, LF.lastStatus) == "503"
-    # whoever does not want to wait resumes it
+    # resuming ends the wait
     assert one.browser.http.post(str(page.one(HYBRIT.action))).status_code == 204
     arrived(receiver, "/patient", stage.angle)
     deliveries(receiver.log("/patient"))

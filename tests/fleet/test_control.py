@@ -1,4 +1,4 @@
-"""The control lease: one client at a time moves a robot, everybody may stop it, and who vanished lets go of it."""
+"""The control lease: one client at a time moves a robot, everybody may stop it, and a vanished client loses it."""
 
 import signal
 from collections.abc import Iterator
@@ -41,7 +41,7 @@ from subscribers import events
 pytestmark = pytest.mark.virtual
 _LONG_S = 600
 _taken: list[dict[str, str]] = []
-"""What proves the leases that a test took: none outlives its test."""
+"""Proofs of the leases that a test took; none outlives its test."""
 
 _STRANGE = "<urn:uuid:00000000-0000-4000-8000-000000000000>"
 
@@ -77,7 +77,7 @@ def _lease(gateway: Gateway) -> Page:
 
 
 def _take(gateway: Gateway, duration_s: float = _LONG_S, holder: str = "Ada", **fields: str) -> dict[str, str]:
-    """Take or renew the lease; the field that proves it."""
+    """Take or renew the lease; return the header field that proves it."""
     answer = put(gateway.browser, _lease(gateway).url, control(holder, duration_s), **fields)
     assert answer.status_code == 204, answer.text
     _taken.append({"lock-token": answer.headers["lock-token"]})
@@ -101,7 +101,7 @@ def _until(gateway: Gateway) -> str:
 
 
 def _tied(gateway: Gateway, joint: str, fields: dict[str, str], by: float = 3.0) -> str:
-    """A motion of half a minute that is tied to the lease; its invocation."""
+    """Begin a motion of half a minute that is tied to the lease; return its invocation."""
     start = angle(gateway.browser, joint)
     body = slowly(round(start - by if start > 0 else start + by, 3), f"; lf:tiedTo <{_lease(gateway).url}>")
     url = begun(put(gateway.browser, of_joint(gateway.browser, joint), body, **fields))
@@ -110,7 +110,7 @@ def _tied(gateway: Gateway, joint: str, fields: dict[str, str], by: float = 3.0)
 
 
 def _let_go(gateway: Gateway, invocation: str) -> None:
-    """The motion stops because its lease has ended, and the robot stands where it was then."""
+    """Wait until the motion stops because its lease has ended, and the robot stands."""
     page = ended(gateway.browser, gateway.here(invocation))
     assert (page.one(LF.state), "lease" in reason(page)) == (LF.cancelled, True), page.response.text
     assert float(_done(page)) < 0.9
@@ -122,7 +122,7 @@ def _done(page: Page) -> str:
 
 
 def _everything_that_moves(browser: Browser, joint: str) -> list[tuple[str, str, str]]:
-    """Method, URL and body of requests that would have a joint move."""
+    """Yield method, URL and body of requests that would move a joint."""
     where = f"lf:ofJoint </ur5/{joint}> ; vom:numericalValue 0.1 ; vom:unit unit:RAD"
     part = browser.part("ur5", joint)
     return [
@@ -147,7 +147,7 @@ def _everything_that_moves(browser: Browser, joint: str) -> list[tuple[str, str,
 
 
 def test_a_lease_is_seen_everywhere(pair: tuple[Gateway, Gateway]) -> None:
-    """State, holder, duration and end at both gateways, where the robot links to it; nobody sees the token."""
+    """Both gateways show state, holder, duration and end, linked from the robot; the token is never shown."""
     one, other = pair
     with events(str(other.browser.robot("ur5").one(LF.lease))) as stream:
         first = stream.next()
@@ -167,7 +167,7 @@ def test_a_lease_is_seen_everywhere(pair: tuple[Gateway, Gateway]) -> None:
 
 
 def test_only_the_holder_moves_the_robot(pair: tuple[Gateway, Gateway]) -> None:
-    """Whatever moves is 409 for others, with the holder and the end, at both gateways, rehearsed too."""
+    """All motions of others get 409 with the holder and the end, at both gateways, also when rehearsed."""
     one, other = pair
     begun(put(one.browser, of_joint(one.browser, WRIST), radian(0.5), prefer="wait=30"))
     mine = _take(one)
@@ -188,7 +188,7 @@ def test_only_the_holder_moves_the_robot(pair: tuple[Gateway, Gateway]) -> None:
 
 
 def test_only_the_holder_renews_and_releases(pair: tuple[Gateway, Gateway]) -> None:
-    """At any gateway; renewing keeps the token, and ends later. Another's token, or none, gets 409 or 400."""
+    """At any gateway; renewing keeps the token and extends the lease. Another token, or none, gets 409 or 400."""
     one, other = pair
     mine = _take(one, duration_s=300)
     until = _until(one)
@@ -205,7 +205,7 @@ def test_only_the_holder_renews_and_releases(pair: tuple[Gateway, Gateway]) -> N
 
 
 def test_a_lease_expires_by_itself(pair: tuple[Gateway, Gateway]) -> None:
-    """Free at both, its token means nothing any more, and the next one has a token of their own."""
+    """It is free at both gateways, its token is invalid, and the next holder gets a new token."""
     one, other = pair
     old = _take(one, duration_s=1)
     at_all([one, other], lambda each: _held_by(each, None), "nobody with control")
@@ -219,7 +219,7 @@ def test_a_lease_expires_by_itself(pair: tuple[Gateway, Gateway]) -> None:
 
 @pytest.mark.parametrize("how", ["stop", "hold", "stopAll", "cancel", "delete"])
 def test_everybody_may_stop(pair: tuple[Gateway, Gateway], how: str) -> None:
-    """Whoever has the lease: the motion ends, and the lease stays."""
+    """Whoever holds the lease: the motion ends, and the lease stays."""
     one, other = pair
     mine = _take(one)
     start = angle(one.browser, PAN)
@@ -255,7 +255,7 @@ def _tasks(gateway: Gateway) -> set[object]:
 
 
 def test_what_is_tied_stops_with_the_lease(pair: tuple[Gateway, Gateway]) -> None:
-    """When its client vanished and it expires, and when it is released; at the gateway of the motion and the other."""
+    """When it expires because its client vanished, and when it is released, at any gateway."""
     one, other = pair
     for taking, moved in ((one, one), (one, other), (other, one)):
         mine = _take(taking, duration_s=3)
@@ -267,7 +267,7 @@ def test_what_is_tied_stops_with_the_lease(pair: tuple[Gateway, Gateway]) -> Non
 
 
 def test_what_is_tied_goes_on_while_the_lease_is_renewed(pair: tuple[Gateway, Gateway]) -> None:
-    """To its end, for longer than the lease lasted; what is not tied goes on without the lease."""
+    """To its end, longer than the initial lease; an untied motion continues without the lease."""
     one, other = pair
     target = angle(one.browser, WRIST) + (1.2 if angle(one.browser, WRIST) < 0 else -1.2)
     mine = _take(one, duration_s=2)
@@ -287,7 +287,7 @@ def test_what_is_tied_goes_on_while_the_lease_is_renewed(pair: tuple[Gateway, Ga
 
 
 def test_nothing_is_tied_to_a_lease_that_is_not_held(pair: tuple[Gateway, Gateway]) -> None:
-    """409; nor to that of another robot: 422. Nothing moves."""
+    """409, and 422 for the lease of another robot. Nothing moves."""
     one, other = pair
     start = angle(one.browser, WRIST)
     url = of_joint(one.browser, WRIST)
@@ -308,7 +308,7 @@ def test_nothing_is_tied_to_a_lease_that_is_not_held(pair: tuple[Gateway, Gatewa
 
 
 def test_a_lease_outlives_its_gateway(memory: Servers) -> None:
-    """SIGKILL: it is held when the gateway is back, its token is good, and nobody else moves the robot."""
+    """After SIGKILL it is held when the gateway is back, its token is valid, and nobody else moves the robot."""
     shared = ("--redis-url", memory.url)
     with hub() as stage, arm(stage.endpoint):
         with gateway(stage, *shared) as one:
@@ -324,7 +324,7 @@ def test_a_lease_outlives_its_gateway(memory: Servers) -> None:
 
 
 def test_what_is_tied_stops_although_its_gateway_was_killed(memory: Servers) -> None:
-    """The other one watches over it: as long as the lease is renewed the motion goes on, and then it stops."""
+    """The other gateway watches the lease: the motion continues while it is renewed, and then stops."""
     with hub() as stage, arm(stage.endpoint), gateway(stage, "--redis-url", memory.url) as other:
         with gateway(stage, "--redis-url", memory.url) as one:
             all_see([one, other])
@@ -338,7 +338,7 @@ def test_what_is_tied_stops_although_its_gateway_was_killed(memory: Servers) -> 
 
 @pytest.mark.parametrize("outage", ["killed", "hanging"])
 def test_what_is_tied_stops_although_redis_is_away(memory: Servers, outage: str) -> None:
-    """Nobody can renew the lease: it ends when it would have ended. Control is 503 meanwhile."""
+    """Nobody can renew the lease: it ends on time. Requests for control get 503 meanwhile."""
     node = memory.nodes[0]
     with hub() as stage, arm(stage.endpoint), gateways(stage, memory.url) as found:
         all_see(found)

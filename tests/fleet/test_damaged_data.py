@@ -1,4 +1,4 @@
-"""A gateway whose embedded server has damaged data, or cannot be started: it serves, and stops robots."""
+"""A gateway whose embedded server has damaged data or cannot start: it serves, and stops robots."""
 
 import contextlib
 from collections.abc import Iterator
@@ -15,19 +15,19 @@ from running import eventually
 from small_fleet import Place, live
 
 pytestmark = pytest.mark.processes
-_TURN = 3.0  # rad, slowly: it is under way when the stop comes
+_TURN = 3.0  # rad, slowly: still moving when the stop comes
 
 
 @dataclass
 class Scene:
-    """A place in which gateways start one after the other, and one arm waits for them."""
+    """A place in which gateways start one after another, with one arm that waits for them."""
 
     place: Place
     arm: object
 
     @contextlib.contextmanager
     def gateway(self, state: Path) -> Iterator[tuple[Browser, list[str]]]:
-        """A browser and the lines that the gateway writes."""
+        """Yield a browser and the lines that the gateway writes."""
         with replace(self.place, state=state).gateway() as (process, browser):
             live(browser, "ur5")
             yield browser, process.lines
@@ -42,7 +42,7 @@ def scene(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Scene]:
 
 
 def stops(browser: Browser, goal: float) -> str:
-    """Stop a motion that is under way; the invocation of the motion, which was begun with the idempotency key "one"."""
+    """Stop a running motion; return its invocation, which was begun with the idempotency key "one"."""
     turned = begun(put(browser, of_joint(browser, WRIST), slowly(goal), **{"Idempotency-Key": "one"}))
     start = angle(browser, WRIST)
 
@@ -70,7 +70,7 @@ def metric(browser: Browser, name: str) -> float:
     ],
 )
 def test_damaged_data_do_not_keep_a_gateway_from_stopping_robots(kind: str, scene: Scene, tmp_path: Path) -> None:
-    """It is ready with a warning, which the log, the pages and a number say too; what was known is forgotten."""
+    """It is ready with a warning in the log, on pages and in a metric; the data is lost."""
     with scene.gateway(tmp_path) as (browser, _):
         before = stops(browser, _TURN)
         assert browser.http.get(browser.root + "health/ready").json() == {"status": "ready"}
@@ -103,7 +103,7 @@ def test_a_tail_that_was_cut_off_costs_nothing(scene: Scene, tmp_path: Path) -> 
 def test_values_that_nobody_wrote_do_not_keep_a_gateway_from_stopping_robots(
     types: bool, scene: Scene, tmp_path: Path
 ) -> None:
-    """Valkey has no checksum of its commands: damage inside of a command comes through to the gateway."""
+    """Valkey has no checksums for commands: damage inside a command reaches the gateway."""
     with scene.gateway(tmp_path) as (browser, _):
         stops(browser, _TURN)
     assert len(garble(tmp_path, types=types)) > 5
@@ -115,7 +115,7 @@ def test_values_that_nobody_wrote_do_not_keep_a_gateway_from_stopping_robots(
 
 
 def test_without_any_server_a_gateway_starts_and_stops_robots(scene: Scene, tmp_path: Path) -> None:
-    """Motions are refused and stops carried out, as when Redis goes away later; with Redis all is well again."""
+    """Motions are refused and stops executed, as during an outage; with Redis everything works again."""
     obstacle = tmp_path / "file"
     obstacle.touch()
     state = obstacle / "state"

@@ -1,4 +1,4 @@
-"""The demonstration of an agent: a stop ends it, and nothing but a person begins it anew."""
+"""The demonstration of an agent: a stop ends it, and only a person restarts it."""
 
 import signal
 from pathlib import Path
@@ -13,7 +13,7 @@ pytestmark = pytest.mark.processes
 
 
 def test_a_signal_begins_anew_what_was_stopped(tmp_path: Path) -> None:
-    """The log of the agent names the command, as a person copies it."""
+    """The agent's log contains the command to copy."""
     place = Place(tmp_path)
     with place.gateway() as (_, browser), place.ur5("--sway", f"ur5:{PAN}") as agent:
         live(browser, "ur5")

@@ -1,4 +1,4 @@
-"""Agent, router, gateway, Redis and front are killed at once: as their pairs on virtual time, with real processes."""
+"""Agent, router, gateway, Redis and front are killed at once: the counterpart of pairs on virtual time."""
 
 from collections.abc import Iterator
 
@@ -13,7 +13,7 @@ pytestmark = pytest.mark.processes
 
 @pytest.fixture(scope="module")
 def fleet(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Scene]:
-    """A robot, a router, a gateway and Redis, and a front through which everything is asked."""
+    """Run a robot, a router, a gateway and Redis, behind a front that all requests use."""
     endpoint, port, front = f"tcp/127.0.0.1:{free_port()}", free_port(), free_port()
     root = f"http://127.0.0.1:{front}"
     with single(tmp_path_factory.mktemp("redis")) as memory:

@@ -1,4 +1,4 @@
-"""A client that asks too often, at a gateway with narrow bounds: robots are stopped all the same."""
+"""A client that sends too many requests to a gateway with low limits: robots can still be stopped."""
 
 import contextlib
 from collections.abc import Iterator
@@ -25,7 +25,7 @@ def narrow(folder: Path, *flags: str) -> Iterator[tuple[Place, Process, Browser]
 
 
 def _served(answer: httpx.Response) -> httpx.Response | None:
-    """It, unless it is one that the rate refuses, or one of a motion that is not over yet."""
+    """Return the response, or None if it was refused by the rate limit or because a motion is not over yet."""
     return answer if answer.status_code == 200 and "lf:running" not in answer.text else None
 
 

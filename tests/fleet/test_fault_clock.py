@@ -1,4 +1,4 @@
-"""Wall clocks jump by an hour, of a gateway or of a robot: what runs goes on, nothing is lost, nothing moves by it."""
+"""The wall clock of a gateway or a robot jumps by an hour: motions continue, nothing is lost, nothing moves by it."""
 
 import contextlib
 import signal
@@ -31,7 +31,7 @@ class Scene:
 
 @pytest.fixture(scope="module")
 def scene(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Scene]:
-    """Two gateways with one memory, of which the first has a clock that can be set, and a simulated robot."""
+    """Run two gateways with one Redis, the first with a clock that can be set, and a simulated robot."""
     with (
         hub() as stage,
         single(tmp_path_factory.mktemp("clock")) as memory,
@@ -53,11 +53,11 @@ def _step(one: Process, by_s: float) -> None:
 
 @contextlib.contextmanager
 def _started_ahead(by_s: float, *command: str) -> Iterator[Process]:
-    """A process that finds its wall clock stepped when it begins."""
+    """Run a process whose wall clock is off from its beginning."""
     loop = current()
     assert loop is not None
     loop.clock.step_wall(by_s)
-    with process(*command) as one:  # it has read the clock, and no time has gone by
+    with process(*command) as one:  # it has read the clock, and no time has passed
         loop.clock.step_wall(-by_s)
         _step(one, by_s)
         yield one
@@ -65,7 +65,7 @@ def _started_ahead(by_s: float, *command: str) -> Iterator[Process]:
 
 @pytest.mark.parametrize("jump_s", [HOUR_S, -HOUR_S])
 def test_the_clock_of_a_gateway_jumps(scene: Scene, jump_s: float) -> None:
-    """Motion, lease, stream and callback are as if nothing had happened, and so is what begins afterwards."""
+    """Motion, lease, stream and callback continue as if nothing had happened, and so do new ones."""
     at, other, path = scene.at, scene.other, f"/{jump_s}"
     kept = at.subscribed(scene.receiver.url(path))
     lease = str(at.browser.robot("ur5").one(LF.lease))
@@ -102,7 +102,7 @@ def test_the_clock_of_a_gateway_jumps(scene: Scene, jump_s: float) -> None:
 
 @pytest.mark.parametrize("jump_s", [HOUR_S, -HOUR_S])
 def test_the_clock_of_a_robot_jumps(scene: Scene, jump_s: float) -> None:
-    """It moves on, takes commands, and is found again although its next run seems to be before the last one."""
+    """It keeps moving, accepts commands, and is found again although its next run seems older than the last one."""
     browser = scene.other.browser
     command = ("-m", "linked_fleet_agent", "--robot=second=ur5", "--connect", scene.stage.endpoint)
     with process(*command) as agent:

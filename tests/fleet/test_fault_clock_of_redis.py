@@ -1,4 +1,4 @@
-"""The wall clock of Redis's machine jumps by an hour: what gateways decide does not depend on it."""
+"""The wall clock of Redis's machine jumps by an hour: decisions of gateways do not depend on it."""
 
 import signal
 from collections.abc import Callable
@@ -56,8 +56,10 @@ def test_the_clock_of_redis_jumps(tmp_path: Path, jump_s: int) -> None:
 
 
 def all_goes_on(node: Server, jump_s: int, jump: Callable[[int], None]) -> None:
-    """Motion, control, stream and callback go on where they are; leases end when they would have, and those of a
-    gateway that is killed afterwards, with its callbacks taken over."""
+    """Check that motion, control, stream and callback continue, and leases end on time.
+
+    This includes leases and callbacks of a gateway that is killed afterwards.
+    """
     with (
         hub() as stage,
         receiving() as receiver,

@@ -1,4 +1,4 @@
-"""The wall clock of a real Redis server jumps back by an hour, as that of one in memory does on virtual time."""
+"""The wall clock of a real Redis server jumps back by an hour, like that of the in-memory server on virtual time."""
 
 import shutil
 import struct
@@ -23,13 +23,13 @@ class Clock:
         file.write_bytes(bytes(8))
 
     def jump(self, by_s: int) -> None:
-        with self._file.open("r+b") as file:  # in place: the server has it mapped
+        with self._file.open("r+b") as file:  # in place: the server has mapped it
             file.write(struct.pack("l", by_s))
 
 
 @pytest.fixture(scope="module")
 def shim(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A library that gives a process its own wall clock, which no namespace does."""
+    """Return a library that gives a process its own wall clock, which no namespace does."""
     compiler = shutil.which("cc")
     if compiler is None:
         pytest.skip("no C compiler, by which a server gets a wall clock of its own")

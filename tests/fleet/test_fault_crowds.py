@@ -1,4 +1,4 @@
-"""Crowds of clients that drip, at a real gateway with few connections: others are served."""
+"""Crowds of clients that send slowly, at a real gateway with few connections: others are served."""
 
 import contextlib
 import socket
@@ -14,7 +14,7 @@ SOCKETS = 30
 
 
 def _closed(connection: socket.socket) -> bool:
-    """Return True if the gateway has closed it; what it said before is dropped."""
+    """Return True if the gateway has closed the connection; earlier data is dropped."""
     try:
         while True:
             if not connection.recv(1000):
@@ -26,7 +26,7 @@ def _closed(connection: socket.socket) -> bool:
 
 
 def test_crowds_that_drip_cost_nobody_else_a_connection(tmp_path: Path) -> None:
-    """Ten times as many as there may be, all in the middle of a header block or a body."""
+    """Ten times as many as permitted, all in the middle of a header block or a body."""
     begun_with = (b"GET / HTTP/1.1\r\nHost: x\r\n", b"POST / HTTP/1.1\r\nHost: x\r\nContent-Length: 9\r\n\r\n")
     with narrow(tmp_path, "--sockets", str(SOCKETS)) as (place, _, browser), contextlib.ExitStack() as open_:
         crowd = []

@@ -1,4 +1,4 @@
-"""One robot floods its keys: the frames and the progress of others are taken, and HTTP answers."""
+"""One robot floods its keys: frames and progress of others still arrive, and HTTP responds."""
 
 import contextlib
 import threading
@@ -23,7 +23,7 @@ pytestmark = pytest.mark.processes
 
 @contextlib.contextmanager
 def flooding(session: zenoh.Session, loud: Actor, kind: str) -> Iterator[None]:
-    """The robot says the same as fast as it can, in a thread."""
+    """Let the robot send the same message as fast as it can, in a thread."""
     end = threading.Event()
     told = Progress(version=WIRE_VERSION, id="x", incarnation=loud.incarnation, state="running", wall_ns=1)
     said = {"progress": encode(told), "nonsense": b"\xff" * 60_000, "too much": bytes(200_000)}
@@ -47,7 +47,7 @@ def flooding(session: zenoh.Session, loud: Actor, kind: str) -> Iterator[None]:
     ["frames", *(pytest.param(name, marks=pytest.mark.test_all) for name in ("nonsense", "progress", "too much"))],
 )
 def test_a_flood_starves_nobody(tmp_path: Path, kind: str) -> None:
-    """Meanwhile another robot moves when it is asked to, is seen to, and is stopped."""
+    """Meanwhile another robot can be moved, seen and stopped."""
     place = Place(tmp_path)
     with place.gateway() as (gateway, browser), place.ur5(), session_at(place.zenoh) as session:
         loud = Actor(session, "loud").appear()

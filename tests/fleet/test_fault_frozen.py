@@ -1,4 +1,4 @@
-"""Real processes are stopped and go on: what tests on virtual time say of pauses and of gateways that freeze."""
+"""Real processes are stopped and continued, as the counterpart of tests on virtual time."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""The event loop of a gateway hangs, while Zenoh's threads go on: for the robots it is gone until it goes on."""
+"""The event loop of a gateway hangs while Zenoh's threads continue: robots consider it gone meanwhile."""
 
 import contextlib
 import signal
@@ -17,7 +17,7 @@ pytestmark = pytest.mark.processes
 
 @pytest.mark.parametrize("how", [signal.SIGUSR1, signal.SIGUSR2], ids=["time.sleep", "C code with the GIL"])
 def test_robots_hold_while_the_event_loop_of_their_gateway_hangs(tmp_path: Path, how: signal.Signals) -> None:
-    """The motion has failed long before the end of the hang, and when it ends the robot takes commands again."""
+    """The motion fails long before the hang ends; afterwards the robot accepts commands again."""
     place = Place(tmp_path)
     with (
         process("tests/hanging_gateway.py", *place.command()[2:]) as gateway,
@@ -44,6 +44,6 @@ def test_robots_hold_while_the_event_loop_of_their_gateway_hangs(tmp_path: Path,
 
 
 def _moves(browser: Browser) -> bool:
-    """Return True if it takes a motion. Right after a hang the gateway may lack the robot's new frames."""
+    """Return True if it accepts a motion. Right after a hang the gateway may lack new frames of the robot."""
     answer = put(browser, of_joint(browser, PAN), radian(0.2), prefer="wait=30")
     return answer.status_code == 204 and browser.page(begun(answer)).one(LF.state) == LF.succeeded

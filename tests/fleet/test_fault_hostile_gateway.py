@@ -1,4 +1,4 @@
-"""A gateway that means harm: the agent alone decides, and no step of the simulator exceeds a limit of the URDF."""
+"""A hostile gateway: the agent decides alone, and no step of the simulator exceeds a limit of the URDF."""
 
 import asyncio
 import json
@@ -25,7 +25,7 @@ PAN = "shoulder_pan_joint"
 
 
 class Hostile:
-    """It may say what it likes on the keys of gateways, and has the robot's frames."""
+    """Sends anything on the keys of gateways, and receives the robot's frames."""
 
     def __init__(self, endpoint: str) -> None:
         self.seen_ns = self.incarnation = 0
@@ -55,7 +55,7 @@ class Hostile:
         return codec.decode_reply(answer.payload)
 
     def command(self, motion: object, **more: object) -> Reply:
-        """A command that is right but for what it is given."""
+        """Send a command that is valid except for the given fields."""
         self._number += 1
         good = {
             "version": 1, "id": f"h{self._number}", "incarnation": self.incarnation, "seen_ns": self.seen_ns,
@@ -84,7 +84,7 @@ def pair() -> Iterator[tuple[Hostile, Simulated]]:
 
 
 def _held(robot: Simulated) -> list[float] | None:
-    """Where the servos are, if that has not changed for a while of the robot's own time."""
+    """Return the setpoints of the servos, if they have not changed for a while of the robot's own time."""
     before, start = robot.setpoints(), robot.data.time
     eventually(lambda: robot.data.time > start + 0.3, "the robot's time")
     return before if robot.setpoints() == before and robot.speed() < RESTING_RAD_S else None
@@ -117,7 +117,7 @@ def test_what_must_not_run_is_refused_and_moves_nothing(pair: tuple[Hostile, Sim
 
 
 def test_whatever_is_accepted_keeps_within_the_limits(pair: tuple[Hostile, Simulated]) -> None:
-    """As many commands as it can send, each against the one before, with stops among them; then it vanishes."""
+    """As many commands as it can send, each contrary to the one before, with stops in between; then it vanishes."""
     hostile, robot = pair
     chance = random.Random(7)
     accepted = 0

@@ -37,7 +37,7 @@ def _ip(*words: str) -> None:
 
 @dataclass
 class Network:
-    """``name`` is the namespace of the robot; the gateway is at ``address`` for it."""
+    """``name``: the namespace of the robot, to which the gateway has ``address``."""
 
     name: str
     link: str
@@ -55,7 +55,7 @@ class Network:
 def network() -> Iterator[Network]:
     number = os.getpid() % 250
     name, here, there = f"lf{os.getpid()}", f"lfa{os.getpid()}", f"lfb{os.getpid()}"
-    # Addresses for documentation (RFC 5737): nothing real is behind them.
+    # Addresses for documentation (RFC 5737), which nothing real has.
     found = Network(name, here, f"198.51.100.{number}", f"203.0.113.{number}")
     with contextlib.ExitStack() as undo:
         try:
@@ -74,7 +74,7 @@ def network() -> Iterator[Network]:
 
 
 def test_a_robot_whose_network_fails_holds_and_comes_back(tmp_path: Path, network: Network) -> None:
-    """By itself: it says so afterwards. Nothing that was asked meanwhile runs when the network is back."""
+    """By itself, and it reports that afterwards. Requests made meanwhile never run when the network is back."""
     place = Place(tmp_path, zenoh=f"tcp/{network.address}:{free_port()}")
     agent = ("-m", "linked_fleet_agent", "--robot=ur5", "--connect", place.zenoh)
     with (

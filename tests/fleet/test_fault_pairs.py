@@ -1,4 +1,4 @@
-"""Two at once are killed: agent, gateway, Redis. What is left keeps its promises, and all comes back."""
+"""Two of agent, gateway and Redis are killed at once: the rest keeps its promises, and everything comes back."""
 
 import contextlib
 import itertools
@@ -23,7 +23,7 @@ pytestmark = pytest.mark.virtual
 
 
 class Part:
-    """A process that can be killed and started again as it was."""
+    """A process that can be killed and restarted with the same arguments."""
 
     def __init__(self, ready: str, *command: str) -> None:
         self._ready, self._command = ready, command
@@ -44,7 +44,7 @@ class Part:
 
 
 class Fleet:
-    """A robot, a gateway and Redis, and whatever else is between a client and them; everything is asked at ``root``."""
+    """A robot, a gateway and Redis, and optional parts between clients and them; requests go to ``root``."""
 
     def __init__(self, memory: Servers, root: str, parts: dict[str, Part]) -> None:
         (self._node,) = memory.nodes
@@ -110,7 +110,7 @@ def test_they_come_back_with_what_was_accepted(fleet: Scene, pair: tuple[str, ..
 
 
 def come_back(fleet: Scene, pair: tuple[str, ...]) -> None:
-    """The motion is told to be over or unknown as it is, the callback is delivered, and the robot can be moved."""
+    """Check that the motion is truly reported as over or unknown, the callback is delivered, and the robot moves."""
     whole, receiver = fleet
     browser, path = whole.browser, f"/{'-'.join(pair)}"
     eventually(lambda: _answers(lambda: live(browser, "ur5")), "the fleet")
@@ -122,9 +122,9 @@ def come_back(fleet: Scene, pair: tuple[str, ...]) -> None:
     time.sleep(1.0)  # longer than an agent waits for a connection to come back
     whole.start(*(name for name in ("Redis", "router", "gateway", "agent", "front") if name in pair))
     eventually(lambda: _answers(lambda: live(browser, "ur5")), "the fleet")
-    if {"agent", "gateway"} & {*pair}:  # the robot has lost its motion, or itself
+    if {"agent", "gateway"} & {*pair}:  # the robot has lost its motion, or has been restarted
         assert ended(browser, motion).one(LF.state) == LF.failed
-    elif "router" in pair:  # a router that is back within the grace of the agent costs no motion
+    elif "router" in pair:  # a router that is back within the agent's grace period costs no motion
         assert ended(browser, motion).one(LF.state) in (LF.failed, LF.succeeded)
     target = 0.3 if abs(angle(browser, WRIST)) < 0.1 else 0.0
     again = eventually(lambda: _moved(browser, target), "a motion that is accepted")
@@ -136,7 +136,7 @@ def come_back(fleet: Scene, pair: tuple[str, ...]) -> None:
 
 
 def _answers(ask: Callable[[], object]) -> object:
-    """What is answered; nothing while there is nobody who can."""
+    """Return the response; None while nobody can respond."""
     try:
         return ask()
     except (httpx.TransportError, AssertionError):

@@ -1,4 +1,4 @@
-"""Robots and gateway cannot reach each other: the robot holds, nothing that was meant for it then runs afterwards.
+"""A partition between robots and gateway: the robot holds, and commands sent during it never run afterwards.
 
 The robot is simulated in the test, so that every step of MuJoCo is seen, on the simulator's own clock.
 """
@@ -31,12 +31,12 @@ class Scene:
     way: ZenohWay
 
     def rests(self) -> list[float]:
-        """Wait until the robot stands; where its servos are."""
+        """Wait until the robot stands; return the setpoints of its servos."""
         eventually(lambda: self.robot.speed() < RESTING_RAD_S, "a robot that stands")
         return self.robot.setpoints()
 
     def lives(self, seconds: float) -> None:
-        """Wait until so much of the robot's own time has gone by."""
+        """Wait for so much of the robot's own time."""
         start = self.robot.data.time
         eventually(lambda: self.robot.data.time > start + seconds, "the robot's time")
 
@@ -58,14 +58,14 @@ def scene(tmp_path: Path) -> Iterator[Scene]:
 
 
 def _far(scene: Scene) -> str:
-    """A motion of many seconds, which is under way; its invocation."""
+    """Begin a motion of many seconds; return its invocation."""
     invocation = begun(put(scene.browser, of_joint(scene.browser, PAN), slowly(3.0, speed=0.3)))
     moving(scene.browser, PAN)
     return invocation
 
 
 def test_a_robot_that_is_cut_off_holds_and_serves_again(scene: Scene) -> None:
-    """Its motion has failed, it stands, and stays where it is when the way is back until it is told otherwise."""
+    """Its motion has failed, it stands, and stays there after the partition until it is commanded again."""
     motion = _far(scene)
     scene.way.cut()
     held = scene.rests()
@@ -86,7 +86,7 @@ def test_a_robot_that_is_cut_off_holds_and_serves_again(scene: Scene) -> None:
 
 
 def test_what_was_asked_for_while_it_was_cut_off_never_runs(scene: Scene) -> None:
-    """Commands wait in the connection, arrive when the way is back, and are refused as late, every one of them."""
+    """Commands wait in the connection, arrive after the partition, and are all refused as late."""
     actions = [of_joint(scene.browser, joint) for joint in (WRIST, PAN, "elbow_joint")]
     before = scene.rests()
     scene.way.cut()
@@ -94,7 +94,7 @@ def test_what_was_asked_for_while_it_was_cut_off_never_runs(scene: Scene) -> Non
         browsers = [clients.enter_context(contextlib.closing(Browser(scene.browser.root))) for _ in actions]
         asked = [threads.submit(put, one, action, radian(1.0)) for one, action in zip(browsers, actions, strict=True)]
         answers: list[httpx.Response] = [each.result() for each in asked]
-    # Nobody knows whether it runs, or the robot is known to be gone; nobody says that it does.
+    # It is unknown whether it runs, or the robot is known to be gone; no response claims that it runs.
     assert {answer.status_code for answer in answers} <= {503, 504}
     offline(scene.browser, "ur5")
     scene.lives(5.0)
@@ -109,7 +109,7 @@ def test_what_was_asked_for_while_it_was_cut_off_never_runs(scene: Scene) -> Non
 
 
 def test_it_is_stopped_though_it_stands_when_the_way_is_back(scene: Scene) -> None:
-    """A stop of a robot that is cut off tells that nobody answers; one that answers again can be stopped."""
+    """A stop during the partition reports that the robot did not answer; afterwards it can be stopped."""
     _far(scene)
     scene.way.cut()
     stop = of_robot(scene.browser, LF.StopRobot)
@@ -127,7 +127,7 @@ def _unless_silent(answer: httpx.Response) -> httpx.Response | None:
 
 
 def test_a_gateway_that_freezes_is_lost_and_executes_nothing_when_it_goes_on(scene: Scene) -> None:
-    """Its connections are open and full: the robot holds, and what was asked for meanwhile is late."""
+    """Its connections stay open and are full: the robot holds, and commands sent meanwhile are late."""
     _far(scene)
     action = of_joint(scene.browser, WRIST)
     scene.gateway.send(signal.SIGSTOP)

@@ -1,4 +1,4 @@
-"""The machine stands still for longer than every lease and goes on: no gateway was gone, and no robot holds."""
+"""The machine is paused for longer than every lease: no gateway was gone, so no robot holds."""
 
 import signal
 import time
@@ -11,7 +11,7 @@ from commanding import PAN, begun, ended, moving, of_joint, put, slowly
 from small_fleet import Place, live
 
 pytestmark = pytest.mark.virtual
-_PAUSE_S = 4.0  # Zenoh's leases of 2 and 2.5 s run out meanwhile
+_PAUSE_S = 4.0  # Zenoh's leases of 2 and 2.5 s expire meanwhile
 
 
 @pytest.mark.parametrize("whole", [False, True], ids=["the agent", "agent and gateway"])

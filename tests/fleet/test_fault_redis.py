@@ -1,4 +1,4 @@
-"""Redis serves badly or not at all: what needs it is refused, all else goes on, what was accepted is there later."""
+"""Redis is slow or unavailable: what needs it is refused, the rest continues, and accepted data is there later."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -81,7 +81,7 @@ def _lease(browser: Browser) -> str:
 
 
 def _far(browser: Browser) -> float:
-    """A position that is two radians away."""
+    """Return a position two radians away."""
     present = angle(browser, PAN)
     return present - 2.0 if present > 0 else present + 2.0
 
@@ -93,7 +93,7 @@ def test_what_needs_redis_is_refused_and_all_else_goes_on(scene: Scene, outage: 
 
 
 def refused_and_remembered(scene: Scene, begin: Callable[[Any], None], end: Callable[[Any], None], path: str) -> None:
-    """Reading, streams and stops go on; motions, callbacks and leases are 503 and leave nothing behind."""
+    """Reading, streams and stops continue; motions, callbacks and leases get 503 and leave nothing behind."""
     (node,), at = scene.memory.nodes, scene.at
     kept = at.subscribed(scene.receiver.url(path))
     motion = begun(put(scene.browser, of_joint(scene.browser, PAN), slowly(_far(scene.browser))))
@@ -131,7 +131,7 @@ def refused_and_remembered(scene: Scene, begin: Callable[[Any], None], end: Call
     assert scene.receiver.log("/refused") == []
     assert eventually(lambda: unless_away(scene.browser.http.delete(kept)), "Redis").status_code == 204
     eventually(lambda: at.listed() == set(), "an empty container")
-    # What was stopped, and the stop, are as they were also for those who come later.
+    # A gateway that starts later shows the stopped motion and the stop unchanged, too.
     with gateway(scene.stage, "--redis-url", scene.memory.url) as other:
         live(other.browser, "ur5")
         for iri, state in ((motion, LF.cancelled), (stop, LF.succeeded)):

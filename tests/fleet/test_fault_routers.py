@@ -1,6 +1,6 @@
-"""Two living routers that lose each other: gateways and a robot at the one, other robots at the other.
+"""Two running routers that lose each other: gateways and a robot at one, other robots at the other.
 
-Gateways, agents and routers are in the event loop of the test, on real sessions of Zenoh.
+Gateways, agents and routers run in the event loop of the test, on real Zenoh sessions.
 """
 
 import asyncio
@@ -22,11 +22,11 @@ from running import free_port
 pytestmark = pytest.mark.processes
 ROUTER = Path(__file__).resolve().parents[2] / "deploy" / "zenoh" / "router.json5"
 PATIENCE_S = 120.0
-_ports = itertools.count(8000)  # of nobody: gateways of one host are told apart by them
+_ports = itertools.count(8000)  # nothing listens there: they only distinguish gateways of one host
 
 
 class Site:
-    """Routers ``near`` and ``far``, and the ``way`` between them; of the robots, *near* is at the near one."""
+    """Routers ``near`` and ``far``, and the ``way`` between them; the robot *near* is at the near router."""
 
     def __init__(self, stack: AsyncExitStack) -> None:
         self._stack = stack
@@ -85,7 +85,7 @@ def run(test: Callable[[Site], Awaitable[None]]) -> None:
 
 
 async def lost(site: Site, near: Gateway) -> None:
-    """The gateway has noticed that robots are gone, and they that the gateway is: they hold."""
+    """Wait until the gateway knows that robots are gone, and they know that the gateway is gone and hold."""
     await until(lambda: list(near.online) == ["near"] and site.hold())
     assert not site.robots["near"].holds
 
@@ -106,7 +106,7 @@ async def reset(site: Site, near: Gateway) -> None:
 
 
 async def reset_twice(site: Site, near: Gateway) -> None:
-    """The second time as soon as routers have told each other what is declared: Zenoh 1.10 does not tell it again."""
+    """The second time right after routers have exchanged declarations: Zenoh 1.10 does not exchange them again."""
     for _ in range(2):
         await until(lambda: near.online.keys() == site.robots.keys())
         near.lost.clear()

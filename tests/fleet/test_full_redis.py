@@ -1,4 +1,4 @@
-"""A Redis server that has no room, in memory or on its disk: what tests of Redis on virtual time say of errors."""
+"""A Redis server without room in memory or on its disk, as the counterpart of tests on virtual time."""
 
 import contextlib
 import os
@@ -30,7 +30,7 @@ def test_a_server_without_memory_refuses_what_needs_it(scene: Scene) -> None:
 
 @pytest.fixture
 def small_disk(tmp_path: Path) -> Iterator[Path]:
-    """A file system of its own with little room."""
+    """Yield a file system of its own with little room."""
     folder = tmp_path / "disk"
     folder.mkdir()
     mounted = subprocess.run(("mount", "-t", "tmpfs", "-o", "size=4m", "none", folder), capture_output=True, text=True)
@@ -43,7 +43,7 @@ def small_disk(tmp_path: Path) -> Iterator[Path]:
 
 
 def test_a_full_disk_loses_nothing_that_was_accepted(small_disk: Path) -> None:
-    """The gateway's own server cannot write: callbacks are refused until there is room, and streams go on."""
+    """The gateway's embedded server cannot write: callbacks are refused until there is room, and streams continue."""
     with hub() as stage, receiving() as receiver, gateway(stage, state=small_disk) as at:
         at.subscribed(receiver.url("/before"))
         receiver.wait(1)

@@ -43,7 +43,7 @@ def _model(browser: Browser, robot: Page) -> Page:
 
 
 def _addresses(browser: Browser, model: Page) -> list[str]:
-    """The URLs of the meshes in the URDF."""
+    """Return the URLs of the meshes in the URDF."""
     answer = browser.http.get(model.url, headers=XML)
     assert answer.status_code == 200
     assert answer.headers["content-type"] == "application/xml"
@@ -58,7 +58,7 @@ def test_the_model_is_linked_and_says_what_its_meshes_are(place: tuple[Place, Pr
     assert LF.Model in model.types
     assert model.one(rdflib.RDFS.seeAlso) == ur5.iri
     meshes = set(model.graph.objects(model.iri, LF.mesh))
-    assert len(meshes) == 14  # seven that show it, and seven of its collision geometry
+    assert len(meshes) == 14  # seven visual meshes, and seven collision meshes
     assert {URIRef(each) for each in _addresses(browser, model)} == meshes
     for mesh in meshes:
         answer = browser.http.get(str(mesh))
@@ -176,7 +176,7 @@ def _appear(session: zenoh.Session, name: str, *meshes: Mesh, urdf: str = URDF) 
 
 
 def _answers(actor: Actor, session: zenoh.Session, content: bytes) -> list[bytes]:
-    """Whatever it is asked, the robot answers with this; the questions."""
+    """Let the robot answer every question with this content; return the questions."""
     asked: list[bytes] = []
     key = KEYS.robot(actor.name, "mesh")
 
@@ -212,7 +212,7 @@ def test_a_mesh_of_an_unknown_type_is_as_if_it_were_not_there(theatre: tuple[Pro
 def test_other_bytes_than_were_described_are_no_answer(
     theatre: tuple[Process, Browser, zenoh.Session], forged: bytes | None
 ) -> None:
-    """Of the right length, of another, none, and an agent that has no meshes to give."""
+    """Content of the right or another length, none, and an agent without meshes."""
     gateway, browser, session = theatre
     name, mesh = f"forger {len(forged or b'')} {forged is None}", _said(b"right", "a.stl")
     actor = _appear(session, name, mesh)

@@ -1,4 +1,4 @@
-"""Invocations outlive their gateway, belong to all gateways, and are begun once however often they are asked for."""
+"""Invocations survive their gateway, belong to all gateways, and begin once however often they are requested."""
 
 import contextlib
 import itertools
@@ -85,18 +85,18 @@ def _key() -> dict[str, str]:
 
 
 def _far(browser: Browser, joint: str, by: float = 2.0) -> float:
-    """A position that the joint can reach, and that is not near."""
+    """Return a reachable position that is not near."""
     present = angle(browser, joint)
     return round(present - by if present > 0 else present + by, 3)
 
 
 def _begin(browser: Browser, joint: str, **fields: str) -> str:
-    """A motion of twenty seconds; its invocation."""
+    """Begin a motion of twenty seconds; return its invocation."""
     return begun(put(browser, of_joint(browser, joint), slowly(_far(browser, joint)), **fields))
 
 
 def _said(page: Page) -> tuple[float, str]:
-    """What was asked for, and by whom."""
+    """Return the requested position and the requester."""
     asked = page.graph.value(page.iri, LF.input)
     client = page.graph.value(page.iri, PROV.wasAssociatedWith)
     return float(page.graph.value(asked, VOM.numericalValue)), str(page.graph.value(client, DCTERMS.title))
@@ -111,7 +111,7 @@ def _path(url: str) -> str:
 
 @pytest.mark.parametrize("where", ["redis", "redis killed as well", "embedded"])
 def test_no_motion_is_forgotten_when_its_gateway_is_killed(tmp_path: Path, memory: Servers, where: str) -> None:
-    """SIGKILL just after the answer: each is there again, with its input and who asked, and ends as the robot says."""
+    """SIGKILL just after the response: each is there again with input and requester, and ends as the robot reports."""
     place = Place(tmp_path / "state")
     flags = () if where == "embedded" else ("--redis-url", memory.url)
     asked: dict[str, float] = {}
@@ -139,7 +139,7 @@ def test_no_motion_is_forgotten_when_its_gateway_is_killed(tmp_path: Path, memor
 
 
 def test_a_motion_goes_on_when_another_gateway_stays(stage: Hub, memory: Servers) -> None:
-    """It succeeds, the gateway that stayed says so, and so does the killed one as soon as it is back."""
+    """It succeeds at the remaining gateway, and at the killed one as soon as it is back."""
     shared = ("--redis-url", memory.url)
     with arm(stage.endpoint), gateway(stage, *shared) as other:
         with gateway(stage, *shared) as one:
@@ -149,7 +149,7 @@ def test_a_motion_goes_on_when_another_gateway_stays(stage: Hub, memory: Servers
             one.process.send(signal.SIGKILL)
         assert ended(other.browser, other.here(url)).one(LF.state) == LF.succeeded
         assert angle(other.browser, PAN) == pytest.approx(1.5, abs=STILL_RAD)
-        time.sleep(2)  # the gateway that began it has the first word, and is awaited for so long
+        time.sleep(2)  # the gateway that began it reports first, and others wait that long for it
         with gateway(stage, *shared) as back:
             all_see([back])
             eventually(lambda: state_at(back, url) == LF.succeeded, "the end where it began")
@@ -175,13 +175,13 @@ def test_robot_and_gateway_killed_at_once(stage: Hub, memory: Servers) -> None:
 
 
 def _described(each: Gateway, invocation: str, like: Gateway) -> rdflib.compare.IsomorphicGraph:
-    """What a gateway says of an invocation, in the IRIs of another."""
+    """Return the description of an invocation at one gateway, in the IRIs of another."""
     text = each.browser.page(each.here(invocation)).response.text.replace(each.browser.root, like.browser.root)
     return rdflib.compare.to_isomorphic(rdflib.Graph().parse(data=text, format="turtle"))
 
 
 def test_the_other_gateway_shows_what_one_began(pair: tuple[Gateway, Gateway]) -> None:
-    """It lists and describes it in the same words, as a task of the robot too, and tells how it goes."""
+    """It lists and describes it identically, also as a task of the robot, and shows its progress."""
     one, other = pair
     target = _far(one.browser, PAN, 0.6)
     url = begun(put(one.browser, of_joint(one.browser, PAN), slowly(target, speed=0.3)))
@@ -204,7 +204,7 @@ def test_the_other_gateway_shows_what_one_began(pair: tuple[Gateway, Gateway]) -
 
 
 def test_the_other_gateway_cancels(pair: tuple[Gateway, Gateway]) -> None:
-    """The robot brakes, the invocation stays at both as cancelled, and offers no cancel any more."""
+    """The robot brakes; the invocation stays as cancelled at both, without the action cancel."""
     one, other = pair
     url = _begin(one.browser, PAN)
     eventually(lambda: state_at(other, url) == LF.running, "the motion at the other gateway")
@@ -216,7 +216,7 @@ def test_the_other_gateway_cancels(pair: tuple[Gateway, Gateway]) -> None:
 
 
 def test_the_other_gateway_deletes(pair: tuple[Gateway, Gateway]) -> None:
-    """The robot brakes, and the invocation is nowhere any more, not even after its end was reported."""
+    """The robot brakes, and the invocation is gone everywhere, even after its end was reported."""
     one, other = pair
     url = _begin(one.browser, PAN)
     moving(one.browser, PAN)
@@ -230,7 +230,7 @@ def test_the_other_gateway_deletes(pair: tuple[Gateway, Gateway]) -> None:
 
 
 def test_the_other_gateway_shows_what_the_fleet_was_asked(pair: tuple[Gateway, Gateway]) -> None:
-    """stopAll: the robot's answer, and of one that cannot answer that it did not."""
+    """stopAll: the robot's answer, and for a robot that cannot answer, that it did not."""
     one, other = pair
     motion = _begin(one.browser, PAN)
     fleet = other.browser.page(other.browser.root)
@@ -260,7 +260,7 @@ def _answers(each: Gateway, invocation: str) -> dict[str, str]:
 
 
 def test_a_repeated_request_begins_nothing(pair: tuple[Gateway, Gateway]) -> None:
-    """Here and there, while it moves and afterwards: the same Location, and the joint turns once."""
+    """At both gateways, during the motion and afterwards: the same Location, and the joint rotates once."""
     one, _ = pair
     start, key = angle(one.browser, WRIST), _key()
     turn = 0.4 if start < 0 else -0.4
@@ -276,7 +276,7 @@ def test_a_repeated_request_begins_nothing(pair: tuple[Gateway, Gateway]) -> Non
 
 
 def test_the_same_request_at_both_gateways_at_once(pair: tuple[Gateway, Gateway]) -> None:
-    """Again and again: one motion each time."""
+    """Repeatedly: one motion each time."""
     urls = [of_joint(each.browser, WRIST, LF.RotateBy) for each in pair]
     begin, turns = angle(pair[0].browser, WRIST), 4
     before = set(invocations(pair[0].browser, urls[0]))
@@ -296,7 +296,7 @@ def test_the_same_request_at_both_gateways_at_once(pair: tuple[Gateway, Gateway]
 
 
 def test_a_key_stands_for_one_request(pair: tuple[Gateway, Gateway]) -> None:
-    """Another body, or the same for another joint: 422, here and there, and nothing moves."""
+    """Another body, or the same for another joint, gets 422 at both gateways, and nothing moves."""
     one, other = pair
     key, url, target = _key(), of_joint(one.browser, WRIST), angle(one.browser, WRIST)
     begun(put(one.browser, url, radian(target), prefer="wait=30", **key))
@@ -308,7 +308,7 @@ def test_a_key_stands_for_one_request(pair: tuple[Gateway, Gateway]) -> None:
 
 
 def test_a_repeated_request_that_was_refused(pair: tuple[Gateway, Gateway]) -> None:
-    """It is not asked again: refused, here and there, although by now it would be possible."""
+    """The robot is not asked again: it is refused at both gateways, even if it would be possible by now."""
     one, other = pair
     key, start = _key(), angle(one.browser, WRIST)
     wrong = radian(start + 0.4, expecting(f"/ur5/{WRIST}", start + 0.2, 0.05))
@@ -321,7 +321,7 @@ def test_a_repeated_request_that_was_refused(pair: tuple[Gateway, Gateway]) -> N
 
 
 def test_a_repeated_request_that_nobody_answered(pair: tuple[Gateway, Gateway]) -> None:
-    """504 again, with the same Location, as long as that is not settled; unknown here and there."""
+    """504 again, with the same Location, until that is settled; unknown at both gateways."""
     key = _key()
 
     def ask(each: Gateway) -> httpx.Response:
@@ -337,7 +337,7 @@ def test_a_repeated_request_that_nobody_answered(pair: tuple[Gateway, Gateway]) 
 
 
 def test_a_key_is_used_up_by_an_invocation_that_is_deleted(pair: tuple[Gateway, Gateway]) -> None:
-    """409 here and there: what was done and forgotten is not done again."""
+    """409 at both gateways: what was executed and deleted is not executed again."""
     one, _ = pair
     key, start = _key(), angle(one.browser, WRIST)
     url = of_joint(one.browser, WRIST, LF.RotateBy)
@@ -354,7 +354,7 @@ def test_a_key_is_used_up_by_an_invocation_that_is_deleted(pair: tuple[Gateway, 
 
 
 def test_a_motion_from_elsewhere_preempts(pair: tuple[Gateway, Gateway]) -> None:
-    """Each names the other at both gateways, and who waits for the first has an answer."""
+    """Each names the other at both gateways, and a request waiting for the first gets a response."""
     one, other = pair
     fields = {"prefer": "wait=60"}
     target = _far(one.browser, PAN)
@@ -377,7 +377,7 @@ def _named(each: Gateway, invocation: URIRef, predicate: URIRef) -> set[object]:
 
 
 def test_what_only_the_first_gateway_knew_stays_known(pair: tuple[Gateway, Gateway]) -> None:
-    """How long motions take and what they end is told to one gateway alone, and both hear of the end at once."""
+    """Durations and preempted motions are known to one gateway only, and both learn of the end at once."""
     one, _ = pair
     url, target = of_joint(one.browser, WRIST), angle(one.browser, WRIST)
     urls = [begun(put(one.browser, url, radian(target), prefer="wait=30")) for _ in range(5)]
@@ -387,7 +387,7 @@ def test_what_only_the_first_gateway_knew_stays_known(pair: tuple[Gateway, Gatew
 
 
 def test_a_precondition_is_judged_where_the_robot_is(pair: tuple[Gateway, Gateway]) -> None:
-    """It holds: the joint moves. It does not: 409 that says so, and nothing moves."""
+    """If it holds, the joint moves. If not, 409 says so, and nothing moves."""
     one, other = pair
     start, lift = angle(one.browser, WRIST), angle(one.browser, LIFT)
     target = start + (0.3 if start < 0 else -0.3)
@@ -406,7 +406,10 @@ def test_a_precondition_is_judged_where_the_robot_is(pair: tuple[Gateway, Gatewa
 
 
 def test_a_command_that_comes_late_never_runs(stage: Hub, memory: Servers) -> None:
-    """The agent hangs: 504, and the invocation is unknown. It goes on, too late: nothing moves, and it has failed."""
+    """The agent hangs: 504, and the invocation is unknown.
+
+    It continues too late: nothing moves, and the invocation fails.
+    """
     with arm(stage.endpoint, "--lease-ms", "30000") as agent, gateway(stage, "--redis-url", memory.url) as one:
         all_see([one])
         browser, url = one.browser, of_joint(one.browser, WRIST)
@@ -427,7 +430,7 @@ def test_a_command_that_comes_late_never_runs(stage: Hub, memory: Servers) -> No
 
 
 def test_a_motion_of_a_robot_that_went_is_unknown_at_all(stage: Hub, memory: Servers) -> None:
-    """Its agent is killed: every gateway says that nobody can tell."""
+    """Its agent is killed: every gateway says that the outcome is unknown."""
     with arm(stage.endpoint) as agent, gateways(stage, memory.url) as two:
         all_see(two)
         url = begun(put(two[0].browser, of_joint(two[0].browser, PAN), slowly(2.0)))
@@ -440,7 +443,7 @@ def test_a_motion_of_a_robot_that_went_is_unknown_at_all(stage: Hub, memory: Ser
 
 @pytest.mark.parametrize("outage", ["killed", "hanging"])
 def test_without_redis_nothing_begins_and_everything_stops(stage: Hub, memory: Servers, outage: str) -> None:
-    """Motions are 503 and do not run, not even later; stopping works, and is remembered once Redis is back."""
+    """Motions get 503 and never run, not even later; stopping works, and is recorded once Redis is back."""
     node = memory.nodes[0]
     with arm(stage.endpoint), gateways(stage, memory.url) as two:
         all_see(two)

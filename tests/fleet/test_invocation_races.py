@@ -1,4 +1,4 @@
-"""What gateways, agents and Redis know at different times comes to the same: no motion is lost, nothing untrue told."""
+"""Gateways, agents and Redis learn of events at different times but agree: no motion is lost or misreported."""
 
 import signal
 from collections.abc import Iterator
@@ -52,7 +52,7 @@ def _target(each: Gateway) -> float | URIRef:
 
 
 def _tied(each: Gateway, target: float, lease_s: float) -> tuple[str, str, dict[str, str]]:
-    """A motion of 0.1 rad/s that is tied to a lease; its invocation, and the lease with what proves it."""
+    """Begin a motion of 0.1 rad/s that is tied to a lease; return its invocation, the lease and its proof."""
     lease = str(each.browser.robot("ur5").one(LF.lease))
     token = {"lock-token": put(each.browser, lease, control("Ada", lease_s)).headers["lock-token"]}
     body = slowly(target, f"; lf:tiedTo <{lease}>")
@@ -65,7 +65,7 @@ def _tasks(each: Gateway) -> set[object]:
 
 
 def test_a_long_motion_is_under_way_at_both_gateways_until_its_lease_ends(memory: Servers) -> None:
-    """The other one was told of it before the agent had said how long it takes."""
+    """The other gateway learned of it before the agent had told its duration."""
     with hub() as stage, arm(stage.endpoint), gateways(stage, memory.url) as two:
         all_see(two)
         one, other = two
@@ -85,7 +85,7 @@ def test_a_long_motion_is_under_way_at_both_gateways_until_its_lease_ends(memory
 
 
 def test_a_lease_ends_without_redis_when_it_would_have_ended(memory: Servers) -> None:
-    """The motion goes as far as what was left of the lease allows, not for the whole of it once more."""
+    """The motion is limited by the rest of the lease, not by its whole duration again."""
     with hub() as stage, arm(stage.endpoint), gateways(stage, memory.url) as two:
         all_see(two)
         url, _, _ = _tied(two[0], 3.0, 8)
@@ -100,7 +100,7 @@ def test_a_lease_ends_without_redis_when_it_would_have_ended(memory: Servers) ->
 
 
 def test_a_request_repeated_while_the_agent_hangs(memory: Servers) -> None:
-    """At both gateways 504 with the place of the first, before and after that has an answer; nothing has begun."""
+    """Both gateways respond with 504 and the first Location, before and after that is settled; nothing begins."""
     with hub() as stage, arm(stage.endpoint, "--lease-ms", "30000") as agent, gateways(stage, memory.url) as two:
         all_see(two)
         urls = {each.browser.root: of_joint(each.browser, WRIST) for each in two}
@@ -139,7 +139,7 @@ def test_nobody_refused_what_nobody_answered_in_time(memory: Servers) -> None:
 
 
 def test_what_an_agent_was_at_fails_when_it_is_started_anew(memory: Servers) -> None:
-    """At both gateways, and at one that comes later; nothing is left for the robot to do."""
+    """At both gateways, and at one that starts later; nothing is left for the robot to do."""
     with hub() as stage, gateways(stage, memory.url) as two:
         with arm(stage.endpoint) as agent:
             all_see(two)
@@ -158,7 +158,7 @@ def test_what_an_agent_was_at_fails_when_it_is_started_anew(memory: Servers) -> 
 
 
 def test_a_target_is_the_same_at_both_gateways_and_gone_after_a_stop(memory: Servers) -> None:
-    """However it was reached, whoever asked for it, and at a gateway that comes later too."""
+    """However it was set, by whomever, and at a gateway that starts later too."""
     with hub() as stage, arm(stage.endpoint), gateways(stage, memory.url) as two:
         all_see(two)
         one, other = two

@@ -1,4 +1,4 @@
-"""Agents and gateways that are killed; the fleet stays readable and comes back."""
+"""Agents and gateways are killed; the fleet stays readable and comes back."""
 
 import asyncio
 import signal
@@ -51,7 +51,7 @@ def test_killed_agent_stays_readable_and_comes_back(tmp_path: Path) -> None:
 
 
 def test_gateway_killed_in_a_motion(tmp_path: Path) -> None:
-    """The agent fails the motion and holds; the gateway, started again on its ports, finds the robot at that place."""
+    """The agent fails the motion and holds; the gateway, restarted on its ports, finds the robot at that position."""
     place = Place(tmp_path)
     told: list[Progress] = []
 

@@ -1,4 +1,4 @@
-"""Who changes something under the condition that it is as it was read undoes nobody's change, at whichever gateway."""
+"""Conditional changes at any gateway never overwrite another client's change."""
 
 import contextlib
 from collections.abc import Callable, Iterator
@@ -30,7 +30,7 @@ def two(tmp_path_factory: pytest.TempPathFactory) -> Iterator[list[Gateway]]:
 
 
 def count_up(gateway: Gateway, url: str, read: Callable[[Page], str], write: Callable[[int], str]) -> int:
-    """Add one to the number that a resource says, again and again; how often it was another number by then."""
+    """Repeatedly add one to the number in a resource; return how often a precondition failed."""
     refused, left = 0, EACH
     with contextlib.closing(Browser(gateway.browser.root)) as browser:
         while left:
@@ -41,7 +41,8 @@ def count_up(gateway: Gateway, url: str, read: Callable[[Page], str], write: Cal
             assert answer.status_code in (204, 412), answer.text
             if answer.status_code == 204:
                 left -= 1
-                assert browser.page(page.url).response.headers["etag"] != condition["if-match"]  # one's own is seen
+                # one's own change is visible
+                assert browser.page(page.url).response.headers["etag"] != condition["if-match"]
             else:
                 refused += 1
     return refused

@@ -1,6 +1,6 @@
-"""Each demonstration robot, commanded over HTTP, does in MuJoCo what it was told; its URDF limits hold in every step.
+"""The demonstration robots execute HTTP commands in MuJoCo; their URDF limits hold in every step.
 
-What it did is read off the simulator's own state, by the clock of the simulation.
+Motions are observed in the simulator's own state, by the clock of the simulation.
 """
 
 from collections.abc import Iterator
@@ -19,9 +19,9 @@ from small_fleet import Place, live, number
 pytestmark = pytest.mark.virtual
 
 CLOSE_M, CLOSE_RAD = 1e-3, np.radians(0.5)
-# How long after its time a waypoint may be passed: the lag of the servos (40 ms) and a tick.
+# Permitted delay at a waypoint: the lag of the servos (40 ms) and a tick.
 LATE_S = 0.06
-# A link of each robot, and where joints go from home to bring it to a pose that can surely be reached.
+# A link of each robot, and joint motions from home that bring it to a reachable pose.
 GOALS = {
     "baxter": (
         "right_gripper",
@@ -41,7 +41,7 @@ GOALS = {
     ),
     "go2": ("FL_foot", {"FL_hip_joint": 0.02, "FL_thigh_joint": 0.05, "FL_calf_joint": -0.12}),
 }
-# A pose that all or most of the joints of a robot are involved in.
+# A pose that involves all or most joints of a robot.
 POSES = {"baxter": "untucked", "ur5": "upright", "panda": "upright", "tiago": "folded", "go2": "crouched"}
 
 
@@ -54,7 +54,7 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Place, Bro
 
 @pytest.fixture(scope="module", params=sorted(GOALS))
 def both(request: pytest.FixtureRequest, place: tuple[Place, Browser]) -> Iterator[tuple[Simulated, Commanded]]:
-    """One robot, as the simulator has it and as the client sees it."""
+    """Yield one robot, as seen by the simulator and by the client."""
     there, browser = place
     with simulated(there.zenoh, request.param) as robots:
         live(browser, request.param)
@@ -63,7 +63,7 @@ def both(request: pytest.FixtureRequest, place: tuple[Place, Browser]) -> Iterat
 
 @pytest.fixture
 def robot(both: tuple[Simulated, Commanded]) -> Iterator[Simulated]:
-    """At home when the test begins; no test may have it exceed a limit of its URDF, or fall over."""
+    """Yield the robot at home; the test fails if a limit of its URDF is exceeded, or if it falls."""
     simulation, client = both
     client.assume("home")
     simulation.watch()
@@ -82,7 +82,7 @@ def _close(robot: Simulated, joint: str) -> float:
 
 
 def test_reach_brings_the_link_to_the_pose(robot: Simulated, client: Commanded) -> None:
-    """Within 1 mm and 0.5° of the commanded pose in the frame of the root link; of go2, which stands on it, a foot."""
+    """Within 1 mm and 0.5° of the commanded pose in the frame of the root link; for go2, which stands on it, a foot."""
     link, offsets = GOALS[robot.name]
     home = robot.poses["home"]
     wanted, turned = robot.pose(link, {name: home[name] + by for name, by in offsets.items()})
@@ -108,7 +108,7 @@ def test_at_full_speed_the_limits_of_the_urdf_hold(robot: Simulated, client: Com
 
 
 def _between(robot: Simulated, share: float) -> dict[str, float]:
-    """The joints that move from home to the other pose, when they are that share of the way on."""
+    """Return the joint positions after that share of the way from home to the other pose."""
     home, there = robot.poses["home"], robot.poses[POSES[robot.name]]
     return {name: home[name] + share * (there[name] - home[name]) for name in there if there[name] != home[name]}
 
@@ -127,7 +127,7 @@ def test_follow_trajectory_passes_the_waypoints_at_their_times(robot: Simulated,
 
 
 def test_stop_brings_the_robot_to_rest_on_its_way(robot: Simulated, client: Commanded) -> None:
-    """All joints stand, short of the target; the motion is cancelled and says by what and whom, the stop succeeded."""
+    """All joints stand short of the target; the motion is cancelled with the reason and client, the stop succeeded."""
     target = robot.poses[POSES[robot.name]]
     start = robot.positions()
     motion = client.begin(LF.AssumePose, f'<> lf:poseName "{POSES[robot.name]}" ; lf:speedScale 0.4 .')

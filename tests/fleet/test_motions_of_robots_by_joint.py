@@ -1,4 +1,4 @@
-"""Motions of joints, alone and together, as the simulator sees them."""
+"""Motions of single and several joints, observed in the simulator."""
 
 import math
 from collections.abc import Iterator
@@ -16,14 +16,14 @@ from small_fleet import Place, live
 pytestmark = pytest.mark.virtual
 
 CLOSE_M, CLOSE_RAD = 1e-3, math.radians(0.5)
-# Joints that have the same share of their way behind them at any time differ by the lag of their servos only.
+# Joints with the same completed share at any time differ only by the lag of their servos.
 TOGETHER_S = 0.05
 _SHARES = (0.25, 0.5, 0.75, 0.95)
 
 
 @pytest.fixture(scope="module")
 def both(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, tuple[Simulated, Commanded]]]:
-    """TIAGo, whose joints turn, turn endlessly and slide; and UR5, whose joints have no friction."""
+    """TIAGo, with revolute, continuous and prismatic joints; and UR5, whose joints have no friction."""
     place = Place(tmp_path_factory.mktemp("state"))
     with place.gateway() as (_, browser), simulated(place.zenoh, "tiago", "ur5") as robots:
         yield {name: (robot, Commanded(browser, name)) for name, robot in robots.items() if live(browser, name)}
@@ -31,13 +31,13 @@ def both(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, tuple[S
 
 @pytest.fixture
 def name() -> str:
-    """The robot of a test that does not say another."""
+    """Return the default robot of a test."""
     return "tiago"
 
 
 @pytest.fixture
 def robot(both: dict[str, tuple[Simulated, Commanded]], name: str) -> Iterator[Simulated]:
-    """At home when the test begins; no test may have it exceed a limit of its URDF."""
+    """Yield the robot at home; the test fails if a limit of its URDF is exceeded."""
     simulation, client = both[name]
     client.assume("home")
     simulation.watch()
@@ -144,7 +144,7 @@ def test_hold_stops_the_joint_where_it_is(robot: Simulated, client: Commanded) -
 
 
 def test_continuous_joint_goes_the_short_way(robot: Simulated, client: Commanded) -> None:
-    """Across zero, and across half a turn, without ever turning the other way round."""
+    """Across zero, and across half a turn, never in the other direction."""
     wheel, here = "wheel_left_joint", robot.positions()["wheel_left_joint"]
     for degree in (350, 190, 100, 10):
         robot.watch()
@@ -157,7 +157,7 @@ def test_continuous_joint_goes_the_short_way(robot: Simulated, client: Commanded
 
 
 def _passing(robot: Simulated, joint: str, start: float, end: float) -> list[float]:
-    """When the joint had each of the shares of its way behind it."""
+    """Return the times at which the joint had completed each of the shares."""
     times, positions = robot.seen(joint)
     done = (positions - start) / (end - start)
     return [float(times[np.argmax(done >= share)]) for share in _SHARES]
@@ -175,7 +175,7 @@ def _check_together(robot: Simulated, client: Commanded, ends: dict[str, float])
 
 
 def test_move_joints_arrive_together(robot: Simulated, client: Commanded) -> None:
-    """However long its way, each joint is as far as the others at any time, within five ticks."""
+    """Whatever the distances, all joints have completed the same share at any time, within five ticks."""
     _check_together(robot, client, {"arm_1_joint": 1.3, "arm_2_joint": -0.2, "arm_4_joint": 1.0, "head_1_joint": 0.2})
 
 
@@ -185,7 +185,7 @@ def test_joints_that_slide_arrive_together_with_those_that_turn(robot: Simulated
 
 
 def test_move_joints_put_again_moves_nothing(robot: Simulated, client: Commanded) -> None:
-    """PUT is idempotent: the second one succeeds as well, and no joint turns by more than the servos settle."""
+    """PUT is idempotent: the second one succeeds as well, and no joint moves more than the servos settle."""
     body = f"<> {client.targets({'arm_1_joint': 0.8, 'head_1_joint': 0.3})} ."
     client.do(LF.MoveJoints, body, method="PUT")
     robot.watch()
@@ -195,7 +195,7 @@ def test_move_joints_put_again_moves_nothing(robot: Simulated, client: Commanded
 
 
 def test_json_ld_moves_joints_and_what_no_shape_covers_is_ignored(robot: Simulated, client: Commanded) -> None:
-    """Other types and predicates, at the root and below, in a vocabulary that nobody knows."""
+    """Other types and predicates, at the root and below, of an unknown vocabulary."""
     body = {
         "@context": ["https://w3id.org/linked-fleet/context", {"ex": "http://example.org/"}],
         "@id": "",

@@ -1,4 +1,4 @@
-"""What cannot be done, and what is only rehearsed, moves nothing: no setpoint in the simulator changes by a bit."""
+"""Impossible or rehearsed motions move nothing: no setpoint in the simulator changes at all."""
 
 import math
 from collections.abc import Callable, Iterator
@@ -16,7 +16,7 @@ from small_fleet import Place, live
 
 pytestmark = pytest.mark.virtual
 
-# A joint of the arm and one of the torso: every rehearsed action concerns one of them.
+# A joint of the arm and one of the torso, with which every rehearsed action is concerned.
 ARM, TORSO = "arm_1_joint", "torso_lift_joint"
 STILL_RAD = 1e-5
 Bodies = dict[URIRef, tuple[str, Callable[[Commanded, Simulated], str]]]
@@ -32,7 +32,7 @@ def both(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Simulated, 
 
 @pytest.fixture
 def robot(both: tuple[Simulated, Commanded]) -> Iterator[Simulated]:
-    """At home, and quite still, when the test begins."""
+    """Yield the robot at home and at rest."""
     simulation, client = both
     client.assume("home")
     eventually(lambda: simulation.speed() < 1e-7, "the servos settled")
@@ -52,7 +52,7 @@ def _reachable(client: Commanded, robot: Simulated) -> str:
     return pose_body(client.links["arm_tool_link"], wanted, turned)
 
 
-# By the kind of action: the joint that has it, if it is one's, and a body that would move ARM or TORSO.
+# By kind of action: the joint that has it, if any, and a body that would move ARM or TORSO.
 MOTIONS: Bodies = {
     LF.Rotate: (ARM, lambda client, robot: scalar(1.0)),
     LF.RotateBy: (ARM, lambda client, robot: scalar(0.3)),
@@ -91,7 +91,7 @@ def _invocations(client: Commanded, kind: URIRef, joint: str) -> str:
 def test_rehearsal_says_how_long_it_would_take_and_moves_nothing(
     robot: Simulated, client: Commanded, kind: URIRef
 ) -> None:
-    """The servos keep their setpoints, the joints their places, and no invocation is remembered."""
+    """Setpoints and positions stay, and no invocation is stored."""
     before, invocations = robot.positions(), _invocations(client, kind, MOTIONS[kind][0])
     setpoints = robot.setpoints()
     graph = _rehearse(client, robot, kind, MOTIONS)
@@ -106,7 +106,7 @@ def test_rehearsal_says_how_long_it_would_take_and_moves_nothing(
 
 
 def test_rehearsal_tells_the_truth(robot: Simulated, client: Commanded) -> None:
-    """The motion that follows takes as long as was said, and ends where was said."""
+    """The real motion takes the announced time, and ends at the announced position."""
     joint, body = MOTIONS[LF.Rotate]
     graph = _rehearse(client, robot, LF.Rotate, MOTIONS)
     (target,) = graph.objects(None, LF.target)
@@ -118,7 +118,7 @@ def test_rehearsal_tells_the_truth(robot: Simulated, client: Commanded) -> None:
 
 @pytest.mark.parametrize("kind", MOTIONS | STOPS, ids=lambda kind: kind.rpartition("#")[2])
 def test_rehearsal_lists_what_it_would_end_and_ends_nothing(robot: Simulated, client: Commanded, kind: URIRef) -> None:
-    """A slow motion of torso and arm goes on as if nobody had asked."""
+    """A slow motion of torso and arm continues undisturbed."""
     slow = f"<> {client.targets({ARM: 2.0, TORSO: 0.3}, robot.linear)} ; lf:speedScale 0.05 ."
     running = client.begin(LF.MoveJoints, slow)
     eventually(lambda: robot.speed() > 0.02, "a motion under way")
@@ -132,7 +132,7 @@ def test_rehearsal_lists_what_it_would_end_and_ends_nothing(robot: Simulated, cl
 
 
 def _nearest_m(robot: Simulated, link: str, point: np.ndarray) -> float:
-    """How near a link comes to a point in a thousand places that its joints may take."""
+    """Return the smallest distance of a link to a point, over a thousand joint positions."""
     random = np.random.default_rng(1)
     ranges = {
         name: (joint.limits.lower, joint.limits.upper)
@@ -144,7 +144,7 @@ def _nearest_m(robot: Simulated, link: str, point: np.ndarray) -> float:
 
 
 def test_unreachable_position_is_refused_with_how_near_the_link_would_come(robot: Simulated, client: Commanded) -> None:
-    """The residual is that of the nearest of a thousand places, or up to 50 mm better."""
+    """The residual is that of the nearest of a thousand positions, or up to 50 mm better."""
     setpoints, before = robot.setpoints(), robot.positions()
     point, link = np.array([2.5, 0.5, 0.8]), "arm_tool_link"
     answer = client.ask(LF.Reach, pose_body(client.links[link], point))
@@ -161,7 +161,7 @@ def test_unreachable_position_is_refused_with_how_near_the_link_would_come(robot
 
 
 def test_unreachable_orientation_is_refused_with_the_angle_that_is_left(robot: Simulated, client: Commanded) -> None:
-    """The head pans and tilts, and never rolls: a quarter turn about its own axis is out of reach, by just that."""
+    """The head pans and tilts, but never rolls: a quarter turn about its own axis is unreachable by just that angle."""
     setpoints = robot.setpoints()
     position, (x, y, z, w) = robot.pose("head_2_link")
     half = math.sqrt(0.5)
@@ -176,7 +176,7 @@ def test_unreachable_orientation_is_refused_with_the_angle_that_is_left(robot: S
 
 
 def test_refused_motion_moves_nothing(robot: Simulated, client: Commanded) -> None:
-    """A path that is too fast: 409 says by which factor its times must be stretched, and with that it is taken."""
+    """A path that is too fast gets 409 with the factor for its times, with which it is accepted."""
     setpoints = robot.setpoints()
     answer = client.ask(LF.FollowTrajectory, client.waypoints({0.1: {ARM: 0.7}, 0.2: {ARM: 0.9}}))
     assert (answer.status_code, "stretch all times" in answer.json()["detail"]) == (409, True)

@@ -1,4 +1,4 @@
-"""One request stops a whole fleet: five simulated robots in full motion, behind one gateway."""
+"""One request stops a whole fleet: five simulated robots at full speed, behind one gateway."""
 
 from collections.abc import Iterator
 
@@ -29,7 +29,7 @@ def fleet(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Browser, d
 
 @pytest.fixture
 def robots(fleet: tuple[Browser, dict[str, Simulated]]) -> Iterator[dict[str, Simulated]]:
-    """No test may have one of them exceed a limit of its URDF, or fall over."""
+    """Yield the robots; the test fails if a limit of a URDF is exceeded, or if one falls."""
     _, robots = fleet
     yield robots
     for robot in robots.values():
@@ -38,7 +38,7 @@ def robots(fleet: tuple[Browser, dict[str, Simulated]]) -> Iterator[dict[str, Si
 
 
 def _set_going(browser: Browser, robots: dict[str, Simulated]) -> dict[str, str]:
-    """The invocation of each robot, once all of them move."""
+    """Begin a motion of each robot, wait until all move, and return the invocations."""
     clients = {name: Commanded(browser, name) for name in robots}
     for name, client in clients.items():
         client.assume("home")
@@ -52,7 +52,7 @@ def _set_going(browser: Browser, robots: dict[str, Simulated]) -> dict[str, str]
 
 
 def _answers(graph: rdflib.Graph, invocation: URIRef) -> dict[str, str]:
-    """What each robot said, by its IRI."""
+    """Return each robot's answer, by its IRI."""
     nodes = graph.objects(invocation, LF.answer)
     return {str(graph.value(node, LF.ofRobot)): str(graph.value(node, LF.reason)) for node in nodes}
 
@@ -60,7 +60,7 @@ def _answers(graph: rdflib.Graph, invocation: URIRef) -> dict[str, str]:
 def test_stop_all_brings_every_robot_to_rest(
     fleet: tuple[Browser, dict[str, Simulated]], robots: dict[str, Simulated]
 ) -> None:
-    """Each robot answers, rests short of its target and stays; each motion is cancelled, and says by what."""
+    """Each robot answers, comes to rest short of its target and stays; each motion is cancelled and names the cause."""
     browser, _ = fleet
     begun = _set_going(browser, robots)
     url = browser.action(browser.page(browser.root), LF.StopAll)
@@ -87,7 +87,7 @@ def test_stop_all_brings_every_robot_to_rest(
 def test_rehearsed_stop_all_stops_nobody(
     fleet: tuple[Browser, dict[str, Simulated]], robots: dict[str, Simulated]
 ) -> None:
-    """It says how long braking takes and what it would end; all five go on."""
+    """The response contains braking times and what would end; all five continue."""
     browser, _ = fleet
     begun = _set_going(browser, robots)
     url = browser.action(browser.page(browser.root), LF.StopAll)

@@ -1,4 +1,4 @@
-"""Robots that are described wrongly or oddly: faulty alone, reachable by links, conforming to their blueprints."""
+"""Robots with wrong or odd descriptions: only they are faulty, reachable by links, and conform to their blueprints."""
 
 import math
 import random
@@ -22,7 +22,7 @@ pytestmark = pytest.mark.virtual
 
 @pytest.fixture
 def theatre(tmp_path: Path) -> Iterator[tuple[Process, Browser, zenoh.Session]]:
-    """A gateway with nobody but the actors of the test."""
+    """Yield a gateway without robots but those played by the test."""
     place = Place(tmp_path)
     with ExitStack() as stack:
         gateway, browser = stack.enter_context(place.gateway())
@@ -33,7 +33,7 @@ Theatre = tuple[Process, Browser, zenoh.Session]
 
 
 def test_faulty_descriptions_harm_nobody_else(theatre: Theatre) -> None:
-    """Unparsable URDF, a foreign version, no JSON, another's name: faulty with the reason; the good one lives."""
+    """Unparsable URDF, a foreign version, no JSON, another's name: faulty with the reason; the valid one is live."""
     gateway, browser, session = theatre
     good = Actor(session, "good").appear().stand(0.25)
     cases = {
@@ -68,7 +68,7 @@ def test_faulty_robot_recovers_with_a_new_run(theatre: Theatre) -> None:
 
 
 def test_names_that_need_an_escape(theatre: Theatre) -> None:
-    """Joint and link of one name, joints and robots called like sub-resources: links reach all."""
+    """Joint and link with the same name, joints and robots named like sub-resources: links reach all."""
     _, browser, session = theatre
     others = ("health", "ä", "subscriptions")
     for name in others:
@@ -105,7 +105,7 @@ def test_names_that_need_an_escape(theatre: Theatre) -> None:
 
 
 def test_every_kind_of_joint(theatre: Theatre) -> None:
-    """Also those that the wire carries no value of; what nobody can know is lf:unknown."""
+    """Also joints without transmitted values; unknown values are lf:unknown."""
     gateway, browser, session = theatre
     kinds = ("fixed", "revolute", "continuous", "prismatic", "floating", "planar")
     urdf = robot(
@@ -138,7 +138,7 @@ def test_every_kind_of_joint(theatre: Theatre) -> None:
 
 @pytest.mark.parametrize("floating", [False, True])
 def test_before_the_first_frame_and_with_nan(theatre: Theatre, floating: bool) -> None:
-    """Every value is lf:unknown, nothing else is missing, and actions answer 503; NaN in a frame is lf:unknown."""
+    """Every value is lf:unknown, nothing else is missing, and actions get 503; NaN in a frame is lf:unknown."""
     _, browser, session = theatre
     actor = Actor(session, "r")
     actor.appear(actor.description(floating=floating))
@@ -161,7 +161,7 @@ def test_before_the_first_frame_and_with_nan(theatre: Theatre, floating: bool) -
 
 
 def test_actor_that_never_described_itself_is_forgotten_when_it_leaves(theatre: Theatre) -> None:
-    """A token is all that there was of it: the fleet lists it while it is there, conforming."""
+    """It only had a token: the fleet lists it while it is present, and conforms."""
     _, browser, session = theatre
     token = session.liveliness().declare_token("fleet/robot/r/presence/1")
     eventually(lambda: presence(browser, "r"), "r")
@@ -181,7 +181,7 @@ _PREFIXES = """@prefix rdf: <http://www.w3.org/1999/02/22-rdf-syntax-ns#> .
 
 
 def test_annotations_cannot_pose_as_the_gateway(theatre: Theatre) -> None:
-    """What the gateway states it alone states; the rest is shown; Turtle that is none is left out."""
+    """They cannot override statements of the gateway; the rest is shown; invalid Turtle is left out."""
     _, browser, session = theatre
     said = """
     <> ex:colour "red" ; ex:maker [ ex:name "ACME" ; lf:fault "inner" ] ; lf:presence lf:offline ; lf:fault "none" ;
@@ -218,7 +218,7 @@ def test_annotations_cannot_pose_as_the_gateway(theatre: Theatre) -> None:
 
 
 def test_hostile_sizes_of_a_urdf(theatre: Theatre) -> None:
-    """Entities and depth: faulty, and the gateway goes on."""
+    """Entities and depth: the robot is faulty, and the gateway continues."""
     _, browser, session = theatre
     bomb = '<!DOCTYPE r [<!ENTITY a "aaaaaaaaaa"><!ENTITY b "&a;&a;&a;&a;">]><robot name="&b;"/>'
     for name, urdf in (("bomb", bomb), ("deep", "<a>" * 100_000 + "</a>" * 100_000)):
@@ -230,7 +230,7 @@ def test_hostile_sizes_of_a_urdf(theatre: Theatre) -> None:
 
 
 def test_malformed_and_foreign_messages_are_harmless(theatre: Theatre) -> None:
-    """Whatever is put on the keys: the gateway serves, the good robot keeps its values, one log line per sender."""
+    """Whatever is published: the gateway serves, the valid robot keeps its values, one log line per sender."""
     gateway, browser, session = theatre
     good = Actor(session, "good").appear().stand(0.25)
     live(browser, "good")

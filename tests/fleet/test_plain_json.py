@@ -1,4 +1,4 @@
-"""Clients that speak plain JSON alone command a robot: rehearse, move, take control."""
+"""Clients that use only plain JSON command a robot: rehearse, move, take control."""
 
 from collections.abc import Iterator
 
@@ -27,7 +27,7 @@ def _ask(http: httpx.Client, prefer: str, query: str = "?as=json", accept: str =
 
 
 def test_the_invocation_is_answered_in_the_format_that_the_address_picks(http: httpx.Client) -> None:
-    """``as`` picks it, as for any resource: generated clients and links do not set Accept."""
+    """``as`` selects it, as for any resource: generated clients and links do not set Accept."""
     begun = _ask(http, "return=representation")
     assert (begun.status_code, begun.headers["content-type"]) == (201, "application/json")
     path = f"{ROTATE}/invocations/{begun.json()['id']}"
@@ -45,7 +45,7 @@ def test_a_word_that_picks_no_format_moves_nothing(http: httpx.Client) -> None:
 
 @pytest.mark.parametrize(("query", "accept"), [("?as=json", "*/*"), ("", "application/json")])
 def test_a_rehearsal_is_had_in_plain_json(http: httpx.Client, query: str, accept: str) -> None:
-    """With the same members as in RDF: how long, to where, and that the path was found free of collisions."""
+    """With the same members as in RDF: duration, end, and that the path was found free of collisions."""
     rehearsed = _ask(http, "dry-run", query, accept)
     assert (rehearsed.status_code, rehearsed.headers["content-type"]) == (200, "application/json")
     said = rehearsed.json()
@@ -68,7 +68,7 @@ def test_control_is_taken_and_released_in_plain_json(http: httpx.Client) -> None
 
 @pytest.mark.parametrize("token", ["", "<urn:uuid:", "<urn:uuid:00000000-0000-4000-8000-000000000000", "a, b"])
 def test_a_token_that_is_none_is_refused_and_not_left_out(http: httpx.Client, token: str) -> None:
-    """A client that lost its token, or a part of it, is told so before a robot is asked anything."""
+    """A client that lost its token, or a part of it, is refused before the robot is asked."""
     body = {"value": 1.5, "unit": RAD}
     refused = http.post(ROTATE, json=body, headers={"lock-token": token})
     assert refused.status_code == 400 and "Lock-Token" in refused.json()["detail"]

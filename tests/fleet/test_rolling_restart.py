@@ -1,4 +1,4 @@
-"""Gateways that end in good order: what is under way is answered, and the others go on with all the rest."""
+"""Gateways that end regularly: requests in progress are answered, and the others continue everything else."""
 
 import contextlib
 import signal
@@ -53,7 +53,7 @@ def memory(tmp_path: Path) -> Iterator[Servers]:
 
 
 def calmly(process: Process) -> None:
-    """End it; its log tells of nothing that went wrong."""
+    """End the gateway, and check that its log has no errors."""
     assert process.stop() == 0, process.output
     assert not [line for line in process.lines if any(word in line for word in _UNWELCOME)], process.output
 
@@ -103,7 +103,7 @@ def test_a_request_that_waits_for_a_robot_is_answered(stage: Hub, memory: Server
 
 
 def test_streams_are_told_to_come_back_and_find_the_latest_value(stage: Hub, memory: Servers) -> None:
-    """Those that were made by POST as well, also when they were never opened: they wait at the other gateway."""
+    """Also streams created by POST, even if never opened: they wait at the other gateway."""
     with gateways(stage, memory.url) as (one, other):
         made, unopened = (one.posted_stream() for _ in range(2))
         with Socket(one.rotation) as socket, Socket(made) as again, events(one.rotation) as stream:
@@ -127,7 +127,7 @@ def test_streams_are_told_to_come_back_and_find_the_latest_value(stage: Hub, mem
 
 
 def test_a_delivery_under_way_is_handed_over(stage: Hub, memory: Servers) -> None:
-    """Its receiver does not answer: another gateway repeats it while the lease of the first would still last."""
+    """Its receiver does not respond: another gateway repeats it before the lease of the first would expire."""
     with receiving() as receiver, gateways(stage, memory.url) as (one, other):
         iri = one.subscribed(receiver.url())
         receiver.wait(1)
@@ -142,7 +142,7 @@ def test_a_delivery_under_way_is_handed_over(stage: Hub, memory: Servers) -> Non
 
 
 def test_a_gateway_ends_while_redis_hangs(stage: Hub, memory: Servers) -> None:
-    """Its streams are told, and another has its callbacks once Redis answers again."""
+    """Its streams are told, and another gateway has its callbacks once Redis answers again."""
     (node,) = memory.nodes
     with receiving() as receiver, gateways(stage, memory.url) as (one, other):
         one.subscribed(receiver.url())
@@ -165,7 +165,7 @@ def test_a_gateway_ends_while_redis_hangs(stage: Hub, memory: Servers) -> None:
 
 
 def test_a_rolling_restart_under_load_loses_nothing(stage: Hub, memory: Servers) -> None:
-    """Motions, reads, streams and callbacks go on; what was answered holds at each gateway, old and new."""
+    """Motions, reads, streams and callbacks continue; all responses hold at each gateway, old and new."""
     ports = [free_port(), free_port()]
     roots = [f"http://127.0.0.1:{port}/" for port in ports]
     with contextlib.ExitStack() as stack:
@@ -207,13 +207,13 @@ def test_a_rolling_restart_under_load_loses_nothing(stage: Hub, memory: Servers)
 
 
 def some(mover: Mover, reader: Reader) -> None:
-    """Wait until clients have had more of what they want."""
+    """Wait for further successful requests of the clients."""
     moved, read = len(mover.answered), reader.steps
     eventually(lambda: len(mover.answered) > moved + 1 and reader.steps > read + 1, "clients that go on")
 
 
 def made_known(gateway: Gateway) -> dict[str, str]:
-    """Take control of the arm and give it a title; the field that proves the control."""
+    """Take control of the arm and give it a title; return the field that proves the control."""
     robot = gateway.browser.robot("ur5")
     answer = put(gateway.browser, str(robot.one(LF.lease)), control("Ada", 600))
     assert answer.status_code == 204, answer.text
@@ -224,7 +224,7 @@ def made_known(gateway: Gateway) -> dict[str, str]:
 
 
 def same(gateway: Gateway, mover: Mover, action: str) -> None:
-    """What was made before the restart is known, and every motion that was asked for was begun once."""
+    """Check that data from before the restart is known, and that every requested motion began once."""
     robot = gateway.browser.robot("ur5")
     assert str(robot.graph.value(robot.iri, DCTERMS.title)) == "Left arm"
     lease = gateway.browser.page(str(robot.one(LF.lease)))

@@ -1,4 +1,4 @@
-"""Robots that are far away: over QUIC, and behind a chain of Zenoh routers of which one is restarted."""
+"""Distant robots: over QUIC, and behind a chain of Zenoh routers of which one is restarted."""
 
 import contextlib
 import signal
@@ -17,7 +17,7 @@ pytestmark = pytest.mark.processes
 
 
 def turns(browser: Browser, target: float) -> None:
-    """A command arrives, and so do the frames that show what it did."""
+    """Check that a command and the frames of its motion arrive."""
     begun(put(browser, of_joint(browser, WRIST), radian(target), prefer="wait=30"))
     assert angle(browser, WRIST) == pytest.approx(target, abs=STILL_RAD)
 
@@ -32,13 +32,13 @@ def _openssl(folder: Path, *words: str) -> None:
 
 
 def authority(folder: Path, name: str) -> Path:
-    """The certificate of a new authority."""
+    """Return the certificate of a new authority."""
     _openssl(folder, "req", "-x509", *_KEY, "-keyout", f"{name}.key", "-out", f"{name}.pem", "-subj", f"/CN={name}")
     return folder / f"{name}.pem"
 
 
 def certified(folder: Path, ca: Path) -> tuple[Path, Path]:
-    """Key and certificate of loopback, which the authority signed."""
+    """Return key and certificate of loopback, signed by the authority."""
     (folder / "names").write_text("subjectAltName=DNS:localhost,IP:127.0.0.1\n")
     _openssl(folder, "req", *_KEY, "-keyout", "own.key", "-out", "own.csr", "-subj", "/CN=localhost")
     signing = ("-CA", str(ca), "-CAkey", str(ca.with_suffix(".key")), "-CAcreateserial", "-extfile", "names")
@@ -47,7 +47,7 @@ def certified(folder: Path, ca: Path) -> tuple[Path, Path]:
 
 
 def test_a_robot_over_quic(tmp_path: Path) -> None:
-    """One that trusts the gateway's certificate; another that does not stays away and says so."""
+    """A robot that trusts the gateway's certificate joins; another one stays away and says so."""
     ours, theirs = authority(tmp_path, "ours"), authority(tmp_path, "theirs")
     key, certificate = certified(tmp_path, ours)
     where = f"127.0.0.1:{free_port()}"
@@ -69,7 +69,7 @@ def test_a_robot_over_quic(tmp_path: Path) -> None:
 
 
 class Router:
-    """It can be killed and started again at the same endpoint."""
+    """A router that can be killed and restarted at the same endpoint."""
 
     def __init__(self, *others: str) -> None:
         self.endpoint = f"tcp/127.0.0.1:{free_port()}"
@@ -91,7 +91,7 @@ class Router:
 
 @pytest.fixture
 def chain() -> Iterator[tuple[Router, Router]]:
-    """Two routers; the second knows the first."""
+    """Yield two routers; the second connects to the first."""
     with contextlib.closing(Router()) as near, contextlib.closing(Router(near.endpoint)) as far:
         near.start()
         far.start()
@@ -99,7 +99,7 @@ def chain() -> Iterator[tuple[Router, Router]]:
 
 
 def test_a_robot_behind_two_routers(tmp_path: Path, chain: tuple[Router, Router]) -> None:
-    """It is there, moves and is heard; whichever router is killed, it comes back with that, and takes commands."""
+    """It joins, moves and is heard; after either router is killed and restarted, it comes back and accepts commands."""
     near, far = chain
     port = free_port()
     command = ("--port", str(port), "--zenoh-connect", near.endpoint, "--state-dir", str(tmp_path))

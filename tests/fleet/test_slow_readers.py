@@ -1,4 +1,4 @@
-"""R0.12 to R0.16 under load: who stops reading costs the gateway little, delays nobody, ends with the final value."""
+"""R0.12 to R0.16 under load: slow readers cost the gateway little, delay nobody, and get the final value."""
 
 import contextlib
 import selectors
@@ -28,11 +28,11 @@ ARM = robot(
 )  # fmt: skip
 FINAL, NEXT = 0.98765, 0.56789
 FLOOD_BYTES = 12 * 1024 * 1024
-"""What each reader gets while one does not read; a queue for that one would hold as much."""
+"""Bytes that each reader gets while one does not read; a queue for that one would hold as many."""
 GROWTH_KIB = 6 * 1024
-"""Of the gateway meanwhile: its allocator's own comings and goings, and half of what a queue would hold."""
+"""Permitted growth of the gateway: allocator noise, and half of what a queue would hold."""
 KERNEL_BYTES = 192 * 1024
-"""What is on its way in the kernel: what the receiver lets in, 16 KiB that the gateway lets wait, one segment more."""
+"""Bytes in the kernel: the receive buffer, 16 KiB that the gateway buffers, and one more segment."""
 RECEIVE_BUFFER = 4096
 TEXT, PING, PONG, MASKED = 0x81, 0x89, 0x8A, 0x80
 
@@ -66,7 +66,7 @@ class Reader:
         self.sock.close()
 
     def read(self) -> None:
-        """Take what has come; blocks when nothing has."""
+        """Receive what has arrived; blocks if there is nothing."""
         data = self.sock.recv(1 << 18)
         assert data, "the gateway closed the connection"
         self.bytes += len(data)
@@ -79,7 +79,7 @@ class Reader:
         self._rest = data[start:]
 
     def cut(self, data: bytes, start: int) -> tuple[bytes, int] | None:
-        """The message that begins there, empty when it is none for the subscriber, and its end; None: not whole yet."""
+        """Return the message at ``start`` (empty if it is none for the subscriber) and its end; None if incomplete."""
         raise NotImplementedError
 
     def shows(self, value: float) -> bool:
@@ -112,7 +112,7 @@ class SocketReader(Reader):
 
 
 class EventReader(Reader):
-    """Server-sent events, as far as they are needed to tell them apart; chunks leave their lengths between lines."""
+    """Parses server-sent events just far enough to separate them; chunk lengths appear between lines."""
 
     FIELDS = "Accept: text/event-stream\r\n"
     ANSWER = b"HTTP/1.1 200"
@@ -126,7 +126,7 @@ class EventReader(Reader):
 
 
 class Mover:
-    """A robot of 20 joints; the first one moves with every frame."""
+    """A robot of 20 joints, the first of which moves with every frame."""
 
     def __init__(self, session: zenoh.Session, name: str) -> None:
         self.actor = Actor(session, name)
@@ -139,7 +139,7 @@ class Mover:
 
     @contextlib.contextmanager
     def moving(self) -> Iterator[None]:
-        """Frames at some 500 Hz until the end of the block, the last with the final value."""
+        """Send frames at some 500 Hz until the end of the block, the last with the final value."""
 
         def run() -> None:
             while not self._over.wait(0.002):
@@ -158,7 +158,7 @@ class Mover:
 
 
 class Stage:
-    """A gateway, the robot that moves and another one."""
+    """A gateway, the moving robot and another one."""
 
     def __init__(self, gateway: Process, browser: Browser, session: zenoh.Session) -> None:
         self.browser, self.pid = browser, gateway._child.pid
@@ -182,7 +182,7 @@ class Stage:
         self.other.put("state", self.other.frame((self.other_angle,)))
 
     def others_are_served(self) -> None:
-        """A change of the other robot arrives by WebSocket, and a GET shows it."""
+        """Check that a change of the other robot arrives by WebSocket, and that a GET shows it."""
         with SocketReader(self.rotation) as watcher:
             for _ in range(5):
                 self.turn_other()
@@ -206,7 +206,7 @@ def scene(tmp_path: Path) -> Iterator[Stage]:
 
 @contextlib.contextmanager
 def reading(readers: list[Reader]) -> Iterator[Callable[[Callable[[Reader], bool], str], None]]:
-    """All of them read all the time; yields how to wait until something is true of each."""
+    """Let all of them read continuously; yield a function that waits until a condition holds for each."""
     over, failures = threading.Event(), []
 
     def run() -> None:
@@ -217,7 +217,7 @@ def reading(readers: list[Reader]) -> Iterator[Callable[[Callable[[Reader], bool
                 while not over.is_set():
                     for key, _ in selector.select(0.05):
                         key.data.read()
-            except Exception as error:  # noqa: BLE001 - said in the test's own thread
+            except Exception as error:  # noqa: BLE001 - raised in the test's own thread
                 failures.append(error)
 
     def wait(condition: Callable[[Reader], bool], what: str) -> None:
@@ -246,7 +246,7 @@ def test_one_that_hardly_reads_among_fifty_that_do_not(scene: Stage, kind: type[
             wait(lambda reader: reader.bytes > FLOOD_BYTES / 10, "buffers and caches of the usual size")
             before = highest = scene.rss_kib()
             for tenth in range(2, 11):
-                slow.read()  # a few KiB: who takes nothing at all for half a minute is dropped
+                slow.read()  # a few KiB: a client that receives nothing for half a minute is disconnected
                 wait(lambda reader, tenth=tenth: reader.bytes > FLOOD_BYTES * tenth / 10, "the flood")
                 highest = max(highest, scene.rss_kib())
             scene.others_are_served()
@@ -266,7 +266,7 @@ def test_one_that_hardly_reads_among_fifty_that_do_not(scene: Stage, kind: type[
 
 
 def test_a_receiver_that_stalls_among_others_that_do_not(scene: Stage) -> None:
-    """R0.13: deliveries wait for a receiver, those of others do not; it has the last value in the end."""
+    """R0.13: deliveries to this receiver wait, those to others do not; it has the last value in the end."""
     with receiving() as prompt, receiving() as stalling:
         stalling.default = Answer(stalls=True)
         urls = [prompt.url(f"/{each}") for each in range(10)] + [stalling.url("/stalling")]
@@ -286,7 +286,7 @@ def test_a_receiver_that_stalls_among_others_that_do_not(scene: Stage) -> None:
         eventually(lambda: final in stalling.log()[-1].body, "the final value at who stalled")
         deliveries = list(dict.fromkeys(seen.headers["linked-fleet-delivery"] for seen in stalling.log()))
         assert deliveries == [str(n + 1) for n in range(len(deliveries))]
-        assert len(deliveries) < 10  # and not one for each value that has gone by
+        assert len(deliveries) < 10  # and not one for each value in between
         for url in made:
             assert scene.browser.http.delete(url).status_code == 204
         container = scene.browser.robot("mover").one(HYBRIT.subscriptions)

@@ -1,4 +1,4 @@
-"""What goes from one gateway to another, and what clients, receivers and gateways leave behind when they go."""
+"""Streams that move between gateways, and what clients, receivers and gateways leave behind when they go."""
 
 import contextlib
 import signal
@@ -63,13 +63,13 @@ def receiver() -> Iterator[CallbackReceiver]:
 
 
 def calm(process: Process, unwelcome: tuple[str, ...] = _UNWELCOME) -> None:
-    """Its log tells of nothing that went wrong unforeseen."""
+    """Check that its log has no unexpected errors."""
     found = [line for line in process.lines if any(word in line for word in unwelcome)]
     assert not found, process.output
 
 
 def shown(gateway: Gateway, iri: str) -> tuple[bool, URIRef]:
-    """Whether the container lists the subscription, and in which state it is."""
+    """Return whether the container lists the subscription, and its state."""
     page = gateway.description(iri)
     return page.response.url.path in gateway.listed(), page.one(LF.deliveryState)
 
@@ -85,13 +85,13 @@ def all_show(gateways: tuple[Gateway, ...], iri: str, kind: URIRef | None, state
 
 
 def test_a_stream_made_here_and_opened_there_goes_on(stage: Hub, pair: tuple[Gateway, Gateway]) -> None:
-    """For longer than gateways take to compare what they hold; whoever deletes it through any of them ends it."""
+    """For longer than gateways take to reconcile; deleting it through any gateway ends it."""
     one, other = pair
     iris = one.posted_stream(), one.posted_stream()
     with Socket(other.here(iris[0])) as socket, events(other.here(iris[1])) as stream:
         assert socket.next().angle == stream.next().angle == stage.angle
         end_s = time.monotonic() + 2 * RECONCILE_S + 1
-        while time.monotonic() < end_s:  # what is missing is looked at when it is missing for the second time
+        while time.monotonic() < end_s:  # a missing subscription is handled when it is missing for the second time
             stage.step()
             assert socket.next().angle == stream.next().angle == stage.angle
             for iri, kind in zip(iris, (LF.WebSocketStream, LF.EventStream), strict=True):
@@ -109,7 +109,7 @@ def test_a_stream_made_here_and_opened_there_goes_on(stage: Hub, pair: tuple[Gat
 def test_a_stream_that_is_opened_at_one_and_then_at_the_other_goes_over(
     stage: Hub, pair: tuple[Gateway, Gateway]
 ) -> None:
-    """To and fro: who had it before hears so, and does not get it back by going."""
+    """To and fro: the former holder is told so, and does not get it back by closing."""
     one, other = pair
     iri = one.posted_stream()
     with Socket(one.here(iri)) as first:
@@ -135,7 +135,7 @@ def test_a_stream_that_is_opened_at_one_and_then_at_the_other_goes_over(
 
 
 def test_an_event_stream_that_goes_over_ends_for_good(stage: Hub, pair: tuple[Gateway, Gateway]) -> None:
-    """Or two pages with an EventSource each would take it from each other for ever."""
+    """Otherwise two pages with an EventSource each would take it from each other for ever."""
     one, other = pair
     iri = one.posted_stream()
     with events(one.here(iri)) as first, contextlib.ExitStack() as stack:
@@ -151,7 +151,7 @@ def test_an_event_stream_that_goes_over_ends_for_good(stage: Hub, pair: tuple[Ga
             while second.next().angle != stage.angle:
                 pass
         all_show(pair, iri, LF.EventStream, LF.active)
-        with Socket(one.here(iri)) as third:  # by another way, and back at the first gateway
+        with Socket(one.here(iri)) as third:  # by another protocol, and back at the first gateway
             assert second.ended()
             assert second.last_event_id == "cancelled"
             assert third.next().angle == stage.angle
@@ -161,7 +161,7 @@ def test_an_event_stream_that_goes_over_ends_for_good(stage: Hub, pair: tuple[Ga
 
 
 def test_a_stream_that_is_closed_here_and_opened_there_at_once(stage: Hub, pair: tuple[Gateway, Gateway]) -> None:
-    """Whichever gateway is told first: the one that closes it must not take it from the one that opens it."""
+    """Whichever gateway is told first: the closing one must not take it from the opening one."""
     one, other = pair
     iri = one.posted_stream()
     for each in 10 * (one, other):
@@ -180,7 +180,7 @@ def test_a_stream_that_is_closed_here_and_opened_there_at_once(stage: Hub, pair:
 
 
 def rude(url: str, *fields: str, wait: bool = False) -> None:
-    """Ask, and reset the connection at once or with the first byte of the answer."""
+    """Send a request, and reset the connection at once or with the first byte of the response."""
     _, _, rest = url.partition("://")
     authority, _, path = rest.partition("/")
     host, _, port = authority.partition(":")
@@ -207,7 +207,7 @@ def swarm(url: str, count: int) -> None:
 
 
 def unused(at: Gateway) -> None:
-    """The container is empty, and as many as ever can be opened."""
+    """Check that the container is empty, and that the maximum number of streams can be opened."""
     eventually(lambda: at.listed() == set(), "an empty container")
     with contextlib.ExitStack() as stack:
 
@@ -223,7 +223,7 @@ def unused(at: Gateway) -> None:
             return len(made) == LIMIT
 
         eventually(room, "room for a stream")
-        # Who went while a stream was opened and deleted has a place for a moment after nothing is listed any more.
+        # A stream opened and deleted by a vanished client counts for a moment after the list is empty.
         eventually(as_many_as_ever, "room for as many as ever")
         eventually(lambda: at.listed() == set(), "an empty container")
         kept: list[Socket | Events] = []
@@ -237,7 +237,7 @@ def unused(at: Gateway) -> None:
 
 
 def test_clients_that_reset_their_connection_leave_nothing(stage: Hub, tmp_path: Path) -> None:
-    """Streams of their own and one that was made by POST, before or just when they are answered."""
+    """Streams of their own and one created by POST, before or just when they are answered."""
     limit = ("--subscriptions-per-client", str(LIMIT))
     with gateway(stage, *limit, state=tmp_path) as at:
         swarm(at.rotation, 20)
@@ -284,7 +284,7 @@ def test_clients_that_come_and_go_while_redis_hangs_leave_nothing(stage: Hub, tm
 def test_a_gateway_that_slept_while_a_delivery_was_to_be_repeated_delivers_no_more(
     stage: Hub, pair: tuple[Gateway, Gateway], receiver: CallbackReceiver
 ) -> None:
-    """Beyond its lease: another has taken the callback over, and no older number comes after a higher one."""
+    """It slept beyond its lease: another gateway has the callback, and no older number follows a higher one."""
     slow, quick = pair
     iri = slow.subscribed(receiver.url())
     receiver.wait(1)
@@ -346,7 +346,7 @@ def test_after_a_takeover_an_unchanged_value_is_delivered_once_more_at_most(
 def test_a_gateway_with_callbacks_to_dead_receivers_ends_in_good_order(
     stage: Hub, tmp_path: Path, receiver: CallbackReceiver
 ) -> None:
-    """Twenty whose receivers are not there, and twenty whose receivers do not answer."""
+    """Twenty whose receivers are unreachable, and twenty whose receivers do not respond."""
     with receiving() as closed:
         nobody = closed.url()
     receiver.default = Answer(stalls=True)

@@ -1,4 +1,4 @@
-"""PATCH of subscriptions: at one of two gateways, while another serves them."""
+"""PATCH of subscriptions at one of two gateways, while the other serves them."""
 
 from collections.abc import Iterator
 
@@ -47,7 +47,7 @@ def _patch(gateway: Gateway, iri: str, update: str, **fields: str) -> httpx.Resp
 
 
 def _set(**options: str) -> str:
-    """An update that gives options other values."""
+    """Return an update that sets options."""
     names = {name: f"hybrit:{name}" if name in ("mediaType", "onResource") else f"lf:{name}" for name in options}
     before = " ".join(f"<> {names[name]} ?{name} ." for name in options)
     after = " ".join(f"<> {names[name]} {value} ." for name, value in options.items())
@@ -61,10 +61,10 @@ def _value(page: Page, predicate: URIRef) -> str:
 def test_every_gateway_shows_what_was_patched_through_one(
     two: tuple[Gateway, Gateway], receiver: CallbackReceiver
 ) -> None:
-    """204; all options but the secret are shown; the entity tag is another, and the old one is 412."""
+    """204; all options but the secret are shown; the entity tag is new, and the old one gets 412."""
     one, other = two
     iri = one.subscribed(receiver.url())
-    # Deliveries change the description, too: its entity tag holds once there is nothing to deliver.
+    # Deliveries change the description, too: its entity tag is stable once there is nothing to deliver.
     receiver.wait(1)
     one.in_state(iri, LF.active)
     eventually(lambda: _value(one.description(iri), LF.lastStatus) == "204", "the first delivery")
@@ -92,7 +92,7 @@ def test_every_gateway_shows_what_was_patched_through_one(
 def test_a_courier_obeys_what_was_patched_at_another_gateway(
     stage: Hub, two: tuple[Gateway, Gateway], receiver: CallbackReceiver
 ) -> None:
-    """In the middle of a delivery that stalls: nothing is lost, repeated or out of order, numbers have no gaps."""
+    """In the middle of a stalled delivery: nothing is lost, repeated or out of order, numbers have no gaps."""
     one, other = two
     receiver.script(Answer(), Answer(stalls=True))
     iri = one.subscribed(receiver.url())
@@ -123,7 +123,7 @@ def test_a_courier_obeys_what_was_patched_at_another_gateway(
 def test_an_open_stream_obeys_what_was_patched_at_another_gateway(
     stage: Hub, two: tuple[Gateway, Gateway], opened: type[Socket]
 ) -> None:
-    """An hour of interval is over when the change is told, on the same connection; then every value comes."""
+    """An interval of an hour is over once the change arrives, on the same connection; then every value comes."""
     one, other = two
     iri = other.posted_stream(f"; <{LF.minimumInterval}> 3600")
     with opened(one.here(iri)) as stream:
@@ -145,7 +145,7 @@ def test_an_open_stream_obeys_what_was_patched_at_another_gateway(
 
 
 def test_a_patch_that_is_refused_says_why_and_changes_nothing(two: tuple[Gateway, Gateway]) -> None:
-    """Each refusal links its constraint where there is one; OPTIONS, GET and 415 say what is taken."""
+    """Each refusal links its constraint if there is one; OPTIONS, GET and 415 list what is accepted."""
     one, _ = two
     iri = one.posted_stream()
     before = one.description(iri).response.text
@@ -177,7 +177,7 @@ def test_a_patch_that_is_refused_says_why_and_changes_nothing(two: tuple[Gateway
 def test_the_media_type_of_a_callback_is_one_of_its_resource(
     two: tuple[Gateway, Gateway], receiver: CallbackReceiver
 ) -> None:
-    """Another one is 422, as at creation; without any it is the first again."""
+    """Another one gets 422, as at creation; without any it is the first again."""
     one, other = two
     iri = one.subscribed(receiver.url(), '; hybrit:mediaType "application/ld+json"')
     for media_type in ("image/png", "text/html"):

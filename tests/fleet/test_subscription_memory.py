@@ -1,4 +1,4 @@
-"""R1.8 in the long run: subscriptions that come and go leave nothing behind, neither in the gateway nor in Redis."""
+"""R1.8 in the long run: subscriptions that come and go leave nothing behind in the gateway or in Redis."""
 
 import asyncio
 import itertools
@@ -23,10 +23,10 @@ pytestmark = [pytest.mark.processes, pytest.mark.test_all]
 CYCLES, ROUNDS = 1000, 8
 AT_ONCE = 20
 GROWTH_KIB = 512
-"""What a round may leave that is no leak: 1,000 connections that stayed by one KiB each would be twice that."""
+"""Growth per round that is no leak: 1,000 leaked connections of one KiB each would be twice that."""
 
 TO_REDIS = 100
-"""Connections that the client of Redis keeps: as many as commands were ever under way at once, at most so many."""
+"""Limit of connections that the Redis client keeps: the maximum number of concurrent commands."""
 
 Cycle = Callable[[], Awaitable[None]]
 
@@ -45,7 +45,7 @@ class Client:
     async def asked(
         self, method: str, path: str, *fields: str
     ) -> AsyncIterator[tuple[asyncio.StreamReader, asyncio.StreamWriter, str]]:
-        """A connection with the head of its answer; it is cut at the end, unless that happened before."""
+        """Yield a connection with the head of the response; it is cut at the end, unless that happened before."""
         host, port = self.authority.split(":")
         reader, writer = await asyncio.open_connection(host, int(port))
         try:
@@ -57,7 +57,7 @@ class Client:
             writer.transport.abort()
 
     async def websocket(self) -> None:
-        """Every other one says good-bye."""
+        """Every other one closes regularly."""
         key = ("Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==", "Sec-WebSocket-Version: 13")
         asked = self.asked("GET", self.path, "Connection: Upgrade", "Upgrade: websocket", *key)
         async with asked as (reader, writer, head):
@@ -88,7 +88,7 @@ class Client:
         del self._arrived[path]
 
     async def receive(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        """A receiver of callbacks, for one connection."""
+        """Receive callbacks on one connection."""
         try:
             while True:
                 head = (await reader.readuntil(b"\r\n\r\n")).decode()
@@ -99,11 +99,11 @@ class Client:
                 writer.write(b"HTTP/1.1 204 No Content\r\n\r\n")
         except (asyncio.IncompleteReadError, ConnectionError):
             return
-        finally:  # cancelled as well
+        finally:  # also when cancelled
             writer.transport.abort()
 
     async def run(self, count: int, way: str = "all") -> None:
-        """So many cycles, some at once: in one way, or one in ten by callback and the others as streams."""
+        """Run so many cycles, some at once: in one way, or one in ten by callback and the others as streams."""
         mixed = [*[self.websocket, self.events] * 4, self.websocket, self.callback]
         ways: Iterator[Cycle] = itertools.cycle(mixed if way == "all" else [getattr(self, way)])
         cycles = iter([next(ways) for _ in range(count)])
@@ -129,7 +129,7 @@ def _files(pid: int) -> int:
 
 
 def _lasting_keys(state: Path) -> set[str]:
-    """What does not go by itself, except what each run has."""
+    """Return the keys without an expiry, except those of each run."""
     with redis.Redis(unix_socket_path=str(state / "valkey.sock"), decode_responses=True) as client:
         return {key for key in client.scan_iter() if client.ttl(key) == -1}
 
@@ -137,8 +137,8 @@ def _lasting_keys(state: Path) -> set[str]:
 def test_r1_8_thousands_of_subscriptions_leave_nothing_behind(tmp_path_factory: pytest.TempPathFactory) -> None:
     """By WebSocket, event stream and callback: memory is flat, containers and Redis are empty, connections closed.
 
-    The allocator fills its gaps in the first rounds, and takes and gives back some in each: what is lost by each
-    subscription is lost in every round, so one in which nothing is lost shows that there is no such thing.
+    The allocator fills its gaps in the first rounds, and its usage varies in each. A leak per subscription would show
+    in every round, so one round without growth proves that there is none.
     """
     place = Place(tmp_path_factory.mktemp("m"))
     with place.gateway() as (gateway, browser), stage(place.zenoh) as session:

@@ -1,4 +1,4 @@
-"""Two real robots in one world: where they stand, what stands beside them, and what they would hit."""
+"""Two real robots in one world: their places, the objects beside them, and what they would hit."""
 
 import asyncio
 import contextlib
@@ -52,7 +52,7 @@ def here(place: Place, robots: Process) -> Iterator[tuple[Process, Browser]]:
 
 @pytest.fixture
 def browser(here: tuple[Process, Browser]) -> Iterator[Browser]:
-    """Nothing is placed, and nothing is there."""
+    """Yield a browser on a world without placements and objects."""
     browser = here[1]
     for name in ("ur5", "panda"):
         assert browser.http.delete(placement(browser, name)).status_code == 204
@@ -101,7 +101,7 @@ def put_object(browser: Browser, body: str) -> str:
 
 
 def turn(browser: Browser, degrees: float, robot: str = "ur5", joint: str = PAN, **headers: str) -> httpx.Response:
-    """Once its shapes are there; nothing is begun before."""
+    """Rotate once the shapes are prepared; nothing begins before."""
     body = f"{PREFIXES}[] vom:numericalValue {degrees} ; vom:unit unit:DEG ."
     action = of_joint(browser, joint, robot=robot)
 

@@ -1,4 +1,4 @@
-"""Writes at a real gateway: nothing is lost in silence, and each refusal says where its constraints are."""
+"""Writes at a real gateway: nothing is lost silently, and each refusal links its constraints."""
 
 import re
 from collections.abc import Iterator
@@ -55,7 +55,7 @@ def _setting(browser: Browser, name: str) -> str:
 
 
 def _written(browser: Browser, crate: str) -> dict[str, str]:
-    """Each resource that takes PUT, with something that makes it have a state."""
+    """Return each resource that accepts PUT, with a body that gives it a state."""
     bodies = {
         "title": '<> lf:value "Arm" .',
         "annotations": "<./> <urn:x/colour> 'red' ; <urn:x/by> [ <urn:x/n> 1 ] .",
@@ -78,7 +78,7 @@ def _value(page: Page, predicate: URIRef) -> Node | None:
 
 
 def test_what_was_read_can_be_put_back(browser: Browser, crate: str) -> None:
-    """Each writable resource takes back what it shows, in every syntax; nothing has changed."""
+    """Each writable resource accepts its own representation, in every syntax; nothing changes."""
     for name, url in _written(browser, crate).items():
         before = browser.page(url)
         taken = before.response.headers["accept-put"].split(", ")
@@ -91,7 +91,7 @@ def test_what_was_read_can_be_put_back(browser: Browser, crate: str) -> None:
 
 
 def test_every_constraint_failure_names_its_constraint(browser: Browser, crate: str) -> None:
-    """Each 413, 415 and 422 to a write of whatever takes it links a document by ldp:constrainedBy that can be read."""
+    """Each 413, 415 and 422 to a write links a readable document by ldp:constrainedBy."""
     robot = browser.robot("ur5")
     joint = browser.part("ur5", "shoulder_pan_joint")
     urls = {
@@ -119,7 +119,7 @@ def test_every_constraint_failure_names_its_constraint(browser: Browser, crate: 
 
 
 def _attempts(root: str) -> Iterator[tuple[str, str, str]]:
-    """Bodies that break constraints of several kinds, and of which each resource refuses some."""
+    """Yield bodies that violate constraints of several kinds; each resource refuses some of them."""
     geometry = "lf:geometry [ a lf:Sphere ; lf:radius [ vom:numericalValue {} ; vom:unit unit:M ] ]"
     bodies = [
         "",
@@ -149,7 +149,7 @@ def _attempts(root: str) -> Iterator[tuple[str, str, str]]:
 
 @pytest.fixture
 def full(browser: Browser) -> Iterator[httpx.Response]:
-    """The answer to an object for which the world has no room."""
+    """Return the response to an object for which the world has no room."""
     objects, turtle, made = _objects(browser), {"content-type": "text/turtle"}, list[str]()
     while (answer := browser.http.post(objects, content=PREFIXES + _CRATE, headers=turtle)).status_code == 201:
         made.append(answer.headers["location"])
