@@ -113,9 +113,7 @@ class Crowd:
             each.start()
 
     def appear(self) -> dict[str, int]:
-        """Announce robots one after another, each with its first frame; return the first and last time
-        (CLOCK_MONOTONIC).
-        """
+        """Announce robots in turn, each with its first frame; return the first and last time (CLOCK_MONOTONIC)."""
         first_ns = time.monotonic_ns()
         for each in self._all:
             self._declare(each)
