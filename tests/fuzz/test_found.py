@@ -1,4 +1,4 @@
-"""What fuzzing has found, each by the shortest input that showed it."""
+"""Findings of fuzzing, each with the shortest input that reproduces it."""
 
 import socket
 from collections.abc import Iterator
@@ -19,7 +19,7 @@ def there() -> Iterator[Living]:
 
 
 def said(there: Living, *pieces: bytes) -> bytes:
-    """All that is answered to these pieces, after the last of which the client closes its half."""
+    """Return all responses to these pieces, after which the client closes its half."""
     with socket.create_connection(("127.0.0.1", there.port), timeout=30) as connection:
         heard = b""
         for piece in pieces[:-1]:
@@ -33,7 +33,7 @@ def said(there: Living, *pieces: bytes) -> bytes:
 
 
 def calm(there: Living) -> None:
-    """The gateway answers, and has logged no error: also none of what came just before, which it logs by then."""
+    """Check that the gateway responds and has logged no error, including about the last input."""
     there.probe()
     tally = Tally("found", 0)
     there.look(tally, 0, 1)
@@ -48,7 +48,7 @@ def test_who_leaves_in_the_middle_of_a_body_is_no_error(there: Living) -> None:
 
 
 def test_a_ping_behind_what_is_refused_is_no_error(there: Living) -> None:
-    """Both in one piece: after the first the gateway writes nothing any more."""
+    """Both in one piece: after the first, the gateway writes nothing any more."""
     head = (
         f"GET /arm/pan/rotation HTTP/1.1\r\nHost: 127.0.0.1:{there.port}\r\nConnection: Upgrade\r\nUpgrade: websocket"
     )
@@ -61,9 +61,9 @@ def test_a_ping_behind_what_is_refused_is_no_error(there: Living) -> None:
 
 
 def test_a_bad_chunk_before_the_answer_is_answered_once(there: Living) -> None:
-    """What was asked for is answered with 400, and by the application no more."""
+    """The request gets 400, and no response of the application."""
     head = f"PUT {path_of('rotate')} HTTP/1.1\r\nHost: 127.0.0.1:{there.port}\r\nContent-Type: text/turtle"
-    for more in ("", "\r\nHost: x"):  # refused at once, when the answer of the other is on its way already
+    for more in ("", "\r\nHost: x"):  # refused at once, while the other response is on its way
         heard = said(there, f"{head}{more}\r\nTransfer-Encoding: chunked\r\n\r\nx\r\n".encode())
         assert heard.startswith(b"HTTP/1.1 400") and heard.count(b"HTTP/1.1 ") == 1, heard
     calm(there)

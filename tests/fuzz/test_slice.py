@@ -1,4 +1,4 @@
-"""A slice of every target, so that none rots; and that each begins from messages that are good."""
+"""A small run of every target, so that none breaks unnoticed; and valid messages as their seeds."""
 
 import asyncio
 import time
@@ -93,7 +93,7 @@ def test_a_robot_that_is_sent_beyond_its_limits_is_a_broken_promise() -> None:
 
 
 def test_a_callback_that_keeps_the_loop_is_seen() -> None:
-    """By the processor time of its thread: one that sleeps is not."""
+    """By the processor time of its thread: a sleeping callback is not."""
     seen: list[tuple[float, Handle]] = []
 
     async def busy() -> None:
@@ -102,7 +102,7 @@ def test_a_callback_that_keeps_the_loop_is_seen() -> None:
         while time.thread_time() < until_s:
             pass
         await asyncio.sleep(0)
-        time.sleep(MOST_S)  # noqa: ASYNC251 - the loop is held up by nothing that uses the processor
+        time.sleep(MOST_S)  # noqa: ASYNC251 - the loop is delayed without using the processor
 
     with timed_callbacks(lambda used_s, callback: seen.append((used_s, callback))):
         asyncio.run(busy())
@@ -111,7 +111,7 @@ def test_a_callback_that_keeps_the_loop_is_seen() -> None:
 
 @pytest.mark.parametrize(("stalls", "found"), [(99, 1), (2, 0), (0, 0)])
 def test_a_stall_that_comes_back_each_time_is_a_finding(stalls: int, found: int) -> None:
-    """And one that does not was the machine's."""
+    """A stall that does not repeat is the machine's."""
 
     class There:
         def __init__(self) -> None:

@@ -1,4 +1,4 @@
-"""That the soak still runs, for some seconds: it says nothing about memory then."""
+"""The soak test runs for some seconds; memory is not tested then."""
 
 import pytest
 
