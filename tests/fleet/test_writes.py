@@ -159,14 +159,14 @@ def full(browser: Browser) -> Iterator[httpx.Response]:
 
 
 def test_a_world_without_room_links_its_constraint(browser: Browser, full: httpx.Response) -> None:
-    """409 when there are as many objects as there may be."""
+    """409 when the world has its maximum number of objects."""
     assert problem(full) == (409, "conflict")
     assert "no room" in full.json()["detail"]
     assert browser.http.get(full.links[_CONSTRAINED]["url"]).status_code == 200
 
 
 def test_a_query_is_held_against_no_constraint(browser: Browser) -> None:
-    """It is no representation of a resource: 415 says what is taken, and links nothing."""
+    """It is no representation of a resource: 415 lists what is accepted, without a constraint."""
     answer = browser.http.post(browser.root + "query", content="x", headers={"content-type": "text/plain"})
     assert problem(answer)[0] == 415
     assert _CONSTRAINED not in answer.links
@@ -174,7 +174,7 @@ def test_a_query_is_held_against_no_constraint(browser: Browser) -> None:
 
 @pytest.mark.parametrize("model", _MODELS)
 def test_a_model_that_is_not_to_be_had_is_refused(browser: Browser, crate: str, model: str) -> None:
-    """POST and PUT with ``Link; rel="type"``: 422 that links the constraint, and nothing is made (LDP 5.2.3.4)."""
+    """POST and PUT with ``Link; rel="type"``: 422 that links the constraint, and nothing is created (LDP 5.2.3.4)."""
     before = browser.page(_objects(browser)).response.text
     link = f'<http://example.org/a,b>; rel="describedby", <http://www.w3.org/ns/ldp#{model}>; rel="type"'
     for method, url in (("POST", _objects(browser)), ("PUT", crate)):
@@ -197,7 +197,7 @@ def test_a_model_that_is_not_to_be_had_is_refused(browser: Browser, crate: str, 
     ],
 )
 def test_other_links_are_no_matter(browser: Browser, link: str) -> None:
-    """The models that are had, links of other types or from other resources, and what is no link."""
+    """Supported models, links of other types or from other resources, and malformed links."""
     headers = {"content-type": "text/turtle", "link": link}
     answer = browser.http.post(_objects(browser), content=PREFIXES + _CRATE, headers=headers)
     assert answer.status_code == 201, answer.text
@@ -208,7 +208,7 @@ def test_other_links_are_no_matter(browser: Browser, link: str) -> None:
 
 
 def test_a_title_is_patched(browser: Browser) -> None:
-    """204; If-Match holds against it; an update that is refused changes nothing."""
+    """204; If-Match is respected; a refused update changes nothing."""
     url = _setting(browser, "title")
     assert put(browser, url, PREFIXES + '<> lf:value "one" .').status_code == 204
     old = browser.http.get(url).headers["etag"]
@@ -230,7 +230,7 @@ def test_a_title_is_patched(browser: Browser) -> None:
 
 
 def test_a_patch_is_sparql(browser: Browser) -> None:
-    """415 for any other type, with what is taken; OPTIONS and GET say it too."""
+    """415 for any other type, listing what is accepted, as do OPTIONS and GET."""
     url = _setting(browser, "title")
     answer = browser.http.patch(url, content="{}", headers={"content-type": "application/merge-patch+json"})
     assert problem(answer) == (415, "unsupported-media-type")
@@ -240,7 +240,7 @@ def test_a_patch_is_sparql(browser: Browser) -> None:
 
 
 def test_annotations_are_patched(browser: Browser) -> None:
-    """Clients change their own layer; a patch of the agent's is refused and the answer names it."""
+    """Clients change their own layer; a patch of the agent's layer is refused, naming it."""
     url, robot = _setting(browser, "annotations"), browser.robot("ur5").url
     assert browser.http.delete(url).status_code == 204
     agents = browser.page(url).response.text
@@ -256,7 +256,7 @@ def test_annotations_are_patched(browser: Browser) -> None:
 
 
 def test_a_placement_and_an_object_are_patched(browser: Browser, crate: str) -> None:
-    """One coordinate, in the graph as GET shows it."""
+    """One coordinate, in the graph shown by GET."""
     placement = _setting(browser, "placement")
     assert put(browser, placement, PREFIXES + f"<> {_AT} .").status_code == 204
     update = "DELETE { ?at maths:x ?x } INSERT { ?at maths:x 7 } WHERE { <> lf:position ?at . ?at maths:x ?x }"
@@ -320,7 +320,7 @@ def test_a_container_without_what_it_contains(browser: Browser, crate: str) -> N
 
 
 def test_other_parts_of_a_container(browser: Browser, crate: str) -> None:
-    """Containment alone, or all; what is no preference, or contradicts itself, is not applied."""
+    """Containment alone, or everything; an invalid or contradictory preference is not applied."""
     for page in _containers(browser):
         assert "Prefer" in page.response.headers["vary"]
         assert "preference-applied" not in page.response.headers
@@ -335,7 +335,7 @@ def test_other_parts_of_a_container(browser: Browser, crate: str) -> None:
 
 
 def test_what_is_an_rdf_source_says_so(browser: Browser, crate: str) -> None:
-    """In the body as by the Link field, so that nobody has to infer it (R1.7)."""
+    """In the body as in the Link field, so that no inference is needed (R1.7)."""
     robot, joint = browser.robot("ur5"), browser.part("ur5", "shoulder_pan_joint")
     pages = [robot, joint, browser.page(crate), browser.page(browser.root)]
     pages += [

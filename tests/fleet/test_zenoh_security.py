@@ -1,4 +1,4 @@
-"""With certificates a robot speaks for itself alone, and gateways alone command: by a router and without one."""
+"""With certificates a robot acts only for itself, and only gateways command: with and without a router."""
 
 import contextlib
 import json
@@ -25,7 +25,7 @@ pytestmark = pytest.mark.processes
 KEYS = Keys()
 FORGED, HONEST = b"forged", b"honest"
 _ASK_S = 5.0
-_ROUND_S = 2.0  # of questions that are asked again until all have answered
+_ROUND_S = 2.0  # of questions that are repeated until all have answered
 
 
 def tls_of(folder: Path, who: str) -> dict[str, object]:
@@ -39,7 +39,7 @@ def words(folder: Path, who: str, prefix: str = "--") -> tuple[str, ...]:
 
 @contextlib.contextmanager
 def linked(endpoint: str, tls: dict[str, object]) -> Iterator[zenoh.Session]:
-    """A client's session; zenoh.ZError when nobody lets it in."""
+    """Open a client session; zenoh.ZError if it is not accepted."""
     config = zenoh.Config()
     for name, value in {
         "mode": "client",
@@ -59,7 +59,7 @@ def linked(endpoint: str, tls: dict[str, object]) -> Iterator[zenoh.Session]:
 
 @dataclass
 class Scene:
-    """A fleet whose robot is called a, and sessions of those who mean it well or not."""
+    """A fleet whose robot is called a, and sessions of friendly and hostile clients."""
 
     folder: Path
     endpoint: str
@@ -74,7 +74,7 @@ class Scene:
 
 @contextlib.contextmanager
 def hub(folder: Path, by_router: bool) -> Iterator[tuple[str, tuple[str, ...]]]:
-    """Where agents connect, and what tells the gateway of it."""
+    """Yield the endpoint for agents, and the gateway's arguments for it."""
     endpoint = f"tls/127.0.0.1:{free_port()}"
     made(folder, "--agent", "a,b,c", "--listen", endpoint, "--gateway", "127.0.0.1")
     if by_router:
@@ -114,7 +114,7 @@ def test_a_robot_with_its_certificate_moves(scene: Scene) -> None:
 
 
 def test_another_robot_joins_with_its_own(scene: Scene) -> None:
-    """What the other tests see refused is not refused because nothing works."""
+    """What other tests see refused is not refused because nothing works."""
     with scene.linked("agents/b") as session:
         Actor(session, "b").appear().stand(0.5)
         live(scene.browser, "b")
@@ -124,7 +124,7 @@ def test_another_robot_joins_with_its_own(scene: Scene) -> None:
 
 
 def test_it_publishes_nothing_as_another(scene: Scene) -> None:
-    """Neither state nor progress; what it then says of itself arrives, so that would have come before."""
+    """Neither state nor progress; what it then publishes about itself arrives, so that would have arrived before."""
     with scene.linked("gateway") as gateway, scene.linked("agents/b") as impostor:
         heard: list[tuple[str, bytes]] = []
         kept = [
@@ -146,7 +146,7 @@ def test_it_publishes_nothing_as_another(scene: Scene) -> None:
 
 
 def test_robots_hear_the_heartbeat_of_gateways_alone(scene: Scene) -> None:
-    """That of the fleet's gateway arrives, and one that a robot sends in its name does not."""
+    """That of the fleet's gateway arrives, and one sent by a robot in its name does not."""
     with scene.linked("agents/c") as robot, scene.linked("agents/b") as impostor:
         heard: list[tuple[str, bytes]] = []
         kept = robot.declare_subscriber(
@@ -162,7 +162,7 @@ def test_robots_hear_the_heartbeat_of_gateways_alone(scene: Scene) -> None:
 
 
 def test_it_answers_nothing_for_another(scene: Scene) -> None:
-    """Neither what the other is asked, nor with the other's key what it is asked itself."""
+    """Neither questions to the other robot, nor, with the other's key, questions to itself."""
     kinds = ("description", "command", "stop")
     with scene.linked("gateway") as gateway, scene.linked("agents/b") as impostor:
         theirs, own = ([KEYS.robot(robot, kind) for kind in kinds] for robot in "ab")  # type: ignore[arg-type]
@@ -199,7 +199,7 @@ def test_it_answers_nothing_for_another(scene: Scene) -> None:
 
 
 def test_it_is_seen_neither_as_another_nor_as_a_gateway(scene: Scene) -> None:
-    """A token of a later run would take the robot over, one of a gateway would have robots move on without any."""
+    """A token of a later run would take over the robot, one of a gateway would make robots move without any."""
     with scene.linked("gateway") as gateway, scene.linked("agents/c") as robot, scene.linked("agents/b") as impostor:
         late = 2**62
         forged = (KEYS.presence("a", late), KEYS.gateway("evil"))
@@ -223,13 +223,13 @@ _STOP = encode(Stop(version=WIRE_VERSION, id="9c4c3a6e", reason="a test"))
 
 
 def _stopped(session: zenoh.Session) -> list[type]:
-    """What the robot a replies to a stop."""
+    """Return robot a's replies to a stop."""
     replies = session.get(KEYS.robot("a", "stop"), timeout=_ASK_S, payload=_STOP)
     return [type(read_reply(each.ok.payload.to_bytes(), "9c4c3a6e")[0]) for each in replies if each.ok]
 
 
 def test_nobody_but_gateways_commands(scene: Scene) -> None:
-    """A robot that another asks to stop moves on; one that a gateway asks stops."""
+    """A robot keeps moving if another robot requests a stop, and stops for a gateway."""
     begun(put(scene.browser, of_joint(scene.browser, PAN, robot="a"), slowly(angle(scene.browser, PAN, "a") + 1.5)))
     moving(scene.browser, PAN, "a")
     with scene.linked("gateway") as gateway, scene.linked("agents/b") as impostor:
@@ -262,7 +262,9 @@ def test_it_hears_nothing_of_another(scene: Scene) -> None:
 
 
 def test_without_a_certificate_of_the_authority_there_is_no_link(scene: Scene, tmp_path: Path) -> None:
-    """None at all, one of a foreign authority, or in the clear: the agent hears nothing, and the fleet has no robot."""
+    """Without a certificate, with a foreign one, or in plain text, the agent hears nothing and the robot never
+    joins.
+    """
     foreign = made(tmp_path / "foreign", "--agent", "c")
     ours, theirs = words(scene.folder, "agents/c"), words(foreign, "agents/c")
     nothing = mutual_tls(str(scene.folder / "ca.pem"), "", "")
@@ -280,7 +282,7 @@ def test_without_a_certificate_of_the_authority_there_is_no_link(scene: Scene, t
 
 
 def test_a_robot_takes_no_other_for_its_router(tmp_path: Path) -> None:
-    """The certificate of a robot is none to listen with: whoever could would command all who connect."""
+    """A robot's certificate is not valid for listening: a listener could command all who connect."""
     folder = made(tmp_path / "wire", "--agent", "a,b")
     endpoint = f"tls/127.0.0.1:{free_port()}"
     trap = json.loads((folder / "router.json5").read_text())
