@@ -1,4 +1,4 @@
-"""Robots that only a test knows, described and with a frame, and what is asked of them: no network, no clock."""
+"""Robots for one test, described and with a frame, and requests to them, without network or clock."""
 
 import itertools
 from collections.abc import Mapping, Sequence
@@ -27,12 +27,12 @@ from linked_fleet_gateway.resources.affordance import Invoke
 from linked_fleet_gateway.resources.resource import Resource
 from linked_fleet_gateway.resources.tree import Tree
 
-install(BUILT_IN)  # cases are made when tests are collected
+install(BUILT_IN)  # test cases are generated during collection
 
 
 @pytest.fixture(autouse=True)
 def every_extension() -> None:
-    """A gateway of another test may have had fewer."""
+    """Install all extensions, since another test's gateway may have had fewer."""
     install(BUILT_IN)
 
 
@@ -40,7 +40,7 @@ _PREFIXES = "".join(f"@prefix {prefix}: <{iri}> .\n" for prefix, iri in PREFIXES
 
 
 class Bench:
-    """Joints are (kind, what stands inside of the URDF element), by name, each below the one before."""
+    """Joints are (kind, contents of the URDF element), by name, each below the one before."""
 
     base = "http://example.org"
 
@@ -58,7 +58,7 @@ class Bench:
         capabilities: tuple[str, ...] = ("move", "follow", "stop"),
         annotations: str = "",
     ) -> Robot:
-        """A run of the agent of ``name``, with a frame unless ``positions`` is None; those not given are zero."""
+        """Add a run of an agent, with a frame unless ``positions`` is None; missing positions are zero."""
         parents = ["base", *(f"{each}_link" for each in joints)]
         elements = [
             f'<joint name="{each}" type="{kind}"><parent link="{parent}"/><child link="{each}_link"/>'
@@ -119,7 +119,7 @@ class Bench:
         return found.affords.offer
 
     def body(self, path: str, turtle: str) -> Body:
-        """What is admitted to the action at ``path``."""
+        """Return the admitted body of the action at ``path``."""
         triples = parse(self.prefixed(turtle).encode(), "text/turtle", self.base + path)
         return admit(self.offer(path), triples, self.base)
 

@@ -1,4 +1,4 @@
-"""What the handlers make of admitted bodies: where joints go, how fast, and what cannot be planned."""
+"""From admitted bodies to motions: targets, speeds, and what cannot be planned."""
 
 import math
 from typing import Any
@@ -34,7 +34,7 @@ def _waypoint(time: float, *targets: str) -> str:
 @pytest.mark.parametrize("unit", ["DEG", "RAD"])
 @pytest.mark.parametrize(("low", "high"), [(-2.147, 1.047), (-math.pi, math.pi), (0.1, 0.2), (-1e-5, 1e-5)])
 def test_what_is_admitted_is_within_the_limits(bench: Any, low: float, high: float, unit: str) -> None:
-    """In whichever unit the shape states a limit, the command for that very number does not pass the URDF's."""
+    """A command for exactly the limit that the shape states in any unit does not exceed the URDF's limit."""
     bench.robot(_limited(low, high), (low,))
     size = math.pi / 180 if unit == "DEG" else 1.0
     ends = (math.ceil(low / size * 1e6) / 1e6, math.floor(high / size * 1e6) / 1e6)
@@ -45,7 +45,7 @@ def test_what_is_admitted_is_within_the_limits(bench: Any, low: float, high: flo
 
 
 def test_rounded_limits_are_clamped(bench: Any) -> None:
-    """180° is a little beyond a limit of 3.14159265358 rad, which is stated as 180°; the command is not beyond."""
+    """180° is slightly beyond a limit of 3.14159265358 rad, which is stated as 180°; the command is not."""
     bench.robot(_limited(-3.14159265358, 3.14159265358))
     plan = bench.plan("/r/elbow/actions/rotate", "<> vom:numericalValue 180 ; vom:unit unit:DEG .")
     assert plan.targets["elbow"] == 3.14159265358
@@ -54,7 +54,7 @@ def test_rounded_limits_are_clamped(bench: Any) -> None:
 @pytest.mark.parametrize("present", [0.0, 3.0, -3.0, 100.0])
 @pytest.mark.parametrize("degrees", [0, 10, 180, 350])
 def test_a_continuous_joint_takes_the_short_way(bench: Any, present: float, degrees: int) -> None:
-    """At most half a turn from where it is, to an angle equal to the stated one."""
+    """At most half a turn from its position, to an angle equal to the stated one."""
     bench.robot(_WHEEL, (present,))
     plan = bench.plan("/r/wheel/actions/rotate", f"<> vom:numericalValue {degrees} ; vom:unit unit:DEG .")
     assert abs(plan.targets["wheel"] - present) <= math.pi + 1e-9
@@ -62,7 +62,7 @@ def test_a_continuous_joint_takes_the_short_way(bench: Any, present: float, degr
 
 
 def test_units_are_those_of_the_body(bench: Any) -> None:
-    """30 mm is 0.03 m, 60 °/s is π/3 rad/s; a degree is one by each of its names."""
+    """30 mm is 0.03 m, 60 °/s is π/3 rad/s; a degree has several names."""
     bench.robot(_LIFT)
     plan = bench.plan("/r/lift/actions/translate", "<> vom:numericalValue 30 ; vom:unit unit:MilliM .")
     assert plan.targets == {"lift": pytest.approx(0.03)}
@@ -74,7 +74,7 @@ def test_units_are_those_of_the_body(bench: Any) -> None:
 
 
 def test_a_distance_counts_from_where_the_joint_is(bench: Any) -> None:
-    """Also beyond a whole turn, of a joint without ends; up to the very end, of one with ends."""
+    """Also beyond a whole turn for a continuous joint; exactly up to the limit for a limited one."""
     bench.robot(_ELBOW, (0.5,))
     plan = bench.plan("/r/elbow/actions/rotateBy", f"<> vom:numericalValue -1.5 ; {_RAD} .")
     assert plan.targets == {"elbow": -1.0}
@@ -85,7 +85,7 @@ def test_a_distance_counts_from_where_the_joint_is(bench: Any) -> None:
 
 @pytest.mark.parametrize("distance", ["1.6", "-1.6", "3"])
 def test_a_distance_beyond_the_limits_is_a_conflict(bench: Any, distance: str) -> None:
-    """The shape cannot know where the joint is; the answer says where it would end, and the limits."""
+    """The shape does not know the joint's position; the response contains the resulting position and the limits."""
     bench.robot(_ELBOW, (0.5,))
     with pytest.raises(Conflict, match=r"elbow would end at .* limits -1\.0 to 2\.0"):
         bench.plan("/r/elbow/actions/rotateBy", f"<> vom:numericalValue {distance} ; {_RAD} .")
@@ -104,7 +104,7 @@ def test_a_distance_beyond_the_limits_is_a_conflict(bench: Any, distance: str) -
 def test_nothing_is_planned_from_an_unknown_position(
     bench: Any, joints: Any, path: str, body: str, positions: Any
 ) -> None:
-    """Before the first frame, and where a frame has NaN."""
+    """Before the first frame, and if a frame contains NaN."""
     bench.robot(joints, positions)
     with pytest.raises(Conflict, match="unknown"):
         bench.plan(path, body)
@@ -114,7 +114,7 @@ def test_nothing_is_planned_from_an_unknown_position(
 
 
 def test_joints_move_together_each_in_its_unit(bench: Any) -> None:
-    """moveJoints: one command for all of them, with the share of speed and what the client expects, in SI."""
+    """moveJoints: one command for all of them, with the share of speed and the client's preconditions, in SI units."""
     bench.robot({**_ELBOW, **_LIFT, **_WHEEL}, (0.0, 0.0, 6.0))
     expects = "lf:precondition [ lf:ofJoint </r/lift> ; vom:numericalValue 10 ; vom:unit unit:MilliM ; lf:tolerance 2 ]"
     targets = [_target("elbow", 90, "unit:DEG"), _target("lift", 20, "unit:MilliM"), _target("wheel", 0)]
@@ -131,7 +131,7 @@ def test_joints_move_together_each_in_its_unit(bench: Any) -> None:
 
 
 def test_the_robots_own_share_of_speed_bounds_the_clients(bench: Any) -> None:
-    """maximumSpeedScale holds for those who say nothing and for those who want more."""
+    """maximumSpeedScale applies to clients that state no speed, and to those that want more."""
     robot = bench.robot(_ELBOW)
     bench.fleet.configure("r", {"maximumSpeedScale": "0.5"})
     for said, scale in (("", 0.5), ("; lf:speedScale 0.9", 0.5), ("; lf:speedScale 0.1", 0.1)):
@@ -140,7 +140,7 @@ def test_the_robots_own_share_of_speed_bounds_the_clients(bench: Any) -> None:
 
 
 def test_a_motion_may_be_tied_to_the_lease_of_the_robot(bench: Any) -> None:
-    """lf:tiedTo names the lease of this robot, and no other resource."""
+    """lf:tiedTo may only name the lease of this robot."""
     bench.robot(_ELBOW)
     assert bench.plan("/r/elbow/actions/rotate", f"<> vom:numericalValue 1 ; {_RAD} ; lf:tiedTo </r/lease> .").tied
     with pytest.raises(UnprocessableContent, match="tiedTo"):
@@ -148,14 +148,14 @@ def test_a_motion_may_be_tied_to_the_lease_of_the_robot(bench: Any) -> None:
 
 
 def test_one_joint_has_one_target(bench: Any) -> None:
-    """Two targets of a joint, even equal ones, are a mistake of the client."""
+    """Two targets of a joint, even equal ones, are an error of the client."""
     bench.robot(_ELBOW)
     with pytest.raises(UnprocessableContent, match="Two targets name elbow"):
         bench.plan("/r/actions/moveJoints", f"<> {_target('elbow', 1)} ; {_target('elbow', 0)} .")
 
 
 def test_one_joint_is_expected_in_one_place(bench: Any) -> None:
-    """Of two preconditions on a joint one would go unheard."""
+    """One of two preconditions on a joint would be ignored."""
     bench.robot(_ELBOW)
     expects = "lf:precondition [ lf:ofJoint </r/elbow> ; vom:numericalValue {} ; vom:unit unit:RAD ; lf:tolerance 1 ]"
     with pytest.raises(UnprocessableContent, match="Two preconditions"):
@@ -164,7 +164,7 @@ def test_one_joint_is_expected_in_one_place(bench: Any) -> None:
 
 
 def test_waypoints_are_in_the_order_of_their_times(bench: Any) -> None:
-    """However they are written; rows are in the order of the joints, the last row is where the robot ends."""
+    """In any order in the body; rows are in the order of the joints, the last row is the robot's end position."""
     bench.robot({**_ELBOW, **_LIFT})
     first = _waypoint(0.5, _target("elbow", 0.1), _target("lift", 0.01, "unit:M"))
     last = _waypoint(2, _target("lift", 20, "unit:MilliM"), _target("elbow", 1))
@@ -180,7 +180,7 @@ def test_waypoints_are_in_the_order_of_their_times(bench: Any) -> None:
 
 
 def test_continuous_joints_go_on_from_waypoint_to_waypoint(bench: Any) -> None:
-    """0°, 120°, 240°, 0° of a wheel that stands at 720° is one turn forward and not a turn back."""
+    """0°, 120°, 240°, 0° of a wheel at 720° is one turn forward and not a turn back."""
     bench.robot(_WHEEL, (4 * math.pi,))
     waypoints = [_waypoint(t, _target("wheel", angle, "unit:DEG")) for t, angle in ((1, 0), (2, 120), (3, 240), (4, 0))]
     plan = bench.plan("/r/actions/followTrajectory", f"<> {' ; '.join(waypoints)} .")
@@ -201,7 +201,7 @@ def test_continuous_joints_go_on_from_waypoint_to_waypoint(bench: Any) -> None:
     ],
 )
 def test_trajectories_that_contradict_themselves(bench: Any, waypoints: list[str], said: str) -> None:
-    """What no shape can say is said by the handler, as a 422 too."""
+    """Contradictions that no shape can express are reported by the handler, also as a 422."""
     bench.robot({**_ELBOW, **_LIFT})
     with pytest.raises(UnprocessableContent, match=said):
         bench.plan("/r/actions/followTrajectory", f"<> {' ; '.join(waypoints)} .")
@@ -221,7 +221,7 @@ def test_a_pose_is_assumed_by_name(bench: Any) -> None:
 
 
 def test_halts_say_whom_they_stop(bench: Any) -> None:
-    """A joint, a robot, or all that there are; also a robot whose position nobody knows."""
+    """A joint, a robot, or all robots; also a robot with an unknown position."""
     bench.robot(_ELBOW, None)
     assert bench.plan("/r/elbow/actions/hold") == Halt(("r",), ("elbow",))
     assert bench.plan("/r/actions/stop") == Halt(("r",))

@@ -1,4 +1,4 @@
-"""The guard of an action is the shape that its description shows at that moment."""
+"""An action is guarded by the shape that its description shows at that moment."""
 
 from typing import Any
 
@@ -33,7 +33,7 @@ def _move(joint: str) -> str:
 
 
 def test_limits_of_a_new_description_guard_at_once(bench: Any) -> None:
-    """An agent comes back with another URDF: what was admitted is refused, and the other way round."""
+    """An agent comes back with another URDF: what was admitted is refused, and vice versa."""
     bench.robot(_elbow())
     bench.body(_ROTATE, _ONE)
     bench.robot(_elbow(high=0.5))
@@ -44,7 +44,7 @@ def test_limits_of_a_new_description_guard_at_once(bench: Any) -> None:
 
 
 def test_joints_of_a_new_description_guard_at_once(bench: Any) -> None:
-    """Also when the URDF is the same, and only the joints that the agent lists are others."""
+    """Even if the URDF is the same, and only the joints listed by the agent differ."""
     bench.robot(_elbow())
     bench.body("/r/actions/moveJoints", _move("wrist"))
     bench.robot(_elbow(), listed=["elbow"])
@@ -53,7 +53,7 @@ def test_joints_of_a_new_description_guard_at_once(bench: Any) -> None:
 
 
 def test_new_annotations_guard_at_once(bench: Any) -> None:
-    """Poses that clients name can be assumed, those that they took away cannot; the agent's always can."""
+    """Poses that clients add can be assumed, those that they remove cannot; the agent's always can."""
     bench.robot(_elbow(), annotations=_named("agents"))
     bench.body("/r/actions/assumePose", '<> lf:poseName "agents" .')
     bench.fleet.configure("r", {"annotations": bench.prefixed(_named("clients"))})
@@ -65,7 +65,7 @@ def test_new_annotations_guard_at_once(bench: Any) -> None:
 
 
 def test_robots_of_one_model_have_their_own_guards(bench: Any) -> None:
-    """The shape of one names its own joints, under the URL by which the client knows the fleet."""
+    """The shape of each names its own joints, under the URL by which the client knows the fleet."""
     for name in ("r", "s"):
         bench.robot(_elbow(), name=name)
     bench.body("/r/actions/moveJoints", _move("elbow"))
@@ -82,7 +82,7 @@ def test_robots_of_one_model_have_their_own_guards(bench: Any) -> None:
 
 
 def test_a_refusal_says_what_and_where(bench: Any) -> None:
-    """In a sentence, as a validation report about the request, and with a link to the shape."""
+    """As a sentence, as a validation report about the request, and with a link to the shape."""
     bench.robot(_elbow())
     with pytest.raises(UnprocessableContent) as caught:
         bench.body(_ROTATE, "<> vom:numericalValue 3 ; vom:unit unit:RAD .")
@@ -93,7 +93,7 @@ def test_a_refusal_says_what_and_where(bench: Any) -> None:
 
 
 def test_other_vocabularies_are_kept_with_the_input(bench: Any) -> None:
-    """Foreign terms of the root and the blank nodes below are not judged (paper, 5.4), and are shown."""
+    """Foreign terms of the root and the blank nodes below are not validated (paper, 5.4), but shown."""
     bench.robot(_elbow())
     more = '; <http://example.org/why> [ <http://example.org/ticket> 17 ] ; rdfs:comment "to the left" .'
     body = bench.body(_ROTATE, _ONE.replace(" .", more))
@@ -103,7 +103,7 @@ def test_other_vocabularies_are_kept_with_the_input(bench: Any) -> None:
 
 
 def test_an_input_may_have_the_name_of_one_of_its_predicates(bench: Any) -> None:
-    """It is kept with the name that every input has, and with its predicates as they are."""
+    """It gets the name that every input has, and keeps its predicates."""
     bench.robot(_elbow())
     body = bench.body(_ROTATE, _ONE.replace("<>", "vom:numericalValue"))
     assert body.quantity(body.root) == 1
@@ -126,7 +126,7 @@ def test_an_input_may_have_the_name_of_one_of_its_predicates(bench: Any) -> None
     ],
 )
 def test_what_our_vocabularies_say_in_vain_is_refused(bench: Any, path: str, said: str) -> None:
-    """A misspelt option, or one of another action, is none: 422 names it, and nothing moves at full speed."""
+    """A misspelt option, or one of another action: 422 names it, and nothing moves at full speed."""
     bench.robot(_elbow())
     good = _ONE if path == _ROTATE else _move("elbow")
     bench.body(path, good)
@@ -138,14 +138,14 @@ def test_what_our_vocabularies_say_in_vain_is_refused(bench: Any, path: str, sai
 
 @pytest.mark.parametrize("said", ["<x> vom:numericalValue 100 .", "<x> <http://example.org/p> 1 ."])
 def test_a_body_speaks_of_no_other_resource(bench: Any, said: str) -> None:
-    """It could not be kept: what an invocation shows is about its input."""
+    """It could not be stored: an invocation only shows its input."""
     bench.robot(_elbow())
     with pytest.raises(UnprocessableContent, match="Nothing here uses"):
         bench.body(_ROTATE, f"{_ONE} {said}")
 
 
 def test_the_unit_may_be_said_in_either_vocabulary(bench: Any) -> None:
-    """``qudt:unit`` may repeat ``vom:unit``, as the gateway's own descriptions do."""
+    """``qudt:unit`` may repeat ``vom:unit``, as in the gateway's own descriptions."""
     bench.robot(_elbow())
     bench.body(_ROTATE, _ONE.replace(" .", " ; qudt:unit unit:RAD ; a maths:Scalar ."))
 
@@ -154,14 +154,14 @@ def test_the_unit_may_be_said_in_either_vocabulary(bench: Any) -> None:
     "turtle", ["", "[] vom:numericalValue 1 . [] vom:unit unit:RAD .", "_:a lf:p _:b . _:b lf:p _:a ."]
 )
 def test_a_body_needs_one_root(bench: Any, turtle: str) -> None:
-    """The request's resource, or the only subject that nobody refers to."""
+    """The request's resource, or the only subject to which nothing refers."""
     bench.robot(_elbow())
     with pytest.raises(UnprocessableContent, match="root"):
         bench.body(_ROTATE, turtle)
 
 
 def test_every_guard_is_compiled_and_agrees_with_the_shape_that_is_served(bench: Any) -> None:
-    """No shape of an action falls back to pySHACL, which takes a hundred times as long; the verdict is the same."""
+    """No shape of an action falls back to pySHACL, which takes a hundred times as long; both agree."""
     bench.robot(_elbow(), annotations=_named("up"))
     joint = ("rotate", "rotateBy")
     paths = [f"/r/elbow/actions/{each}" for each in joint]
@@ -194,7 +194,7 @@ def _refused(bench: Any, path: str, turtle: str) -> bool:
     ],
 )
 def test_a_refusal_begins_with_what_is_wrong(bench: Any, body: str, detail: str) -> None:
-    """The branches of a choice are not listed where two units, or an unknown one, keep all of them from holding."""
+    """The branches of a choice are not listed if two units, or an unknown one, exclude all of them."""
     bench.robot(_elbow())
     with pytest.raises(UnprocessableContent) as caught:
         bench.body(_ROTATE, body)
@@ -204,7 +204,7 @@ def test_a_refusal_begins_with_what_is_wrong(bench: Any, body: str, detail: str)
 @pytest.mark.parametrize("datatype", ["integer", "decimal", "double", "unsignedByte"])
 @pytest.mark.parametrize("number", [" 1 ", "1 ", "\\n1", "\\t1"])
 def test_numbers_with_white_space_are_ill_typed(bench: Any, datatype: str, number: str) -> None:
-    """The lexical forms of XML Schema have none (RDF 1.1 Concepts, 5.1): nothing moves by one."""
+    """The lexical forms of XML Schema have no white space (RDF 1.1 Concepts, 5.1): such a number moves nothing."""
     bench.robot(_elbow())
     with pytest.raises(UnprocessableContent, match="must be"):
         bench.body(_ROTATE, f'<> vom:numericalValue "{number}"^^xsd:{datatype} ; vom:unit unit:RAD .')

@@ -1,4 +1,4 @@
-"""shapes/README.md: its blocks, put where it says, are an action of each joint with limits."""
+"""The blocks of shapes/README.md, put where it says, add an action to each joint with limits."""
 
 import re
 import shutil
@@ -43,7 +43,7 @@ def _forget() -> None:
 
 @pytest.fixture
 def extended(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    """A copy of shapes/ with the file of step 1, the module of step 2 and the line of step 3."""
+    """Copy shapes/ and add the file of step 1, the module of step 2 and the line of step 3."""
     folder = tmp_path / "linked_fleet_shapes"
     shutil.copytree(_ROOT / "shapes" / "linked_fleet_shapes", folder)
     (turtle,) = _blocks("turtle")
@@ -66,7 +66,7 @@ def _body() -> str:
 
 
 def test_things_offer_the_new_action(bench: Any, extended: None) -> None:
-    """Those that the file and the handler admit, linked from each and described like every action."""
+    """Things admitted by the file and the handler offer it, linked and described like every action."""
     bench.robot(_JOINTS)
     for joint in _JOINTS:
         linked = {t.object for t in bench.described(f"/r/{joint}").triples if t.predicate == HYBRIT.action}
@@ -78,7 +78,7 @@ def test_things_offer_the_new_action(bench: Any, extended: None) -> None:
 
 
 def test_its_description_conforms(bench: Any, extended: None) -> None:
-    """To the blueprint of actions; both methods, and the invocations are where they always are."""
+    """To the blueprint of actions, with both methods and the usual container of invocations."""
     bench.robot(_JOINTS)
     path = "/r/elbow/actions/centre"
     blueprints = [triple for about in shapes.load("blueprints.ttl").values() for triple in about]
@@ -93,7 +93,7 @@ def test_its_description_conforms(bench: Any, extended: None) -> None:
 
 
 def test_it_is_planned(bench: Any, extended: None) -> None:
-    """The request of the page brings the joint to the middle, no faster than the robot may go."""
+    """The page's request moves the joint to the middle, no faster than the robot permits."""
     bench.robot(_JOINTS)
     for joint in ("elbow", "lift"):
         plan = bench.plan(f"/r/{joint}/actions/centre", _body())
@@ -104,7 +104,7 @@ def test_it_is_planned(bench: Any, extended: None) -> None:
 
 @pytest.mark.parametrize("scale", ["", "0", "1.1", '"0.5"', "0.5, 0.6", "true"])
 def test_its_shape_guards(bench: Any, extended: None, scale: str) -> None:
-    """By the rule of the option that it shares with other actions, and by its own: it must be there."""
+    """By the rule of an option shared with other actions, and by its own rule that makes it mandatory."""
     bench.robot(_JOINTS)
     said = f"<> lf:speedScale {scale} ." if scale else "<> lf:reason 'none' ."
     with pytest.raises(UnprocessableContent) as caught:
@@ -113,14 +113,14 @@ def test_its_shape_guards(bench: Any, extended: None, scale: str) -> None:
 
 
 def test_the_action_is_gone_with_its_file(bench: Any) -> None:
-    """What the tests above add, they take away."""
+    """The tests above remove what they add."""
     bench.robot(_JOINTS)
     assert bench.resource("/r/elbow/actions/centre") is None
     assert _CENTRE not in handlers.HANDLERS
 
 
 def test_the_page_names_all_completions_and_files_that_there_are() -> None:
-    """Neither more nor fewer completions; paths lead somewhere, but for those that the reader is to make."""
+    """Neither more nor fewer completions; paths exist, except those that the reader creates."""
     table = _README.partition("| `lf:completedBy` | adds |\n")[2].partition("\n\n")[0]
     assert {LF.terms[each] for each in re.findall(r"^\| `lf:(\w+)` \|", table, re.MULTILINE)} == set(COMPLETIONS)
     named = set(re.findall(r"`((?:gateway|shapes|tests)/[\w/.]+)`", _README))

@@ -1,4 +1,4 @@
-"""Open motions counted by client, those that are being begun as well."""
+"""Open motions counted by client, including those that are just beginning."""
 
 from linked_fleet_agent.wire.messages import WIRE_VERSION, Progress
 from linked_fleet_gateway.actions.quota import Quota

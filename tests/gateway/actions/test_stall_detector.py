@@ -1,4 +1,4 @@
-"""A process that was held up notices by its own clock."""
+"""A process notices by its own clock that it was stopped."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""The doctor: each thing that can be wrong is found, with a sentence that says what to do."""
+"""The doctor finds each fault, and says in a sentence what to do."""
 
 import asyncio
 import os
@@ -37,7 +37,7 @@ def _wrong(found: list[Finding]) -> list[str]:
 
 
 def _certificate(folder: Path, first: datetime, last: datetime, host: str = "fleet.example") -> tuple[str, ...]:
-    """Flags that name a self-signed certificate and its key."""
+    """Return flags with a self-signed certificate and its key."""
     key = ec.generate_private_key(ec.SECP256R1())
     name = x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, host)])
     builder = x509.CertificateBuilder(name, name, key.public_key(), x509.random_serial_number(), first, last)
@@ -129,7 +129,7 @@ def test_a_clock_that_is_wrong_is_found() -> None:
 
 
 def test_routers_that_are_away_or_do_not_believe_us(tmp_path: Path) -> None:
-    """The gateway's own certificate is believed; one of another authority is not, and is told apart from silence."""
+    """The gateway's own certificate is accepted; one of another authority is not, which differs from silence."""
     (said,) = _wrong(_found("--zenoh-connect", f"tcp/127.0.0.1:{free_port()}"))
     assert "nothing answers at" in said and "start the router" in said
     endpoint = f"tls/127.0.0.1:{free_port()}"

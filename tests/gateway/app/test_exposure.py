@@ -1,4 +1,4 @@
-"""A gateway that other machines could reach has TLS and identities, or says by name that it has none."""
+"""A gateway that other machines can reach requires TLS and identities, or an explicit flag that it has none."""
 
 import logging
 import ssl
@@ -28,7 +28,7 @@ Refusal = Callable[..., str]
 
 @pytest.fixture
 def refusal(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Iterator[Refusal]:
-    """Start a gateway that ends before it listens, and return the one line that it says."""
+    """Start a gateway that ends before it listens, and return its single line of output."""
 
     def refused(*arguments: str) -> str:
         monkeypatch.setattr(sys, "argv", ["gateway", *arguments])
@@ -99,7 +99,7 @@ def test_an_agent_that_anybody_reaches_is_refused() -> None:
 
 @pytest.mark.processes
 def test_the_fleet_is_served_over_tls(folder: Path, tmp_path: Path) -> None:
-    """Everything that a page says leads to https; a WebSocket opens; SIGHUP takes the certificate that is there now."""
+    """All links of a page lead to https; a WebSocket opens; SIGHUP loads the present certificate."""
     pair = {flag: tmp_path / f"used.{flag}" for flag in ("cert", "key")}
     for flag, name in (("cert", "router.pem"), ("key", "router.key")):
         pair[flag].write_bytes((folder / name).read_bytes())

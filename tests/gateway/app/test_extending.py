@@ -1,4 +1,4 @@
-"""docs/EXTENDING.md: its blocks, put where it says, are an extension of a gateway."""
+"""The blocks of docs/EXTENDING.md, put where it says, are an extension of a gateway."""
 
 import re
 import sys
@@ -26,7 +26,7 @@ def _block(language: str) -> str:
 
 
 def _install(folder: Path) -> str:
-    """Put the module and the entry point into a folder of packages; the value of the setting that switches it on."""
+    """Put the module and the entry point into a folder of packages; return the setting that enables it."""
     (folder / "odometer.py").write_text(_block("python"), encoding="utf-8")
     metadata = folder / "odometer-1.dist-info"
     metadata.mkdir()
@@ -53,7 +53,7 @@ class Here:
         return float(str(page.graph.value(scalar, VOM.numericalValue)))
 
     def turn(self, angle: float) -> None:
-        """Until the gateway has seen the joint there."""
+        """Move until the gateway has seen the joint there."""
         rotation = self.url.replace("odometer", "elbow/rotation")
 
         def seen() -> bool:

@@ -1,4 +1,4 @@
-"""Extensions are switched off and loaded by their names, and each has its own section of settings."""
+"""Extensions are disabled and loaded by name, and each has its own section of settings."""
 
 import sys
 import textwrap

@@ -1,4 +1,4 @@
-"""A gateway without an extension is whole: every link leads somewhere, and what the extension brings is not there."""
+"""A gateway without an extension works: every link resolves, and nothing of the extension is served."""
 
 import contextlib
 from collections.abc import Iterator
@@ -23,11 +23,11 @@ PATHS = {
     "world": "world", "rules": "rules", "query": "query", "things": ".well-known/wot", "history": "odd/history",
     "sessions": "login",
 }  # fmt: skip
-"""A path of each extension that has one whatever the robot."""
+"""A path of each extension that has one independent of robots."""
 
 
 def needing(name: str) -> list[str]:
-    """The extension and those that cannot be without it."""
+    """Return the extension and those that depend on it."""
     found = [name]
     for each in [each for each in BUILT_IN if name in each.needs]:
         found += needing(each.name)
@@ -64,11 +64,11 @@ def test_a_gateway_is_whole_without_one(tmp_path: Path, name: str) -> None:
 
 
 def test_the_core_alone_conforms(tmp_path: Path) -> None:
-    """R0.x and R1.x hold with every extension off."""
+    """R0.x and R1.x hold with every extension disabled."""
     with gateway(tmp_path, NAMES) as (http, root):
         found = tree(http, root)
         assert not [url for url in found.pages if any(url.startswith(root + path) for path in PATHS.values())]
         report = check(root, no_write=False)
-        assert outcomes(report, Outcome.FAILED) == {"R0.7"}  # 201 to a POST that makes a member, as LDP asks for
+        assert outcomes(report, Outcome.FAILED) == {"R0.7"}  # 201 to a POST that creates a member, as LDP requires
         assert len(outcomes(report, Outcome.PASSED)) > 20
         assert not report.breaks

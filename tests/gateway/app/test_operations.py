@@ -1,4 +1,4 @@
-"""Extensions say which operations their resources have, and whoever describes the gateway finds them all."""
+"""Extensions declare the operations of their resources, and every description of the gateway includes them."""
 
 from collections.abc import AsyncIterator
 from contextlib import AsyncExitStack, asynccontextmanager

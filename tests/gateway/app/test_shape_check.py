@@ -1,4 +1,4 @@
-"""A gateway whose shapes cannot be compiled does not start, and says which it is and why."""
+"""A gateway whose shapes cannot be compiled does not start, and says which one and why."""
 
 import re
 import shutil
@@ -21,7 +21,7 @@ Change = Callable[[str, str, str], None]
 
 @pytest.fixture
 def change(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Change]:
-    """Changes a file of a copy of shapes/, which is read instead."""
+    """Change a file in a copy of shapes/, which is used instead."""
     folder = Path(shutil.copytree(_SHAPES, tmp_path / "linked_fleet_shapes"))
 
     def forget() -> None:

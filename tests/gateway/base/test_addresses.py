@@ -1,4 +1,4 @@
-"""Which addresses share a network."""
+"""Addresses that belong to the same network."""
 
 import pytest
 
@@ -18,5 +18,5 @@ from linked_fleet_gateway.base.addresses import network_of
     ],
 )
 def test_the_network_of_an_address(address: str, network: str) -> None:
-    """IPv4 addresses are told apart, IPv6 addresses by their /64; a name stands for itself."""
+    """IPv4 addresses are distinguished, IPv6 addresses by their /64; a name stands for itself."""
     assert network_of(address) == network

@@ -1,4 +1,4 @@
-"""What is large and seldom needed is not loaded at the start, and missed at the start if it is not there."""
+"""Large, rarely needed modules are not loaded at the start, but their absence is noticed then."""
 
 import subprocess
 import sys

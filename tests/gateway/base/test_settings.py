@@ -1,4 +1,4 @@
-"""Sections of settings: read from environment and flags, typed, refused in one sentence."""
+"""Sections of settings: read from environment and flags, typed, refused with one sentence."""
 
 from argparse import ArgumentParser
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Agents that do not answer delay no agent that does, and how often they are asked has bounds."""
+"""Agents that do not answer delay no others, and the rate of requests is limited."""
 
 from collections import Counter
 
@@ -10,7 +10,7 @@ BOUNDS = Bounds(open=8, repeated=2, repeats_hz=10)
 
 
 def drain(queue: DescriptionQueue, now_s: float) -> list[str]:
-    """Take all that may be asked now."""
+    """Return all requests that may be sent now."""
     taken = []
     while (robot := queue.take(now_s)) is not None:
         taken.append(robot)

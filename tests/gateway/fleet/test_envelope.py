@@ -1,4 +1,4 @@
-"""Balls around all places that joints can bring a link to, against the places of five real robots."""
+"""Balls around all reachable places of a link, compared with the places of five real robots."""
 
 import math
 import random
@@ -26,7 +26,7 @@ TWO_LINKS = """<robot name='r'><link name='a'/><link name='b'/><link name='c'/>
 
 
 def position(joint: Joint) -> float:
-    """At one of the limits as often as between them."""
+    """Return a position, often at one of the limits."""
     lower, upper = joint.limits.lower, joint.limits.upper
     if joint.kind is JointKind.CONTINUOUS or lower is None or upper is None:
         return random.uniform(-math.pi, math.pi)

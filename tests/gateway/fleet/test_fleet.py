@@ -1,4 +1,4 @@
-"""What the fleet makes of events: presence, runs, descriptions, frames, and the policy of change."""
+"""The fleet's handling of events: presence, runs, descriptions, frames, and the policy of change."""
 
 import gc
 import math

@@ -1,4 +1,4 @@
-"""Frames that are put beside the event loop: what is taken, what has to be judged first, and who is told at once."""
+"""Frames stored outside the event loop: which are accepted, judged first, or reported at once."""
 
 import math
 
@@ -32,7 +32,7 @@ def frame(sequence: int, turn: float = 0.0, *, run: int = 5, joints: int = 1, mo
 
 @pytest.fixture
 def fleet() -> Fleet:
-    """With one robot, of which the first frame has been judged."""
+    """Return a fleet with one robot, whose first frame has been judged."""
     fleet = Fleet(Frames(lambda robot: f"key/{robot}"))
     for event in (Appeared("r", 5), Described(said()), Framed("r", frame(1, 0.1))):
         fleet.apply(event, 1)
@@ -127,7 +127,7 @@ def test_who_watches_is_told_once_until_somebody_has_looked(fleet: Fleet) -> Non
     first.rung = True
     assert frames.put("key/r", frame(3, 0.3), 3) is first
     assert not frames.urgent(first)
-    robot(fleet)  # somebody else looks meanwhile
+    robot(fleet)  # something else reads meanwhile
     assert fleet.apply(Moved("r"), 4) == [Change("r", "frame")]
     assert not frames.untold("r")
     assert frames.urgent(first)

@@ -1,4 +1,4 @@
-"""The URDF that is served: meshes at their addresses, and nothing that a browser would load or run."""
+"""The served URDF: meshes at their addresses, and nothing that a browser would load or run."""
 
 from xml.etree import ElementTree
 

@@ -1,4 +1,4 @@
-"""The hand-over to the event loop has bounds, and one sender's flood costs no other its place."""
+"""The hand-over to the event loop is bounded, and one sender's flood costs no other its place."""
 
 from linked_fleet_gateway.fleet.inbox import MAX_KEYS, MAX_PROGRESS, MAX_PROGRESS_OF_ONE, MAX_TOKENS_OF_ONE, Inbox
 

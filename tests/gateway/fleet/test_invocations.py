@@ -1,4 +1,4 @@
-"""The life of an invocation: progress, the unknown, deadlines, and what is remembered."""
+"""The life of an invocation: progress, unknown outcomes, deadlines, and retention."""
 
 from typing import Any, Literal
 
@@ -179,7 +179,7 @@ def test_a_busy_robot_does_not_make_the_others_be_forgotten() -> None:
     assert len(invocations.of_robot("busy")) == len(invocations.of(ACTION)) - 1 == MAX_TERMINAL
 
 
-# What another gateway wrote
+# Written by another gateway
 
 
 def test_what_another_gateway_wrote_changes_the_one_that_is_waited_for() -> None:
@@ -189,7 +189,7 @@ def test_what_another_gateway_wrote_changes_the_one_that_is_waited_for() -> None
     assert invocations.put(other) is waited
     assert waited == other
     assert invocations.open_of("r") == []
-    assert invocations.put(other) is None  # no news
+    assert invocations.put(other) is None  # nothing new
     new = invocation("j", client="192.0.2.7")
     assert invocations.put(new) is invocations.get("j") is new
 
@@ -232,7 +232,7 @@ def test_what_only_the_gateway_knew_that_asked_joins_what_was_heard_of_the_robot
 
 @pytest.mark.parametrize("first", ["held", "found"])
 def test_of_two_copies_the_guess_counts_of_who_allowed_more_time(first: str) -> None:
-    """Whichever of them is written over the other."""
+    """In whichever order they are written."""
     failed = invocation(state=InvocationState.FAILED, expired=True, ended_ns=101)
     again = invocation(state=InvocationState.RUNNING, deadline_ns=900)
     invocations = Invocations()
@@ -260,11 +260,11 @@ def test_the_answers_of_robots_that_either_copy_has_are_known() -> None:
     assert invocations.put(of_fleet("a", "b", "c")) is None
 
 
-# Where joints were last commanded to
+# Last commanded positions of joints
 
 
 def moved(created_ns: int, state: InvocationState, **fields: Any) -> Invocation:
-    """An accepted motion of the present run."""
+    """Return an accepted motion of the present run."""
     given = {"targets": {"elbow": float(created_ns)}, "duration_s": 1.0, "incarnation": 1}
     return invocation(str(created_ns), state, created_ns=created_ns, **{**given, **fields})
 
@@ -336,7 +336,7 @@ def test_one_is_read_from_json_as_it_was_written_and_what_is_unknown_is_skipped(
     assert msgspec.json.decode(text[:-1] + b',"later":1}', type=Invocation) == whole
 
 
-# Those of the whole fleet
+# Invocations of the whole fleet
 
 
 def test_the_fleet_has_succeeded_when_every_robot_has() -> None:

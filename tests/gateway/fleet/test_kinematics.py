@@ -1,4 +1,4 @@
-"""Link poses of five real robots, against MuJoCo's reading of the same files, and what is unknown."""
+"""Link poses of five real robots compared with MuJoCo for the same files, and unknown poses."""
 
 import math
 import site
@@ -37,7 +37,7 @@ def link_poses(
 
 
 def bare(text: str) -> str:
-    """The tree alone: no shapes (whose meshes MuJoCo would load), no inertia (which it judges), no limits."""
+    """Return only the tree: no shapes (MuJoCo would load meshes), no inertia (MuJoCo checks it), no limits."""
     root = ElementTree.fromstring(text)
     for element in list(root):
         if element.tag not in ("link", "joint"):

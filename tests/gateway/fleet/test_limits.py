@@ -1,4 +1,4 @@
-"""A position outside the limits of the URDF is served, marked and counted; when it lasts, the robot is faulty."""
+"""A position outside the URDF's limits is served, marked and counted; if it persists, the robot is faulty."""
 
 import json
 import math

@@ -1,4 +1,4 @@
-"""Reading URDFs: five real ones whole, broken ones with a sentence that says what is wrong."""
+"""Parsing URDFs: five real ones completely, broken ones with a sentence that names the fault."""
 
 import math
 import site

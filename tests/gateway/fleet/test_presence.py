@@ -1,4 +1,4 @@
-"""However many tokens there are, those that are kept have bounds, by robot and in all."""
+"""The number of stored tokens is bounded, per robot and in total."""
 
 import pytest
 

@@ -1,10 +1,10 @@
-"""Runs that send no frames, on a clock of the test's own."""
+"""Runs that send no frames, on the test's own clock."""
 
 from linked_fleet_gateway.fleet.silences import PERIOD_S, RENEWALS, SILENT_S, Doubt, Run, Silences
 
 
 class Gateway:
-    """Checks every period the runs that are online."""
+    """Checks the online runs periodically."""
 
     def __init__(self) -> None:
         self.now_s = 1000.0

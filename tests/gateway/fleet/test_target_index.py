@@ -1,4 +1,4 @@
-"""Targets found by index are those that a look through everything finds."""
+"""Targets found by the index equal those found by scanning everything."""
 
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -13,7 +13,7 @@ _JOINTS = ("elbow", "wrist")
 
 
 class Plainly:
-    """The same by its definition."""
+    """The same by its definition, without an index."""
 
     def __init__(self) -> None:
         self.all: dict[str, Invocation] = {}

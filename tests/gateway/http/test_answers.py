@@ -1,4 +1,4 @@
-"""Answers to GET that are kept: they hold as long as nothing but frames is news, for whom they were made."""
+"""Cached responses to GET are valid as long as only frames are new, for the caller for whom they were made."""
 
 from typing import Any, cast
 

@@ -11,7 +11,7 @@ TAG = etag(b"body")
 
 @given(st.binary(), st.binary())
 def test_etags_tell_bodies_apart(one: bytes, other: bytes) -> None:
-    """Equal bodies have equal tags and only those."""
+    """Equal bodies have equal tags, and different bodies different ones."""
     assert (etag(one) == etag(other)) == (one == other) and not_modified(etag(one), etag(one))
 
 
@@ -32,7 +32,7 @@ def test_etags_tell_bodies_apart(one: bytes, other: bytes) -> None:
     ],
 )
 def test_not_modified(header: str | None, expected: bool) -> None:
-    """Weak comparison over the list; a malformed list gives the full answer."""
+    """Weak comparison over the list; a malformed list gives the full response."""
     assert not_modified(header, TAG) is expected
 
 
@@ -50,12 +50,12 @@ def test_not_modified(header: str | None, expected: bool) -> None:
     ],
 )
 def test_precondition(header: str | None, expected: bool) -> None:
-    """Strong comparison with the tag of any representation; a malformed list holds for nothing."""
+    """Strong comparison with the tag of any representation; a malformed list matches nothing."""
     assert precondition_holds(header, [etag(b"other"), TAG]) is expected
 
 
 def test_precondition_without_resource() -> None:
-    """``*`` means that something is there."""
+    """``*`` requires that the resource exists."""
     assert not precondition_holds("*", [], exists=False)
 
 

@@ -1,4 +1,4 @@
-"""WebSockets in a protocol of an extension: an extension of this test repeats what it is told."""
+"""WebSockets in a protocol of an extension: this test's extension echoes messages."""
 
 import sys
 import textwrap
@@ -102,7 +102,7 @@ def test_a_slow_reader_loses_what_is_offered_and_nothing_that_is_sent(here: Guar
 
 
 def test_the_connection_ends_when_the_rights_of_its_client_change(here: Guarded) -> None:
-    """Also those that have nothing to do with reading."""
+    """Including changes that do not concern reading."""
     here.add("changing", *ALL)
     here.known("changing")
     with opened(here, "changing") as client:

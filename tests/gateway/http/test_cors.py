@@ -1,4 +1,4 @@
-"""CORS: the fields that pages of other sites may send and read are those of the core and those of extensions."""
+"""CORS: the fields that pages of other origins may send and read are those of the core and of extensions."""
 
 import asyncio
 

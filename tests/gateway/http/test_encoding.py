@@ -1,4 +1,4 @@
-"""Content codings: gzip where it is taken, entity tags of their own, and writes under either of them."""
+"""Content codings: gzip if accepted, entity tags of their own, and conditional writes with either of them."""
 
 import re
 
@@ -48,7 +48,7 @@ def test_scripts_are_kept_in_codings(browser: Browser, coding: str) -> None:
 
 
 def _raw(browser: Browser, path: str, coding: str) -> httpx.Response:
-    """The header fields alone: the client has no reader of each coding."""
+    """Return only the header fields: the client cannot decode each coding."""
     return browser.http.head(browser.root + path, headers={"accept": "*/*", "accept-encoding": coding})
 
 
@@ -59,7 +59,7 @@ def _get(browser: Browser, path: str, coding: str, **fields: str) -> httpx.Respo
 
 @pytest.mark.parametrize("path", [f"{_JOINT}/blueprint", "vocabulary"])
 def test_the_content_is_the_same_and_the_tag_another(browser: Browser, path: str) -> None:
-    """The first time and when the answer is kept."""
+    """The first time, and from the cache."""
     for _ in range(2):
         plain, coded = _get(browser, path, "identity"), _get(browser, path, "gzip")
         assert "content-encoding" not in plain.headers
@@ -79,7 +79,7 @@ def test_who_has_either_is_told_so(browser: Browser, coding: str) -> None:
 
 
 def test_a_write_may_name_the_tag_of_a_coding(browser: Browser) -> None:
-    """A client that reads in gzip is guarded against lost updates as any other."""
+    """A client that reads in gzip is protected against lost updates like any other."""
     path = "baxter/annotations"
     url = browser.root + path
     tag = browser.http.get(url, headers={"accept": "text/turtle", "accept-encoding": "identity"}).headers["etag"]

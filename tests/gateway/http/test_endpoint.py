@@ -1,4 +1,4 @@
-"""The HTTP table of DESIGN.md, to the letter, as a hostile client and a pedant read it."""
+"""The HTTP table of DESIGN.md in detail, tested with hostile and pedantic clients."""
 
 import asyncio
 import json
@@ -45,12 +45,12 @@ _JSON_LD = {"@context": {"vom": _VOM, "maths": _MATHS}, "vom:unit": {"@id": "mat
 
 @pytest.fixture(scope="module")
 def action(browser: Browser) -> str:
-    """An action that is tested here alone."""
+    """Return an action that no other test uses."""
     return _rotate(browser, "head_pan")
 
 
 def _rotate(browser: Browser, joint: str) -> str:
-    """The action of a joint of Baxter's that brings it to a position."""
+    """Return the action of one of Baxter's joints that brings it to a position."""
     offered = browser.part("baxter", joint).graph.objects(None, HYBRIT.action)
     (found,) = (page.url for page in map(browser.page, map(str, offered)) if LF.Rotate in page.types)
     return found
@@ -62,12 +62,12 @@ def _put(browser: Browser, url: str, body: str | bytes, **headers: str) -> httpx
 
 
 def _moved(browser: Browser, action: str) -> str:
-    """What there is to tell one count of invocations from another."""
+    """Return a fingerprint of the list of invocations."""
     return browser.page(str(browser.page(action).one(LF.invocations))).response.text
 
 
 def _raw(root: str, request: str, fields: str = "", body: bytes = b"") -> list[bytes]:
-    """Send ``request`` as it is, Host and all, and read to the end: one item an answer."""
+    """Send ``request`` unchanged, including Host, and read to the end; return one item per response."""
     parts = urlsplit(root)
     host = "" if "Host:" in fields else f"Host: {parts.netloc}\r\n"
     with socket.create_connection((parts.hostname, parts.port), timeout=30) as connection:
@@ -85,7 +85,7 @@ def _status(answer: bytes) -> int:
 
 
 def test_request_targets(browser: Browser) -> None:
-    """RFC 9112, 3.2: `*` is for OPTIONS, and a whole URL counts for more than Host."""
+    """RFC 9112, 3.2: `*` is for OPTIONS, and an absolute URL overrides Host."""
     root, netloc = browser.root, urlsplit(browser.root).netloc
     (answer,) = _raw(root, "OPTIONS * HTTP/1.1", "Connection: close\r\n")
     assert _status(answer) == 204
@@ -104,9 +104,9 @@ def test_request_targets(browser: Browser) -> None:
 @pytest.mark.parametrize("protocol", ["websocket", "callback", "h2c", "TLS/1.0", "rosbridge/2, h2c"])
 @pytest.mark.parametrize("chunked", [False, True])
 def test_ignored_upgrade_loses_nothing(browser: Browser, action: str, protocol: str, chunked: bool) -> None:
-    """An Upgrade that is not taken changes nothing: the body is read, the next request answered (uvicorn 2722).
+    """An Upgrade that is not accepted changes nothing: the body is read, the next request answered (uvicorn 2722).
 
-    A PUT takes none, and a GET none that nobody knows.
+    A PUT accepts no upgrade, and a GET no unknown one.
     """
     broken = b"<> <urn:p> ; broken"
     length = "Transfer-Encoding: chunked" if chunked else f"Content-Length: {len(broken)}"
@@ -120,7 +120,7 @@ def test_ignored_upgrade_loses_nothing(browser: Browser, action: str, protocol: 
 
 
 def test_ignored_upgrade_is_no_news(fleet: RunningFleet) -> None:
-    """An Upgrade that is not taken leaves no line in the gateway's log."""
+    """An Upgrade that is not accepted is not logged."""
     (answer,) = _raw(fleet.root, "GET / HTTP/1.1", "Upgrade: rosbridge/2\r\nConnection: Upgrade, close\r\n")
     assert (_status(answer), b"content-type: text/turtle" in answer) == (200, True)
     assert "Unsupported upgrade" not in fleet.gateway.output
@@ -128,7 +128,7 @@ def test_ignored_upgrade_is_no_news(fleet: RunningFleet) -> None:
 
 
 def test_spellings_of_a_path(browser: Browser) -> None:
-    """A percent-encoded letter is that letter; an encoded slash separates nothing; one slash too many is redirected."""
+    """A percent-encoded letter is that letter; an encoded slash separates nothing; an extra slash is redirected."""
     root, get = browser.root, browser.http.get
     assert get(root + "%62axter/").status_code == 200
     for path in ("baxter%2Fhead_pan", "baxter/head_pan//", "baxter/%2e%2e/", "baxter/%ff", "baxter/%zz", "a" * 20_000):
@@ -141,8 +141,8 @@ def test_spellings_of_a_path(browser: Browser) -> None:
 
 
 def test_head_is_get_without_its_body(browser: Browser, action: str) -> None:
-    """RFC 9110, 9.3.2: the same status and the same fields, Content-Length too, for what is there and for errors."""
-    own = {"date", "x-request-id"}  # of the moment, and of the request
+    """RFC 9110, 9.3.2: the same status and fields, including Content-Length, for existing resources and errors."""
+    own = {"date", "x-request-id"}  # they differ by time and request
     for url, headers in (
         (action, {}),
         (action, {"accept": "text/html"}),
@@ -162,7 +162,7 @@ def test_head_is_get_without_its_body(browser: Browser, action: str) -> None:
 
 
 def test_every_refusal_varies_with_accept_and_is_not_stored(browser: Browser, action: str) -> None:
-    """Problems are negotiated, so caches are told; a field is said once."""
+    """Problems are negotiated, so caches must know; no field is repeated."""
     for answer in (
         browser.http.get(browser.root, headers={"host": "example.org"}),
         browser.http.get(browser.root, headers={"accept": "image/png"}),
@@ -179,14 +179,14 @@ def test_every_refusal_varies_with_accept_and_is_not_stored(browser: Browser, ac
 
 
 def test_profile_of_json_ld_excludes_nothing(browser: Browser) -> None:
-    """A profile is a wish (RFC 6906): a client that names one gets JSON-LD."""
+    """A profile is a preference (RFC 6906): a client that names one gets JSON-LD."""
     accept = 'application/ld+json;profile="http://www.w3.org/ns/json-ld#compacted"'
     answer = browser.http.get(browser.root, headers={"accept": accept})
     assert answer.headers["content-type"] == "application/ld+json"
 
 
 def test_writes_heed_if_none_match(browser: Browser, action: str) -> None:
-    """RFC 9110, 13.1.2: for a method that is no read, a match is 412; and If-Match holds for reads as well."""
+    """RFC 9110, 13.1.2: for an unsafe method a match is 412; and If-Match applies to reads as well."""
     before = _moved(browser, action)
     tag = browser.http.get(action, headers={"accept": "text/html"}).headers["etag"]
     assert _put(browser, action, _ZERO, if_none_match="*").status_code == 412
@@ -204,7 +204,7 @@ def test_preconditions_of_a_read_that_is_refused_anyhow_are_ignored(browser: Bro
 
 
 def test_unacceptable_answer_moves_nothing(browser: Browser, action: str) -> None:
-    """Who wants the invocation in a type that there is not gets 406 before the robot moves, not after."""
+    """A request for the invocation in an unsupported type gets 406 before the robot moves, not after."""
     before = _moved(browser, action)
     answer = _put(browser, action, _ZERO, prefer="return=representation", accept="image/png")
     assert answer.status_code == 406
@@ -212,7 +212,7 @@ def test_unacceptable_answer_moves_nothing(browser: Browser, action: str) -> Non
 
 
 def test_frame_is_decodable_by_its_own_description(browser: Browser) -> None:
-    """D5: numpy and the layout that the robot describes suffice to read the binary joint state."""
+    """D5: numpy and the robot's layout description suffice to read the binary joint state."""
     robot = browser.robot("ur5")
     state = browser.page(str(robot.one(LF.jointState)))
     answer = browser.http.get(state.url, headers={"accept": "application/vnd.linked-fleet.frame"})
@@ -264,7 +264,7 @@ def test_content_that_is_not_the_whole_plain_body(browser: Browser, action: str)
     ids=["object", "array", "graph", "our context"],
 )
 def test_json_ld_in_its_many_forms(browser: Browser, action: str, body: object) -> None:
-    """One quantity, however JSON-LD wraps it."""
+    """One quantity, in any form of JSON-LD."""
     answer = _put(browser, action, json.dumps(body), content_type="application/ld+json")
     assert answer.status_code == 204, answer.text
 
@@ -299,7 +299,7 @@ _INTEGERS = "integer int long short byte nonNegativeInteger nonPositiveInteger u
 
 @pytest.mark.parametrize("datatype", f"float double decimal {_INTEGERS} unsignedByte".split())
 def test_every_numeric_type_is_taken(browser: Browser, action: str, datatype: str) -> None:
-    """Any numeric literal type is a number; terms of other vocabularies about the input are nobody's business."""
+    """Any numeric literal type is accepted; terms of foreign vocabularies about the input are ignored."""
     extra = '<> a maths:Scalar ; <urn:p> "NaN"^^xsd:float , "<b>"^^rdf:HTML .'
     body = _PREFIXES + f'<> vom:numericalValue "0"^^xsd:{datatype} ; vom:unit maths:Degree . {extra}'
     assert _put(browser, action, body).status_code == 204
@@ -319,13 +319,13 @@ def test_every_numeric_type_is_taken(browser: Browser, action: str, datatype: st
     ],
 )
 def test_numbers_that_are_none(browser: Browser, action: str, value: str, named: str) -> None:
-    """Ill-typed, doubled and outlandish values are 422 with a report, however many there are."""
+    """Ill-typed, doubled and extreme values get 422 with a report, however many there are."""
     answer = _put(browser, action, _PREFIXES + f"<> vom:numericalValue {value} ; vom:unit maths:Degree .")
     assert (answer.status_code, named in answer.json()["detail"]) == (422, True), answer.text[:500]
 
 
 def test_limits_belong_to_the_range(browser: Browser) -> None:
-    """The very limits that the shape states, in degree and in radian, are admitted; a millionth more is not."""
+    """The exact limits of the shape, in degree and radian, are admitted; a millionth more is not."""
     url = _rotate(browser, "left_e1")
     page = browser.page(url)
     graph = page.graph
@@ -342,7 +342,7 @@ def test_limits_belong_to_the_range(browser: Browser) -> None:
 
 
 def _units_beside(graph: rdflib.Graph, limit: object, branches: list[object]) -> set[str]:
-    """The units for which a limit is meant, if it is one of ``branches``."""
+    """Return the units to which a limit applies, if it is one of ``branches``."""
     (branch,) = graph.subjects(rdflib.SH.property, limit)
     if branch not in branches:
         return set()
@@ -354,7 +354,7 @@ def _units_beside(graph: rdflib.Graph, limit: object, branches: list[object]) ->
 
 
 def test_syntax_that_cannot_say_a_graph_gives_way() -> None:
-    """RDF/XML has no name for <urn:1>, as in annotations: the next acceptable type, else a 406."""
+    """RDF/XML cannot write <urn:1> as a predicate: the next acceptable type is used, else 406."""
 
     def describe(graph: Graph) -> None:
         graph.add(NamedNode("urn:s"), NamedNode("urn:1"), NamedNode("urn:o"))
@@ -370,7 +370,7 @@ def test_syntax_that_cannot_say_a_graph_gives_way() -> None:
 
 
 def test_r0_6_unforeseen_errors(caplog: pytest.LogCaptureFixture) -> None:
-    """R0.6: what nobody foresaw is a 500 problem that tells nothing of the code; the log has it all."""
+    """R0.6: an unforeseen error is a 500 problem that reveals nothing of the code; the log has everything."""
     app = create_app(GatewaySettings())
     app.endpoint = Endpoint()
     # No request was foreseen without a fleet.

@@ -1,4 +1,4 @@
-"""WHATWG HTML, 9.2: the stream as an EventSource reads it, and readers that read slowly, never, or no longer."""
+"""WHATWG HTML, 9.2: the stream as an EventSource reads it, and slow, stalled or vanished readers."""
 
 import asyncio
 import socket
@@ -22,7 +22,7 @@ LARGE = 20_000
 
 
 class EventSource:
-    """9.2.6, interpreting an event stream, written from the standard and not from our writer."""
+    """9.2.6, interpreting an event stream, written from the standard and independent of the writer."""
 
     def __init__(self) -> None:
         self.events: list[tuple[str, str]] = []
@@ -75,7 +75,7 @@ class App(Channel):
 
 
 async def reading(port: int, source: EventSource) -> AsyncIterator[httpx.Response]:
-    """Yields after the head and after each chunk."""
+    """Yield after the head and after each chunk."""
     async with httpx.AsyncClient() as http, http.stream("GET", f"http://127.0.0.1:{port}/a") as response:
         yield response
         async for text in response.aiter_text():
@@ -150,7 +150,7 @@ def test_stream_as_an_event_source_reads_it() -> None:
     ],
 )
 def test_endings(ending: Ending, last: str) -> None:
-    """What the client presents when it comes back tells whether it shall; what waits is still sent."""
+    """The id that the client presents when it reconnects tells whether it may; pending messages are still sent."""
 
     async def test() -> None:
         app, source = App(TURTLE), EventSource()
@@ -172,7 +172,7 @@ def test_endings(ending: Ending, last: str) -> None:
 
 
 def test_bytes_on_the_wire_are_the_stream_in_http() -> None:
-    """RFC 9112, 7.1: a parser that knows nothing of ours finds one whole body, and the connection ready for more."""
+    """RFC 9112, 7.1: an independent parser finds one whole body, and a reusable connection."""
 
     async def test() -> None:
         app, sent = App(TURTLE), [Message("/a", str(number), "text/turtle", b"x" * number) for number in range(300)]
@@ -342,7 +342,7 @@ def test_a_plain_answer_that_nobody_reads_is_dropped_too() -> None:
 
 
 def test_shutdown_ends_streams_and_waits_for_nobody(caplog: pytest.LogCaptureFixture) -> None:
-    """Without an id of its own, so that an EventSource comes back; and without a complaint in the log."""
+    """Without an id of its own, so that an EventSource reconnects; and without an error in the log."""
 
     async def test() -> None:
         app, source = App(TURTLE), EventSource()

@@ -1,4 +1,4 @@
-"""The address of a client behind a front: who is believed what."""
+"""The address of a client behind a proxy, and which proxies are trusted."""
 
 import asyncio
 from ipaddress import ip_network
@@ -39,8 +39,8 @@ def test_who_is_no_front_is_believed_nothing(peer: str, name: str) -> None:
         ("198.51.100.1, 192.0.2.7", "192.0.2.7"),  # what the client itself sent comes first
         ("198.51.100.1, 192.0.2.7, 10.0.0.2", "192.0.2.7"),
         ("192.0.2.7, 2001:db8:f::2, 10.0.0.2", "192.0.2.7"),
-        ("10.0.0.3, 10.0.0.2", "10.0.0.3"),  # from the network of the fronts itself
-        ("192.0.2.7, unknown, 10.0.0.2", "10.0.0.2"),  # the last one that is known
+        ("10.0.0.3, 10.0.0.2", "10.0.0.3"),  # from the network of the proxies itself
+        ("192.0.2.7, unknown, 10.0.0.2", "10.0.0.2"),  # the last known one
         ("192.0.2.7, no address", _FRONT),
         ("", _FRONT),
         (",", _FRONT),
@@ -72,7 +72,7 @@ def test_lines_of_one_field_are_one_list() -> None:
 
 
 def test_two_fields_that_disagree_are_not_believed() -> None:
-    """A front that writes one of them passes on the other as the client sent it."""
+    """A proxy that writes one of them passes on the other from the client."""
     said = ("x-forwarded-for", "192.0.2.7")
     assert _client(said, ("forwarded", "for=198.51.100.1")) == _FRONT
     assert _client(said, ("forwarded", "nonsense")) == _FRONT
@@ -81,7 +81,7 @@ def test_two_fields_that_disagree_are_not_believed() -> None:
 
 @pytest.mark.parametrize("kind", ["http", "websocket"])
 def test_clients_behind_a_front_are_told_apart(kind: str) -> None:
-    """Each client behind a front has a count of its own."""
+    """Each client behind a proxy is counted separately."""
     counted: list[str] = []
 
     async def count(scope: Scope, receive: Receive, send: Send) -> None:

@@ -1,4 +1,4 @@
-"""RFC 9110, 7.2 and 7.4: who is asked."""
+"""RFC 9110, 7.2 and 7.4: the authority of a request."""
 
 import asyncio
 import json
@@ -19,7 +19,7 @@ async def base(request: Request) -> PlainTextResponse:
 
 
 def ask(*hosts: str, kind: str = "http", more: tuple[tuple[bytes, bytes], ...] = (), **extra: object) -> list[Message]:
-    """What the application sends for a request with these Host fields, and more."""
+    """Return the response of the application to a request with these Host and further fields."""
     sent: list[Message] = []
 
     async def receive() -> Message:
@@ -48,7 +48,7 @@ def ask(*hosts: str, kind: str = "http", more: tuple[tuple[bytes, bytes], ...] =
     ],
 )
 def test_known_authority(host: str, expected: str) -> None:
-    """Case and default ports do not matter; the base is the public URL, never the header."""
+    """Case and default ports are ignored; the base is the public URL, never the header."""
     assert ask(host)[1]["body"].decode() == expected
 
 
@@ -56,20 +56,20 @@ def test_known_authority(host: str, expected: str) -> None:
     "hosts", [(), ("http://example.org",), ("a", "a"), ("",), ("a b",), ("a/b",), ("u@a",), ("é",), ("a:x",)]
 )
 def test_malformed(hosts: tuple[str, ...]) -> None:
-    """No Host, two of them or something else than an authority: 400."""
+    """No Host, two of them or an invalid one: 400."""
     start, body = ask(*hosts)
     assert start["status"] == 400 and json.loads(body["body"])["status"] == 400
 
 
 @pytest.mark.parametrize("host", ["evil.example", "127.0.0.1", "fleet.example:80", "127.0.0.1:99999"])
 def test_unknown_authority(host: str) -> None:
-    """421 that names the authorities that there are."""
+    """421 that lists the known authorities."""
     start, body = ask(host)
     assert start["status"] == 421 and "http://127.0.0.1:8000" in json.loads(body["body"])["detail"]
 
 
 def test_websocket() -> None:
-    """A handshake is refused in the same way where the server can, else closed."""
+    """A handshake is refused likewise if the server can do so, else closed."""
     assert ask("evil.example", kind="websocket", extensions={"websocket.http.response": {}})[0]["status"] == 421
     assert ask("evil.example", kind="websocket") == [{"type": "websocket.close", "code": 1008}]
 
@@ -95,7 +95,7 @@ def test_pages_of_other_sites_do_nothing(method: str, origins: tuple[bytes, ...]
 
 
 def test_pages_of_other_sites_read_and_do_not_listen() -> None:
-    """Reading is open to whoever may see the answer, which the browser decides."""
+    """Reading is open to whoever may see the response, which the browser decides."""
     foreign = ((b"origin", b"http://evil.example"),)
     assert ask("127.0.0.1:8000", more=foreign)[0]["status"] == 200
     events = ask("127.0.0.1:8000", more=(*foreign, (b"accept", b"text/event-stream")))

@@ -1,4 +1,4 @@
-"""Answers that applications of other packages give."""
+"""Responses of applications from other packages."""
 
 import asyncio
 from types import SimpleNamespace
@@ -14,7 +14,7 @@ from linked_fleet_gateway.http.protocol import HTTP
 
 
 class Exchange:
-    """A request whose client stays until ``leave`` is set; ``said`` is the answer."""
+    """A request whose client stays until ``leave`` is set; ``said``: the response."""
 
     def __init__(self) -> None:
         self.http = SimpleNamespace(on_shutdown=None, ending=False)
@@ -36,7 +36,7 @@ class Exchange:
 
 
 async def _stream(scope: Scope, receive: Receive, send: Send) -> None:
-    """An answer without an end, until its client leaves."""
+    """Send an endless response until the client leaves."""
     assert (await receive())["body"] == b"asked"
     await send({"type": "http.response.start", "status": 200, "headers": [(b"Connection", b"keep-alive")]})
     await send({"type": "http.response.body", "body": b"first", "more_body": True})

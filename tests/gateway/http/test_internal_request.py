@@ -19,7 +19,7 @@ BASE = "https://fleet.example:8443"
 
 
 class Outside:
-    """A client with credentials, beside a gateway that answers by ``handler``."""
+    """A client with credentials, beside a gateway that responds by ``handler``."""
 
     def __init__(self, handler: Callable[[Request], Awaitable[Response]], kind: str = "http") -> None:
         self.gateway = Gateway(middleware=[Middleware(Authorities, public_urls=(BASE,))])

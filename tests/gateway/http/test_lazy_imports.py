@@ -1,4 +1,4 @@
-"""What a request is the first to need is there before the request goes on, once, and for nobody else."""
+"""Modules first needed by a request are loaded before it continues, once, without delaying others."""
 
 import asyncio
 import threading
@@ -14,7 +14,7 @@ from linked_fleet_gateway.http.request import Gateway, Services
 
 
 def asked(*requests: tuple[str, str, str]) -> list[str]:
-    """What happened, in order, when these came: method, path, Accept."""
+    """Return the ordered events for these requests: method, path, Accept."""
     happened: list[str] = []
 
     def load(name: str) -> None:

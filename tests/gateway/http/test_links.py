@@ -23,7 +23,7 @@ LINKS = st.lists(
 def test_always_below_the_limit_and_a_field_value(
     own: list[Link], parts: list[Link], linkset: str | None, limit: int
 ) -> None:
-    """Whatever the links, the value fits and can be sent as a header."""
+    """Whatever the links, the value fits and is valid in a header."""
     value = link_header(own, parts, linkset, limit)
     assert len(value) < max(limit, 1)
     value.replace("\x80", "").encode("latin-1", "replace")
@@ -31,7 +31,7 @@ def test_always_below_the_limit_and_a_field_value(
 
 
 def test_own_first_then_parts_then_the_link_set() -> None:
-    """A robot of two hundred parts keeps its own links and says where the rest is."""
+    """A robot with two hundred parts keeps its own links, and links the rest."""
     own = [Link("/baxter/subscriptions", "related"), Link("http://www.w3.org/ns/ldp#Resource", "type")]
     parts = [Link(f"/baxter/part_{number}", "related", "text/turtle") for number in range(200)]
     value = link_header(own, parts, "/baxter/linkset")
@@ -62,7 +62,7 @@ def test_link_set_documents() -> None:
 
 
 def test_the_fleet_links_what_an_extension_describes_it_in_by_a_relation_of_its_own() -> None:
-    """In the Link field and in the link set, with the media type that is there."""
+    """In the Link field and in the link set, with the media type."""
     branch = FleetBranch("api", None, lambda view, rest: None, link=("service-desc", "application/x-api"))
     tree = Tree(Fleet(), Invocations(), "http://fleet.example", branches=Branches().having(branch))
     fleet, linkset = tree.resolve("/"), tree.resolve("/linkset")

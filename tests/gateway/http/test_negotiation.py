@@ -38,13 +38,13 @@ BROWSER = "text/html,application/xhtml+xml,application/xml;q=0.9,*/*;q=0.8"
     ],
 )
 def test_choose(accept: str | None, chosen: str | None) -> None:
-    """The most specific range gives each type its weight; ties go to our order; malformed members do not count."""
+    """The most specific range weighs each type; the server's order decides ties; malformed members are ignored."""
     assert choose(accept, OFFERED) == chosen
 
 
 @given(st.text() | st.text('*/;,q=.01"\\ textrl-'))
 def test_any_header_is_survived(header: str) -> None:
-    """No header makes negotiation fail, and every weight is a weight."""
+    """No header makes negotiation fail, and every weight is valid."""
     assert all(0 <= media_range.q <= 1 for media_range in parse_accept(header))
     assert choose(header, OFFERED) in (None, *OFFERED)
 
@@ -56,7 +56,7 @@ def test_content_type() -> None:
 
 @pytest.mark.parametrize("header", [None, "", "text/turtle; charset=latin-1", "image/png"])
 def test_content_type_refused(header: str | None) -> None:
-    """Absent, other charsets and other types are 415 and say what is taken."""
+    """Missing types, other charsets and other types get 415 that lists what is accepted."""
     with pytest.raises(UnsupportedMediaType) as caught:
         parse_content_type(header, OFFERED)
     assert caught.value.headers["Accept"].startswith("text/turtle")
@@ -64,6 +64,6 @@ def test_content_type_refused(header: str | None) -> None:
 
 @pytest.mark.parametrize("header", ["turtle", "text/", "text/turtle; charset", "a b/c"])
 def test_content_type_malformed(header: str) -> None:
-    """What is no media type is 400."""
+    """An invalid media type gets 400."""
     with pytest.raises(BadRequest):
         parse_content_type(header)

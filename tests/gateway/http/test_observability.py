@@ -1,4 +1,4 @@
-"""What an operator sees of a gateway: whether it lives, whether it is ready, what it counts and what it writes."""
+"""What an operator sees of a gateway: liveness, readiness, metrics and log."""
 
 import asyncio
 import contextlib
@@ -86,7 +86,8 @@ def test_a_robot_called_like_an_operators_address_is_found_beside_it(place: Plac
         paths = ("/~68ealth/", "/~6Detrics/", "/health~2Flive/")
         for path in paths:
             eventually(lambda path=path: http.get(path).status_code == 200, path)
-        assert [actor.name for actor in actors] == list(names)  # held until here: they go when they are dropped
+        # referenced until here: they leave when they are garbage-collected
+        assert [actor.name for actor in actors] == list(names)
         assert http.get("/health/live").json() == {"status": "live"}
 
 
@@ -167,7 +168,7 @@ def test_commands_streams_and_open_invocations_are_counted(place: Place, http: h
         eventually(lambda: sample(http, "linked_fleet_invocations_open") == 0, "no motion under way")
         with http.stream("GET", "/ur5/", headers={"accept": "text/event-stream"}) as stream:
             assert stream.status_code == 200
-            lines = stream.iter_lines()  # whoever drops it closes the stream
+            lines = stream.iter_lines()  # dropping it would close the stream
             assert any(line.startswith("data:") for line in lines)
             assert sample(http, "linked_fleet_subscribers", kind="event-stream") == 1
             assert sample(http, "linked_fleet_messages_sent_total") > 0
@@ -204,7 +205,7 @@ def test_what_becomes_of_callbacks_is_counted_and_logged_by_subscription(tmp_pat
 
 
 def _part(browser: Browser) -> Page | None:
-    """The joint, once the robot is described."""
+    """Return the joint, once the robot is described."""
     try:
         return browser.part("toy", "elbow")
     except (AssertionError, ValueError):
@@ -220,7 +221,7 @@ def samples(http: httpx.Client) -> list[Sample]:
 
 
 def sample(http: httpx.Client, name: str, default: float | None = None, **labels: str) -> float:
-    """The one number of that name with these labels, or the default where there is none."""
+    """Return the number of that name with these labels, or the default if there is none."""
     found = [each.value for each in samples(http) if each.name == name and labels.items() <= each.labels.items()]
     if not found and default is not None:
         return default
@@ -229,7 +230,7 @@ def sample(http: httpx.Client, name: str, default: float | None = None, **labels
 
 
 def test_a_gateway_that_ends_is_not_ready() -> None:
-    """Asked on a connection that is still open: it takes no new ones."""
+    """Requested on a connection that is still open, since it accepts no new ones."""
     assert reasons(prepared=True, draining=True) == ["the gateway is ending"]
 
 
@@ -238,7 +239,7 @@ def test_a_gateway_that_prepares_the_check_of_motions_is_not_ready() -> None:
 
 
 def test_a_robot_that_joins_takes_no_gateway_away() -> None:
-    """Shapes of a further robot are prepared by a gateway that stays ready: its front must go on to reach stop."""
+    """The shapes of another robot are prepared while the gateway stays ready: its proxy must still reach stop."""
     gateway = all_well(prepared=True)
     assert answered(gateway) == (200, {"status": "ready"})
     gateway.services.unprepared = lambda: [PREPARING]
@@ -246,7 +247,7 @@ def test_a_robot_that_joins_takes_no_gateway_away() -> None:
 
 
 def reasons(*, prepared: bool, draining: bool = False) -> list[str]:
-    """The reasons for which a gateway is not ready to which all else is well."""
+    """Return why a gateway that is otherwise well is not ready."""
     status, answer = answered(all_well(prepared=prepared, draining=draining))
     assert status == 503
     found: list[str] = answer["reasons"]
@@ -266,7 +267,7 @@ def answered(gateway: SimpleNamespace) -> tuple[int, dict[str, Any]]:
 
 
 def unready(http: httpx.Client) -> list[str]:
-    """Why the gateway is not ready, as soon as it is not."""
+    """Wait until the gateway is not ready, and return why."""
 
     def probe() -> list[str] | None:
         answer = http.get("/health/ready")
@@ -279,7 +280,7 @@ def unready(http: httpx.Client) -> list[str]:
 
 
 def expressions() -> list[str]:
-    """What the dashboard and the alerts ask Prometheus for."""
+    """Return the Prometheus expressions of the dashboard and the alerts."""
     dashboard = json.loads((ROOT / "deploy/grafana/dashboard.json").read_text())
     alerts = yaml.safe_load((ROOT / "deploy/prometheus/alerts.yml").read_text())
     asked = [target["expr"] for panel in dashboard["panels"] for target in panel.get("targets", ())]
@@ -288,7 +289,7 @@ def expressions() -> list[str]:
 
 
 def test_dashboard_alerts_and_page_name_what_is_exported_and_all_of_it(http: httpx.Client) -> None:
-    http.get("/")  # so that there is something of each method and status
+    http.get("/")  # so that each method and status has a value
     text = http.get("/metrics").text
     families = list(text_string_to_metric_families(text))
     declared = {
@@ -374,5 +375,5 @@ def test_a_handshake_is_answered_with_its_id(http: httpx.Client, place: Place) -
 
 
 def log(child: Process) -> list[dict[str, str]]:
-    """The lines of a gateway that writes JSON; all that it writes but its greeting is that."""
+    """Return the lines of a gateway that logs JSON; all its output but the greeting is JSON."""
     return [json.loads(line) for line in child.output.splitlines() if not line.startswith("serving ")]

@@ -1,4 +1,4 @@
-"""Long bodies are read beside the event loop, one after another, and no more wait than may."""
+"""Long bodies are parsed outside the event loop, one after another, with a bounded queue."""
 
 import asyncio
 import threading
@@ -21,7 +21,7 @@ def test_short_work_is_done_at_once_and_long_work_in_a_thread() -> None:
 
 
 def test_the_loop_goes_on_and_the_queue_is_bounded() -> None:
-    """While one piece is under way the loop runs, others wait, and one too many is refused."""
+    """While one is parsed the loop runs, others wait, and one too many is refused."""
 
     async def crowd() -> None:
         offload, go_on = Offload(), threading.Event()

@@ -22,25 +22,25 @@ from linked_fleet_gateway.http.prefer import Prefer, parse_prefer, preference_ap
     ],
 )
 def test_parse(header: str | None, expected: Prefer) -> None:
-    """Known preferences count, the first of repeated ones; what is malformed or unknown is ignored."""
+    """Known preferences count, the first of repeated ones; malformed or unknown ones are ignored."""
     assert parse_prefer(header) == expected
 
 
 @given(st.text() | st.text('return=minimal;,"\\ wait1'))
 def test_any_header_is_survived(header: str) -> None:
-    """No header makes it fail, and nobody keeps us waiting for more than a minute."""
+    """No header causes a failure, or a wait of more than a minute."""
     wait_s = parse_prefer(header).wait_s
     assert wait_s is None or 0 <= wait_s <= 60
 
 
 def test_applied() -> None:
-    """What was honoured is said, and nothing when nothing was."""
+    """The honoured preferences are returned, and nothing if there are none."""
     assert preference_applied() is None
     assert preference_applied(respond_async=True, wait_s=10.0) == "respond-async, wait=10"
     assert preference_applied(return_="representation") == "return=representation"
 
 
 def test_parts_of_a_representation() -> None:
-    """LDP 7.2: IRIs to include or to omit, parameters of the first ``return`` alone."""
+    """LDP 7.2: IRIs to include or to omit, as parameters of the first ``return`` only."""
     found = parse_prefer('return=representation; include="http://a http://b" ;omit=c, return=minimal; include="d"')
     assert found == Prefer("representation", include=frozenset({"http://a", "http://b"}), omit=frozenset({"c"}))

@@ -56,7 +56,7 @@ def test_json_has_all_members() -> None:
     ],
 )
 def test_negotiation(accept: str | None, expected: str) -> None:
-    """JSON unless something else is clearly preferred; also when nothing suits."""
+    """JSON unless something else is clearly preferred; also if nothing is acceptable."""
     assert problem_body(errors.NotFound("no robot of this name"), accept, BASE, Pages())[1] == expected
 
 
@@ -72,7 +72,7 @@ def test_rdf_carries_the_report(accept: str) -> None:
 
 
 def test_extension_members() -> None:
-    """Each error says in fields what would have been right."""
+    """Each error states in fields what would have been right."""
     assert errors.MethodNotAllowed("no", allow=["GET", "HEAD"]).headers == {"Allow": "GET, HEAD"}
     assert errors.NotAcceptable("no", offered=["text/turtle"]).members == {"offered": ["text/turtle"]}
     assert errors.BadRequest("no", line=2, column=3).members == {"line": 2, "column": 3}
@@ -82,7 +82,7 @@ def test_extension_members() -> None:
 
 
 def test_printed_tree_is_the_tree() -> None:
-    """The tree on top of the module lists every error with its status and code."""
+    """The tree in the module's docstring lists every error with its status and code."""
 
     def below(kind: type[errors.FleetError]) -> set[type[errors.FleetError]]:
         return {kind}.union(*(below(child) for child in kind.__subclasses__()))

@@ -1,4 +1,4 @@
-"""Token buckets, one for each client, and what is refused by them."""
+"""Token buckets per client, and requests refused by them."""
 
 import asyncio
 import json
@@ -46,7 +46,7 @@ def test_zero_is_no_bound() -> None:
 
 
 def test_however_many_clients_come_few_are_remembered() -> None:
-    """And those who ask again and again are not among those who are forgotten."""
+    """Frequent clients are not among those that are forgotten."""
     rates = Rates(0.1, Clock())
     assert rates.take("busy") == 0.0
     for number in range(3 * MAX_CLIENTS):

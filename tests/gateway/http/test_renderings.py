@@ -1,4 +1,4 @@
-"""GET of measured values: compiled renderings give the same answer as the first one did, with the present value."""
+"""GET of measured values: compiled renderings give the same response as the first one, with the present value."""
 
 import contextlib
 import socket
@@ -26,7 +26,7 @@ _GET = b"GET /odd/elbow/rotation HTTP/1.1\r\nHost: %b\r\n%b\r\n"
 
 
 class Connection:
-    """One kept-alive connection, by hand."""
+    """A raw connection that is kept alive."""
 
     def __init__(self, root: str) -> None:
         url = httpx.URL(root)
@@ -54,7 +54,7 @@ class Connection:
 
 
 class Stand:
-    """A robot whose elbow stands where it is told to."""
+    """A robot whose elbow is where it is told to be."""
 
     def __init__(self, root: str, browser: Browser, actor: Actor) -> None:
         self.root, self.browser, self.actor = root, browser, actor
@@ -64,7 +64,7 @@ class Stand:
         return self._get().status_code == 200
 
     def at(self, angle: float) -> None:
-        """Wait until an answer shows it."""
+        """Wait until a response shows this angle."""
         eventually(lambda: self._shows(angle), f"the elbow at {angle}")
 
     def _shows(self, angle: float) -> bool:

@@ -1,4 +1,4 @@
-"""Requests take turns, and what stops robots takes none."""
+"""Requests take turns, but stops overtake them."""
 
 import asyncio
 
@@ -12,7 +12,7 @@ def _scope(path: str, method: str = "POST") -> dict[str, str]:
 
 
 def _served(first: list[dict[str, str]], then: dict[str, str]) -> list[str]:
-    """The paths in the order in which they were served, when ``then`` comes after the first of the others was."""
+    """Return the paths in the order of service, when ``then`` arrives after the first of the others was served."""
     served: list[str] = []
 
     async def run() -> None:

@@ -1,4 +1,4 @@
-"""Clients that drip, say too much or come in crowds: each is dropped, and others are served meanwhile."""
+"""Clients that send slowly, too much, or in crowds are disconnected, and others are served meanwhile."""
 
 import asyncio
 from collections.abc import Awaitable, Callable
@@ -19,13 +19,13 @@ _POST = b"POST / HTTP/1.1\r\nHost: test\r\nContent-Length: 1000\r\n\r\n"
 
 
 class Hasty(HttpProtocol):
-    """Its figures are small, so that the tests are short; what follows what is the same."""
+    """A protocol with small limits, so that tests are short; their effects are the same."""
 
     head_s = body_s = 0.3
 
 
 async def echo(scope: Scope, receive: Receive, send: Send) -> None:
-    """Answers when the body is whole."""
+    """Respond when the body is complete."""
     try:
         body = await Request(scope, receive).body()
     except ClientDisconnect:
@@ -34,7 +34,7 @@ async def echo(scope: Scope, receive: Receive, send: Send) -> None:
 
 
 async def drip(writer: asyncio.StreamWriter, piece: bytes) -> None:
-    """Send it again and again, until the connection is no more."""
+    """Send a piece repeatedly until the connection is closed."""
     try:
         while True:
             writer.write(piece)
@@ -67,7 +67,7 @@ def test_who_drips_is_dropped_and_delays_nobody(begin: bytes, piece: bytes, answ
             try:
                 while more := await reader.read(1000):
                     said += more
-            except ConnectionResetError:  # after what was said
+            except ConnectionResetError:  # after the response
                 pass
             assert said.split(b" ")[1:2] == ([answer] if answer else [])
             await until(lambda: not server.server_state.connections)
@@ -80,7 +80,7 @@ def test_who_drips_is_dropped_and_delays_nobody(begin: bytes, piece: bytes, answ
 
 
 def test_a_body_that_goes_on_after_the_answer_is_cut_off() -> None:
-    """The answer needs no body, but the connection would be open for as long as more of it comes."""
+    """The response needs no body, but the connection would stay open as long as more of it comes."""
 
     async def scenario() -> None:
         async with serving(Response(b"done"), http=Hasty) as (server, port):
@@ -128,7 +128,7 @@ def test_an_answer_that_nobody_reads_is_given_up() -> None:
 
 
 def test_who_only_listens_is_waited_for_by_nobody() -> None:
-    """A WebSocket has said what it wants; what h11 takes for the body of its opening never comes."""
+    """A WebSocket client need not send anything; h11 would wait for a body of its handshake that never comes."""
 
     async def late(scope: Scope, receive: Receive, send: Send) -> None:
         await receive()
@@ -151,9 +151,9 @@ def test_who_only_listens_is_waited_for_by_nobody() -> None:
 
 
 def test_what_comes_in_time_is_whole_however_it_is_cut() -> None:
-    """A deadline belongs to one request: many on one connection take longer than one may."""
+    """A deadline applies to one request: many on one connection may take longer."""
 
-    class Patient(HttpProtocol):  # as far as a busy machine needs that
+    class Patient(HttpProtocol):  # with a margin for a busy machine
         head_s = body_s = 2.0
 
     async def scenario() -> None:
@@ -196,7 +196,7 @@ def _crowded(test: Callable[[Sockets, int], Awaitable[None]], most: int, of_one:
 
 @pytest.mark.parametrize(("most", "of_one"), [(3, 100), (100, 3)])
 def test_those_that_ask_nothing_give_way(most: int, of_one: int) -> None:
-    """Beyond the bound the eldest that has no request under way is closed, and who asks is served."""
+    """Beyond the limit the oldest idle connection is closed, and active clients are served."""
 
     async def scenario(sockets: Sockets, port: int) -> None:
         idle = []
@@ -262,7 +262,7 @@ def test_an_answer_that_is_still_read_keeps_its_place() -> None:
 
 
 def test_places() -> None:
-    """The bound of one client concerns no other, and what is closed twice frees one place."""
+    """The limit of one client does not affect others, and closing twice frees one place."""
     sockets, gone = Sockets(3, 2), list[str]()
     assert sockets.open("a1", "a")
     assert sockets.open("a2", "a")
@@ -287,7 +287,7 @@ def test_places() -> None:
 
 
 def test_a_crowd_of_requests_at_once_waits_outside_and_is_answered() -> None:
-    """Of megabytes of requests on one connection a few are parsed, and the rest stays with the client."""
+    """Of megabytes of pipelined requests a few are parsed, and the rest stays with the client."""
     count = 100_000
     go = asyncio.Event()
     held = list[HttpProtocol]()

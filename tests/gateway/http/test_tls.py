@@ -1,4 +1,4 @@
-"""TLS beneath the gateway's protocol classes: what waits is seen, and a certificate is replaced without a restart."""
+"""TLS below the gateway's protocol classes: buffered bytes are noticed, certificates are replaced without a restart."""
 
 import asyncio
 import socket
@@ -26,7 +26,7 @@ pytestmark = pytest.mark.processes
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Two pairs for this machine, of one authority."""
+    """Return two key pairs for this machine, from one authority."""
     folder = made(tmp_path_factory.mktemp("tls"), "--router", "127.0.0.1", "--gateway", "127.0.0.1")
     for name in ("used.pem", "used.key"):
         (folder / name).write_bytes((folder / name.replace("used", "router")).read_bytes())
@@ -74,7 +74,7 @@ UPGRADE = (
 
 
 def _opened(port: int, folder: Path, request: bytes) -> ssl.SSLSocket:
-    """A client that has sent its request and reads nothing by itself."""
+    """Connect a client that has sent its request and does not read by itself."""
     sock = socket.socket()
     sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 8192)
     sock.settimeout(20)
@@ -89,7 +89,7 @@ def _large(number: int) -> Message:
 
 
 async def _fill(app: App) -> None:
-    """Until the one reader takes no more after a good while."""
+    """Write until the only reader accepts no more for a good while."""
     (outlet,) = app.outlets
     for _ in range(100):
         await fill(outlet, _large(0))
@@ -120,7 +120,7 @@ def test_who_never_reads_is_dropped_and_costs_little(folder: Path, certificate: 
 
 
 def test_what_is_encrypted_already_is_seen_to_wait(folder: Path, certificate: Certificate) -> None:
-    """Of a reader that stalls with little left, nothing waits above TLS; it is dropped nevertheless."""
+    """If a reader stalls near the end, nothing is buffered above TLS; it is disconnected nevertheless."""
 
     async def test() -> None:
         app = App()
@@ -181,7 +181,7 @@ def test_fifty_hear_the_same_and_are_told_of_the_end(folder: Path, certificate: 
 
 
 def test_a_certificate_is_replaced_while_it_is_in_use(folder: Path) -> None:
-    """New connections see the new one; files that are no pair change nothing."""
+    """New connections use the new one; files that do not match each other change nothing."""
     used = Certificate(str(folder / "used.pem"), str(folder / "used.key"))
 
     def shown(port: int) -> str:
@@ -203,7 +203,7 @@ def test_a_certificate_is_replaced_while_it_is_in_use(folder: Path) -> None:
 
 
 def test_files_that_change_are_noticed(folder: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
-    """Half a change, a certificate without its key, is none yet."""
+    """A new certificate without its key is not used yet."""
     pair = {ending: tmp_path / f"used.{ending}" for ending in ("pem", "key")}
 
     def put(name: str, ending: str) -> None:

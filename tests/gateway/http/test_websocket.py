@@ -1,4 +1,4 @@
-"""RFC 6455 as the gateway's channel has it: it only sends, and no reader, slow, dead or hostile, costs much."""
+"""RFC 6455 in the gateway's channel: it only sends, and no slow, dead or hostile reader costs much."""
 
 import asyncio
 import base64
@@ -34,7 +34,7 @@ class Impatient(WebSocketProtocol):
 
 
 class App(Channel):
-    """Serves every request as a subscription and remembers the protocols."""
+    """Serves every request as a subscription, and records the protocols."""
 
     def __init__(self, *first: Message) -> None:
         super().__init__(*first)
@@ -192,18 +192,18 @@ TEXT, BINARY, CONT, PING, CLOSE = Opcode.TEXT, Opcode.BINARY, Opcode.CONT, Opcod
         (masked(CLOSE, struct.pack("!H", 1000) + b"\xff"), 1007),
         (Frame(TEXT, b"unmasked").serialize(mask=False), 1002),
         (masked(CONT, b"of what?"), 1002),
-        (b"\x83\x80\0\0\0\0", 1002),  # an opcode that is none
+        (b"\x83\x80\0\0\0\0", 1002),  # an unknown opcode
         (b"\xc1\x80\0\0\0\0", 1002),  # compressed, though no extension was negotiated
         (b"\x09\x80\0\0\0\0", 1002),  # a fragmented ping
         (b"\x89\xfe\0\x7e" + bytes(130), 1002),  # a ping of 126 bytes
         (masked(CLOSE, b"\x03"), 1002),  # half a code
-        (masked(CLOSE, struct.pack("!H", 1005)), 1002),  # a code that is never sent
+        (masked(CLOSE, struct.pack("!H", 1005)), 1002),  # a code that must not be sent
         (masked(TEXT, b"hello") + Frame(TEXT, b"unmasked").serialize(mask=False), 1002),
     ],
-    ids=map(str, itertools.count()),  # masks are random, names of tests are not
+    ids=map(str, itertools.count()),  # masks are random, but test names must not be
 )
 def test_what_a_client_must_not_send(sent: bytes, code: int) -> None:
-    """7.4.1; the close frame arrives although the server does not read what comes after, and nothing follows it."""
+    """7.4.1; the close frame arrives although the server reads nothing more, and nothing follows it."""
 
     async def test() -> None:
         app = App(TURTLE)
@@ -299,7 +299,7 @@ async def _last_message(reader: asyncio.StreamReader, body: bytes) -> None:
 
 
 async def _stalled(app: App, port: int) -> asyncio.StreamWriter:
-    """A client that reads no more, and for which bytes wait in the process."""
+    """Return a client that stopped reading, with bytes waiting in the process."""
     reader, writer = await connect(port, handshake(), receive_buffer=8192)
     await reader.readuntil(b"\r\n\r\n")
     await until(lambda: app.outlets)
@@ -341,7 +341,7 @@ def test_a_stalled_reader_cannot_keep_a_connection_that_is_over(leave: str) -> N
 
 
 def test_keepalive_spares_who_reads_slowly_and_drops_who_is_silent() -> None:
-    """A ping behind 64 KiB is not late; one that stands alone is."""
+    """A ping behind 64 KiB is not late; a lone one is."""
 
     async def test() -> None:
         app = App()
@@ -364,7 +364,7 @@ def test_keepalive_spares_who_reads_slowly_and_drops_who_is_silent() -> None:
 
 
 def test_shutdown_closes_all_and_waits_for_nobody() -> None:
-    """1012, service restart: the client is to come back; one that does not read is dropped."""
+    """1012, service restart: clients should reconnect; one that does not read is disconnected."""
 
     async def test() -> None:
         app = App()
@@ -409,7 +409,7 @@ def test_failure_of_the_subscription_is_said() -> None:
     ],
 )
 def test_bad_handshakes_are_answered(request_: bytes, answer: bytes) -> None:
-    """4.2.2, and RFC 9110, 7.8: what is no opening handshake is a request like any other."""
+    """4.2.2, and RFC 9110, 7.8: an invalid opening handshake is an ordinary request."""
 
     async def test() -> None:
         async with serving(App()) as (_, port):
@@ -421,7 +421,7 @@ def test_bad_handshakes_are_answered(request_: bytes, answer: bytes) -> None:
 
 
 def test_frames_before_the_answer() -> None:
-    """4.1: a client waits for the answer; who does not loses the connection and harms nothing."""
+    """4.1: a client waits for the response; one that does not loses the connection and harms nothing."""
 
     async def test() -> None:
         entered, proceed = asyncio.Event(), asyncio.Event()

@@ -1,4 +1,4 @@
-"""Floods of liveliness tokens over sessions of Zenoh: what they cost a gateway and the robots in it."""
+"""Floods of liveliness tokens in Zenoh sessions: their cost for a gateway and its robots."""
 
 import asyncio
 import contextlib
@@ -78,7 +78,7 @@ async def test_a_flood_of_names_hides_no_robot_and_leaves_nothing_behind() -> No
             held: list[zenoh.Query] = []
             hanging = flood.declare_queryable(KEYS.robot("flood1", "description"), held.append)
             with stage(endpoint) as session:
-                genuine = Actor(session, "r").appear()  # its declarations last as long as it does
+                genuine = Actor(session, "r").appear()  # its declarations last as long as the object
                 answering = session.declare_queryable(
                     KEYS.robot("r", "command"),
                     lambda query: query.reply(KEYS.robot("r", "command"), encode(Accepted("c1"))),
@@ -111,7 +111,7 @@ async def test_a_flood_of_runs_costs_its_own_name_alone(monkeypatch: pytest.Monk
                 gone = {event.incarnation for event in gateway.events if isinstance(event, Vanished)}
                 assert len(came - gone - {other.incarnation}) <= MAX_RUNS
                 assert gateway.fleet.robots["other"].online
-            # All of the flood is withdrawn: the run that was there before is found again.
+            # The flood is undeclared: the run from before is found again.
             await gateway.until(lambda: gateway.fleet.robots["own"].incarnation == own.incarnation)
             await gateway.sees("own")
             assert Vanished("other", other.incarnation) not in gateway.events

@@ -1,4 +1,4 @@
-"""Frames that come over a session: which of them the event loop hears of."""
+"""Frames that arrive over a session, and which of them reach the event loop."""
 
 import asyncio
 
@@ -16,7 +16,7 @@ pytestmark = pytest.mark.virtual
 
 
 class Gateway:
-    """A fleet on a link, which tells of each event that came."""
+    """A fleet on a link, which records events."""
 
     def __init__(self, endpoint: str) -> None:
         self.fleet = Fleet(Frames(lambda robot: KEYS.robot(robot, "state")))

@@ -1,4 +1,4 @@
-"""Stops through the link reach whom they can, and what was sent to a frozen agent never moves anything."""
+"""Stops through the link reach every reachable robot, and commands to a frozen agent never move anything."""
 
 import asyncio
 import signal
@@ -78,12 +78,12 @@ class Gateway:
         return await self.link.command(robot, command, timeout_s)
 
     async def known_to(self, robot: str) -> None:
-        """Until the agent knows that there is a gateway: it moves nothing before."""
+        """Wait until the agent knows a gateway; it moves nothing before."""
         while isinstance(await self.command(robot, "asked", 30.0, 30.0, rehearsal=True, elbow_joint=0.0), Refused):
             pass
 
     async def moving(self, robot: str) -> None:
-        """Begin a long motion and wait until the joint is well under way."""
+        """Begin a long motion and wait until the joint is moving."""
         await self.known_to(robot)
         assert isinstance(await self.command(robot, "m", 30.0, 30.0, elbow_joint=-3.0), Accepted)
         elbow = self.described[robot].joints.index("elbow_joint")
@@ -95,7 +95,7 @@ class Gateway:
 
 
 def run(scenario: Callable[[Gateway, Process], Awaitable[None]]) -> None:
-    """Three agents and a gateway: ``a`` and ``b`` in one process, ``c`` in the one that the scenario gets."""
+    """Run three agents and a gateway: ``a`` and ``b`` in one process, ``c`` in the one given to the scenario."""
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     where = ("--connect", endpoint, "--namespace", KEYS.namespace)
 
@@ -147,7 +147,7 @@ def test_a_stop_is_answered_while_many_commands_wait_for_a_frozen_agent() -> Non
 
 
 def test_only_who_answers_and_says_so_is_in_the_replies() -> None:
-    """A robot that is not there is left out; a refusal is a reply; a stop is for one robot only if it says so."""
+    """A missing robot is left out; a refusal is a reply; a stop is for one robot only if it says so."""
 
     async def scenario(gateway: Gateway, other: Process) -> None:
         await gateway.moving("a")
@@ -164,7 +164,7 @@ def test_only_who_answers_and_says_so_is_in_the_replies() -> None:
 
 
 def test_what_was_asked_for_before_a_stop_does_not_run_after_it() -> None:
-    """However young it is; whoever has a frame later than the reply to the stop can go on."""
+    """However recent it is; a client with a frame later than the reply to the stop may continue."""
 
     async def scenario(gateway: Gateway, other: Process) -> None:
         before = gateway.frames["c"]
@@ -181,7 +181,7 @@ def test_what_was_asked_for_before_a_stop_does_not_run_after_it() -> None:
 
 
 def test_an_agent_that_comes_back_executes_no_backlog() -> None:
-    """What was sent to it while it was frozen is stale by then; the next fresh command is the first that runs."""
+    """Commands sent while it was frozen are stale by then; the next fresh command is the first to run."""
 
     async def scenario(gateway: Gateway, other: Process) -> None:
         before = gateway.frames["c"]

@@ -1,4 +1,4 @@
-"""Meshes in the gateway's memory: asked for once, checked, bounded."""
+"""Meshes in the gateway's memory: requested once, checked, bounded."""
 
 import asyncio
 import hashlib
@@ -20,7 +20,7 @@ def _mesh(content: bytes) -> Mesh:
 
 
 class Agents:
-    """Robots that answer with what they have; ``open`` has to be set before they do."""
+    """Robots that answer with their contents, once ``open`` is set."""
 
     def __init__(self, *contents: bytes) -> None:
         self.contents = {hashlib.sha256(each).hexdigest(): each for each in contents}
@@ -73,7 +73,7 @@ def test_one_who_goes_away_takes_it_from_nobody() -> None:
         agents, mesh = Agents(b"one"), _mesh(b"one")
         agents.open.clear()
         first, second = (asyncio.create_task(agents.meshes.get(_robot(), mesh)) for _ in range(2))
-        while not agents.answering:  # noqa: ASYNC110 - nothing to wait for but this
+        while not agents.answering:  # noqa: ASYNC110 - there is no event to wait for
             await asyncio.sleep(0)
         first.cancel()
         agents.open.set()

@@ -1,4 +1,4 @@
-"""What is written can be read back as the same graph; what strangers write is read within bounds, or refused."""
+"""Written documents are parsed back as the same graph; foreign documents are parsed within limits, or refused."""
 
 import json
 import time
@@ -103,7 +103,7 @@ def turtle(text: str) -> list[Triple]:
 @settings(max_examples=examples(400))
 @given(GRAPHS, BASES)
 def test_round_trip(media_type: str, triples: list[Triple], base: str) -> None:
-    """Every graph, cyclic or odd, survives being written and read, whatever the base."""
+    """Every graph, cyclic or odd, survives writing and parsing, whatever the base."""
     body = render(triples, media_type, PREFIXES, base=base)
     back = parse(body, media_type, "http://elsewhere/", max_depth=1000)
     assert canonical(back) == canonical(triples), body.decode()
@@ -124,7 +124,7 @@ def test_round_trip_rdf_xml(triples: list[Triple], text: str) -> None:
 @settings(max_examples=examples(200))
 @given(GRAPHS)
 def test_round_trip_jelly(triples: list[Triple]) -> None:
-    """Every graph survives being written in Jelly and read by somebody else."""
+    """Every graph survives writing in Jelly and parsing by another library."""
     body = render(triples, JELLY, PREFIXES, base=BASE)
     assert canonical(list(map(plain, parse_jelly_flat(BytesIO(body))))) == canonical(triples)
 
@@ -156,7 +156,7 @@ def test_rdflib_reads_jelly() -> None:
 
 
 def test_rdf_xml_refuses_what_has_no_xml_name() -> None:
-    """A predicate that ends in no name cannot be said in RDF/XML, which is better told than written wrongly."""
+    """RDF/XML cannot write a predicate whose IRI does not end in a name; an error is better than a wrong document."""
     with pytest.raises(ValueError, match="cannot name http://h/1"):
         render([Triple(NamedNode(BASE), NamedNode("http://h/1"), Literal("x"))], RDF_TYPES[3], PREFIXES, base=BASE)
 
@@ -171,7 +171,7 @@ def test_rdf_xml_replaces_what_xml_cannot_hold() -> None:
 
 @pytest.mark.parametrize("media_type", RDF_TYPES)
 def test_same_triples_same_bytes(media_type: str) -> None:
-    """The labels that parsers invent never show, so that an ETag can be the hash of the body."""
+    """Labels invented by parsers never show, so that an ETag can be the hash of the body."""
     text = "<> <urn:p> [ <urn:q> _:x, ( 1 [] ) ] . _:x <urn:r> _:x . [] <urn:s> _:x ."
     assert render(turtle(text), media_type, PREFIXES, base=BASE) == render(
         turtle(text), media_type, PREFIXES, base=BASE
@@ -179,7 +179,7 @@ def test_same_triples_same_bytes(media_type: str) -> None:
 
 
 def test_turtle_reads_as_written_by_hand() -> None:
-    """Types first, nested nodes indented, lists in brackets, numbers bare, only the prefixes in use."""
+    """Types first, nested nodes indented, lists in brackets, bare numbers, only the used prefixes."""
     triples = turtle(
         f'@prefix ros: <{ROS}> . <> ros:p 1.5, "x"^^<{XSD}float> ; a ros:Joint ; ros:q [ a ros:Limit ; ros:r ( 1 2 ) ],'
         " <right_s1/rotation>, <./> ."
@@ -192,7 +192,7 @@ def test_turtle_reads_as_written_by_hand() -> None:
 
 
 def test_json_ld_is_compact_and_nested() -> None:
-    """One subject is one node object, numbers are native where they mean the same literal."""
+    """One subject is one node object, numbers are native if they mean the same literal."""
     triples = turtle(f"@prefix ros: <{ROS}> . <> a ros:Joint ; ros:p 1, 1.5, 1.5E0, true ; ros:q [ ros:r ( 1 2 ) ] .")
     assert json.loads(render(triples, "application/ld+json", PREFIXES, base=BASE)) == {
         "@context": {"ros": ROS, "xsd": XSD},
@@ -204,7 +204,7 @@ def test_json_ld_is_compact_and_nested() -> None:
 
 
 def test_writers_never_recurse_deep() -> None:
-    """Chains, lists and broken lists of any length are written and read back the same."""
+    """Chains, lists and broken lists of any length survive writing and parsing."""
     for predicate in (ROS + "p", RDF + "rest"):
         chain = [Triple(BlankNode(f"c{i}"), NamedNode(predicate), BlankNode(f"c{i + 1}")) for i in range(3000)]
         for media_type in ("text/turtle", "application/ld+json"):
@@ -213,7 +213,7 @@ def test_writers_never_recurse_deep() -> None:
 
 
 def test_unknown_media_type_is_a_programming_error() -> None:
-    """Negotiation comes first; whoever skips it is told."""
+    """Negotiation comes first; skipping it is reported."""
     with pytest.raises(ValueError, match="no writer for text/plain"):
         render([], "text/plain", PREFIXES, base=BASE)
 
@@ -262,7 +262,7 @@ SNIPPETS = st.lists(
 @settings(max_examples=examples(400))
 @given(st.binary(max_size=60) | SNIPPETS)
 def test_garbage_is_only_ever_a_parse_error(media_type: str, body: bytes) -> None:
-    """Whatever the bytes, the parser gives triples or a ParseError."""
+    """Whatever the bytes, the parser returns triples or raises ParseError."""
     try:
         parse(body, media_type, BASE)
     except ParseError as error:
@@ -337,13 +337,13 @@ def _parse_json(document: object) -> list[Triple]:
     ],
 )
 def test_one_context_at_the_top_is_taken(context: object) -> None:
-    """Accepted are our own by absolute or relative IRI, one inline, and one of each."""
+    """Accepted are the project's own by absolute or relative IRI, an inline one, and one of each."""
     for document in ({"@context": context, "p": 1}, [{"@context": context, "p": 1}]):
         assert [triple.predicate for triple in _parse_json(document)] == [NamedNode("urn:p")]
 
 
 def _scoped(uses: int, contexts: int) -> dict[str, object]:
-    """A body of a few kilobytes that a parser of JSON-LD is busy with for ten seconds."""
+    """Return a body of a few kilobytes that occupies a JSON-LD parser for ten seconds."""
     context = {"a": {"@id": "http://a/", "@context": ["/context"] * contexts}}
     return {"@context": context, "x": [{"a": {"a": 1}}] * uses}
 
@@ -378,7 +378,7 @@ def _scoped(uses: int, contexts: int) -> dict[str, object]:
     ids=lambda value: "" if not isinstance(value, str) else value[:30],
 )
 def test_contexts_that_multiply_work_are_refused_before_expansion(document: object, message: str) -> None:
-    """Scoped, nested, repeated and oversized contexts are refused in less than the time of one turn of the loop."""
+    """Scoped, nested, repeated and oversized contexts are refused within one turn of the loop."""
     begun_s = time.thread_time()
     with pytest.raises(ParseError, match=message):
         _parse_json(document)
@@ -390,7 +390,7 @@ def test_contexts_that_multiply_work_are_refused_before_expansion(document: obje
     [b'{"urn:p": "\\ud800"}', b'{"\\ud800": 1}', b'{"urn:p": "\\\\\\udc00x"}', b'{"urn:p":\n "\\ud83d\\ud83d"}'],
 )
 def test_lone_surrogates_are_refused_where_they_stand(body: bytes) -> None:
-    """Half of a pair of surrogates is no character: the message names it, with line and column."""
+    """Half of a surrogate pair is no character: the message names it, with line and column."""
     with pytest.raises(ParseError, match=r"\\ud... is half of a surrogate pair") as caught:
         _parse_json(body)
     assert caught.value.line == body.count(b"\n") + 1

@@ -1,4 +1,4 @@
-"""What a validator says of a body, and what hangs below a node."""
+"""The validator's reports on bodies, and the nodes that belong to a body."""
 
 from collections.abc import Sequence
 
@@ -35,7 +35,7 @@ def _focus(body: Sequence[Triple]) -> Node:
 
 @pytest.mark.parametrize("subject", ["<>", "_:b"])
 def test_a_report_is_about_the_request(subject: str) -> None:
-    """Wherever the body's root stands: the sentence names no blank node of ours and no inner name."""
+    """Wherever the body's root is: the sentence names no internal blank node or name."""
     body = _turtle(f"{subject} vom:numericalValue 3 ; vom:unit unit:RAD .")
     found = _validator(_SHAPED).report(body, _focus(body))
     assert found is not None
@@ -46,7 +46,7 @@ def test_a_report_is_about_the_request(subject: str) -> None:
 
 
 def test_a_target_of_the_shape_narrows_nothing() -> None:
-    """A body is judged whatever type it states, or none."""
+    """A body is validated whatever type it states, or none."""
     validator = _validator(_SHAPED + "; sh:targetClass maths:Scalar ")
     for type_ in ("", "a maths:Scalar ;", "a lf:Robot ;"):
         for value, conforms in ((1, True), (3, False)):
@@ -66,7 +66,7 @@ def test_many_faults_are_told_briefly() -> None:
 
 
 def test_reachable_is_what_hangs_below() -> None:
-    """Through IRIs and blank nodes, round cycles, each triple once; nothing beside it."""
+    """Through IRIs and blank nodes and around cycles, each triple once, and nothing else."""
     a, b = BlankNode("a"), BlankNode("b")
     focus, p, other = NamedNode(_REQUEST), NamedNode("urn:p"), NamedNode("urn:other")
     below = [Triple(focus, p, a), Triple(a, p, b), Triple(b, p, a), Triple(b, p, other), Triple(other, p, focus)]

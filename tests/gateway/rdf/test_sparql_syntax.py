@@ -1,4 +1,4 @@
-"""What is found in a query without parsing it: form, dataset, variables, and what nobody evaluates here."""
+"""Facts about a query without parsing it: form, dataset, variables, and unsupported features."""
 
 import pytest
 from hypothesis import given

@@ -1,4 +1,4 @@
-"""Updates of one small graph: as pyoxigraph has them, and nothing else of SPARQL."""
+"""Updates of one small graph: like pyoxigraph, but only a part of SPARQL."""
 
 import pytest
 from pyoxigraph import CanonicalizationAlgorithm, Dataset, Quad, RdfFormat, Store, Triple, parse
@@ -48,7 +48,7 @@ def _canonical(triples: list[Triple]) -> Dataset:
     ],
 )
 def test_an_update_does_what_sparql_says(update: str) -> None:
-    """The result is that of pyoxigraph's store, up to the labels of blank nodes."""
+    """The result equals that of pyoxigraph's store, up to the labels of blank nodes."""
     store = Store()
     store.extend(Quad(*triple) for triple in _graph())
     store.update(_PREFIXES + update, base_iri=_BASE)
@@ -104,7 +104,7 @@ def test_what_else_there_is_of_sparql_is_refused(update: str) -> None:
 
 @pytest.mark.parametrize("made", ["?o ex:p 1", "<> ?o 1"])
 def test_a_statement_that_is_none_is_refused(made: str) -> None:
-    """422 for one about a text, or with a text as predicate: SPARQL would leave it out in silence."""
+    """422 for a literal as subject or predicate, which SPARQL would silently leave out."""
     with pytest.raises(UnprocessableContent):
         _after(f"INSERT {{ {made} }} WHERE {{ <> ex:value ?o }}", _graph())
 
@@ -124,7 +124,7 @@ def test_a_statement_that_is_none_is_refused(made: str) -> None:
     ],
 )
 def test_an_update_is_bounded(update: str) -> None:
-    """Steps, operations, prefixes, triples, bytes and depth: what is beyond is refused before it is done."""
+    """Steps, operations, prefixes, triples, bytes and depth: an update beyond a limit is refused before execution."""
     many = _graph("@prefix ex: <http://example.org/> . " + " ".join(f"ex:s{i} ex:x {i} ." for i in range(900)))
     assert len(many) ** 2 > MAX_STEPS
     with pytest.raises((BadRequest, PayloadTooLarge, UnprocessableContent)) as caught:

@@ -1,4 +1,4 @@
-"""The document at /vocabulary: sound SHACL in every syntax, and a description of every shape that a document names."""
+"""The document at /vocabulary: valid SHACL in every syntax, with every shape that documents refer to."""
 
 from collections.abc import Iterable, Mapping
 from itertools import chain, combinations
@@ -35,9 +35,9 @@ def _vocabulary() -> list[Triple]:
 
 
 def _read(media_type: str) -> rdflib.Graph:
-    """Return the document as a client with rdflib reads it in this syntax."""
+    """Return the document as parsed by rdflib in this syntax."""
     body = render(_vocabulary(), media_type, PREFIXES, base=_IRI.value)
-    if media_type == "application/ld+json":  # rdflib's parser uses what rdflib has deprecated
+    if media_type == "application/ld+json":  # rdflib's parser uses deprecated functions of rdflib
         return read(body, _IRI.value, RdfFormat.JSON_LD)
     return rdflib.Graph().parse(data=body, format=_SYNTAXES[media_type], publicID=_IRI.value)
 
@@ -49,7 +49,7 @@ def _conforms(data: str, shapes: rdflib.Graph) -> bool:
 
 @pytest.mark.parametrize("media_type", RDF_TYPES)
 def test_pyshacl_loads_the_vocabulary_and_judges_by_it(media_type: str) -> None:
-    """The targets of ldp:constrainedBy are served as they stand in the file, in each syntax."""
+    """The targets of ldp:constrainedBy are served as in the file, in each syntax."""
     shapes = _read(media_type)
     assert _conforms(_SUBSCRIPTION.format(interval="1.5"), shapes)
     assert not _conforms(_SUBSCRIPTION.format(interval="-1"), shapes)
@@ -60,7 +60,7 @@ def test_pyshacl_loads_the_vocabulary_and_judges_by_it(media_type: str) -> None:
 
 
 def test_each_property_of_a_shape_has_one_path() -> None:
-    """SHACL 2.3.1: what is merged from several files stays what it was in each."""
+    """SHACL 2.3.1: properties merged from several files stay separate."""
     triples = _vocabulary()
     shapes = [t.object for t in triples if t.predicate == SH.property]
     assert len(shapes) > 30
@@ -80,14 +80,14 @@ def test_files_share_no_blank_node() -> None:
 
 
 def test_the_document_says_what_it_is() -> None:
-    """R1.3: by a type of its own, not only by those of the terms in it."""
+    """R1.3: by a type of its own, not only by those of its terms."""
     triples = _vocabulary()
     assert {t.object for t in triples if t.subject == _IRI and t.predicate == RDF.type} == {_ONTOLOGY, LDP.RDFSource}
     assert any(t.subject == _IRI and t.predicate == DCTERMS.title for t in triples)
 
 
 def test_every_shape_that_a_document_names_is_described() -> None:
-    """By its type, a label and a comment; shapes under the IRI of this server are in the documents at those."""
+    """By its type, a label and a comment; shapes under the IRI of this server are in the documents there."""
     here = tree()
     named: set[NamedNode] = set()
     for path in described_paths(here):
@@ -107,7 +107,7 @@ def test_every_shape_that_a_document_names_is_described() -> None:
 
 
 def test_no_term_doubles_one_of_a_standard_vocabulary() -> None:
-    """R1.5: Dublin Core, RDF Schema and LDP have these already."""
+    """R1.5: Dublin Core, RDF Schema and LDP already have these."""
     ours = {iri.value.removeprefix(LF.iri) for iri in load("vocabulary.ttl") if iri.value.startswith(LF.iri)}
     assert not ours & {*DCTERMS.terms, *RDFS.terms, *LDP.terms, "label", "modified", "creator", "member"}
 

@@ -23,7 +23,7 @@ def _scalar(text: str, datatype: NamedNode, unit: NamedNode | None) -> Body:
 @settings(derandomize=True)
 @given(st.floats(-1e6, 1e6).filter(lambda x: x == 0 or abs(x) > 1e-300), st.sampled_from(list(UNITS)))
 def test_quantities_are_in_si(value: float, unit: NamedNode) -> None:
-    """Whatever unit the body states; none is one."""
+    """Whatever unit the body states; without a unit the value counts as given."""
     assert _scalar(repr(value), XSD.double, unit).quantity(_ROOT) == pytest.approx(value * UNITS[unit].si)
     assert _scalar(repr(value), XSD.double, None).quantity(_ROOT) == value
 
@@ -39,7 +39,7 @@ def test_quantities_are_in_si(value: float, unit: NamedNode) -> None:
     ],
 )
 def test_what_only_a_float_takes_for_zero_is_refused(text: str, datatype: NamedNode, unit: NamedNode | None) -> None:
-    """A shape that asks for more than zero admits them; as zero they would mean the opposite."""
+    """A shape that requires a positive number admits them; as zero they would mean the opposite."""
     with pytest.raises(UnprocessableContent, match="too near zero"):
         _scalar(text, datatype, unit).quantity(_ROOT)
 
@@ -51,13 +51,13 @@ def test_zero_is_zero(text: str) -> None:
 
 
 def test_long_numbers_keep_their_value() -> None:
-    """4,000 digits are as many as they are."""
+    """4,000 digits keep their value."""
     assert _scalar("1." + "3" * 4000, XSD.decimal, UNIT.RAD).quantity(_ROOT) == pytest.approx(4 / 3)
     assert _scalar("0" * 4000 + "7", XSD.integer, UNIT.DEG).quantity(_ROOT) == pytest.approx(math.radians(7))
 
 
 def test_nodes_and_texts_are_told_apart() -> None:
-    """What is missing is None, never a default; equal triples count once."""
+    """A missing value is None, never a default; equal triples count once."""
     node = BlankNode("w")
     twice = [Triple(_ROOT, LF.waypoint, node), Triple(_ROOT, LF.waypoint, node)]
     body = Body(

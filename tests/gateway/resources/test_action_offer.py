@@ -1,4 +1,4 @@
-"""Which things offer which actions: by their class, what their agent can do, and what they are made of."""
+"""Which things offer which actions: by class, by the agent's capabilities, and by structure."""
 
 from typing import Any
 
@@ -44,7 +44,7 @@ def _segments(offers: Any) -> set[str]:
     ],
 )
 def test_actions_of_joints(bench: Any, joint: str, offered: set[str]) -> None:
-    """None of a joint that does not move by itself; no target for one whose ends nobody knows. Others are 404."""
+    """None for a joint that does not move by itself; no target for one with unknown limits. Others get 404."""
     robot = bench.robot(_JOINTS)
     assert robot.model is not None
     assert _segments(joint_offers(robot, robot.model.joints[joint])) == offered
@@ -67,7 +67,7 @@ def test_actions_of_joints(bench: Any, joint: str, offered: set[str]) -> None:
 def test_actions_are_those_that_the_agent_can_do(
     bench: Any, capabilities: tuple[str, ...], of_robot: set[str], of_joint: set[str]
 ) -> None:
-    """A capability that nobody knows adds none."""
+    """An unknown capability adds none."""
     robot = bench.robot(_JOINTS, capabilities=capabilities, annotations=_POSE)
     assert robot.model is not None
     assert _segments(robot_offers(robot)) == of_robot
@@ -75,7 +75,7 @@ def test_actions_are_those_that_the_agent_can_do(
 
 
 def test_actions_of_robots_need_what_they_move(bench: Any) -> None:
-    """Without a joint that takes commands only stop; without poses no assumePose; stopAll is always there."""
+    """Without commandable joints only stop; without poses no assumePose; stopAll is always there."""
     still = {name: _JOINTS[name] for name in ("plate", "free", "flap")}
     assert _segments(robot_offers(bench.robot(still, annotations=_POSE))) == {"stop"}
     everything = {"moveJoints", "followTrajectory", "reach", "stop"}
@@ -85,7 +85,7 @@ def test_actions_of_robots_need_what_they_move(bench: Any) -> None:
 
 
 def test_a_robot_without_a_usable_description_offers_nothing(bench: Any) -> None:
-    """Nobody knows what it could do."""
+    """Its capabilities are unknown."""
     robot = bench.robot(_JOINTS)
     robot.undescribe("a test says so")
     assert robot_offers(robot) == []
@@ -105,7 +105,7 @@ def test_each_kind_of_action_has_a_file_and_a_handler() -> None:
 
 
 def test_methods_and_bodies_are_those_of_the_file(bench: Any) -> None:
-    """PUT only where to repeat it changes nothing."""
+    """PUT only if repeating it changes nothing."""
     bench.robot(_JOINTS, annotations=_POSE)
     methods = {
         "/r/elbow/actions/rotate": ("POST", "PUT"),
@@ -127,7 +127,7 @@ def test_methods_and_bodies_are_those_of_the_file(bench: Any) -> None:
 
 
 def test_a_description_is_the_same_each_time(bench: Any) -> None:
-    """An ETag lives as long as what it stands for."""
+    """An ETag stays valid as long as the description."""
     bench.robot(_JOINTS, annotations=_POSE)
     for path in ("/r/elbow/actions/rotate", "/r/actions/reach", "/r/actions/assumePose"):
         first, second = (write(bench.described(path).triples, PREFIXES, base=bench.base + path) for _ in range(2))

@@ -1,4 +1,4 @@
-"""Blueprints by mutation: each resource conforms to its own, and nothing else does, not even the same with less."""
+"""Blueprints by mutation: each resource conforms to its own, and nothing else does, not even the resource with less."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, LDP, LF, PROV, 
 from linked_fleet_gateway.shacl import CompiledShape, Data, compile_shape
 
 _SH = rdflib.SH
-# A resource may lack these: they depend on how many parts, actions and options it has, and on what has happened.
+# A resource may lack these: they depend on its parts, actions and options, and on past events.
 _OPTIONAL = {
     LF.placement, HYBRIT.action, LDP.contains, DCTERMS.hasPart, LF.fault, LF.reason, LF.currentTask, LF.lastSeen,
     LF.parentJoint, LF.childJoint, XHV.prev, XHV.next, LF.mimic, LF.targetRotation, LF.targetTranslation,
@@ -23,7 +23,7 @@ _OPTIONAL = {
     PROV.wasAssociatedWith, PROV.startedAtTime, PROV.endedAtTime, SOSA.actsOnProperty, LF.duration, LF.target,
     LF.result, LF.answer, LF.preempts, LF.body, LF.binding, LF.sample, LF.field,
 }  # fmt: skip
-# At least one of several, or of as many as the shape counts.
+# At least one of several, or a number counted by the shape.
 _SEVERAL = {HYBRIT.property, DCTERMS.format, Namespace("http://www.w3.org/ns/hydra/core#", "view").view}
 
 
@@ -41,7 +41,7 @@ class Case:
 
     @property
     def target(self) -> NamedNode:
-        """The one shape that names the resource."""
+        """The only shape that names the resource."""
         (shape,) = [t.subject for t in self.shapes if t.predicate == SH.targetNode and t.object == self.iri]
         return shape
 
@@ -63,11 +63,11 @@ def _cases() -> dict[str, Case]:
 
 @cache
 def _one_of_each_kind() -> dict[str, Case]:
-    """The smallest description of each set of types."""
+    """Return the smallest description of each set of types."""
     found: dict[frozenset[object], Case] = {}
     for case in sorted(_cases().values(), key=lambda each: len(each.data)):
         types = frozenset(t.object for t in case.about() if t.predicate == RDF.type)
-        # A robot that is described and one that is not differ in more than their types.
+        # Robots with and without a description differ in more than their types.
         found.setdefault(types | {t.predicate for t in case.about() if t.predicate == LF.rootLink}, case)
     return {case.path: case for case in found.values()}
 
@@ -94,7 +94,7 @@ def test_there_are_all_kinds() -> None:
 
 
 def test_every_resource_conforms_to_its_blueprint() -> None:
-    """Judge as the gateway does, by its own engine."""
+    """Validate with the gateway's own engine."""
     for case in _cases().values():
         assert not _guard(case).check(Data(case.data), case.iri), case.path
 
@@ -114,7 +114,7 @@ def test_every_triple_of_a_resource_is_required_unless_it_may_be_absent() -> Non
 
 
 def _is_fault(triple: Triple, about: list[Triple]) -> bool:
-    """Return True for the presence of the robot in a property, which states it only if the robot is faulty."""
+    """Return True for the presence of the robot in a property, which is stated only for a faulty robot."""
     return triple.predicate == LF.presence and Triple(triple.subject, RDF.type, LF.Robot) not in about
 
 

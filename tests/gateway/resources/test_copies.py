@@ -1,4 +1,4 @@
-"""A copy of a document has the bytes that writing it would give."""
+"""A copied document has the same bytes as a newly written one."""
 
 from collections.abc import Iterator
 from dataclasses import replace

@@ -24,7 +24,7 @@ _BODIES = {
 
 
 def test_no_limit_is_a_decimal() -> None:
-    """In none of the documents that the gateway serves; rdflib raises an exception when it compares one with NaN."""
+    """In none of the served documents; rdflib raises an exception when it compares a decimal with NaN."""
     here, types = tree(), set()
     for path in described_paths(here):
         for triple in described(here, path):

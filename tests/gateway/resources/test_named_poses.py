@@ -1,4 +1,4 @@
-"""Named poses are read off annotations, which anybody may have written."""
+"""Named poses are read from annotations, which anybody may have written."""
 
 import math
 from typing import Any
@@ -30,7 +30,7 @@ def _target(joint: str, value: str, unit: str) -> str:
 
 
 def test_poses_are_positions_by_joint_in_si(bench: Any) -> None:
-    """By their titles; every joint by its segment, escapes and all."""
+    """By title; every joint by its segment, including escapes."""
     several = [_target("elbow", "90", "DEG"), _target("lift", "20", "MilliM")]
     escaped = [_target("~70ose", "1", "RAD"), _target("~C3~A4~2F~7E", "-180", "DEG")]
     robot = bench.robot(_JOINTS, annotations=_named("up", *several) + _named("odd", *escaped))
@@ -81,7 +81,7 @@ def test_clients_add_poses_and_take_none_away(bench: Any) -> None:
     ],
 )
 def test_a_pose_that_cannot_be_taken_is_none(bench: Any, bad: str) -> None:
-    """Alone or beside a good target; the other poses stay."""
+    """Alone or beside a valid target; the other poses stay."""
     annotations = _named("good", _GOOD) + _named("bad", bad) + _named("half", _GOOD, bad)
     assert poses(bench.robot(_JOINTS, annotations=annotations)) == {"good": {"elbow": 1.0}}
 
@@ -107,7 +107,7 @@ def test_annotations_that_name_no_pose(bench: Any, annotations: str) -> None:
 
 
 def test_a_robot_without_description_has_no_poses(bench: Any) -> None:
-    """Whatever it is called by clients."""
+    """Whatever clients call it."""
     robot = bench.robot(_JOINTS, annotations=_named("good", _GOOD))
     robot.undescribe("a test says so")
     assert poses(robot) == {}
@@ -121,7 +121,7 @@ def test_a_robot_without_description_has_no_poses(bench: Any) -> None:
 )
 @given(data=st.data())
 def test_no_annotation_is_an_error(bench: Any, data: st.DataObject) -> None:
-    """Text of any kind, and good annotations that are cut or overwritten somewhere."""
+    """Any text, and valid annotations truncated or overwritten somewhere."""
     good = _named("good", _GOOD)
     start, end = sorted(data.draw(st.tuples(*[st.integers(0, len(good))] * 2)))
     annotations = good[:start] + data.draw(st.text(max_size=20)) + good[end:]

@@ -38,13 +38,13 @@ def test_any_robot_name_has_a_safe_segment_that_leads_back(name: str) -> None:
 
 @pytest.mark.parametrize("segment", ["health", "~", "~2", "~zz", "~61", "a%20b", "~C3", "", "a~2f"])
 def test_other_spellings_name_nothing(segment: str) -> None:
-    """One name, one URI: escapes that were not needed, lower-case or broken are refused."""
+    """One name, one URI: superfluous, lower-case or broken escapes are refused."""
     with pytest.raises(ValueError, match=r"segment|name"):
         robot_name(segment)
 
 
 def test_joint_and_link_of_one_name_and_reserved_names_are_told_apart() -> None:
-    """The joint keeps the plain segment, the link is marked; no part can pose as a resource of the robot."""
+    """The joint keeps the plain segment, the link is marked; no part can replace a resource of the robot."""
     model = RobotModel.parse(_TWINS)
     paths = {joint_path("r", name): (name, None) for name in model.joints}
     paths |= {link_path("r", model, name): (None, name) for name in model.links}

@@ -1,4 +1,4 @@
-"""Plain JSON of bodies that no form has a triple for."""
+"""Plain JSON bodies without a counterpart in a form."""
 
 import pytest
 
@@ -22,13 +22,13 @@ IRI = "http://127.0.0.1:8000/arm/title"
     ],
 )  # fmt: skip
 def test_json_that_no_text_or_tree_can_hold_is_malformed(body: bytes, message: str) -> None:
-    """Each is answered with 400 and the reason; nothing of it reaches a log or an answer that has to be encoded."""
+    """Each gets 400 with the reason; nothing of it reaches a log or a response that must be encoded."""
     with pytest.raises(BadRequest, match=message) as caught:
         triples_of(body, form_of(LF.TextInput), IRI, 100)
     caught.value.detail.encode()
 
 
 def test_json_of_too_many_triples_is_too_large() -> None:
-    """413, as for RDF: no schema says how many there may be in all."""
+    """413, as for RDF: no schema limits the total number."""
     with pytest.raises(PayloadTooLarge, match="more than 1 things"):
         triples_of(b'{"holder": "x", "duration": 60}', form_of(LF.ControlLeaseInput), IRI, 1)

@@ -1,4 +1,4 @@
-"""What clients set of a robot: what is remembered of a body, and what is refused."""
+"""Settings of a robot: what is stored of a body, and what is refused."""
 
 import contextlib
 import re
@@ -56,7 +56,7 @@ def _admit(name: str, turtle: str) -> str:
 
 
 def _shown(annotations: str, base: str = _BASE) -> set[tuple[object, object]]:
-    """What a client that knows the fleet by ``base`` reads about the robot itself."""
+    """Return what a client that knows the fleet by ``base`` reads about the robot itself."""
     graph = Graph()
     annotate(graph, NamedNode(f"{base}/r/"), ("", annotations), f"{base}/r/")
     return {(t.predicate, t.object) for t in graph.triples if t.subject == NamedNode(f"{base}/r/")}
@@ -71,7 +71,7 @@ def _ex(term: str) -> NamedNode:
 
 @pytest.mark.parametrize("part", ["", "elbow", "elbow/rotation", "../s/", "../", "?x=1", "#here", "a:b", ".hidden"])
 def test_annotations_keep_no_authority(part: str) -> None:
-    """What was said under one URL of the fleet holds under each: IRIs below it move along."""
+    """Annotations stored under one URL of the fleet apply to each: IRIs below it are rewritten."""
     remembered = _admit("annotations", f"<{_BASE}/r/> ex:near <{_BASE}/r/{part}> .".replace("/r/../", "/"))
     assert _BASE not in remembered
     for base in (_BASE, _OTHER):
@@ -80,7 +80,7 @@ def test_annotations_keep_no_authority(part: str) -> None:
 
 
 def test_annotations_keep_other_authorities_and_words() -> None:
-    """An IRI that only begins like ours, one with an empty segment, and text that looks like one."""
+    """An IRI with a similar beginning, one with an empty segment, and text that looks like one stay unchanged."""
     texts = [f"see <{_BASE}/r/> ", f'\\"<{_BASE}/r/>', f"<{_BASE}/>\\\\"]
     iris = [f"{_BASE}0/r/", "http://fleet.example/r/", f"{_BASE}//evil.example/x", "urn:x:y"]
     objects = ", ".join([*(f'"{text}"' for text in texts), *(f"<{iri}>" for iri in iris)])
@@ -93,7 +93,7 @@ def test_annotations_keep_other_authorities_and_words() -> None:
 @settings(derandomize=True, max_examples=examples(100))
 @given(st.text(st.characters(codec="utf-8", exclude_characters="\x00"), max_size=40))
 def test_every_text_comes_back(text: str) -> None:
-    """Quotes, brackets, line ends: a literal is shown as it was put."""
+    """Quotes, brackets, line ends: a literal is returned as it was put."""
     quoted = "".join(f"\\U{ord(each):08X}" for each in text)
     ((_, value),) = _shown(_admit("annotations", f'<./> ex:says "{quoted}" .'))
     assert value.value == text  # type: ignore[attr-defined]
@@ -116,19 +116,19 @@ def test_every_text_comes_back(text: str) -> None:
     ],
 )
 def test_terms_of_the_gateway_are_refused(said: str) -> None:
-    """About the robot and at any depth below it; the answer names the term, and nothing is remembered."""
+    """About the robot and at any depth below it; the response names the term, and nothing is stored."""
     with pytest.raises(UnprocessableContent, match="Only the gateway says <http"):
         _admit("annotations", f"<./> {said} ; ex:colour 'red' .")
 
 
 def test_named_poses_are_the_robots_own_to_say() -> None:
-    """lf:namedPose and what is in it."""
+    """lf:namedPose and its contents."""
     pose = "[ dcterms:title 'up' ; lf:target [ lf:ofJoint <elbow> ; vom:numericalValue 1 ; vom:unit unit:RAD ] ]"
     assert "<./elbow>" in _admit("annotations", f"<./> lf:namedPose {pose} .")
 
 
 def test_annotations_describe_what_the_robot_is_related_to() -> None:
-    """Blank nodes and resources outside the fleet to which its statements lead; nothing at all takes them away."""
+    """Blank nodes and resources outside the fleet to which its statements lead; an empty body removes them."""
     said = "<./> ex:holds ex:tool, [ ex:p 1 ] . ex:tool ex:maker 'Ada' ; dcterms:title 'Gripper' ; ex:of <../s/> ."
     remembered = _admit("annotations", said)
     graph = Graph()
@@ -149,7 +149,7 @@ def test_annotations_describe_what_the_robot_is_related_to() -> None:
     ],
 )
 def test_what_annotations_would_lose_is_refused(more: str) -> None:
-    """Statements to which nothing leads that is said of the robot, and those about the fleet's own resources."""
+    """Statements unconnected to the robot, and those about the fleet's own resources."""
     with pytest.raises(UnprocessableContent, match="nothing uses") as caught:
         _admit("annotations", f"<./> ex:colour 'red' . {more}")
     assert caught.value.constraint == f"{_BASE}/r/annotations/blueprint"
@@ -185,7 +185,7 @@ def _all(robot: Robot, clients: str) -> Graph:
 
 
 def test_what_the_agent_says_is_a_layer_below() -> None:
-    """PUT replaces what clients said: the agent's statements stay, whether or not they are sent back, and once."""
+    """PUT replaces the clients' statements: the agent's stay, whether or not they are sent back, without duplicates."""
     robot = _robot_with(_AGENTS)
     own = _all(robot, "").triples
     assert len(own) == 11
@@ -195,19 +195,19 @@ def test_what_the_agent_says_is_a_layer_below() -> None:
     remembered = _put(robot, read + mine)
     assert remembered.count("\n") == 1
     assert len(_all(robot, remembered).triples) == 12
-    # What was remembered before there were layers has all of it.
+    # Data stored before there were layers contains all of it.
     assert len(_all(robot, read).triples) == 11
 
 
 def test_a_changed_copy_of_what_the_agent_says_is_another_statement() -> None:
-    """Blank nodes are compared by what is said of them."""
+    """Blank nodes are compared by their contents."""
     robot = _robot_with(_AGENTS)
     assert len(_all(robot, _put(robot, "<./> ex:maker [ ex:name 'Ada' ; ex:at [ ex:name 'Graz' ] ] .")).triples) == 15
     assert len(_all(robot, _put(robot, "<./> ex:maker _:a . _:a ex:name 'Ada' ; ex:at _:a .")).triples) == 14
 
 
 def test_a_pose_of_the_robot_is_no_other_pose() -> None:
-    """422 for a pose that would have the title of one that the agent names."""
+    """422 for a pose with the title of one of the agent's poses."""
     pose = "[ dcterms:title '{}' ; lf:target [ lf:ofJoint <elbow> ; vom:numericalValue 1 ; vom:unit unit:RAD ] ]"
     robot = _robot_with(_AGENTS)
     assert "elbow" in _put(robot, f"<./> lf:namedPose {pose.format('up')} .")
@@ -216,7 +216,7 @@ def test_a_pose_of_the_robot_is_no_other_pose() -> None:
 
 
 def test_annotations_are_bounded() -> None:
-    """As long as the wire takes them."""
+    """By the limit of the Zenoh protocol."""
     many = ", ".join(f'"{index:04d}{"x" * 200}"' for index in range(900))
     with pytest.raises(UnprocessableContent, match=str(MAX_ANNOTATIONS)):
         _admit("annotations", f"<./> ex:says {many[: many.rindex(',')]} .")
@@ -267,7 +267,7 @@ _AT = "<> lf:position [ maths:x 1 ; maths:y 0 ; maths:z 0 ; vom:unit unit:M"
     ],
 )
 def test_what_a_setting_does_not_use_is_refused(name: str, body: str, count: int) -> None:
-    """Nothing is dropped in silence: a misspelt orientation would have the robot look the wrong way."""
+    """Nothing is dropped silently: with a misspelt orientation the robot would face the wrong way."""
     with pytest.raises(UnprocessableContent, match="Nothing here uses") as caught:
         _admit(name, body)
     assert (len(caught.value.unused), caught.value.constraint) == (count, f"{_BASE}/r/{name}/blueprint")
@@ -276,7 +276,7 @@ def test_what_a_setting_does_not_use_is_refused(name: str, body: str, count: int
 @pytest.mark.parametrize("name", ["title", "annotations", "maximumSpeedScale", "placement"])
 @pytest.mark.parametrize("media_type", BODY_TYPES)
 def test_what_was_read_can_be_put(name: str, media_type: str) -> None:
-    """In every syntax that is taken: what is remembered of the description is what was remembered before."""
+    """In every accepted syntax, the stored value stays the same."""
     robot = _robot_with(_AGENTS)
     clients = _put(robot, "<./> ex:colour 'red' ; ex:by [ ex:name 'Ada' ] .")
     stands = '{"position_m":[1,2,0.1],"orientation_xyzw":[0,0,0,1]}'
@@ -300,7 +300,7 @@ def _without_labels(remembered: str) -> object:
 
 @pytest.mark.parametrize("number", ["1", "0.5", "1e-3", '"0.25"^^xsd:float'])
 def test_speed_scales(number: str) -> None:
-    """Above 0, at most 1, of any type that numbers have."""
+    """Above 0, at most 1, of any numeric type."""
     remembered = float(_admit("maximumSpeedScale", f"<> lf:value [ vom:numericalValue {number} ] ."))
     assert 0 < remembered <= 1
 
@@ -318,7 +318,7 @@ def test_the_unit_of_a_speed_scale(unit: str, taken: bool) -> None:
                '"0x1"^^xsd:integer'],
 )  # fmt: skip
 def test_what_is_no_speed_scale(number: str) -> None:
-    """Least of all what would come to nothing: no command could be given any more."""
+    """Above all numbers that are rounded to zero, with which no command would be possible any more."""
     with pytest.raises(UnprocessableContent):
         _admit("maximumSpeedScale", f"<> lf:value [ vom:numericalValue {number} ] .")
     with pytest.raises(UnprocessableContent):

@@ -47,7 +47,7 @@ def _admitted(bench: Any, path: str, body: str) -> bool:
 @settings(derandomize=True)
 @given(_ends, _ends, st.sampled_from([DEGREE, RADIAN, MILLIMETRE, METRE]))
 def test_bounds_are_rounded_inwards(one: float, other: float, unit: Any) -> None:
-    """To a millionth of the unit, and never by more; a thousandth of that is forgiven to the binary fraction."""
+    """To a millionth of the unit and never by more, with a tolerance of a thousandth of that for binary fractions."""
     low, high = sorted((one, other))
     kind = "revolute" if unit in (DEGREE, RADIAN) else "prismatic"
     joint = RobotModel.parse(_URDF.format(kind, low, high)).joints["j"]
@@ -70,14 +70,14 @@ def test_a_limit_conforms_to_itself_as_every_type_of_number(millionths: int) -> 
 
 
 def test_bounds_of_a_joint_without_ends() -> None:
-    """0 up to, not including, one turn."""
+    """From 0 up to, but excluding, one turn."""
     joint = RobotModel.parse(_URDF.format("continuous", 0.0, 0.0)).joints["j"]
     assert bounds(joint, DEGREE) == (0.0, 360.0)
     assert bounds(joint, RADIAN) == (0.0, round(math.tau, 6))
 
 
 def test_the_shape_admits_its_bounds_and_nothing_past_them(bench: Any) -> None:
-    """Inclusive at both ends of a limited joint; the whole turn of a continuous one is its beginning."""
+    """Inclusive at both ends of a limited joint; the whole turn of a continuous one equals its beginning."""
     bench.robot({**_ELBOW, **_WHEEL})
     body = "<> vom:numericalValue {} ; vom:unit unit:{} ."
     for value, unit, good in (
@@ -94,7 +94,7 @@ def test_the_shape_admits_its_bounds_and_nothing_past_them(bench: Any) -> None:
 
 
 def test_speeds_are_above_zero_and_within_the_joints_own(bench: Any) -> None:
-    """2 rad/s are 114.591559 °/s; a joint that states no fastest speed takes 10 rad/s or 10 m/s."""
+    """2 rad/s are 114.591559 °/s; a joint without a maximum speed accepts 10 rad/s or 10 m/s."""
     slide = {"slide": ("prismatic", '<limit lower="0" upper="1" effort="1"/>')}
     bench.robot({**_ELBOW, **_WHEEL, **slide})
     for joint, action, value, unit, good in (
@@ -117,7 +117,7 @@ def test_speeds_are_above_zero_and_within_the_joints_own(bench: Any) -> None:
 
 
 def test_distances_span_the_range_of_the_joint(bench: Any) -> None:
-    """Either way; ten turns where there are no ends."""
+    """In both directions; ten turns without limits."""
     bench.robot({**_ELBOW, **_WHEEL, **_LIFT})
     for path, value, unit, good in (
         ("elbow/actions/rotateBy", "3", "RAD", True),
@@ -133,7 +133,7 @@ def test_distances_span_the_range_of_the_joint(bench: Any) -> None:
 
 
 def test_targets_have_the_limits_of_the_joint_that_they_name(bench: Any) -> None:
-    """Not those of another joint, nor its units; a joint that takes no command is no joint to name."""
+    """Not those of another joint, nor its units; a joint that accepts no command cannot be named."""
     bench.robot({**_ELBOW, **_LIFT, **_MIMIC, **_FREE, "plate": ("fixed", "")})
     body = "<> lf:target [ lf:ofJoint <{}> ; vom:numericalValue {} ; vom:unit unit:{} ] ."
     for joint, value, unit, good in (
@@ -151,7 +151,7 @@ def test_targets_have_the_limits_of_the_joint_that_they_name(bench: Any) -> None
 
 
 def test_joints_that_take_commands(bench: Any) -> None:
-    """Of those that the description lists: what moves by itself, within limits that are known."""
+    """Of the joints in the description: those that move by themselves, within known limits."""
     joints = {**_ELBOW, **_MIMIC, **_FREE, **_WHEEL, **_LIFT, "plate": ("fixed", ""), **_FLAP}
     robot = bench.robot(joints)
     assert [joint.name for joint in commandable(robot)] == ["elbow", "wheel", "lift"]
@@ -160,14 +160,14 @@ def test_joints_that_take_commands(bench: Any) -> None:
 
 
 def test_links_that_move(bench: Any) -> None:
-    """All below a joint that takes commands, however far; a joint that follows moves nothing by itself."""
+    """All below a joint that accepts commands, however far; a mimicking joint moves nothing by itself."""
     robot = bench.robot({"plate": ("fixed", ""), **_ELBOW, **_FREE, **_FLAP})
     assert moved_links(robot) == ["elbow_link", "free_link", "flap_link"]
     assert moved_links(bench.robot({**_FREE, "plate": ("fixed", "")})) == []
 
 
 def test_every_completion_that_a_shape_names_is_known() -> None:
-    """And none is known that no shape names."""
+    """And no unused completion is known."""
     named = {t.object for about in load_folder("actions").values() for t in about if t.predicate == LF.completedBy}
     assert named == set(COMPLETIONS)
 

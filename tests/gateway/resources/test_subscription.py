@@ -1,4 +1,4 @@
-"""Subscriptions as Linked Data: Figure 4, and what a container takes."""
+"""Subscriptions as Linked Data: Figure 4, and the bodies that a container accepts."""
 
 import dataclasses
 from decimal import Decimal
@@ -90,7 +90,7 @@ def _shapes() -> rdflib.Graph:
 
 
 def test_figure_4() -> None:
-    """Every triple of the figure, and no other value for a predicate that has one there."""
+    """Every triple of the figure, and no other value for one of its predicates."""
     graph = Graph()
     describe_subscriptions(graph, _BASE, "/baxter/right_s1", [_record()])
     golden = rdflib.Graph().parse(data=_GOLDEN, format="turtle")
@@ -100,7 +100,7 @@ def test_figure_4() -> None:
 
 
 def test_figure_4_conforms_to_the_shape_that_is_served() -> None:
-    """As a whole document, with pySHACL alone; without what is observed it does not."""
+    """As a whole document, with pySHACL alone; without the observed resource it does not."""
     golden = rdflib.Graph().parse(data=_GOLDEN, format="turtle")
     assert pyshacl.validate(golden, shacl_graph=_shapes(), inference="none")[0]
     golden.remove((None, rdflib.URIRef(HYBRIT.onResource.value), None))
@@ -152,7 +152,7 @@ def test_the_secret_is_never_shown() -> None:
 @pytest.mark.parametrize("state", DeliveryState)
 @pytest.mark.parametrize("kind", Kind)
 def test_what_can_be_resumed_says_so(state: DeliveryState, kind: Kind) -> None:
-    """Callbacks alone, and only while something holds them up; the action it links takes a POST without a body."""
+    """Only callbacks, while something delays them; the linked action accepts a POST without a body."""
     record = _record(state, kind=kind)
     iri, graph = _described(record)
     actions = [t.object for t in graph.triples if t.predicate == HYBRIT.action]
@@ -166,7 +166,7 @@ def test_what_can_be_resumed_says_so(state: DeliveryState, kind: Kind) -> None:
 
 
 def test_the_container_leads_to_the_shape_of_its_members() -> None:
-    """ldp:constrainedBy names a shape, which is in the document that lf:vocabulary links."""
+    """ldp:constrainedBy names a shape, which is in the document linked by lf:vocabulary."""
     graph = Graph()
     describe_subscriptions(graph, _BASE, "/", [])
     iri = NamedNode(_BASE + "/subscriptions")
@@ -193,7 +193,7 @@ def test_versions_of_a_message() -> None:
 
 
 def test_a_minimal_request() -> None:
-    """What is left open stays open: a stream of the resource and its properties."""
+    """Options left open stay open: a stream of the resource and its properties."""
     assert _request(f"<> a hybrit:Subscription ; hybrit:onResource <{_ROTATION}> .") == Request(_ROTATION)
 
 
@@ -217,7 +217,7 @@ def test_json_ld() -> None:
 
 
 def test_figure_4_can_be_posted() -> None:
-    """With container and all, as can either spelling of callbackURL and any of the three kinds of node."""
+    """Including its container, with either spelling of callbackURL and any of the three kinds of node."""
     figure = _request(_GOLDEN)
     assert figure == Request(_ROTATION, "http://www.example.org/receiver", "text/turtle")
     for callback in ('callbackUrl "{}"', 'callbackURL "{}"', 'callbackURL "{}"^^xsd:anyURI', "callbackUrl <{}>"):
@@ -227,7 +227,7 @@ def test_figure_4_can_be_posted() -> None:
 
 @pytest.mark.parametrize("kind", Kind)
 def test_a_description_can_be_posted(kind: Kind) -> None:
-    """A client copies the description of one subscription to make another; what is read-only is ignored."""
+    """A client copies the description of a subscription to create another one; read-only parts are ignored."""
     options = {"depth": Depth.THIS, "interval_s": 1e-7, "deadband": 1e-300, "media_type": "application/n-triples"}
     callback = _FIGURE_4.callback if kind is Kind.CALLBACK else ""
     record = _record(DeliveryState.SUSPENDED, kind=kind, callback=callback, **options)
@@ -320,7 +320,7 @@ def test_bad_bodies(turtle: str, message: str) -> None:
 
 
 def test_the_report_is_about_the_container() -> None:
-    """The SHACL report names each failure once, about the IRI that the body was posted to."""
+    """The SHACL report names each failure once, about the IRI to which the body was posted."""
     error = _refusal("<> a hybrit:Subscription ; hybrit:mediaType 5 .")
     assert error.report is not None
     focus = {t.object for t in error.report if t.predicate.value.endswith("#focusNode")}
@@ -340,12 +340,12 @@ def test_the_report_is_about_the_container() -> None:
     ],
 )
 def test_what_a_subscription_cannot_keep_is_refused(more: str) -> None:
-    """Foreign terms, misspelt ones and statements about other resources: 422, and a subscription is not made."""
+    """Foreign or misspelt terms and statements about other resources get 422, and no subscription is created."""
     _refusal(f"<> a hybrit:Subscription ; hybrit:onResource <{_ROTATION}> {more}")
 
 
 def test_a_refusal_names_what_is_not_used() -> None:
-    """Each statement, as many as twenty; of a long text only the beginning, for it may be a secret."""
+    """Each statement, up to twenty; of a long text only the beginning, because it may be a secret."""
     many = ", ".join(str(each) for each in range(30))
     error = _refusal(f"<> a hybrit:Subscription ; hybrit:onResource <{_ROTATION}> ; <http://example.org/p> {many} .")
     assert (len(error.unused), error.members["unused"]) == (20, error.unused)

@@ -66,7 +66,7 @@ def _set(predicate: str, value: str) -> str:
     ],
 )
 def test_the_options_are_changed_and_nothing_else(update: str, options: dict[str, object]) -> None:
-    """Options outside the update keep their values to the last digit, and so does the secret, which nobody can read."""
+    """Options outside the update keep their values exactly, and so does the secret, which cannot be read."""
     assert _after(update) == replace(_CALLBACK.options, **options)  # type: ignore[arg-type]
 
 
@@ -108,7 +108,7 @@ def test_a_stream_keeps_its_media_type_and_has_no_secret() -> None:
     ],
 )
 def test_what_breaks_the_shape_or_nothing_uses_is_refused(update: str, said: str) -> None:
-    """By the shape of a posted subscription; of what the gateway manages there is no second value."""
+    """By the shape of a posted subscription; properties managed by the gateway cannot get a second value."""
     refusal = _refused(update)
     assert said.removeprefix("lf:") in refusal.detail
     assert not any(secret in f"{refusal.detail}{refusal.report}{refusal.unused}" for secret in (_SECRET, _OTHER))

@@ -1,4 +1,4 @@
-"""A compiled description says, byte for byte, what the description itself says of the same values."""
+"""A compiled description gives, byte for byte, the same as the description itself for the same values."""
 
 import itertools
 import math
@@ -88,7 +88,7 @@ def test_all_that_is_measured_compiles() -> None:
 @settings(max_examples=examples(20))
 @given(data=st.data())
 def test_it_says_what_the_description_says(path: str, media_type: str, data: st.DataObject) -> None:
-    """Of one document after another: forms change, with what becomes unknown and known again."""
+    """For one document after another, also when values become unknown and known again."""
     resource = _RESOURCES[path]
     rendering, counts = Rendering(resource, media_type, _BASE), _counts(resource)
     for _ in range(3):

@@ -1,4 +1,4 @@
-"""Background tasks go on after errors, and after outages of Redis without a word."""
+"""Background tasks continue after errors, and silently after outages of Redis."""
 
 import asyncio
 import logging
@@ -17,7 +17,7 @@ log = logging.getLogger("tests.background")
 
 
 class Work:
-    """Fails as it is told, and knows when it was called."""
+    """Fails as told, and records its calls."""
 
     def __init__(self, *errors: Exception | None) -> None:
         self.errors = list(errors)

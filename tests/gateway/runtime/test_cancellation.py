@@ -1,4 +1,4 @@
-"""Tasks end although something in them swallows a cancellation, and whoever ends them can be interrupted himself."""
+"""Tasks end although they swallow a cancellation, and the waiting task can itself be cancelled."""
 
 import asyncio
 
@@ -8,7 +8,7 @@ from linked_fleet_gateway.runtime.cancellation import end
 
 
 class _Stubborn:
-    """Goes on after as many cancellations as it is told."""
+    """Ignores so many cancellations."""
 
     def __init__(self, swallows: float) -> None:
         self.swallows = swallows

@@ -1,4 +1,4 @@
-"""The two forms of a line of the log."""
+"""The two formats of log lines."""
 
 import json
 import logging

@@ -1,4 +1,4 @@
-"""A copy of what is in Redis: known at once, brought up to date by news, and read anew after outages and errors."""
+"""A copy of data in Redis: read at once, updated by news, and read again after outages and errors."""
 
 import asyncio
 import logging
@@ -16,7 +16,7 @@ log = logging.getLogger("tests.replica")
 
 
 class Shared:
-    """What would be in Redis, and a gateway's ``copy`` of it. ``error``: raised for each question."""
+    """The simulated data in Redis, and a gateway's ``copy`` of it. ``error``: raised for each request."""
 
     def __init__(self, **values: str) -> None:
         self.values, self.copy = values, dict[str, str]()
@@ -50,7 +50,7 @@ class Shared:
             yield await self.told.get()
 
     async def tell(self, news: str | None, **values: str) -> None:
-        """Change what is there, and let the copy hear ``news`` of it."""
+        """Change the data, and send ``news`` of it to the copy."""
         self.values = values
         self.told.put_nowait(news)
         await asyncio.sleep(0.01)

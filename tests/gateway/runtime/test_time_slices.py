@@ -1,4 +1,4 @@
-"""Long work lets others go on every few milliseconds."""
+"""Long work yields to other tasks every few milliseconds."""
 
 import asyncio
 import time

@@ -1,4 +1,4 @@
-"""What a collector hears of a request: one trace, from who asks to the agent that judges."""
+"""The spans of a request in a collector: one trace, from the client to the agent."""
 
 import contextlib
 import json
@@ -29,7 +29,7 @@ ROTATE, STOP = "POST /{robot}/{joint}/actions/rotate", "POST /{robot}/actions/st
 
 @dataclass
 class Traced:
-    """A fleet of which everything is traced."""
+    """A fleet with tracing."""
 
     place: Place
     gateway: Process
@@ -37,7 +37,7 @@ class Traced:
     collector: Collector
 
     def post(self, action: str, body: str = "", sampled: str = "01", **headers: str) -> tuple[httpx.Response, str]:
-        """The answer, and the id of the trace in which the caller asked."""
+        """Return the response, and the id of the caller's trace."""
         trace = uuid.uuid4().hex
         parent = {"traceparent": f"00-{trace}-{CALLER}-{sampled}"}
         answer = self.browser.http.post(action, content=body, headers=(TURTLE if body else {}) | parent | headers)
@@ -197,7 +197,7 @@ def test_without_its_packages_a_process_that_is_to_trace_says_so_and_ends(
 
 @pytest.mark.parametrize("module", ["linked_fleet_gateway", "linked_fleet_agent"])
 def test_where_tracing_is_not_asked_for_its_packages_are_not_imported(module: str) -> None:
-    """Of a gateway those that send: its Redis client imports the others by itself."""
+    """For a gateway only those that export: its Redis client imports the others itself."""
     code = f"import sys, {module}.__main__; sys.exit('opentelemetry.exporter' in sys.modules)"
     with process("-c", code) as child:
         assert child.ended() == 0, child.output

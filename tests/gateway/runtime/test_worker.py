@@ -1,4 +1,4 @@
-"""Child processes: replaced when they are gone, ended for certain, and without what is none of their business."""
+"""Child processes: replaced when they die, reliably ended, and without data that they do not need."""
 
 import asyncio
 import signal

@@ -1,4 +1,4 @@
-"""The policy of the fan-out, on a real fleet and tree: what is news to whom, what is conflated, and what comes last."""
+"""The policy of the fan-out, on a real fleet and tree: what is news, what is conflated, and what comes last."""
 
 import asyncio
 import dataclasses
@@ -68,7 +68,7 @@ class Clocked(FanOut):
 
     @property
     def empty(self) -> bool:
-        """Whether nothing is kept of what was watched."""
+        """True if nothing of former watchers is kept."""
         return not (self._topics or self._of_robot or self._subtrees or self._absent or self._dirty or self._scans)
 
 
@@ -94,7 +94,7 @@ class Outlet:
 
     @property
     def previous(self) -> list[str | None]:
-        """What each message says came before it."""
+        """The previous version stated in each message."""
         found = [
             message.body.decode().partition('previousVersion> "')[2].partition('"')[0] for message in self.messages
         ]
@@ -102,18 +102,18 @@ class Outlet:
 
     @property
     def frames(self) -> list[int]:
-        """Which frame brought what each message says."""
+        """The number of the frame shown in each message."""
         return [int(version.partition("-")[2]) for version in self.versions]
 
     def take(self) -> list[str]:
-        """Paths of the messages so far, which are forgotten."""
+        """Return the paths of the messages so far, and forget them."""
         paths = [message.path for message in self.messages]
         self.messages.clear()
         return paths
 
 
 class _Frame(bytes):
-    """What a framing makes; it can be asked of which message it is."""
+    """Framed bytes that know their message."""
 
     message: Message
 
@@ -125,7 +125,7 @@ def _framed(message: Message) -> bytes:
 
 
 class InStep(Outlet):
-    """One that can be in step with others, as WebSockets and event streams can."""
+    """An outlet that can share a broadcast, as WebSockets and event streams can."""
 
     def __init__(self) -> None:
         super().__init__()

@@ -1,4 +1,4 @@
-"""Cameras over HTTP: a robot that sees, one that has no renderer, and one that answers with what is no picture."""
+"""Cameras over HTTP: a robot with pictures, one without a renderer, and one with invalid pictures."""
 
 import contextlib
 import itertools
@@ -38,7 +38,7 @@ class Hall:
     names: Iterator[str] = field(default_factory=lambda: (f"seer{number}" for number in itertools.count()))
 
     def seer(self, *cameras: Camera) -> tuple[Seer, Page]:
-        """A robot, and the page of its first camera."""
+        """Return a robot, and the page of its first camera."""
         seer = Seer(Actor(self.session, next(self.names))).appear(*cameras)
         return seer, self.camera(seer.actor.name)
 
@@ -123,7 +123,7 @@ def test_only_who_gets_bytes_has_the_robot_asked(hall: Hall) -> None:
 
 
 def test_a_stream_is_of_pictures_and_ends_with_its_last_follower(hall: Hall) -> None:
-    """Two follow, and the robot is asked once for both; who follows the description hears nothing of pictures."""
+    """Two clients follow it, and the robot is asked once for both; followers of the description get no pictures."""
     seer, page = hall.seer(EYE)
     with (
         watch(page, "lf.turtle") as said,

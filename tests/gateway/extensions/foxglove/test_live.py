@@ -21,7 +21,7 @@ LAB = ("lab-*",)
 
 @dataclass
 class Client:
-    """A client of the protocol that keeps what it is told."""
+    """A client of the protocol that stores its messages."""
 
     socket: WebSocket
     heard: list[dict[str, Any]] = field(default_factory=list)
@@ -53,7 +53,7 @@ class Client:
         return found
 
     def next(self, op: str) -> dict[str, Any]:
-        """The next message of this kind, which is taken out."""
+        """Remove and return the next message of this kind."""
         found = self.until(lambda: next((each for each in self.heard if each["op"] == op), None))
         self.heard.remove(found)
         return dict(found)
@@ -68,7 +68,7 @@ class Client:
         self.send("subscribe", subscriptions=wanted)
 
     def message(self, id: int, topic: str) -> Any:
-        """A message of a subscription: the first one that has not been asked for."""
+        """Return the next message of a subscription."""
         content = self.until(lambda: next((each[2] for each in self.data if each[0] == id), None))
         self.data = [each for each in self.data if each[0] != id]
         channel = self.channels[topic]

@@ -1,4 +1,4 @@
-"""Encoders: each message is decoded by its own schema, and says what went in."""
+"""Encoders: each message is decoded by its own schema, and contains the input."""
 
 import math
 import struct

@@ -1,4 +1,4 @@
-"""Files of histories, read by other people's readers."""
+"""Files of histories, read by independent readers."""
 
 import csv
 import io

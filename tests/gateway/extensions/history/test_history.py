@@ -1,4 +1,4 @@
-"""The history of a robot that moves, found by links, compared with what the robot has said."""
+"""The history of a moving robot, found by links, compared with what the robot has sent."""
 
 import asyncio
 import csv
@@ -31,7 +31,7 @@ JOINT = "elbow_joint"
 
 @dataclass
 class Moving:
-    """A robot that sways, and all that it said, by stamp."""
+    """A swaying robot, and everything that it sent, by stamp."""
 
     browser: Browser
     said: dict[int, State] = field(default_factory=dict)
@@ -46,12 +46,12 @@ class Moving:
 
     @property
     def rotation(self) -> str:
-        """The history of a property, which the robot's names."""
+        """The history of a property, linked from the robot's history."""
         rotation = self.browser.part("ur5", JOINT).one(ROS.rotation)
         return str(self.browser.page(self.whole).graph.value(rotation, LF.history))
 
     def shown(self, url: str, history: str) -> Page:
-        """What is at ``url`` about a ``history``, of which it has a part."""
+        """Return the page at ``url``, which shows a part of ``history``."""
         page = self.browser.page(url)
         return Page(history, page.response, page.graph)
 
@@ -120,7 +120,7 @@ def test_observations_of_a_property_are_the_same_as_linked_data(moving: Moving) 
 
 
 def test_a_description_leads_to_all_that_can_be_asked(moving: Moving) -> None:
-    """Without building an address: those of the last seconds, of files, and of what came before are there."""
+    """Without building an address: there are links to the last seconds, to files, and to what came before."""
     page = moving.browser.page(moving.rotation)
     assert 0 < len(observations(page)) <= 10
     views = [str(each) for each in page.graph.objects(page.iri, HYDRA.view)]

@@ -1,4 +1,4 @@
-"""Which frames are kept: the latest ones, of the joints that the robot has, in a bounded memory."""
+"""The frames that are kept: the latest ones, for the robot's joints, in bounded memory."""
 
 import asyncio
 import math
@@ -53,7 +53,7 @@ def make(*robots: str, span_s: float = 300, most_bytes: int = 10**6) -> tuple[Fl
 
 
 def look(history: History, fleet: Fleet) -> None:
-    """What the timer does."""
+    """Do what the timer does."""
     for latest in fleet.frames.all():
         history.sample(latest)
 
@@ -79,7 +79,7 @@ def test_another_run_of_the_same_robot_goes_on_with_its_history() -> None:
     for event in (Vanished("r", 1), Appeared("r", 2), Framed("r", frame(5, run=2))):
         fleet.apply(event, 1)
     look(history, fleet)
-    assert stamps(history, fleet) == [1]  # nobody knows yet what the new run's frames are of
+    assert stamps(history, fleet) == [1]  # the joints of the new run's frames are still unknown
     fleet.apply(said("r", run=2), 1)
     look(history, fleet)
     assert stamps(history, fleet) == [1, 5]
@@ -105,7 +105,7 @@ def test_the_history_of_a_robot_that_left_stays() -> None:
 
 
 def _recorded(history: History, fleet: Fleet, rounds: int) -> None:
-    """Frames of all robots, each seen by the history as it runs, which is then over."""
+    """Send frames of all robots, each seen by a running history, which is then ended."""
 
     async def run() -> None:
         async with history:

@@ -1,4 +1,4 @@
-"""Queries of histories: what they mean, and which are none."""
+"""Queries of histories: their meaning, and invalid ones."""
 
 from urllib.parse import parse_qsl
 

@@ -1,4 +1,4 @@
-"""What is kept of one robot: in order, as far back as is asked for, in as many bytes as there are."""
+"""The recorded data of one robot: ordered, as old as configured, within its memory limit."""
 
 from itertools import pairwise
 

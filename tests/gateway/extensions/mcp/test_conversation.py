@@ -1,4 +1,4 @@
-"""The Model Context Protocol as a client speaks it: what it finds and moves, what it is refused, and what stops."""
+"""The Model Context Protocol as a client uses it: finding, moving, refusals and stops."""
 
 import json
 import time
@@ -230,7 +230,7 @@ def test_cancelling_the_request_cancels_the_motion(lab: Speaker) -> None:
 
 
 def _running(speaker: Speaker) -> str | None:
-    """The IRI of the invocation of the action that runs."""
+    """Return the IRI of the running invocation of the action."""
     said = json.loads(text_of(speaker.call("read", target=f"{ROTATE}/invocations", format="jsonld")))
     nodes = said.get("@graph", [said])
     return next((str(each["@id"]) for each in nodes if each.get("lf:state") == {"@id": "lf:running"}), None)
@@ -248,7 +248,7 @@ def test_whatever_is_named_stops(lab: Speaker, target: str | None) -> None:
 
 
 def test_reads_hold_up_no_stop(tmp_path: Path) -> None:
-    """The one who has asked too often is refused everything but stops."""
+    """A client that asked too often is refused everything but stops."""
     read = {"name": "read", "arguments": {"target": "/"}}
     message = {"jsonrpc": "2.0", "id": 1, "method": "tools/call", "params": read}
     with guarded(tmp_path, "--requests-per-client", "1") as one, speaking(one.root, one.tokens["root"]) as speaker:

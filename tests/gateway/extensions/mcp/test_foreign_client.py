@@ -95,5 +95,5 @@ def test_it_cancels(root: str, era: str) -> None:
 
 
 def _cancelled(root: str) -> int:
-    """How many invocations of the action were cancelled."""
+    """Return the number of cancelled invocations of the action."""
     return _text(_called(root, "read", target=f"{ROTATE}/invocations", format="turtle")).count("lf:cancelled")

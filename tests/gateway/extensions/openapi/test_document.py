@@ -1,4 +1,4 @@
-"""The description is complete and true of the tree, and says nothing of robots that the caller does not see."""
+"""The description is complete and true, and contains nothing of robots that the caller may not see."""
 
 import asyncio
 import json
@@ -36,7 +36,7 @@ def whole() -> dict[str, Any]:
 
 
 def _paths(template: str, item: dict[str, Any]) -> list[str]:
-    """The template with each name that is listed for each of its parameters."""
+    """Return the template with every listed name of each parameter."""
     paths = [template]
     for parameter in item.get("parameters", ()):
         names = parameter["schema"].get("enum", [])
@@ -45,13 +45,13 @@ def _paths(template: str, item: dict[str, Any]) -> list[str]:
 
 
 def test_it_is_a_document_of_openapi_3_1(whole: dict[str, Any]) -> None:
-    """By the schema that schemathesis has of it."""
+    """By the schema included in schemathesis."""
     errors = [f"{each.instance_path}: {each.message[:200]}" for each in OPENAPI_31_VALIDATOR.iter_errors(whole)]
     assert not errors, errors[:5]
 
 
 def test_every_path_is_in_the_tree_and_has_the_methods_that_are_described(whole: dict[str, Any]) -> None:
-    """Not every robot has each joint; each name that is listed belongs to something."""
+    """Not every robot has each joint, but each listed name exists somewhere."""
     resources: Tree = tree()
     for template, item in whole["paths"].items():
         if template in ("/openapi.json", "/audit", "/health/live") or "{invocation}" in template:
@@ -98,7 +98,7 @@ def test_every_schema_is_one_and_takes_its_examples(whole: dict[str, Any]) -> No
 
 @pytest.mark.parametrize("hidden", [("floating",), ("fixed", "floating"), ("fixed", "floating", "faulty", "mute")])
 def test_what_the_caller_does_not_see_is_not_in_the_description(hidden: tuple[str, ...]) -> None:
-    """Neither by name nor by the addresses of its joints; it is as if the robots were not there."""
+    """Neither by name nor by the addresses of its joints, as if the robots did not exist."""
     text = json.dumps(_described(*hidden))
     for name in hidden:
         assert f"{BASE}/{name}/" not in text and f'"{name}"' not in text.replace('"const": "floating"', "")

@@ -1,4 +1,4 @@
-"""Schemas of several things as one."""
+"""JSON Schemas that cover several things."""
 
 from jsonschema import Draft202012Validator
 

@@ -1,4 +1,4 @@
-"""Forms of the actions of five robots: what they make of themselves is what their shapes ask for."""
+"""Forms of the actions of five robots produce bodies that conform to their shapes."""
 
 from collections.abc import Iterator
 from urllib.parse import urljoin
@@ -24,7 +24,7 @@ def form_of(browser: Browser, url: str) -> Element:
 
 
 def actions(browser: Browser, robot: str) -> Iterator[Page]:
-    """Of the robot, and of one joint of each kind that it has."""
+    """Yield the actions of the robot, and of one joint of each of its kinds."""
     page = browser.robot(robot)
     kinds: set[object] = set()
     for thing in [page, *(browser.page(str(each)) for each in joints(page))]:
@@ -37,7 +37,7 @@ def actions(browser: Browser, robot: str) -> Iterator[Page]:
 
 
 def joints(robot: Page) -> list[URIRef]:
-    """The first of each kind."""
+    """Return the first joint of each kind."""
     found = {}
     for part in sorted(robot.graph.subjects(RDF.type, LF.Joint)):
         found.setdefault(frozenset(robot.graph.objects(part, RDF.type)), part)
@@ -45,7 +45,7 @@ def joints(robot: Page) -> list[URIRef]:
 
 
 def conforms(body: rdflib.Graph, action: Page, shape: rdflib.term.Node) -> str:
-    """What the shape has against the root of the body; empty if it conforms."""
+    """Return the shape's violations at the root of the body; empty if it conforms."""
     (root,) = set(body.subjects()) - set(body.objects())
     about = rdflib.Graph()
     about += action.graph
@@ -60,7 +60,7 @@ def conforms(body: rdflib.Graph, action: Page, shape: rdflib.term.Node) -> str:
 @pytest.mark.parametrize("robot", ROBOTS)
 @pytest.mark.parametrize("everything", [False, True], ids=["needed", "everything"])
 def test_bodies_conform_to_the_shape_of_their_action(browser: Browser, robot: str, everything: bool) -> None:
-    """Filled in with the middle of each range, by the limits that the form itself states for the chosen unit."""
+    """Filled in with the middle of each range, by the limits that the form states for the selected unit."""
     seen = 0
     for action in actions(browser, robot):
         form, shape = form_of(browser, action.url), action.graph.value(action.iri, HYBRIT.consumes)
@@ -105,7 +105,7 @@ def test_joints_are_chosen_by_name_and_have_their_own_limits(browser: Browser) -
 
 
 def test_what_may_be_repeated_can_be_added_and_removed(browser: Browser) -> None:
-    """Waypoints, and in each of them targets."""
+    """Waypoints, and targets in each of them."""
     form = form_of(browser, browser.action(browser.robot("ur5"), LF.FollowTrajectory))
     waypoints = next(each for each in form.all("div") if each.get("class") == "repeat")
     first, template = [each for each in waypoints.children if isinstance(each, Element)][:2]
@@ -117,7 +117,7 @@ def test_what_may_be_repeated_can_be_added_and_removed(browser: Browser) -> None
 
 
 def test_every_field_has_a_label_and_every_id_is_one(browser: Browser) -> None:
-    """For all forms of a robot, which may come to one page together."""
+    """For all forms of a robot, which may be on one page together."""
     ids: list[str] = []
     for action in actions(browser, "ur5"):
         form = form_of(browser, action.url)
@@ -137,7 +137,7 @@ def test_rehearsal_is_offered_where_the_action_can(browser: Browser) -> None:
 
 
 def test_a_callback_is_made_by_the_form_of_the_container(browser: Browser) -> None:
-    """The form is about the thing whose container it is; its body is accepted as it is."""
+    """The form is about the thing that owns the container; its body is accepted unchanged."""
     robot = browser.robot("ur5")
     container = str(robot.one(HYBRIT.subscriptions))
     form = form_of(browser, container)

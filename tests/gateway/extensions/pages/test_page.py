@@ -1,4 +1,4 @@
-"""Pages of hostile and odd graphs, without any gateway."""
+"""Pages of hostile and odd graphs, without a gateway."""
 
 import pytest
 from pyoxigraph import BlankNode, Literal, NamedNode, Triple
@@ -39,7 +39,7 @@ def said(predicate: NamedNode, value: NamedNode | BlankNode | Literal) -> Triple
 @pytest.mark.parametrize("evil", EVIL)
 @pytest.mark.parametrize("kind", [LF.Robot, LF.Fleet, LF.Joint, HYBRIT.Property, HYBRIT.Action, LF.Invocation, None])
 def test_whatever_a_robot_says_stays_text(evil: str, kind: NamedNode | None) -> None:
-    """In titles, facts, languages of the page and the embedded JSON-LD."""
+    """In titles, facts, language attributes and the embedded JSON-LD."""
     node = BlankNode("n")
     triples = [
         *([said(RDF.type, kind)] if kind else []),
@@ -80,7 +80,7 @@ def test_a_page_is_made_of_its_triples_alone() -> None:
 
 
 def test_deep_and_tangled_nodes_are_shown_once_each() -> None:
-    """A chain that nobody could indent, nodes that are referred to twice at each step, and a ring."""
+    """An extremely deep chain, nodes that are referred to twice at each step, and a cycle."""
     chain = [Triple(BlankNode(f"c{i}"), RDFS.seeAlso, BlankNode(f"c{i + 1}")) for i in range(500)]
     twice = [
         Triple(BlankNode(f"t{i}"), predicate, BlankNode(f"t{i + 1}"))
@@ -157,7 +157,7 @@ def test_the_command_to_copy_is_quoted_for_a_shell() -> None:
     ],
 )
 def test_a_refusal_is_a_page_for_a_browser(error: errors.FleetError) -> None:
-    """With the words of the problem details, escaped, and under the same policy."""
+    """With the text of the problem details, escaped, and under the same policy."""
     body, headers = problem(error, BROWSER, BASE + "/x<y", Pages())
     root = parsed(body)
     assert error.detail in root.text and error.title in root.text and str(error.status) in root.text

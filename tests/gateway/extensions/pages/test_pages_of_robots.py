@@ -1,4 +1,4 @@
-"""Pages of a real fleet: every kind of resource has one, and what it shows is what its triples say."""
+"""Pages of a real fleet: every kind of resource has one, which shows what its triples say."""
 
 from collections.abc import Iterator
 from urllib.parse import urlsplit
@@ -34,7 +34,7 @@ KINDS = (
 
 @pytest.fixture(scope="module")
 def addresses(browser: Browser) -> dict[str, list[str]]:
-    """Of each kind of page those that differ."""
+    """Return the distinct pages of each kind."""
     root, robots = browser.page(browser.root), browser.robots()
     baxter, walker = browser.robot("baxter"), browser.robot("go2")
     turning, sliding = browser.part("baxter", "right_s1"), browser.part("panda", "panda_finger_joint1")
@@ -81,7 +81,7 @@ def pages(browser: Browser, urls: list[str]) -> Iterator[tuple[str, Element]]:
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_every_kind_has_a_page_of_its_own(browser: Browser, addresses: dict[str, list[str]], kind: str) -> None:
-    """One heading, landmarks, a way up, the other representations, nothing foreign, nothing inline."""
+    """One heading, landmarks, a link upwards, the other representations, nothing foreign, nothing inline."""
     for url, page in pages(browser, addresses[kind]):
         (body,) = page.all("body")
         assert (body["data-resource"], body["data-kind"], body["data-root"]) == (url, kind, browser.root)
@@ -101,7 +101,7 @@ def test_every_kind_has_a_page_of_its_own(browser: Browser, addresses: dict[str,
         assert not [each for each in loaded if urlsplit(each).netloc] and not list(page.all("img", "iframe", "object"))
         ids = [each["id"] for each in page.with_attribute("id")]
         assert len(ids) == len(set(ids)), [each for each in ids if ids.count(each) > 1]
-        # HTML has no use for "required" where something is chosen from the start.
+        # HTML does not allow "required" on a select with a preselected option.
         assert not [each for each in page.all("select") if "required" in each.attributes]
         (stop,) = [each for each in page.all("form") if each.get("class") == "stop"]
         assert OUR_TERMS.iri not in stop["data-action"] and stop["data-action"].startswith(browser.root)
@@ -119,7 +119,7 @@ def reached(triples: list[Triple], subject: str, path: str) -> list[object]:
 
 @pytest.mark.parametrize("kind", ["fleet", "robot", "joint", "link", "property", "invocation"])
 def test_live_values_are_where_they_say_they_are(browser: Browser, addresses: dict[str, list[str]], kind: str) -> None:
-    """Subject and path lead to the very value that is shown, in the triples that the page carries along."""
+    """Subject and path lead to the displayed value in the triples embedded in the page."""
     seen = 0
     for url, page in pages(browser, addresses[kind]):
         data = next(each.text for each in page.all("script") if each.get("type") == "application/ld+json")
@@ -174,7 +174,7 @@ def test_the_fleet_lists_all_robots_and_stops_them_all(browser: Browser) -> None
 
 
 def test_raw_representations_are_one_click_away(browser: Browser) -> None:
-    """By a query, since a link cannot set Accept; a word that picks nothing is answered with those that do."""
+    """By a query, since a link cannot set Accept; an unknown word is answered with a list of known ones."""
     joint = browser.part("ur5", "elbow_joint")
     page = next(pages(browser, [joint.url]))[1]
     offered = [each for each in page.all("a") if "type" in each.attributes]

@@ -1,4 +1,4 @@
-"""All kinds of pages of the demo, read as people read them: no IRIs, no property names, no e-notation."""
+"""All kinds of pages of the demo contain plain words: no IRIs, no property names, no e-notation."""
 
 import re
 from collections import Counter
@@ -15,7 +15,7 @@ from plain_words import for_programs
 pytestmark = pytest.mark.virtual
 
 ALIKE = 4
-"""The most pages whose paths differ in names alone."""
+"""Limit of pages whose paths differ only in names."""
 KINDS = {
     *("fleet", "robot", "joint", "link", "property", "joint_state", "action", "invocation", "invocations", "lease"),
     *("subscriptions", "vocabulary", "directory", "audit", "world", "query", "document"),
@@ -23,7 +23,7 @@ KINDS = {
 
 
 def pattern(path: str) -> str:
-    """The path without the names of robots, joints and links, and without ids."""
+    """Return the path without the names of robots, joints and links, and without ids."""
     known = reserved_at_root() | reserved_in_robot()
     parts = [part if part in known or not part else "*" for part in path.split("/")]
     actions = [n for n, part in enumerate(parts) if part == "actions"]
@@ -31,7 +31,7 @@ def pattern(path: str) -> str:
 
 
 def walked(browser: Browser) -> dict[str, Element]:
-    """Pages that are linked from pages, from the root on."""
+    """Return all pages linked from pages, beginning at the root."""
     found: dict[str, Element] = {}
     seen: Counter[str] = Counter()
     waiting = [browser.root]
@@ -42,7 +42,7 @@ def walked(browser: Browser) -> dict[str, Element]:
             continue
         answer = browser.http.get(url, headers={"accept": "text/html"})
         if answer.status_code in (404, 406) or not answer.headers["content-type"].startswith("text/html"):
-            continue  # gone, a mesh, a document that is no page
+            continue  # gone, a mesh, or a document that is no page
         assert answer.status_code == 200, url
         seen[pattern(path)] += 1
         page = found[url] = parsed(answer.content)

@@ -1,4 +1,4 @@
-"""The cost of ``lf:canReach``, by what is done for it: of links that a query may ask about by the hundred."""
+"""The cost of ``lf:canReach`` in operations, since a query may ask about hundreds of links."""
 
 import site
 from pathlib import Path
@@ -42,7 +42,7 @@ def baxter() -> Fleet:
 def test_few_searches_are_made_in_vain_and_the_urdf_is_read_once(
     baxter: Fleet, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A search in vain takes a tenth of a second, and to read the URDF as long as several searches that find."""
+    """A search without a result takes 0.1 s; reading the URDF takes as long as several successful ones."""
     vain: list[str] = []
     reads: list[str] = []
     search, read = reach.reach, reach.build_model

@@ -1,4 +1,4 @@
-"""What queries are asked of is what GET serves, whatever happens to the robots in between."""
+"""Queries see what GET serves, whatever happens to the robots in between."""
 
 from collections.abc import Iterator
 
@@ -25,12 +25,12 @@ def pictured() -> Pictured:
 
 
 def served(pictured: Pictured, name: str) -> Dataset:
-    """All that GET tells of a robot, each of its parts once."""
+    """Return all triples that GET serves for a robot and its parts."""
     tree = Tree(pictured.fleet, pictured.invocations, BASE)
     robot = tree.resolve(robot_path(name))
     assert isinstance(robot, Resource)
     paths = [robot.path, lease_path(name), *robot.parts, *map(invocation_path, pictured.invocations.of_robot(name))]
-    store = Store()  # which keeps a number as its type has it: 1.0 and 1 are one xsd:float
+    store = Store()  # the store normalizes numbers by type: 1.0 and 1 are one xsd:float
     for at, path in enumerate(paths):
         store.extend(Quad(*_own(triple, f"p{at}x")) for triple in _described(tree, path))
     return Dataset(store)
@@ -95,7 +95,7 @@ def test_it_stays_what_is_served(pictured: Pictured) -> None:
     same("a", "b")
     pictured.invocations.remove("i-1")
     pictured.leave("a")
-    pictured.describe("b", 2)  # another run, whose base is fixed
+    pictured.describe("b", 2)  # another run, with a fixed base
     same("a", "b")
     pictured.stand("b", (0.0, 0.4), 2)
     same("a", "b")

@@ -10,7 +10,7 @@ from linked_fleet_gateway.extensions.query.turns import AT_ONCE, MAX_OF_CLIENT, 
 
 
 class Asked:
-    """Queries of clients, each under way until it is told to end."""
+    """Queries of clients, each in progress until it is told to end."""
 
     def __init__(self) -> None:
         self.turns = FairTurns()

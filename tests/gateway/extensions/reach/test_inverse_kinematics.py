@@ -70,7 +70,7 @@ class Demo:
 
 
 def angle(a: Pose, b: Pose) -> float:
-    """Between two orientations, in radian."""
+    """Return the angle between two orientations in rad."""
     x, y = np.array(a.orientation_xyzw), np.array(b.orientation_xyzw)
     return 4 * math.asin(min(1.0, min(np.linalg.norm(x - y), np.linalg.norm(x + y)) / 2))
 

@@ -1,4 +1,4 @@
-"""Recordings: when one begins, what is in it, and how many there are at most."""
+"""Recordings: when one begins, what it contains, and how many are kept."""
 
 import io
 import math
@@ -45,7 +45,7 @@ def frame(number: int, wall_ns: int, position: float = 0.0) -> bytes:
 
 
 class Bench(Recorder):
-    """Recordings of robots ``r0``, ``r1`` …, that nobody writes."""
+    """A recorder of robots ``r0``, ``r1`` …, without a writer."""
 
     def __init__(self, bench: Any, live: Live, folder: Path, robots: int) -> None:
         history = History(live.fleet, 300.0, 10.0, 10**6)
@@ -53,7 +53,7 @@ class Bench(Recorder):
         live.fleet = bench.fleet
         for number in range(robots):
             robot = bench.robot({"pan": ("continuous", "")}, name=f"r{number}")
-            history.sample(robot._latest)  # the sampling task of a gateway does this
+            history.sample(robot._latest)  # in a gateway, the sampling task does this
 
     def begin(self, state: InvocationState = ACCEPTED, robot: str = "r0", **said: Any) -> Invocation:
         now_ns = time.time_ns()
@@ -118,7 +118,7 @@ def test_recordings_that_wait_are_bounded(made: Bench) -> None:
 
 
 def read(content: bytes) -> dict[str, list[tuple[int, Any]]]:
-    """Messages of ROS 2 with their times, by topic."""
+    """Return ROS 2 messages with their times, by topic."""
     found: dict[str, list[tuple[int, Any]]] = {}
     reader = make_reader(io.BytesIO(content), decoder_factories=[DecoderFactory()])
     for _, channel, message, decoded in reader.iter_decoded_messages():

@@ -1,4 +1,4 @@
-"""The pages of rules show what they should, from triples as the gateway describes them."""
+"""The pages of rules, generated from triples as the gateway describes them."""
 
 import pytest
 from pyoxigraph import NamedNode
@@ -34,7 +34,7 @@ def test_a_rule_is_listed_with_its_state_and_last_firing() -> None:
     assert isinstance(one.last.state, State) and one.last.state.name == "failed"
     assert (one.last.reason, one.last.did.href) == ("held by somebody else", ROOT + "ur5/actions/stop/invocations/x")
     assert (two.enabled, two.reasons, two.last) == (False, ["stopped"], None)
-    assert {each.value for each in part.done if isinstance(each, NamedNode)} == {  # shown, so not told once more
+    assert {each.value for each in part.done if isinstance(each, NamedNode)} == {  # displayed, so not listed again
         f"{ROOT}rules/1", f"{ROOT}rules/2", f"{ROOT}rules/1/firings/7",
     }  # fmt: skip
 

@@ -45,7 +45,7 @@ class _Answer:
         return [each["id"] for each in json.loads(self.body)]
 
     def link(self, rel: str) -> str:
-        """The member of the Link field with this relation, or nothing."""
+        """Return the member of the Link field with this relation, or None."""
         return next((each for each in self.headers["link"].split(", <") if f'rel="{rel}"' in each), "")
 
 
@@ -72,7 +72,7 @@ def _get(query: str = "", *, method: str = "GET", without: str = "", **fields: s
 
 
 def test_a_client_that_does_not_page_gets_everything(monkeypatch: pytest.MonkeyPatch) -> None:
-    """However few descriptions are on one page."""
+    """However few descriptions one page has."""
     monkeypatch.setattr("linked_fleet_gateway.extensions.things.http.MOST", 5)
     whole = _get()
     assert len(whole.ids) == len(set(whole.ids)) == 35
@@ -121,7 +121,7 @@ def test_a_page_has_an_etag_of_its_own() -> None:
 
 
 def test_the_whole_has_an_etag_although_it_is_streamed() -> None:
-    """R0.11. It is weak, and other when there are other things."""
+    """R0.11. It is weak, and changes with the things."""
     tag = _get().headers["etag"]
     assert tag.startswith('W/"') and _get(method="HEAD").headers["etag"] == tag
     assert (_get(if_none_match=tag).status, _get(if_none_match=tag).body) == (304, b"")
@@ -155,7 +155,7 @@ def test_head_describes_nothing() -> None:
 
 
 def test_it_is_rdf_by_pages_too() -> None:
-    """The same things in the same order, for who prefers that to JSON."""
+    """The same things in the same order, as RDF."""
     ids, found, query = _get().ids, [], "limit=20"
     for _ in range(2):
         answer = _get(query, accept="application/n-triples")

@@ -133,7 +133,7 @@ def test_limits_and_alternatives_come_from_the_shape() -> None:
 
 
 def _writable(schema: object) -> object:
-    """A schema without what is for reading only."""
+    """Return a schema without read-only parts."""
     if isinstance(schema, dict):
         return {name: _writable(each) for name, each in schema.items()}
     if isinstance(schema, list):
@@ -152,7 +152,7 @@ def _writable(schema: object) -> object:
 def test_a_target_is_written_within_limits_and_read_as_it_is(
     joint: str, name: str, unit: NamedNode, written: tuple[float, ...], beyond: tuple[float, ...]
 ) -> None:
-    """Null and what is beyond the limits can be there, and cannot be put; both the schema and the guard say so."""
+    """Null and values beyond the limits can be read, but not written, by both the schema and the guard."""
     schema = _td(f"/r/{joint}")["properties"][name]
     put = _resource(f"/r/{joint}/{name}").affords
     assert isinstance(put, PutTarget)

@@ -1,4 +1,4 @@
-"""Objects of the world as clients put them: what is read of a body, and what is refused."""
+"""Bodies of objects of the world: what is read from them, and what is refused."""
 
 import base64
 import struct
@@ -37,7 +37,7 @@ def _read(turtle: str, present: SceneObject | None = None) -> SceneObject:
 @pytest.mark.parametrize("media_type", BODY_TYPES)
 @pytest.mark.parametrize("geometry", [Box((1.0, 2.0, 3.0)), Sphere(0.5), Cylinder(0.5, 2.0), TriangleMesh(_STL)])
 def test_an_object_may_be_put_as_it_was_read(geometry: Geometry, media_type: str) -> None:
-    """In each syntax that is taken, the mesh by its link: nothing has changed."""
+    """In each accepted syntax, with the mesh by its link: nothing changes."""
     thing, graph = _object(geometry), Graph()
     describe_object(graph, _BASE, "1", thing)
     triples = parse(render(graph.triples, media_type, PREFIXES, base=_IRI), media_type, _IRI)
@@ -57,7 +57,7 @@ def test_an_object_may_be_put_as_it_was_read(geometry: Geometry, media_type: str
     ],
 )
 def test_what_an_object_does_not_use_is_refused(said: str, count: int) -> None:
-    """Misspelt, foreign, of another form of geometry, or about another resource: it would be lost."""
+    """Misspelt, foreign, of another geometry, or about another resource: it would be lost."""
     with pytest.raises(UnprocessableContent) as caught:
         _read(f"<> dcterms:title 'ball' ; {said} .")
     assert caught.value.constraint == f"{_IRI}/blueprint"
@@ -65,7 +65,7 @@ def test_what_an_object_does_not_use_is_refused(said: str, count: int) -> None:
 
 
 def test_a_mesh_is_that_of_the_object_or_a_new_one() -> None:
-    """The link that GET shows may stay beside new bytes; that of another object is refused."""
+    """The link shown by GET may stay beside new bytes; that of another object is refused."""
     stl = base64.b64encode(_STL).decode()
     present = _object(TriangleMesh(_STL))
     for mesh, good in (("<1/mesh>", True), ("<2/mesh>", False)):
@@ -80,7 +80,7 @@ def test_a_mesh_is_that_of_the_object_or_a_new_one() -> None:
 
 
 def test_an_object_needs_no_description_of_itself() -> None:
-    """The least that can be put is an obstacle that stands upright."""
+    """The minimal object is an upright obstacle."""
     read = _read(f"<> dcterms:title 'ball' ; {_AT} ; {_BALL} .")
     upright = Pose((1.0, 2.0, 3.0), (0.0, 0.0, 0.0, 1.0))
     assert read == SceneObject(title="ball", kind="obstacle", pose=upright, geometry=Sphere(1.0))

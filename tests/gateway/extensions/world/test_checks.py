@@ -1,4 +1,4 @@
-"""A motion that comes while shapes are being prepared waits for them, for a few seconds, and for nothing else."""
+"""A motion that arrives while shapes are being prepared waits a few seconds for them, and for nothing else."""
 
 import asyncio
 import hashlib
@@ -37,7 +37,7 @@ def content(name: str) -> bytes:
 
 
 class Scene:
-    """Robots with a mesh that they hand out when they are let, and the checks of their motions."""
+    """Robots with a mesh that they serve only when permitted, and the checks of their motions."""
 
     def __init__(self, folder: Path) -> None:
         self.live = new_live(GatewaySettings(), ZenohNetwork().gateway("g"))
@@ -56,7 +56,7 @@ class Scene:
         return content(robot)
 
     def robot(self, name: str, x: float = 0.0, let: bool = False) -> Robot:
-        """A rod that turns over a channel; no two look alike."""
+        """Add a rod that rotates above a channel; all robots look different."""
         self.asked[name], self.let[name] = asyncio.Event(), asyncio.Event()
         if let:
             self.let[name].set()
@@ -123,7 +123,7 @@ def test_it_waits_so_long_and_is_told_to_come_again(tmp_path: Path, monkeypatch:
             await scene.checks.ready(robot, ALL)
         assert (refused.value.status, refused.value.headers["Retry-After"]) == (503, "2")
         monkeypatch.setattr(checks, "EARLY_S", PATIENCE_S)
-        scene.let["early"].set()  # what was begun has gone on
+        scene.let["early"].set()  # what was begun has continued
         await scene.checks.ready(robot, ALL)
         assert await scene.is_free(robot)
 
@@ -192,7 +192,7 @@ def test_shapes_are_prepared_again_when_the_process_that_has_them_is_gone(tmp_pa
 
 
 def test_what_a_motion_waited_does_not_make_it_late_and_a_stop_meanwhile_still_does(tmp_path: Path) -> None:
-    """A command is of the moment at which it was asked for: a robot that was stopped after that refuses it."""
+    """A command is dated to its request: a robot that was stopped afterwards refuses it."""
 
     robot = Scene(tmp_path).robot("arm")
     command = command_of("id", Motion(robot, Move({"turn": 1.0}), {"turn": 1.0}, Moment(1, 17, waited_ns=3_000)))

@@ -1,4 +1,4 @@
-"""A robot of plain shapes on its way among others, as the process that checks motions judges it."""
+"""A robot of simple shapes on its path among others, as judged by the process that checks motions."""
 
 import math
 import struct
@@ -30,7 +30,7 @@ def turning(name: str, parent: str, child: str, x: float = 0.0, more: str = "") 
     )
 
 
-# A rod of a metre that sweeps over a small foot; and one of four parts of 25 cm, that can bite its own foot.
+# A rod of 1 m that sweeps over a small foot; and one of four parts of 25 cm that can hit its own foot.
 FOOT, ARM = link("foot", ".1 .1 .1", 0), link("arm", "1 .02 .02", 0.5)
 ROD = f"<robot name='rod'>{FOOT}{ARM}{turning('turn', 'foot', 'arm')}</robot>"
 PARTS = "".join(link(f"part{i}", ".2 .02 .02", 0.125) for i in range(4))
@@ -120,7 +120,7 @@ def test_out_of_a_zone_and_not_further_in() -> None:
 
 
 def test_what_is_near_may_stay_near() -> None:
-    table = Box((2.0, 2.0, 0.1)), at(0, 0, -0.065)  # 5 mm below the rod, all along its way; the foot stands in it
+    table = Box((2.0, 2.0, 0.1)), at(0, 0, -0.065)  # 5 mm below the rod, all along its path; the foot stands in it
     assert isinstance(go({"turn": 2.0}, table), Free)
 
 
@@ -144,11 +144,11 @@ def test_it_meets_itself_with_more_than_one_joint_between() -> None:
     assert isinstance(met, Meets) and (met.kind, {met.link, met.other}) == ("self", {"part0", "part3"})
     met = go({"j1": 2.2, "j2": 2.2}, robot="chain")
     assert isinstance(met, Meets) and (met.kind, {met.link, met.other}) == ("self", {"part1", "part3"})
-    assert isinstance(go({"j1": 3.0}, robot="chain"), Free)  # neighbours are left to themselves
+    assert isinstance(go({"j1": 3.0}, robot="chain"), Free)  # adjacent parts are not compared
 
 
 def test_no_part_of_its_own_is_so_thin_that_it_is_passed_by() -> None:
-    """A rod that turns above a foot, from which a blade of a tenth of a millimetre stands up, at any angle."""
+    """A rod that rotates above a foot with a blade 0.1 mm thick, at any angle."""
     for i in range(20):
         degrees = 20 + 3.1 * i
         met = check(_own(f"blade{i}"), {f"blade{i}": robot_of(_blade(degrees))}, {})
@@ -170,7 +170,7 @@ def _own(key: str, turn: float = math.pi / 2) -> Check:
 
 
 def test_parts_that_are_near_from_the_start_may_stay_so() -> None:
-    """Half a millimetre between foot and arm, as they turn."""
+    """Half a millimetre between foot and arm, while rotating."""
     foot = '<link name="foot"><collision><geometry><cylinder radius=".2" length=".1"/></geometry></collision></link>'
     arm = link("arm", ".3 .02 .02", 0.1, 0.0605)
     joints = turning("turn", "foot", "mast") + turning("nod", "mast", "arm", 0.05)
@@ -193,7 +193,7 @@ def test_parts_that_are_near_from_the_start_may_part_and_not_touch(gap_m: float)
 
 
 def test_parts_that_are_near_from_the_start_do_not_pass_through_each_other() -> None:
-    """A foot with two blades without thickness: the rod, as thin, starts half a millimetre beside one of them."""
+    """A foot with two blades without thickness: the equally thin rod starts 0.5 mm beside one of them."""
     arm = link("arm", "1 .0001 .01", 0.5, 0.1)
     joints = turning("turn", "foot", "mast") + turning("nod", "mast", "arm", 0.05)
     foot = '<link name="foot"><collision><geometry><mesh filename="blades"/></geometry></collision></link>'
@@ -209,14 +209,14 @@ def test_parts_that_are_near_from_the_start_do_not_pass_through_each_other() -> 
 
 
 def _standing(x: float, y: float, degrees: float) -> Array:
-    """A triangle of 10 cm by 10 cm that stands along the rod, which has turned by so much."""
+    """Return a triangle of 10 cm by 10 cm that stands along the rod after so much rotation."""
     cos, sin = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
     corners = [(x - 0.05, y, 0.05), (x + 0.05, y, 0.05), (x, y, 0.15)]
     return np.array([(cos * a - sin * b, sin * a + cos * b, c) for a, b, c in corners])
 
 
 def test_a_surface_that_is_near_from_the_start_does_not_go_into_a_mesh() -> None:
-    """The rod as a mesh without its ends, half a millimetre beside a plate that stands."""
+    """The rod as a mesh without its ends, 0.5 mm beside a vertical plate."""
     turned = [(x, y, z) for x in (0.1, 0.9) for y, z in ((-0.01, -0.01), (0.01, -0.01), (0.01, 0.01), (-0.01, 0.01))]
     sides = [(i, (i + 1) % 4) for i in range(4)]
     triangles = np.array([each for i, j in sides for each in ((i, j, j + 4), (i, j + 4, i + 4))])

@@ -1,4 +1,4 @@
-"""Meshes on disk: what was put is got, and what was damaged, or is not ours, is as if it were not there."""
+"""Meshes on disk: stored ones are returned, and damaged or foreign files count as missing."""
 
 import os
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Which parts of a robot are held against each other."""
+"""The pairs of a robot's parts that are checked against each other."""
 
 from linked_fleet_gateway.extensions.world.shapes import robot_of
 

@@ -1,4 +1,4 @@
-"""Places along a way are no further apart than they are said to be."""
+"""Points along a path are no further apart than stated."""
 
 import numpy as np
 import pytest
@@ -17,7 +17,7 @@ ROBOT = robot_of(
     f"<joint name='b' type='continuous'><parent link='one'/><child link='two'/>{MIMIC}</joint></robot>"
 )
 START = {"a": 0.2, "b": -0.4}
-REACH = np.array([[0.05, 0.02]])  # metre that a pair comes nearer by what each joint goes
+REACH = np.array([[0.05, 0.02]])  # m by which a pair comes closer per unit of each joint
 
 steps = st.floats(0.01, 10)
 
@@ -39,7 +39,7 @@ def test_places_of_a_trajectory_are_a_step_apart_at_most(points: list[tuple[floa
 
 
 def test_a_trajectory_that_leaves_a_waypoint_fast_has_no_longer_steps() -> None:
-    """The cubic is three times as fast at its end as its mean, nearly."""
+    """The cubic is almost three times as fast at its end as on average."""
     assert _longest(path(Follow(("a",), (10.0, 10.1), ((1.2,), (2.2,))))) <= STEP_M
 
 

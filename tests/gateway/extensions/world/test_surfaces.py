@@ -1,4 +1,4 @@
-"""Meshes as shapes: which count as their convex hull, what is inside of them, and links that are concave."""
+"""Meshes as collision shapes: convex hulls, interiors, and concave links."""
 
 import math
 import struct
@@ -53,7 +53,7 @@ def test_a_mesh_with_a_vertex_that_is_nowhere_is_refused(value: float) -> None:
 
 # -- links ----------------------------------------------------------------------------------------------------
 
-# A channel that is open at its top, and a rod on a slide that comes down into it and is turned there.
+# A channel that is open at its top, and a rod on a slide that descends into it and is rotated there.
 _CHANNEL = "channel.stl"
 _LIFT = f"""<robot name='lift'>
   <link name='foot'><collision><geometry><mesh filename='{_CHANNEL}'/></geometry></collision></link>
@@ -74,7 +74,7 @@ def _go(start: dict[str, float], ends: dict[str, float]) -> Answer:
 
 @pytest.mark.parametrize("scale", ["1e300 1 1", "1e308 1e308 1e308", "1e7 1e7 1e7", "0 0 0", "1 0 1"])
 def test_a_shape_without_a_size_that_can_be_reckoned_with_is_refused(scale: str) -> None:
-    """Nothing would be near it by comparisons with what is no number."""
+    """Comparisons with NaN would consider nothing near it."""
     urdf = _LIFT.replace("<mesh ", f"<mesh scale='{scale}' ")
     with pytest.raises(ModelError):
         robot_of(urdf, {_CHANNEL}, lambda uri: read(channel()))
@@ -92,5 +92,5 @@ def test_it_meets_the_walls_of_what_it_is_in() -> None:
 
 
 def test_a_part_inside_of_another_is_not_free_to_leave_through_its_surface_unless_it_was_there() -> None:
-    """It begins in the bottom of the channel, where it touches no triangle of it: that is left to itself."""
+    """It begins inside the bottom of the channel, where it touches no triangle: such pairs are not compared."""
     assert isinstance(_go({"lift": -0.075}, {"lift": 0.3}), Free)

@@ -1,4 +1,4 @@
-"""Ways as the agent goes them, which it is asked for here itself."""
+"""Paths as the agent executes them, obtained here from the agent's own code."""
 
 import pytest
 from hypothesis import given

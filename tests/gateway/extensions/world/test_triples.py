@@ -1,4 +1,4 @@
-"""The world as triples for queries: everything that is in it, and what it is once more when nothing has changed."""
+"""The world as triples for queries: complete, and stable if nothing has changed."""
 
 from pathlib import Path
 
@@ -25,7 +25,7 @@ def test_all_that_is_in_the_world_is_told_and_told_anew_when_it_changes(tmp_path
     world = World(live, "unix:///nowhere", settings.namespace, tmp_path)
     view = RequestView(BASE, live.fleet.robots, InvocationsInView(Invocations(), ALL), ALL)
     where = Pose((0.0, 0.0, 1.0), (0.0, 0.0, 0.0, 1.0))
-    for i in range(150):  # more than a page of them shows
+    for i in range(150):  # more than one page shows
         ball = SceneObject(title=f"ball {i}", kind="obstacle", pose=where, geometry=Sphere(0.1))
         world.objects._take(f"ball{i}", encode(ball))
     told = dict(world.triples(view))

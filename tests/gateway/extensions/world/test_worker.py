@@ -1,4 +1,4 @@
-"""Answers of the process that checks motions, and what it keeps for the next check."""
+"""Responses of the process that checks motions, and what it caches for the next check."""
 
 import hashlib
 from pathlib import Path
