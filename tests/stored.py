@@ -17,6 +17,8 @@ from running import PATIENCE_S
 
 T = TypeVar("T")
 LIMIT = 1000
+LEASE_S = 600.0
+"""Lease of the gateways in tests: it lapses when a test passes time, not while a busy machine is slow."""
 HOSTILE = 'x"}\r\nFLUSHALL\r\n\0 running später'
 OUTGOING = Outgoing("/baxter/right_s1/rotation", "v1", "text/turtle", b"\xff\r\n\x00")
 _created_ns = iter(range(10**18, 2 * 10**18))

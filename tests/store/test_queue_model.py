@@ -16,9 +16,9 @@ from hypothesis.stateful import Bundle, RuleBasedStateMachine, initialize, invar
 from linked_fleet_gateway.resources.subscription import Delivery, DeliveryState, Kind, Subscription
 from linked_fleet_gateway.subscriptions.records import read_entry
 from linked_fleet_gateway.subscriptions.redis_keys import Keys
-from linked_fleet_gateway.subscriptions.store import LEASE_S, Backlog, Entry, Lost, Outgoing, Store, StoreUnavailable
+from linked_fleet_gateway.subscriptions.store import Backlog, Entry, Lost, Outgoing, Store, StoreUnavailable
 from redis_backends import Backend, Memory, hold_to
-from stored import LIMIT, CrashedError, a_subscription, adopted, crash_after, held, listed
+from stored import LEASE_S, LIMIT, CrashedError, a_subscription, adopted, crash_after, held, listed
 
 OWNER = "/baxter/right_s1"
 WAITING = Delivery(DeliveryState.WAITING)
@@ -59,7 +59,7 @@ class CallbackQueue(RuleBasedStateMachine):
         super().__init__()
         server.empty()
         self.server, self.run = server, server.run
-        self.observer = Store(server.url, "fleet", "observer")
+        self.observer = Store(server.url, "fleet", "observer", LEASE_S)
         self.living: list[Store] = []
         self.dead: set[str] = set()
         self.leased: set[str] = set()
@@ -92,7 +92,7 @@ class CallbackQueue(RuleBasedStateMachine):
     @rule()
     def start(self) -> None:
         self.count += 1
-        self.living.append(Store(self.server.url, "fleet", f"run-{self.count}"))
+        self.living.append(Store(self.server.url, "fleet", f"run-{self.count}", LEASE_S))
         self.run(self.living[-1].renew())
 
     def die(self, store: Store) -> None:
