@@ -39,8 +39,8 @@ _ONLINE = re.compile(
 )
 _PLACEMENT = re.compile(r"<https://w3id\.org/linked-fleet#placement> <([^>]+)> \.$", re.M)
 _UNKNOWN = "<https://w3id.org/linked-fleet#unknown>"
-# Log lines that a demonstration does not need; the agents try to connect before the gateway listens.
-_CHATTER = re.compile(r"\S+ \S+ (DEBUG |INFO |WARNING agents\.link: nothing answers )")
+# Log lines that a demonstration does not need.
+_CHATTER = re.compile(r"\S+ \S+ (DEBUG |INFO )")
 _PDEATHSIG = 1  # PR_SET_PDEATHSIG of Linux's prctl
 
 

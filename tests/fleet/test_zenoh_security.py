@@ -275,7 +275,7 @@ def test_without_a_certificate_of_the_authority_there_is_no_link(scene: Scene, t
     refused = (theirs, (*ours[:2], *theirs[2:]), (*theirs[:2], *ours[2:]), ("--connect", plain))
     with contextlib.ExitStack() as stack:
         for agent in [stack.enter_context(scene.agent("--robot=c=ur5", *more)) for more in refused]:
-            agent.said("nothing answers")
+            agent.said("no answer from")
             assert presence(scene.browser, "c") is None
     with scene.agent("--robot=c=ur5", *ours):
         live(scene.browser, "c")
@@ -294,7 +294,7 @@ def test_a_robot_takes_no_other_for_its_router(tmp_path: Path) -> None:
         with process(
             "-m", "linked_fleet_agent", "--robot=a=ur5", "--connect", endpoint, *words(folder, "agents/a")
         ) as agent:
-            agent.said("nothing answers")
+            agent.said("no answer from")
             with pytest.raises(zenoh.ZError), linked(endpoint, tls_of(folder, "agents/a")):
                 pass
 
