@@ -5,15 +5,17 @@ any other request, and credentials that have been revoked meanwhile are refused.
 """
 
 import asyncio
+import json
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 from urllib.parse import unquote, urlsplit
 
 from starlette.datastructures import Headers
 from starlette.types import Message, Scope
 
 from linked_fleet_gateway.base.errors import BadRequest
+from linked_fleet_gateway.http.problem import PROBLEM_JSON
 from linked_fleet_gateway.http.request import Connection, gateway_of
 from linked_fleet_gateway.runtime.request_context import present
 
@@ -34,6 +36,18 @@ class Reply:
     status: int
     headers: Headers
     content: bytes
+
+    @property
+    def media_type(self) -> str:
+        return self.headers.get("content-type", "").partition(";")[0].strip().lower()
+
+    @property
+    def problem(self) -> dict[str, Any]:
+        """The problem details of a refusal (RFC 9457); a status and a title if it has none in JSON."""
+        if self.media_type != PROBLEM_JSON:
+            return {"status": self.status, "title": "Refused"}
+        found: dict[str, Any] = json.loads(self.content)
+        return found
 
 
 async def ask(

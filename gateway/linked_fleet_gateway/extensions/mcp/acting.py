@@ -12,7 +12,7 @@ from mcp_types import CallToolResult, ToolAnnotations
 from pydantic import Field
 
 from linked_fleet_gateway.extensions.mcp.asking import Asking
-from linked_fleet_gateway.extensions.mcp.replies import problem_of, refused, told
+from linked_fleet_gateway.extensions.mcp.replies import refused, told
 from linked_fleet_gateway.extensions.mcp.tool import Progress, Target, Tool
 from linked_fleet_gateway.fleet.invocation import Invocation, InvocationState
 from linked_fleet_gateway.http.internal_request import Reply
@@ -59,7 +59,7 @@ class Act(Rehearse):
         if self.rehearse:
             rehearsed = await self._rehearsed(asking)
             if rehearsed.status >= 400:
-                return refused(problem_of(rehearsed), "The rehearsal was refused. Nothing has moved.")
+                return refused(rehearsed.problem, "The rehearsal was refused. Nothing has moved.")
         fields = {"prefer": "respond-async, return=representation"}
         if self.idempotency_key:
             fields["idempotency-key"] = f'"{self.idempotency_key}"'

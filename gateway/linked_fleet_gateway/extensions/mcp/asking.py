@@ -6,13 +6,13 @@ from dataclasses import dataclass
 
 from linked_fleet_gateway.actions.waiting import Waiting
 from linked_fleet_gateway.http.internal_request import Reply, ask
+from linked_fleet_gateway.http.problem import PROBLEM_JSON
 from linked_fleet_gateway.http.request import Request
 from linked_fleet_gateway.resources.branches import Branches, RequestView
 
 KEY = "linked-fleet.asking"
 """The key in ``scope["extensions"]`` of the ``Asking`` of a message."""
 MAX_REPLY_BYTES = 256 * 1024
-PROBLEM = "application/problem+json"
 
 
 @dataclass(frozen=True)
@@ -30,5 +30,5 @@ class Asking:
         self, method: str, target: str, accept: str, fields: Mapping[str, str] | None = None, content: bytes = b""
     ) -> Reply:
         """The answer of the gateway, whose refusals are JSON; BadRequest, ReplyTooLong."""
-        said = {"accept": f"{PROBLEM}, {accept}", **(fields or {})}
+        said = {"accept": f"{PROBLEM_JSON}, {accept}", **(fields or {})}
         return await ask(self.request, method, target, fields=said, content=content, longest=MAX_REPLY_BYTES)

@@ -8,7 +8,7 @@ from pydantic import Field
 
 from linked_fleet_gateway.base.errors import FleetError
 from linked_fleet_gateway.extensions.mcp.asking import Asking
-from linked_fleet_gateway.extensions.mcp.replies import is_text, media_type_of, problem_of, told
+from linked_fleet_gateway.extensions.mcp.replies import is_text, told
 from linked_fleet_gateway.extensions.mcp.tool import Progress, Target, Tool
 from linked_fleet_gateway.http.internal_request import ReplyTooLong
 from linked_fleet_gateway.resources.paths import robot_path
@@ -69,10 +69,10 @@ async def contents(asking: Asking, uri: str) -> types.TextResourceContents:
     except (FleetError, ReplyTooLong) as error:
         raise MCPError(types.INVALID_PARAMS, str(error), {"uri": uri}) from error
     if reply.status != 200:
-        problem = problem_of(reply)
+        problem = reply.problem
         raise MCPError(
             types.INVALID_PARAMS, f"{problem['title']}: {problem.get('detail', '')}", {"uri": uri, **problem}
         )
-    if not is_text(kind := media_type_of(reply)):
+    if not is_text(kind := reply.media_type):
         raise MCPError(types.INVALID_PARAMS, f"This is {kind}; read it by HTTP.", {"uri": uri})
     return types.TextResourceContents(uri=uri, mime_type=kind, text=reply.content.decode())

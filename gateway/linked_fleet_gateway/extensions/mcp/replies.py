@@ -6,17 +6,14 @@ from typing import Any
 
 from mcp_types import CallToolResult, ContentBlock, ImageContent, TextContent
 
-from linked_fleet_gateway.extensions.mcp.asking import PROBLEM
 from linked_fleet_gateway.http.internal_request import Reply
-
-_TEXT = ("application/json", "application/ld+json", "application/td+json", "application/sparql-results+json", PROBLEM)
 
 
 def told(reply: Reply, note: str = "") -> CallToolResult:
     """The content as it is, behind ``note``; a refusal if it is one."""
     if reply.status >= 400:
-        return refused(problem_of(reply), note)
-    media_type, text = media_type_of(reply), ""
+        return refused(reply.problem, note)
+    media_type, text = reply.media_type, ""
     content: list[ContentBlock] = [TextContent(text=note)] if note else []
     if media_type.startswith("image/"):
         content.append(ImageContent(data=b64encode(reply.content).decode(), mime_type=media_type))
@@ -28,20 +25,8 @@ def told(reply: Reply, note: str = "") -> CallToolResult:
     return CallToolResult(content=content, structured_content=value if isinstance(value, dict) else None)
 
 
-def media_type_of(reply: Reply) -> str:
-    return reply.headers.get("content-type", "").partition(";")[0].strip().lower()
-
-
 def is_text(media_type: str) -> bool:
-    return media_type.startswith("text/") or media_type in _TEXT
-
-
-def problem_of(reply: Reply) -> dict[str, Any]:
-    """The problem details of a refusal."""
-    if media_type_of(reply) != PROBLEM:
-        return {"status": reply.status, "title": "Refused"}
-    found: dict[str, Any] = json.loads(reply.content)
-    return found
+    return media_type.startswith("text/") or media_type.endswith("json")
 
 
 def refused(problem: dict[str, Any], note: str = "") -> CallToolResult:
