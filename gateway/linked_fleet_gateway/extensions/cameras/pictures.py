@@ -131,13 +131,14 @@ class Pictures:
                 async with asyncio.timeout(rest_s):
                     await followed.joined.wait()
 
-    def _find(self, path: str) -> RobotCamera | None:
+    def find(self, path: str) -> RobotCamera | None:
+        """The camera at a path, if there is one."""
         found = self._live.tree("").resolve(path)
         return found.remote if isinstance(found, Resource) and isinstance(found.remote, RobotCamera) else None
 
     async def _see(self, path: str, wanted: set[PictureFormat]) -> dict[str, Picture]:
         """Return the available pictures by format; errors of the camera or robot are ignored."""
-        source, seen = self._find(path), dict[str, Picture]()
+        source, seen = self.find(path), dict[str, Picture]()
         for format in sorted(wanted) if source is not None else ():
             assert source is not None
             with suppress(Offline, AgentSilent, Busy):

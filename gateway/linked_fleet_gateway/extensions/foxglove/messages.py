@@ -1,23 +1,19 @@
-"""Messages in the schemas of Foxglove, encoded by ``foxglove-sdk``; those of frames through templates. Pure; SI units.
+"""Messages in the schemas of Foxglove, encoded by ``foxglove-sdk``. Pure; SI units.
 
 A joint that nobody knows the position of has NaN, and a link whose pose is unknown no transform.
 """
 
-import time
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
-from linked_fleet_agent.wire.codec import WireError, layout, read_header
-from linked_fleet_agent.wire.messages import Base
+from linked_fleet_agent.wire.messages import State
 from linked_fleet_gateway.base.lazy_imports import Lazily
-from linked_fleet_gateway.extensions.foxglove.template import Floats, Template, clamped
-from linked_fleet_gateway.extensions.history.track import Joints, wall_ns
 from linked_fleet_gateway.extensions.world.scene import Box, Cylinder, SceneObject, Sphere, TriangleMesh
 from linked_fleet_gateway.fleet.invocation import Invocation
-from linked_fleet_gateway.fleet.kinematics import ORIGIN, LinkPoses, compose, placed
+from linked_fleet_gateway.fleet.kinematics import LinkPoses, compose
 from linked_fleet_gateway.fleet.model import Pose
+from linked_fleet_gateway.fleet.robot import Robot
+from linked_fleet_gateway.fleet.xml import Quaternion, Vector
 
 if TYPE_CHECKING:
     from foxglove import Schema
@@ -28,123 +24,72 @@ else:
 WORLD_FRAME = "world"
 STATES, TRANSFORMS, POSE = FRAMES = "joint_states", "tf", "pose"
 LOG, EVENTS = "log", "invocations"
+OF_ROBOT = (*FRAMES, LOG, EVENTS)
+SCENE, PICTURES = "/world/objects", "cameras"
+LATEST_NS = 2**32 * 10**9 - 1
+"""The latest time that a stamp of Foxglove can say, in 2106."""
 MESH_BYTES = 4 * 2**20
 """Bytes of all meshes in one message; a mesh for which there is no room is left out."""
-Number = Callable[[], float]
-_VALUES_AT = next(field.offset for field in layout(1, False) if field.name == "positions")
-_BASE_VALUES = 13
 _COLORS = {"obstacle": (0.5, 0.5, 0.55, 0.9), "zone": (0.9, 0.1, 0.1, 0.3)}
 
 
 def schemas() -> "dict[str, Schema]":
-    """The schemas of the channels that each robot has."""
-    kinds: tuple[Any, ...] = (fox.JointStates, fox.FrameTransforms, fox.PoseInFrame, fox.Log, fox.Event)
-    return {what: kind.get_schema() for what, kind in zip((*FRAMES, LOG, EVENTS), kinds, strict=True)}
+    """The schemas of messages by the kind of their channels."""
+    of_robot = (fox.JointStates, fox.FrameTransforms, fox.PoseInFrame, fox.Log, fox.Event)
+    kinds: tuple[Any, ...] = (*of_robot, fox.SceneUpdate, fox.CompressedImage)
+    return {what: kind.get_schema() for what, kind in zip((*OF_ROBOT, SCENE, PICTURES), kinds, strict=True)}
 
 
-def stamp_of(stamp_ns: int) -> "fox.Timestamp":
-    return fox.Timestamp(*divmod(clamped(stamp_ns), 10**9))
+def joint_states(joints: Iterable[str], state: State) -> bytes:
+    """``joints``: names in the order of the numbers of ``state``."""
+    rows = zip(joints, state.positions, state.velocities, state.efforts, strict=True)
+    found = [fox.JointState(name=name, position=p, velocity=v, effort=e) for name, p, v, e in rows]
+    return fox.JointStates(timestamp=_stamp(state.wall_ns), joints=found).encode()
 
 
-class FrameEncoder:
-    """Encodes the frames of one run of a robot. ``placement``: where its world is in the world, None if unknown;
-    ``about``: the description that the ``joints`` are of; ``frame``: the one that was shown last."""
-
-    def __init__(self, robot: str, joints: Joints, about: object = None) -> None:
-        self._robot, self.joints, self.about = robot, joints, about
-        self.frame: bytes | None = None
-        self._due_s = 0.0
-        self._states = Template(self._encode_states)
-        self._linked: tuple[str, ...] = ()
-        self._transforms = Template(lambda stamp_ns, number: b"")
-        self._parent = ""
-
-    def contents(
-        self, frame: bytes, placement: Pose | None, every_s: float = 0.0, of: Collection[str] = FRAMES
-    ) -> dict[str, bytes]:
-        """Messages of a frame by channel, with transforms and poses every ``every_s`` alone. Raises WireError."""
-        values, stamp_ns, now_s = self.values(frame), wall_ns(frame), time.monotonic()
-        found = {STATES: self.joint_states(values, stamp_ns)} if STATES in of else {}
-        if now_s >= self._due_s and (TRANSFORMS in of or POSE in of):
-            self._due_s = max(self._due_s + every_s, now_s)
-            if poses := self.poses(values, placement):
-                found[TRANSFORMS] = self.transforms(poses, placement, stamp_ns)
-                found[POSE] = self.pose(poses, placement, stamp_ns)
-        return {what: content for what, content in found.items() if what in of}
-
-    def values(self, frame: bytes) -> Floats:
-        """The numbers of a frame. Raises WireError."""
-        read_header(frame)
-        count = _BASE_VALUES * self.joints.floating + 3 * len(self.joints.names)
-        if len(frame) != _VALUES_AT + 8 * count:
-            raise WireError(f"a frame of {len(frame)} bytes does not have {count} values")
-        values = np.frombuffer(frame, "<f8", offset=_VALUES_AT)
-        if np.isinf(values).any():
-            raise WireError("a value is infinite")
-        return values
-
-    def joint_states(self, values: Floats, stamp_ns: int) -> bytes:
-        rows = values[_BASE_VALUES * self.joints.floating :].reshape(3, len(self.joints.names))
-        return self._states.fill(stamp_ns, rows.T.ravel())
-
-    def poses(self, values: Floats, placement: Pose | None) -> dict[str, Pose]:
-        """The poses of the links that are known, the root first."""
-        joints = self.joints
-        root, first = ORIGIN, _BASE_VALUES * joints.floating
-        if joints.floating:
-            b = values[:_BASE_VALUES].tolist()
-            found = placed(Base(tuple(b[:3]), tuple(b[3:7]), tuple(b[7:10]), tuple(b[10:])))
-            if found is None:
-                return {}
-            root = found
-        positions = dict(zip(joints.names, values[first : first + len(joints.names)].tolist(), strict=True))
-        links = LinkPoses(joints.model, positions, root if placement is None else compose(placement, root))
-        poses = {link: links.of(link) for link in (joints.model.root, *joints.model.links)}
-        return {link: pose for link, pose in poses.items() if pose is not None}
-
-    def transforms(self, poses: Mapping[str, Pose], placement: Pose | None, stamp_ns: int) -> bytes:
-        """All links in the frame of the world, or that of the robot's own world if nobody has placed it there."""
-        linked, parent = tuple(poses), self._frame(placement)
-        if (linked, parent) != (self._linked, self._parent):
-            self._linked, self._parent = linked, parent
-            self._transforms = Template(self._encode_transforms)
-        numbers = [each for pose in poses.values() for each in (*pose.position_m, *pose.orientation_xyzw)]
-        return self._transforms.fill(stamp_ns, np.array(numbers))
-
-    def pose(self, poses: Mapping[str, Pose], placement: Pose | None, stamp_ns: int) -> bytes:
-        """The pose of the root link."""
-        pose = _pose(poses[self.joints.model.root])
-        return fox.PoseInFrame(timestamp=stamp_of(stamp_ns), frame_id=self._frame(placement), pose=pose).encode()
-
-    def _frame(self, placement: Pose | None) -> str:
-        return f"{self._robot}/{WORLD_FRAME}" if placement is None else WORLD_FRAME
-
-    def _encode_states(self, stamp_ns: int, number: Number) -> bytes:
-        joints = [
-            fox.JointState(name=name, position=number(), velocity=number(), effort=number())
-            for name in self.joints.names
-        ]
-        return fox.JointStates(timestamp=stamp_of(stamp_ns), joints=joints).encode()
-
-    def _encode_transforms(self, stamp_ns: int, number: Number) -> bytes:
-        found = [
-            fox.FrameTransform(
-                timestamp=stamp_of(stamp_ns), parent_frame_id=self._parent, child_frame_id=f"{self._robot}/{link}",
-                translation=fox.Vector3(x=number(), y=number(), z=number()),
-                rotation=fox.Quaternion(x=number(), y=number(), z=number(), w=number()),
-            )
-            for link in self._linked
-        ]  # fmt: skip
-        return fox.FrameTransforms(transforms=found).encode()
+def frame_of(robot: str, placement: Pose | None) -> str:
+    """Name of the frame in which the links are: the world, or the robot's own one if nobody has placed it there."""
+    return f"{robot}/{WORLD_FRAME}" if placement is None else WORLD_FRAME
 
 
-def picture(frame_id: str, content: bytes, format: str, stamp_ns: int) -> bytes:
-    return fox.CompressedImage(timestamp=stamp_of(stamp_ns), frame_id=frame_id, data=content, format=format).encode()
+def link_poses(robot: Robot, placement: Pose | None) -> dict[str, Pose]:
+    """The poses of the links that are known, in ``frame_of``, the root first; empty while that of the root is not."""
+    model = robot.model
+    root = None if model is None else robot.link_pose(model.root)
+    if model is None or root is None:
+        return {}
+    links = LinkPoses(model, robot.positions, root if placement is None else compose(placement, root))
+    found = {link: links.of(link) for link in (model.root, *model.links)}
+    return {link: pose for link, pose in found.items() if pose is not None}
+
+
+def transforms(robot: str, poses: Mapping[str, Pose], frame: str, stamp_ns: int) -> bytes:
+    """``poses``: of links in ``frame``."""
+    stamp = _stamp(stamp_ns)
+    found = [
+        fox.FrameTransform(
+            timestamp=stamp,
+            parent_frame_id=frame,
+            child_frame_id=f"{robot}/{link}",
+            translation=_vector(each.position_m),
+            rotation=_quaternion(each.orientation_xyzw),
+        )
+        for link, each in poses.items()
+    ]
+    return fox.FrameTransforms(transforms=found).encode()
+
+
+def pose(place: Pose, frame: str, stamp_ns: int) -> bytes:
+    return fox.PoseInFrame(timestamp=_stamp(stamp_ns), frame_id=frame, pose=_pose(place)).encode()
+
+
+def picture(frame: str, content: bytes, format: str, stamp_ns: int) -> bytes:
+    return fox.CompressedImage(timestamp=_stamp(stamp_ns), frame_id=frame, data=content, format=format).encode()
 
 
 def log(robot: str, message: str, warning: bool, stamp_ns: int) -> bytes:
     level = fox.LogLevel.Warning if warning else fox.LogLevel.Info
-    return fox.Log(timestamp=stamp_of(stamp_ns), level=level, message=message, name=robot).encode()
+    return fox.Log(timestamp=_stamp(stamp_ns), level=level, message=message, name=robot).encode()
 
 
 def event(robot: str, invocation: Invocation, stamp_ns: int) -> bytes:
@@ -153,51 +98,59 @@ def event(robot: str, invocation: Invocation, stamp_ns: int) -> bytes:
     if invocation.robot == robot:
         said |= {"id": invocation.id, "client": invocation.client, "reason": invocation.reason}
         said |= {"progress": f"{invocation.progress:.2f}"}
-    pairs = [fox.KeyValuePair(key=key, value=value) for key, value in said.items() if value]
-    begin = stamp_of(invocation.created_ns)
-    return fox.Event(start_time=begin, end_time=stamp_of(max(stamp_ns, invocation.created_ns)), metadata=pairs).encode()
+    begin, end = _stamp(invocation.created_ns), _stamp(max(stamp_ns, invocation.created_ns))
+    return fox.Event(start_time=begin, end_time=end, metadata=_pairs(said)).encode()
 
 
 def scene(objects: Mapping[str, SceneObject], stamp_ns: int) -> bytes:
     """All objects and zones, in place of those before."""
-    stamp, room = stamp_of(stamp_ns), MESH_BYTES
-    entities = list[fox.SceneEntity]()
+    stamp, room, entities = _stamp(stamp_ns), MESH_BYTES, list[fox.SceneEntity]()
     for id, thing in objects.items():
-        said = [fox.KeyValuePair(key="title", value=thing.title), fox.KeyValuePair(key="kind", value=thing.kind)]
         size = len(thing.geometry.stl) if isinstance(thing.geometry, TriangleMesh) else 0
-        if size > room:
-            continue
-        room -= size
-        entities.append(
-            fox.SceneEntity(timestamp=stamp, frame_id=WORLD_FRAME, id=id, metadata=said, **_primitives(thing))
-        )
+        if size <= room:
+            room -= size
+            said = _pairs({"title": thing.title, "kind": thing.kind})
+            entity = fox.SceneEntity(timestamp=stamp, frame_id=WORLD_FRAME, id=id, metadata=said, **_primitives(thing))
+            entities.append(entity)
     gone = fox.SceneEntityDeletion(timestamp=stamp, type=fox.SceneEntityDeletionType.All)
     return fox.SceneUpdate(deletions=[gone], entities=entities).encode()
 
 
 def _primitives(thing: SceneObject) -> dict[str, Any]:
     (r, g, b, a), form = _COLORS[thing.kind], thing.geometry
-    pose, color = _pose(thing.pose), fox.Color(r=r, g=g, b=b, a=a)
+    look: dict[str, Any] = {"pose": _pose(thing.pose), "color": fox.Color(r=r, g=g, b=b, a=a)}
     match form:
         case Box():
-            x, y, z = form.size_m
-            return {"cubes": [fox.CubePrimitive(pose=pose, size=fox.Vector3(x=x, y=y, z=z), color=color)]}
+            return {"cubes": [fox.CubePrimitive(size=_vector(form.size_m), **look)]}
         case Sphere():
-            width = 2 * form.radius_m
-            cube = fox.Vector3(x=width, y=width, z=width)
-            return {"spheres": [fox.SpherePrimitive(pose=pose, size=cube, color=color)]}
+            return {"spheres": [fox.SpherePrimitive(size=_vector((2 * form.radius_m,) * 3), **look)]}
         case Cylinder():
-            size = fox.Vector3(x=2 * form.radius_m, y=2 * form.radius_m, z=form.length_m)
-            whole = fox.CylinderPrimitive(pose=pose, size=size, bottom_scale=1.0, top_scale=1.0, color=color)
-            return {"cylinders": [whole]}
+            size = _vector((2 * form.radius_m, 2 * form.radius_m, form.length_m))
+            return {"cylinders": [fox.CylinderPrimitive(size=size, bottom_scale=1.0, top_scale=1.0, **look)]}
         case TriangleMesh():
-            scale = fox.Vector3(x=1.0, y=1.0, z=1.0)
-            model = fox.ModelPrimitive(
-                pose=pose, scale=scale, color=color, override_color=True, media_type="model/stl", data=form.stl
-            )
-            return {"models": [model]}
+            look |= {"scale": _vector((1.0, 1.0, 1.0)), "override_color": True}
+            return {"models": [fox.ModelPrimitive(media_type="model/stl", data=form.stl, **look)]}
+
+
+def _pairs(said: Mapping[str, str]) -> "list[fox.KeyValuePair]":
+    """Those that have a value."""
+    return [fox.KeyValuePair(key=key, value=value) for key, value in said.items() if value]
+
+
+def _stamp(stamp_ns: int) -> "fox.Timestamp":
+    """The stamp, or the nearest that a message can have: the clock of a robot may say anything."""
+    return fox.Timestamp(*divmod(min(max(stamp_ns, 0), LATEST_NS), 10**9))
 
 
 def _pose(pose: Pose) -> "fox.Pose":
-    (x, y, z), (i, j, k, w) = pose.position_m, pose.orientation_xyzw
-    return fox.Pose(position=fox.Vector3(x=x, y=y, z=z), orientation=fox.Quaternion(x=i, y=j, z=k, w=w))
+    return fox.Pose(position=_vector(pose.position_m), orientation=_quaternion(pose.orientation_xyzw))
+
+
+def _vector(value: Vector) -> "fox.Vector3":
+    x, y, z = value
+    return fox.Vector3(x=x, y=y, z=z)
+
+
+def _quaternion(value: Quaternion) -> "fox.Quaternion":
+    x, y, z, w = value
+    return fox.Quaternion(x=x, y=y, z=z, w=w)

@@ -2,7 +2,6 @@
 
 import struct
 from base64 import b64encode
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -11,6 +10,8 @@ from msgspec import Meta, Struct
 from websockets.frames import Opcode
 
 from linked_fleet_gateway.http.websocket import frame
+from linked_fleet_gateway.resources.action_offer import Offer
+from linked_fleet_gateway.resources.json_form import form_of_input
 
 if TYPE_CHECKING:
     from foxglove import Schema
@@ -63,7 +64,7 @@ class Call:
 
 @dataclass(frozen=True)
 class Channel:
-    """``robot``: None for what is not of one robot; ``what``: the last part of its topic, or a camera."""
+    """``robot``: None for what is not of one robot; ``what``: the kind of its messages."""
 
     id: int
     topic: str
@@ -71,8 +72,7 @@ class Channel:
     robot: str | None
     what: str
 
-    @property
-    def advertised(self) -> dict[str, Any]:
+    def advertised(self, base: str) -> dict[str, Any]:
         schema, encoding = b64encode(self.schema.data).decode(), self.schema.encoding
         said = {"id": self.id, "topic": self.topic, "encoding": encoding, "schemaEncoding": encoding}
         return said | {"schemaName": self.schema.name, "schema": schema}
@@ -80,20 +80,22 @@ class Channel:
 
 @dataclass(frozen=True)
 class Service:
-    """``action``: path of the action that a call invokes; ``request``: JSON Schema of the content of a call."""
+    """A call invokes the action that is offered; what takes no body stops. ``robot``: as of a channel."""
 
     id: int
-    action: str
+    offer: Offer
     robot: str | None
-    stops: bool
-    request: Mapping[str, Any]
 
     @property
-    def advertised(self) -> dict[str, Any]:
-        name = self.action.replace("/actions/", "/")
-        kind = name.rpartition("/")[2]
-        said = {"id": self.id, "name": name, "type": kind}
-        for what, schema in (("request", self.request), ("response", _ANSWER)):
+    def stops(self) -> bool:
+        return not self.offer.takes_body
+
+    def advertised(self, base: str) -> dict[str, Any]:
+        """With the schema of its requests, which are those of the action at ``base``."""
+        kind = self.offer.definition.segment
+        said: dict[str, Any] = {"id": self.id, "name": self.offer.path.replace("/actions/", "/"), "type": kind}
+        request = {"type": "object"} if self.stops else form_of_input(self.offer, base).schema
+        for what, schema in (("request", request), ("response", _ANSWER)):
             text = msgspec.json.encode(schema).decode()
             form = {"encoding": JSON, "schemaName": f"{kind}_{what}", "schemaEncoding": "jsonschema", "schema": text}
             said[what] = form

@@ -2,6 +2,7 @@
 
 import asyncio
 import itertools
+from collections import defaultdict
 from collections.abc import Awaitable, Callable, Iterable, Mapping
 from contextlib import suppress
 
@@ -9,9 +10,8 @@ import msgspec
 
 from linked_fleet_gateway.base.errors import FleetError
 from linked_fleet_gateway.extensions.foxglove import protocol
-from linked_fleet_gateway.extensions.foxglove.catalogue import SPEED, Catalogue, may_see, parameters
+from linked_fleet_gateway.extensions.foxglove.catalogue import SPEED, Catalogue, may_see
 from linked_fleet_gateway.extensions.foxglove.protocol import Call, Channel, NotUnderstood, Parameter, Request, Service
-from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.http.conversation import Conversation, Ended
 from linked_fleet_gateway.http.internal_request import Reply, ReplyTooLong, ask
 from linked_fleet_gateway.runtime.cancellation import end
@@ -23,24 +23,17 @@ _AT_ONCE = 100  # channels in one message
 _FIELDS = {"content-type": "application/json", "accept": "application/json"}
 
 
-class _Problem(msgspec.Struct):
-    detail: str = ""
-
-
 class Session:
     """``subscribed``: channels by the ids of its subscriptions; ``told``: the state that it was sent last, by channel.
     ``rewatch`` is called when it has subscribed to something else."""
 
-    def __init__(
-        self, conversation: Conversation, catalogue: Catalogue, robots: Mapping[str, Robot], rewatch: Callable[[], None]
-    ) -> None:
+    def __init__(self, conversation: Conversation, catalogue: Catalogue, rewatch: Callable[[], None]) -> None:
         self.conversation = conversation
         self.subscribed: dict[int, int] = {}
         self.told: dict[int, bytes] = {}
         self.news = asyncio.Event()
-        self._caller, self._catalogue, self._robots = conversation.websocket.caller, catalogue, robots
-        self._rewatch = rewatch
-        self._seen: dict[str, set[int]] = {}
+        self._caller, self._catalogue, self._rewatch = conversation.websocket.caller, catalogue, rewatch
+        self._seen = defaultdict[str, set[int]](set)
         self._followed: dict[str, Parameter | None] = {}
         self._calls: dict[asyncio.Task[None], bool] = {}
 
@@ -75,19 +68,19 @@ class Session:
     async def _advertise(
         self, new: str, gone: str, member: str, ids: str, all: Mapping[int, Channel] | Mapping[int, Service]
     ) -> None:
+        base = self.conversation.websocket.base
         found = {id: each for id, each in all.items() if may_see(self._caller, each.robot)}
-        seen = self._seen.setdefault(member, set())
+        seen = self._seen[member]
         if left := seen - found.keys():
             seen -= left
             await self._say(gone, **{ids: sorted(left)})
         fresh = iter(sorted(found.keys() - seen))
         while portion := list(itertools.islice(fresh, _AT_ONCE)):
             seen.update(portion)
-            await self._say(new, **{member: [found[id].advertised for id in portion]})
+            await self._say(new, **{member: [found[id].advertised(base) for id in portion]})
 
     def _parameters(self) -> dict[str, Parameter]:
-        seen = [each for each in self._robots.values() if each.model is not None and may_see(self._caller, each.name)]
-        return {each.name: each for robot in seen for each in parameters(robot)}
+        return self._catalogue.parameters(self._caller)
 
     async def _take(self, message: str | bytes) -> None:
         try:
@@ -116,7 +109,7 @@ class Session:
                 self._followed = {name: each for name, each in self._followed.items() if name not in names}
 
     def _subscribe(self, wanted: Iterable[protocol.Wanted]) -> None:
-        wrong, taken, seen = [], set(self.subscribed.values()), self._seen.get("channels", set())
+        wrong, taken, seen = [], set(self.subscribed.values()), self._seen["channels"]
         for each in wanted:
             if each.channel_id not in seen or each.channel_id in taken or each.id in self.subscribed:
                 wrong.append(each.channel_id)
@@ -145,7 +138,7 @@ class Session:
         await self._get(names, request.id)
 
     async def _call(self, call: Call) -> None:
-        service = self._catalogue.services.get(call.service) if call.service in self._seen.get("services", ()) else None
+        service = self._catalogue.services.get(call.service) if call.service in self._seen["services"] else None
         if service is None:
             await self._fail(call, "There is no such service.")
         elif call.encoding != protocol.JSON:
@@ -153,7 +146,7 @@ class Session:
         elif sum(stops == service.stops for stops in self._calls.values()) >= MOST_CALLS:
             await self._fail(call, "Too many calls are under way; wait for their answers.")
         else:
-            task = asyncio.create_task(_until_ended(self._answer(service, call)), name=f"call of {service.action}")
+            task = asyncio.create_task(_until_ended(self._answer(service, call)), name=f"call of {service.offer.path}")
             self._calls[task] = service.stops
             task.add_done_callback(self._calls.pop)
 
@@ -161,7 +154,7 @@ class Session:
         await self._say("serviceCallFailure", serviceId=call.service, callId=call.id, message=message)
 
     async def _answer(self, service: Service, call: Call) -> None:
-        reply = await self._ask("POST", service.action, b"" if service.stops else call.content or b"{}")
+        reply = await self._ask("POST", service.offer.path, b"" if service.stops else call.content or b"{}")
         if isinstance(reply, str):
             await self._fail(call, reply)
             return
@@ -174,13 +167,7 @@ class Session:
             reply = await ask(self.conversation.websocket, method, path, fields=_FIELDS, content=content)
         except (FleetError, ReplyTooLong) as error:
             return str(error)
-        if reply.status < 400:
-            return reply
-        try:
-            detail = msgspec.json.decode(reply.content, type=_Problem).detail
-        except msgspec.DecodeError:
-            detail = "refused"
-        return f"{reply.status}: {detail}"
+        return reply if reply.status < 400 else f"{reply.status}: {reply.problem.get('detail', 'refused')}"
 
 
 async def _until_ended(work: Awaitable[None]) -> None:

@@ -5,18 +5,17 @@ import struct
 from collections.abc import Mapping
 from typing import Any
 
-import numpy as np
+import msgspec
 import pytest
 from foxglove import messages as fox
 
 from foxglove_messages import decoded
-from linked_fleet_agent.wire.codec import WireError, encode_state
+from linked_fleet_agent.wire.codec import encode_state, layout
 from linked_fleet_agent.wire.messages import Base, State
 from linked_fleet_gateway.extensions.foxglove import messages
-from linked_fleet_gateway.extensions.foxglove.messages import FrameEncoder
-from linked_fleet_gateway.extensions.foxglove.template import LATEST_NS, Template
-from linked_fleet_gateway.extensions.history.track import Joints, joints_of
+from linked_fleet_gateway.extensions.foxglove.messages import LATEST_NS
 from linked_fleet_gateway.extensions.world.scene import Box, Cylinder, Kind, SceneObject, Sphere, TriangleMesh
+from linked_fleet_gateway.fleet.events import Described, Framed
 from linked_fleet_gateway.fleet.invocation import Invocation, InvocationState
 from linked_fleet_gateway.fleet.model import Pose
 
@@ -35,26 +34,16 @@ def read(kind: Any, content: bytes) -> Any:
     return decoded(schema.name, schema.data, content)
 
 
-def frame(positions: tuple[float, ...], base: Base | None = None) -> bytes:
-    zero = (0.0,) * len(positions)
-    return encode_state(
-        State(
-            incarnation=1, sequence=1, monotonic_ns=1, wall_ns=STAMP_NS, positions=positions, velocities=zero,
-            efforts=(math.nan,) * len(positions), base=base,
-        )
+def state(positions: tuple[float, ...], base: Base | None = None, run: int = 1) -> State:
+    return State(
+        incarnation=run, sequence=9, monotonic_ns=1, wall_ns=STAMP_NS, positions=positions,
+        velocities=(0.0,) * len(positions), efforts=(math.nan,) * len(positions), base=base,
     )  # fmt: skip
 
 
-@pytest.fixture
-def encoder(bench: Any) -> FrameEncoder:
-    joints = joints_of(bench.robot(_JOINTS))
-    assert joints is not None
-    return FrameEncoder("r", joints)
-
-
-def test_joint_states_have_a_name_and_three_numbers_for_each_joint(encoder: FrameEncoder) -> None:
+def test_joint_states_have_a_name_and_three_numbers_for_each_joint() -> None:
     for positions in ((0.5, 0.25), (0.0, math.nan)):
-        states = read(fox.JointStates, encoder.joint_states(encoder.values(frame(positions)), STAMP_NS))
+        states = read(fox.JointStates, messages.joint_states(("pan", "lift"), state(positions)))
         assert (states.timestamp.seconds, states.timestamp.nanos) == divmod(STAMP_NS, 10**9)
         assert [each.name for each in states.joints] == ["pan", "lift"]
         assert [each.position for each in states.joints] == pytest.approx(list(positions), nan_ok=True)
@@ -62,10 +51,10 @@ def test_joint_states_have_a_name_and_three_numbers_for_each_joint(encoder: Fram
         assert all(math.isnan(each.effort) for each in states.joints)
 
 
-def transforms(encoder: FrameEncoder, content: bytes, placement: Pose | None) -> Mapping[str, Any]:
-    values = encoder.values(content)
-    poses = encoder.poses(values, placement)
-    found = read(fox.FrameTransforms, encoder.transforms(poses, placement, STAMP_NS)).transforms
+def transforms(bench: Any, positions: tuple[float, ...], placement: Pose | None) -> Mapping[str, Any]:
+    poses = messages.link_poses(bench.robot(_JOINTS, positions), placement)
+    content = messages.transforms("r", poses, messages.frame_of("r", placement), STAMP_NS)
+    found = read(fox.FrameTransforms, content).transforms
     assert all(each.timestamp.seconds == STAMP_NS // 10**9 for each in found)
     return {each.child_frame_id: each for each in found}
 
@@ -74,61 +63,52 @@ def vector(each: Any) -> tuple[float, ...]:
     return each.translation.x, each.translation.y, each.translation.z
 
 
-def test_transforms_are_of_all_links_whose_pose_is_known(encoder: FrameEncoder) -> None:
-    found = transforms(encoder, frame((math.pi / 2, 0.5)), AT)
+def test_transforms_are_of_all_links_whose_pose_is_known(bench: Any) -> None:
+    found = transforms(bench, (math.pi / 2, 0.5), AT)
     assert set(found) == {"r/base", "r/pan_link", "r/lift_link"}
     assert {each.parent_frame_id for each in found.values()} == {"world"}
     assert vector(found["r/base"]) == (1.0, 2.0, 3.0)
     assert vector(found["r/lift_link"]) == pytest.approx((1.0, 2.0, 4.5))
     assert found["r/pan_link"].rotation.z == pytest.approx(math.sqrt(0.5))
-    assert set(transforms(encoder, frame((0.0, math.nan)), AT)) == {"r/base", "r/pan_link"}
-    assert set(transforms(encoder, frame((0.0, 0.0)), AT)) == {"r/base", "r/pan_link", "r/lift_link"}
+    assert set(transforms(bench, (0.0, math.nan), AT)) == {"r/base", "r/pan_link"}
+    assert set(transforms(bench, (0.0, 0.0), AT)) == {"r/base", "r/pan_link", "r/lift_link"}
 
 
-def test_a_robot_that_nobody_has_placed_stands_in_a_world_of_its_own(encoder: FrameEncoder) -> None:
-    found = transforms(encoder, frame((0.0, 0.0)), None)
+def test_a_robot_that_nobody_has_placed_stands_in_a_world_of_its_own(bench: Any) -> None:
+    found = transforms(bench, (0.0, 0.0), None)
     assert {each.parent_frame_id for each in found.values()} == {"r/world"}
     assert vector(found["r/base"]) == (0.0, 0.0, 0.0)
 
 
 def test_the_base_of_a_floating_robot_is_placed(bench: Any) -> None:
-    fixed = joints_of(bench.robot({"pan": ("continuous", "")}))
-    assert fixed is not None
-    encoder = FrameEncoder("r", Joints(fixed.model, fixed.names, True))
-    still = (0.0, 0.0, 0.0)
-    values = encoder.values(frame((0.0,), Base((0.5, 0.0, 0.0), (0.0, 0.0, 0.0, 2.0), still, still)))
-    poses = encoder.poses(values, AT)
-    pose = read(fox.PoseInFrame, encoder.pose(poses, AT, STAMP_NS))
+    robot, still = bench.robot({"pan": ("continuous", "")}, None), (0.0, 0.0, 0.0)
+    changed = msgspec.structs.replace(robot.description, base="floating", layout=layout(1, True))
+    bench.fleet.apply(Described(changed), 1)
+
+    def poses(position: tuple[float, float, float], sequence: int) -> dict[str, Pose]:
+        base = Base(position, (0.0, 0.0, 0.0, 2.0), still, still)
+        one = msgspec.structs.replace(state((0.0,), base, robot.incarnation), sequence=sequence)
+        bench.fleet.apply(Framed("r", encode_state(one)), 1)
+        return messages.link_poses(robot, AT)
+
+    found = poses((0.5, 0.0, 0.0), 1)
+    pose = read(fox.PoseInFrame, messages.pose(found["base"], messages.frame_of("r", AT), STAMP_NS))
     assert (pose.frame_id, pose.pose.position.x, pose.pose.orientation.w) == ("world", 1.5, 1.0)
-    nowhere = encoder.values(frame((0.0,), Base((math.nan,) * 3, (0.0, 0.0, 0.0, 1.0), still, still)))  # type: ignore[arg-type]
-    assert encoder.poses(nowhere, AT) == {}
+    assert poses((math.nan,) * 3, 2) == {}  # type: ignore[arg-type]
 
 
-@pytest.mark.parametrize("bad", [b"", b"x" * 41, frame((0.0,)), frame((0.0, 0.0)) + b"x"])
-def test_a_frame_of_another_length_is_refused(encoder: FrameEncoder, bad: bytes) -> None:
-    with pytest.raises(WireError):
-        encoder.values(bad)
-
-
-def test_a_frame_with_an_infinite_value_is_refused(encoder: FrameEncoder) -> None:
-    with pytest.raises(WireError):
-        encoder.values(frame((0.0, 0.0))[:-8] + struct.pack("<d", math.inf))
+def test_of_a_frame_with_an_infinite_value_nothing_is_known(bench: Any) -> None:
+    robot = bench.robot(_JOINTS, None)
+    good = encode_state(state((0.0, 0.0), run=robot.incarnation))
+    bench.fleet.apply(Framed("r", good[:-8] + struct.pack("<d", math.inf)), 1)
+    assert robot.payload is not None and robot.frame is None
+    assert messages.link_poses(robot, AT) == {}
 
 
 @pytest.mark.parametrize(("stamp_ns", "said"), [(2**63, LATEST_NS), (-1, 0), (0, 0), (LATEST_NS + 1, LATEST_NS)])
 def test_an_absurd_stamp_is_clamped(stamp_ns: int, said: int) -> None:
     stamp = read(fox.Log, messages.log("r", "x", False, stamp_ns)).timestamp
     assert stamp.seconds * 10**9 + stamp.nanos == said
-
-
-def test_a_template_says_what_was_encoded_whatever_the_numbers() -> None:
-    def encode(stamp_ns: int, number: Any) -> bytes:
-        return fox.Vector3(x=number(), y=number(), z=1.0).encode()
-
-    template = Template(encode)
-    for numbers in ((0.0, -0.0), (1e-300, math.nan), (-1.5, 2.0)):
-        said = read(fox.Vector3, template.fill(5, np.array(numbers)))
-        assert (said.x, said.y, said.z) == pytest.approx((*numbers, 1.0), nan_ok=True)
 
 
 def test_pictures_logs_and_events() -> None:
