@@ -2,12 +2,27 @@
 
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
+from dataclasses import dataclass, replace
 from functools import partial
 
+from starlette.responses import Response
+
 from linked_fleet_gateway.extensions.openapi.document import PATH, TYPE, Documents
-from linked_fleet_gateway.extensions.openapi.http import Described, read_description, resolve
 from linked_fleet_gateway.http.extension import Core, Extension, Mount
-from linked_fleet_gateway.resources.branches import FleetBranch
+from linked_fleet_gateway.http.preconditions import await_preconditions
+from linked_fleet_gateway.http.read import read
+from linked_fleet_gateway.http.request import Request
+from linked_fleet_gateway.rdf.serialise import JSON
+from linked_fleet_gateway.rdf.vocabulary import LDP
+from linked_fleet_gateway.resources.branches import FleetBranch, Found, RequestView
+from linked_fleet_gateway.resources.resource import Resource
+
+
+@dataclass(frozen=True)
+class Described:
+    """The gateway as the caller sees it."""
+
+    view: RequestView
 
 
 class OpenApiExtension(Extension):
@@ -16,6 +31,20 @@ class OpenApiExtension(Extension):
 
     @asynccontextmanager
     async def start(self, core: Core) -> AsyncIterator[Mount]:
-        branch = FleetBranch(PATH[1:], None, resolve, link=("service-desc", TYPE))
+        branch = FleetBranch(PATH[1:], None, _resolve, link=("service-desc", TYPE))
         documents = Documents(core.operations)
-        yield Mount(branches=(branch,), readers={Described: partial(read_description, documents)})
+        yield Mount(branches=(branch,), readers={Described: partial(_read, documents)})
+
+
+def _resolve(view: RequestView, rest: list[str]) -> Found:
+    types = (LDP.Resource,)
+    return None if rest else Resource(PATH, "OpenAPI", None, types, remote=Described(view), followed=False)
+
+
+async def _read(documents: Documents, request: Request, resource: Resource, of: Described) -> Response:
+    """The description, made for who asks, or 304; NotAcceptable, PreconditionFailed."""
+    body = await documents.of(of.view)
+    made = replace(resource, documents={media_type: lambda: body for media_type in (TYPE, JSON)})
+    response = read(request, made)
+    await await_preconditions(request, made)
+    return response

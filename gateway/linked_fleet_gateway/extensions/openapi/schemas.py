@@ -6,8 +6,8 @@ things, each of which has limits of its own.
 
 import json
 import re
-from collections.abc import Iterable
-from functools import reduce
+from collections.abc import Callable, Iterable
+from functools import partial, reduce
 from typing import Any
 
 from linked_fleet_gateway.resources.json_form import Json
@@ -26,7 +26,7 @@ def union(schemas: Iterable[Json]) -> Json:
 
 def unnamed(schema: Json, base: str) -> Json:
     """The schema with any IRI in the place of those below ``base``, of which a large fleet has too many."""
-    found = {name: _unnamed_within(value, base) for name, value in schema.items()}
+    found = {name: _within(value, partial(unnamed, base=base)) for name, value in schema.items()}
     if "properties" in schema and "type" not in schema:  # a branch
         named = {name: each for name, each in schema["properties"].items() if not _is_named(each, base)}
         return found | {"properties": named}
@@ -39,8 +39,8 @@ def closed(schema: Json) -> Json:
     Each alternative is a whole object, because generators of clients take no part of one for what it is.
     """
     if schema.get("type") != "object":
-        return {name: _closed_within(value) for name, value in schema.items()}
-    whole = {name: _closed_within(value) for name, value in schema.items() if name != "oneOf"}
+        return {name: _within(value, closed) for name, value in schema.items()}
+    whole = {name: _within(value, closed) for name, value in schema.items() if name != "oneOf"}
     whole["additionalProperties"] = False
     if not (branches := _few(schema.get("oneOf", []))):
         return whole
@@ -104,16 +104,11 @@ def _middle(schema: Json) -> float:
     return float(round(low + (high - low) * 0.4, 3))
 
 
-def _closed_within(value: Any) -> Any:
+def _within(value: Any, change: Callable[[Json], Json]) -> Any:
+    """The value with all schemas in it changed."""
     if isinstance(value, dict):
-        return closed(value)
-    return [_closed_within(each) for each in value] if isinstance(value, list) else value
-
-
-def _unnamed_within(value: Any, base: str) -> Any:
-    if isinstance(value, dict):
-        return unnamed(value, base)
-    return [_unnamed_within(each, base) for each in value] if isinstance(value, list) else value
+        return change(value)
+    return [_within(each, change) for each in value] if isinstance(value, list) else value
 
 
 def _is_named(schema: Json, base: str) -> bool:
