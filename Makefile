@@ -192,11 +192,11 @@ $(ASSETS): face/package.json face/build face/build.mjs $(wildcard face/src/*) | 
 	@echo "Bundling the scripts of the pages. The first time fetches their packages."
 	@face/build $(BIN)/python
 
-# The client of the Web of Things that the tests set on the fleet, and the schema of Thing Descriptions.
+# The clients of others that the tests set on the fleet (Web of Things, Foxglove, MCP), and the schema of Thing Descriptions.
 node-wot: $(NODE_WOT)
 
 $(NODE_WOT): tests/things/package.json | $(ASSETS)
-	@echo "Fetching node-wot for the tests of neighbours."
+	@echo "Fetching the clients of others for the tests of neighbours."
 	@cd tests/things && PATH="$(abspath $(BIN)):$$PATH" npm install --no-package-lock --ignore-scripts --no-audit --no-fund --silent
 	@touch $@
 

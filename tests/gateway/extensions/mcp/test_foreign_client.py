@@ -1,15 +1,26 @@
-"""The client of the SDK as a black box: it discovers a robot, moves it, is refused at 100 degrees, and cancels."""
+"""Clients of others as black boxes: that of the SDK, the command line of the official inspector, the conformance suite.
+
+They discover a robot, move it, are refused at 100 degrees, and cancel.
+"""
 
 import asyncio
+import json
+import os
+import subprocess
 from collections.abc import Iterator
+from contextlib import closing
+from pathlib import Path
+from typing import Any
 
 import pytest
 from mcp.client.client import Client
 from mcp_types import CallToolResult, TextContent
 
-from running import eventually, process
+from browser import Browser
+from running import PATIENCE_S, eventually, process
 from small_fleet import Place, live
 from speaking import DEGREE
+from wot import HERE, node
 
 pytestmark = [pytest.mark.processes, pytest.mark.test_all]
 JOINT = "/panda/panda_joint4"
@@ -22,7 +33,9 @@ ERAS = ("legacy", "2026-07-28")
 def root(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
     place = Place(tmp_path_factory.mktemp("mcp"))
     agent = ("-m", "linked_fleet_agent", "--robot=panda", "--connect", place.zenoh)
-    with place.gateway() as (_, browser), process(*agent):
+    sessions = ("--mcp-sessions-per-client", "100")  # the suite ends none of its own
+    with process(*place.command(), *sessions) as gateway, closing(Browser(place.root)) as browser, process(*agent):
+        gateway.said("serving")
         live(browser, "panda")
         body = {"value": -100, "unit": DEGREE}
         eventually(lambda: not _called(place.root, "rehearse", action=ROTATE, body=body).is_error, "a world to move in")
@@ -97,3 +110,117 @@ def test_it_cancels(root: str, era: str) -> None:
 def _cancelled(root: str) -> int:
     """Return the number of cancelled invocations of the action."""
     return _text(_called(root, "read", target=f"{ROTATE}/invocations", format="turtle")).count("lf:cancelled")
+
+
+# -- the command line of the inspector ------------------------------------------------------------------------------
+
+
+class Inspector:
+    """``mcp-inspector --cli`` with a home of its own."""
+
+    def __init__(self, root: str, home: Path) -> None:
+        program = HERE / "node_modules/@modelcontextprotocol/inspector/clients/launcher/build/index.js"
+        self._command = [node(), str(program), "--cli", root + "mcp", "--transport", "http"]
+        self._environment = os.environ | {"HOME": str(home)}
+
+    def start(self, method: str, *more: str) -> "subprocess.Popen[str]":
+        return subprocess.Popen(
+            [*self._command, "--method", method, *more],
+            env=self._environment,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+
+    def run(self, method: str, *more: str) -> dict[str, Any]:
+        with self.start(method, *more) as child:
+            said, errors = child.communicate(timeout=PATIENCE_S)
+        found: dict[str, Any] = json.loads(said or errors)
+        return found
+
+    def call(self, tool: str, **arguments: object) -> dict[str, Any]:
+        return self.run(*self.words(tool, **arguments))
+
+    @staticmethod
+    def words(tool: str, **arguments: object) -> list[str]:
+        return ["tools/call", "--tool-name", tool, "--tool-args-json", json.dumps(arguments)]
+
+
+@pytest.fixture
+def inspector(root: str, tmp_path: Path) -> Inspector:
+    return Inspector(root, tmp_path)
+
+
+def _told(result: dict[str, Any]) -> str:
+    return "\n".join(each["text"] for each in result["content"])
+
+
+def test_the_inspector_discovers_and_moves_a_robot(inspector: Inspector, root: str) -> None:
+    tools = [each["name"] for each in inspector.run("tools/list")["tools"]]
+    assert tools == ["find", "read", "query", "rehearse", "act", "stop"]
+    (action,) = inspector.call("find", text="joint4 absolute", kind="action")["structuredContent"]["items"]
+    result = inspector.call("act", action=action["iri"], body={"value": -70, "unit": DEGREE})
+    assert not result.get("isError") and "succeeded" in _told(result)
+    value = _called(root, "read", target=f"{JOINT}/rotation").structured_content["value"]
+    assert value == pytest.approx(-70 * 3.14159265 / 180, abs=0.02)
+
+
+def test_the_inspector_is_refused_with_the_reason(inspector: Inspector) -> None:
+    result = inspector.call("act", action=ROTATE, body={"value": 100, "unit": DEGREE})
+    assert result["isError"] is True and "100 must be at most -3.999" in _told(result)
+    assert result["structuredContent"]["status"] == 422
+
+
+def test_a_motion_outlives_an_inspector_that_is_killed_and_is_stopped_by_another(
+    inspector: Inspector, root: str
+) -> None:
+    """With sessions a lost connection is no cancellation (revision 2025-11-25, basic/transports)."""
+    iri = _killed_while_it_moves(inspector, root, -100)
+    assert _state(root, iri) == "running"
+    result = inspector.call("stop", target=iri)
+    assert not result.get("isError") and "Done" in _told(result)
+    eventually(lambda: _state(root, iri) == "cancelled", "the end of the motion")
+
+
+def test_without_sessions_killing_the_inspector_cancels_the_motion(inspector: Inspector, root: str) -> None:
+    """A request ends with its stream (revision 2026-07-28)."""
+    iri = _killed_while_it_moves(inspector, root, -30, "--protocol-era", "modern")
+    eventually(lambda: _state(root, iri) == "cancelled", "the end of the motion")
+
+
+def _killed_while_it_moves(inspector: Inspector, root: str, degrees: float, *more: str) -> str:
+    """The IRI of a slow motion that an inspector has begun, and whose end it does not live to see."""
+    body = {"value": degrees, "unit": DEGREE, "speedScale": 0.02}
+    child = inspector.start(*inspector.words("act", action=ROTATE, body=body), *more)
+    with child:
+        iri = eventually(lambda: _running(root), "a motion")
+        child.kill()
+    return iri
+
+
+def _running(root: str) -> str | None:
+    said = json.loads(_text(_called(root, "read", target=f"{ROTATE}/invocations", format="jsonld")))
+    nodes = said.get("@graph", [said])
+    return next((str(each["@id"]) for each in nodes if each.get("lf:state") == {"@id": "lf:running"}), None)
+
+
+def _state(root: str, iri: str) -> str:
+    found = _called(root, "read", target=iri).structured_content
+    return str(found["state"]).rpartition("#")[2]
+
+
+# -- the conformance suite --------------------------------------------------------------------------------------------
+
+
+def test_the_scenarios_of_the_conformance_suite_that_apply_hold(root: str, tmp_path: Path) -> None:
+    """Those that do not apply are listed in ``conformance.yml``: they fail, or the suite says that one is no more."""
+    program = HERE / "node_modules/@modelcontextprotocol/conformance/dist/index.js"
+    baseline = Path(__file__).with_name("conformance.yml")
+    command = [node(), program, "server", "--url", root + "mcp", "--suite", "all", "--expected-failures", baseline]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=PATIENCE_S * 4, check=False)
+    assert done.returncode == 0, done.stdout[-5000:] + done.stderr[-2000:]
+    passed = {line.split()[1].rstrip(":") for line in done.stdout.splitlines() if line.startswith("✓")}
+    assert passed >= {
+        "server-initialize", "ping", "tools-list", "resources-list", "server-sse-multiple-streams",
+        "dns-rebinding-protection",
+    }  # fmt: skip
