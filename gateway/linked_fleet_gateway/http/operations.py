@@ -13,17 +13,41 @@ from linked_fleet_gateway.resources.json_form import Json
 JSONLD, TURTLE = "application/ld+json", "text/turtle"
 Parameters = Mapping[str, Json]
 """Schemas of the parameters of a path by their names."""
+MOST_NAMES = 256
+"""The most names that are listed for one parameter or member. Of more, only the form is said."""
+CHANGED: Json = {"204": {"description": "Changed."}}
+ID: Json = {"type": "string", "format": "uuid"}
 _ALWAYS = ("400", "404", "406", "421", "429", "500", "503")
 _READS, _WRITES = ("304", "412"), ("409", "412", "413", "415", "422", "504")
 DESCRIBED: Json = {JSONLD: {"schema": {"$ref": "#/components/schemas/JsonLd"}}, TURTLE: {}}
 
 
-def reading(id: str, summary: str, schema: Json | None = None, **more: Any) -> Json:
-    """GET of a resource that is described in RDF, and in plain JSON if there is a ``schema`` of that."""
-    words = ["jsonld"] if schema is None else ["json", "jsonld"]
+def reading(
+    id: str,
+    summary: str,
+    schema: Json | None = None,
+    files: Mapping[str, str] | None = None,
+    parameters: Sequence[Json] = (),
+    **more: Any,
+) -> Json:
+    """GET of a resource that is described in RDF, and in plain JSON if there is a ``schema`` of that; ``files``: other
+    media types by the words for ``?as=``."""
+    words = [*(["jsonld"] if schema is None else ["json", "jsonld"]), *(files or ())]
     picks = parameter("as", "query", {"type": "string", "enum": words, "default": words[0]}, PICKS)
-    plain = {} if schema is None else {JSON: {"schema": schema}}
-    return document(id, summary, {**plain, **DESCRIBED}, [picks, header("IfMatch"), header("IfNoneMatch")], **more)
+    content = {} if schema is None else {JSON: {"schema": schema}}
+    content |= DESCRIBED | {media_type: {} for media_type in (files or {}).values()}
+    return document(id, summary, content, [picks, header("IfMatch"), header("IfNoneMatch"), *parameters], **more)
+
+
+def described(
+    template: str, parameters: Parameters, id: str, title: str, get: Json | None = None, **methods: Json
+) -> dict[str, Json]:
+    """The path items of a resource and of its blueprint; ``get`` if it is read otherwise than by ``reading``."""
+    blueprint = reading(f"read{id}Blueprint", f"Shapes: {title}")
+    return {
+        template: path_item(parameters, get=get or reading(f"read{id}", title), **methods),
+        f"{template}/blueprint": path_item(parameters, get=blueprint),
+    }
 
 
 def document(id: str, summary: str, content: Json, parameters: Sequence[Json] = (), **more: Any) -> Json:
@@ -58,6 +82,22 @@ def patching(id: str, summary: str) -> Json:
     body = {PATCH_TYPES[0]: {"schema": {"type": "string", "minLength": 1}}}
     done = {"204": {"description": "Changed."}}
     return writing(id, summary, done, body, (header("IfMatch"), header("LockToken")))
+
+
+def created(description: str) -> Json:
+    """The answer to who made something."""
+    return {"201": {"description": description, "headers": {"Location": ref("headers", "Location")}}}
+
+
+def names(found: Iterable[str]) -> Json:
+    """The schema of a segment of a path: one of these."""
+    listed = list(dict.fromkeys(found))
+    return {"type": "string", "enum": listed} if 0 < len(listed) <= MOST_NAMES else {"type": "string", "minLength": 1}
+
+
+def segment(path: str) -> str:
+    """The last segment of a path."""
+    return path.strip("/").rpartition("/")[2]
 
 
 def errors(statuses: Iterable[str]) -> Json:

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 from linked_fleet_gateway.http.operations import (
     DESCRIBED,
+    ID,
     Parameters,
     header,
     parameter,
@@ -16,7 +17,6 @@ from linked_fleet_gateway.rdf.serialise import JSON
 from linked_fleet_gateway.resources.action_offer import Offer
 from linked_fleet_gateway.resources.json_form import Json
 
-_ID: Json = {"type": "string", "format": "uuid"}
 _FORMAT: Json = {"type": "string", "enum": ["json", "jsonld"], "default": "json"}
 _PICKS = "The format of what is sent."
 PICK = parameter("as", "query", _FORMAT, _PICKS)
@@ -29,7 +29,7 @@ def action_paths(
 ) -> dict[str, Json]:
     """The action at ``template`` and all below it; ``offers``: of the things that have it."""
     definition = offers[0].definition
-    one = {**parameters, "invocation": _ID}
+    one = {**parameters, "invocation": ID}
     listed, read = f"{template}/invocations", f"{template}/invocations/{{invocation}}"
     done: Json = {"204": {"description": "The robot holds."}}
     cancel = reading(f"describeCancel{name}", "Describe how to cancel it, while it goes on")

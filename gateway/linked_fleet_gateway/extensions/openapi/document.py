@@ -10,6 +10,7 @@ from typing import Any
 
 from linked_fleet_gateway.extensions.openapi.components import components
 from linked_fleet_gateway.extensions.openapi.fleet import FleetPaths
+from linked_fleet_gateway.extensions.openapi.schemas import closed
 from linked_fleet_gateway.http.extension import Operations
 from linked_fleet_gateway.http.operations import document, errors, path_item, reading, writing
 from linked_fleet_gateway.rdf.serialise import JSON
@@ -89,13 +90,19 @@ def _written(base: str, secured: bool, fleet: FleetPaths, more: Mapping[str, Map
 
 
 def _completed(item: Mapping[str, Any], secured: bool) -> Json:
-    """A path item with the answers that any resource gives."""
+    """A path item with the answers that any resource gives, whose bodies in JSON say no more than is named."""
     common = errors((*_ALWAYS, *(_SECURED if secured else ("403",))))
     found = dict(item)
-    for method in _METHODS:
-        if method in found:
-            found[method] = found[method] | {"responses": common | found[method]["responses"]}
+    for method in found.keys() & _METHODS:
+        operation = found[method] = found[method] | {"responses": common | found[method]["responses"]}
+        if body := operation.get("requestBody"):
+            content = {kind: each | _closed(kind, each) for kind, each in body["content"].items()}
+            operation["requestBody"] = body | {"content": content}
     return found
+
+
+def _closed(media_type: str, body: Json) -> Json:
+    return {"schema": closed(body["schema"])} if media_type == JSON and "schema" in body else {}
 
 
 def _own_paths() -> dict[str, Json]:

@@ -7,19 +7,23 @@ from pyoxigraph import NamedNode
 
 from linked_fleet_gateway.extensions.openapi.actions import PICK, action_paths, begun, capitalized
 from linked_fleet_gateway.extensions.openapi.components import ANNOTATIONS, LOCK_TOKEN
-from linked_fleet_gateway.extensions.openapi.schemas import closed, example, hoisted, names, union, unnamed
+from linked_fleet_gateway.extensions.openapi.schemas import closed, example, hoisted, union, unnamed
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.http.links import LINKSET_TYPES
 from linked_fleet_gateway.http.operations import (
+    CHANGED,
     JSONLD,
     Parameters,
+    described,
     document,
     header,
+    names,
     parameter,
     patching,
     path_item,
     reading,
     ref,
+    segment,
     writing,
 )
 from linked_fleet_gateway.rdf.serialise import JSON
@@ -35,7 +39,6 @@ from linked_fleet_gateway.resources.setting import Setting
 _MOST_NAMED = 8
 """The most robots whose joints are named in bodies."""
 _MOST_FORMS = 256
-_CHANGED: Json = {"204": {"description": "Changed."}}
 
 
 @dataclass
@@ -77,17 +80,17 @@ class FleetPaths:
 
     def add(self, robot: Robot) -> None:
         """Robots without a description that could be read have no parts and no properties."""
-        name = _segment(robot_path(robot.name))
+        name = segment(robot_path(robot.name))
         self._robots.note(name)
         if robot.model is None:
             return
         own = robot_properties(robot, lambda path: NamedNode(self._base + path))
         self._note(name, "", "", own, robot_offers(robot))
         for joint in robot.model.joints.values():
-            part = _segment(joint_path(robot.name, joint.name))
+            part = segment(joint_path(robot.name, joint.name))
             self._note(name, part, "joint", joint_properties(robot, joint), joint_offers(robot, joint))
         for link in robot.model.links.values():
-            part = _segment(link_path(robot.name, robot.model, link.name))
+            part = segment(link_path(robot.name, robot.model, link.name))
             self._note(name, part, "link", link_properties(robot, link), ())
 
     def _note(self, robot: str, part: str, kind: str, items: Iterable[Property], offers: Iterable[Offer]) -> None:
@@ -104,7 +107,7 @@ class FleetPaths:
 
     def paths(self) -> Iterator[tuple[str, Json]]:
         """Path items by their templates. Schemas of many joints are made: each takes about a millisecond."""
-        yield from _thing("/", {}, "Fleet")
+        yield from _thing("/", {}, "Fleet").items()
         for offer in fleet_offers():
             name = capitalized(offer.definition.segment)
             yield from action_paths(offer.path, name, {}, [offer], self._body(name, [offer], form_of_input)).items()
@@ -114,17 +117,17 @@ class FleetPaths:
         if not self._robots.robots:
             return
         robots = self._robots.parameters()
-        yield from _thing("/{robot}/", robots, "Robot")
-        yield from _lease(robots)
+        yield from _thing("/{robot}/", robots, "Robot").items()
+        yield from _lease(robots).items()
         if self._parts.parts:
-            yield from _thing(self._parts.template(""), self._parts.parameters(), "Part")
-        for (_, segment), alike in self._properties.items():
-            yield from self._property(alike, segment)
-        for (in_part, segment), alike in self._actions.items():
+            yield from _thing(self._parts.template(""), self._parts.parameters(), "Part").items()
+        for (_, called), alike in self._properties.items():
+            yield from self._property(alike, called).items()
+        for (in_part, called), alike in self._actions.items():
             # A robot and its joints may have actions of one name.
-            name = capitalized(segment) + ("OfRobot" if not in_part and (True, segment) in self._actions else "")
+            name = capitalized(called) + ("OfRobot" if not in_part and (True, called) in self._actions else "")
             body = self._body(name, alike.offers, form_of_input)
-            template, parameters = alike.template(f"/actions/{segment}"), alike.parameters()
+            template, parameters = alike.template(f"/actions/{called}"), alike.parameters()
             yield from action_paths(template, name, parameters, alike.offers, body).items()
 
     def _body(self, name: str, offers: list[Offer], form: Callable[[Offer, str], Form]) -> Json | None:
@@ -153,14 +156,14 @@ class FleetPaths:
                 found.setdefault((robot and robot.name, *own), each)
         return list(found.values())
 
-    def _property(self, alike: _Alike, segment: str) -> Iterator[tuple[str, Json]]:
-        item, parameters, template = alike.items[0], alike.parameters(), alike.template(f"/{segment}")
+    def _property(self, alike: _Alike, called: str) -> dict[str, Json]:
+        item, parameters, template = alike.items[0], alike.parameters(), alike.template(f"/{called}")
         (*_, owner), form = parameters, form_of(item.shape)
-        of = capitalized(owner) + capitalized(segment)
+        of, title = capitalized(owner) + capitalized(called), f"The {called} of a {owner}"
         schema = None
         if form.fields:
             self.schemas[of], schema = form.schema, ref("schemas", of)
-        methods = {"get": reading(f"read{of}", f"The {segment} of a {owner}", schema)}
+        methods = {"get": reading(f"read{of}", title, schema)}
         if puts := [each.put for each in alike.items if isinstance(each.put, Offer)]:
             body = self._body(of, puts, form_of_target)
             answers = begun(capitalized(puts[0].definition.segment), parameters)
@@ -168,49 +171,38 @@ class FleetPaths:
             methods["put"] = writing(f"put{of}", "Command the joint to a position", answers, {JSON: body or {}}, fields)
         elif isinstance(item.put, Setting):
             methods |= self._setting(of, item.put)
-        yield template, path_item(parameters, **methods)
-        get = reading(f"read{of}Blueprint", "Shape of the property")
-        yield f"{template}/blueprint", path_item(parameters, get=get)
+        return described(template, parameters, of, title, **methods)
 
     def _setting(self, of: str, setting: Setting) -> Mapping[str, Json]:
         shape, fields = setting.shape, (header("IfMatch"), header("LockToken"))
         self.schemas[f"{of}Input"] = ANNOTATIONS if shape is None else closed(form_of(shape).schema)
         body = {JSONLD if shape is None else JSON: {"schema": ref("schemas", f"{of}Input")}}
         found = {
-            "put": writing(f"put{of}", "Replace it", _CHANGED, body, fields),
+            "put": writing(f"put{of}", "Replace it", CHANGED, body, fields),
             "patch": patching(f"patch{of}", "Change it by a SPARQL update"),
         }
-        removed = writing(f"delete{of}", "Take it back", _CHANGED, None, fields)
+        removed = writing(f"delete{of}", "Take it back", CHANGED, None, fields)
         return found | ({"delete": removed} if setting.removable else {})
 
 
-def _segment(path: str) -> str:
-    return path.strip("/").rpartition("/")[2]
-
-
-def _thing(template: str, parameters: Parameters, kind: str) -> Iterator[tuple[str, Json]]:
+def _thing(template: str, parameters: Parameters, kind: str) -> dict[str, Json]:
     stem, linkset = template.rstrip("/"), {LINKSET_TYPES[0]: {"schema": {"type": "object", "required": ["linkset"]}}}
-    yield template, path_item(parameters, get=reading(f"read{kind}", f"{kind}: what it is, has and can do"))
-    yield f"{stem}/blueprint", path_item(parameters, get=reading(f"read{kind}Blueprint", f"Shapes of a {kind.lower()}"))
+    whole, blueprint = described(stem, parameters, kind, f"{kind}: what it is, has and can do").values()
     get = document(f"read{kind}Links", f"Links of a {kind.lower()} (RFC 9264)", linkset)
-    yield f"{stem}/linkset", path_item(parameters, get=get)
+    links = path_item(parameters, get=get)
+    return {template: whole, f"{stem}/blueprint": blueprint, f"{stem}/linkset": links}
 
 
-def _lease(robots: Parameters) -> Iterator[tuple[str, Json]]:
-    schema = closed(form_of(LF.ControlLeaseInput).schema)
+def _lease(robots: Parameters) -> dict[str, Json]:
+    schema = form_of(LF.ControlLeaseInput).schema
     taken = {"204": {"description": "Control is yours.", "headers": {"Lock-Token": ref("headers", "LockToken")}}}
     body = {JSON: {"schema": schema, "examples": {"a minute": {"value": {"holder": "a planner", "duration": 60}}}}}
-    token, proof = (
-        header("LockToken"),
-        parameter("Lock-Token", "header", LOCK_TOKEN, "As it came.", required=True),
-    )
-    yield (
+    proof = parameter("Lock-Token", "header", LOCK_TOKEN, "As it came.", required=True)
+    return described(
         "/{robot}/lease",
-        path_item(
-            robots,
-            get=reading("readLease", "Control of a robot: who has it, and until when"),
-            put=writing("takeLease", "Take or renew control", taken, body, (token, header("IfMatch"))),
-            delete=writing("releaseLease", "Release control", {"204": {"description": "Released."}}, None, (proof,)),
-        ),
+        robots,
+        "Lease",
+        "Control of a robot: who has it, and until when",
+        put=writing("takeLease", "Take or renew control", taken, body, (header("LockToken"), header("IfMatch"))),
+        delete=writing("releaseLease", "Release control", {"204": {"description": "Released."}}, None, (proof,)),
     )
-    yield "/{robot}/lease/blueprint", path_item(robots, get=reading("readLeaseBlueprint", "Shape of a lease"))

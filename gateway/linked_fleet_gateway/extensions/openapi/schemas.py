@@ -12,8 +12,6 @@ from typing import Any
 
 from linked_fleet_gateway.resources.json_form import Json
 
-MOST_NAMES = 256
-"""The most names that are listed for one parameter or member. Of more, only the form is said."""
 _MOST_BRANCHES = 16
 _LOWER, _UPPER = ("minimum", "exclusiveMinimum"), ("maximum", "exclusiveMaximum")
 _URI: Json = {"type": "string", "format": "uri"}
@@ -89,12 +87,6 @@ def example(schema: Json) -> Any:
     if schema.get("type") in ("number", "integer"):
         return _middle(schema)
     return "Linked Fleet"
-
-
-def names(found: Iterable[str]) -> Json:
-    """The schema of a segment of a path: one of these."""
-    listed = list(dict.fromkeys(found))
-    return {"type": "string", "enum": listed} if 0 < len(listed) <= MOST_NAMES else {"type": "string", "minLength": 1}
 
 
 def _middle(schema: Json) -> float:

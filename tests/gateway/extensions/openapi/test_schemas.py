@@ -2,7 +2,8 @@
 
 from jsonschema import Draft202012Validator
 
-from linked_fleet_gateway.extensions.openapi.schemas import closed, example, hoisted, names, union, unnamed
+from linked_fleet_gateway.extensions.openapi.schemas import closed, example, hoisted, union, unnamed
+from linked_fleet_gateway.http.operations import names
 from linked_fleet_gateway.resources.json_form import Json
 
 DEG, RAD = "http://unit/DEG", "http://unit/RAD"
