@@ -3,6 +3,7 @@
 import base64
 import binascii
 from collections.abc import Sequence
+from functools import cache
 
 from pyoxigraph import NamedNode, Triple
 
@@ -23,6 +24,7 @@ from linked_fleet_gateway.rdf.graph import Node
 from linked_fleet_gateway.rdf.unused import refuse
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, LF, RDF
 from linked_fleet_gateway.resources.action_body import Body
+from linked_fleet_gateway.resources.json_form import Field, Form, Value, form_of
 from linked_fleet_gateway.resources.placement import read_pose, read_vector
 from linked_fleet_gateway.resources.setting import judged
 
@@ -33,6 +35,16 @@ PREDICATES_OF_GEOMETRY: dict[Node, tuple[NamedNode, ...]] = {
     LF.TriangleMesh: (LF.stl, LF.mesh),
 }
 """Predicates of each type of geometry."""
+
+_KINDS = {each.value: each for each in (LF.Obstacle, LF.KeepOutZone)}
+
+
+@cache
+def object_form() -> Form:
+    """The form of an object in plain JSON: what its shape names, and which of both kinds it is."""
+    kind = Value({"type": "string", "enum": list(_KINDS)}, terms=_KINDS)
+    known = form_of(LF.SceneObjectInput).fields
+    return Form((*known, Field("kind", (RDF.type,), kind, most=1, description="an obstacle, if nothing is said")))
 
 
 def read_object(

@@ -9,18 +9,19 @@ from pyoxigraph import Literal, Triple
 from starlette.responses import Response
 
 from linked_fleet_gateway.base.errors import BadRequest, NotFound
-from linked_fleet_gateway.extensions.world.body import read_object
+from linked_fleet_gateway.extensions.world.body import object_form, read_object
 from linked_fleet_gateway.extensions.world.describe import OBJECTS, POSES, describe_posed, object_path
 from linked_fleet_gateway.extensions.world.resources import AskPose, PostObject, PutObject
 from linked_fleet_gateway.extensions.world.scene import SceneObject
 from linked_fleet_gateway.extensions.world.service import World
-from linked_fleet_gateway.http.body import body_type, parse_body, read_as
+from linked_fleet_gateway.http.body import body_type, parse_body, parse_form, read_as
 from linked_fleet_gateway.http.invoke import refuse_rehearsal
 from linked_fleet_gateway.http.offload import Offload
 from linked_fleet_gateway.http.patch import patched, read_patch
 from linked_fleet_gateway.http.preconditions import present_under_preconditions
 from linked_fleet_gateway.http.read import read
 from linked_fleet_gateway.http.request import Request
+from linked_fleet_gateway.rdf.serialise import JSON
 from linked_fleet_gateway.rdf.unused import shown
 from linked_fleet_gateway.rdf.vocabulary import LF
 from linked_fleet_gateway.resources.placement import WORLD
@@ -72,9 +73,11 @@ async def _change(request: Request, iri: str) -> Callable[[Resource], list[Tripl
 
 
 async def _read(request: Request, iri: str) -> list[Triple]:
-    media_type = body_type(request)
+    media_type = body_type(request, PostObject.body_types)
 
     def parse(content: bytes) -> list[Triple]:
+        if media_type == JSON:
+            return parse_form(content, media_type, iri, request.base, object_form, MAX_TRIPLES)
         return parse_body(content, media_type, iri, request.base, MAX_TRIPLES, {LF.stl: MAX_BODY_BYTES})
 
     return await read_as(request, parse, MAX_BODY_BYTES)

@@ -18,7 +18,7 @@ from linked_fleet_gateway.extensions.world.describe import (
 from linked_fleet_gateway.extensions.world.scene import SceneObject, TriangleMesh
 from linked_fleet_gateway.identity.rights import Right
 from linked_fleet_gateway.rdf.vocabulary import LDP, LF
-from linked_fleet_gateway.resources.affordance import BODY_TYPES
+from linked_fleet_gateway.resources.affordance import FORM_TYPES
 from linked_fleet_gateway.resources.branches import Found, RequestView
 from linked_fleet_gateway.resources.placement import PLACEMENT, WORLD
 from linked_fleet_gateway.resources.resource import CONTAINER, Resource, blueprint_of
@@ -32,7 +32,7 @@ class PostObject:
     """Add an object to the world."""
 
     methods: ClassVar[tuple[str, ...]] = ("POST",)
-    body_types: ClassVar[tuple[str, ...]] = BODY_TYPES
+    body_types: ClassVar[tuple[str, ...]] = FORM_TYPES
     reads: ClassVar[bool] = False
     needs: ClassVar[tuple[Right, ...]] = (Right.ADMIN,)
 
@@ -43,7 +43,7 @@ class PutObject:
 
     id: str
     methods: ClassVar[tuple[str, ...]] = ("PUT", "PATCH", "DELETE")
-    body_types: ClassVar[tuple[str, ...]] = BODY_TYPES
+    body_types: ClassVar[tuple[str, ...]] = FORM_TYPES
     reads: ClassVar[bool] = False
     needs: ClassVar[tuple[Right, ...]] = (Right.ADMIN,)
 
