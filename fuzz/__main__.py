@@ -8,7 +8,7 @@ import time
 from fuzz.findings import Tally
 
 SHARES = {
-    "wire": 0.52,
+    "wire": 0.5,
     "bodies": 0.2,
     "http": 0.1,
     "sockets": 0.02,
@@ -17,6 +17,7 @@ SHARES = {
     "ros2": 0.05,
     "identities": 0.02,
     "mcp": 0.02,
+    "openapi": 0.02,
 }
 """Share of inputs per target: such that each takes about the same time, and more where more can go wrong."""
 

@@ -30,6 +30,7 @@ COUNTS = {
     "foxglove": 250,
     "identities": 300,
     "mcp": 250,
+    "openapi": 250,
 }
 PURE = {"wire", "bodies", "ros2"}
 SERVED = (pytest.mark.processes, pytest.mark.test_all)
