@@ -37,7 +37,8 @@ def client(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
 
 def _generate(folder: Path, description: bytes) -> None:
     (folder / "openapi.json").write_bytes(description)
-    texts = "content_type_overrides:\n  application/sparql-update: application/octet-stream\n"
+    sparql = "".join(f"  application/sparql-{each}: application/octet-stream\n" for each in ("query", "update"))
+    texts = f"content_type_overrides:\n{sparql}"
     (folder / "config.yml").write_text(f"package_name_override: {_NAME}\nliteral_enums: true\npost_hooks: []\n{texts}")
     tool = str(Path(sys.executable).parent / "openapi-python-client")
     said = [tool, "generate", "--path", "openapi.json", "--config", "config.yml", "--meta", "none", "--fail-on-warning"]

@@ -3,6 +3,7 @@
 Motions are really made, by a simulated robot. With OPENAPI_EXAMPLES set, all operations are tried with drawn cases.
 """
 
+import json
 import os
 import subprocess
 import sys
@@ -10,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+from browser import Browser
 from simulated import simulated
 from small_fleet import Place, live
 
@@ -20,15 +22,26 @@ EXAMPLES = os.environ.get("OPENAPI_EXAMPLES", "")
 """The most cases of one operation that are drawn, each of any values; without it those of the description."""
 
 
-def _command(root: str, *more: str) -> list[str]:
-    tool = str(Path(sys.executable).parent / "st")
-    config = str(_HERE / "schemathesis.toml")
-    return [tool, "--config-file", config, "run", root + "openapi.json", "--checks", "all", "--seed", "1", *more]
+def _config(folder: Path, browser: Browser, root: str) -> Path:
+    """The configuration, with an object of the world and a rule: no link leads from what makes one to its id."""
+    description = browser.http.get(root + "openapi.json", headers={"accept": "application/json"}).json()
+    ids = ["[parameters]"]
+    for path, name in (("/world/objects", "object"), ("/rules", "rule")):
+        ((kind, body),) = description["paths"][path]["post"]["requestBody"]["content"].items()
+        (example,) = body["examples"].values()
+        made = browser.http.post(root + path[1:], content=json.dumps(example["value"]), headers={"content-type": kind})
+        assert made.status_code == 201, made.text
+        ids.append(f'"path.{name}" = "{made.headers["location"].rpartition("/")[2]}"')
+    file = folder / "schemathesis.toml"
+    file.write_text("\n".join([*ids, (_HERE / "schemathesis.toml").read_text()]))
+    return file
 
 
-def _run(folder: Path, root: str, *more: str) -> str:
+def _run(config: Path, root: str, *more: str) -> str:
+    tool, folder = str(Path(sys.executable).parent / "st"), config.parent
+    command = [tool, "--config-file", str(config), "run", root + "openapi.json", "--checks", "all", "--seed", "1"]
     done = subprocess.run(
-        _command(root, "--no-color", *more),
+        [*command, "--no-color", *more],
         capture_output=True,
         text=True,
         timeout=_BOUNDS_S * 4,
@@ -45,14 +58,15 @@ def test_schemathesis_finds_nothing(tmp_path: Path) -> None:
     place = Place(tmp_path)
     with place.gateway() as (gateway, browser), simulated(place.zenoh, "ur5"):
         live(browser, "ur5")
+        config = _config(tmp_path, browser, place.root)
         if EXAMPLES:
-            print(_run(tmp_path, place.root, "--max-examples", EXAMPLES))
+            print(_run(config, place.root, "--max-examples", EXAMPLES))
         else:
             paths = ["/{robot}/{joint}/actions/rotate", "/{robot}/{joint}/rotation", "/{robot}/title", "/{robot}/lease"]
             paths += [f"{paths[0]}/invocations/{{invocation}}", f"{paths[0]}/invocations/{{invocation}}/actions/cancel"]
-            _run(tmp_path, place.root, "--phases", "examples")
+            _run(config, place.root, "--phases", "examples")
             _run(
-                tmp_path,
+                config,
                 place.root,
                 "--max-examples",
                 "8",

@@ -14,6 +14,7 @@ class CamerasExtension(Extension):
     name = "cameras"
     in_robot = ("cameras",)
     link_statements = ("linked_fleet_gateway.extensions.cameras.resources:hosted",)
+    operations = ("linked_fleet_gateway.extensions.cameras.operations:operations",)
     views = ("linked_fleet_gateway.extensions.cameras.page:VIEW",)
 
     @asynccontextmanager

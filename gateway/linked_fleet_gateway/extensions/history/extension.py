@@ -16,6 +16,7 @@ from linked_fleet_gateway.runtime.metrics import gauge
 class HistoryExtension(Extension):
     name = "history"
     in_robot = ("history",)
+    operations = ("linked_fleet_gateway.extensions.history.operations:operations",)
     settings = HistorySettings
 
     @asynccontextmanager

@@ -81,7 +81,7 @@ def _of_robot(history: History, view: RequestView, robot: Robot) -> Resource:
         page, file = page_of(track, span, span.observations), page_of(track, span, _most(track, span))
 
         def describe(graph: Graph) -> None:
-            parts = [(view.iri(each), view.iri(f"{each}/{SEGMENT}")) for each in _measured(robot)]
+            parts = [(view.iri(each), view.iri(f"{each}/{SEGMENT}")) for each in measured(robot)]
             about = view.iri(robot_path(robot.name))
             describe_robot(graph, view.iri(path), about, robot.name, history, page, parts)
 
@@ -136,7 +136,7 @@ def _series(joints: Joints, robot: Robot, owner: str, item: Property) -> Series 
     return of_link(joints, link)
 
 
-def _measured(robot: Robot) -> Iterator[str]:
+def measured(robot: Robot) -> Iterator[str]:
     """Yield the paths of properties whose values frames contain."""
     model, description = robot.model, robot.description
     if model is None or description is None:

@@ -14,6 +14,7 @@ class QueryExtension(Extension):
     name = "query"
     at_root = ("query",)
     views = ("linked_fleet_gateway.extensions.query.page:VIEW",)
+    operations = ("linked_fleet_gateway.extensions.query.operations:operations",)
     navigation = (NavigationEntry("Query", "/query", 30),)
 
     @asynccontextmanager

@@ -29,6 +29,7 @@ class RulesExtension(Extension):
         "linked_fleet_gateway.extensions.rules.page:RULE",
         "linked_fleet_gateway.extensions.rules.page:FIRINGS",
     )
+    operations = ("linked_fleet_gateway.extensions.rules.operations:operations",)
     navigation = (NavigationEntry("Rules", "/rules", 20),)
 
     @asynccontextmanager

@@ -23,6 +23,7 @@ class WorldExtension(Extension):
         "linked_fleet_gateway.extensions.world.page:CONTAINER_VIEW",
         "linked_fleet_gateway.extensions.world.page:OBJECT_VIEW",
     )
+    operations = ("linked_fleet_gateway.extensions.world.operations:operations",)
     navigation = (NavigationEntry("World", "/world", 10),)
 
     @asynccontextmanager

@@ -1,0 +1,77 @@
+"""Operations on rules, for who describes the gateway as a whole.
+
+Bodies are JSON-LD, because what a rule gives its action is any RDF.
+"""
+
+from functools import cache
+from itertools import chain
+
+from linked_fleet_gateway.extensions.rules.request import CONTAINER
+from linked_fleet_gateway.http.operations import (
+    CHANGED,
+    ID,
+    JSONLD,
+    created,
+    described,
+    header,
+    path_item,
+    reading,
+    writing,
+)
+from linked_fleet_gateway.rdf.shapes import load
+from linked_fleet_gateway.rdf.vocabulary import LF
+from linked_fleet_gateway.resources.branches import RequestView
+from linked_fleet_gateway.resources.json_form import Json, form_in
+
+_CONTEXT = "https://w3id.org/linked-fleet/context"
+_NAMES = {
+    "dcterms:title": "title",
+    "lf:condition": "condition",
+    "lf:minimumInterval": "minimum interval",
+    "lf:enabled": "enabled",
+}
+"""Names that the shape of rules gives to members."""
+
+
+@cache
+def _schema() -> Json:
+    form = form_in(chain.from_iterable(load("rules.ttl").values()), LF.RuleShape)
+    action: Json = {"type": "object", "properties": {"@id": {"type": "string", "format": "uri"}}, "required": ["@id"]}
+    return {
+        "type": "object",
+        "properties": {
+            "@context": {"const": _CONTEXT},
+            "@type": {"const": "lf:Rule"},
+            **{member: form.by_name[name].schema() for member, name in _NAMES.items()},
+            "lf:invokes": action | {"description": form.by_name["invokes"].description},
+            "lf:body": {"description": form.by_name["body"].description},
+        },
+        "required": ["@context", "dcterms:title", "lf:condition", "lf:invokes"],
+    }
+
+
+def operations(view: RequestView) -> dict[str, Json]:
+    """Rules, which are written, replaced and deleted, and their firings."""
+    example = {
+        "@context": _CONTEXT,
+        "@type": "lf:Rule",
+        "dcterms:title": "Stop all robots when one is faulty",
+        "lf:condition": f"SELECT ?robot {{ ?robot <{LF.presence.value}> <{LF.faulty.value}> }}",
+        "lf:invokes": {"@id": view.base + "/actions/stopAll"},
+        "lf:enabled": False,
+    }
+    body: Json = {JSONLD: {"schema": _schema(), "examples": {"stop all": {"value": example}}}}
+    rule, parameters, fields = f"{CONTAINER}/{{rule}}", {"rule": ID}, [header("IfMatch")]
+    return {
+        CONTAINER: path_item(
+            {},
+            get=reading("readRules", "Rules, with their states"),
+            post=writing("addRule", "Write a rule", created("Written."), body),
+        ),
+        **described(
+            rule, parameters, "Rule", "A rule, and whether it fires",
+            put=writing("putRule", "Replace, enable or disable a rule", CHANGED, body, fields),
+            delete=writing("deleteRule", "Delete a rule", CHANGED, None, fields),
+        ),
+        f"{rule}/firings": path_item(parameters, get=reading("readFirings", "Firings of a rule, the newest first")),
+    }  # fmt: skip
