@@ -1,7 +1,6 @@
 """One client: what it has subscribed to, and what it asks for. It acts by requests of its own (``ask``)."""
 
 import asyncio
-import itertools
 from collections import defaultdict
 from collections.abc import Awaitable, Callable, Iterable, Mapping
 from contextlib import suppress
@@ -15,6 +14,7 @@ from linked_fleet_gateway.extensions.foxglove.protocol import Call, Channel, Not
 from linked_fleet_gateway.http.conversation import Conversation, Ended
 from linked_fleet_gateway.http.internal_request import Reply, ReplyTooLong, ask
 from linked_fleet_gateway.runtime.cancellation import end
+from linked_fleet_gateway.runtime.time_slices import sliced
 
 MOST_CALLS = 8
 """Calls of one client under way, beside as many that stop."""
@@ -74,10 +74,11 @@ class Session:
         if left := seen - found.keys():
             seen -= left
             await self._say(gone, **{ids: sorted(left)})
-        fresh = iter(sorted(found.keys() - seen))
-        while portion := list(itertools.islice(fresh, _AT_ONCE)):
-            seen.update(portion)
-            await self._say(new, **{member: [found[id].advertised(base) for id in portion]})
+        fresh = sorted(found.keys() - seen)
+        for ids_now in (fresh[at : at + _AT_ONCE] for at in range(0, len(fresh), _AT_ONCE)):
+            portion = [found[id].advertised(base) async for id in sliced(ids_now)]  # the schema of a service takes time
+            seen.update(ids_now)
+            await self._say(new, **{member: portion})
 
     def _parameters(self) -> dict[str, Parameter]:
         return self._catalogue.parameters(self._caller)
