@@ -237,6 +237,12 @@ def test_what_is_no_rule_is_refused_with_the_way_to_the_shape(scene: Scene, text
     assert answer.json()["constraint"] == container(scene.one.browser)
 
 
+@pytest.mark.parametrize(("length", "status"), [(16_000, 201), (16_385, 422)])
+def test_a_condition_may_be_as_long_as_the_shape_says(scene: Scene, length: int, status: int) -> None:
+    condition = sides(scene.one.joint).ljust(length)
+    assert post(scene.one.browser, a_rule(condition, scene.rotate, TO_TARGET)).status_code == status
+
+
 def test_rules_go_on_whichever_gateway_dies(tmp_path_factory: pytest.TempPathFactory) -> None:
     """One gateway is killed, then the other; what changes while there is none fires once when one is back."""
     with single(tmp_path_factory.mktemp("redis")) as memory, hub() as centre:

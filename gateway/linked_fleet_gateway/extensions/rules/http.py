@@ -31,9 +31,11 @@ from linked_fleet_gateway.http.fields import field
 from linked_fleet_gateway.http.invoke import refuse_rehearsal
 from linked_fleet_gateway.http.request import Request
 from linked_fleet_gateway.identity.rights import Claims, Identity, Right
-from linked_fleet_gateway.rdf.sparql_syntax import bound_to
+from linked_fleet_gateway.rdf.sparql_syntax import MAX_QUERY_BYTES, bound_to
+from linked_fleet_gateway.rdf.vocabulary import LF
 from linked_fleet_gateway.resources.resource import Resource
 
+_LENGTHS = {LF.condition: MAX_QUERY_BYTES}
 WORD_S = 86_400
 """Least time for which the claims of an issuer remain valid for a rule."""
 
@@ -105,9 +107,10 @@ def _iri(rule: Rule) -> str:
 
 
 async def _wanted(rules: Rules, request: Request, media_type: str, iri: str) -> RuleRequest:
-    wanted = await read_as(
-        request, lambda body: requested(parse_body(body, media_type, iri, request.base), iri, request.base)
-    )
+    def read(body: bytes) -> RuleRequest:
+        return requested(parse_body(body, media_type, iri, request.base, lengths=_LENGTHS), iri, request.base)
+
+    wanted = await read_as(request, read)
     try:
         check_variables(wanted, await rules.check(wanted.condition, request.base), request.base)
         _check_bound(rules, request, wanted)
