@@ -43,7 +43,7 @@ def described(
     template: str, parameters: Parameters, id: str, title: str, get: Json | None = None, **methods: Json
 ) -> dict[str, Json]:
     """The path items of a resource and of its blueprint; ``get`` if it is read otherwise than by ``reading``."""
-    blueprint = reading(f"read{id}Blueprint", f"Shapes: {title}")
+    blueprint = reading(f"read{id}Blueprint", "The shapes of this resource")
     return {
         template: path_item(parameters, get=get or reading(f"read{id}", title), **methods),
         f"{template}/blueprint": path_item(parameters, get=blueprint),
