@@ -36,6 +36,8 @@ SUMS = "SHA256SUMS"
 _REQUIREMENTS = {"linked-fleet-agent": "requirements-agent.txt", "linked-fleet": "requirements.txt"}
 _PAGES = "linked_fleet_gateway/extensions/pages/assets/manifest.json"
 _OURS = ("linked_fleet*", SUMS)
+_RELATIVE_LINK = re.compile(r"\]\((?!\w+:|#)([^)\s]+)")
+"""Of Markdown; its target is the group."""
 _LONGEST_S = 600
 
 
@@ -157,6 +159,7 @@ def _wrong_wheel(path: Path) -> list[str]:
         with WheelFile.open(path) as wheel:
             wheel.validate_record(validate_contents=True)
             listed = {name for name, _, _ in parse_record_file(wheel.read_dist_info("RECORD").splitlines())}
+            description = wheel.read_dist_info("METADATA").partition("\n\n")[2]
         with zipfile.ZipFile(path) as archive:
             names = set(archive.namelist())
     except (ValueError, OSError, KeyError, zipfile.BadZipFile) as error:
@@ -165,6 +168,8 @@ def _wrong_wheel(path: Path) -> list[str]:
         return [f"{path.name} is damaged: it has no {', '.join(sorted(listed - names))}"]
     if path.name.startswith("linked_fleet-") and _PAGES not in names:
         return [f"{path.name} has no scripts of the pages: make assets"]
+    if relative := _RELATIVE_LINK.findall(description):
+        return [f"{path.name} has links that lead nowhere on a package index: {', '.join(relative)}"]
     return []
 
 

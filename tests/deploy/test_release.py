@@ -1,9 +1,11 @@
 """The packages of a release: reproducible, built from their own contents, and refused when damaged."""
 
+import base64
 import hashlib
 import json
 import os
 import platform
+import re
 import shutil
 import subprocess
 import sys
@@ -89,6 +91,19 @@ def test_sdists_hold_all_that_their_wheels_are_made_of_and_no_tests(built: Path)
         assert not [path for path in held if path.startswith(("tests/", "deploy/")) or "node_modules" in path]
 
 
+def test_links_on_a_package_index_lead_to_files_of_this_version(built: Path) -> None:
+    """By way of the redirects in ``deploy/w3id``."""
+    with zipfile.ZipFile(built / GATEWAY) as archive:
+        text = archive.read(f"linked_fleet-{VERSION}.dist-info/METADATA").decode()
+    base, tag = "https://w3id.org/linked-fleet/", f"v{VERSION}/"
+    targets = [target.removeprefix(base) for target in re.findall(r"\]\(([^)\s]+)\)", text) if target.startswith(base)]
+    assert len(targets) == len(re.findall(r"\]\((?!https?:)", (ROOT / "README.md").read_text())) > 10
+    rules = re.findall(r"^RewriteRule \^(\w+/)", (ROOT / "deploy/w3id/.htaccess").read_text(), re.M)
+    for target in targets:
+        (kind,) = (rule for rule in rules if target.startswith(rule + tag))
+        assert (ROOT / target.removeprefix(kind + tag)).exists(), target
+
+
 def test_both_distributions_have_the_same_licence() -> None:
     """Each is a regular file: a link would dangle in the sdist."""
     licences = [ROOT / "LICENSE", ROOT / "agents" / "LICENSE"]
@@ -156,6 +171,22 @@ def test_a_damaged_wheel_is_refused(copied: Path, wheel: str, name: str, content
     done = _release("--check", copied)
     assert done.returncode == 1, done.stdout
     assert f"{wheel} is damaged" in done.stderr and reason in done.stderr
+
+
+def test_a_description_with_relative_links_is_refused(copied: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(str(ROOT / "deploy"))
+    import release
+
+    name, record = (f"linked_fleet_agent-{VERSION}.dist-info/{each}" for each in ("METADATA", "RECORD"))
+    with zipfile.ZipFile(copied / AGENT) as archive:
+        text = archive.read(name) + b"[pages](docs/TUTORIAL.md)\n"
+        listed = archive.read(record).decode()
+    digest = base64.urlsafe_b64encode(hashlib.sha256(text).digest()).decode().rstrip("=")
+    _replace(copied / AGENT, name, text)
+    _replace(copied / AGENT, record, re.sub(f"{name},.*", f"{name},sha256={digest},{len(text)}", listed).encode())
+    _summed(copied)
+    with pytest.raises(release.ReleaseError, match=r"lead nowhere on a package index: docs/TUTORIAL\.md"):
+        release.check(copied)
 
 
 def test_a_missing_file_is_refused(copied: Path) -> None:
