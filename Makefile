@@ -11,6 +11,7 @@
 # make pictures  those of README.md, from the running demo
 # make fleet-check  the compose fleet, started and checked from outside (COMPOSE="docker compose")
 # make release  sdists, wheels, bills of materials and sums in dist/, checked, and images (ENGINE=podman; CONTRIBUTING.md)
+# make try-release  that release, the tutorial and a robot of one's own, in empty containers (IMAGES="debian:12 ubuntu:24.04", ENGINE)
 # make docs    the documentation as a site in build/site, with links checked
 # make docs-settings  the table of docs/SETTINGS.md, from the classes of the settings
 # make requirements  what images and npm install, with hashes, from pyproject.toml, constraints.txt and package.json
@@ -28,6 +29,8 @@ ONLY ?=
 MOTIONS ?= 1000
 COMPOSE ?=
 ENGINE ?=
+ENGINE_OPTIONS ?=
+IMAGES ?=
 BENCH_ARGS ?=
 # A test with processes that fails is run once more, and named at the end (tests/second_try.py).
 SECOND_TRY := --second-try
@@ -54,7 +57,7 @@ $$python -c 'import ensurepip' 2>/dev/null || { echo "$$python has no venv: apt 
 $$python -m venv --clear $(1)
 endef
 
-.PHONY: architecture docs demo release test test-long test-all check check-collisions docs-settings requirements fleet-check bench bench-robots fuzz mutants soak assets pictures node-wot shacl-suite chromium egl tools wrk caddy clean helm
+.PHONY: architecture docs demo release try-release test test-long test-all check check-collisions docs-settings requirements fleet-check bench bench-robots fuzz mutants soak assets pictures node-wot shacl-suite chromium egl tools wrk caddy clean helm
 
 demo: .venv/stamp $(ASSETS)
 	@$(BIN)/python -m linked_fleet_demo --port $(PORT)
@@ -132,6 +135,10 @@ fleet-check: .venv/stamp compose
 release: .venv/stamp $(ASSETS)
 	@$(BIN)/python deploy/release.py --out dist
 	@$(BIN)/python deploy/release_images.py --engine '$(ENGINE)'
+
+# Ten minutes for each image. The release is that of make release; the checkout, what is committed.
+try-release: .venv/stamp
+	@$(BIN)/python deploy/try_release --engine '$(ENGINE)' --options '$(ENGINE_OPTIONS)' $(IMAGES)
 
 # With which the bench asks, and the front that speaks HTTP/2 and 3. Caddy is unpacked and not installed: it would serve.
 # What cannot be had is left out, and the table says so.

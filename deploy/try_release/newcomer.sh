@@ -1,0 +1,138 @@
+#!/usr/bin/env bash
+# A newcomer's first steps in an empty container of Debian or Ubuntu, timed. Run by "make try-release".
+# /dist has the files of a release, /source.tar the checkout. Prints a line for each step: held or failed, seconds, step.
+set -euo pipefail
+
+export DEBIAN_FRONTEND=noninteractive PIP_FIND_LINKS=/dist UV_FIND_LINKS=/dist PATH=$HOME/.local/bin:$PATH
+export PIP_DISABLE_PIP_VERSION_CHECK=1
+wheel=$(echo /dist/linked_fleet-*.whl)
+root=http://127.0.0.1:8000/
+mkdir -p /tmp/newcomer && cd /tmp/newcomer
+
+step() { # step NAME FUNCTION
+  local begin end log="/tmp/newcomer/$2.log"
+  begin=$(date +%s%N)
+  if ! (set -e; "$2") > "$log" 2>&1; then
+    tail -n 60 "$log" >&2
+    printf 'failed %7s s  %s\n' "$((($(date +%s%N) - begin) / 1000000000))" "$1"
+    exit 1
+  fi
+  end=$(date +%s%N)
+  printf 'held   %5s.%s s  %s\n' "$(((end - begin) / 1000000000))" "$(((end - begin) / 100000000 % 10))" "$1"
+}
+
+awaited() { # awaited SECONDS COMMAND…: until it succeeds
+  local deadline=$(($(date +%s) + $1))
+  shift
+  until "$@"; do
+    [ "$(date +%s)" -lt "$deadline" ] || { echo "never: $*"; return 1; }
+    sleep 0.2
+  done
+}
+
+online() { # online COUNT: so many robots are online
+  local found
+  found=$(curl -sf -H 'Accept: application/n-triples' "$root" | grep -c 'linked-fleet#presence> <https://w3id.org/linked-fleet#online>') || true
+  [ "$found" = "$1" ]
+}
+
+ended() { # ended PROCESS: by Ctrl-C, and nothing of it is left
+  kill -INT -- "-$1"
+  wait "$1" || true
+  awaited 30 gone "$root"
+}
+
+gone() { ! curl -sf -o /dev/null "$1"; }
+
+demo() { # demo COMMAND…: five robots are there, then it is ended
+  set -m
+  "$@" &
+  local process=$!
+  awaited 600 online 5
+  ended "$process"
+}
+
+packages() {
+  apt-get update -qq
+  apt-get install -qqy --no-install-recommends pipx python3 python3-venv ca-certificates curl git make
+}
+
+by_pipx() { demo pipx run --spec "$wheel" linked-fleet demo; }
+
+by_uv() {
+  pipx install uv
+  demo uvx linked-fleet demo
+}
+
+by_uv_again() { demo uvx linked-fleet demo; }
+
+agent() {
+  python3 -m venv robot
+  robot/bin/pip install linked-fleet-agent
+  robot/bin/pip list --format freeze | grep -vE '^(pip|setuptools|wheel)=' | tee packages.txt
+  [ "$(wc -l < packages.txt)" = 3 ]
+  robot/bin/linked-fleet-agent --help
+}
+
+installed() {
+  pipx install "$wheel"
+  linked-fleet --help
+  linked-fleet doctor || true
+}
+
+own_robot() { # the driver of deploy/README.md, with files in the place of the devices
+  tar -xOf /source.tar deploy/README.md | python3 -c '
+import re, sys
+driver, _ = re.findall(r"^```python\n(.*?)^```$", sys.stdin.read(), re.M | re.S)
+for there, here in (("/sys/class/pwm/pwmchip0/pwm0", "servo"),
+                    ("/sys/bus/iio/devices/iio:device0/in_voltage0_raw", "servo/angle"),
+                    ("tcp/192.0.2.10:7447", "tcp/127.0.0.1:7447")):
+    assert there in driver, there
+    driver = driver.replace(there, here)
+open("door.py", "w").write(driver)'
+  mkdir servo && echo 0 > servo/angle
+  set -m
+  linked-fleet gateway --zenoh-listen tcp/127.0.0.1:7447 &
+  local gateway=$!
+  python3 -c '
+import pathlib, time
+servo = pathlib.Path("servo")
+while True:  # the angle of the door follows the servo
+    try:
+        angle = round((int((servo / "duty_cycle").read_text()) - 1_000_000) / 1_000_000 * 4095)
+        (servo / "new").write_text(str(angle))
+        (servo / "new").rename(servo / "angle")
+    except (OSError, ValueError):
+        pass
+    time.sleep(0.005)' &
+  local servo=$!
+  robot/bin/python door.py &
+  local door=$!
+  awaited 60 online 1
+  linked-fleet do door/hinge rotate value=30 unit=deg
+  linked-fleet ls door/hinge
+  linked-fleet ls door/hinge | grep -E '^rotation .* 0\.52'
+  kill "$door" "$servo"
+  ended "$gateway"
+}
+
+tutorial() {
+  mkdir checkout && tar -xf /source.tar -C checkout && cd checkout
+  set -m
+  make demo &
+  local process=$!
+  awaited 900 online 5
+  .venv/bin/python tests/run_page.py docs/TUTORIAL.md
+  ended "$process"
+}
+
+step "packages of the system: apt install pipx python3-venv curl git make" packages
+step "pipx run linked-fleet demo, until five robots are online, and Ctrl-C" by_pipx
+cp by_pipx.log by_pipx_first.log
+step "the same again" by_pipx
+step "pipx install uv; uvx linked-fleet demo" by_uv
+step "uvx linked-fleet demo again" by_uv_again
+step "pip install linked-fleet-agent on a robot: two dependencies" agent
+step "pipx install linked-fleet; linked-fleet --help" installed
+step "a robot of your own: the driver of deploy/README.md, turned to 30 degrees" own_robot
+step "the tutorial from end to end: make demo, then each of its commands" tutorial
