@@ -3,6 +3,7 @@
 # make test-all  everything: clusters, long histories, fuzzing, an hour of faults, the compose fleet (LONG_ARGS="-k histories")
 # make check   lint, types, the walls between packages, the base install on its own
 # make bench-robots  what a thousand robots cost one gateway and two (docs/SCALE.md)
+# make bench-routers  ten thousand robots behind three levels of Zenoh routers, links cut, a region lost (docs/SCALE.md; root)
 # make bench   every figure beside the least there can be, measured here in a quarter of an hour (bench/README.md)
 # make check-collisions  a thousand random motions of each robot, checked for collisions and held against another library (MOTIONS=1000)
 # make fuzz    a million hostile inputs to everything that listens (COUNT=1000000, SEED=; docs/FUZZING.md)
@@ -57,7 +58,7 @@ $$python -c 'import ensurepip' 2>/dev/null || { echo "$$python has no venv: apt 
 $$python -m venv --clear $(1)
 endef
 
-.PHONY: architecture docs demo release try-release test test-long test-all check check-collisions docs-settings requirements fleet-check bench bench-robots fuzz mutants soak assets pictures node-wot shacl-suite chromium egl tools wrk caddy clean helm
+.PHONY: architecture docs demo release try-release test test-long test-all check check-collisions docs-settings requirements fleet-check bench bench-robots bench-routers fuzz mutants soak assets pictures node-wot shacl-suite chromium egl tools wrk caddy clean helm
 
 demo: .venv/stamp $(ASSETS)
 	@$(BIN)/python -m linked_fleet_demo --port $(PORT)
@@ -161,6 +162,11 @@ bench: .venv/stamp $(ASSETS) chromium wrk caddy
 bench-robots: export PYTHONPATH := .:tests:tests/requirements
 bench-robots: .venv/stamp $(ASSETS)
 	$(BIN)/python -m bench.robots
+
+# In six minutes, in network namespaces of its own; without root it says that it is skipped.
+bench-routers: export PYTHONPATH := .:tests:tests/requirements
+bench-routers: .venv/stamp $(ASSETS)
+	@$(BIN)/python -m bench.routers $(BENCH_ARGS)
 
 # An hour. Exits with 1 when a contact is passed, or more than 1 % are refused without one.
 check-collisions: .venv/stamp

@@ -29,7 +29,8 @@ _PAUSE_S = 0.1  # so that the gateway is not busy with these requests
 class Size:
     """The size of a run.
 
-    Robots, joints of each, different URDFs, seconds of each measurement, requests of each kind.
+    Robots, joints of each, different URDFs, seconds of each measurement, requests of each kind,
+    namespaces that share the robots.
     """
 
     robots: int = 1000
@@ -38,14 +39,19 @@ class Size:
     seconds: float = 4.0
     requests: int = 200
     rates_hz: Sequence[float] = (1, 10, 100)
+    namespaces: int = 1
 
 
 class Crowd:
-    """The process with the robots."""
+    """The process with the robots: the router at ``endpoint``, or a client of it if ``place`` is given.
 
-    def __init__(self, endpoint: str, size: Size) -> None:
-        numbers = map(str, (size.robots, size.joints, size.models))
-        command = [sys.executable, "-m", "bench.synthetic", endpoint, *numbers]
+    ``place`` is the number of its first robot, and how many namespaces there are. ``within`` goes before its arguments
+    of Python, to start it elsewhere.
+    """
+
+    def __init__(self, endpoint: str, size: Size, place: Sequence[int] = (), within: Sequence[str] = ()) -> None:
+        numbers = map(str, (size.robots, size.joints, size.models, *place))
+        command = [sys.executable, *within, "-m", "bench.synthetic", endpoint, *numbers]
         environment = {**os.environ, "PYTHONPATH": str(ROOT)}
         self._child = subprocess.Popen(  # noqa: S603
             command, cwd=ROOT, env=environment, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
@@ -68,6 +74,11 @@ class Crowd:
         self._in.close()
         self._child.wait()
         self._out.close()
+
+    def kill(self) -> None:
+        """End it as a power cut would."""
+        self._child.kill()
+        self.close()
 
 
 @dataclass

@@ -132,8 +132,8 @@ def ages(scene: Scene, said: str) -> Figures:
         answer = one.get(f"/{name}/joint_0/rotation")
         read.append(scene.crowd.age_ms(_value(answer.content), time.monotonic_ns()))
     return {
-        said + "age over HTTP, p50 / p99, ms": _both(read),
-        said + "age over a WebSocket, p50 / p99, ms": _both(heard(scene)),
+        said + "age over HTTP, p50 / p99, ms": spread(read),
+        said + "age over a WebSocket, p50 / p99, ms": spread(heard(scene)),
     }
 
 
@@ -177,7 +177,7 @@ def commands(scene: Scene, said: str) -> Figures:
             took.append((time.perf_counter() - begin) * 1e3)
     calls, memory = _calls(scene) - calls, scene.redis()["used_memory"] - memory
     return {
-        said + "command, from POST to acceptance, p50 / p99, ms": _both(took),
+        said + "command, from POST to acceptance, p50 / p99, ms": spread(took),
         said + "— not answered by the agent within 2 s, %": f"{100 - len(took) / asked * 100:.0f}",
         said + "— Redis commands": f"{calls / asked:.1f}",
         said + "— Redis memory, kB": f"{memory / asked / 1e3:.1f}",
@@ -234,7 +234,8 @@ def _timed(call: Callable[[], T]) -> tuple[T, float]:
     return call(), time.perf_counter() - begin
 
 
-def _both(values: Sequence[float]) -> str:
+def spread(values: Sequence[float]) -> str:
+    """Median and 99th percentile."""
     if not values:
         return "–"
     ordered = sorted(values)

@@ -1,6 +1,9 @@
 """Many agents without robots in one process: they send what agents send, but nothing moves.
 
 ``python -m bench.synthetic ENDPOINT COUNT JOINTS MODELS`` is a Zenoh router at ENDPOINT, to which gateways connect.
+With two more arguments, the number of its first robot and a count of namespaces, it is a client of the router at
+ENDPOINT, and robot n is in namespace n modulo that count.
+
 Each line on standard input is answered with one line of JSON: ``appear`` announces the robots, ``rate HZ`` sets the
 frames per second of each, ``moving COUNT`` the number of moving joints of each (initially one), and an empty line asks
 for the work since the last one. It ends when its input ends.
@@ -33,6 +36,7 @@ from linked_fleet_agent.wire.messages import WIRE_VERSION, Accepted, Command, De
 Asked = Literal["description", "command", "stop"]
 Answer = Callable[[bytes], bytes]
 KEYS = Keys()
+"""Those of the first namespace."""
 _TICK_S = 0.001
 _TIMES = struct.Struct("<Qqq")  # sequence, monotonic and wall time of a frame
 _LAYOUT = {each.name: each.offset for each in layout(1, False)}
@@ -40,6 +44,11 @@ _LAYOUT = {each.name: each.offset for each in layout(1, False)}
 
 def name_of(number: int) -> str:
     return f"robot-{number:05}"
+
+
+def keys_of(number: int, namespaces: int) -> Keys:
+    place = number % namespaces
+    return Keys(f"{KEYS.namespace}-{place}") if place else KEYS
 
 
 def urdf(joints: int, model: int = 0) -> str:
@@ -67,6 +76,7 @@ class Robot:
     run: int
     description: bytes
     frame: bytearray
+    keys: Keys = KEYS
     publisher: Any = None
     sequence: int = 0
     kept: list[Any] = field(default_factory=list)
@@ -80,7 +90,7 @@ class Robot:
         self.sequence += 1
 
 
-def robot(name: str, joints: int, model: str) -> Robot:
+def robot(name: str, joints: int, model: str, keys: Keys = KEYS) -> Robot:
     names = tuple(f"joint_{number}" for number in range(joints))
     run = time.time_ns()
     description = Description(
@@ -91,20 +101,25 @@ def robot(name: str, joints: int, model: str) -> Robot:
     frame = State(
         incarnation=run, sequence=0, monotonic_ns=0, wall_ns=0, positions=rest, velocities=rest, efforts=unknown
     )
-    return Robot(name, run, encode(description), bytearray(encode_state(frame)))
+    return Robot(name, run, encode(description), bytearray(encode_state(frame)), keys)
 
 
 class Crowd:
     """All robots on one session. Frames are sent by one thread, answers by those of Zenoh."""
 
-    def __init__(self, session: zenoh.Session, count: int, joints: int, models: int) -> None:
+    def __init__(
+        self, session: zenoh.Session, count: int, joints: int, models: int, first: int = 0, namespaces: int = 1
+    ) -> None:
         self.epoch_ns = time.monotonic_ns()
         self.rate_hz, self.moving = 0.0, 1
         self._session = session
         self._done: Counter[str] = Counter()
         made = [urdf(joints, number) for number in range(models)]
         self._here: list[Robot] = []
-        self._all = [robot(name_of(number), joints, made[number % models]) for number in range(count)]
+        numbers = range(first, first + count)
+        self._all = [
+            robot(name_of(number), joints, made[number % models], keys_of(number, namespaces)) for number in numbers
+        ]
         self._ended = threading.Event()
         self._questions: queue.SimpleQueue[tuple[Any, str, Answer] | None] = queue.SimpleQueue()
         self._ends: queue.SimpleQueue[tuple[Robot, bytes] | None] = queue.SimpleQueue()
@@ -135,9 +150,9 @@ class Crowd:
 
     def _declare(self, each: Robot) -> None:
         """Declare what agents/linked_fleet_agent/link.py declares, in the same order."""
-        session, name = self._session, each.name
+        session, name, keys = self._session, each.name, each.keys
         each.publisher = session.declare_publisher(
-            KEYS.robot(name, "state"),
+            keys.robot(name, "state"),
             congestion_control=zenoh.CongestionControl.DROP,
             priority=zenoh.Priority.DATA,
             express=False,
@@ -146,9 +161,10 @@ class Crowd:
             ("description", lambda _: each.description), ("command", partial(self._obey, each)), ("stop", _stand),
         )  # fmt: skip
         for kind, answer in answers:
-            key = KEYS.robot(name, kind)
+            key = keys.robot(name, kind)
             each.kept.append(session.declare_queryable(key, self._in_turn(key, answer), complete=True))
-        each.kept.append(session.liveliness().declare_token(KEYS.presence(name, each.run)))
+        tokens = (keys.robot(name, "state"), keys.presence(name, each.run))
+        each.kept += [session.liveliness().declare_token(key) for key in tokens]
 
     def _in_turn(self, key: str, answer: Answer) -> Any:
         """Answer in one thread for all robots.
@@ -177,7 +193,7 @@ class Crowd:
     def _end(self) -> None:
         """Report the end of the motion, after or about when the acceptance is sent."""
         while (end := self._ends.get()) is not None:
-            key = KEYS.robot(end[0].name, "progress")
+            key = end[0].keys.robot(end[0].name, "progress")
             self._session.put(key, end[1], congestion_control=zenoh.CongestionControl.BLOCK, express=True)
 
     def _send(self) -> None:
@@ -199,18 +215,19 @@ def _stand(payload: bytes) -> bytes:
 
 
 def main() -> None:
-    endpoint, (count, joints, models) = sys.argv[1], map(int, sys.argv[2:5])
+    endpoint, (count, joints, models, *place) = sys.argv[1], map(int, sys.argv[2:])
+    role = {"mode": "client", "connect/endpoints": [endpoint]} if place else {"listen/endpoints": [endpoint]}
     config = zenoh.Config()
     for key, value in {
         "mode": "router",
-        "listen/endpoints": [endpoint],
+        **role,
         "scouting/multicast/enabled": False,
         "transport/shared_memory/enabled": False,
         "scouting/gossip/enabled": False,
     }.items():
         config.insert_json5(key, json.dumps(value))
     with zenoh.open(config) as session:
-        crowd = Crowd(session, count, joints, models)
+        crowd = Crowd(session, count, joints, models, *place)
         print(json.dumps({"epoch_ns": crowd.epoch_ns, "pid": os.getpid()}), flush=True)
         try:
             for line in sys.stdin:

@@ -174,6 +174,8 @@ def test_the_robot_holds_when_the_last_gateway_goes_and_serves_the_next() -> Non
             assert second.frames[-1].positions[elbow] > -2.0
             alive, _ = await second.session.list_tokens(KEYS.all_presence, 5.0, list)
             assert alive == [KEYS.presence("ur5", description.incarnation)]
+            routed, _ = await second.session.list_tokens(KEYS.all_states, 5.0, list)
+            assert routed == [KEYS.robot("ur5", "state")], "routers know the key of frames"
             assert set(second.states_of("m")) == {"failed"}  # repeated a second after the gateway came
             assert isinstance(await second.command("ur5", {"elbow_joint": 0.5}, "n"), Accepted)
             await until(lambda: second.states_of("n")[-1:] == ["succeeded"])
