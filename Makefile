@@ -163,7 +163,7 @@ bench-robots: export PYTHONPATH := .:tests:tests/requirements
 bench-robots: .venv/stamp $(ASSETS)
 	$(BIN)/python -m bench.robots
 
-# In six minutes, in network namespaces of its own; without root it says that it is skipped.
+# At most six minutes, in network namespaces of its own; without root it says that it is skipped.
 bench-routers: export PYTHONPATH := .:tests:tests/requirements
 bench-routers: .venv/stamp $(ASSETS)
 	@$(BIN)/python -m bench.routers $(BENCH_ARGS)

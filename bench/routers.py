@@ -11,7 +11,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
@@ -45,10 +45,11 @@ def main() -> int:
     for name, value in (("robots", 10_000), ("joints", 18), ("models", 20), ("requests", 60), ("namespaces", 10)):
         parser.add_argument(f"--{name}", type=int, default=value)
     parser.add_argument("--seconds", type=float, default=8.0, help="of each measurement")
+    parser.add_argument("--minutes", type=float, default=6.0, help="it is stopped after that time")
     parser.add_argument("--inside", action="store_true", help=argparse.SUPPRESS)
     arguments = parser.parse_args()
     if not arguments.inside:
-        return _in_a_namespace()
+        return _in_a_namespace(arguments.minutes)
     size = Size(
         arguments.robots, arguments.joints, arguments.models, arguments.seconds, arguments.requests, [RATE_HZ],
         arguments.namespaces,
@@ -61,18 +62,24 @@ def main() -> int:
     return 0
 
 
-def _in_a_namespace() -> int:
-    """Run this again where it can make links, and remove all namespaces at the end."""
+def _in_a_namespace(minutes: float) -> int:
+    """Run this again where it can make links, for no longer than that, and remove all namespaces at the end."""
     try:
         with namespaces() as environment:
             command = [sys.executable, "tests/in_namespace.py", full_name("hub"), "-m", "bench.routers", "--inside"]
-            return subprocess.run([*command, *sys.argv[1:]], cwd=ROOT, env=environment, check=False).returncode  # noqa: S603
+            limit_s = minutes * 60
+            return subprocess.run(  # noqa: S603
+                [*command, *sys.argv[1:]], cwd=ROOT, env=environment, check=False, timeout=limit_s
+            ).returncode
     except UnavailableError as error:
         print(f"skipped: {error}")
         return 0
+    except subprocess.TimeoutExpired:
+        print(f"stopped after {minutes:g} minutes; a smaller fleet, or --minutes, lets it end")
+        return 1
 
 
-def measure(size: Size) -> tuple[Mapping[str, Figures], ...]:
+def measure(size: Size) -> Iterator[Mapping[str, Figures]]:
     """Figures of gateways, of routers, and of faults."""
     with (
         tempfile.TemporaryDirectory() as folder,
@@ -84,9 +91,9 @@ def measure(size: Size) -> tuple[Mapping[str, Figures], ...]:
             (gateways if at in gateways else routers)[at] |= found
         for at, found in commands(tree).items():
             gateways[at] |= found
-        faults = {"core": brief_cut(tree) | long_cut(tree) | lost_region(tree)}
-    of_routers = {f"router of {at}": routers[f"router {at}"] for at in SHOWN}
-    return {f"gateway at {at}": found for at, found in gateways.items()}, of_routers, faults
+        yield {f"gateway at {at}": found for at, found in gateways.items()}
+        yield {f"router of {at}": routers[f"router {at}"] for at in SHOWN}
+        yield {"seen at the core": brief_cut(tree) | long_cut(tree) | lost_region(tree)}
 
 
 @dataclass
