@@ -4,14 +4,19 @@ import { watch } from "./socket.js";
 import { lf, localName, taskName } from "./vocabulary.js";
 
 const LONGEST_MS = 3000;
+const GAP_PX = 2;
 
 export class Labels {
   /**
    * @param {HTMLElement} frame around the canvas
    * @param {import("./scene_view.js").View} view
+   * @param {(iri: string) => void} follow has the camera follow a robot
    */
-  constructor(frame, view) {
+  constructor(frame, view, follow) {
     this.view = view;
+    this.follow = follow;
+    /** @type {WeakMap<HTMLElement, {text: string, width: number, height: number}>} */
+    this.sizes = new WeakMap();
     this.box = Object.assign(document.createElement("div"), { className: "scene-names" });
     frame.append(this.box);
     /** @type {Map<import("./scene_standing.js").Standing, HTMLElement>} */
@@ -25,7 +30,13 @@ export class Labels {
   }
 
   add(robot) {
-    const link = Object.assign(document.createElement("a"), { href: robot.iri, textContent: robot.name, title: robot.title, hidden: true });
+    const link = Object.assign(document.createElement("a"), { href: robot.iri, textContent: robot.name, title: `${robot.title} (F: follow it)`, hidden: true });
+    link.setAttribute("aria-keyshortcuts", "f");
+    link.addEventListener("keydown", (event) => {
+      if (event.key !== "f" || event.ctrlKey || event.metaKey || event.altKey) return;
+      event.preventDefault();
+      this.follow(robot.iri);
+    });
     const said = Object.assign(document.createElement("small"), { className: "said" });
     link.append(said);
     this.of.set(robot, link);
@@ -57,13 +68,40 @@ export class Labels {
     if (label.lastChild.textContent !== text) label.lastChild.textContent = text;
   }
 
-  /** Put each over its robot, as it is seen at present. */
+  /** Put each over its robot, as it is seen at present: the nearest first, others above those that they would cover. */
   place() {
     const { clientWidth, clientHeight } = this.view.canvas;
-    for (const [robot, label] of this.of) {
-      const at = robot.top()?.project(this.view.camera);
-      label.hidden = !at || Math.abs(at.x) > 1 || Math.abs(at.y) > 1 || at.z > 1;
-      if (!label.hidden) label.style.translate = `${((at.x + 1) / 2) * clientWidth}px ${((1 - at.y) / 2) * clientHeight}px`;
+    const seen = [...this.of].map(([robot, label]) => ({ label, at: robot.top()?.project(this.view.camera) }));
+    const taken = [];
+    for (const { label, at } of seen.sort((one, other) => (one.at?.z ?? 2) - (other.at?.z ?? 2))) {
+      const outside = !at || Math.abs(at.x) > 1 || Math.abs(at.y) > 1 || at.z > 1;
+      label.hidden = outside;
+      if (outside) continue;
+      const { width, height } = this.size(label);
+      const x = Math.min(Math.max(((at.x + 1) / 2) * clientWidth, width / 2), clientWidth - width / 2);
+      const bottom = free({ left: x - width / 2, right: x + width / 2, bottom: ((1 - at.y) / 2) * clientHeight, height }, taken);
+      label.hidden = bottom < height;
+      if (label.hidden) continue;
+      taken.push({ left: x - width / 2, right: x + width / 2, top: bottom - height, bottom });
+      label.style.translate = `${x}px ${bottom}px`;
     }
   }
+
+  /** In pixels; measured when the text is another, since to measure has the page laid out. */
+  size(label) {
+    const known = this.sizes.get(label);
+    if (known?.text === label.textContent && known.width) return known;
+    const size = { text: label.textContent, width: label.offsetWidth, height: label.offsetHeight };
+    this.sizes.set(label, size);
+    return size;
+  }
+}
+
+/** @returns {number} the lower edge, at or above that of the box, with which it covers none of those that are taken */
+function free({ left, right, bottom, height }, taken) {
+  const beside = taken.filter((each) => left < each.right && each.left < right);
+  for (const each of beside.sort((one, other) => other.bottom - one.bottom)) {
+    if (bottom > each.top && bottom - height < each.bottom) bottom = each.top - GAP_PX;
+  }
+  return bottom;
 }

@@ -53,7 +53,8 @@ class WorldScene {
     const frame = Object.assign(document.createElement("div"), { className: "scene-view" });
     const canvas = Object.assign(document.createElement("canvas"), { tabIndex: 0 });
     canvas.setAttribute("role", "img");
-    canvas.setAttribute("aria-label", "3D drawing of the robots that are placed in the world, and of the objects in it");
+    canvas.setAttribute("aria-label", "3D drawing of the robots that are placed in the world, and of the objects in it. F: follow the next robot");
+    canvas.setAttribute("aria-keyshortcuts", "f");
     frame.append(canvas);
     const context = canvas.getContext("webgl2", { antialias: true, alpha: true, powerPreference: "low-power" });
     if (!context) return this.phase("failed"); // the page says what takes its place
@@ -62,7 +63,11 @@ class WorldScene {
     this.view = new View(canvas, context, (now) => this.animate(now));
     this.view.seen = false;
     this.view.stage(this.all);
-    this.labels = new Labels(frame, this.view);
+    this.said = Object.assign(document.createElement("p"), { className: "hidden" });
+    this.said.setAttribute("role", "status");
+    frame.append(this.said);
+    this.labels = new Labels(frame, this.view, (iri) => this.follow(iri));
+    canvas.addEventListener("keydown", (event) => this.key(event), { signal: this.view.ending.signal });
     this.chooser = new Chooser(this.view, {
       meshes: () => this.meshes(),
       chosen: (iri) => this.choose(iri),
@@ -161,12 +166,21 @@ class WorldScene {
     else location.assign(iri);
   }
 
+  /** F follows one robot after the other, and then none. */
+  key(event) {
+    if (event.key !== "f" || event.ctrlKey || event.metaKey || event.altKey) return;
+    const shown = [...this.robots.values()].filter(({ place }) => place.visible);
+    this.follow(shown[shown.indexOf(this.followed) + 1]?.iri);
+    event.preventDefault();
+  }
+
   /** Keep a robot in the middle of the view; without one, show all of the world again. */
   follow(iri) {
     this.followed = this.robots.get(iri);
     this.before = this.followed?.base();
     this.section.dataset.following = this.followed?.name ?? "";
     this.leave?.remove();
+    this.said.textContent = this.followed ? "" : "All of the world is in view";
     if (!this.followed) return this.view.fit();
     this.view.untouched = false;
     this.view.approach(this.followed.place);
@@ -174,6 +188,7 @@ class WorldScene {
     this.leave = Object.assign(document.createElement("button"), { type: "button", className: "scene-following", textContent: text });
     this.leave.onclick = () => this.follow();
     this.labels.box.after(this.leave);
+    this.said.textContent = text;
   }
 
   chase() {
