@@ -1,11 +1,13 @@
 // The cards of a fleet: what each robot is doing, and which cards are shown.
 
 import { refresh } from "./age.js";
+import * as drawings from "./card_drawings.js";
 import { follow } from "./live.js";
 import { adopt } from "./region.js";
 import { lf, taskName } from "./vocabulary.js";
 
 const CARDS = "#robots li[data-robot]";
+const LOW_PERCENT = 20; // as in fleet_view.py
 const PRESENCES = ["online", "faulty", "offline"];
 let filter;
 
@@ -16,6 +18,7 @@ export function start() {
   filter.addEventListener("submit", (event) => event.preventDefault());
   follow(tell);
   adopt(apply);
+  adopt(drawings.watch);
   const changes = { subtree: true, attributes: true, attributeFilter: ["data-state"] };
   new MutationObserver(apply).observe(document.querySelector("main"), changes);
 }
@@ -28,8 +31,21 @@ function tell(graph) {
     const text = task ? taskName(task.value) : "idle";
     if (said.textContent !== text) said.textContent = text;
     said.classList.toggle("busy", Boolean(task));
-    move(card.querySelector("[data-moved]"), graph.value(card.dataset.robot, lf("lastMoved"))?.value);
+    const moved = graph.value(card.dataset.robot, lf("lastMoved"))?.value;
+    move(card.querySelector("[data-moved]"), moved);
+    charge(card.querySelector("[data-battery]"), graph.value(card.dataset.robot, lf("batteryCharge"))?.value);
+    drawings.moves(card, Boolean(task), moved);
   }
+}
+
+function charge(element, percent) {
+  element.hidden = percent === undefined;
+  if (percent === undefined) return;
+  element.toggleAttribute("data-low", Number(percent) < LOW_PERCENT);
+  const data = element.querySelector("data");
+  if (data.value === percent) return;
+  data.value = percent;
+  data.textContent = String(Math.round(Number(percent)));
 }
 
 function move(element, stamp) {

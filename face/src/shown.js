@@ -4,7 +4,7 @@ import { key } from "./ntriples.js";
 import { RESULT_TIME, lf } from "./vocabulary.js";
 
 // These change with every message and say nothing new.
-const PASSING = new Set([lf("version"), lf("previousVersion"), lf("lastFrame"), lf("lastMoved"), RESULT_TIME]);
+const PASSING = new Set([lf("version"), lf("previousVersion"), lf("lastFrame"), lf("lastMoved"), lf("batteryCharge"), RESULT_TIME]);
 
 /**
  * A text that is the same for two graphs that differ only in what is shown live, or in the names of blank nodes.

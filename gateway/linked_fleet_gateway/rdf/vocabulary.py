@@ -116,7 +116,7 @@ LF = Namespace(
     # predicates: what actions take and invocations tell
     " speed speedScale precondition tolerance tiedTo waypoint atTime ofLink poseName namedPose input duration progress"
     " preempts preemptedBy positionResidual orientationResidual answer ofRobot currentTask"
-    " lastMoved modelName Audit Directory InvocationList"
+    " lastMoved modelName batteryCharge Audit Directory InvocationList"
     # predicates: control and settings
     " things lease holder expires leaseDuration targetRotation targetTranslation annotations maximumSpeedScale"
     # predicates: subscriptions and their messages

@@ -20,8 +20,8 @@ log = logging.getLogger(__name__)
 
 # Statements with these namespaces are reserved for the gateway: an annotation must not add an action or a value.
 _OWN = tuple(namespace.iri for namespace in (HYBRIT, LDP, LF, ROS, SH, SOSA, XHV))
-# Exceptions, with which a robot may name poses.
-_ITS = frozenset({LF.namedPose, LF.target, LF.ofJoint})
+# Exceptions, with which a robot may name poses and give the charge of its battery.
+_ITS = frozenset({LF.namedPose, LF.target, LF.ofJoint, LF.batteryCharge})
 _OWN_TERMS = frozenset({DCTERMS.title, DCTERMS.identifier, DCTERMS.hasPart})
 BySubject = Mapping[Node, Sequence[Triple]]
 

@@ -2,13 +2,14 @@
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from decimal import Decimal
 
 from pyoxigraph import Literal, NamedNode
 
 from linked_fleet_gateway.fleet.model import Joint, Link
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.rdf.graph import Graph, timestamp
-from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, LDP, LF, RDFS, ROS, SOSA, XHV
+from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, LDP, LF, RDFS, ROS, SOSA, XHV, XSD
 from linked_fleet_gateway.resources.action_offer import Offer, fleet_offers, joint_offers, robot_offers
 from linked_fleet_gateway.resources.annotations import annotate
 from linked_fleet_gateway.resources.joint_kinds import kind_of
@@ -23,10 +24,11 @@ Links = Iterable[tuple[NamedNode, str]]
 
 @dataclass(frozen=True)
 class Doing:
-    """Paths of a robot's running invocations, and the end of its last motion (wall ns)."""
+    """Paths of a robot's running invocations, the end of its last motion (wall ns), and the charge of its battery."""
 
     tasks: tuple[str, ...] = ()
     moved_ns: int | None = None
+    battery_percent: Decimal | None = None
 
 
 class Describer:
@@ -68,6 +70,8 @@ class Describer:
             graph.add(iri, LF.currentTask, *(self.iri(task) for task in does.tasks))
             if does.moved_ns is not None:
                 graph.add(iri, LF.lastMoved, timestamp(does.moved_ns, resolution_ns=_SECOND_NS))
+            if does.battery_percent is not None:
+                graph.add(iri, LF.batteryCharge, Literal(f"{does.battery_percent:.1f}", datatype=XSD.decimal))
 
     def robot(self, robot: Robot, tasks: Sequence[str], links: Links, graph: Graph) -> None:
         """Describe a robot; ``tasks`` are the paths of its running invocations, ``links`` as for the fleet."""

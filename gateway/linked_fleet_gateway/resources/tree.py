@@ -19,6 +19,7 @@ from linked_fleet_gateway.resources.access_filter import InvocationsInView, Robo
 from linked_fleet_gateway.resources.action_offer import Offer, fleet_offers, joint_offers, robot_offers
 from linked_fleet_gateway.resources.action_tree import in_actions, invocation_of
 from linked_fleet_gateway.resources.affordance import Control
+from linked_fleet_gateway.resources.battery import battery_charge
 from linked_fleet_gateway.resources.binary_frames import frames_of, in_layout, is_framed, layout_path, related_layouts
 from linked_fleet_gateway.resources.branches import NONE, Branches, Found, RequestView
 from linked_fleet_gateway.resources.describe import Describer, Doing, part_paths
@@ -138,7 +139,8 @@ class Tree:
         ]
 
     def _doing(self, robot: Robot) -> Doing:
-        return Doing(tuple(self._tasks(robot)), self._invocations.last_motion_ns(robot.name))
+        moved_ns = self._invocations.last_motion_ns(robot.name)
+        return Doing(tuple(self._tasks(robot)), moved_ns, battery_charge(robot))
 
     def _at_root(self, segment: str) -> Resource | None:
         if segment == "vocabulary":

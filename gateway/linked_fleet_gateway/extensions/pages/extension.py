@@ -10,7 +10,7 @@ from linked_fleet_gateway.base.errors import FleetError
 from linked_fleet_gateway.extensions.pages import page
 from linked_fleet_gateway.extensions.pages.navigation import set_entries
 from linked_fleet_gateway.extensions.pages.policy import FORMS, POLICY
-from linked_fleet_gateway.extensions.pages.resources import BRANCH
+from linked_fleet_gateway.extensions.pages.resources import BRANCH, THUMBNAIL, THUMBNAILS
 from linked_fleet_gateway.extensions.pages.views import add_view
 from linked_fleet_gateway.http.extension import Core, Extension, Mount
 from linked_fleet_gateway.http.html import Formats
@@ -36,6 +36,7 @@ class Pages:
 class PagesExtension(Extension):
     name = "pages"
     at_root = ("assets",)
+    in_robot = (THUMBNAIL,)
     public = ("assets",)
 
     @asynccontextmanager
@@ -43,4 +44,4 @@ class PagesExtension(Extension):
         for name in core.views:
             add_view(resolve_name(name))
         set_entries(core.navigation)
-        yield Mount(branches=(BRANCH,), html=Pages())
+        yield Mount(branches=(BRANCH, THUMBNAILS), html=Pages())

@@ -7,17 +7,24 @@ from dataclasses import dataclass
 from pyoxigraph import NamedNode
 
 from linked_fleet_gateway.extensions.pages import labels, sentences
-from linked_fleet_gateway.extensions.pages.thing_views import Presence, actions, presence
+from linked_fleet_gateway.extensions.pages.resources import THUMBNAIL
+from linked_fleet_gateway.extensions.pages.thing_views import Presence, actions, path_below, presence
 from linked_fleet_gateway.extensions.pages.values import Facts, Link, Time
 from linked_fleet_gateway.extensions.pages.views import Part, constant
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, LDP, LF
 
+LOW_PERCENT = 20.0
+"""From which charge of a battery downwards a card says that it is low; also in `face/src/fleet.js`."""
 _PRESENCES = ("online", "faulty", "offline")
 
 
 @dataclass(frozen=True)
 class RobotCard:
-    """A robot as the fleet lists it; ``model`` is its kind, ``task`` what it is doing, in words, empty for nothing."""
+    """A robot as the fleet lists it.
+
+    ``model`` is its kind, ``task`` what it is doing, in words, empty for nothing; ``battery`` is the charge in percent,
+    empty where nobody says one; ``thumbnail`` is the path of its drawing.
+    """
 
     link: Link
     name: str
@@ -25,6 +32,12 @@ class RobotCard:
     presence: Presence
     task: str
     moved: Time | None
+    battery: str
+    thumbnail: str
+
+    @property
+    def low(self) -> bool:
+        return bool(self.battery) and float(self.battery) < LOW_PERCENT
 
 
 def fleet(facts: Facts, iri: NamedNode) -> Part:
@@ -53,7 +66,14 @@ def _card(facts: Facts, iri: NamedNode) -> RobotCard:
         presence(facts, iri),
         sentences.task(tasks[0], facts.root) if tasks else "",
         moved[0] if moved and isinstance(moved[0], Time) else None,
+        _percent(facts.text(iri, LF.batteryCharge)),
+        path_below(iri.value, facts.root) + THUMBNAIL,
     )
+
+
+def _percent(charge: str) -> str:
+    """Return a charge without decimals; a number, as its shape says, or empty."""
+    return f"{float(charge):.0f}" if charge else ""
 
 
 def _counts(robots: Sequence[RobotCard]) -> list[tuple[str, int]]:

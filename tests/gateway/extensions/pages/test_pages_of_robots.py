@@ -98,7 +98,10 @@ def test_every_kind_has_a_page_of_its_own(browser: Browser, addresses: dict[str,
         scripts = [each for each in page.all("script") if each.get("type") != "application/ld+json"]
         assert all(each.get("src").startswith("/assets/") and not each.text for each in scripts)
         loaded = [each["href"] for each in page.all("link") if each["rel"] in ("stylesheet", "icon")]
-        assert not [each for each in loaded if urlsplit(each).netloc] and not list(page.all("img", "iframe", "object"))
+        drawings = [each["src"] for each in page.all("img")]
+        assert not [each for each in (*loaded, *drawings) if urlsplit(each).netloc]
+        assert not list(page.all("iframe", "object"))
+        assert drawings == [f"{urlsplit(each).path}thumbnail" for each in addresses["robot"] if kind == "fleet"]
         ids = [each["id"] for each in page.with_attribute("id")]
         assert len(ids) == len(set(ids)), [each for each in ids if ids.count(each) > 1]
         # HTML does not allow "required" on a select with a preselected option.

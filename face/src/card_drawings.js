@@ -1,0 +1,68 @@
+// Drawings of robots on their cards: fetched again while the card is seen, and shown when the pose is another.
+
+const BUSY_MS = 1000;
+const IDLE_MS = 10_000; // a robot may be moved by others than this gateway
+const FIRST = "img.thumbnail";
+
+/** @typedef {{seen: boolean, busy: boolean, moved?: string, tag?: string, timer?: ReturnType<typeof setTimeout>, url?: string}} Drawing */
+
+/** @type {WeakMap<Element, Drawing>} by card */
+const drawings = new WeakMap();
+
+const sight = new IntersectionObserver((entries) => {
+  for (const { target, isIntersecting } of entries) {
+    const drawing = drawings.get(target);
+    drawing.seen = isIntersecting;
+    plan(target, drawing);
+  }
+});
+document.addEventListener("visibilitychange", () => document.querySelectorAll("#robots li[data-robot]").forEach(replan));
+
+/** Follow the cards in this part of the page. */
+export function watch(root) {
+  for (const card of root.querySelectorAll("li[data-robot]")) {
+    if (drawings.has(card) || !card.querySelector(FIRST)) continue;
+    drawings.set(card, { seen: false, busy: false });
+    sight.observe(card);
+  }
+}
+
+/** The robot of a card is at a task, or its last motion ended at this time. */
+export function moves(card, busy, moved) {
+  const drawing = drawings.get(card);
+  if (!drawing || (drawing.busy === busy && drawing.moved === moved)) return;
+  Object.assign(drawing, { busy, moved });
+  plan(card, drawing, 0);
+}
+
+function replan(card) {
+  const drawing = drawings.get(card);
+  if (drawing) plan(card, drawing);
+}
+
+/** @param {Element} card @param {Drawing} drawing */
+function plan(card, drawing, wait = drawing.busy ? BUSY_MS : IDLE_MS) {
+  clearTimeout(drawing.timer);
+  if (!card.isConnected) return sight.unobserve(card);
+  if (!drawing.seen || document.hidden) return;
+  drawing.timer = setTimeout(() => draw(card, drawing).finally(() => plan(card, drawing)), wait);
+}
+
+/** @param {Element} card @param {Drawing} drawing */
+async function draw(card, drawing) {
+  /** @type {HTMLImageElement} */
+  const image = card.querySelector(FIRST);
+  try {
+    const headers = { Accept: "image/svg+xml", ...(drawing.tag ? { "If-None-Match": drawing.tag } : {}) };
+    const response = await fetch(image.dataset.source ?? image.src, { headers, cache: "no-store" });
+    image.dataset.source ??= image.src;
+    if (!response.ok) return; // the same pose, or a robot that has gone
+    drawing.tag = response.headers.get("etag") ?? undefined;
+    const url = URL.createObjectURL(await response.blob());
+    image.src = url;
+    if (drawing.url) URL.revokeObjectURL(drawing.url);
+    drawing.url = url;
+  } catch (error) {
+    console.debug("a thumbnail cannot be had at present:", error);
+  }
+}

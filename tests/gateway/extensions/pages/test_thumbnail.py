@@ -1,0 +1,93 @@
+"""The drawing of a robot on its card: of its present pose, small, and of any robot that there may be."""
+
+import re
+from typing import Any
+from xml.etree import ElementTree as ET
+
+import pytest
+from pyoxigraph import Literal
+
+from linked_fleet_gateway.extensions.pages.resources import THUMBNAILS
+from linked_fleet_gateway.extensions.pages.thumbnail import HEIGHT, SVG, WIDTH, drawing
+from linked_fleet_gateway.fleet.invocations import Invocations
+from linked_fleet_gateway.rdf.vocabulary import LF
+from linked_fleet_gateway.resources.battery import read_charge
+from linked_fleet_gateway.resources.branches import Branches
+from linked_fleet_gateway.resources.tree import Tree
+
+_ARM = {f"j{number}": ("revolute", '<origin xyz="0 0 0.3" rpy="1 0 0"/>') for number in range(3)}
+NS = "http://www.w3.org/2000/svg"
+_NUMBER = re.compile(r"-?\d+\.?\d*")
+
+
+def _points(svg: bytes) -> list[list[float]]:
+    paths = ET.fromstring(svg).iter(f"{{{NS}}}path")
+    return [[float(each) for each in _NUMBER.findall(path.get("d", ""))] for path in paths]
+
+
+def test_another_pose_is_another_drawing(bench: Any) -> None:
+    """What the robot is like decides, and nothing else: the same pose gives the same bytes."""
+    straight, bent = bench.robot(_ARM, [0, 0, 0]), bench.robot(_ARM, [1, 0, 0], name="other")
+    assert drawing(straight) == drawing(bench.robot(_ARM, [0, 0, 0], name="third")) != drawing(bent)
+
+
+def test_the_robot_fills_its_frame_and_stays_in_it(bench: Any) -> None:
+    found = _points(drawing(bench.robot(_ARM, [0.4, -1, 0.3])))
+    across = [each for path in found for each in path[::2]]
+    down = [each for path in found for each in path[1::2]]
+    assert min(across) >= 0 and max(across) <= WIDTH and min(down) >= 0 and max(down) <= HEIGHT
+    assert max(max(across) - min(across), max(down) - min(down)) > HEIGHT * 0.6
+
+
+def test_a_pose_that_nobody_knows_is_not_invented(bench: Any) -> None:
+    root = ET.fromstring(drawing(bench.robot(_ARM, None)))
+    assert [each.text for each in root] == ["?"] and not list(root.iter(f"{{{NS}}}path"))
+
+
+@pytest.mark.parametrize("offset", ["1e300 0 0", "0 0 0", "1e-12 0 0"])
+def test_absurd_robots_are_drawn_in_finite_numbers(bench: Any, offset: str) -> None:
+    joints = {"a": ("continuous", f'<origin xyz="{offset}"/>'), "b": ("continuous", f'<origin xyz="{offset}"/>')}
+    svg = drawing(bench.robot(joints, [0, 0])).decode()
+    assert "nan" not in svg and "inf" not in svg and len(svg) < 2000
+
+
+def test_it_is_found_below_its_robot(bench: Any) -> None:
+    robot = bench.robot(_ARM, [0, 0, 0])
+    resource = _resolved(bench, "/r/thumbnail")
+    assert resource.documents[SVG]() == drawing(robot) and resource.describe is None
+
+
+def _resolved(bench: Any, path: str) -> Any:
+    return Tree(bench.fleet, Invocations(), bench.base, branches=Branches().having(THUMBNAILS)).resolve(path)
+
+
+@pytest.mark.parametrize(
+    ("said", "percent"),
+    [
+        ("80", 80),
+        ("12.5", 12.5),
+        ("101", None),
+        ("-1", None),
+        ('"full"', None),
+        ("1e1", 10),
+        ('"NaN"^^xsd:double', None),
+    ],
+)
+def test_a_battery_is_listed_as_its_robot_says(bench: Any, said: str, percent: float | None) -> None:
+    """What is no share of a hundred is none."""
+    robot = bench.robot(_ARM, annotations=f"<> lf:batteryCharge {said} .")
+    expected = [] if percent is None else [percent]
+    assert [charge for each in robot.annotations if (charge := read_charge(each)) is not None] == expected
+    assert [float(each.value) for each in _charges(bench)] == expected
+
+
+def _charges(bench: Any) -> list[Literal]:
+    """As the fleet lists them."""
+    triples = _resolved(bench, "/").whole(bench.base).triples
+    return [each.object for each in triples if each.predicate == LF.batteryCharge]
+
+
+def test_what_the_agent_says_of_its_battery_counts(bench: Any) -> None:
+    bench.robot(_ARM, annotations="<> lf:batteryCharge 80 .")
+    bench.fleet.configure("r", {"annotations": bench.prefixed("<./> lf:batteryCharge 5 .")})
+    assert [each.value for each in _charges(bench)] == ["80.0"]
