@@ -8,7 +8,7 @@ from rdflib import BNode, Graph
 from rdflib.term import Literal, Node, URIRef
 
 from linked_fleet_client.quantity import UNIT_PATHS, number
-from linked_fleet_client.vocabulary import RDF, SH, local_name
+from linked_fleet_client.vocabulary import DCTERMS, RDF, SH, local_name
 
 _DEEPEST = 12
 _LONGEST_LIST = 2000
@@ -44,7 +44,10 @@ class Shape:
 
 @dataclass(frozen=True)
 class Field:
-    """A property shape: cardinality of a predicate and constraints of its values; ``fixed`` values must be present."""
+    """A property shape: cardinality of a predicate and constraints of its values; ``fixed`` values must be present.
+
+    ``format`` is the media type of a text value, or of the text in which a blank node is written.
+    """
 
     path: URIRef
     name: str
@@ -55,6 +58,7 @@ class Field:
     fixed: tuple[Node, ...] = ()
     default: Node | None = None
     order: float = 0.0
+    format: str = ""
 
     @property
     def allowed(self) -> tuple[Node, ...] | None:
@@ -127,6 +131,7 @@ def _one_field(one: Field | None, other: Field | None) -> Field:
         fixed=tuple(dict.fromkeys((*one.fixed, *other.fixed))),
         default=one.default if one.default is not None else other.default,
         order=one.order or other.order,
+        format=one.format or other.format,
     )
 
 
@@ -182,6 +187,7 @@ def _field(graph: Graph, node: Node, above: tuple[Node, ...]) -> Field | None:
         fixed=tuple(_ordered(graph.objects(node, SH.hasValue))),
         default=graph.value(node, SH.defaultValue),
         order=_number(graph.value(node, SH.order)) or 0.0,
+        format=str(graph.value(node, DCTERMS["format"]) or ""),
     )
 
 

@@ -2,7 +2,7 @@
 
 import { write } from "./ntriples.js";
 import { adopt } from "./region.js";
-import { DECIMAL, DOUBLE, RDF_TYPE } from "./vocabulary.js";
+import { DECIMAL, DOUBLE, RDF_TYPE, lf } from "./vocabulary.js";
 import { applyLimits, outside } from "./limits.js";
 
 const FORM = "form.invoke";
@@ -96,7 +96,7 @@ export function own(fragment) {
 }
 
 /**
- * What a form says, as N-Triples about a blank node, or null if something is wrong, which is then said at its field.
+ * What a form says, as Turtle about a blank node, or null if something is wrong, which is then said at its field.
  *
  * @param {HTMLFormElement} form
  * @returns {string|null}
@@ -104,11 +104,11 @@ export function own(fragment) {
 export function read(form) {
   for (const leaf of form.querySelectorAll(LEAF)) complain(leaf, "");
   for (const node of form.querySelectorAll(NODE)) complain(node, "");
-  const said = new Body();
+  const said = new Body(complain, "form");
   said.node(form, form.dataset.classes);
   for (const { parentElement } of said.wrong) open(parentElement);
   said.wrong[0]?.focus();
-  return said.wrong.length ? null : said.lines.join("");
+  return said.wrong.length ? null : said.text();
 }
 
 /**
@@ -131,21 +131,33 @@ function open(element) {
 }
 
 class Body {
-  constructor(complaint = complain) {
+  /** @param {string} prefix of the labels of blank nodes: what people write in Turtle has others */
+  constructor(complaint = complain, prefix = "n") {
     this.complaint = complaint;
+    this.prefix = prefix;
     this.lines = [];
+    this.texts = [];
     this.wrong = [];
     this.nodes = 0;
   }
 
   node(container, classes) {
-    const name = { kind: "blank", value: `n${this.nodes++}` };
+    const name = this.blank();
     for (const type of (classes ?? "").split(/\s+/).filter(Boolean)) this.say(name, RDF_TYPE, { kind: "iri", value: type });
     for (const part of partsOf(container)) {
       if (part instanceof HTMLFieldSetElement) this.part(name, part);
       else this.leaf(name, part);
     }
     return name;
+  }
+
+  blank() {
+    return { kind: "blank", value: `${this.prefix}${this.nodes++}` };
+  }
+
+  /** Turtle: what people have written comes last, since their prefixes hold from there. */
+  text() {
+    return [this.lines.join(""), ...this.texts].join("\n");
   }
 
   part(name, fieldset) {
@@ -159,8 +171,21 @@ class Body {
       this.complaint(control, problem);
       this.wrong.push(control);
     } else if (control.type === "checkbox" ? control.checked || control.required : control.value !== "") {
-      this.say(name, control.dataset.path, term(control));
+      this.say(name, control.dataset.path, this.term(control));
     }
+  }
+
+  term(control) {
+    const { kind } = control.dataset;
+    const value = control.value.trim();
+    if (kind === "turtle") {
+      this.texts.push(`${control.value}\n`);
+      return { kind: "blank", value: "body" };
+    }
+    if (kind !== "variable" || !value.startsWith("?")) return term(control);
+    const node = this.blank();
+    this.say(node, lf("variable"), { kind: "literal", value: value.slice(1) });
+    return node;
   }
 
   say(subject, predicate, object) {
@@ -192,6 +217,7 @@ function wrongWith(control) {
   const { validity } = control;
   if (control.type === "hidden") return "";
   if (validity.badInput) return "This is no number.";
+  if (control.dataset.kind === "variable" && !control.value.startsWith("?") && !URL.canParse(control.value, document.baseURI)) return "This is no address.";
   if (control.value === "") return control.required && control.type !== "checkbox" ? "This is needed." : "";
   const range = outside(control);
   if (range) return range;
@@ -203,7 +229,7 @@ function wrongWith(control) {
 function term(control) {
   const { kind, datatype } = control.dataset;
   const value = control.type === "checkbox" ? String(control.checked) : control.value.trim();
-  if (kind === "iri") return { kind: "iri", value: new URL(value, document.baseURI).href };
+  if (kind === "iri" || kind === "variable") return { kind: "iri", value: new URL(value, document.baseURI).href };
   if (datatype) return { kind: "literal", value: control.type === "datetime-local" ? new Date(value).toISOString() : value, datatype };
   const numeric = control.type === "number" || control.inputMode === "decimal";
   return { kind: "literal", value, datatype: numeric ? (/e/i.test(value) ? DOUBLE : DECIMAL) : undefined };

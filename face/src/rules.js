@@ -1,13 +1,15 @@
 // Rules: switches, an editor that tries a condition before it is saved, and what firings did.
 
-import { fresh, send } from "./request.js";
+import { send } from "./request.js";
 import { notice } from "./notice.js";
 import { write } from "./ntriples.js";
 import { adopt, refresh } from "./region.js";
 import { solutions } from "./query.js";
-import { DECIMAL, RDF_TYPE, TITLE, lf } from "./vocabulary.js";
+import { TITLE, lf } from "./vocabulary.js";
 
-const FIELDS = { "rule-title": "title", "rule-condition": "condition", "rule-invokes": "invokes", "rule-body": "body", "rule-told-apart": "toldApart" };
+const FIELDS = { title: TITLE, condition: lf("condition"), invokes: lf("invokes"), body: lf("body"), toldApart: lf("toldApartBy") };
+// What becomes of a rule, and not what it says.
+const OUTCOMES = ["state", "reason", "firings", "suppressions"].map(lf);
 const pages = new DOMParser();
 
 export function start() {
@@ -24,27 +26,43 @@ export function start() {
 /** @param {HTMLFormElement} form */
 function edit(form) {
   form.addEventListener("submit", (event) => {
-    event.preventDefault();
-    attempt(form);
+    if (!(event.submitter && "save" in event.submitter.dataset)) {
+      event.preventDefault();
+      event.stopPropagation(); // it is a query, and nothing that is to be sent as a rule
+      attempt(form);
+    }
   });
-  const save = form.querySelector("button[data-save]");
-  const change = form.querySelector("button[data-change]");
-  save?.addEventListener("click", () => create(form));
-  change?.addEventListener("click", () => replaceCondition(form, change.dataset.change));
-  for (const button of [save, change]) button?.removeAttribute("hidden");
+  form.querySelector("button[data-save]").removeAttribute("hidden");
+  if (form.dataset.methods === "PUT") tie(form);
   const examples = document.getElementById("rule-examples");
   examples?.removeAttribute("hidden");
   examples?.addEventListener("click", ({ target }) => {
     const button = target.closest?.("button[data-example]");
-    if (button) fill(button.dataset);
+    if (button) fill(form, button.dataset);
   });
 }
 
-function fill(example) {
-  for (const [id, name] of Object.entries(FIELDS)) {
-    const field = /** @type {HTMLInputElement} */ (document.getElementById(id));
-    field.value = example[name] ?? "";
-    field.dispatchEvent(new Event("replaced"));
+/** @param {HTMLFormElement} form */
+function fill(form, example) {
+  for (const [name, path] of Object.entries(FIELDS)) {
+    const value = example[name] ?? "";
+    const repeat = form.querySelector(`.repeat:has(template)`);
+    if (path === FIELDS.toldApart) several(repeat, value.split(" ").filter(Boolean));
+    else set(form.querySelector(`[data-path="${path}"]`), value);
+  }
+}
+
+function set(field, value) {
+  field.value = value;
+  field.dispatchEvent(new Event("replaced"));
+}
+
+/** Have a field that may be there several times be there once for each value. */
+function several(repeat, values) {
+  for (const button of repeat.querySelectorAll("button[data-remove]")) button.click();
+  for (const value of values) {
+    repeat.querySelector("button[data-add]").click();
+    set([...repeat.querySelectorAll("input[data-path]")].at(-1), value);
   }
 }
 
@@ -58,48 +76,29 @@ async function attempt(form) {
   place.querySelector("h2")?.remove();
 }
 
-async function create(form) {
-  const field = (id) => /** @type {HTMLInputElement} */ (document.getElementById(id)).value.trim();
-  const rule = { kind: /** @type {const} */ ("blank"), value: "rule" };
-  const lines = [];
-  const say = (predicate, object) => lines.push(`${write(rule)} ${write({ kind: "iri", value: predicate })} ${write(object)} .`);
-  const text = (value) => ({ kind: "literal", value });
-  const invokes = field("rule-invokes");
-  say(RDF_TYPE, { kind: "iri", value: lf("Rule") });
-  say(TITLE, text(field("rule-title")));
-  say(lf("condition"), text(field("rule-condition")));
-  if (invokes.startsWith("?")) {
-    say(lf("invokes"), { kind: "blank", value: "invoked" });
-    lines.push(`_:invoked ${write({ kind: "iri", value: lf("variable") })} ${write({ kind: "literal", value: invokes.slice(1) })} .`);
-  } else if (URL.canParse(invokes, document.baseURI)) {
-    say(lf("invokes"), { kind: "iri", value: new URL(invokes, document.baseURI).href });
-  }
-  for (const name of field("rule-told-apart").split(/[\s,?]+/).filter(Boolean)) say(lf("toldApartBy"), text(name));
-  const interval = field("rule-interval");
-  if (interval) say(lf("minimumInterval"), { kind: "literal", value: interval, datatype: DECIMAL });
-  const body = field("rule-body");
-  if (body) say(lf("body"), { kind: "blank", value: "body" });
-  // The author's Turtle comes last: its prefixes and its lines are counted from there.
-  const answer = await saving(form, send("POST", form.dataset.container, { body: `${lines.join("\n")}\n${body}\n`, headers: { "Idempotency-Key": fresh() } }));
-  if (!answer) return;
-  tell(form, "done", "Saved: ", Object.assign(document.createElement("a"), { href: answer.location, textContent: field("rule-title") }));
-  refresh();
+/** Put a rule back only if it says what it said when its page came: its firings change its entity tag too. */
+function tie(form) {
+  const iri = form.dataset.action;
+  let before = described(iri);
+  form.addEventListener("submit", async (event) => {
+    if (form.dataset.match || !event.submitter || !("save" in event.submitter.dataset)) return;
+    event.preventDefault();
+    event.stopPropagation();
+    const [{ said }, now] = await Promise.all([before, described(iri)]);
+    // What somebody else has written in the meantime is refused by the gateway, with the reason.
+    form.dataset.match = now.said === said ? now.tag : '"another"';
+    form.requestSubmit(event.submitter);
+    delete form.dataset.match;
+  });
+  form.addEventListener("saved", () => (before = described(iri)));
 }
 
-async function replaceCondition(form, iri) {
-  const condition = { kind: /** @type {const} */ ("literal"), value: form.querySelector("textarea[name=query]").value };
-  const answer = await saving(form, put(iri, lf("condition"), condition));
-  if (answer) tell(form, "done", "Saved.");
-}
-
-async function saving(form, sent) {
-  tell(form, "waiting", "Saving…");
-  const answer = await sent;
-  if (!answer.problem) return answer;
-  const { title, detail, report = [] } = answer.problem;
-  const messages = report.map(({ message }) => message).filter((each) => each && !detail.includes(each));
-  tell(form, "error", [`${title}. ${detail}`, ...messages].join(" "));
-  return undefined;
+/** What a rule says at present, without what became of it, and its entity tag. */
+async function described(iri) {
+  const response = await fetch(iri, { headers: { Accept: "application/n-triples" }, cache: "no-store" });
+  const lines = (await response.text()).split("\n").filter((line) => !OUTCOMES.some((each) => line.includes(`> <${each}> `)));
+  const said = lines.map((line) => line.replaceAll(/_:\w+/g, "_:")).sort().join("\n");
+  return { said, tag: response.headers.get("etag") ?? '"none"' };
 }
 
 async function toggle(button) {
@@ -132,10 +131,4 @@ async function showFirings() {
   const page = pages.parseFromString(await response.text(), "text/html");
   const found = page.querySelector("#fired .scroll, #fired .empty");
   if (found) place.replaceChildren(document.importNode(found, true));
-}
-
-function tell(form, state, ...parts) {
-  const output = form.querySelector("output.answer");
-  output.dataset.state = state;
-  output.replaceChildren(...parts);
 }

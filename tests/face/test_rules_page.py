@@ -46,7 +46,7 @@ def test_a_rule_is_made_with_one_click_and_seen_to_fire(rules: Page, client: Cli
     """From the example in the editor; another click leads to the result of the firing."""
     rules.set_viewport_size(size)
     rules.get_by_role("button", name="Save the rule").click()
-    expect(rules.locator("output.answer")).to_contain_text(f"Saved: {TITLE}")
+    expect(rules.locator("output.answer")).to_contain_text(f"Done: {TITLE}")
     expect(row(rules).locator(".state")).to_have_text("active")
     expect(row(rules)).to_contain_text("never")
     turn(client, 1.2)
@@ -80,7 +80,7 @@ def test_a_switch_disables_a_rule_and_enables_it(rules: Page, client: Client) ->
 
 def test_a_condition_is_tried_before_it_is_saved(rules: Page, watched: Any, client: Client) -> None:
     """Rows are shown while it holds; a syntax error is marked, and a refusal shown, with the text unchanged."""
-    editor = rules.get_by_role("textbox", name="When this starts to hold (SPARQL)")
+    editor = rules.get_by_role("textbox", name="condition")
     editor.fill("SELECT ?robot WHERE { ?robot a <https://w3id.org/linked-fleet#Robot> }")
     rules.get_by_role("button", name="Try the condition").click()
     expect(rules.locator("#results tbody td")).to_have_text(["ur5/"])
@@ -95,12 +95,37 @@ def test_a_condition_is_tried_before_it_is_saved(rules: Page, watched: Any, clie
     watched.forgive("400", "422")
 
 
+def test_what_a_saved_rule_says_is_changed_by_its_form(rules: Page, watched: Any, client: Client) -> None:
+    """Its options as well; not after somebody else has changed it, but after it has fired."""
+    rules.get_by_role("button", name="Save the rule").click()
+    expect(row(rules).locator(".state")).to_have_text("active")
+    row(rules).get_by_role("link", name=TITLE).click()
+    expect(rules.locator(".editor")).to_have_count(2)
+    turn(client, 1.2)
+    expect(rules.locator("#fired tbody tr")).to_contain_text("accepted")
+    rules.get_by_text("Options", exact=True).click()
+    rules.get_by_label("minimum interval").fill("7.5")
+    rules.get_by_label("action").fill("/ur5/actions/stop")
+    rules.get_by_role("textbox", name="body").fill("")
+    rules.get_by_role("button", name="Save the changes").click()
+    expect(rules.locator("output.answer")).to_have_text("Done.")
+    page = client.page(rules.url)
+    assert (float(page.one(LF.minimumInterval)), page.one(LF.invokes).rpartition("/")[2]) == (7.5, "stop")
+    assert page.graph.value(page.iri, LF.body) is None
+    changed = page.response.text.replace("7.5", "8.5")
+    assert client.http.put(rules.url, content=changed, headers=TURTLE).is_success
+    rules.get_by_role("button", name="Save the changes").click()
+    expect(rules.locator("output.answer")).to_contain_text("changed")
+    assert float(client.page(rules.url).one(LF.minimumInterval)) == 8.5
+    watched.forgive("412")
+
+
 def test_examples_fill_the_editor(rules: Page) -> None:
     rules.get_by_role("button", name="The UR5 stops when it comes near to the Panda").click()
-    expect(rules.get_by_label("Title")).to_have_value("The UR5 stops when it comes near to the Panda")
-    expect(rules.get_by_role("textbox", name="When this starts to hold (SPARQL)")).to_contain_text("lf:distance")
-    expect(rules.get_by_label("Invoke this action")).to_have_value("/ur5/actions/stop")
-    assert rules.locator("#rule-body").input_value() == ""
+    expect(rules.get_by_label("title")).to_have_value("The UR5 stops when it comes near to the Panda")
+    expect(rules.get_by_role("textbox", name="condition")).to_contain_text("lf:distance")
+    expect(rules.get_by_label("action")).to_have_value("/ur5/actions/stop")
+    assert rules.locator('textarea[data-path$="#body"]').input_value() == ""
 
 
 def test_rules_are_read_and_conditions_tried_without_scripts(chromium: Browser, client: Client) -> None:
@@ -109,7 +134,8 @@ def test_rules_are_read_and_conditions_tried_without_scripts(chromium: Browser, 
     page = context.new_page()
     page.goto(str(client.page(client.root).one(LF.rules)))
     expect(page.get_by_text("There are none so far.")).to_be_visible()
-    page.get_by_label("When this starts to hold (SPARQL)").fill("SELECT ?x { VALUES ?x { 7 } }")
+    expect(page.get_by_text("Saving takes scripts")).to_be_visible()
+    page.get_by_label("condition").fill("SELECT ?x { VALUES ?x { 7 } }")
     page.get_by_role("button", name="Try the condition").click()
     expect(page.locator("#results tbody td")).to_have_text(["7"])
     context.close()

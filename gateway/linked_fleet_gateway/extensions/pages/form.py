@@ -2,9 +2,8 @@
 
 import json
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import lru_cache
-from typing import ClassVar
 
 import rdflib
 from pyoxigraph import BlankNode, Literal, NamedNode, RdfFormat, parse, serialize
@@ -13,7 +12,9 @@ from rdflib.term import Node, URIRef
 from linked_fleet_client.form import choices, every_field
 from linked_fleet_client.quantity import INTEGERS, UNIT_PATHS, UNITS
 from linked_fleet_client.shape import Bound, Field, Shape, merged, read_shape
+from linked_fleet_client.vocabulary import SH
 from linked_fleet_gateway.extensions.pages import labels
+from linked_fleet_gateway.extensions.pages.form_parts import Form, Group, Leaf
 from linked_fleet_gateway.extensions.pages.values import Facts
 from linked_fleet_gateway.rdf.graph import Graph
 from linked_fleet_gateway.rdf.shapes import closure, load
@@ -25,67 +26,8 @@ _NUMBERS = frozenset(URIRef(each.value) for each in NUMERIC)
 _EXACT = frozenset({URIRef(XSD.decimal.value), URIRef(XSD.double.value)})
 _TEXT, _ADDRESS, _BOOLEAN = (URIRef(each.value) for each in (XSD.string, XSD.anyURI, XSD.boolean))
 _MANY = 256
+_EDITORS = {"application/sparql-query": "sparql", "text/turtle": "turtle"}
 _RDF_TYPE = rdflib.RDF.type
-
-
-@dataclass(frozen=True)
-class Leaf:
-    """One value. ``input`` is the type of its element; ``limits`` is JSON for `face/src/limits.js`, or empty.
-
-    ``when``: the types of its node that it is for, where it is not for all.
-    """
-
-    path: str
-    label: str
-    hint: str
-    required: bool
-    input: str
-    iri: bool
-    datatype: str
-    value: str = ""
-    options: Sequence[tuple[str, str]] = ()
-    limits: str = ""
-    step: str = ""
-    most: int = 1
-    when: Sequence[str] = ()
-    kind: ClassVar[str] = "leaf"
-
-
-@dataclass(frozen=True)
-class Group:
-    """A node of its own, with its classes; ``least`` and ``most`` say how often it may be there.
-
-    ``filled``: it is sent even as it is. ``when``: as of Leaf.
-    """
-
-    path: str
-    label: str
-    hint: str
-    classes: str
-    least: int
-    most: int
-    fields: Sequence["Leaf | Group"]
-    filled: bool = False
-    when: Sequence[str] = ()
-    kind: ClassVar[str] = "group"
-
-    @property
-    def required(self) -> bool:
-        return self.least > 0
-
-
-@dataclass(frozen=True)
-class Form:
-    """``mark`` makes ids of the page; ``needed`` comes first, ``further`` need not be filled in."""
-
-    action: str
-    mark: str
-    methods: str
-    classes: str
-    name: str
-    needed: Sequence[Leaf | Group]
-    further: Sequence[Leaf | Group]
-    rehearses: bool = False
 
 
 # -- which forms there are ------------------------------------------------------------------------------------------
@@ -114,9 +56,11 @@ def form_of_setting(facts: Facts, iri: NamedNode) -> Form | None:
     return _form(iri.value, ["PUT"], "set", classes, _prefilled(_filled(fields, facts, iri), present))
 
 
-def form_of_shape(shape: NamedNode, action: str, method: str, name: str, facts: Facts, subject: Term) -> Form:
-    """The form of a published shape, filled in with what ``facts`` say of ``subject``."""
-    classes, fields = _fields(_blueprint(shape), str(shape))
+def form_of_shape(
+    shape: NamedNode, action: str, method: str, name: str, facts: Facts, subject: Term, file: str = "blueprints.ttl"
+) -> Form:
+    """The form of a shape that is published in ``file``, filled in with what ``facts`` say of ``subject``."""
+    classes, fields = _fields(_blueprint(shape, file), str(shape))
     return _form(action, [method], name, classes, _filled(fields, facts, subject))
 
 
@@ -155,7 +99,9 @@ def _filled_field(own: Leaf | Group, said: Sequence[Term], facts: Facts) -> Leaf
         offered = {value for value, _ in own.options}
         known = [each.value for each in said if isinstance(each, Literal | NamedNode) and each != LF.unknown]
         fitting = [each for each in known if each in offered or not offered]
-        return replace(own, value=fitting[0]) if fitting and own.input != "hidden" else own
+        if not fitting or own.input == "hidden":
+            return own
+        return replace(own, value=fitting[0], further=fitting[1:] if own.most > 1 else ())
     if not said or not isinstance(said[0], BlankNode):
         return own
     fields = _filled(own.fields, facts, said[0])
@@ -178,9 +124,9 @@ def _written(facts: Facts) -> bytes:
 
 
 @lru_cache(maxsize=16)
-def _blueprint(shape: NamedNode) -> bytes:
+def _blueprint(shape: NamedNode, file: str = "blueprints.ttl") -> bytes:
     graph = Graph()
-    closure(graph, shape)
+    closure(graph, shape, file)
     return serialize(graph.triples, format=RdfFormat.N_TRIPLES) or b""
 
 
@@ -250,6 +196,8 @@ def _leaf(own: Field, branches: Sequence[Shape], name: str, hint: str, most: int
     offered = choices(own, branches)
     if offered is not None:
         return _choice(own, list(offered), name, hint, value, most)
+    if own.format in _EDITORS:
+        return Leaf(path, name, hint, required, "textarea", False, "", value, editor=_EDITORS[own.format])
     kinds = [own.shape, *_branches(own.shape)]
     datatypes = next((each.datatypes for each in kinds if each.datatypes), ())
     limits = _limits(own, branches)
@@ -259,7 +207,10 @@ def _leaf(own: Field, branches: Sequence[Shape], name: str, hint: str, most: int
         step = "1" if datatypes and INTEGERS.issuperset(datatypes) else "any"
         return Leaf(path, name, hint, required, "number", False, datatype, value, (), limits, step, most)
     if any(each.node_kind or each.classes for each in kinds) and not datatypes:
-        return Leaf(path, name, hint, required, "url", True, "", value, most=most)
+        variable = own.shape.node_kind == SH.BlankNodeOrIRI
+        return Leaf(
+            path, name, hint, required, "text" if variable else "url", True, "", value, most=most, variable=variable
+        )
     if _BOOLEAN in datatypes:
         options = [("true", "yes"), ("false", "no")]
         return Leaf(path, name, hint, required, "select", False, str(_BOOLEAN), value, options, most=most)

@@ -1,17 +1,27 @@
 """The pages of rules: a list with switches and an editor, one rule, and its firings."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from pyoxigraph import Literal, NamedNode
+from pyoxigraph import BlankNode, Literal, NamedNode
 
+from linked_fleet_gateway.base.lazy_imports import Lazily
 from linked_fleet_gateway.extensions.pages import labels, sentences
+from linked_fleet_gateway.extensions.pages.form_parts import Form, Group, Leaf
 from linked_fleet_gateway.extensions.pages.values import Facts, Link, Value
 from linked_fleet_gateway.extensions.pages.views import PageView, Part
 from linked_fleet_gateway.extensions.rules.examples import EXAMPLES
+from linked_fleet_gateway.extensions.rules.template import as_turtle
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, LDP, LF
 
+if TYPE_CHECKING:
+    from linked_fleet_gateway.extensions.pages import form
+else:
+    form = Lazily("linked_fleet_gateway.extensions.pages.form")
+
+_SHAPES = "rules.ttl"
 _TEMPLATES = Path(__file__).parent / "templates"
 
 
@@ -41,20 +51,54 @@ class Listed:
 def rules(facts: Facts, iri: NamedNode) -> Part:
     members = [each for each in facts.all(iri, LDP.contains) if isinstance(each, NamedNode)]
     firings = [each for member in members for each in facts.all(member, LF.lastFiring) if isinstance(each, NamedNode)]
-    more = {"listed": [_listed(facts, each) for each in members], "examples": EXAMPLES}
+    first = EXAMPLES[0]
+    values = {
+        DCTERMS.title: first.title,
+        LF.condition: first.condition,
+        LF.invokes: first.invokes,
+        LF.body: first.body,
+        LF.toldApartBy: first.told_apart_by,
+        LF.minimumInterval: "1",
+        LF.enabled: "true",
+    }
+    blank = form.form_of_shape(LF.RuleShape, iri.value, "POST", "Save the rule", facts, iri, _SHAPES)
+    more = {
+        "listed": [_listed(facts, each) for each in members],
+        "examples": EXAMPLES,
+        "form": _form(blank, values),
+    }
     return Part(more, {LDP.contains, LDP.constrainedBy, LF.vocabulary}, {*members, *firings})
 
 
 def rule(facts: Facts, iri: NamedNode) -> Part:
     """Show one rule; ``firings`` is the URL of the page of its firings."""
+    body, node = facts.one(iri, LF.body), facts.one(iri, LF.invokes)
+    values = {
+        LF.body: as_turtle(facts.triples, body) if isinstance(body, BlankNode) else "",
+        LF.invokes: f"?{facts.text(node, LF.variable)}" if isinstance(node, BlankNode) else getattr(node, "value", ""),
+        LF.condition: getattr(facts.one(iri, LF.condition), "value", ""),
+    }
+    own = form.form_of_shape(LF.RuleShape, iri.value, "PUT", "Save the changes", facts, iri, _SHAPES)
     more = {
+        "form": _form(own, values),
         "enabled": _enabled(facts, iri),
         "state": _first(facts, iri, LF.state),
         "reasons": [each.value for each in facts.all(iri, LF.reason) if isinstance(each, Literal)],
-        "condition": facts.text(iri, LF.condition),
         "firings": facts.iri_of(iri, LF.firings),
     }
-    return Part(more, {LF.condition, LF.enabled, LF.state, LF.reason, LF.firings})
+    return Part(more, {LF.condition, LF.invokes, LF.body, LF.enabled, LF.state, LF.reason, LF.firings})
+
+
+def _form(made: Form, values: Mapping[NamedNode, str]) -> Form:
+    """The form with these values; the body of the action stands beside the action, though it need not be there."""
+    fields = [_with(each, values) for each in (*made.needed, *made.further)]
+    needed = [each for each in fields if each.required or each.path == LF.body.value]
+    return replace(made, needed=needed, further=[each for each in fields if each not in needed])
+
+
+def _with(field: Leaf | Group, values: Mapping[NamedNode, str]) -> Leaf | Group:
+    value = values.get(NamedNode(field.path))
+    return field if value is None or isinstance(field, Group) else replace(field, value=value)
 
 
 def firings(facts: Facts, iri: NamedNode) -> Part:

@@ -10,7 +10,7 @@ from pyoxigraph import BlankNode, Literal, NamedNode, RdfFormat, Triple, parse, 
 from linked_fleet_gateway.base.errors import UnprocessableContent
 from linked_fleet_gateway.extensions.rules.edges import Row
 from linked_fleet_gateway.rdf.graph import Node
-from linked_fleet_gateway.rdf.vocabulary import LF
+from linked_fleet_gateway.rdf.vocabulary import LF, PREFIXES
 
 ROOT = BlankNode("body")
 MOST_TRIPLES = 200
@@ -31,6 +31,16 @@ def template(triples: Sequence[Triple], root: BlankNode) -> str:
             raise UnprocessableContent('A node of lf:body with lf:variable says nothing else: [ lf:variable "name" ].')
     written = serialize(found, format=RdfFormat.N_TRIPLES)
     assert written is not None  # None only when it writes to a file
+    return written.decode()
+
+
+def as_turtle(triples: Sequence[Triple], root: BlankNode) -> str:
+    """Write what ``template`` takes for people: Turtle about ``_:body``, with the prefixes that it needs."""
+    found = triples_of(template(triples, root))
+    used = {term.value for each in found for term in (each.predicate, each.object) if isinstance(term, NamedNode)}
+    prefixes = {name: iri for name, iri in PREFIXES.items() if any(each.startswith(iri) for each in used)}
+    written = serialize(found, format=RdfFormat.TURTLE, prefixes=prefixes)
+    assert written is not None  # nothing is written to a file
     return written.decode()
 
 

@@ -6,6 +6,7 @@ from pyoxigraph import NamedNode
 from linked_fleet_gateway.extensions.pages.values import Facts, State
 from linked_fleet_gateway.extensions.rules import page
 from linked_fleet_gateway.extensions.rules.examples import EXAMPLES, Example
+from linked_fleet_gateway.extensions.rules.request import requested
 from linked_fleet_gateway.rdf.serialise import parse
 from linked_fleet_gateway.rdf.sparql_syntax import check_select
 
@@ -54,3 +55,45 @@ def test_examples_are_rules_whose_body_is_turtle(example: Example) -> None:
     assert set(example.told_apart_by.split()) <= set(selected)
     triples = parse(example.body.encode(), "text/turtle", RULES.value)
     assert bool(triples) == (not example.invokes.endswith("/stop"))
+
+
+RULE = """<rules/1> a lf:Rule ; dcterms:title "one" ; lf:condition "SELECT ?x {}" ; lf:invokes [ lf:variable "task" ] ;
+    lf:body [ lf:poseName "up" ; lf:position [ lf:speed [ lf:variable "x" ] ] ] ;
+    lf:toldApartBy "x", "y" ; lf:minimumInterval 2.5 ; lf:enabled false ; lf:state lf:disabled ."""
+
+
+def test_the_form_of_a_saved_rule_says_what_the_rule_says() -> None:
+    """Condition, action with body, and options can be changed; sent as it is, the form changes nothing."""
+    iri = NamedNode(ROOT + "rules/1")
+    form = page.rule(facts(RULE), iri).more["form"]
+    fields = {each.path.rpartition("#")[2].rpartition("/")[2]: each for each in (*form.needed, *form.further)}
+    assert [each.path.rpartition("#")[2] for each in form.needed][1:] == ["condition", "invokes", "body"]
+    assert (form.action, form.methods) == (iri.value, "PUT")
+    assert (fields["title"].value, fields["condition"].value, fields["condition"].editor) == (
+        "one",
+        "SELECT ?x {}",
+        "sparql",
+    )
+    assert (fields["invokes"].value, fields["invokes"].says) == ("?task", "variable")
+    assert [each.value for each in fields["toldApartBy"].repeated] == ["x", "y"]
+    assert (fields["minimumInterval"].value, fields["enabled"].value) == ("2.5", "false")
+    sent = "".join(
+        (
+            '<> a lf:Rule ; dcterms:title "one" ; lf:condition "SELECT ?x {}" ; lf:invokes [ lf:variable "task" ] ; ',
+            'lf:toldApartBy "x", "y" ; lf:minimumInterval 2.5 ; lf:enabled false ; lf:body _:body .\n',
+            fields["body"].value,
+        )
+    )
+    triples = parse((PREFIXES + sent).encode(), "text/turtle", iri.value)
+    before = parse((PREFIXES + RULE).encode(), "text/turtle", RULES.value)
+    base = ROOT.rstrip("/")
+    assert fields["body"].says == "turtle"
+    assert requested(triples, iri.value, base) == requested(before, iri.value, base)
+
+
+def test_the_form_of_a_new_rule_begins_with_an_example() -> None:
+    form = page.rules(facts("<rules> a lf:RuleList ."), RULES).more["form"]
+    assert (form.action, form.methods) == (RULES.value, "POST")
+    values = {each.path.rpartition("#")[2]: each.value for each in form.needed}
+    assert (values["condition"], values["invokes"]) == (EXAMPLES[0].condition, EXAMPLES[0].invokes)
+    assert values["body"] == EXAMPLES[0].body
