@@ -15,6 +15,7 @@ from linked_fleet_gateway.extensions.pages.resources import BRANCH as ASSETS
 from linked_fleet_gateway.extensions.rules.description import branch as rules_branch
 from linked_fleet_gateway.extensions.rules.rule import Firing, FiringState, Known, Rule
 from linked_fleet_gateway.extensions.things.directory import BRANCHES as THINGS
+from linked_fleet_gateway.extensions.world.collisions import Collision
 from linked_fleet_gateway.extensions.world.resources import in_world
 from linked_fleet_gateway.extensions.world.scene import Box, Cylinder, SceneObject, Sphere, TriangleMesh
 from linked_fleet_gateway.fleet.events import Appeared, Described, Undescribed
@@ -118,6 +119,14 @@ def _rules() -> dict[str, Known]:
     return {"u1": Known(by_name, 1, {1: firing}, begun=True), "u2": Known(by_variable, 1)}
 
 
+def _collisions() -> dict[str, Collision]:
+    things, names = ("/fixed/fixed_link", "/fixed/base"), ("fixed_link of fixed", "its own base")
+    met = Collision(
+        "fixed", things, names, (1.0, 0.5, 0.25), "fixed_link would meet base.", "fixed_link would meet base.", 1
+    )
+    return {"fixed": met}
+
+
 def tree() -> Tree:
     """Return a tree with the same resources at each call."""
     fleet, rules, objects = _fleet(), _rules(), _objects()
@@ -132,7 +141,7 @@ def tree() -> Tree:
     branches = NONE.having(
         *THINGS,
         rules_branch(rules),
-        FleetBranch(WORLD[1:], LF.world, lambda view, rest: in_world(view, rest, objects)),
+        FleetBranch(WORLD[1:], LF.world, lambda view, rest: in_world(view, rest, objects, _collisions())),
         *histories(History(fleet, 60.0, 10.0, 1_000_000)),
         cameras_branch(lambda robot, camera: {}),
         ASSETS,

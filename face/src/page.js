@@ -20,6 +20,7 @@ import * as robotState from "./robot_state.js";
 import * as sliders from "./sliders.js";
 import * as poses from "./poses.js";
 import * as arrange from "./arrange.js";
+import * as refused from "./refused.js";
 import * as reach from "./reach.js";
 import * as lease from "./lease.js";
 import { whenWanted } from "./lazy_scene.js";
@@ -28,7 +29,7 @@ import * as query from "./query.js";
 import * as rules from "./rules.js";
 
 const ROBOT = [robotState, sliders, poses, reach, lease, thumbnails];
-const FLEET = [fleet, rows, arrange];
+const FLEET = [fleet, rows, arrange, refused];
 const PAGE = [stop, notice, region, presence, live, age, connection, form, act, tasks, include, remove, copy, camera];
 for (const part of [...PAGE, ...ROBOT, ...FLEET, query, rules]) {
   try {

@@ -5,6 +5,7 @@ import { Group, Vector3 } from "three";
 import { adopt } from "./region.js";
 import { Labels } from "./scene_labels.js";
 import { Objects, poseOf } from "./scene_objects.js";
+import { Contacts } from "./scene_contacts.js";
 import { Chooser } from "./scene_choice.js";
 import { Standing } from "./scene_standing.js";
 import { Target } from "./scene_target.js";
@@ -37,6 +38,7 @@ class WorldScene {
     /** @type {Map<string, Standing>} by IRI */
     this.robots = new Map();
     this.objects = new Objects(this.ending.signal, () => this.frame());
+    this.contacts = new Contacts(); // beside the world: a mark is nothing to be fitted into the view or to be clicked
     this.all.add(this.objects);
     /** @type {HTMLElement|undefined} */
     this.left = undefined;
@@ -63,6 +65,7 @@ class WorldScene {
     this.view = new View(canvas, context, (now) => this.animate(now));
     this.view.seen = false;
     this.view.stage(this.all);
+    this.view.scene.add(this.contacts);
     this.said = Object.assign(document.createElement("p"), { className: "hidden" });
     this.said.setAttribute("role", "status");
     frame.append(this.said);
@@ -142,7 +145,21 @@ class WorldScene {
     const iri = new URL(this.section.dataset.objects, document.baseURI).href;
     if (this.inSight) this.stop ??= watch(iri, { interval: 0.2 }, (graph) => this.objects.show(graph, iri));
     else this.stop = this.stop?.();
+    if (this.inSight) this.stopContacts ??= this.followContacts();
+    else this.stopContacts = this.stopContacts?.();
     for (const robot of this.robots.values()) robot.listen(this.inSight);
+  }
+
+  /** @returns {(() => void)|undefined} what ends it; nothing on pages that do not say where refused motions are listed */
+  followContacts() {
+    const { collisions } = this.section.dataset;
+    if (!collisions) return undefined;
+    const iri = new URL(collisions, document.baseURI).href;
+    return watch(iri, {}, (graph) => {
+      this.contacts.show(graph, iri, this.view.colours.refused);
+      this.section.dataset.contacts = String(this.contacts.children.length);
+      this.view.invalidate();
+    });
   }
 
   /** All of the world is in the view as long as nobody has chosen another. */

@@ -2,6 +2,7 @@
 
 export const RDF_TYPE = "http://www.w3.org/1999/02/22-rdf-syntax-ns#type";
 export const TITLE = "http://purl.org/dc/terms/title";
+export const LABEL = "http://www.w3.org/2000/01/rdf-schema#label";
 export const RESULT_TIME = "http://www.w3.org/ns/sosa/resultTime";
 export const NUMERICAL_VALUE = "http://vocab.arvida.de/2015/06/vom/vocab#numericalValue";
 export const UNIT = "http://qudt.org/schema/qudt/unit";

@@ -143,6 +143,7 @@ LF = Namespace(
     " World Placement SceneObject SceneObjects Obstacle KeepOutZone Box Sphere Cylinder TriangleMesh"
     " WorldShape PlacementShape PlacementInput SceneObjectShape SceneObjectsShape SceneObjectInput PoseInFrameShape"
     " PoseInFrame world placement inFrame poseOf objects poses geometry size radius length stl collisionFree"
+    " Collisions Collision CollisionsShape collisions collision meets"
     # histories
     " History HistoryShape history historySpan samplingPeriod oldestSample newestSample sampleCount from to last limit",
 )

@@ -12,6 +12,7 @@ from typing import Self
 
 from linked_fleet_gateway.actions.plan import Motion
 from linked_fleet_gateway.base.errors import Busy
+from linked_fleet_gateway.extensions.world.collisions import Collisions
 from linked_fleet_gateway.extensions.world.describe import object_path
 from linked_fleet_gateway.extensions.world.errors import Collides, Unchecked
 from linked_fleet_gateway.extensions.world.messages import Check, Meets, Positions, Stood, Unable
@@ -41,13 +42,16 @@ NEAR_M = 25.0
 class Checks:
     """Implements ``MotionGuard``; an async context manager. It starts no process before a robot is placed.
 
-    Meshes are cached in ``folder``.
+    Meshes are cached in ``folder``; ``collisions`` keeps the refused motions.
     """
 
-    def __init__(self, live: Live, objects: Mapping[str, SceneObject], folder: Path) -> None:
+    def __init__(
+        self, live: Live, objects: Mapping[str, SceneObject], folder: Path, collisions: Collisions | None = None
+    ) -> None:
         self._live, self._objects = live, objects
         self._checker = Checker(folder)
         self._preparation = Preparation(live, self._checker)
+        self._collisions = collisions or Collisions(live.fan_out.touched)
         self._waiting = self._early = 0
 
     async def __aenter__(self) -> Self:
@@ -105,9 +109,12 @@ class Checks:
         await self._be_prepared(robots, sees)
         answer = await self._checker.ask(self._question(motion, robots, sees, own), _ANSWER_S)
         if isinstance(answer, Meets):
-            raise self._collision(motion.robot, answer)
+            collides = self._collision(motion.robot, answer)
+            self._collisions.add(motion.robot.name, collides)
+            raise collides
         if isinstance(answer, Unable):
             raise Unchecked(f"Whether {motion.robot.name} meets anything is unknown: {answer.reason}.")
+        self._collisions.forget(motion.robot.name)
 
     def _around(self, robot: Robot, sees: View) -> list[Robot]:
         """Return the robots near enough to collide, including the robot itself."""

@@ -20,6 +20,7 @@ class WorldExtension(Extension):
     robot_properties = ("linked_fleet_gateway.extensions.world.placement_property:placement",)
     views = (
         "linked_fleet_gateway.extensions.world.page:VIEW",
+        "linked_fleet_gateway.extensions.world.page:COLLISIONS_VIEW",
         "linked_fleet_gateway.extensions.world.page:CONTAINER_VIEW",
         "linked_fleet_gateway.extensions.world.page:OBJECT_VIEW",
     )

@@ -10,6 +10,7 @@ from pyoxigraph import BlankNode, NamedNode
 
 from linked_fleet_gateway.base.lazy_imports import Lazily
 from linked_fleet_gateway.extensions.pages import labels
+from linked_fleet_gateway.extensions.pages.form_parts import Form, Group, Leaf
 from linked_fleet_gateway.extensions.pages.thing_views import path_below
 from linked_fleet_gateway.extensions.pages.values import Facts, Link, Value
 from linked_fleet_gateway.extensions.pages.views import PageView, Part
@@ -44,7 +45,11 @@ def world(facts: Facts, iri: NamedNode) -> Part:
     robots = [each for each in facts.all(iri, DCTERMS.hasPart) if isinstance(each, NamedNode)]
     placements = {each: facts.one(each, LF.placement) for each in robots}
     standing = [_standing(facts, each, placements[each]) for each in robots]
-    more = {"robots": standing, "objects": path_below(facts.iri_of(iri, LF.objects), facts.root)}
+    more = {
+        "robots": standing,
+        "objects": path_below(facts.iri_of(iri, LF.objects), facts.root),
+        "collisions": path_below(facts.iri_of(iri, LF.collisions), facts.root),
+    }
     done = {each for each in (*robots, *placements.values()) if isinstance(each, NamedNode)}
     return Part(more, {DCTERMS.hasPart}, done)
 
@@ -53,6 +58,31 @@ def _standing(facts: Facts, iri: NamedNode, placement: Term | None) -> PlacedRob
     position = facts.one(placement, LF.position) if isinstance(placement, NamedNode) else None
     x = facts.one(position, MATHS.x) if isinstance(position, BlankNode) else None
     return PlacedRobot(facts.link(iri), path_below(getattr(placement, "value", ""), facts.root), x != LF.unknown)
+
+
+# -- refused motions ------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class RefusedMotion:
+    """When and why a motion was refused, and what would have met."""
+
+    when: Value | None
+    reason: str
+    things: Sequence[Link]
+
+
+def collisions(facts: Facts, iri: NamedNode) -> Part:
+    nodes = [each for each in facts.all(iri, LF.collision) if isinstance(each, BlankNode)]
+    things = {each for node in nodes for each in facts.all(node, LF.meets) if isinstance(each, NamedNode)}
+    return Part({"refused": [_refused(facts, each) for each in nodes]}, {LF.collision}, {*nodes, *things})
+
+
+def _refused(facts: Facts, node: BlankNode) -> RefusedMotion:
+    met = [each for each in facts.all(node, LF.meets) if isinstance(each, NamedNode)]
+    when = facts.values(node, DCTERMS.created)
+    links = [Link(facts.text(each, RDFS.label), each.value, each.value) for each in met]
+    return RefusedMotion(when[0] if when else None, facts.text(node, LF.reason), links)
 
 
 # -- objects --------------------------------------------------------------------------------------------------------
@@ -91,10 +121,10 @@ def _listed(facts: Facts, iri: NamedNode) -> Listed:
     )
 
 
-def _form(action: str, method: str, name: str, facts: Facts, subject: NamedNode) -> "form.Form":
+def _form(action: str, method: str, name: str, facts: Facts, subject: NamedNode) -> Form:
     """Return the form of an object, without its frame, which is always the world, and with a choice of its kind."""
     made = form.form_of_shape(LF.SceneObjectInput, action, method, name, facts, subject)
-    kind = form.Leaf(
+    kind = Leaf(
         path=RDF.type.value,
         label="kind",
         hint="",
@@ -110,17 +140,17 @@ def _form(action: str, method: str, name: str, facts: Facts, subject: NamedNode)
     return replace(made, needed=[title, kind, *map(_by_type, others)], further=further)
 
 
-def _by_type(field: "form.Leaf | form.Group") -> "form.Leaf | form.Group":
+def _by_type(field: Leaf | Group) -> Leaf | Group:
     """Return the geometry field with the fields of each of its types."""
-    if not isinstance(field, form.Group) or field.path != LF.geometry.value:
+    if not isinstance(field, Group) or field.path != LF.geometry.value:
         return field
     fields = [replace(each, when=_types_with(each.path)) for each in field.fields if _is_asked(each)]
     return replace(field, fields=fields)
 
 
-def _is_asked(field: "form.Leaf | form.Group") -> bool:
+def _is_asked(field: Leaf | Group) -> bool:
     """Return False for the mesh that an object already has, which is kept."""
-    return field.path != LF.mesh.value or (isinstance(field, form.Leaf) and bool(field.value))
+    return field.path != LF.mesh.value or (isinstance(field, Leaf) and bool(field.value))
 
 
 def _types_with(path: str) -> Sequence[str]:
@@ -141,5 +171,6 @@ def _example() -> tuple[Facts, NamedNode]:
 
 
 VIEW = PageView(LF.World, _TEMPLATES / "world.html", world, constants={"objects": OBJECTS})
+COLLISIONS_VIEW = PageView(LF.Collisions, _TEMPLATES / "collisions.html", collisions)
 CONTAINER_VIEW = PageView(LF.SceneObjects, _TEMPLATES / "scene_objects.html", container)
 OBJECT_VIEW = PageView(LF.SceneObject, _TEMPLATES / "scene_object.html", thing)

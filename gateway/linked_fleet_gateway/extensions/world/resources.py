@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 from zlib import crc32
 
+from linked_fleet_gateway.extensions.world.collisions import COLLISIONS, NONE, Known, in_collisions
 from linked_fleet_gateway.extensions.world.describe import (
     OBJECTS,
     POSES,
@@ -55,7 +56,7 @@ class AskPose:
     view: RequestView
 
 
-def in_world(view: RequestView, rest: list[str], objects: Mapping[str, SceneObject]) -> Found:
+def in_world(view: RequestView, rest: list[str], objects: Mapping[str, SceneObject], collisions: Known = NONE) -> Found:
     """Return the resource at ``rest``, the segments below ``/world``."""
     if not rest:
         return _world(view)
@@ -66,6 +67,8 @@ def in_world(view: RequestView, rest: list[str], objects: Mapping[str, SceneObje
         return Resource(
             POSES, template, lambda graph: describe_template(graph, view.base), remote=AskPose(view), followed=False
         )
+    if rest[0] == "collisions":
+        return in_collisions(view, rest[1:], collisions)
     return _in_objects(view, rest[1:], objects) if rest[0] == "objects" else None
 
 
@@ -78,7 +81,7 @@ def _world(view: RequestView) -> Resource:
         source=Source(
             lambda: [(r.name, r.title, r.description is None, r.settings.get(PLACEMENT)) for r in robots.values()]
         ),
-        own=(f"{WORLD}/{_BLUEPRINT}", OBJECTS, POSES),
+        own=(f"{WORLD}/{_BLUEPRINT}", OBJECTS, POSES, COLLISIONS),
         followed=False,  # clients follow the placements and the objects instead
     )
 

@@ -9,13 +9,14 @@ from typing import Self
 from pyoxigraph import Triple
 
 from linked_fleet_gateway.extensions.world.checks import Checks
+from linked_fleet_gateway.extensions.world.collisions import Collisions
 from linked_fleet_gateway.extensions.world.describe import OBJECTS, describe_frame, describe_objects
 from linked_fleet_gateway.extensions.world.replicated_objects import Objects
 from linked_fleet_gateway.extensions.world.resources import in_world
 from linked_fleet_gateway.extensions.world.store import ObjectStore
 from linked_fleet_gateway.rdf.graph import Graph
 from linked_fleet_gateway.rdf.vocabulary import LF
-from linked_fleet_gateway.resources.branches import FleetBranch, RequestView
+from linked_fleet_gateway.resources.branches import FleetBranch, Found, RequestView
 from linked_fleet_gateway.resources.placement import WORLD
 from linked_fleet_gateway.subscriptions.live import Live
 
@@ -27,13 +28,18 @@ class World:
         self._live = live
         self.objects = Objects(live, ObjectStore(url, namespace))
         self._described: tuple[tuple[str, int], Sequence[Triple]] = (("", 0), ())
-        self.checks = Checks(live, self.objects.known, folder)
+        self.collisions = Collisions(live.fan_out.touched)
+        self.checks = Checks(live, self.objects.known, folder, self.collisions)
         self._stack = AsyncExitStack()
 
     @property
     def branch(self) -> FleetBranch:
-        known = self.objects.known
-        return FleetBranch(WORLD[1:], LF.world, lambda view, rest: in_world(view, rest, known), graphs=self.triples)
+        objects, collisions = self.objects.known, self.collisions.known
+
+        def resolve(view: RequestView, rest: list[str]) -> Found:
+            return in_world(view, rest, objects, collisions)
+
+        return FleetBranch(WORLD[1:], LF.world, resolve, graphs=self.triples)
 
     def triples(self, view: RequestView) -> Iterator[tuple[str, Sequence[Triple]]]:
         """Yield all statements about the world, for copies of the fleet. Placements are described with their robots."""

@@ -1,0 +1,116 @@
+"""Motions that would have ended in a collision: the latest of each robot, until one of its motions is found free.
+
+Each gateway knows those that it has refused itself, rehearsals among them, and forgets them when it ends.
+"""
+
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+
+from pyoxigraph import Literal, NamedNode
+
+from linked_fleet_gateway.extensions.world.errors import Collides
+from linked_fleet_gateway.fleet.xml import Vector
+from linked_fleet_gateway.rdf.graph import Graph, timestamp
+from linked_fleet_gateway.rdf.units import METRE
+from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, LF, RDFS
+from linked_fleet_gateway.resources.branches import RequestView
+from linked_fleet_gateway.resources.paths import robot_of, robot_path
+from linked_fleet_gateway.resources.placement import WORLD
+from linked_fleet_gateway.resources.resource import Resource, blueprint_of
+from linked_fleet_gateway.resources.versioning import Source
+
+COLLISIONS = f"{WORLD}/collisions"
+
+
+@dataclass(frozen=True)
+class Collision:
+    """``things``: paths of what would meet, with ``names`` for people; ``point``: where, in the world in metre.
+
+    ``detail`` names both things, ``reason`` what is the robot's own alone.
+    """
+
+    robot: str
+    things: tuple[str, ...]
+    names: tuple[str, ...]
+    point: Vector | None
+    detail: str
+    reason: str
+    at_ns: int
+
+    def seen(self, view: RequestView) -> bool:
+        """Return True if who asks sees every robot that would take part."""
+        return all(name is None or name in view.robots for name in map(_robot_of, self.things))
+
+
+def _robot_of(path: str) -> str | None:
+    return None if path.startswith(f"{WORLD}/") else robot_of(path)
+
+
+Known = Mapping[str, Collision]
+"""By the name of the robot that would have moved."""
+NONE: Known = MappingProxyType({})
+
+
+class Collisions:
+    """``touched`` is called with the path of the resource when something about it has changed."""
+
+    def __init__(self, touched: Callable[[str], None]) -> None:
+        self.known: dict[str, Collision] = {}
+        self._touched = touched
+
+    def add(self, robot: str, error: Collides) -> None:
+        """Remember why a motion was refused; the paths in ``error`` are not IRIs yet."""
+        things, names = tuple(error.things), tuple(error.names)
+        point = error.point
+        self.known[robot] = Collision(robot, things, names, point, str(error.detail), error.reason, time.time_ns())
+        self._touched(COLLISIONS)
+
+    def forget(self, robot: str) -> None:
+        """A motion of the robot was found free."""
+        if self.known.pop(robot, None) is not None:
+            self._touched(COLLISIONS)
+
+
+def in_collisions(view: RequestView, rest: list[str], known: Known) -> Resource | None:
+    """``rest``: the segments below ``/world/collisions``."""
+    whole = Resource(
+        COLLISIONS,
+        "Refused motions",
+        lambda graph: _describe(graph, view, known),
+        source=Source(lambda: [each for each in known.values() if each.robot in view.robots]),
+        own=(f"{COLLISIONS}/blueprint",),
+    )
+    if rest == ["blueprint"]:
+        return blueprint_of(whole, view.base, (LF.CollisionsShape,))
+    return None if rest else whole
+
+
+def _describe(graph: Graph, view: RequestView, known: Known) -> None:
+    iri = view.iri(COLLISIONS)
+    graph.a(iri, LF.Collisions)
+    graph.add(iri, DCTERMS.title, Literal("Refused motions"))
+    graph.add(iri, RDFS.seeAlso, view.iri(WORLD))
+    graph.add(iri, HYBRIT.blueprint, LF.CollisionsShape, NamedNode(iri.value + "/blueprint"))
+    for each in sorted(known.values(), key=lambda each: -each.at_ns):
+        if each.robot in view.robots:
+            _describe_one(graph, view, iri, each)
+
+
+def _describe_one(graph: Graph, view: RequestView, iri: NamedNode, collision: Collision) -> None:
+    """Without what the caller may not see: where that would be met, and what it is."""
+    node = graph.blank(LF.Collision)
+    graph.add(iri, LF.collision, node)
+    graph.add(node, LF.ofRobot, view.iri(robot_path(collision.robot)))
+    graph.add(node, DCTERMS.created, timestamp(collision.at_ns))
+    seen = collision.seen(view)
+    graph.add(node, LF.reason, Literal(collision.detail if seen else collision.reason))
+    if not seen:
+        return
+    if collision.point is not None:
+        graph.vector(node, LF.position, collision.point, METRE)
+    for path, name in zip(collision.things, collision.names, strict=True):
+        thing = view.iri(path)
+        graph.add(node, LF.meets, thing)
+        graph.add(thing, RDFS.label, Literal(name))
