@@ -219,6 +219,11 @@ def test_a_crate_is_placed_and_a_motion_refused(
     assert len(links) == 2
     expect(page.locator("#scene")).to_have_attribute("data-contact", "")
     assert len(made) <= most
+    page.goto(str(client.page(client.root).one(LF.world)))
+    refused = page.locator("#collisions li")
+    expect(refused).to_contain_text("would meet crate (obstacle)")
+    assert {each.get_attribute("href") for each in refused.get_by_role("link").all()} == links
+    expect(page.locator("#scene")).to_have_attribute("data-contacts", "1")
     assert [each for each in said if "409" not in each] == []
     assert client.http.delete(crate).status_code == 204
     context.close()

@@ -63,3 +63,18 @@ def test_the_page_says_why_there_is_no_picture(blind: str, page: Page) -> None:
     page.goto(blind)
     expect(page.locator("main")).to_contain_text("nothing renders here")
     assert page.locator("#seen > img").count() == 0
+
+
+def test_the_page_of_a_robot_has_thumbnails_of_what_its_cameras_see(seer: tuple[Seer, str], page: Page) -> None:
+    """Live while they are seen; each leads to the page of its camera."""
+    robot, url = seer
+    robot.contents["jpeg"] = picture("red")
+    page.goto(url.partition("cameras")[0])
+    thumbnail = page.locator(f'.thumbnails a[href="{url}"]')
+    thumbnail.scroll_into_view_if_needed()
+    shows = SHOWS.replace("#seen > img", ".thumbnails img")
+    page.wait_for_function(shows, arg=0)
+    robot.contents["jpeg"] = picture("blue")
+    page.wait_for_function(shows, arg=2)
+    thumbnail.click()
+    expect(page).to_have_url(url)

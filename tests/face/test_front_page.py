@@ -90,6 +90,23 @@ def test_a_double_click_follows_the_robot(front: Page, client: Client) -> None:
     expect(front.locator("#scene")).to_have_attribute("data-following", "")
 
 
+def test_the_keyboard_follows_a_robot_and_lets_go(front: Page) -> None:
+    """By the key F at its name, or at the drawing, where it goes from one robot to the next."""
+    scene, said = front.locator("#scene"), front.locator(".scene-view [role=status]")
+    front.locator(".scene-names a").focus()
+    front.keyboard.press("f")
+    expect(scene).to_have_attribute("data-following", "ur5")
+    expect(said).to_contain_text("Following")
+    front.get_by_role("button", name="show all").press("Enter")
+    expect(scene).to_have_attribute("data-following", "")
+    front.locator("#scene canvas").focus()
+    front.keyboard.press("f")
+    expect(scene).to_have_attribute("data-following", "ur5")
+    front.keyboard.press("f")
+    expect(scene).to_have_attribute("data-following", "")
+    expect(said).to_contain_text("All of the world")
+
+
 def test_nothing_is_drawn_while_it_is_not_seen(front: Page, client: Client) -> None:
     front.set_viewport_size(LOW)
     front.evaluate("() => (document.querySelector('main').style.paddingBottom = '2000px')")

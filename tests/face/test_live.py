@@ -87,8 +87,15 @@ def test_a_robot_that_left_is_marked_on_the_page_of_its_joint(page: Page, watche
         offline(browser, "ur5")
 
 
-def test_a_lost_connection_is_shown_and_recovers(page: Page, watched: "Watched", tmp_path: Path) -> None:  # noqa: F821
+@pytest.mark.parametrize("width", [1280, 390], ids=["desk", "phone"])
+def test_a_lost_connection_is_shown_and_recovers(
+    page: Page,
+    watched: "Watched",  # noqa: F821
+    tmp_path: Path,
+    width: int,
+) -> None:
     """The gateway is killed and restarted: meanwhile the page shows that its values are old."""
+    page.set_viewport_size({"width": width, "height": 844})
     with hub() as robot:
         port = None
         with gateway(robot, state=tmp_path) as one:

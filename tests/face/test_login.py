@@ -35,17 +35,21 @@ def _log_in(page: Page, own: Guarded, name: str) -> None:
     page.get_by_role("button", name="Log in").click()
 
 
-def test_a_token_opens_what_it_is_for(page: Page, watched: object, own: Guarded) -> None:
+@pytest.mark.parametrize("width", [1280, 390], ids=["desk", "phone"])
+def test_a_token_opens_what_it_is_for(page: Page, watched: object, own: Guarded, width: int) -> None:
     """The requested page follows the login; it is live, and can stop a robot."""
+    page.set_viewport_size({"width": width, "height": 844})
     page.goto(f"{own.root}{SEEN}/")
     expect(page).to_have_url(re.compile("/login"))
     _log_in(page, own, "lab")
     expect(page).to_have_url(f"{own.root}{SEEN}/")
     expect(page.locator("#who")).to_have_text("lab")
+    assert page.evaluate("document.documentElement.scrollWidth") == width
     with own.browsing("root") as root:
         invocations = str(root.page(root.action(root.robot(SEEN), LF.StopRobot)).one(LF.invocations))
+        before = set(members(root.page(invocations)))
         page.get_by_role("button", name=f"Stop {SEEN}").click()
-        eventually(lambda: members(root.page(invocations)), "the robot stopped")
+        eventually(lambda: set(members(root.page(invocations))) - before, "the robot stopped")
     page.goto(own.root)
     expect(page.get_by_role("link", name=f"The {SEEN}").or_(page.get_by_text(SEEN)).first).to_be_visible()
     assert HIDDEN not in page.content()

@@ -15,13 +15,16 @@ from small_fleet import Place, live
 pytestmark = pytest.mark.processes
 
 
+@pytest.mark.parametrize("width", [1280, 390], ids=["desk", "phone"])
 def test_a_gateway_that_hangs_is_told_from_one_with_no_news(
     page: Page,
     watched: "Watched",  # noqa: F821
     toy: tuple[Hub, Gateway],
+    width: int,
 ) -> None:
     """An open connection to a stopped process is called silent; values are grey until it continues."""
     robot, one = toy
+    page.set_viewport_size({"width": width, "height": 844})
     page.goto(one.joint)
     robot.step()
     value = page.locator(f'data[data-subject="{one.rotation}"][data-path$="{VOM.numericalValue}"]').first
@@ -33,6 +36,7 @@ def test_a_gateway_that_hangs_is_told_from_one_with_no_news(
         connection = page.locator("#connection")
         expect(connection).to_have_text(re.compile("has not answered for 5 s: what you see is old"))
         assert "grayscale" in str(value.evaluate(weight))
+        assert page.evaluate("document.documentElement.scrollWidth") == width
     finally:
         one.process.send(signal.SIGCONT)
     expect(connection).to_be_hidden()
