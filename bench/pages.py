@@ -12,7 +12,7 @@ from bench.table import Row, UnavailableError, known, percentile
 from running import eventually
 from small_fleet import Place, live
 
-_ARGUMENTS = [
+ARGUMENTS = [
     "--no-sandbox",
     "--use-angle=swiftshader",
     "--enable-unsafe-swiftshader",
@@ -41,7 +41,7 @@ def rows(seconds: float, robots: int = 200) -> list[Row]:
     if chromium is None:
         raise UnavailableError("Chromium is not here: apt install chromium")
     with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=chromium, args=_ARGUMENTS)
+        browser = playwright.chromium.launch(executable_path=chromium, args=ARGUMENTS)
         found = [*_fleet(browser.new_page(), robots, seconds), *_robot(browser.new_page(), seconds)]
         browser.close()
     return found

@@ -1,0 +1,195 @@
+"""What the front page costs: five real robots that all move, drawn and out of sight, and a thousand robots as cards.
+
+``PYTHONPATH=.:tests:tests/requirements python -m bench.console``. Processor time where it can be had; Chromium has no
+graphics card, so that the processor draws.
+"""
+
+import gzip
+import os
+import shutil
+import tempfile
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from urllib.parse import urlsplit
+
+from playwright.sync_api import CDPSession, Page, sync_playwright
+
+from actor import Actor, stage
+from bench.pages import ARGUMENTS
+from bench.scene import pid_of
+from bench.table import Row, UnavailableError, known
+from browser import Browser, all_live
+from linked_fleet_demo.tree import PLACES
+from linked_fleet_demo.tree import place as place_robot
+from running import Process, eventually, process
+from small_fleet import Place
+
+_SWAYS = (
+    "baxter:right_s1", "ur5:shoulder_pan_joint", "panda:panda_joint1", "tiago:arm_2_joint", "go2:FL_thigh_joint",
+)  # fmt: skip
+_THOUSAND = 1000
+_ASKED = 5
+_DRAWINGS = """() => {
+    const { view } = document.getElementById("scene").scene;
+    const draw = view.draw;
+    window.drawn = 0;
+    view.draw = (...given) => { window.drawn += 1; draw.apply(view, given); };
+}"""
+_FILTER = """() => {
+    const input = document.getElementById("filter-text"), begin = performance.now();
+    input.value = "robot-09";
+    input.dispatchEvent(new Event("input", { bubbles: true }));
+    document.body.offsetHeight;
+    return performance.now() - begin;
+}"""
+
+
+def rows(seconds: float) -> list[Row]:
+    chromium = shutil.which("chromium")
+    if chromium is None:
+        raise UnavailableError("Chromium is not here: apt install chromium")
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=chromium, args=ARGUMENTS)
+        found = [*_moving(browser.new_page(), max(seconds, 10.0)), *_thousand(browser.new_page(), max(seconds, 10.0))]
+        browser.close()
+    return found
+
+
+# -- five robots ----------------------------------------------------------------------------------------------------
+
+
+@contextmanager
+def _demo() -> Iterator[Browser]:
+    """The robots of the demo, each with a joint that sways."""
+    with tempfile.TemporaryDirectory() as folder, ExitStack() as stack:
+        place = Place(Path(folder))
+        _, browser = stack.enter_context(place.gateway())
+        robots = [f"--robot={each.partition(':')[0]}" for each in _SWAYS]
+        sways = [part for each in _SWAYS for part in ("--sway", each)]
+        stack.enter_context(process("-m", "linked_fleet_agent", *robots, *sways, "--connect", place.zenoh))
+        eventually(lambda: all_live(browser, len(_SWAYS)), "five live robots")
+        for robot in browser.robots():
+            place_robot(robot.url, PLACES[urlsplit(robot.url).path.strip("/")])
+        yield browser
+
+
+def _moving(page: Page, seconds: float) -> Iterator[Row]:
+    with _demo() as browser:
+        chromium = Measured(page)
+        page.goto(browser.root, wait_until="domcontentloaded")
+        name = "front page of five robots"
+        timing = "performance.getEntriesByType('navigation')[0].domContentLoadedEventEnd"
+        yield known(f"{name}: interactive, by the clock", "ms", page.evaluate(timing))
+        yield known(f"{name}: interactive, processor of the main thread", "ms", chromium.busy_s() * 1000)
+        page.wait_for_selector("#scene[data-phase=ready]")
+        page.evaluate(_DRAWINGS)
+        page.wait_for_timeout(3000)  # until it has found how well it can draw here
+        yield from _share(f"{name}, all moving, drawn by the processor", page, chromium, seconds)
+        page.evaluate("document.querySelector('main').style.paddingBottom = '4000px'")
+        page.evaluate("scrollTo(0, document.documentElement.scrollHeight)")
+        page.wait_for_timeout(1000)
+        yield from _share(f"{name}, all moving, out of sight", page, chromium, seconds)
+
+
+def _share(name: str, page: Page, chromium: "Measured", seconds: float) -> Iterator[Row]:
+    before, drawn, begin = chromium.busy_s(), page.evaluate("window.drawn"), time.monotonic()
+    page.wait_for_timeout(seconds * 1000)
+    busy, took = chromium.busy_s() - before, time.monotonic() - begin
+    yield known(f"{name}: main thread", "%", 100 * busy / took)
+    yield known(f"{name}: drawings", "1/s", (page.evaluate("window.drawn") - drawn) / took)
+
+
+class Measured:
+    """The main thread of a page, by the DevTools protocol."""
+
+    def __init__(self, page: Page) -> None:
+        self._session: CDPSession = page.context.new_cdp_session(page)
+        self._session.send("Performance.enable", {"timeDomain": "threadTicks"})
+
+    def busy_s(self) -> float:
+        """Processor time of tasks so far: other programs on the machine are not in it."""
+        metrics = self._session.send("Performance.getMetrics")["metrics"]
+        return float(next(each["value"] for each in metrics if each["name"] == "TaskDuration"))
+
+
+# -- a thousand robots ----------------------------------------------------------------------------------------------
+
+
+def _thousand(page: Page, seconds: float) -> Iterator[Row]:
+    """Each says a new position once a second."""
+    with tempfile.TemporaryDirectory() as folder:
+        place = Place(Path(folder))
+        with place.gateway() as (gateway, browser), stage(place.zenoh) as session:
+            actors = [Actor(session, f"robot-{number:04}").appear() for number in range(_THOUSAND)]
+            ended = threading.Event()
+            sender = threading.Thread(target=_send, args=(actors, ended))
+            sender.start()
+            try:
+                eventually(lambda: _listed(browser) == _THOUSAND, "a thousand robots")
+                yield from _written(browser, gateway)
+                yield from _shown(page, browser, seconds)
+            finally:
+                ended.set()
+                sender.join()
+
+
+def _listed(browser: Browser) -> int:
+    return browser.http.get(browser.root, headers={"accept": "text/html"}).text.count('<li class="card robot"')
+
+
+def _written(browser: Browser, gateway: Process) -> Iterator[Row]:
+    body = browser.http.get(browser.root, headers={"accept": "text/html"}).content
+    yield known("front page of 1,000 robots", "kB", len(body) / 1000)
+    yield known("front page of 1,000 robots, gzip", "kB", len(gzip.compress(body, 6)) / 1000)
+    for what, path, accept in (("front page", "", "text/html"), ("thumbnail", "robot-0001/thumbnail", "image/svg+xml")):
+        idle = _spent_s(pid_of(gateway), 1.0)
+        before, begin = _cpu_s(pid_of(gateway)), time.monotonic()
+        for _ in range(_ASKED):
+            assert browser.http.get(browser.root + path, headers={"accept": accept}).is_success
+        spent = _cpu_s(pid_of(gateway)) - before - idle * (time.monotonic() - begin)
+        yield known(f"{what} of 1,000 robots, processor of the gateway", "ms", 1000 * spent / _ASKED)
+
+
+def _spent_s(pid: int, seconds: float) -> float:
+    """Processor seconds in a second, without requests."""
+    before = _cpu_s(pid)
+    time.sleep(seconds)
+    return (_cpu_s(pid) - before) / seconds
+
+
+def _cpu_s(pid: int) -> float:
+    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
+def _shown(page: Page, browser: Browser, seconds: float) -> Iterator[Row]:
+    chromium = Measured(page)
+    page.goto(browser.root, wait_until="domcontentloaded")
+    page.wait_for_function(f"document.querySelectorAll('#robots .card').length === {_THOUSAND}")
+    yield known("front page of 1,000 robots: until it is usable, main thread", "ms", chromium.busy_s() * 1000)
+    page.wait_for_timeout(3000)
+    before, begin = chromium.busy_s(), time.monotonic()
+    page.wait_for_timeout(seconds * 1000)
+    share = 100 * (chromium.busy_s() - before) / (time.monotonic() - begin)
+    yield known("front page of 1,000 robots: main thread", "%", share)
+    yield known("front page of 1,000 robots: a step of the filter", "ms", page.evaluate(_FILTER))
+    yield known("front page of 1,000 robots: thumbnails that were fetched", "", page.evaluate(_FETCHED))
+
+
+_FETCHED = "performance.getEntriesByType('resource').filter(({ name }) => name.endsWith('/thumbnail')).length"
+
+
+def _send(actors: list[Actor], ended: threading.Event) -> None:
+    angle = 0.0
+    while not ended.wait(1.0):
+        angle = 0.5 - angle
+        for actor in actors:
+            actor.put("state", actor.frame([angle]))
+
+
+if __name__ == "__main__":
+    for row in rows(10.0):
+        print(f"{row.value:10.1f} {row.unit:5} {row.name}", flush=True)
