@@ -8,6 +8,7 @@ from pathlib import Path
 from urllib.parse import urlsplit
 
 import pytest
+from animation import animate
 from playwright.sync_api import Page, expect
 
 from browser import Browser as Client
@@ -67,6 +68,8 @@ def test_from_the_root_to_a_joint_that_moves(
     expect(page.locator("#scene")).to_have_attribute("data-phase", "ready")
     expect(page.locator(".scene-names a:visible")).to_have_count(len(ROBOTS))
     picture(page, "fleet", tmp_path)
+    if PICTURES:
+        animate(page, client, Path(PICTURES) / "world.webp")
 
     page.get_by_role("link", name="Baxter, a two-armed robot").click()
     expect(page.locator("#scene")).to_have_attribute("data-phase", "ready")
