@@ -138,7 +138,7 @@ class RobotLink:
             yield partial(declare, keys.robot(robot, kind), partial(self._answer, kind))
         for slow in self._slow:
             yield partial(declare, keys.robot(robot, slow), partial(self._answer_slowly, slow))
-        # Nobody reads this token. A router that knows no declaration on a key searches those of all robots for each frame.
+        # Nobody reads this token. Without a declaration on the key, routers search those of all robots for each frame.
         yield partial(self._session.declare_token, keys.robot(robot, "state"))
         # The token comes last: whoever sees the robot can query it.
         yield partial(self._session.declare_token, keys.presence(robot, self._incarnation))

@@ -4,7 +4,6 @@ from collections.abc import AsyncIterator
 from contextlib import AsyncExitStack, asynccontextmanager, closing
 
 from starlette.applications import Starlette
-from starlette.middleware import Middleware
 
 from linked_fleet_gateway.actions.service import Actions
 from linked_fleet_gateway.actions.store import ActionStore
@@ -13,15 +12,11 @@ from linked_fleet_gateway.app.metrics import Numbers, registry
 from linked_fleet_gateway.app.sampler import Sampler
 from linked_fleet_gateway.app.settings import GatewaySettings
 from linked_fleet_gateway.app.shape_check import check_shapes
-from linked_fleet_gateway.http.callers import Callers
 from linked_fleet_gateway.http.cors import pages_elsewhere
 from linked_fleet_gateway.http.endpoint import Endpoint
+from linked_fleet_gateway.http.entrance import Entrance
 from linked_fleet_gateway.http.extension import Core
-from linked_fleet_gateway.http.forwarded import Forwarded
 from linked_fleet_gateway.http.host import Authorities
-from linked_fleet_gateway.http.lazy_imports import Loading
-from linked_fleet_gateway.http.operator_endpoints import Front
-from linked_fleet_gateway.http.pace import Pace
 from linked_fleet_gateway.http.rates import Rates
 from linked_fleet_gateway.http.request import Gateway, Services
 from linked_fleet_gateway.http.sockets import Sockets, within_files
@@ -107,19 +102,19 @@ def create_app(settings: GatewaySettings, tracing: Tracing | None = None, open_s
     requests, rates = Requests(), Rates(settings.requests_per_client)
     carriers = [f"/{segment}" for each in extensions for segment in each.carriers]
     app = Gateway(
-        middleware=[
-            Middleware(Forwarded, fronts=settings.fronts),
-            Middleware(Front, requests=requests, tracing=tracing),
-            *pages_elsewhere(
+        Entrance(
+            Authorities(settings.public_urls, settings.cors_origins),
+            requests,
+            rates,
+            fronts=settings.fronts,
+            tracing=tracing,
+            elsewhere=pages_elsewhere(
                 settings.cors_origins,
                 [name for each in extensions for name in each.request_fields],
                 [name for each in extensions for name in each.response_fields],
             ),
-            Middleware(Authorities, public_urls=settings.public_urls, pages=settings.cors_origins),
-            Middleware(Callers),
-            Middleware(Pace, rates=rates, carriers=carriers),
-            Middleware(Loading),
-        ],
-        lifespan=lifespan,
+            carriers=carriers,
+        ),
+        lifespan,
     )
     return app

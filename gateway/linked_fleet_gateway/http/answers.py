@@ -5,18 +5,18 @@ of a robot. It counts as long as nothing was news of the robot but its frames, a
 same; then ``read`` makes another. Requests with fields that ask for more than a representation are none of these.
 """
 
-from collections.abc import Sequence
+from dataclasses import dataclass
 from operator import is_not
 
 from starlette.types import Scope
 
 from linked_fleet_gateway.fleet.observation import Observation
 from linked_fleet_gateway.fleet.robot import Robot
-from linked_fleet_gateway.http.authentication import Authenticated
+from linked_fleet_gateway.http.arrival import arrival_of
 from linked_fleet_gateway.http.conditional import etag, not_modified
 from linked_fleet_gateway.http.encoding import GZIP, compressed, expanded, pays, tag_of, takes_gzip
-from linked_fleet_gateway.http.fields import fields_of
-from linked_fleet_gateway.identity.rights import EVERYBODY, View
+from linked_fleet_gateway.http.head import Fields, block
+from linked_fleet_gateway.identity.rights import View
 from linked_fleet_gateway.resources.resource import Resource
 from linked_fleet_gateway.resources.template import Rendering
 from linked_fleet_gateway.subscriptions.live import Live
@@ -24,20 +24,29 @@ from linked_fleet_gateway.subscriptions.live import Live
 MAX_KEPT = 16_384
 MAX_BYTES = 24 * 1024 * 1024
 """Bytes of all contents that are kept. The answers that were kept first go first."""
-_ANYBODY = Authenticated(EVERYBODY)
 _ASKS_MORE = frozenset({b"prefer", b"if-match", b"upgrade", b"callback", b"last-event-id"})
 _READ = ("GET", "HEAD")
 _LONGEST_ACCEPT = 256
-Fields = Sequence[tuple[bytes, bytes]]
-Reply = tuple[int, Fields, bytes]
-"""Status, header fields and content."""
 Key = tuple[bytes, bytes, str, View]
+
+
+@dataclass(slots=True)
+class Reply:
+    """Status, header fields and content of a reply. ``block`` are the bytes of the ``kept`` fields, ``more`` others."""
+
+    status: int
+    kept: Fields
+    block: bytes
+    more: list[tuple[bytes, bytes]]
+    content: bytes
 
 
 class Answer:
     """The answer to GET of one resource. ``content`` is None where values stand in it: ``rendering`` writes those."""
 
     __slots__ = (
+        "_block",
+        "_block_of_content",
         "_content",
         "_facts",
         "_fields",
@@ -70,6 +79,7 @@ class Answer:
         """Bytes of content that are kept, about."""
         self._observations: tuple[Observation, ...] = ()
         self._fields, self._of_content = (*fields,), (*fields, *of_content)
+        self._block, self._block_of_content = block(self._fields), block(self._of_content)
         self._news, self._facts = _news(robot), resource.source.facts()
 
     def holds(self, live: Live) -> bool:
@@ -88,14 +98,13 @@ class Answer:
         content, coded = self._content, self._packed and takes_gzip
         tag = tag_of(self._tag, "gzip" if coded else "")
         if known is not None and not_modified(known, tag):
-            return 304, [(b"etag", tag.encode()), *self._fields], b""
-        headers = [(b"etag", tag.encode()), *self._of_content]
-        if coded:
-            headers.append(GZIP)
-        elif self._packed:
+            return Reply(304, self._fields, self._block, [(b"etag", tag.encode())], b"")
+        if self._packed and not coded:
             content = expanded(content)
-        headers.append((b"content-length", b"%d" % len(content)))
-        return 200, headers, content
+        more = [(b"etag", tag.encode()), (b"content-length", b"%d" % len(content))]
+        if coded:
+            more.append(GZIP)
+        return Reply(200, self._of_content, self._block_of_content, more, content)
 
     def _write(self, rendering: Rendering) -> None:
         """Write the values, unless those that were written last hold still: an observation is held until it moves."""
@@ -150,15 +159,15 @@ def _asked(scope: Scope) -> tuple[Key | None, str | None, bytes | None]:
     """
     if scope["method"] not in _READ or scope["query_string"]:
         return None, None, None
-    fields = fields_of(scope)
+    arrival = arrival_of(scope)
+    fields = arrival.fields
     accept = fields.get(b"accept", b"")
     if len(accept) > _LONGEST_ACCEPT or b"event-stream" in accept or not _ASKS_MORE.isdisjoint(fields):
         return None, None, None
     known, coding = fields.get(b"if-none-match"), fields.get(b"accept-encoding")
-    state = scope["state"]
-    view = state.get("authenticated", _ANYBODY).identity.sees
+    view = arrival.authenticated.identity.sees
     known_tags = None if known is None else known.decode("latin-1")
-    return (scope["raw_path"], accept, state["base"], view), known_tags, coding
+    return (scope["raw_path"], accept, arrival.base, view), known_tags, coding
 
 
 def _news(robot: Robot) -> tuple[object, ...]:

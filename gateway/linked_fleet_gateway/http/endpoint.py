@@ -92,9 +92,9 @@ class Endpoint:
             log.exception("unforeseen error in the kept answer of %s", scope["path"])
             reply = None  # the ordinary way answers
         if reply is not None:
-            status, headers, content = reply
-            await send({"type": "http.response.start", "status": status, "headers": headers})
-            await send({"type": "http.response.body", "body": content})
+            headers = [*reply.kept, *reply.more]
+            await send({"type": "http.response.start", "status": reply.status, "headers": headers})
+            await send({"type": "http.response.body", "body": reply.content})
             return
         request = Request(scope, receive)
         await services.turns.turn(scope)

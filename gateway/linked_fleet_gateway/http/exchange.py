@@ -1,12 +1,13 @@
 """One request and its answer: uvicorn's cycle, with a writing of its own."""
 
-from http import HTTPStatus
 from typing import Any
 
 from uvicorn.protocols.http.httptools_impl import RequestResponseCycle
 
-_STATUS_LINES = {each.value: b"HTTP/1.1 %d %b" % (each.value, each.phrase.encode("ascii")) for each in HTTPStatus}
+from linked_fleet_gateway.http.head import block, status_line
+
 _NO_CONTENT = (204, 304)
+CLOSE = (b"connection", b"close")
 
 
 class Exchange(RequestResponseCycle):
@@ -37,14 +38,12 @@ class Exchange(RequestResponseCycle):
         self.response_started = True
         self.waiting_for_100_continue = False
         length: int | None = None
-        lines = [_STATUS_LINES.get(status) or b"HTTP/1.1 %d " % status]
-        for fields in (self.default_headers, headers):
-            for name, value in fields:
-                lines.append(name + b": " + value)
-                if name == b"content-length":
-                    length = int(value)
-                elif name == b"connection" and b"close" in value.lower():
-                    self.keep_alive = False
+        fields = [*self.default_headers, *headers]
+        for name, value in fields:
+            if name == b"content-length":
+                length = int(value)
+            elif name == b"connection" and b"close" in value.lower():
+                self.keep_alive = False
         empty = self.scope["method"] == "HEAD" or status in _NO_CONTENT
         if length is None and not empty:
             self._to_end = self.scope["http_version"] == "1.0"
@@ -52,15 +51,11 @@ class Exchange(RequestResponseCycle):
             if self._to_end:
                 self.keep_alive = False
             else:
-                lines.append(b"transfer-encoding: chunked")
+                fields.append((b"transfer-encoding", b"chunked"))
         self.expected_content_length = 0 if empty or length is None else length
         if not self.keep_alive:
-            lines.append(b"connection: close")
-        lines += (b"", b"")
-        self._head = head = b"\r\n".join(lines)
-        # A line end inside of a field would begin another field, or another answer.
-        if head.count(b"\n") != len(lines) - 1 or head.count(b"\r") != len(lines) - 1 or b"\0" in head:
-            raise RuntimeError("A header field has a line end inside.")
+            fields.append(CLOSE)
+        self._head = status_line(status) + block(fields) + b"\r\n"
 
     def _write(self, body: bytes, more: bool) -> None:
         if self.scope["method"] == "HEAD":

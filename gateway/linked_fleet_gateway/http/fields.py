@@ -1,12 +1,10 @@
 """The grammar that HTTP fields share (RFC 9110, 5.6): tokens, quoted strings, parameters, comma lists."""
 
 import re
-from collections.abc import Iterator, Mapping, MutableMapping
-from typing import Any
+from collections.abc import Iterator
 
 from starlette.requests import HTTPConnection
 
-_FIELDS = "linked-fleet.fields"
 TOKEN = re.compile(r"[!#$%&'*+.^_`|~0-9A-Za-z-]+")
 # A quoted string is swallowed whole, closed or not, so that hostile fields cost one pass.
 _PIECE = re.compile(r'"(?:[^"\\]++|\\.)*+"?|[,;]|[^",;]+', re.DOTALL)
@@ -45,23 +43,6 @@ def quote(text: str) -> str:
     """A quoted string; control characters, which no field can hold, become spaces."""
     printable = re.sub(r"[\x00-\x1f\x7f]", " ", text)
     return '"' + printable.replace("\\", "\\\\").replace('"', '\\"') + '"'
-
-
-def fields_of(scope: MutableMapping[str, Any]) -> Mapping[bytes, bytes]:
-    """The fields of a request by their names in lower case, all lines of one as one value (RFC 9110, 5.3).
-
-    Made once for all layers that look at a request.
-    """
-    found: dict[bytes, bytes] | None = scope.get(_FIELDS)
-    if found is None:
-        headers = scope["headers"]
-        found = dict(headers)
-        if len(found) != len(headers):
-            found = {}
-            for name, value in headers:
-                found[name] = found[name] + b", " + value if name in found else value
-        scope[_FIELDS] = found
-    return found
 
 
 def field(request: HTTPConnection, name: str) -> str | None:

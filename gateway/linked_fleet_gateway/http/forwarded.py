@@ -5,7 +5,7 @@ from collections.abc import Iterable, Sequence
 from ipaddress import IPv4Address, IPv4Network, IPv6Address, IPv6Network, ip_address
 
 from starlette.datastructures import Headers
-from starlette.types import ASGIApp, Receive, Scope, Send
+from starlette.types import Scope
 
 Network = IPv4Network | IPv6Network
 _Address = IPv4Address | IPv6Address
@@ -13,22 +13,16 @@ _Address = IPv4Address | IPv6Address
 _PAIR = re.compile(r'\s*+([\w!#$%&\'*+.^`|~-]++)=("(?:[^"\\]|\\.)*+"|[^\s;,"]++)\s*+([;,]|\Z)', re.ASCII)
 
 
-class Forwarded:
-    """ASGI middleware, the outermost: ``scope["client"]`` is the client itself where one of ``fronts`` speaks for it.
+def find_client(scope: Scope, fronts: Sequence[Network]) -> None:
+    """Have ``scope["client"]`` be the client itself where one of ``fronts`` speaks for it.
 
     Whoever else sends these fields is believed nothing.
     """
-
-    def __init__(self, app: ASGIApp, fronts: Sequence[Network]) -> None:
-        self.app, self._fronts = app, tuple(fronts)
-
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        client = scope.get("client")
-        if client and self._fronts:
-            host = client_behind(client[0], Headers(scope=scope), self._fronts)
-            if host != client[0]:
-                scope = {**scope, "client": (host, 0)}  # of its port nothing is known
-        await self.app(scope, receive, send)
+    client = scope.get("client")
+    if client and fronts:
+        host = client_behind(client[0], Headers(scope=scope), fronts)
+        if host != client[0]:
+            scope["client"] = (host, 0)  # of its port nothing is known
 
 
 def client_behind(peer: str, headers: Headers, fronts: Sequence[Network]) -> str:

@@ -9,15 +9,12 @@ from typing import Any
 from urllib.parse import unquote, urlsplit
 
 from linked_fleet_gateway.base.errors import BadRequest, FleetError, ForeignOrigin, MisdirectedRequest
-from linked_fleet_gateway.http.fields import fields_of
+from linked_fleet_gateway.http.arrival import Scope, arrival_of, fields_of
 from linked_fleet_gateway.http.problem import problem
 from linked_fleet_gateway.http.request import html_of
 
-Scope = MutableMapping[str, Any]
 Message = MutableMapping[str, Any]
-Receive = Callable[[], Awaitable[Message]]
 Send = Callable[[Message], Awaitable[None]]
-App = Callable[[Scope, Receive, Send], Awaitable[None]]
 
 # RFC 3986, 3.2.2: a bracketed IP literal, or a reg-name, which IPv4 addresses also are
 _HOST = re.compile(r"(\[[0-9A-Fa-f:.]+\]|(?:[\w.~!$&'()*+,;=-]|%[0-9A-Fa-f]{2})+)(?::([0-9]{0,5}))?", re.ASCII)
@@ -29,13 +26,9 @@ _DEFAULT_PORTS = {"http": 80, "ws": 80, "https": 443, "wss": 443}
 
 
 class Authorities:
-    """ASGI middleware: ``scope["state"]["base"]`` is the public URL, without slash, under which the client asks.
+    """The public URLs of the fleet, and the ``pages``: origins of other sites' pages that may ask too."""
 
-    ``pages`` are origins of other sites' pages that may ask too; ``scope["state"]["elsewhere"]`` is whether one does.
-    """
-
-    def __init__(self, app: App, public_urls: tuple[str, ...], pages: tuple[str, ...] = ()) -> None:
-        self.app = app
+    def __init__(self, public_urls: tuple[str, ...], pages: tuple[str, ...] = ()) -> None:
         self._bases: dict[tuple[str, int], str] = {}
         self._asked: dict[tuple[str, bytes | None], str] = {}
         """The base of each scheme and Host that was asked for before."""
@@ -46,25 +39,20 @@ class Authorities:
         self._origins = {"://".join(urlsplit(url)[:2]).lower() for url in self._bases.values()}
         self._pages = {page.lower() for page in pages}
 
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        if scope["type"] not in ("http", "websocket"):
-            await self.app(scope, receive, send)
+    def admit(self, scope: Scope) -> None:
+        """Note under which public URL the client asks, and whether a page elsewhere does; a target that is a whole URL
+        becomes its path. Nothing is left to do for a request that was admitted. Raises BadRequest, MisdirectedRequest, ForeignOrigin."""
+        arrival = arrival_of(scope)
+        if arrival.base:
             return
-        fields = fields_of(scope)
-        host, origin = fields.get(b"host"), fields.get(b"origin")
+        host, origin = arrival.fields.get(b"host"), arrival.fields.get(b"origin")
         if not scope.get("raw_path", b"/").startswith(b"/") and host is not None and b", " not in host:
             absolute = _ABSOLUTE.fullmatch(scope["raw_path"].decode("latin-1"))
             if absolute:
                 host, path = absolute[1].encode("latin-1"), absolute[2] or "/"
-                scope = {**scope, "path": unquote(path), "raw_path": path.encode("latin-1")}
-        try:
-            base = self._base(scope.get("scheme", "http"), host)
-            elsewhere = origin is not None and self._is_elsewhere(scope, origin.split(b", "))
-        except FleetError as error:
-            await refuse(error, scope, send)
-            return
-        scope.setdefault("state", {}).update(base=base, elsewhere=elsewhere)
-        await self.app(scope, receive, send)
+                scope["path"], scope["raw_path"] = unquote(path), path.encode("latin-1")
+        arrival.base = self._base(scope.get("scheme", "http"), host)
+        arrival.elsewhere = origin is not None and self._is_elsewhere(scope, origin.split(b", "))
 
     def _base(self, scheme: str, said: bytes | None) -> str:
         if found := self._asked.get((scheme, said)):

@@ -15,6 +15,7 @@ from starlette.datastructures import Headers
 from starlette.types import Message, Scope
 
 from linked_fleet_gateway.base.errors import BadRequest
+from linked_fleet_gateway.http.arrival import arrival_of, arrive
 from linked_fleet_gateway.http.problem import PROBLEM_JSON
 from linked_fleet_gateway.http.request import Connection, gateway_of
 from linked_fleet_gateway.runtime.request_context import present
@@ -22,7 +23,6 @@ from linked_fleet_gateway.runtime.request_context import present
 LONGEST_REPLY: Final = 4 * 1024 * 1024
 """Bytes of content, unless the caller sets another bound."""
 _CREDENTIALS: Final = (b"host", b"authorization", b"cookie", b"origin", b"traceparent")
-_INTERNAL: Final = "internal"
 
 
 class ReplyTooLong(Exception):  # noqa: N818
@@ -65,7 +65,7 @@ async def ask(
     streams and callbacks cannot be asked for. Cancelling cancels the request. Raises BadRequest for a target
     elsewhere and within an internal request, ReplyTooLong.
     """
-    if connection.scope["state"].get(_INTERNAL):
+    if arrival_of(connection.scope).internal:
         raise BadRequest("An internal request makes no other one.")
     scope = _scope(connection, method, _local(target, connection.base), fields or {}, content)
     collector = _Collector(content, longest)
@@ -96,13 +96,15 @@ def _scope(connection: Connection, method: str, target: str, fields: Mapping[str
         headers.append((b"content-length", str(len(content)).encode()))
     if (outer := present()) is not None:
         headers.append((b"x-request-id", outer.id.encode()))
-    return {
+    scope: Scope = {
         "type": "http", "asgi": of.get("asgi", {"version": "3.0"}), "http_version": "1.1", "method": method,
         "scheme": {"ws": "http", "wss": "https"}.get(of["scheme"], of["scheme"]), "root_path": "",
         "path": unquote(path), "raw_path": path.encode("ascii"), "query_string": query.encode("ascii"),
         "headers": headers, "client": of.get("client"), "server": of.get("server"),
-        "state": {_INTERNAL: True}, "extensions": {},
+        "state": {}, "extensions": {},
     }  # fmt: skip
+    arrive(scope, internal=True)
+    return scope
 
 
 class _Collector:

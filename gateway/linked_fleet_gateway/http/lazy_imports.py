@@ -5,29 +5,28 @@ from collections.abc import Callable
 from importlib import import_module
 from typing import Final
 
-from starlette.types import ASGIApp, Receive, Scope, Send
+from starlette.types import Scope
 
-from linked_fleet_gateway.http.fields import fields_of
+from linked_fleet_gateway.http.arrival import fields_of
 from linked_fleet_gateway.http.request import html_of
 
 SUBSCRIPTIONS: Final = ("httpx",)
 
 
 class Loading:
-    """Middleware. Each of these takes a tenth of a second, in which nobody else would be served."""
+    """Each of these takes a tenth of a second, in which nobody else would be served."""
 
-    def __init__(self, app: ASGIApp, load: Callable[[str], object] = import_module) -> None:
-        self._app = app
+    def __init__(self, load: Callable[[str], object] = import_module) -> None:
         self._load = load
         self._loaded: set[tuple[str, ...]] = set()
 
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+    async def load(self, scope: Scope) -> None:
+        """Return when the modules that a request needs have been imported."""
         if len(self._loaded) < 2 and scope["type"] == "http":
             needed = _needed(scope)
             if needed and needed not in self._loaded:
                 await asyncio.to_thread(self._load_all, needed)
                 self._loaded.add(needed)
-        await self._app(scope, receive, send)
 
     def _load_all(self, names: tuple[str, ...]) -> None:
         for name in names:

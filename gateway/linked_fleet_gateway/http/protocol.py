@@ -13,8 +13,10 @@ import httptools
 from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol
 
 from linked_fleet_gateway.base.addresses import network_of
+from linked_fleet_gateway.http.answers import Reply
 from linked_fleet_gateway.http.backpressure import STALL_S, Reader
-from linked_fleet_gateway.http.exchange import Exchange
+from linked_fleet_gateway.http.exchange import CLOSE, Exchange
+from linked_fleet_gateway.http.head import block, status_line
 from linked_fleet_gateway.http.sockets import Sockets
 from linked_fleet_gateway.http.timeouts import BODY_S, HEAD_S, MAX_HEAD_BYTES, Deadline
 from linked_fleet_gateway.http.websocket_protocol import FAREWELL_S, WebSocketProtocol
@@ -31,6 +33,7 @@ _METHODS = frozenset({b"GET", b"HEAD", b"OPTIONS", b"POST", b"PUT", b"PATCH", b"
 _ANY_METHOD = b"PUT"
 """Stands for a method that the parser does not know or treats in a way of its own, such as CONNECT."""
 _FRAMING = (b"content-length", b"transfer-encoding")
+AtOnce = Callable[[Any], Reply | None]
 
 
 class HttpProtocol(HttpToolsProtocol):
@@ -48,8 +51,15 @@ class HttpProtocol(HttpToolsProtocol):
     """True once the server shuts down: what begins now has not been told."""
     reader: Reader
 
-    def __init__(self, *arguments: Any, sockets: Sockets | None = None, **named: Any) -> None:
+    def __init__(
+        self, *arguments: Any, sockets: Sockets | None = None, at_once: AtOnce = lambda _: None, **named: Any
+    ) -> None:
+        """``at_once`` answers what can be answered without waiting; the ASGI application answers everything else."""
         super().__init__(*arguments, **named)
+        self._at_once, self._may_at_once = at_once, False
+        self._reply: Reply | None = None
+        self._answered = 0
+        """How many requests were answered at once."""
         self._address = ""
         self._sockets = Sockets(sys.maxsize, sys.maxsize) if sockets is None else sockets
         self._deadline = Deadline(self._give_up, self.loop)
@@ -95,6 +105,7 @@ class HttpProtocol(HttpToolsProtocol):
     # -- what comes ---------------------------------------------------------------------------------------------------
 
     def data_received(self, data: bytes) -> None:
+        self._may_at_once = True  # one, or many requests in these bytes would be answered in one turn of the loop
         if self._unread or self.pipeline:
             self._hold(data)
             return
@@ -233,6 +244,11 @@ class HttpProtocol(HttpToolsProtocol):
         if self.parser.should_upgrade() and self._should_upgrade():
             return
         waits = self._is_answering()
+        if self._may_at_once and not waits and not self.flow.write_paused and not self._has_body():
+            self._may_at_once = False
+            self._reply = self._at_once(self.scope)
+            if self._reply is not None:
+                return
         self.cycle = Exchange(
             scope=self.scope, transport=self.transport, flow=self.flow,
             logger=self.logger, access_logger=self.access_logger, access_log=False,
@@ -257,6 +273,9 @@ class HttpProtocol(HttpToolsProtocol):
                     self._refusal = HTTPStatus.NOT_IMPLEMENTED, "The one Transfer-Encoding known here is chunked."
 
     def on_message_complete(self) -> None:
+        if self._reply is not None:
+            self._write_reply(self._reply)
+            return
         if not self._again and self.parser.should_upgrade() and self._has_body() and not self._should_upgrade():
             return  # it is still to come
         self._phase = _WHOLE
@@ -266,6 +285,21 @@ class HttpProtocol(HttpToolsProtocol):
         return any(name in _FRAMING and value.strip(b" 0") for name, value in self.headers)
 
     # -- what goes ----------------------------------------------------------------------------------------------------
+
+    def _write_reply(self, reply: Reply) -> None:
+        self._reply, self._phase = None, _IDLE
+        self._answered += 1
+        self._sockets.busy(self)
+        self.server_state.total_requests += 1
+        keep_alive = self.scope["http_version"] != "1.0" and self.parser.should_keep_alive()
+        more = [*self.server_state.default_headers, *reply.more]
+        if not keep_alive:
+            more.append(CLOSE)
+        content = b"" if self.scope["method"] == "HEAD" else reply.content
+        head = status_line(reply.status) + reply.block + block(more)
+        self.transport.write(b"%b\r\n%b" % (head, content))
+        if not keep_alive:
+            self.transport.close()
 
     def on_response_complete(self) -> None:
         self.server_state.total_requests += 1
@@ -311,7 +345,7 @@ class HttpProtocol(HttpToolsProtocol):
         # By the request before it: that of one is never that of the next.
         begun = self._phase is _HEAD or bool(self._line)
         in_body = self._phase is _BODY
-        self._deadline.set((in_body, begun, self.cycle), self.body_s if in_body else self.head_s)
+        self._deadline.set((in_body, begun, self.cycle, self._answered), self.body_s if in_body else self.head_s)
 
     def _give_way(self) -> bool:
         """End for another, unless the last answer is still on its way."""

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from starlette.types import Scope
 
 from linked_fleet_gateway.base.addresses import network_of
-from linked_fleet_gateway.http.authentication import Authenticated
+from linked_fleet_gateway.http.arrival import arrival_of
 
 BURST_S = 10.0
 """Seconds for which a client keeps what it has not used."""
@@ -47,13 +47,6 @@ class Rates:
 
 
 def by_caller(scope: Scope) -> str:
-    """The identity of who asks, as ``Callers`` found it; of nobody in particular the address."""
-    found: Authenticated | None = scope.get("state", {}).get("authenticated")
-    client = scope.get("client")
-    return (
-        f"identity {found.identity.name}"
-        if found is not None and found.identity.name
-        else network_of(client[0])
-        if client
-        else ""
-    )
+    """The identity of who asks, as it was found; of nobody in particular the address."""
+    name, client = arrival_of(scope).authenticated.identity.name, scope.get("client")
+    return f"identity {name}" if name else network_of(client[0]) if client else ""

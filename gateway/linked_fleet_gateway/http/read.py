@@ -2,10 +2,12 @@
 
 from collections.abc import Mapping, Sequence
 
+from starlette.datastructures import MutableHeaders
 from starlette.responses import Response
 
 from linked_fleet_gateway.base.errors import NotAcceptable, PreconditionFailed
 from linked_fleet_gateway.http.answers import Answer
+from linked_fleet_gateway.http.callers import private
 from linked_fleet_gateway.http.conditional import not_modified, precondition_holds
 from linked_fleet_gateway.http.containers import preferred_part
 from linked_fleet_gateway.http.encoding import chosen, compressed, pays, tag_of
@@ -77,7 +79,10 @@ def _keep(request: Request, resource: Resource, representation: Representation, 
         return
     if (rendering is None and not still) or resource.linkset_of is not None:
         return
-    fields = [(name.encode(), value.encode("latin-1")) for name, value in headers.items() if name != "etag"]
+    stated = MutableHeaders({name: value for name, value in headers.items() if name != "etag"})
+    if request.services.identities is not None:
+        private(resource.path, stated)
+    fields = stated.raw
     always = [each for each in fields if each[0] not in _OF_CONTENT]
     of_content = [each for each in fields if each[0] in _OF_CONTENT]
     answer = Answer(resource, robot, rendering, representation.body, always, of_content)

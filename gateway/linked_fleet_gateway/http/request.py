@@ -2,22 +2,24 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from typing import Protocol
 
 from prometheus_client import CollectorRegistry
 from starlette.applications import Starlette
 from starlette.requests import Request as StarletteRequest
-from starlette.types import ASGIApp, Receive, Scope, Send
+from starlette.types import ASGIApp, Lifespan, Receive, Scope, Send
 from starlette.websockets import WebSocket as StarletteWebSocket
 
 from linked_fleet_gateway.actions.service import Actions
-from linked_fleet_gateway.http.answers import Answers
-from linked_fleet_gateway.http.authentication import Authenticated, Scheme
+from linked_fleet_gateway.http.answers import Answers, Reply
+from linked_fleet_gateway.http.arrival import arrival_of
+from linked_fleet_gateway.http.authentication import Scheme
 from linked_fleet_gateway.http.html import HtmlWriter
 from linked_fleet_gateway.http.offload import Offload
 from linked_fleet_gateway.http.rates import Rates
 from linked_fleet_gateway.http.representation import Representations
 from linked_fleet_gateway.http.stop_priority import Turns
-from linked_fleet_gateway.identity.rights import EVERYBODY, Identity
+from linked_fleet_gateway.identity.rights import Identity
 from linked_fleet_gateway.identity.service import Identities
 from linked_fleet_gateway.resources.tree import EMPTY, Shelf, Tree
 from linked_fleet_gateway.runtime.audit_log import Audit
@@ -25,7 +27,15 @@ from linked_fleet_gateway.runtime.embedded_redis import Embedded
 from linked_fleet_gateway.subscriptions.live import Live
 from linked_fleet_gateway.subscriptions.service import Subscriptions
 
-_ANYBODY = Authenticated(EVERYBODY)
+
+class Entrance(Protocol):
+    """The layer in front of all resources (``http/entrance.py``)."""
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Answer a request as an ASGI application."""
+
+    def at_once(self, scope: Scope) -> Reply | None:
+        """The reply to a request that can be given without waiting for anything; None for any other."""
 
 
 @dataclass(frozen=True)
@@ -65,17 +75,18 @@ class Gateway(Starlette):
     """True while it ends as soon as the work under way is done."""
     has_been_ready = False
 
-    def build_middleware_stack(self) -> ASGIApp:
-        """The middleware and the endpoint. Starlette's routes and error handlers have nothing to do in between."""
+    def __init__(self, entrance: Entrance, lifespan: Lifespan[Starlette] | None = None) -> None:
+        super().__init__(lifespan=lifespan)
+        self._entrance = entrance
 
-        async def innermost(scope: Scope, receive: Receive, send: Send) -> None:
-            app = self.router if scope["type"] == "lifespan" else self.endpoint
-            await app(scope, receive, send)
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        scope["app"] = self
+        await (self.router if scope["type"] == "lifespan" else self._entrance)(scope, receive, send)
 
-        app: ASGIApp = innermost
-        for each, arguments, named in reversed(self.user_middleware):
-            app = each(app, *arguments, **named)
-        return app
+    def at_once(self, scope: Scope) -> Reply | None:
+        """The reply to a request that can be given without waiting for anything; None for any other."""
+        scope["app"] = self
+        return self._entrance.at_once(scope)
 
 
 class _Asked:
@@ -91,28 +102,22 @@ class _Asked:
     @property
     def base(self) -> str:
         """The public URL, without slash, under which the client asks."""
-        base: str = self.scope["state"]["base"]
-        return base
+        return arrival_of(self.scope).base
 
     @property
     def caller(self) -> Identity:
         """The caller. Where no identities are configured, everybody may do everything."""
-        return self._authenticated.identity
+        return arrival_of(self.scope).authenticated.identity
 
     @property
     def holds(self) -> Callable[[], bool]:
         """Tells whether the credentials of the caller are still good."""
-        return self._authenticated.holds
+        return arrival_of(self.scope).authenticated.holds
 
     @property
     def on_page(self) -> bool:
         """Return True if a page says who has logged in."""
-        return self._authenticated.on_page
-
-    @property
-    def _authenticated(self) -> Authenticated:
-        found: Authenticated = self.scope.get("state", {}).get("authenticated", _ANYBODY)
-        return found
+        return arrival_of(self.scope).authenticated.on_page
 
     @property
     def caller_name(self) -> str:

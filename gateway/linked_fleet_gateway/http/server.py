@@ -28,7 +28,7 @@ class Server(uvicorn.Server):
     """
 
     def __init__(self, app: Gateway, sockets: Sockets, certificate: Certificate | None = None) -> None:
-        http: Any = partial(HttpProtocol, sockets=sockets)
+        http: Any = partial(HttpProtocol, sockets=sockets, at_once=app.at_once)
         config = uvicorn.Config(
             app, lifespan="off", log_config=None, access_log=False, server_header=False,
             proxy_headers=False,  # uvicorn would believe loopback; http/forwarded.py believes named fronts

@@ -71,6 +71,10 @@ class Identities:
         """Return the identity of a token. Raises BadToken, IssuerSilent."""
         return self._known(self.roster.token(text) or await self._issued(text))
 
+    def of_static_token(self, text: str) -> Identity | None:
+        """Return the identity of a token in the file; None for any other, and for one that has expired."""
+        return self.roster.identity(self.roster.token(text), time.time_ns())
+
     def known(self, credential: Credential) -> Identity | None:
         """Return the identity of a credential verified before; None if it is no longer valid."""
         return self.roster.identity(credential, time.time_ns())

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 
 from linked_fleet_gateway.runtime.tracing import NO_STEP, Step, Trace
 
-_ID = re.compile(r"[A-Za-z0-9._-]{1,64}")
+_ID = re.compile(rb"[A-Za-z0-9._-]{1,64}")
 
 
 @dataclass
@@ -29,12 +29,18 @@ class RequestContext:
 _asked: ContextVar[RequestContext | None] = ContextVar("asked", default=None)
 
 
-def begin(proposed: str) -> RequestContext:
+def begin(proposed: bytes | None) -> RequestContext:
     """Start a request. A valid proposed id is kept."""
-    # Created for each request; it is no secret, so a fast generator suffices.
-    asked = RequestContext(proposed if proposed and _ID.fullmatch(proposed) else f"{random.getrandbits(128):032x}")
+    asked = RequestContext(request_id(proposed))
     _asked.set(asked)
     return asked
+
+
+def request_id(proposed: bytes | None) -> str:
+    """Return the proposed id of a request if it is valid, else a new one."""
+    if proposed and _ID.fullmatch(proposed):
+        return proposed.decode("ascii")
+    return f"{random.getrandbits(128):032x}"  # it is no secret, so a fast generator suffices
 
 
 def present() -> RequestContext | None:

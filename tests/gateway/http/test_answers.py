@@ -6,6 +6,7 @@ import pytest
 
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.http.answers import Answer, Answers
+from linked_fleet_gateway.http.arrival import arrival_of
 from linked_fleet_gateway.http.authentication import Authenticated
 from linked_fleet_gateway.identity.rights import Grant, Identity, Right
 from linked_fleet_gateway.resources.resource import Resource
@@ -31,17 +32,19 @@ class Stage:
 
     def content(self, **named: Any) -> bytes | None:
         found = self.answers.find(scope(**named), self.live)
-        return None if found is None else found[2]
+        return None if found is None else found.content
 
 
 def scope(
     path: bytes = b"/r/a", method: str = "GET", query: bytes = b"", caller: Identity | None = None, **fields: str
 ) -> dict[str, Any]:
-    state: dict[str, Any] = {"base": "http://fleet.example"}
-    if caller is not None:
-        state["authenticated"] = Authenticated(caller)
     headers = [(name.replace("_", "-").encode(), value.encode()) for name, value in fields.items()]
-    return {"method": method, "raw_path": path, "query_string": query, "headers": headers, "state": state}
+    found: dict[str, Any] = {"method": method, "raw_path": path, "query_string": query, "headers": headers}
+    arrival = arrival_of(found)
+    arrival.base = "http://fleet.example"
+    if caller is not None:
+        arrival.authenticated = Authenticated(caller)
+    return found
 
 
 @pytest.fixture
@@ -101,11 +104,11 @@ def test_a_client_that_has_it_is_told_so(stage: Stage) -> None:
     stage.keep(b"one")
     found = stage.answers.find(scope(), stage.live)
     assert found is not None
-    tag = dict(found[1])[b"etag"].decode()
+    tag = dict(found.more)[b"etag"].decode()
     for known in (tag, f'"x", W/{tag}', "*"):
         again = stage.answers.find(scope(if_none_match=known), stage.live)
-        assert again is not None and (again[0], again[2]) == (304, b"")
-        assert dict(again[1]) == {b"etag": tag.encode(), b"vary": b"Accept"}
+        assert again is not None and (again.status, again.content) == (304, b"")
+        assert dict([*again.kept, *again.more]) == {b"etag": tag.encode(), b"vary": b"Accept"}
 
 
 def test_there_are_never_too_many_nor_too_much(stage: Stage) -> None:

@@ -9,13 +9,15 @@ from starlette.requests import Request
 from starlette.responses import PlainTextResponse
 from starlette.routing import Route
 
-from linked_fleet_gateway.http.host import Authorities, Message, Scope
+from linked_fleet_gateway.base.errors import FleetError
+from linked_fleet_gateway.http.arrival import Scope, arrival_of
+from linked_fleet_gateway.http.host import Authorities, Message, refuse
 
 URLS = ("http://127.0.0.1:8000", "https://Fleet.example/", "http://[::1]:8000")
 
 
 async def base(request: Request) -> PlainTextResponse:
-    return PlainTextResponse(request.state.base)
+    return PlainTextResponse(arrival_of(request.scope).base)
 
 
 def ask(*hosts: str, kind: str = "http", more: tuple[tuple[bytes, bytes], ...] = (), **extra: object) -> list[Message]:
@@ -30,10 +32,17 @@ def ask(*hosts: str, kind: str = "http", more: tuple[tuple[bytes, bytes], ...] =
 
     headers = [*((b"host", host.encode("latin-1")) for host in hosts), *more]
     scope: Scope = {"type": kind, "method": "GET", "path": "/", "headers": headers, "query_string": b"", **extra}
-    app = Authorities(
-        Starlette(routes=[Route("/", base, methods=["GET", "HEAD", "OPTIONS", "POST", "PUT", "DELETE"])]), URLS
-    )
-    asyncio.run(app(scope, receive, send))
+    app = Starlette(routes=[Route("/", base, methods=["GET", "HEAD", "OPTIONS", "POST", "PUT", "DELETE"])])
+
+    async def answer() -> None:
+        try:
+            Authorities(URLS).admit(scope)
+        except FleetError as error:
+            await refuse(error, scope, send)
+        else:
+            await app(scope, receive, send)
+
+    asyncio.run(answer())
     return sent
 
 

@@ -2,17 +2,17 @@
 
 import asyncio
 from collections.abc import Awaitable, Callable
-from typing import Any
+from typing import Any, cast
 
 import pytest
-from starlette.middleware import Middleware
 from starlette.responses import Response
 from starlette.types import Receive, Scope, Send
 
 from linked_fleet_gateway.base.errors import BadRequest
+from linked_fleet_gateway.http.arrival import arrival_of
 from linked_fleet_gateway.http.host import Authorities
 from linked_fleet_gateway.http.internal_request import Reply, ReplyTooLong, ask
-from linked_fleet_gateway.http.request import Gateway, Request, WebSocket
+from linked_fleet_gateway.http.request import Entrance, Gateway, Request, WebSocket
 from linked_fleet_gateway.runtime.request_context import begin, present
 
 BASE = "https://fleet.example:8443"
@@ -22,7 +22,7 @@ class Outside:
     """A client with credentials, beside a gateway that responds by ``handler``."""
 
     def __init__(self, handler: Callable[[Request], Awaitable[Response]], kind: str = "http") -> None:
-        self.gateway = Gateway(middleware=[Middleware(Authorities, public_urls=(BASE,))])
+        self.gateway = Gateway(cast(Entrance, self._enter))
 
         async def endpoint(scope: Scope, receive: Receive, send: Send) -> None:
             await (await handler(Request(scope, receive)))(scope, receive, send)
@@ -36,9 +36,13 @@ class Outside:
                 (b"content-type", b"text/plain"), (b"accept", b"text/event-stream"),
                 (b"x-forwarded-for", b"198.51.100.1"),
             ],
-            "state": {"base": BASE},
         }  # fmt: skip
+        arrival_of(scope).base = BASE
         self.connection: Any = Request(scope) if kind == "http" else WebSocket(scope, _never, _nothing)
+
+    async def _enter(self, scope: Scope, receive: Receive, send: Send) -> None:
+        Authorities((BASE,)).admit(scope)
+        await self.gateway.endpoint(scope, receive, send)
 
     def ask(self, method: str, target: str, **more: Any) -> Reply:
         return asyncio.run(ask(self.connection, method, target, **more))
@@ -117,11 +121,11 @@ def test_a_longer_answer_than_the_bound_is_refused() -> None:
 
 def test_the_outer_request_stays_the_present_one_and_gives_its_id() -> None:
     async def inner(request: Request) -> Response:
-        begin("inner")
+        begin(b"inner")
         return Response(request.headers["x-request-id"])
 
     async def outer() -> None:
-        begun = begin("outer")
+        begun = begin(b"outer")
         reply = await ask(Outside(inner).connection, "GET", "/")
         assert reply.content == b"outer"
         assert present() is begun

@@ -5,12 +5,10 @@ import threading
 from types import SimpleNamespace
 from typing import cast
 
-from starlette.types import Receive, Scope, Send
-
 from linked_fleet_gateway.extensions.pages.extension import Pages
 from linked_fleet_gateway.http.lazy_imports import SUBSCRIPTIONS, Loading
 from linked_fleet_gateway.http.representation import Representations
-from linked_fleet_gateway.http.request import Gateway, Services
+from linked_fleet_gateway.http.request import Entrance, Gateway, Services
 
 
 def asked(*requests: tuple[str, str, str]) -> list[str]:
@@ -21,18 +19,16 @@ def asked(*requests: tuple[str, str, str]) -> list[str]:
         assert threading.current_thread() is not threading.main_thread()
         happened.append(name)
 
-    async def app(scope: Scope, receive: Receive, send: Send) -> None:
-        happened.append(scope["path"])
-
-    gateway = Gateway()
+    gateway = Gateway(cast(Entrance, None))
     gateway.services = cast(Services, SimpleNamespace(representations=Representations(Pages())))
 
     async def run() -> None:
-        loading = Loading(app, load)
+        loading = Loading(load)
         for method, path, accept in requests:
             headers = [(b"accept", accept.encode())]
             scope = {"type": "http", "method": method, "path": path, "headers": headers, "app": gateway}
-            await loading(scope, None, None)  # type: ignore[arg-type]
+            await loading.load(scope)
+            happened.append(path)
 
     asyncio.run(run())
     return happened

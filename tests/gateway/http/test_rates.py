@@ -9,12 +9,14 @@ import pytest
 from starlette.responses import Response
 
 from linked_fleet_gateway.base.errors import TooManyRequests
+from linked_fleet_gateway.http.arrival import Scope, arrival_of
 from linked_fleet_gateway.http.authentication import Authenticated
+from linked_fleet_gateway.http.host import refuse
 from linked_fleet_gateway.http.pace import Pace, in_turn
 from linked_fleet_gateway.http.rates import BURST_S, MAX_CLIENTS, Rates, by_caller
 from linked_fleet_gateway.http.request import Request
 from linked_fleet_gateway.http.stop_priority import Turns
-from linked_fleet_gateway.identity.rights import NOBODY, Identity
+from linked_fleet_gateway.identity.rights import EVERYBODY, NOBODY, Identity
 
 
 class Clock:
@@ -68,21 +70,20 @@ def test_however_many_clients_come_few_are_remembered() -> None:
     ],
 )
 def test_who_is_one_client(one: str, other: str, same: bool) -> None:
-    assert (by_caller({"client": (one, 1)}) == by_caller({"client": (other, 2)})) is same
+    assert (_counted(one) == _counted(other)) is same
 
 
 def test_an_identity_is_one_client_wherever_it_is() -> None:
     alice, bob = (Identity(name=name, grants=()) for name in ("alice", "bob"))
-    scopes = [
-        {"client": (host, 1), "state": {"authenticated": Authenticated(who)}}
-        for host in ("192.0.2.1", "192.0.2.2")
-        for who in (alice, bob)
-    ]
-    found = [by_caller(scope) for scope in scopes]
+    found = [_counted(host, who) for host in ("192.0.2.1", "192.0.2.2") for who in (alice, bob)]
     assert found[:2] == found[2:]
-    assert (
-        len({*found, by_caller({"client": ("192.0.2.1", 1), "state": {"authenticated": Authenticated(NOBODY)}})}) == 3
-    )
+    assert len({*found, _counted("192.0.2.1", NOBODY)}) == 3
+
+
+def _counted(host: str, who: Identity = EVERYBODY) -> str:
+    scope: Scope = {"client": (host, 1), "headers": []}
+    arrival_of(scope).authenticated = Authenticated(who)
+    return by_caller(scope)
 
 
 def _scope(method: str, path: str, kind: str = "http") -> dict[str, Any]:
@@ -99,14 +100,22 @@ def _ask(pace: Pace, method: str, path: str, kind: str = "http") -> tuple[int, d
     async def receive() -> Any:
         raise AssertionError("nothing is read")
 
-    asyncio.run(pace(_scope(method, path, kind), receive, send))
+    async def answer(scope: Scope) -> None:
+        try:
+            pace.check(scope)
+        except TooManyRequests as error:
+            await refuse(error, scope, send)
+        else:
+            await Response(b"served")(scope, receive, send)
+
+    asyncio.run(answer(_scope(method, path, kind)))
     assert sent[0]["type"].endswith("http.response.start")
     return sent[0]["status"], {name.decode(): value.decode() for name, value in sent[0]["headers"]}, sent[1]["body"]
 
 
 def test_who_asks_too_often_is_told_when_to_come_back_and_stops_robots_all_the_same() -> None:
     clock = Clock()
-    pace = Pace(Response(b"served"), Rates(0.1, clock))
+    pace = Pace(Rates(0.1, clock))
     assert _ask(pace, "GET", "/")[0] == 200
     for kind in ("http", "websocket"):
         status, fields, body = _ask(pace, "GET", "/", kind)
@@ -123,7 +132,7 @@ def test_who_asks_too_often_is_told_when_to_come_back_and_stops_robots_all_the_s
 def test_requests_to_carriers_are_counted_when_their_bodies_have_been_read() -> None:
     clock = Clock()
     rates = Rates(0.1, clock)
-    pace = Pace(Response(b"served"), rates, carriers=["/calls"])
+    pace = Pace(rates, ["/calls"])
     for _ in range(20):
         assert _ask(pace, "POST", "/calls")[0] == 200
     request = cast(

@@ -5,6 +5,7 @@ from starlette.responses import Response
 from starlette.types import Scope
 
 from linked_fleet_gateway.extensions.sessions.sealed_cookie import Session
+from linked_fleet_gateway.http.arrival import arrival_of
 
 _SESSION = "linked-fleet"
 _STATE = "sessions.session"
@@ -13,8 +14,7 @@ LOGIN = "-login"
 
 
 def _is_https(scope: Scope) -> bool:
-    base: str = scope.get("state", {}).get("base", "")
-    return base.startswith("https:")
+    return arrival_of(scope).base.startswith("https:")
 
 
 def cookie_name(scope: Scope, suffix: str = "") -> str:

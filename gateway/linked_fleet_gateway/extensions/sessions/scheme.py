@@ -12,6 +12,7 @@ from linked_fleet_gateway.extensions.sessions.cookies import note_session, read_
 from linked_fleet_gateway.extensions.sessions.login import Login
 from linked_fleet_gateway.extensions.sessions.service import Sessions
 from linked_fleet_gateway.extensions.sessions.session_key import StoreUnavailable
+from linked_fleet_gateway.http.arrival import arrival_of
 from linked_fleet_gateway.http.authentication import Authenticated
 from linked_fleet_gateway.http.html import HTML
 from linked_fleet_gateway.http.negotiation import choose
@@ -64,7 +65,7 @@ def _check_page(scope: Scope, headers: Headers) -> None:
     events = "text/event-stream" in headers.get("accept", "")
     calls_back = "callback" in headers.get("upgrade", "").lower()
     reads = scope["type"] == "http" and scope["method"] in _READ and not events and not calls_back
-    elsewhere = scope["state"]["elsewhere"]
+    elsewhere = arrival_of(scope).elsewhere
     ours = headers.get("sec-fetch-site") == "same-origin" or ("origin" in headers and not calls_back and not elsewhere)
     if not reads and not ours:
         raise ForeignOrigin("with a session this takes the Origin field of one of our pages; or send a bearer token")
@@ -82,4 +83,4 @@ def _to_login(scope: Scope) -> RedirectResponse:
     query = scope.get("query_string", b"").decode("latin-1")
     then = quote(scope["path"] + (f"?{query}" if query else ""), safe="")
     headers = {"cache-control": "no-store", "vary": "Accept"}
-    return RedirectResponse(f"{scope['state']['base']}/login?then={then}", 303, headers)
+    return RedirectResponse(f"{arrival_of(scope).base}/login?then={then}", 303, headers)
