@@ -97,7 +97,7 @@ class Answer:
             self._write(self._rendering)
         content, coded = self._content, self._packed and takes_gzip
         tag = tag_of(self._tag, "gzip" if coded else "")
-        if known is not None and not_modified(known, tag):
+        if known is not None and (known == tag or not_modified(known, tag)):
             return Reply(304, self._fields, self._block, [(b"etag", tag.encode())], b"")
         if self._packed and not coded:
             content = expanded(content)

@@ -40,8 +40,11 @@ class Authorities:
         self._pages = {page.lower() for page in pages}
 
     def admit(self, scope: Scope) -> None:
-        """Note under which public URL the client asks, and whether a page elsewhere does; a target that is a whole URL
-        becomes its path. Nothing is left to do for a request that was admitted. Raises BadRequest, MisdirectedRequest, ForeignOrigin."""
+        """Note under which public URL the client asks, and whether a page elsewhere does.
+
+        A target that is a whole URL becomes its path. Nothing is left to do for a request that was admitted before.
+        Raises BadRequest, MisdirectedRequest, ForeignOrigin.
+        """
         arrival = arrival_of(scope)
         if arrival.base:
             return

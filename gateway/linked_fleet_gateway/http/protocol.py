@@ -14,6 +14,7 @@ from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol
 
 from linked_fleet_gateway.base.addresses import network_of
 from linked_fleet_gateway.http.answers import Reply
+from linked_fleet_gateway.http.arrival import fields_of
 from linked_fleet_gateway.http.backpressure import STALL_S, Reader
 from linked_fleet_gateway.http.exchange import CLOSE, Exchange
 from linked_fleet_gateway.http.head import block, status_line
@@ -220,18 +221,18 @@ class HttpProtocol(HttpToolsProtocol):
 
     def on_header(self, name: bytes, value: bytes) -> None:
         if self._phase is _HEAD and not self._again:  # neither trailers, which nobody asked for
-            name = name.lower()
-            self.headers.append((name, value))
-            if name == b"expect" and value.lower() == b"100-continue":
-                self.expect_100_continue = True
+            self.headers.append((name.lower(), value))
 
     def on_headers_complete(self) -> None:
         if self._again:
             return
         self._phase, self._head_bytes = _BODY, 0
-        self._check_head()
-        if self._refusal is not None:
-            raise ValueError(self._refusal[1])  # ends the parser
+        fields = fields_of(cast(dict[str, Any], self.scope))
+        if b"transfer-encoding" in fields:
+            self._check_coding()
+            if self._refusal is not None:
+                raise ValueError(self._refusal[1])  # ends the parser
+        self.expect_100_continue = fields.get(b"expect", b"").lower() == b"100-continue"
         # The target as it was sent: it may be * or a whole URL (RFC 9112, 3.2).
         raw_path, _, query = (self._target or self.url).partition(b"?")
         path = raw_path.decode("ascii")
@@ -263,7 +264,7 @@ class HttpProtocol(HttpToolsProtocol):
         else:
             self._start_asgi_task(self.cycle, self.app)
 
-    def _check_head(self) -> None:
+    def _check_coding(self) -> None:
         """Refuse framing that the server does not know, or that HTTP/1.0 has not (RFC 9112, 6.1)."""
         for name, value in self.headers:
             if name == b"transfer-encoding":
@@ -282,6 +283,9 @@ class HttpProtocol(HttpToolsProtocol):
         super().on_message_complete()
 
     def _has_body(self) -> bool:
+        fields = fields_of(cast(dict[str, Any], self.scope))
+        if _FRAMING[0] not in fields and _FRAMING[1] not in fields:
+            return False
         return any(name in _FRAMING and value.strip(b" 0") for name, value in self.headers)
 
     # -- what goes ----------------------------------------------------------------------------------------------------

@@ -29,6 +29,7 @@ from linked_fleet_gateway.extensions.sessions.errors import TooManyLogins
 from linked_fleet_gateway.extensions.sessions.sealed_cookie import SESSION_S, Underway, open_login, seal_login
 from linked_fleet_gateway.extensions.sessions.service import Sessions
 from linked_fleet_gateway.extensions.sessions.session_key import StoreUnavailable
+from linked_fleet_gateway.http.arrival import arrival_of
 from linked_fleet_gateway.http.body import read_body
 from linked_fleet_gateway.http.rates import Rates
 from linked_fleet_gateway.http.request import Request
@@ -94,7 +95,7 @@ class Login:
 
     async def _with_token(self, request: Request, sessions: Sessions) -> Response:
         ours = "origin" in request.headers or request.headers.get("sec-fetch-site") == "same-origin"
-        if request.state.elsewhere or not ours:
+        if arrival_of(request.scope).elsewhere or not ours:
             raise ForeignOrigin("people log in here on the page itself; programs send Authorization: Bearer")
         form = parse_qs((await read_body(request, MAX_BODY_BYTES)).decode("utf-8", "replace"))
         token, then = _one(form, "token").strip(), _path(_one(form, "then"))
