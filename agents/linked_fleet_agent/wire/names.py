@@ -5,18 +5,23 @@ Bytes of the UTF-8 form outside ``A-Z a-z 0-9 _ . -`` become ``~XX`` (upper-case
 other spelling is refused.
 """
 
+import re
 from collections.abc import Container
 
 MAX_NAME_BYTES = 128
 _PLAIN = frozenset(b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789_.-")
+_AS_IT_IS = re.compile(r"[A-Za-z0-9_.-]{1,128}", re.ASCII)
+"""Names whose segment is the name itself, unless it is reserved."""
 
 
 def escape(name: str, reserved: Container[str] = ()) -> str:
     """Return the segment of ``name``. Raises ValueError if it is empty or longer than 128 bytes in UTF-8."""
+    escape_first = name in (".", "..") or name in reserved
+    if not escape_first and _AS_IT_IS.fullmatch(name):
+        return name
     raw = name.encode()
     if not 0 < len(raw) <= MAX_NAME_BYTES:
         raise ValueError(f"a name has 1 to {MAX_NAME_BYTES} bytes, not {len(raw)}")
-    escape_first = name in (".", "..") or name in reserved
     return "".join(
         chr(byte) if byte in _PLAIN and not (escape_first and index == 0) else f"~{byte:02X}"
         for index, byte in enumerate(raw)

@@ -76,7 +76,8 @@ class ActionStore:
         self._run = run
         self._kept_s = kept_s
         self._redis = Connection(url, self._keys.news)
-        self._untold: list[News] = []
+        self._untold: dict[News, None] = {}
+        """In the order of the last time that each became news: several changes of one thing are told once."""
         self._to_tell = asyncio.Event()
         self._noted: dict[str, tuple[int, int]] = {}
         self._tasks: list[asyncio.Task[None]] = []
@@ -243,7 +244,9 @@ class ActionStore:
 
     def _tell(self, what: What, robot: str, id: str) -> None:
         """Tell the others as soon as it can be: what was done is done, whether or not they hear of it yet."""
-        self._untold.append(News(what, robot, id))
+        news = News(what, robot, id)
+        self._untold.pop(news, None)
+        self._untold[news] = None
         self._to_tell.set()
 
     async def _tell_others(self) -> None:
@@ -253,13 +256,15 @@ class ActionStore:
         await self._tell_rest()
 
     async def _tell_rest(self) -> None:
-        telling, self._untold = self._untold, []
+        telling, self._untold = self._untold, {}
         if not telling:
             return
         try:
             await self._redis.all([self._entry(news) for news in telling])
         except BaseException:  # cancelled as well
-            self._untold = [*telling, *self._untold][-_NEWS:]
+            self._untold = dict.fromkeys(
+                [*(each for each in telling if each not in self._untold), *self._untold][-_NEWS:]
+            )
             self._to_tell.set()
             raise
 

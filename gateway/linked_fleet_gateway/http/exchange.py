@@ -1,13 +1,22 @@
 """One request and its answer: uvicorn's cycle, with a writing of its own."""
 
+from collections.abc import Iterable
 from typing import Any
 
 from uvicorn.protocols.http.httptools_impl import RequestResponseCycle
 
+from linked_fleet_gateway.http.answers import Reply
 from linked_fleet_gateway.http.head import block, status_line
 
 _NO_CONTENT = (204, 304)
 CLOSE = (b"connection", b"close")
+
+
+def written(reply: Reply, defaults: Iterable[tuple[bytes, bytes]], method: str, keep_alive: bool) -> bytes:
+    """The bytes of a reply that is there as a whole; ``defaults``: the fields of all responses."""
+    fields = [*defaults, *reply.more] if keep_alive else [*defaults, *reply.more, CLOSE]
+    head = status_line(reply.status) + reply.block + block(fields)
+    return b"%b\r\n%b" % (head, b"" if method == "HEAD" else reply.content)
 
 
 class Exchange(RequestResponseCycle):

@@ -5,6 +5,8 @@ from collections.abc import Iterator
 
 from starlette.requests import HTTPConnection
 
+from linked_fleet_gateway.http.arrival import arrival_of
+
 TOKEN = re.compile(r"[!#$%&'*+.^_`|~0-9A-Za-z-]+")
 # A quoted string is swallowed whole, closed or not, so that hostile fields cost one pass.
 _PIECE = re.compile(r'"(?:[^"\\]++|\\.)*+"?|[,;]|[^",;]+', re.DOTALL)
@@ -47,4 +49,5 @@ def quote(text: str) -> str:
 
 def field(request: HTTPConnection, name: str) -> str | None:
     """All lines of a list-valued field as one value (RFC 9110, 5.3); None when there is none."""
-    return ", ".join(request.headers.getlist(name)) or None
+    found = arrival_of(request.scope).fields.get(name.encode())
+    return found.decode("latin-1") if found else None

@@ -1,7 +1,6 @@
 """The server's protocol class for HTTP/1.1: uvicorn's on llhttp, with bounds of time, of size and of connections."""
 
 import asyncio
-import re
 import sys
 from asyncio.transports import Transport
 from collections.abc import Callable
@@ -16,8 +15,8 @@ from linked_fleet_gateway.base.addresses import network_of
 from linked_fleet_gateway.http.answers import Reply
 from linked_fleet_gateway.http.arrival import fields_of
 from linked_fleet_gateway.http.backpressure import STALL_S, Reader
-from linked_fleet_gateway.http.exchange import CLOSE, Exchange
-from linked_fleet_gateway.http.head import block, status_line
+from linked_fleet_gateway.http.exchange import Exchange, written
+from linked_fleet_gateway.http.request_line import RequestLineError, is_plain, read_line
 from linked_fleet_gateway.http.sockets import Sockets
 from linked_fleet_gateway.http.timeouts import BODY_S, HEAD_S, MAX_HEAD_BYTES, Deadline
 from linked_fleet_gateway.http.websocket_protocol import FAREWELL_S, WebSocketProtocol
@@ -29,10 +28,6 @@ _MOST_UNREAD = 64
 """Pieces of ``MAX_HEAD_BYTES`` that wait for answers to requests before them."""
 _IDLE, _HEAD, _BODY, _WHOLE = "idle", "head", "body", "whole"
 """How much of the latest request has come: nothing, a part of its head, its head, all of it."""
-_REQUEST_LINE = re.compile(rb"([!#$%&'*+\-.^_`|~0-9A-Za-z]+) ([\x21-\x7e]+) HTTP/([0-9])\.([0-9])\r?\n")
-_METHODS = frozenset({b"GET", b"HEAD", b"OPTIONS", b"POST", b"PUT", b"PATCH", b"DELETE"})
-_ANY_METHOD = b"PUT"
-"""Stands for a method that the parser does not know or treats in a way of its own, such as CONNECT."""
 _FRAMING = (b"content-length", b"transfer-encoding")
 AtOnce = Callable[[Any], Reply | None]
 
@@ -103,6 +98,10 @@ class HttpProtocol(HttpToolsProtocol):
         self.cycle.keep_alive = False
         return True
 
+    @property
+    def _scope(self) -> dict[str, Any]:
+        return cast(dict[str, Any], self.scope)
+
     # -- what comes ---------------------------------------------------------------------------------------------------
 
     def data_received(self, data: bytes) -> None:
@@ -165,15 +164,9 @@ class HttpProtocol(HttpToolsProtocol):
             self._refuse(HTTPStatus.REQUEST_HEADER_FIELDS_TOO_LARGE, f"A head has at most {MAX_HEAD_BYTES} bytes.")
 
     def _checked_line(self, data: bytes) -> bytes:
-        """Return the bytes to parse once the request line is whole; none before, and after a refusal.
-
-        The parser knows neither all methods (RFC 9110, 9.1) nor that HTTP/1.5 is served as HTTP/1.1 (2.5). Targets that
-        are no path are left to the application, which says what is wrong with one.
-        """
-        if not self._line:
-            match = _REQUEST_LINE.match(data)
-            if match is not None and _is_plain(*match.groups()):
-                return data
+        """Return the bytes to parse once the request line is whole; none before, and after a refusal."""
+        if not self._line and is_plain(data):
+            return data
         data = (self._line + data).lstrip(b"\r\n")  # RFC 9112, 2.2
         if b"\n" not in data:
             self._line = data
@@ -181,19 +174,12 @@ class HttpProtocol(HttpToolsProtocol):
                 self._refuse(HTTPStatus.REQUEST_URI_TOO_LONG, f"A head has at most {MAX_HEAD_BYTES} bytes.")
             return b""
         self._line = b""
-        match = _REQUEST_LINE.match(data)
-        if match is None:
-            self._refuse(HTTPStatus.BAD_REQUEST, "The request line is not one of HTTP/1.1.")
+        try:
+            data, self._method, self._target = read_line(data)
+        except RequestLineError as error:
+            self._refuse(error.status, error.reason)
             return b""
-        method, target, major, minor = match.groups()
-        if major != b"1":
-            self._refuse(HTTPStatus.HTTP_VERSION_NOT_SUPPORTED, "The major version of HTTP served here is 1.")
-            return b""
-        if method not in _METHODS:
-            self._method, method = method, _ANY_METHOD
-        if not target.startswith(b"/"):
-            self._target, target = target, b"/"
-        return b"%b %b HTTP/1.%b\r\n%b" % (method, target, min(minor, b"1"), data[match.end() :])
+        return data
 
     def _ignore_upgrade(self, rest: bytes) -> None:
         """Go on as after any other request. The parser leaves out a body that follows a head with an Upgrade."""
@@ -212,7 +198,7 @@ class HttpProtocol(HttpToolsProtocol):
         if self._again:
             return
         super().on_message_begin()
-        cast(dict[str, Any], self.scope)["extensions"] = {HTTP: self}
+        self._scope["extensions"] = {HTTP: self}
         self._phase = _HEAD
 
     def on_url(self, url: bytes) -> None:
@@ -227,7 +213,7 @@ class HttpProtocol(HttpToolsProtocol):
         if self._again:
             return
         self._phase, self._head_bytes = _BODY, 0
-        fields = fields_of(cast(dict[str, Any], self.scope))
+        fields = fields_of(self._scope)
         if b"transfer-encoding" in fields:
             self._check_coding()
             if self._refusal is not None:
@@ -283,7 +269,7 @@ class HttpProtocol(HttpToolsProtocol):
         super().on_message_complete()
 
     def _has_body(self) -> bool:
-        fields = fields_of(cast(dict[str, Any], self.scope))
+        fields = fields_of(self._scope)
         if _FRAMING[0] not in fields and _FRAMING[1] not in fields:
             return False
         return any(name in _FRAMING and value.strip(b" 0") for name, value in self.headers)
@@ -296,12 +282,7 @@ class HttpProtocol(HttpToolsProtocol):
         self._sockets.busy(self)
         self.server_state.total_requests += 1
         keep_alive = self.scope["http_version"] != "1.0" and self.parser.should_keep_alive()
-        more = [*self.server_state.default_headers, *reply.more]
-        if not keep_alive:
-            more.append(CLOSE)
-        content = b"" if self.scope["method"] == "HEAD" else reply.content
-        head = status_line(reply.status) + reply.block + block(more)
-        self.transport.write(b"%b\r\n%b" % (head, content))
+        self.transport.write(written(reply, self.server_state.default_headers, self.scope["method"], keep_alive))
         if not keep_alive:
             self.transport.close()
 
@@ -399,7 +380,3 @@ class HttpProtocol(HttpToolsProtocol):
         if self.on_shutdown is not None:
             self.on_shutdown()
             self.loop.call_later(FAREWELL_S, self.transport.abort)  # its reader may have stalled
-
-
-def _is_plain(method: bytes, target: bytes, major: bytes, minor: bytes) -> bool:
-    return method in _METHODS and target.startswith(b"/") and major == b"1" and minor in (b"0", b"1")

@@ -5,6 +5,7 @@ import logging
 import time
 from collections.abc import AsyncGenerator, AsyncIterator, Sequence
 from contextlib import asynccontextmanager
+from functools import lru_cache
 from typing import Any
 from urllib.parse import unquote, urlsplit
 
@@ -116,7 +117,7 @@ class Connection:
 
     async def run(self, script: str, keys: tuple[str, ...], *arguments: str | bytes | int) -> Any:
         """Run a script, whose keys share one slot, and return its answer. Raises StoreUnavailable."""
-        return await self.one("EVAL", script, len(keys), *keys, *arguments)
+        return await self.one("EVAL", _encoded(script), len(keys), *keys, *arguments)
 
     async def elsewhere(self, key: str, others: Sequence[str]) -> list[str]:
         """Return one of ``others`` for each master that has any of them and not ``key``. Raises StoreUnavailable."""
@@ -212,6 +213,12 @@ class Connection:
         wrong = [f"{name} {found[name]}" for name, value in _DURABLE.items() if found.get(name, value) != value]
         if wrong:
             _log.warning("Redis may lose what was accepted, its settings are %s", " and ".join(wrong))
+
+
+@lru_cache(maxsize=256)
+def _encoded(script: str) -> bytes:
+    """Redis' client would encode the script again at each call."""
+    return script.encode()
 
 
 def _checked(answers: list[Any]) -> list[Any]:

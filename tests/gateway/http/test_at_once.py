@@ -1,0 +1,107 @@
+"""Replies that are there when the request has come: in order, one for each reading, framed and bounded as any other."""
+
+import asyncio
+from functools import partial
+from typing import Any
+
+import pytest
+from starlette.requests import Request
+from starlette.responses import Response
+from starlette.types import Receive, Scope, Send
+
+from linked_fleet_gateway.http.answers import Reply
+from linked_fleet_gateway.http.head import block
+from linked_fleet_gateway.http.protocol import HttpProtocol
+from serving import connect, run, serving
+
+_KEPT = (b"vary", b"Accept")
+_GET = "GET /{} HTTP/1.1\r\nHost: test\r\n\r\n"
+
+
+class _Hasty(HttpProtocol):
+    head_s = 0.3
+
+
+async def _application(scope: Scope, receive: Receive, send: Send) -> None:
+    await Response(b"application" + await Request(scope, receive).body())(scope, receive, send)
+
+
+def _at_once(scope: Scope) -> Reply | None:
+    """Has the reply to all paths but /other; of a client that has it a 304."""
+    if scope["path"] == "/other":
+        return None
+    known = any(name == b"if-none-match" for name, _ in scope["headers"])
+    length = [] if known else [(b"content-length", b"4")]
+    return Reply(304 if known else 200, (_KEPT,), block([_KEPT]), length, b"" if known else b"kept")
+
+
+def _http(protocol: type[HttpProtocol] = HttpProtocol) -> Any:
+    return partial(protocol, at_once=_at_once)
+
+
+def _answers(requests: str) -> bytes:
+    """All that comes back before the connection ends."""
+    found = b""
+
+    async def scenario() -> None:
+        nonlocal found
+        async with serving(_application, http=_http()) as (_, port):
+            reader, writer = await connect(port, requests.encode())
+            found = await reader.read()
+            writer.close()
+
+    run(scenario)
+    return found
+
+
+_LAST = _GET.format("other").replace("\r\n\r\n", "\r\nConnection: close\r\n\r\n")
+
+
+def test_answers_come_in_the_order_of_the_requests() -> None:
+    answers = _answers(_GET.format("a") + _GET.format("other") + _GET.format("b") + _LAST)
+    assert [part.partition(b"\r\n\r\n")[2] for part in answers.split(b"HTTP/1.1 ")[1:]] == [
+        b"kept", b"application", b"application", b"application",
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("request_text", "end"),
+    [
+        ("HEAD / HTTP/1.1\r\nHost: test\r\nConnection: close\r\n\r\n", b"connection: close\r\n\r\n"),
+        ("GET / HTTP/1.1\r\nHost: test\r\nConnection: close\r\n\r\n", b"connection: close\r\n\r\nkept"),
+        ("GET / HTTP/1.0\r\nHost: test\r\n\r\n", b"connection: close\r\n\r\nkept"),
+        ('GET / HTTP/1.1\r\nHost: test\r\nIf-None-Match: "x"\r\nConnection: close\r\n\r\n', b"close\r\n\r\n"),
+    ],
+)
+def test_they_are_framed_as_any_other(request_text: str, end: bytes) -> None:
+    answer = _answers(request_text)
+    assert answer.startswith((b"HTTP/1.1 200 OK\r\n", b"HTTP/1.1 304 Not Modified\r\n"))
+    assert b"\r\nvary: Accept\r\n" in answer and b"\r\ndate: " in answer
+    assert answer.endswith(end)
+
+
+def test_a_request_with_content_is_left_to_the_application() -> None:
+    answers = _answers("GET / HTTP/1.1\r\nHost: test\r\nContent-Length: 3\r\n\r\nabc" + _LAST)
+    assert answers.count(b"applicationabc") == 1 and b"kept" not in answers
+
+
+def test_the_next_request_may_take_its_time_from_the_answer_on() -> None:
+    """A connection that is used again and again is open for longer than a client may take for one request."""
+
+    async def scenario() -> None:
+        async with serving(_application, http=_http(_Hasty)) as (_, port):
+            reader, writer = await connect(port, b"")
+            for _ in range(5):
+                await asyncio.sleep(0.8 * _Hasty.head_s)
+                writer.write(_GET.format("a").encode())
+                assert (await reader.readuntil(b"kept")).startswith(b"HTTP/1.1 200")
+            with pytest.raises(ConnectionError):  # from here on nothing is asked for, and the connection ends
+                await reader.read()
+            writer.close()
+
+    run(scenario)
+
+
+def test_no_field_begins_another() -> None:
+    with pytest.raises(RuntimeError):
+        block([(b"x", b"a\r\nset-cookie: b")])
