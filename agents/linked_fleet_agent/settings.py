@@ -34,11 +34,11 @@ SETTINGS = (
     Setting("LINKED_FLEET_NAMESPACE", "fleet", "prefix of every Zenoh key"),
     Setting("LINKED_FLEET_ZENOH_CONNECT", "tcp/127.0.0.1:7447", "endpoints of gateways or routers, comma-separated"),
     Setting("LINKED_FLEET_ZENOH_LISTEN", "", "endpoints to listen on as a Zenoh peer, comma-separated"),
-    Setting("LINKED_FLEET_ZENOH_CA", "", "certificate of the authority whose word counts on tls and quic links"),
-    Setting("LINKED_FLEET_ZENOH_CERT", "", "certificate by which the others know this process; these three together"),
+    Setting("LINKED_FLEET_ZENOH_CA", "", "certificate of the authority for tls and quic links"),
+    Setting("LINKED_FLEET_ZENOH_CERT", "", "certificate of the agent on these links; all three are needed together"),
     Setting("LINKED_FLEET_ZENOH_KEY", "", "its private key"),
     Setting(
-        "LINKED_FLEET_ALLOW", "", "`plain-zenoh`: listen beyond loopback although anybody may then move the robots"
+        "LINKED_FLEET_ALLOW", "", "`plain-zenoh`: listen beyond loopback, where everybody may then move the robots"
     ),
     Setting(
         "LINKED_FLEET_ROBOT",
@@ -50,12 +50,12 @@ SETTINGS = (
     Setting(
         "LINKED_FLEET_SWAY",
         "",
-        "demonstration, comma-separated: ROBOT:JOINT goes to and fro until a stop or a command ends it; `kill -USR1` "
-        "of the agent begins it anew",
+        "demonstration, comma-separated: ROBOT:JOINT moves back and forth until a stop or command; `kill -USR1` of the "
+        "agent restarts it",
         True,
     ),
     Setting("LINKED_FLEET_RATE_HZ", "100", "state frames per second and robot"),
-    Setting("LINKED_FLEET_LEASE_MS", "2000", "silence after which an agent counts as gone, in milliseconds"),
+    Setting("LINKED_FLEET_LEASE_MS", "2000", "silence until an agent counts as gone, in milliseconds"),
     Setting("LINKED_FLEET_LOG_LEVEL", "info", "debug, info, warning or error"),
 )
 

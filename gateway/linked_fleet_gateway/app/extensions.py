@@ -33,13 +33,11 @@ GROUP = "linked_fleet.extensions"
 class ExtensionSettings(Section):
     """Selection of the extensions of a gateway."""
 
-    extensions: tuple[str, ...] = setting(
-        TEXTS, "", "extensions of other packages that are loaded, by their names; comma-separated"
-    )
+    extensions: tuple[str, ...] = setting(TEXTS, "", "names of extensions of other packages to load, comma-separated")
     extensions_off: tuple[str, ...] = setting(
         TEXTS,
         "",
-        "built-in extensions that are switched off, by their names (docs/SETTINGS.md#extensions); comma-separated",
+        "names of built-in extensions to switch off (docs/SETTINGS.md#extensions), comma-separated",
     )
 
 

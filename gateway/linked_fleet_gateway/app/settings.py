@@ -55,40 +55,39 @@ _ORIGINS = several(  # as browsers write them: lower case, no path
 class GatewaySettings(Section):
     """Settings of the core."""
 
-    host: str = setting(TEXT, "127.0.0.1", "address on which it listens")
-    port: int = setting(PORT, "8000", "port on which it listens")
+    host: str = setting(TEXT, "127.0.0.1", "address to listen on")
+    port: int = setting(PORT, "8000", "port to listen on")
     public_url: tuple[str, ...] = setting(
         TEXTS,
         "",
-        "base URLs under which the fleet is known, comma-separated; empty: the address, on loopback by its usual names",
+        "base URLs of the fleet, comma-separated; empty: the address, on loopback with its usual names",
     )
     tls_cert: Path | None = setting(
-        FILE, "", "certificate chain (PEM) for HTTPS and WSS; read again when it changes and on SIGHUP"
+        FILE, "", "certificate chain (PEM) for HTTPS and WSS; read again after a change and on SIGHUP"
     )
     tls_key: Path | None = setting(FILE, "", "its private key (PEM)")
     identities: Path | None = setting(
-        FILE, "", "file of who may do what (docs/IDENTITIES.md); empty: everybody everything"
+        FILE, "", "file of identities (docs/IDENTITIES.md); empty: everybody may do everything"
     )
     allow: tuple[str, ...] = setting(
         _ALLOW,
         "",
-        "what is refused beyond loopback unless it is named here: `plain-http`, `anonymous`, `plain-zenoh`; "
-        "comma-separated",
+        "allowed beyond loopback, comma-separated: `plain-http`, `anonymous`, `plain-zenoh`",
     )
     namespace: str = setting(_NAMESPACE, "fleet", "prefix of every Zenoh and Redis key")
     zenoh_listen: tuple[str, ...] = setting(
-        TEXTS, "", "Zenoh endpoints to listen on, comma-separated; empty: tcp/127.0.0.1:7447 if it connects nowhere"
+        TEXTS, "", "Zenoh endpoints to listen on, comma-separated; empty: tcp/127.0.0.1:7447 without routers"
     )
     zenoh_connect: tuple[str, ...] = setting(TEXTS, "", "Zenoh endpoints of routers, comma-separated")
-    zenoh_ca: Path | None = setting(FILE, "", "certificate of the authority whose word counts on tls and quic links")
+    zenoh_ca: Path | None = setting(FILE, "", "certificate of the authority for tls and quic links")
     zenoh_cert: Path | None = setting(
-        FILE, "", "certificate by which robots and routers know the gateway; these three together"
+        FILE, "", "certificate of the gateway on these links; all three are needed together"
     )
     zenoh_key: Path | None = setting(FILE, "", "its private key")
     zenoh_access: Path | None = setting(
         FILE,
         "",
-        "who may say what to a gateway that listens: `access.json` of deploy/certificates "
+        "access control of a gateway that listens: `access.json` of deploy/certificates "
         "(deploy/README.md#who-is-who-on-the-wire)",
     )
     redis_url: str = setting(
@@ -100,57 +99,52 @@ class GatewaySettings(Section):
     state_dir: Path | None = setting(
         FILE,
         "",
-        "data of the embedded server, and meshes that were read; empty: `$XDG_STATE_HOME/linked-fleet`. "
-        "Gateways with the same folder share both",
+        "folder of the embedded server's data and of cached meshes, which gateways may share; empty: "
+        "`$XDG_STATE_HOME/linked-fleet`",
     )
     callback_allow: tuple[Network, ...] = setting(
         NETWORKS,
         "",
-        "networks (CIDR) that callbacks may reach although private, and without consent; comma-separated",
+        "private networks (CIDR) that callbacks may reach, without consent; comma-separated",
     )
     callback_ports: tuple[range, ...] = setting(
         PORTS,
         "80,443,8080,8443",
-        "ports of public addresses that callbacks may reach, such as `443` or `8000-8999`; in allowed networks every "
-        "port may be reached; comma-separated",
+        "ports of public addresses that callbacks may reach, such as `443` or `8000-8999`, comma-separated; allowed "
+        "networks have all ports",
     )
-    callback_consent: bool = setting(
-        ON_OFF, "on", "whether other receivers are asked before the first delivery: on or off"
-    )
+    callback_consent: bool = setting(ON_OFF, "on", "ask other receivers before the first delivery: on or off")
     subscriptions_per_client: int = setting(
-        whole_number(), "1000", "subscriptions that one client (an identity, else an address) may have at once"
+        whole_number(), "1000", "subscriptions of one client (an identity, else an address)"
     )
     invocations_per_client: int = setting(
         whole_number(),
         "100",
-        "motions of one client that have not ended; the next one gets 429. What stops robots is neither counted nor "
-        "refused",
+        "unfinished motions of one client; the next one gets 429. Stops do not count",
     )
     requests_per_client: int = setting(
         whole_number(),
         "1000",
-        "requests a second that one client (an identity, else an address) may make on average, of ten seconds at "
-        "once; 0: any number. What stops robots does not count",
+        "requests a second of one client on average, those of ten seconds at once; 0: no bound. Stops do not count",
     )
     sockets: int = setting(
         whole_number(),
         "16000",
-        "connections that there may be at once; fewer where the process may not open as many files",
+        "connections at once; fewer if the process may open fewer files",
     )
-    sockets_per_client: int = setting(whole_number(), "12000", "connections that one client address may have at once")
+    sockets_per_client: int = setting(whole_number(), "12000", "connections of one address")
     fronts: tuple[Network, ...] = setting(
         NETWORKS,
         "",
-        "addresses or networks (CIDR) of fronts, comma-separated: a request of theirs is that of the rightmost address "
-        "in `X-Forwarded-For` or `Forwarded` that is no front's. Others are believed nothing. Name no address from "
-        "which clients come directly",
+        "addresses or networks (CIDR) of fronts, comma-separated. Their requests count for the rightmost address in "
+        "`X-Forwarded-For` or `Forwarded` that is not a front's. Name no address of clients",
     )
     cors_origins: tuple[str, ...] = setting(
         _ORIGINS,
         "",
-        "origins of other sites' pages that may use the fleet, comma-separated; with tokens, never with sessions",
+        "origins of other sites that may use the fleet with tokens, never with sessions; comma-separated",
     )
-    log_format: str = setting(choice(*FORMS), "text", "form of the log: text, or json, a line each")
+    log_format: str = setting(choice(*FORMS), "text", "format of log lines: text or json")
     sections: tuple[Section, ...] = ()
     """Other sections that were read."""
 

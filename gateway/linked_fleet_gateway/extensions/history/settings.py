@@ -10,14 +10,14 @@ from linked_fleet_gateway.base.settings import Section, setting, whole_number
 class HistorySettings(Section):
     prefix: ClassVar[str] = "LINKED_FLEET_HISTORY_"
 
-    s: int = setting(whole_number(0, 86_400), "300", "seconds of each robot that are remembered; 0: none")
+    s: int = setting(whole_number(0, 86_400), "300", "seconds to keep of each robot; 0: none")
     hz: int = setting(
         whole_number(1, 100),
         "10",
-        "samples a second of each robot that are remembered, at most 100: not every frame is",
+        "samples a second to keep of each robot, at most 100",
     )
     mb: int = setting(
         whole_number(1, 1_000_000),
         "24",
-        "memory (MB) of all histories together; when it is full, the older samples are thinned out",
+        "memory (MB) of all histories; when it is full, older samples are thinned out",
     )

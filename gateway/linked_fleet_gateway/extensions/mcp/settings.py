@@ -12,6 +12,6 @@ class McpSettings(Section):
 
     sessions: int = setting(whole_number(1, 10_000), "200", "sessions of the Model Context Protocol at once")
     sessions_per_client: int = setting(
-        whole_number(1, 10_000), "20", "of these, sessions that one client (an identity, else an address) may have"
+        whole_number(1, 10_000), "20", "sessions of one client (an identity, else an address)"
     )
-    idle_s: int = setting(whole_number(1, 86_400), "600", "seconds without a request after which such a session ends")
+    idle_s: int = setting(whole_number(1, 86_400), "600", "seconds without a request until a session ends")

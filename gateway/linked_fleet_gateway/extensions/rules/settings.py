@@ -10,4 +10,4 @@ from linked_fleet_gateway.base.settings import Section, setting, whole_number
 class RuleSettings(Section):
     prefix: ClassVar[str] = "LINKED_FLEET_RULES_"
 
-    per_client: int = setting(whole_number(), "50", "rules that one client may have at once")
+    per_client: int = setting(whole_number(), "50", "rules of one client")

@@ -12,5 +12,5 @@ class SessionSettings(Section):
     prefix: ClassVar[str] = "LINKED_FLEET_SESSION_"
 
     key_file: Path | None = setting(
-        FILE, "", "key of browsers' sessions, 32 bytes in base64; empty: made once, in Redis"
+        FILE, "", "key of browser sessions, 32 bytes in base64; empty: made once and kept in Redis"
     )
