@@ -1,4 +1,4 @@
-"""Reference pages generated from the code: HTTP, terms, errors, the Python API."""
+"""Reference pages generated from the code: HTTP, commands, terms, errors, the Python API."""
 
 import inspect
 import pkgutil
@@ -6,11 +6,14 @@ from collections.abc import Callable, Iterable, Mapping
 from importlib import import_module
 from importlib.resources import files
 
+import click
 from http_reference import http
 from pyoxigraph import Literal, NamedNode, RdfFormat, Store, parse
 
 import linked_fleet_gateway.extensions
 import linked_fleet_shapes
+from linked_fleet_client.cli import programs
+from linked_fleet_client.cli.main import cli
 from linked_fleet_gateway.base.errors import PROBLEMS, FleetError
 
 _RDF_TYPE = NamedNode("http://www.w3.org/1999/02/22-rdf-syntax-ns#type")
@@ -68,8 +71,24 @@ def api() -> str:
     return "\n".join(parts)
 
 
+def commands() -> str:
+    """The help of ``linked-fleet`` and of each command of the client."""
+    context = cli.make_context("linked-fleet", [], resilient_parsing=True, terminal_width=100)
+    parts = ["# Command line\n", _help(cli, context)]
+    parts += ["The options of `gateway`, `agent`, `demo` and `doctor` are [settings](SETTINGS.md).\n"]
+    for name in sorted({*cli.list_commands(context)} - {*programs.names()}):
+        if command := cli.get_command(context, name):
+            own = command.make_context(name, [], context, resilient_parsing=True, terminal_width=100)
+            parts += [f"## {name}\n", _help(command, own)]
+    return "\n".join(parts)
+
+
+def _help(command: click.Command, context: click.Context) -> str:
+    return f"```text\n{command.get_help(context)}\n```\n"
+
+
 PAGES: Mapping[str, Callable[[], str]] = {
-    "http.md": http, "vocabulary.md": vocabulary, "errors.md": errors, "api.md": api,
+    "http.md": http, "commands.md": commands, "vocabulary.md": vocabulary, "errors.md": errors, "api.md": api,
 }  # fmt: skip
 """The generated pages by their paths on the site."""
 

@@ -46,6 +46,7 @@ def test_the_site_has_every_page(site: Path) -> None:
     ("page", "words"),
     [
         ("http", ["/{robot}/{joint}/actions/rotate", "RotateInput", "assumePose", "…/{property}/blueprint"]),
+        ("commands", ["linked-fleet do", "--dry-run", "doctor", "--earl"]),
         ("vocabulary", ["lf:Fleet", "The root of the hierarchy"]),
         ("errors", ["too-many-requests", "out-of-reach", "collision"]),
         ("api", ["linked_fleet_client.fleet", "Mount", "quantity"]),
@@ -60,7 +61,7 @@ def test_reference_is_generated_from_the_code(site: Path, page: str, words: list
 def test_the_map_leads_to_every_page_but_the_contributors_and_the_generated(site: Path) -> None:
     there = {page.parent.name for page in site.glob("*/index.html")} - {"MAP", "TUTORIAL", "changelog", "contributing"}
     led = set(re.findall(r'href="\.\./([\w-]+)/', (site / "MAP" / "index.html").read_text().partition("<article")[2]))
-    assert there - led == {"http", "vocabulary", "errors", "api"}
+    assert there - led == {"http", "commands", "vocabulary", "errors", "api"}
 
 
 def test_nothing_is_loaded_from_another_host(site: Path) -> None:
