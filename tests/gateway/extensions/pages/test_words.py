@@ -107,7 +107,7 @@ def test_what_was_asked_is_said_in_words(what: str, path: str, said: str) -> Non
 def test_terms_are_words_and_have_help() -> None:
     assert labels.words("http://vocab.arvida.de/2015/06/spatial/vocab#Rotation3D") == "rotation 3D"
     assert labels.words(f"{LF}lastSeen") == "last seen"
-    assert labels.described(f"{LF}offline")[1] == "The agent is gone; see last seen."
+    assert labels.described(f"{LF}offline")[1] == "The agent is not connected; see last seen."
     assert not re.search(r"[a-z]:[a-z]", labels.sentence("see lf:lastSeen, maths:x"))
 
 
