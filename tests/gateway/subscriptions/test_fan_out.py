@@ -145,12 +145,12 @@ class InStep(Outlet):
 
 @pytest.fixture(autouse=True, params=[Outlet, InStep], ids=["alone", "in step"])
 def _kind(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Nobody can tell by what comes whether an outlet is served alone or in step with others."""
+    """Run each test with both kinds of outlets, which must get the same messages alone and in a broadcast."""
     monkeypatch.setattr(World, "outlet", request.param)
 
 
 class World:
-    """One fleet with one robot; every step waits until the fan-out has nothing left to do."""
+    """A fleet with one robot; every step waits until the fan-out has nothing left to do."""
 
     outlet = Outlet
 
@@ -221,7 +221,7 @@ def watch(world: World, path: str, sent: dict[str, str] | None = None, patient: 
 
 
 def test_every_change_is_a_message_when_there_is_room() -> None:
-    """First the present state; each version is the one before of the next; the same value again is no message."""
+    """First the present state; each message names the version before it; a repeated value is no message."""
 
     async def test(world: World) -> None:
         outlet = watch(world, _ROTATION)
@@ -273,7 +273,7 @@ def test_who_missed_a_move_to_and_fro_missed_nothing() -> None:
 
 
 def test_a_burst_of_frames_is_read_once() -> None:
-    """Frames that come in one go are not queued: the latest is read, and the gap is shown."""
+    """Frames that arrive together are not queued: the latest is read, and the gap is shown."""
 
     async def test(world: World) -> None:
         outlet = watch(world, _ROTATION)
@@ -287,7 +287,7 @@ def test_a_burst_of_frames_is_read_once() -> None:
 
 
 def test_deadband_counts_from_what_was_sent() -> None:
-    """A slow drift is news as soon as it adds up; who has no deadband sees each step."""
+    """A slow drift is news once it adds up; a subscriber without deadband gets each step."""
 
     async def test(world: World) -> None:
         rough, fine = watch(world, _ROTATION, deadband=0.25), watch(world, _ROTATION)
@@ -328,7 +328,10 @@ def test_interval_has_a_trailing_edge() -> None:
 
 
 def test_resuming() -> None:
-    """The present version: nothing before a change. Any other, whatever its order: the present state at once."""
+    """With the present version: nothing before a change.
+
+    With any other, whatever its order: the present state at once.
+    """
 
     async def test(world: World) -> None:
         before = watch(world, _ROTATION)
@@ -372,7 +375,7 @@ def test_depths_of_a_joint() -> None:
 
 
 def test_a_subtree_follows_its_members() -> None:
-    """A robot described anew, robots that join, invocations: what comes to be is covered, with its last state."""
+    """A robot described anew, robots that join, invocations: new resources are covered, up to their last state."""
 
     async def test(world: World) -> None:
         outlet = watch(world, "/", depth=Depth.SUBTREE)
@@ -397,7 +400,7 @@ def test_a_subtree_follows_its_members() -> None:
             (message,) = outlet.messages
             assert state.value in message.body.decode()
             assert outlet.take() == [path]
-        assert path not in outlet.watcher.topics  # it has ended, and its end is known
+        assert path not in outlet.watcher.topics  # it has ended, and its end was sent
         await world.apply(Vanished("s", 1))
         assert path not in outlet.take()
 
@@ -405,7 +408,7 @@ def test_a_subtree_follows_its_members() -> None:
 
 
 def test_what_ceases_ends_its_watchers_but_patient_ones_wait() -> None:
-    """GONE without a resource; a patient watcher, such as a callback, goes on when it is back."""
+    """GONE without a resource; a patient watcher, such as a callback, continues when it is back."""
 
     async def test(world: World) -> None:
         stream, callback = watch(world, _ROTATION), watch(world, _ROTATION, patient=True)
@@ -438,7 +441,7 @@ def test_a_subtree_ends_with_its_root() -> None:
 
 
 def test_a_robot_that_says_nothing_usable_for_a_while_ends_nobody() -> None:
-    """Its joints are not there as long as it is faulty; whoever watches them is told when they are back."""
+    """Its joints do not exist while it is faulty; their watchers are told when they are back."""
 
     async def test(world: World) -> None:
         outlets = [watch(world, _ROTATION), watch(world, _JOINT, depth=Depth.SUBTREE)]
@@ -455,7 +458,7 @@ def test_a_robot_that_says_nothing_usable_for_a_while_ends_nobody() -> None:
 
 
 def test_a_message_shows_the_state_of_its_version() -> None:
-    """A frame that comes before a message is rendered is read first: no body is newer than what is known of it."""
+    """A frame that arrives before a message is rendered is read first: no body is newer than its version."""
 
     async def test(world: World) -> None:
         outlet = watch(world, _ROTATION)
@@ -474,9 +477,9 @@ def test_a_message_shows_the_state_of_its_version() -> None:
 
 
 def test_the_first_round_has_all_of_a_subtree_however_long_it_takes_to_find(monkeypatch: pytest.MonkeyPatch) -> None:
-    """With an interval whatever missed the first round would come that much later."""
+    """With an interval, a resource missing in the first round would come that much later."""
     turns = itertools.count()
-    monkeypatch.setattr(fan_out.time, "perf_counter", lambda: next(turns) * fan_out.TURN_S / 4)  # a few steps a turn
+    monkeypatch.setattr(fan_out.time, "perf_counter", lambda: next(turns) * fan_out.TURN_S / 4)  # a few steps per turn
 
     async def test(world: World) -> None:
         outlet = watch(world, _ROBOT, depth=Depth.SUBTREE, interval_s=8.0)
@@ -490,7 +493,7 @@ def test_the_first_round_has_all_of_a_subtree_however_long_it_takes_to_find(monk
 
 
 def test_the_interval_lies_between_rounds_of_a_subtree() -> None:
-    """News that comes while a round goes out waits for the next one."""
+    """News during a round waits for the next one."""
 
     async def test(world: World) -> None:
         outlet = watch(world, _ROBOT, depth=Depth.SUBTREE, interval_s=8.0)
@@ -518,7 +521,7 @@ def test_the_interval_lies_between_rounds_of_a_subtree() -> None:
 
 
 def _turns_of(monkeypatch: pytest.MonkeyPatch, looks: int) -> None:
-    """Have a turn end when the clock has been looked at so often."""
+    """End a turn after so many reads of the clock."""
     ticks = itertools.count()
     monkeypatch.setattr(fan_out.time, "perf_counter", lambda: next(ticks) * fan_out.TURN_S / looks)
 
@@ -527,8 +530,10 @@ def _turns_of(monkeypatch: pytest.MonkeyPatch, looks: int) -> None:
 def test_whoever_has_room_has_the_latest_however_slow_the_others_are(
     seed: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Readers come, stall, catch up and go in any order, and what is sent takes many turns: nobody gets a version
-    twice, one after another, or one out of order, and in the end all have the last one."""
+    """Readers join, stall, catch up and leave in any order, and sending takes many turns.
+
+    Nobody gets a version twice in a row or out of order, and in the end everybody has the last one.
+    """
     dice = random.Random(seed)
     _turns_of(monkeypatch, 5)
 
@@ -568,7 +573,7 @@ def test_whoever_has_room_has_the_latest_however_slow_the_others_are(
 
 
 def test_news_in_the_middle_of_a_message_to_many_comes_after_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Those who were to get the message get it, and then all the latest; what came in between nobody."""
+    """Recipients of a message still get it, and then all get the latest; nobody gets the news in between."""
     _turns_of(monkeypatch, 4)
 
     async def test(world: World) -> None:
@@ -592,7 +597,7 @@ def test_news_in_the_middle_of_a_message_to_many_comes_after_it(monkeypatch: pyt
 
 
 def test_last_message_is_noted_for_each(monkeypatch: pytest.MonkeyPatch) -> None:
-    """When it was is told of a subscription although those in step are served together."""
+    """Each subscription reports its time, although members of a broadcast are served together."""
 
     async def test(world: World) -> None:
         times = itertools.count(1)
@@ -610,7 +615,7 @@ def test_last_message_is_noted_for_each(monkeypatch: pytest.MonkeyPatch) -> None
 
 
 def test_unwatched_resources_cost_nothing() -> None:
-    """When the last watcher has left nothing is kept, and frames cause no turn."""
+    """After the last watcher has left nothing is kept, and frames cause no turn."""
 
     async def test(world: World) -> None:
         outlets = [watch(world, path) for path in (_ROTATION, _JOINT, _ROBOT, "/")]
@@ -637,7 +642,7 @@ def _change(world: World, outlet: Outlet, **options: object) -> None:
 
 
 def test_another_interval_counts_from_the_message_before() -> None:
-    """A longer one holds back what waits already, a shorter one lets it go, and none leaves no timer behind."""
+    """A longer one delays a pending message, a shorter one releases it, and none leaves no timer behind."""
 
     async def test(world: World) -> None:
         outlet = watch(world, _ROTATION, interval_s=2.0)
@@ -679,7 +684,7 @@ def test_who_had_no_interval_waits_from_the_change() -> None:
 
 
 def test_another_deadband_is_held_against_what_was_sent() -> None:
-    """A smaller one lets out what was no news before; a larger one keeps back what is none any more."""
+    """A smaller one releases what was no news before; a larger one holds back what is no longer news."""
 
     async def test(world: World) -> None:
         outlet = watch(world, _ROTATION, deadband=0.5)
@@ -705,7 +710,7 @@ def test_another_deadband_is_held_against_what_was_sent() -> None:
 
 @pytest.mark.parametrize("options", [{"depth": Depth.SUBTREE}, {"media_type": "text/turtle"}])
 def test_another_depth_or_media_type_begins_with_the_present_state(options: dict[str, object]) -> None:
-    """Everything that is covered is sent, whatever was sent before, and nothing is kept of what was watched before."""
+    """Everything covered is sent, whatever was sent before, and nothing of the former watch is kept."""
 
     async def test(world: World) -> None:
         outlet = watch(world, _JOINT)
@@ -735,7 +740,7 @@ def test_another_depth_or_media_type_begins_with_the_present_state(options: dict
 def test_a_change_in_the_middle_of_a_message_to_many_loses_and_repeats_nothing(
     monkeypatch: pytest.MonkeyPatch, options: dict[str, object]
 ) -> None:
-    """The watcher has each version once and the latest in the end, before its turn in a message and after it."""
+    """The watcher gets each version once and finally the latest, before its turn in a message and after it."""
     _turns_of(monkeypatch, 4)
 
     async def test(world: World) -> None:
