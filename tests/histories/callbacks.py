@@ -1,4 +1,4 @@
-"""Clients that subscribe by callback, list and delete; and the resources change meanwhile."""
+"""Clients that create, list and delete callback subscriptions while the resources change."""
 
 import asyncio
 import contextlib
@@ -20,7 +20,7 @@ class CallbackClients:
     def __init__(self, history: History, watched: Watched, deliveries: Deliveries) -> None:
         self._history, self._watched, self._deliveries = history, watched, deliveries
         self._ids: dict[str, list[str]] = {f"/toy/owner{number}": [] for number in range(_OWNERS)}
-        """Subscriptions that were requested, by owner, until a client is told that they are gone."""
+        """Requested subscriptions by owner, until a client is told that they are gone."""
         self._paths: dict[str, str] = {}
         self._accepted: set[str] = set()
         self._deleted: set[str] = set()
@@ -46,7 +46,7 @@ class CallbackClients:
             id, owner, path, Kind.CALLBACK, "text/turtle", "http://fleet.example", "192.0.2.7", time.time_ns(),
             callback=f"http://receiver.example/{id}",
         )  # fmt: skip
-        # Who is told that it is not there is told the truth in the end: the gateway removes it again, if it lives.
+        # "Not created" becomes true eventually: the gateway, if it lives, removes what it may have stored.
         removing = self._history.calls(client, _MODEL, id, "delete")
         await gateway.subscriptions.callbacks.accept(subscription)
         removing.never_was()
@@ -54,7 +54,7 @@ class CallbackClients:
         self._accepted.add(id)
 
     async def _list(self, client: int, gateway: Gateway, owner: str) -> None:
-        """Each subscription by itself: what is listed is not of one moment."""
+        """Each subscription is recorded separately, because a list is not of a single moment."""
         asked = {id: self._history.asks(client, _MODEL, id, "list") for id in self._ids[owner]}
         listed = {record.subscription.id for record in await gateway.subscriptions.of(owner)}
         self._answer(asked, listed)
@@ -73,13 +73,13 @@ class CallbackClients:
             self._ids[owner].remove(id)
 
     async def settle(self, gateway: Gateway) -> None:
-        """Wait until each accepted callback that nobody deleted was told what is true in the end."""
+        """Wait until each accepted, undeleted callback has been sent the final value."""
         for path in self._watched.paths:
             self._watched.advance(path)
         lasting = sorted(self._accepted - self._deleted)
-        with contextlib.suppress(TimeoutError):  # the history then says what is missing
+        with contextlib.suppress(TimeoutError):  # the history then shows what is missing
             async with asyncio.timeout(_PATIENCE_S):
-                while not all(map(self._is_up_to_date, lasting)):  # noqa: ASYNC110 - what receivers saw
+                while not all(map(self._is_up_to_date, lasting)):  # noqa: ASYNC110 - depends on what receivers saw
                     await asyncio.sleep(_LOOK_S)
         for owner in self._ids:
             await self._list(-1, gateway, owner)

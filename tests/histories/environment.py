@@ -1,4 +1,4 @@
-"""The environment of a workload, with its faults: Valkey servers, and the way of each gateway to them."""
+"""The environment of a workload and its faults: Valkey servers, and a proxy from each gateway to them."""
 
 import asyncio
 import contextlib
@@ -15,28 +15,28 @@ _SPLIT = 0.1
 _SHARP = 0.75  # share of faults that are over at once
 _BETWEEN_PROMOTIONS = 25  # faults
 HELD_S = (0.1,)
-"""For which something hangs: long enough for operations to pile up."""
+"""Duration of a hang: long enough for operations to pile up."""
 _LATE_S = (0.0, 0.005, 0.05)
 
 
 class Environment(Protocol):
-    """A store that gateways reach by ``url``, and its faults. A workload knows no more of it."""
+    """A store that gateways reach at ``url``, and its faults; everything that a workload knows of it."""
 
     def url(self, gateway: int) -> str:
-        """The address of the store for one of the gateways."""
+        """Return the store's address for one of the gateways."""
 
     def bury(self, gateway: int) -> None:
-        """Let the gateway, which was killed, say nothing more; ``url`` then gives that of its successor."""
+        """Let a killed gateway send nothing more; ``url`` then returns its successor's address."""
 
     async def revive(self, gateway: int) -> None:
         """Prepare ``url`` for the successor."""
 
     async def fail(self, draws: random.Random) -> None:
-        """Let something go wrong and, where that lasts, come right again."""
+        """Cause a fault and, if it lasts, end it."""
 
 
 class OneServer:
-    """One Valkey server that syncs every write, behind ways that lose, split and delay."""
+    """One Valkey server that syncs every write, behind proxies that lose, split and delay."""
 
     def __init__(
         self,
@@ -94,10 +94,10 @@ class OneServer:
 
 
 class Replicated(OneServer):
-    """Besides, the server has a replica, which takes its place again and again.
+    """A server with a replica, which repeatedly replaces it.
 
-    It does so when it has all that was written: of a master that dies with more than its replica has, some is lost
-    (``gateway/linked_fleet_gateway/subscriptions/PROTOCOL.md``).
+    It does so only when it has everything that was written: if a master dies with more than its replica has, data is
+    lost (``gateway/linked_fleet_gateway/subscriptions/PROTOCOL.md``).
     """
 
     def __init__(
@@ -138,7 +138,7 @@ class Replicated(OneServer):
 
 
 def _follow(replica: Server, master: Server) -> None:
-    """By a command: one that was told to when it was started would do so each time that it is started."""
+    """By a command: an option at the start would apply at each start."""
     assert replica.ask("REPLICAOF 127.0.0.1", master.port) == "+OK"
 
 

@@ -1,7 +1,7 @@
-"""A TCP way from one gateway to a server, in the test's own event loop, on which a test makes things go wrong.
+"""A TCP proxy from one gateway to a server, in the test's event loop, with faults.
 
-TCP promises neither that what was sent arrives, nor that a lost connection means that it did not, nor that what was
-written together is read together. Each of these happens here, as the seed says.
+TCP guarantees neither that sent data arrives, nor that data of a lost connection did not arrive, nor that data written
+together is read together. All of these happen here, depending on the seed.
 """
 
 import asyncio
@@ -11,7 +11,7 @@ from collections.abc import AsyncIterator
 
 _PIECE_BYTES = 65_536
 _SPLIT_S = 0.001
-"""Between the parts of what was written together, so that the server reads them apart."""
+"""Pause between the parts of one write, so that the server reads them separately."""
 
 
 class _Connection:
@@ -26,9 +26,9 @@ class _Connection:
 
 
 class FaultyWay:
-    """From ``port`` to ``target``, which may be changed before ``reset``.
+    """A proxy from ``port`` to ``target``, which may be changed before ``reset``.
 
-    ``split``: the share of requests that the server reads in two parts.
+    ``split``: share of requests that the server reads in two parts.
     """
 
     def __init__(self, draws: random.Random, split: float = 0.0) -> None:
@@ -43,29 +43,29 @@ class FaultyWay:
     # -- faults -------------------------------------------------------------------------------------------------------
 
     def reset(self) -> None:
-        """Lose every connection, and what is on its way."""
+        """Drop every connection with the data in transit."""
         for connection in list(self._connections):
             connection.abort()
 
     def lose_answers(self) -> None:
-        """Lose every connection after its next request: that is served, and nobody hears of it."""
+        """Drop every connection after its next request, which is executed without a visible answer."""
         for connection in self._connections:
             connection.deaf = True
 
     def make_late(self, late_s: float) -> None:
-        """Lose every connection at its next request, which the server gets only after ``late_s``."""
+        """Drop every connection at its next request, which reaches the server only after ``late_s``."""
         for connection in self._connections:
             connection.late_s = late_s
 
     def cut(self) -> None:
-        """Let nothing arrive, on no connection, until ``heal``."""
+        """Deliver nothing on any connection until ``heal``."""
         self._open.clear()
 
     def heal(self) -> None:
         self._open.set()
 
     def sever(self) -> None:
-        """Be gone for good, as the gateway is that used it."""
+        """End for good, together with the gateway that used it."""
         self._severed = True
         self.reset()
 
@@ -75,7 +75,7 @@ class FaultyWay:
         task = asyncio.current_task()
         assert task is not None
         self._serving.add(task)
-        # Streams report a connection that was cancelled as a defect.
+        # Streams report a cancelled connection as an error.
         with contextlib.suppress(OSError, asyncio.CancelledError), contextlib.closing(writer):
             try:
                 await self._carry(reader, writer)
@@ -94,7 +94,7 @@ class FaultyWay:
         target = self.target
         far_reader, far_writer = await asyncio.open_connection("127.0.0.1", target)
         with contextlib.closing(far_writer):
-            if target != self.target:  # who asks a server whose place another took would be told of the past
+            if target != self.target:  # a request to a replaced server would return old data
                 return
             connection = _Connection(writer, far_writer)
             self._connections.add(connection)
@@ -146,7 +146,7 @@ class FaultyWay:
 
 @contextlib.asynccontextmanager
 async def faulty_way(target: int, draws: random.Random, split: float = 0.0) -> AsyncIterator[FaultyWay]:
-    """A way to a loopback port."""
+    """Run a proxy to a loopback port."""
     way = FaultyWay(draws, split)
     way.target = target
     server = await asyncio.start_server(way.serve, "127.0.0.1", 0)

@@ -1,4 +1,4 @@
-"""Gateways in the test's own process: the product's stores and services, each one run that can be killed."""
+"""Gateways in the test's process: the product's stores and services, as runs that can be killed."""
 
 import asyncio
 import random
@@ -41,7 +41,7 @@ _ANSWER_LOST, _REFUSED = 0.05, 0.05  # shares of deliveries
 
 @contextmanager
 def hurried() -> Iterator[None]:
-    """Let the services look, and try again, more often than they do for people."""
+    """Make services check and retry more often than in production."""
     with (
         patch.object(actions_module, "_ANSWER_TIMEOUT_S", 0.1),
         patch.object(subscriptions_module, "KEEP_S", 0.1),
@@ -54,7 +54,7 @@ def hurried() -> Iterator[None]:
 
 
 class Watched:
-    """Resources that count up; every gateway sees the same, and each watches by a fan-out of its own."""
+    """Resources that count up, the same for all gateways, each of which watches them by its own fan-out."""
 
     def __init__(self, count: int) -> None:
         self.paths = [f"/toy/{number}" for number in range(count)]
@@ -71,7 +71,7 @@ class Watched:
         return Source(facts=lambda: (path, self._ranks[path]))
 
     def watch(self) -> FanOut:
-        """For another gateway."""
+        """Return a fan-out for another gateway."""
         self._fan_outs.append(FanOut(lambda base, sees: self))
         return self._fan_outs[-1]
 
@@ -96,12 +96,12 @@ class Watched:
 
 
 class Deliveries:
-    """The receivers of all callbacks. They note each message that comes, also when its answer is lost."""
+    """The receivers of all callbacks. They record each message, even if its response is lost."""
 
     def __init__(self, history: History, watched: Watched, draws: random.Random) -> None:
         self._history, self._watched, self._draws = history, watched, draws
         self.last: dict[str, int] = {}
-        """The rank of the last new message, by subscription."""
+        """Rank of the last new message, by subscription."""
         self._numbers: dict[str, int] = {}
 
     def take(self, subscription: str, headers: Mapping[str, str]) -> Outcome:
@@ -122,7 +122,7 @@ class Deliveries:
 
 
 class _Receiver:
-    """In the place of the product's, which speaks HTTP."""
+    """Replaces the product's receiver, which speaks HTTP."""
 
     def __init__(self, deliveries: Deliveries, subscription: str) -> None:
         self._deliveries, self._subscription = deliveries, subscription
@@ -140,7 +140,7 @@ _owner: ContextVar[WeakSet[asyncio.Task[Any]] | None] = ContextVar("owner", defa
 
 
 def note_owners() -> None:
-    """Let this event loop know of each task whose gateway it is: who kills one ends them all."""
+    """Make this event loop record the gateway of each task, so that killing a gateway ends them all."""
 
     def make(loop: asyncio.AbstractEventLoop, coroutine: Coroutine[Any, Any, Any], **more: Any) -> asyncio.Task[Any]:
         task = asyncio.Task(coroutine, loop=loop, **more)
@@ -173,7 +173,7 @@ class Gateway:
         self._context.run(_owner.set, self._tasks)
 
     def task(self, coroutine: Coroutine[Any, Any, None]) -> asyncio.Task[None]:
-        """Do something at this gateway, which ends with it."""
+        """Run a coroutine at this gateway, with which it ends."""
         return asyncio.create_task(coroutine, context=self._context)
 
     async def start(self) -> None:
@@ -186,11 +186,11 @@ class Gateway:
             await part.__aenter__()
 
     async def kill(self) -> None:
-        """End as a process does that is killed. Its way to the store is gone already, so no part of it says a word."""
+        """End like a killed process. Its connection to the store is gone already, so no part of it sends anything."""
         for robot in self._robots.values():
             robot.leave(self.live)
         self._watched.forget(self._fan_out)
-        while alive := [task for task in self._tasks if not task.done()]:  # one that ends may begin another
+        while alive := [task for task in self._tasks if not task.done()]:  # an ending task may start another one
             await end(alive)
         for store in (self.store, self._remembered, self._subscribed):
             await store._redis.close()
@@ -200,5 +200,5 @@ class Gateway:
 
 
 def receivers(deliveries: Deliveries) -> Any:
-    """Have callbacks go to ``deliveries`` for as long as this context lasts."""
+    """Send callbacks to ``deliveries`` within this context."""
     return patch.object(callbacks_module, "Receiver", deliveries.receiver)

@@ -1,6 +1,6 @@
-"""A history of operations: what each client asked for, when, and what it was told, if anything.
+"""A history of operations: each client's requests, their times, and the responses, if any.
 
-The checker (``checker/``) reads it as JSON lines. An operation that got no answer, because its connection was lost, its
+The checker (``checker/``) reads it as JSON lines. An operation without a response, because its connection was lost, its
 client was cancelled or its gateway died, has no end: it may take effect at any time after its call, or never.
 """
 
@@ -13,45 +13,45 @@ from typing import Any
 
 
 class Operation:
-    """One operation that was called; it stays open until ``answered``."""
+    """One called operation; it stays open until ``answered``."""
 
     def __init__(self, history: "History", line: dict[str, Any], lasting: bool) -> None:
         self._history, self.line, self._lasting = history, line, lasting
 
     def answered(self, **output: Any) -> None:
-        """Note the answer, which came just now. ``is_`` is the word for what was done."""
+        """Record the response, which arrived just now. ``is_``: the resulting action."""
         self.line |= {"return": self._history.now_ns(), "output": _plain(output)}
         self._history.answered += 1
         self._history.open[self.line["key"]] -= self._lasting
 
     def never_was(self) -> None:
-        """Take the operation back."""
+        """Withdraw the operation."""
         self._history.open[self.line["key"]] -= self._lasting
         self._lasting = False
 
     @property
     def matters(self) -> bool:
-        """Return False for a question without an answer: it tells nothing, and changed nothing."""
+        """Return False for a read without a response: it reveals nothing, and changed nothing."""
         return self._lasting or self.line["return"] is not None
 
 
 class History:
-    """Operations in the order of their calls. ``clock`` gives nanoseconds that never run backwards."""
+    """Operations in the order of their calls. ``clock``: monotonic nanoseconds."""
 
     def __init__(self, clock: Callable[[], int] = time.monotonic_ns) -> None:
         self._clock = clock
         self._operations: list[Operation] = []
         self._labels = itertools.count(1)
         self.answered = 0
-        """Operations that were answered."""
+        """Number of operations with a response."""
         self.open: Counter[str] = Counter()
-        """Operations that may take effect and have no answer yet, by key."""
+        """Operations by key that may take effect and have no response yet."""
 
     def __iter__(self) -> Iterator[dict[str, Any]]:
         return (each.line for each in self._operations if each.matters)
 
     def label(self, prefix: str) -> str:
-        """A text that this history has nowhere else."""
+        """Return a text that is unique in this history."""
         return f"{prefix}{next(self._labels)}"
 
     def asks(self, client: int, model: str, key: str, do: str, **details: Any) -> Operation:
@@ -59,7 +59,7 @@ class History:
         return self._begin(client, model, key, {"do": do, **details}, lasting=False)
 
     def calls(self, client: int, model: str, key: str, do: str, **details: Any) -> Operation:
-        """Begin an operation that may take effect whether or not it is answered."""
+        """Begin an operation that may take effect whether or not it gets a response."""
         return self._begin(client, model, key, {"do": do, **details}, lasting=True)
 
     def _begin(self, client: int, model: str, key: str, details: dict[str, Any], *, lasting: bool) -> Operation:
@@ -70,7 +70,7 @@ class History:
         return operation
 
     def happened(self, model: str, key: str, do: str, since_ns: int, is_: str = "", **details: Any) -> None:
-        """Note what was seen to happen at some time since ``since_ns``, whoever did it."""
+        """Record an event observed at some time since ``since_ns``, whoever caused it."""
         operation = self.calls(0, model, key, do, **details)
         operation.line["call"] = since_ns
         operation.answered(is_=is_)

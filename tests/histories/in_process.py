@@ -1,4 +1,4 @@
-"""Gateways in the process of the test, and their clients of all kinds."""
+"""Gateways in the process of the test, with clients of all kinds."""
 
 import asyncio
 import random

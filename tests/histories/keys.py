@@ -1,4 +1,4 @@
-"""Keys that many clients use at the same time; each for so many operations, so that its history can be checked."""
+"""Keys that many clients use at the same time, each for a limited number of operations, so that it can be checked."""
 
 import random
 from collections.abc import Callable
@@ -6,11 +6,11 @@ from collections.abc import Callable
 from histories.history import History
 
 _MOST_OPEN = 8
-"""Operations on one key without an answer: what the checker tries doubles with each."""
+"""Limit of operations on one key without a response: each doubles the checker's work."""
 
 
 class Keys:
-    """``count`` at a time, each replaced by a new one after about ``uses``, or when too many got no answer."""
+    """``count`` keys at a time, each replaced after about ``uses``, or after too many operations without a response."""
 
     def __init__(self, history: History, make: Callable[[], str], count: int, uses: int) -> None:
         self._history, self._make, self._uses = history, make, uses

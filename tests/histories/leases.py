@@ -1,4 +1,4 @@
-"""Clients that take control of robots, act with and without it, and give it up."""
+"""Clients that take control leases of robots, act with and without them, and release them."""
 
 import random
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ _DURATIONS_S = (0.03, 0.1, 0.4)
 
 @dataclass
 class _Owned:
-    """A lease that a client has, or had. ``label`` is its holder, who takes one lease only."""
+    """A lease that a client has or had. ``label``: its holder, who takes only one lease."""
 
     label: str
     id: str
@@ -50,7 +50,7 @@ class LeaseClients:
         self._owned[client, robot] = _Owned(lease.holder, lease.id, token)
 
     async def _act(self, client: int, gateway: Gateway, robot: str, draws: random.Random) -> None:
-        """Begin a motion, as who has control or as anybody."""
+        """Begin a motion, with the control lease or without."""
         await self._check(client, gateway, robot, "act", tied=False)
 
     async def _tied(self, client: int, gateway: Gateway, robot: str, draws: random.Random) -> None:
@@ -85,4 +85,4 @@ class LeaseClients:
         asked.answered(is_="free") if lease is None else asked.answered(is_="held", label=lease.holder)
 
     async def settle(self, gateway: Gateway) -> None:
-        """Nothing has to come of leases."""
+        """Do nothing: leases need not end."""

@@ -29,7 +29,7 @@ GATEWAYS = 2
 _TITLED, _LEASED, _OBJECTS = 60, 60, 60
 _USES = 120  # of each key
 _MOVER = "mover"
-_FROZEN = 0.3  # share of gateways that hang, and are not killed
+_FROZEN = 0.3  # share of gateways that are frozen instead of killed
 _FLAGS = (
     *("--callback-allow", "127.0.0.0/8", "--requests-per-client", "0", "--history-s", "0"),
     *("--invocations-per-client", "100000", "--subscriptions-per-client", "100000"),
@@ -87,7 +87,7 @@ class Processes:
         return gateway
 
     async def _join_mover(self, stack: AsyncExitStack) -> None:
-        """A robot that takes commands: its agent lives in this process."""
+        """Add a robot that accepts commands, whose agent runs in this process."""
         self._mover = Witnessed(_MOVER, self._history, lambda *ran: self._movers.ran(*ran))
         agent, session = self._mover.agent, await stack.enter_async_context(open_session((self._hub.endpoint,)))
         link = RobotLink(
@@ -140,7 +140,7 @@ class Processes:
 
 
 class _Places:
-    """Paths of what clients use, found by links from the root."""
+    """Paths of resources that clients use, found by links from the root."""
 
     def __init__(self, stage: Hub, port: int, arms: list[str]) -> None:
         with contextlib.closing(Browser(f"http://127.0.0.1:{port}/")) as browser:

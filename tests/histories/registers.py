@@ -1,4 +1,4 @@
-"""Clients that write under the condition of what they have read: settings of robots, objects, rules."""
+"""Clients that write conditionally on what they have read: settings of robots, objects, rules."""
 
 import random
 from typing import Protocol
@@ -18,7 +18,7 @@ _ROBOT = "arm"
 
 
 class Register(Protocol):
-    """A kind of resource that is read and replaced; None stands for no resource."""
+    """A kind of resource that is read and replaced; None stands for a missing resource."""
 
     kind: str
     removable: bool
@@ -71,7 +71,7 @@ def _object(title: str) -> bytes:
 
 
 class Rules:
-    """The value says the revision, too. Ids are never used again, so a rule that was removed stays so."""
+    """The value includes the revision. Ids are never reused, so a removed rule stays removed."""
 
     kind = "rule-"
     removable = False
@@ -98,7 +98,7 @@ def _revision(value: str | None) -> int:
 
 
 class RegisterClients:
-    """Read, and replace what was read."""
+    """Read resources, and replace what was read."""
 
     def __init__(self, history: History, register: Register, uses: int) -> None:
         self._history, self._register = history, register
@@ -129,6 +129,6 @@ class RegisterClients:
             self._seen[client, key] = value
 
     async def settle(self, gateway: Gateway) -> None:
-        """Read every key once more, when nothing goes wrong any more."""
+        """Read every key once more after all faults."""
         for key in self._keys.all:
             await self._read(-1, gateway, key)

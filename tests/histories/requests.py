@@ -1,4 +1,4 @@
-"""Clients that ask for motions with idempotency keys, and ask again."""
+"""Clients that request motions with idempotency keys, and repeat requests."""
 
 import random
 
@@ -13,12 +13,12 @@ from linked_fleet_gateway.actions.plan import Motion
 from linked_fleet_gateway.base.errors import AgentSilent, Busy, KeyReused, RefusedByAgent
 
 _MODEL = "key"
-_OTHER = 0.1  # share of requests that are not what the key was used for first
+_OTHER = 0.1  # share of requests that differ from the first one with their key
 _STEP = 1e-6
 
 
 class MotionClients:
-    """Each key has a target of its own, by which is known for which key a command runs."""
+    """Each key has a target of its own, which identifies the key of a running command."""
 
     def __init__(self, history: History, robots: list[str], uses: int) -> None:
         self._history, self._robots = history, robots
@@ -27,7 +27,7 @@ class MotionClients:
         self._numbers: dict[str, int] = {}
 
     def ran(self, command: str, target: float, since_ns: int) -> None:
-        """A robot has begun a command."""
+        """Record that a robot has begun a command."""
         self._history.happened(_MODEL, self._of_target[target], "ran", since_ns, id=command)
 
     async def act(self, client: int, gateway: Gateway, draws: random.Random) -> None:

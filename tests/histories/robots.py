@@ -1,4 +1,4 @@
-"""A robot whose agent is the product's, joined to the gateways by a link that loses and repeats messages."""
+"""A robot with the product's agent, connected to the gateways by a link that loses and repeats messages."""
 
 import asyncio
 import random
@@ -19,11 +19,11 @@ from linked_fleet_gateway.subscriptions.live import Live
 JOINT = "elbow"
 _TICK_S = 0.02
 _LOST, _UNANSWERED, _REPEATED = 0.03, 0.05, 0.1  # shares of commands
-_AWAY_S = 0.005  # until a copy comes that was on its way for long
+_AWAY_S = 0.005  # until a delayed copy arrives
 
 
 class Elbow:
-    """A driver of one joint that is always where it was told to be."""
+    """A driver of one joint that reaches every setpoint at once."""
 
     def __init__(self) -> None:
         self._position = 0.0
@@ -44,8 +44,11 @@ class Elbow:
 
 
 class Witnessed:
-    """The agent of one robot. ``ran`` is told of each command that it begins: its id, the target of the joint, and when
-    it came."""
+    """The agent of one robot.
+
+    ``ran`` is called for each command that it begins, with the command's id, the joint's target and the time of
+    arrival.
+    """
 
     def __init__(self, name: str, history: History, ran: Callable[[str, float, int], None]) -> None:
         self.name, self._history, self._ran = name, history, ran
@@ -67,7 +70,7 @@ class Witnessed:
 
 
 class Toy(Witnessed):
-    """It is the agent's link too: what the agent publishes comes to every gateway of this process."""
+    """An agent that is also its own link: what it publishes reaches every gateway of this process."""
 
     gateway_present = True
     arrivals = 1
@@ -77,7 +80,7 @@ class Toy(Witnessed):
         self._gateways: dict[Live, Context] = {}
 
     def meet(self, live: Live, context: Context) -> None:
-        """Have a gateway know the robot. In ``context`` it hears of progress."""
+        """Announce the robot to a gateway. In ``context`` the gateway gets progress."""
         now_ns = time.time_ns()
         live.fleet.apply(Appeared(self.name, self.agent.incarnation), now_ns)
         live.fleet.apply(Described(decode(self.agent.description, Description)), now_ns)
@@ -101,7 +104,7 @@ class Toy(Witnessed):
     # -- as the agent's link ------------------------------------------------------------------------------------------
 
     def watch_gateways(self, period_s: float) -> None:
-        """They are always there."""
+        """Do nothing: gateways are always present."""
 
     def publish_state(self, payload: bytes) -> None:
         for live in self._gateways:
@@ -114,7 +117,7 @@ class Toy(Witnessed):
 
 
 class LossyLink:
-    """A gateway's way to its robots: a command may be lost, come again later, or its answer may be lost."""
+    """A gateway's link to its robots: a command or its answer may be lost, and a command may arrive again later."""
 
     def __init__(self, robots: Mapping[str, Toy], draws: random.Random) -> None:
         self._robots, self._draws = robots, draws

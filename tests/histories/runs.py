@@ -26,17 +26,17 @@ _HELD_S = (0.1, 0.5, 2.5)
 
 
 def on_one_server(folder: Path, seed: int, operations: int) -> History:
-    """Gateways in this process, one Valkey server, and faults on the way to it."""
+    """Run gateways in this process with one Valkey server, and faults on the connections to it."""
     return _run(in_process(partial(one_server, folder), seed, operations))
 
 
 def on_promoted_servers(folder: Path, seed: int, operations: int) -> History:
-    """The same with two servers, which take each other's place."""
+    """Run the same with two servers, which replace each other."""
     return _run(in_process(partial(replicated, folder), seed, operations))
 
 
 def of_processes(folder: Path, seed: int, operations: int) -> History:
-    """Gateways as processes of their own, robots at a Zenoh router, and clients over HTTP."""
+    """Run gateways as processes, with robots at a Zenoh router, and clients over HTTP."""
     return _run(_processes(folder, seed, operations))
 
 
@@ -53,7 +53,10 @@ async def _processes(folder: Path, seed: int, operations: int) -> History:
 async def in_process(
     make: MakeEnvironment, seed: int, operations: int, clock: Callable[[], int] = time.monotonic_ns
 ) -> History:
-    """The history of gateways in this process in a new environment. ``clock``: of the store's time, in nanoseconds."""
+    """Return the history of gateways in this process in a new environment.
+
+    ``clock``: the store's time in nanoseconds.
+    """
     draws, history = random.Random(seed), History(clock)
     async with make(GATEWAYS, another(draws)) as environment:
         fleet = InProcess(environment, history, another(draws))

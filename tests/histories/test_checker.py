@@ -1,4 +1,4 @@
-"""The checker itself: histories that each model allows, and the least ones that it does not."""
+"""The checker itself: histories that each model allows, and minimal ones that it forbids."""
 
 import sys
 from pathlib import Path
@@ -13,7 +13,7 @@ MS = 1_000_000
 
 
 class Clock:
-    """Time that passes as a test says, a nanosecond with each look."""
+    """Time that passes as a test says, and a nanosecond with each read."""
 
     def __init__(self) -> None:
         self.now = 0
@@ -24,14 +24,14 @@ class Clock:
 
 
 class Script:
-    """A history on one key, one operation after another unless it is left open."""
+    """A history on one key, one operation after another unless left open."""
 
     def __init__(self, model: str) -> None:
         self.clock, self._model = Clock(), model
         self.history = History(self.clock)
 
     def did(self, do: str, output: dict[str, Any] | None = None, **details: Any) -> "Script":
-        """An operation with its answer at once; without ``output`` nothing is ever known of it."""
+        """Add an operation with its immediate response; without ``output`` it never gets one."""
         operation = self.history.calls(0, self._model, "k", do, **details)
         if output is not None:
             operation.answered(**output)

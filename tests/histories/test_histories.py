@@ -1,6 +1,6 @@
 """Thousands of operations of many clients on several gateways, under faults, are linearizable.
 
-The long histories are of gateways over HTTP, and of a replica that takes the place of its master again and again.
+The long histories are those of gateways over HTTP, and of a replica that repeatedly replaces its master.
 """
 
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""The same workload on a product with a defect: the checker finds it, and says on which key."""
+"""The same workload on a product with a defect: the checker finds it, and names the key."""
 
 from pathlib import Path
 from unittest.mock import patch

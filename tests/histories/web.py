@@ -1,4 +1,4 @@
-"""Gateways as processes of their own, over HTTP."""
+"""Gateways as processes, accessed over HTTP."""
 
 import asyncio
 import contextlib
@@ -13,7 +13,7 @@ from histories.workload import Unanswered
 from running import Process
 
 AUTHORITY = "fleet.example"
-"""Under which all gateways are asked, so that they say the same, and entity tags of one hold at the others."""
+"""Authority of all requests, so that responses and entity tags of all gateways agree."""
 _TIMEOUT_S = 6.0
 _TURTLE = {"content-type": "text/turtle"}
 _FROZEN_S = 4.0  # longer than the lease of a gateway
@@ -34,7 +34,7 @@ class Answer:
         return str(self.said("type")).rpartition("#")[2]
 
     def said(self, name: str) -> Any:
-        """A member of a problem document."""
+        """Return a member of a problem document."""
         return json.loads(self.text)[name]
 
 
@@ -55,7 +55,7 @@ class HttpGateway:
         self._close()
 
     async def freeze(self) -> None:
-        """Hang for longer than its lease, and go on."""
+        """Freeze for longer than its lease, then continue."""
         self._process.send(signal.SIGSTOP)
         await asyncio.sleep(_FROZEN_S)
         self._process.send(signal.SIGCONT)
@@ -72,7 +72,7 @@ class HttpGateway:
         return asyncio.create_task(coroutine)
 
     async def ask(self, method: str, path: str, body: str = "", **headers: str) -> Answer:
-        """The answer; Unanswered when none comes, or the gateway does not know what came of it."""
+        """Return the response; raises Unanswered if there is none, or if the gateway does not know the outcome."""
         with contextlib.suppress(OSError, EOFError, TimeoutError):
             async with asyncio.timeout(_TIMEOUT_S):
                 answer = await self._request(method, path, body.encode(), headers)
@@ -108,7 +108,7 @@ def last_segment(location: str) -> str:
 
 
 def quoted(text: str, predicate: str) -> str:
-    """The literal that a Turtle document says of its resource."""
+    """Return the literal in a Turtle document about its resource."""
     found = re.search(rf'{predicate} "([^"]*)"', text)
     assert found, text
     return found[1]

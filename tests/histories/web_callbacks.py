@@ -1,4 +1,4 @@
-"""Clients that subscribe by callback over HTTP, the receiver of all of them, and the robot that they hear of."""
+"""Clients that create callbacks over HTTP, the receiver of all of them, and the observed robot."""
 
 import asyncio
 import contextlib
@@ -20,13 +20,13 @@ _VALUE = re.compile(r'vom:numericalValue "([^"]+)"')
 
 
 class HttpReceiver:
-    """Notes each message that comes whole, also when its answer is lost."""
+    """Records each complete message, even if its response is lost."""
 
     def __init__(self, history: History, draws: random.Random) -> None:
         self._history, self._draws = history, draws
         self._numbers: dict[str, int] = {}
         self.last: dict[str, int] = {}
-        """Which step the last new message tells of, by subscription."""
+        """Step of the last new message, by subscription."""
         self.port = 0
 
     async def serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
@@ -63,7 +63,7 @@ class HttpReceiver:
 
 
 class Subscribers:
-    """Subscribe to the joint of the hub's robot, list and delete."""
+    """Create, list and delete callbacks on the joint of the hub's robot."""
 
     def __init__(self, history: History, hub: Hub, container: str, resource: str, receiver: HttpReceiver) -> None:
         self._history, self._hub, self._container, self._resource = history, hub, container, resource
@@ -115,10 +115,10 @@ class Subscribers:
         called.answered(is_={204: "there", 404: "none"}[answer.status])
 
     async def settle(self, gateway: HttpGateway) -> None:
-        """Wait until each accepted callback that nobody deleted was told where the joint is in the end."""
+        """Wait until each accepted, undeleted callback has been sent the joint's final position."""
         self._moving = False
         lasting = sorted(self._accepted - self._deleted)
-        with contextlib.suppress(TimeoutError):  # the history then says what is missing
+        with contextlib.suppress(TimeoutError):  # the history then shows what is missing
             async with asyncio.timeout(_PATIENCE_S):
                 while not all(self._receiver.last.get(id) == self._hub.steps for id in lasting):
                     self._hub.repeat()

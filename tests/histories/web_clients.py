@@ -44,7 +44,7 @@ class SceneObject:
 
 
 class ConditionalWriters:
-    """Read at one gateway and write at another, under the condition of the entity tag that was read."""
+    """Read at one gateway and write at another, conditional on the entity tag that was read."""
 
     def __init__(
         self, history: History, kind: Kind, make: Callable[[], str], uses: int, gateways: list[HttpGateway]
@@ -60,18 +60,18 @@ class ConditionalWriters:
             return
         present, tag = self._seen.pop((client, key))
         value = self._history.label("v")
-        # Another gateway may not have heard of what was read here, and refuse: a weak comparison.
+        # Another gateway may not know yet what was read here, and refuse: a weak comparison.
         called = self._history.calls(client, "register", key, "swap", expect=present, value=value, weak=True)
         answer = await gateway.ask("PUT", key, self._kind.body(value), if_match=tag)
         called.answered(is_={204: "done", 412: "changed"}[answer.status])
 
     async def _read(self, gateway: HttpGateway, key: str) -> tuple[str, str]:
-        """Value and entity tag, as the gateway knows them: perhaps not the latest."""
+        """Return value and entity tag as known by the gateway, possibly outdated."""
         answer = await gateway.ask("GET", key)
         return quoted(answer.text, self._kind.predicate), answer.headers["etag"]
 
     async def settle(self, gateway: HttpGateway) -> None:
-        """All gateways come to know the same, which is what was written last."""
+        """Wait until all gateways agree on what was written last."""
         for key in self._keys.all:
             async with asyncio.timeout(_PATIENCE_S):
                 while len(found := {await self._read(each, key) for each in self._gateways}) > 1:  # noqa: ASYNC110
@@ -81,7 +81,7 @@ class ConditionalWriters:
 
 
 class Controllers:
-    """Take, use and give up control of robots."""
+    """Take, use and release control of robots."""
 
     def __init__(self, history: History, make: Callable[[], str], uses: int) -> None:
         self._history = history
@@ -111,7 +111,7 @@ class Controllers:
         self._owned[client, robot] = owned if renewed else label, answer.headers["lock-token"]
 
     async def _write(self, client: int, gateway: HttpGateway, robot: str, draws: random.Random) -> None:
-        """Write a setting, which only the owner of the lease may do."""
+        """Write a setting, which only the holder of the lease may do."""
         owned, proof = self._proof(client, robot)
         asked = self._history.asks(client, "lease", robot, "act", token=owned)
         answer = await gateway.ask("PUT", f"{robot}/title", Title().body("mine"), **proof)
@@ -132,11 +132,11 @@ class Controllers:
             called.answered(is_={204: "released", 404: "free"}[answer.status])
 
     async def settle(self, gateway: HttpGateway) -> None:
-        """Nothing has to come of leases."""
+        """Do nothing: leases need not end."""
 
 
 class Movers:
-    """Ask for motions, and ask again. Each key has a target of its own, by which is known for which a command runs."""
+    """Request motions, and repeat requests. Each key has a target of its own, which identifies the key of a command."""
 
     def __init__(self, history: History, action: str, uses: int) -> None:
         self._history, self._action = history, action
@@ -145,7 +145,7 @@ class Movers:
         self._of_target: dict[float, str] = {}
 
     def ran(self, command: str, target: float, since_ns: int) -> None:
-        """The robot has begun a command."""
+        """Record that the robot has begun a command."""
         self._history.happened("key", self._of_target[target], "ran", since_ns, id=command)
 
     async def act(self, client: int, gateway: HttpGateway, draws: random.Random) -> None:

@@ -1,4 +1,4 @@
-"""Clients of several gateways, and faults among their operations, as a seed says; the history that comes of it."""
+"""Clients of several gateways with faults among their operations, from a seed; the result is a history."""
 
 import asyncio
 import contextlib
@@ -14,18 +14,18 @@ from linked_fleet_gateway.runtime.redis import StoreUnavailable
 CLIENTS = 24
 _CANCELLED = 0.02
 _IMPATIENCE_S = 0.002
-_PAUSE_S = 0.01  # of a client that was told that the store is away
+_PAUSE_S = 0.01  # of a client after the store was unavailable
 _LOOK_S, _QUIET_S = 0.001, 1.0
 _BETWEEN_FAULTS = (20, 60)  # operations
 
 
 class Unanswered(Exception):  # noqa: N818
-    """Nobody knows whether it was done."""
+    """The outcome of an operation is unknown."""
 
 
 class Gateway(Protocol):
     def task(self, coroutine: Coroutine[Any, Any, None]) -> asyncio.Task[None]:
-        """Do something at this gateway, which ends with it."""
+        """Run a coroutine at this gateway, with which it ends."""
 
 
 G = TypeVar("G", bound=Gateway, contravariant=True)
@@ -35,14 +35,14 @@ class Clients(Protocol[G]):
     """Clients of one kind."""
 
     async def act(self, client: int, gateway: G, draws: random.Random) -> None:
-        """Do one thing; StoreUnavailable, StoreAway, Unanswered when nobody knows whether it is done."""
+        """Execute one operation; StoreUnavailable, StoreAway, Unanswered if its outcome is unknown."""
 
     async def settle(self, gateway: G) -> None:
-        """See what came of everything, when nothing goes wrong any more."""
+        """Record all outcomes after the faults."""
 
 
 class Fleet(Protocol):
-    """The gateways, and who uses them. ``between_kills``: operations."""
+    """The gateways, and their clients. ``between_kills``: operations."""
 
     gateways: list[Any]
     kinds: Sequence[Clients[Any]]
@@ -53,7 +53,7 @@ class Fleet(Protocol):
 
 
 class Workload:
-    """Until ``operations`` were answered, and everything has settled."""
+    """Runs until ``operations`` have responses, and everything has settled."""
 
     def __init__(
         self, fleet: Fleet, environment: Environment, history: History, draws: random.Random, operations: int
@@ -93,7 +93,7 @@ class Workload:
             await self._fleet.replace(self._draws.randrange(len(self._fleet.gateways)))
 
     async def _each(self, between: tuple[int, int]) -> AsyncIterator[None]:
-        """Yield each time that a number of operations was answered, or none for a while."""
+        """Yield each time that a number of operations got a response, or none for a while."""
         while True:
             at = self._history.answered + self._draws.randint(*between)
             with contextlib.suppress(TimeoutError):
@@ -114,5 +114,5 @@ async def _succeeded(doing: Coroutine[Any, Any, None] | asyncio.Task[None]) -> b
 
 
 def another(draws: random.Random) -> random.Random:
-    """Draws of their own, for who does not take turns with others."""
+    """Return a separate random generator, for a client that does not take turns with others."""
     return random.Random(draws.random())
