@@ -1,4 +1,4 @@
-"""One gateway that knows who asks, with two robots."""
+"""One gateway with authentication and two robots."""
 
 from collections.abc import Iterator
 
@@ -18,7 +18,7 @@ def issuer() -> Iterator[Issuer]:
 
 @pytest.fixture(scope="module")
 def here(tmp_path_factory: pytest.TempPathFactory, issuer: Issuer) -> Iterator[Guarded]:
-    """Tokens are named by their rights; ``lab`` has all of them to one robot, ``all`` to both."""
+    """Tokens are named by their rights; ``lab`` has all of them for one robot, ``all`` for both."""
     with guarded(tmp_path_factory.mktemp("guarded"), issuer=issuer) as one:
         one.add("all", *ALL)
         one.add("lab", *ALL, robots=LAB)

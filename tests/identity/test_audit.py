@@ -1,4 +1,4 @@
-"""Who did what is noted, and read by who administers all."""
+"""Actions are recorded in the audit, which administrators of everything can read."""
 
 import socket
 from pathlib import Path
@@ -17,7 +17,7 @@ pytestmark = pytest.mark.virtual
 
 
 def noted(browser: Browser, root: str) -> list[tuple[str, str, str]]:
-    """Who, what and the status of each entry, of all pages."""
+    """Return who, what and the status of each entry, of all pages."""
     found, url = [], root + "audit"
     while url:
         graph = rdflib.Graph().parse(data=browser.http.get(url).text, format="turtle", publicID=url)
@@ -37,7 +37,7 @@ def test_commands_and_subscriptions_are_noted(here: Guarded) -> None:
         answer = browser.http.post(stop, headers={"x-request-id": "the-stop"})
         assert answer.status_code == 204
         reader.http.post(stop)
-        reader.http.post(here.root + "hall-9/actions/stop")  # there is none
+        reader.http.post(here.root + "hall-9/actions/stop")  # does not exist
         with Listening(robot.url, Authorization=f"Bearer {here.tokens['all']}") as listening:
             listening.next()
         expected = {
@@ -55,7 +55,7 @@ def test_commands_and_subscriptions_are_noted(here: Guarded) -> None:
 
 
 def test_a_target_that_is_no_path_is_noted_as_it_was(here: Guarded) -> None:
-    """It makes the audit no less readable."""
+    """It does not make the audit unreadable."""
     with here.browsing("all") as browser:
         url = httpx.URL(here.root)
         with socket.create_connection((url.host, url.port), timeout=20) as connection:

@@ -1,4 +1,4 @@
-"""The client says who it is to its own fleet, and to nobody else."""
+"""The client sends its credentials only to its own fleet."""
 
 import json
 from pathlib import Path
@@ -20,7 +20,7 @@ def test_the_command_line_takes_a_token(
     monkeypatch.setenv("LINKED_FLEET_URL", here.root)
 
     def ls(token: str) -> tuple[int, int]:
-        """The exit code, and how many robots are listed."""
+        """Return the exit code and the number of listed robots."""
         monkeypatch.setenv("LINKED_FLEET_TOKEN", token)
         return main(["ls"]), capsys.readouterr().out.count("Robot")
 
@@ -33,7 +33,7 @@ def test_the_command_line_takes_a_token(
 def test_conformance_is_checked_as_who_has_the_token(
     here: Guarded, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Of the file, or of the environment; what is none is wrong usage, and is not printed."""
+    """From a file or from the environment; an invalid token is wrong usage, and is not printed."""
     file = tmp_path / "token"
     file.write_text(here.tokens["lab"] + "\n")
     few = ["--json", "--no-write", "--resources", "8"]

@@ -1,4 +1,4 @@
-"""Pages of other sites: those that may use the fleet, with a token of their own, and all others."""
+"""Pages of other origins: those allowed to use the fleet, with a token of their own, and all others."""
 
 from collections.abc import Iterator
 
@@ -31,7 +31,7 @@ def _problem(answer: httpx.Response) -> tuple[int, str]:
 
 
 def test_a_session_is_not_for_them(open_to: Guarded) -> None:
-    """Whoever is logged in here, and looks at a page there, asked for nothing."""
+    """A user with a session here who visits such a page has not requested anything."""
     stop, ours = _stop_all(open_to), {"origin": open_to.root[:-1]}
     with httpx.Client(timeout=20) as client:
         logged_in = client.post(open_to.root + "login", data={"token": open_to.tokens["all"]}, headers=ours)

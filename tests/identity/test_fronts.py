@@ -1,4 +1,4 @@
-"""Logins behind a front: an address that fails often waits, and nobody else does."""
+"""Logins behind a proxy: an address with many failures must wait, and nobody else."""
 
 from collections.abc import Iterator
 
@@ -14,7 +14,7 @@ pytestmark = pytest.mark.virtual
 
 @pytest.fixture(scope="module")
 def fronted(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Guarded]:
-    """A gateway that believes this machine, which is its front, what the addresses of clients are."""
+    """Yield a gateway that trusts this machine, its proxy, to state the addresses of clients."""
     with guarded(tmp_path_factory.mktemp("fronted"), "--fronts=127.0.0.1", robots=False) as one:
         yield one
 
@@ -37,12 +37,12 @@ def test_without_a_front_nobody_gets_another_count_by_saying_to_be_elsewhere(her
 
 
 def test_a_correct_credential_is_taken_however_many_failed_from_its_address(here: Guarded) -> None:
-    """Many people may have one address, and a guesser among them keeps nobody out."""
+    """Many people may share an address, and somebody guessing among them locks nobody out."""
     for n in range(2 * FAILURES):
         _log_in(here, f"guess{n}", "192.0.2.7")
     assert _log_in(here, "guess", "192.0.2.7") == 429
     assert _log_in(here, here.tokens["all"], "192.0.2.7") == 303
-    assert _log_in(here, "guess", "192.0.2.7") == 429  # a login that worked gives a guesser no new attempts
+    assert _log_in(here, "guess", "192.0.2.7") == 429  # a successful login gives a guesser no new attempts
 
 
 def test_a_login_at_an_issuer_works_however_many_failed_from_its_address(here: Guarded, issuer: Issuer) -> None:

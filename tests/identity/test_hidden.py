@@ -1,4 +1,4 @@
-"""What one may not read one does not find: not in listings, links, streams or errors."""
+"""Resources that a caller may not read appear nowhere: not in listings, links, streams or errors."""
 
 import json
 from collections.abc import Iterator
@@ -20,7 +20,7 @@ _PREFIXES = f"@prefix hybrit: <{HYBRIT}> . @prefix lf: <{LF}> .\n"
 
 @pytest.fixture(scope="module")
 def lab(here: Guarded) -> Iterator[Browser]:
-    """All rights, but to one robot alone."""
+    """All rights, but to one robot only."""
     with here.browsing("lab") as browser:
         yield browser
 
@@ -53,7 +53,7 @@ def test_the_fleet_lists_what_is_seen(here: Guarded, lab: Browser, root: Browser
 
 
 def _told(answer: httpx.Response, path: str) -> tuple[object, ...]:
-    """Everything but what must differ."""
+    """Return everything but what must differ."""
     headers = {
         name: value for name, value in answer.headers.items() if name not in ("x-request-id", "date", "content-length")
     }
@@ -99,7 +99,7 @@ def test_nothing_hidden_can_be_subscribed_to(lab: Browser) -> None:
 
 
 def test_a_subtree_shows_what_is_seen_and_also_what_comes(here: Guarded, root: Browser) -> None:
-    """A robot of each kind comes later: one is told of, the other is not."""
+    """A robot of each kind comes later: one is reported, the other is not."""
     url = here.root + "?depth=subtree"
     with (
         Listening(url, Authorization=f"Bearer {here.tokens['lab-subscriber']}") as narrow,
@@ -140,7 +140,7 @@ def test_stop_all_reaches_whom_one_may_stop_and_tells_of_those_alone(
     assert {mine, whole} <= listed(root)
     assert mine in listed(lab) and whole not in listed(lab)
     assert lab.http.get(whole).status_code == 404
-    with here.browsing("button") as button:  # may stop and nothing else
+    with here.browsing("button") as button:  # has only the right to stop
         answer = button.http.post(stop_all)
         assert answer.status_code == 204
         assert stopped(root, answer.headers["location"]) == {f"{SEEN}/"}
@@ -148,7 +148,7 @@ def test_stop_all_reaches_whom_one_may_stop_and_tells_of_those_alone(
 
 
 def test_what_a_motion_ended_is_told_to_who_sees_it(lab: Browser, root: Browser) -> None:
-    """The stop of the whole fleet, which has a hidden robot in it, is no link for who does not see that."""
+    """The invocation of stopAll, which includes a hidden robot, is not linked for callers that may not see it."""
     rotate = root.action(root.part(SEEN, "wrist_3_joint"), LF.Rotate)
     body = (
         "@prefix vom: <http://vocab.arvida.de/2015/06/vom/vocab#> . @prefix unit: <http://qudt.org/vocab/unit/> .\n"
@@ -168,7 +168,7 @@ def test_what_a_motion_ended_is_told_to_who_sees_it(lab: Browser, root: Browser)
 
 
 def test_what_is_in_the_way_is_not_named_to_who_may_not_see_it(lab: Browser, root: Browser) -> None:
-    """Nor is where it stands, by poses or in the world."""
+    """Nor its place, by poses or in the world."""
     prefixes = "".join(
         f"@prefix {name}: <{iri}> .\n"
         for name, iri in (("lf", LF), ("maths", MATHS), ("vom", VOM), ("unit", "http://qudt.org/vocab/unit/"))

@@ -29,7 +29,7 @@ def issuer() -> Iterator[Issuer]:
 
 
 def claims_of(issuer: Issuer, *tokens: str) -> list[dict[str, Any] | str]:
-    """What each token says, or why it is not believed; one after the other, with the same keys."""
+    """Return the claims of each token, or why it is refused; one after another, with the same keys."""
 
     async def read() -> list[dict[str, Any] | str]:
         web, found = Web(), []
@@ -55,7 +55,7 @@ def test_a_token_of_the_issuer_is_believed(issuer: Issuer, algorithm: str) -> No
 
 @pytest.mark.parametrize("exp", [10**400, float("inf"), float("nan"), [], {}, True, "never"])
 def test_an_odd_end_is_far_away_or_none(issuer: Issuer, exp: object) -> None:
-    """An issuer may say what it likes: no number is too large, and what is no number is refused."""
+    """An issuer may send anything: no number is too large, and anything else is refused."""
     (said,) = claims_of(issuer, issuer.token(exp=exp))
     if exp == 10**400:
         assert isinstance(said, dict) and expiry_ns(said) > time.time_ns()
@@ -89,7 +89,7 @@ def test_clocks_may_differ_by_half_a_minute(issuer: Issuer) -> None:
 
 
 def test_no_algorithm_is_taken_from_the_header(issuer: Issuer) -> None:
-    """A public key is no shared secret (RFC 8725, 2.1); nor is one of another kind or size what it says."""
+    """A public key is no shared secret (RFC 8725, 2.1), nor a key of another type or size than stated."""
     issuer.keys = [Key("rsa", "RS256")]
     public = issuer.keys[0].private.public_key().public_bytes(Encoding.PEM, PublicFormat.SubjectPublicKeyInfo)
     body = {"iss": issuer.url, "aud": AUDIENCE, "sub": "eve", "exp": int(time.time()) + 60}
@@ -101,7 +101,7 @@ def test_no_algorithm_is_taken_from_the_header(issuer: Issuer) -> None:
 
 
 def _by_hand(header: dict[str, str], body: dict[str, Any], secret: bytes) -> str:
-    """Libraries refuse to sign like this."""
+    """Sign by hand, since libraries refuse to sign like this."""
     import hmac
 
     parts = [urlsafe_b64encode(json.dumps(each).encode()).rstrip(b"=") for each in (header, body)]
@@ -160,7 +160,7 @@ def test_no_text_is_too_strange_to_look_at(text: str) -> None:
 
 
 def test_a_known_key_waits_for_nobody(issuer: Issuer, monkeypatch: pytest.MonkeyPatch) -> None:
-    """An issuer that is gone delays no request and takes no right away, though its keys are to be looked at again."""
+    """An unreachable issuer delays no request and removes no right, though its keys are due for a refresh."""
     monkeypatch.setattr(identity_keys, "STALE_S", 0.0)
     monkeypatch.setattr(identity_keys, "RETRY_S", 0.0)
 

@@ -1,4 +1,4 @@
-"""What ends with a right: streams and callbacks, and what a file that cannot be read changes."""
+"""Streams and callbacks end with a right, and what an unreadable file changes."""
 
 import time
 from collections.abc import Iterator
@@ -28,7 +28,7 @@ def issuer() -> Iterator[Issuer]:
 
 @pytest.fixture(scope="module")
 def own(tmp_path_factory: pytest.TempPathFactory, issuer: Issuer) -> Iterator[Guarded]:
-    """Of this file alone, since the file of identities changes all the time."""
+    """Only for this file, since the file of identities changes all the time."""
     with guarded(tmp_path_factory.mktemp("guarded"), "--subscriptions-per-client=8", issuer=issuer) as one:
         yield one
 
@@ -87,7 +87,7 @@ def test_an_event_stream_ends_with_the_token_and_does_not_come_back(own: Guarded
         stream.next()
         own.revoke("listener")
         assert stream.ended()
-        assert stream.last_event_id == "cancelled"  # which is answered with 204 to who may ask, and ends EventSource
+        assert stream.last_event_id == "cancelled"  # answered with 204 if the caller may ask, which ends EventSource
 
 
 def test_a_stream_ends_when_a_token_of_an_issuer_expires(own: Guarded, root: Browser, issuer: Issuer) -> None:
@@ -143,7 +143,7 @@ def test_a_callback_is_suspended_with_the_token_of_who_made_it(
     own.known("caller")
     count = len(receiver.log(method="POST"))
     assert root.http.post(resume).status_code == 204
-    # What it has had is no news; what is new is: the robot's agent goes on, so its deliveries do.
+    # Former values are not repeated; new ones come because the robot's agent continues.
     assert eventually(lambda: root.page(mine).one(LF.deliveryState) == LF.active, "active again")
     assert len(receiver.log(method="POST")) >= count
     assert root.http.delete(mine).status_code == 204
@@ -171,7 +171,7 @@ def test_a_gateway_does_not_start_with_a_bad_file(tmp_path: Path, text: str | No
 
 
 def test_all_below_the_fleet_is_for_who_may_subscribe_to_all_that_he_reads(own: Guarded, issuer: Issuer) -> None:
-    """Else he would hear of robots to which he may not subscribe."""
+    """Otherwise it would reveal robots to which the caller may not subscribe."""
     grant = '[[issuer.grant]]\nclaim = "groups"\nvalue = "visitors"\n'
     own.tables["issuer"] += grant + 'scopes = ["read"]\n' + grant + 'scopes = ["subscribe"]\nrobots = ["lab-*"]\n'
     own.write()
@@ -184,7 +184,7 @@ def test_all_below_the_fleet_is_for_who_may_subscribe_to_all_that_he_reads(own: 
 
 
 def test_subscriptions_are_counted_by_who_makes_them(own: Guarded, root: Browser) -> None:
-    """Not by the address, which is the same for all of them here."""
+    """Not by address, which is the same for all of them here."""
     own.add("eager", "read", "subscribe")
     own.add("modest", "read", "subscribe")
     own.known("modest")

@@ -6,7 +6,7 @@ from linked_fleet_gateway.identity.rights import ALL, EVERYBODY, NOBODY, Grant, 
 
 
 def identity(*grants: tuple[str, tuple[str, ...]]) -> Identity:
-    """With the rights that each grant names, to robots of its patterns."""
+    """Return an identity with the rights of each grant, for robots that match its patterns."""
     return Identity("ada", tuple(Grant(frozenset(map(Right, rights.split())), robots) for rights, robots in grants))
 
 
@@ -27,7 +27,7 @@ def test_patterns_are_of_whole_names_and_case_counts() -> None:
     assert [name for name in ("lab-1", "lab-", "ur5", "Lab-1", "my-lab-1", "ur10", "lab") if who.sees.sees(name)] == [
         "lab-1", "lab-", "ur5",
     ]  # fmt: skip
-    assert identity(("read", ("lab-*",))).sees.sees("lab-1\nhall")  # whatever a name is made of
+    assert identity(("read", ("lab-*",))).sees.sees("lab-1\nhall")  # whatever characters a name has
 
 
 def test_rights_of_several_grants_stay_apart() -> None:
@@ -53,7 +53,7 @@ def test_of_the_fleet_one_robot_is_enough_but_not_to_administer() -> None:
     ],
 )
 def test_one_of_several_rights_is_enough(rights: str, robot: str | None, may: bool) -> None:
-    """In whatever order they are asked for, and over that robot."""
+    """In any order, for that robot."""
     who = identity(("read subscribe", ("lab-*",)))
     assert who.may_any(map(Right, rights.split()), robot) is may
 
@@ -61,12 +61,12 @@ def test_one_of_several_rights_is_enough(rights: str, robot: str | None, may: bo
 def test_who_sees_all_sees_the_same() -> None:
     assert identity(("read", ("lab-*", "*"))).sees is ALL
     assert view(frozenset({"a"}), "ada") is view(frozenset({"a"}), "ada")
-    assert view(frozenset({"a"}), "ada") != view(frozenset({"a"}), "bob")  # each has invocations of the fleet as well
+    assert view(frozenset({"a"}), "ada") != view(frozenset({"a"}), "bob")  # each also has invocations of the fleet
     assert identity(("read", ("a",))).sees == view(frozenset({"a"}), "ada")
 
 
 def test_who_is_not_known_has_no_name() -> None:
-    """Callers are counted and audited by name, and one without a name by address."""
+    """Callers are counted and audited by name, or without a name by address."""
     assert (EVERYBODY.name, NOBODY.name, ALL.name) == ("", "", "")
 
 
@@ -75,7 +75,7 @@ def test_an_identity_lasts_unless_it_says_otherwise() -> None:
 
 
 def test_a_view_covers_another_by_its_patterns() -> None:
-    """Else who may subscribe to fewer robots than he reads would hear of all of them through the fleet."""
+    """Otherwise a caller who may subscribe to fewer robots than it may read would get all of them through the fleet."""
     assert identity(("read subscribe", ("lab-*",))).sees.covers(view(frozenset({"lab-*"}), "x"))
     assert ALL.covers(view(frozenset({"lab-*"}), "x"))
     both = identity(("read", ("*",)), ("subscribe", ("lab-*",)))

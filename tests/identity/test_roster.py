@@ -1,4 +1,4 @@
-"""The file of identities: what it says, and what it must not."""
+"""The file of identities: valid and invalid contents."""
 
 import time
 from hashlib import sha256
@@ -59,7 +59,7 @@ def test_what_an_issuer_says_is_held_against_the_grants() -> None:
     said = issuer.claims({"sub": "8", "https://x.example/scope": "openid fleet:admin"}, _YEAR_NS)
     other = known.identity(said, 0)
     assert other is not None and other.may(Right.ADMIN, None) and not other.may(Right.ACT, "lab-1")
-    assert roster(_TOKEN).identity(claims, 0) is None  # the issuer is in the file no more
+    assert roster(_TOKEN).identity(claims, 0) is None  # the issuer is no longer in the file
 
 
 @pytest.mark.parametrize("said", [{}, {"sub": 7}, {"sub": ""}, {"sub": "a\nb"}, {"sub": "x" * 256}])
@@ -74,7 +74,7 @@ def test_a_subject_has_at_most_255_characters() -> None:
 
 
 def test_who_is_known_by_an_issuer_can_be_looked_up_again() -> None:
-    """A session keeps the claims, and asks the file again when that has changed."""
+    """A session keeps the claims, and looks them up again when the file has changed."""
     known = roster(_ISSUER)
     claims = Claims("https://id.example/realms/plant", "7", frozenset(), _YEAR_NS)
     who = known.identity(claims, 0)
@@ -104,7 +104,7 @@ def test_a_grant_asks_for_a_whole_value_of_a_claim(scope: object, granted: bool)
 
 
 def test_a_claim_without_a_value_is_held_against_the_empty_one() -> None:
-    """A grant that names a claim and forgets the value must not be one to all."""
+    """A grant with a claim but without a value must not apply to everybody."""
     known = roster(_ISSUER + '[[issuer.grant]]\nclaim = "role"\nscopes = ["read"]\n')
     (issuer,) = known.issuers.values()
     for said, granted in (({}, False), ({"role": "operator"}, False), ({"role": ""}, True)):
@@ -124,7 +124,7 @@ def test_an_issuer_is_what_the_file_says(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("host", ["localhost", "localhost:8080", "127.0.0.1", "127.9.9.9:1", "[::1]:8080"])
 def test_an_issuer_on_this_machine_needs_no_tls(host: str) -> None:
-    """An IPv6 address is no name, so such an issuer needs one."""
+    """An IPv6 address is no name, so such an issuer needs TLS."""
     text = _ISSUER.replace("https://id.example", f"http://{host}") + 'name = "here"\n'
     assert list(roster(text).issuers) == [f"http://{host}/realms/plant"]
 
@@ -151,7 +151,7 @@ def test_a_file_has_at_most_4_mib(tmp_path: Path) -> None:
 
 
 def test_a_name_of_an_issuer_is_none_of_a_token() -> None:
-    """Whoever may choose his name at an issuer does not become who holds a token."""
+    """Somebody who can choose a name at an issuer does not become the owner of a token."""
     (issuer,) = roster(_ISSUER).issuers.values()
     claims = Claims(issuer.url, "a", frozenset(), _YEAR_NS)
     who = roster(_ISSUER + _TOKEN).identity(claims, 0)

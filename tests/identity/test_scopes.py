@@ -1,4 +1,4 @@
-"""Every right at every affordance, found by links."""
+"""Every right with every affordance, found by links."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -27,7 +27,7 @@ _ROTATE = (
 
 @dataclass
 class Deed:
-    """A request, and the rights with which it is not forbidden."""
+    """A request, and the rights that permit it."""
 
     name: str
     allowed: tuple[str, ...]
@@ -109,7 +109,8 @@ def test_invocations_are_cancelled_by_who_may_stop_and_deleted_by_who_may_act(he
         invocation = eventually(lambda: deed.do(actor.http).headers.get("location"), "the motion begun")
         said = reader.page(invocation)
         agent = said.graph.value(said.iri, rdflib.PROV.wasAssociatedWith)
-        assert str(said.graph.value(agent, rdflib.DCTERMS.title)) == "actor"  # who asked, by name and no address
+        # the requester, by name and without an address
+        assert str(said.graph.value(agent, rdflib.DCTERMS.title)) == "actor"
         cancel = str(said.one(HYBRIT.action))
         assert reader.http.post(cancel).status_code == 403
         assert stopper.http.delete(invocation).status_code == 403
@@ -188,13 +189,13 @@ def test_a_subscription_is_seen_and_changed_by_its_creator_and_by_who_administer
                 assert answer.status_code == 404
         assert {_slow_down(each, mine).status_code for each in (subscriber, other)} == {204}
         with other.http.stream("GET", mine, headers={"accept": "text/event-stream"}) as opened:
-            assert opened.status_code == 409  # what it tells is for who made it
+            assert opened.status_code == 409  # it is only for its creator
         assert other.http.delete(mine).status_code == 204
         assert mine not in seen("subscriber")
 
 
 def test_who_administers_has_no_subscription_of_another_cover_the_fleet(here: Guarded, root: Browser) -> None:
-    """Its messages say what its creator may read, which may be more than he may subscribe to."""
+    """Its messages contain what its creator may read, possibly more than the administrator may subscribe to."""
     body = _PREFIXES + f"[] a hybrit:Subscription ; hybrit:onResource <{root.root}> ; lf:depth lf:thisAlone ."
     headers = {"content-type": "text/turtle"}
     with here.browsing("subscriber") as subscriber, here.browsing("all") as other:
@@ -217,9 +218,9 @@ def _patch(browser: Browser, url: str, update: str) -> httpx.Response:
 
 
 def test_who_only_reads_finds_no_subscriptions(here: Guarded, root: Browser) -> None:
-    """Containers of robots and of the fleet are 403 for each method of reading; a subscription is as if not there.
+    """Containers of robots and of the fleet are 403 for each method of reading; a subscription seems not to exist.
 
-    That holds for the creator of a subscription too, once it has lost the right to subscribe.
+    This also applies to the creator of a subscription that has lost the right to subscribe.
     """
     joint, fleet = root.part(SEEN, _JOINT), root.page(root.root)
     containers = [str(thing.one(HYBRIT.subscriptions)) for thing in (joint, fleet)]

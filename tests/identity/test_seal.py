@@ -1,4 +1,4 @@
-"""What browsers keep for us, and the key with which gateways seal it."""
+"""Data that browsers store for the gateway, and the key with which gateways seal it."""
 
 import base64
 import time

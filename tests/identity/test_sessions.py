@@ -1,4 +1,4 @@
-"""Sessions of browsers: what their cookie opens, and what it does not open to pages of others."""
+"""Sessions of browsers: what their cookie permits, and that pages of other origins cannot use it."""
 
 from collections.abc import Iterator
 from urllib.parse import urlsplit
@@ -16,7 +16,7 @@ _HTML = "text/html,application/xhtml+xml,*/*;q=0.8"
 
 @pytest.fixture
 def http(here: Guarded) -> Iterator[httpx.Client]:
-    """Like a browser with a session of ``all``; it says nothing about itself by itself."""
+    """Yield a client like a browser with a session of ``all``, without further headers."""
     with httpx.Client(timeout=20) as client:
         answer = log_in(here, client, here.tokens["all"])
         assert answer.status_code == 303 and answer.headers["location"] == here.root
@@ -99,14 +99,14 @@ def test_a_foreign_page_opens_no_websocket_whatever_it_brings(here: Guarded) -> 
 
 
 def test_one_logs_out_and_the_session_is_over(here: Guarded, http: httpx.Client) -> None:
-    assert http.post(here.root + "logout").status_code == 403  # of a foreign page
+    assert http.post(here.root + "logout").status_code == 403  # from a page of another origin
     out = http.post(here.root + "logout", headers={"origin": here.root[:-1]})
     assert out.status_code == 303 and "Max-Age=0" in out.headers["set-cookie"]
     assert http.get(here.root, headers={"accept": "text/turtle"}).status_code == 401
 
 
 def test_a_copied_cookie_is_worth_nothing_once_its_owner_has_logged_out(here: Guarded, http: httpx.Client) -> None:
-    """Streams of that session end; other sessions of the same token go on."""
+    """Streams of that session end; other sessions with the same token continue."""
     copy, ours = f"linked-fleet={http.cookies['linked-fleet']}", {"origin": here.root[:-1]}
     with httpx.Client() as tablet, Listening(here.root, Cookie=copy, Origin=here.root[:-1]) as open_:
         log_in(here, tablet, here.tokens["all"])
@@ -119,7 +119,7 @@ def test_a_copied_cookie_is_worth_nothing_once_its_owner_has_logged_out(here: Gu
         assert refusal(here.root, Cookie=copy, Origin=here.root[:-1]).status_code == 401
         assert (
             httpx.post(here.root + "logout", headers={"cookie": copy} | ours).status_code == 303
-        )  # as often as wanted
+        )  # any number of times
         assert tablet.get(here.root).status_code == 200
 
 
@@ -171,7 +171,7 @@ def test_a_return_without_a_beginning_is_refused(here: Guarded) -> None:
 
 
 def test_guessing_is_slowed_down(here: Guarded) -> None:
-    """After ten failures a wrong token gets 429; what is asked with a right one is answered."""
+    """After ten failures a wrong token gets 429; requests with a valid one are answered."""
     with httpx.Client() as client:
         answers = [log_in(here, client, f"guess{n}") for n in range(12)]
         statuses = [each.status_code for each in answers]
