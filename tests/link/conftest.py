@@ -1,4 +1,4 @@
-"""Each test of the contract runs with both parts behind the seam: Zenoh itself and the network in memory."""
+"""Runs each contract test with both implementations: Zenoh itself and the in-memory network."""
 
 import pytest
 

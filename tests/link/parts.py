@@ -1,4 +1,4 @@
-"""Networks of sessions of a gateway and agents: Zenoh on loopback in real time, or in memory on virtual time."""
+"""Networks with a gateway's session and agents' sessions: Zenoh on loopback, or in memory on virtual time."""
 
 import asyncio
 from collections.abc import Awaitable, Callable
@@ -22,25 +22,25 @@ _PATIENCE_S = 30.0
 
 
 class Network(Protocol):
-    """One gateway and the agents that are to reach it, each by its name."""
+    """One gateway and the agents that can reach it, each by name."""
 
     async def gateway(self) -> linked_fleet_gateway.link.transport.Session: ...
 
     async def agent(self, name: str) -> linked_fleet_agent.transport.Session: ...
 
     def cut(self, name: str) -> None:
-        """Let nothing pass between the gateway and an agent; nobody is told."""
+        """Let nothing pass between the gateway and an agent, without telling them."""
 
     def heal(self, name: str) -> None: ...
 
     def kill(self, name: str) -> None:
-        """Close the connection of an agent, as the kernel does for a process that is killed."""
+        """Close the connection of an agent, as the kernel does for a killed process."""
 
     async def leave(self, name: str) -> None:
-        """Close the session of an agent in order."""
+        """Close the session of an agent regularly."""
 
     def keep(self, declaration: object) -> None:
-        """Withdraw nothing before the test is over: what nobody keeps is withdrawn by Zenoh."""
+        """Keep a declaration until the end of the test: Zenoh undeclares what is garbage-collected."""
 
 
 class _Kept:
@@ -88,7 +88,7 @@ class Memory(_Kept):
 
 
 class Zenoh(_Kept):
-    """Zenoh on loopback. Each agent reaches the gateway through a forwarder of its own."""
+    """Zenoh on loopback. Each agent reaches the gateway through its own proxy."""
 
     def __init__(self, stack: AsyncExitStack) -> None:
         super().__init__()
@@ -131,7 +131,7 @@ class Zenoh(_Kept):
 
 
 def contract(test: Callable[..., Awaitable[None]]) -> Callable[..., None]:
-    """A test of both parts: a coroutine function whose argument ``part`` is the network."""
+    """Make a test of both implementations from a coroutine function whose argument ``part`` is the network."""
 
     @wraps(test)
     def run(part: Any, **arguments: object) -> None:

@@ -1,4 +1,4 @@
-"""A gateway and agents in the event loop of a test, on sessions of the test: the product without HTTP and drivers."""
+"""A gateway and agents in the event loop of a test, on the test's sessions: the product without HTTP and drivers."""
 
 import asyncio
 from collections.abc import AsyncIterator, Callable
@@ -47,7 +47,7 @@ class Robot:
 
 
 class Gateway:
-    """The robots as one gateway knows them; ``lost`` are those that have vanished, in their order."""
+    """The robots known to one gateway; ``lost``: those that have vanished, in order."""
 
     def __init__(self, live: Live) -> None:
         self._live = live
@@ -56,16 +56,16 @@ class Gateway:
 
     @property
     def online(self) -> dict[str, int]:
-        """The present run of each robot that is there."""
+        """The present run of each online robot."""
         robots = self._live.fleet.robots.values()
         return {robot.name: robot.incarnation or 0 for robot in robots if robot.online and robot.described}
 
     def frame(self, name: str) -> int:
-        """The number of the last frame of the present run of a robot, -1 before the first."""
+        """Return the number of the last frame of the robot's present run, -1 before the first."""
         return self._live.fleet.robots[name].last_sequence()
 
     async def commands(self, name: str) -> bool:
-        """Return True if the robot answers that it would carry out a motion."""
+        """Return True if the robot answers that it would execute a motion."""
         header = self._live.fleet.robots[name].header
         assert header is not None
         command = Command(
@@ -85,12 +85,12 @@ async def gateway(open_session: Opener, *flags: str) -> AsyncIterator[Gateway]:
 
 async def until(condition: Callable[[], object]) -> None:
     """Wait, in real or in virtual time."""
-    while not condition():  # noqa: ASYNC110 - set by many
+    while not condition():  # noqa: ASYNC110 - set in many ways
         await asyncio.sleep(0.01)
 
 
 async def serves(gateway: Gateway, robots: dict[str, Robot]) -> None:
-    """Wait until exactly these robots are online with these runs, send frames, and take commands."""
+    """Wait until exactly these robots are online with these runs, send frames, and accept commands."""
 
     def seen() -> bool:
         return gateway.online == {name: robot.incarnation for name, robot in robots.items()}

@@ -1,6 +1,6 @@
-"""The contract of the seam between the links and Zenoh, which Zenoh and the network in memory both keep.
+"""The contract of the transport interface below the links, kept by both Zenoh and the in-memory network.
 
-It is seen through the two classes ``Session`` of ``linked_fleet_gateway.link.transport`` and
+It is tested through the two classes ``Session`` of ``linked_fleet_gateway.link.transport`` and
 ``linked_fleet_agent.transport``.
 """
 
@@ -26,7 +26,7 @@ LIMIT = 1000
 
 
 class Heard(list[tuple[str, Payload]]):
-    """Publications in the order in which they came."""
+    """Publications in the order of arrival."""
 
     def take(self, key: str, payload: Payload) -> None:
         self.append((key, payload))
@@ -47,7 +47,7 @@ class Seen(list[tuple[str, bool]]):
 
 
 async def asked(session: gateway_side.Session, question: Question) -> list[Answer]:
-    """All answers to a question, after its end."""
+    """Return all answers to a question, after its end."""
     answers: asyncio.Queue[Answer | None] = asyncio.Queue()
     await session.ask(question, answers.put_nowait)
     found = []
@@ -65,7 +65,7 @@ def answers(session: agent_side.Session, key: str, payload: bytes) -> AbstractCo
 
 
 async def met(gateway: gateway_side.Session, agent: agent_side.Session, token: str = "seen") -> None:
-    """Wait until the gateway knows all that the agent has declared so far."""
+    """Wait until the gateway knows everything that the agent has declared so far."""
     seen = Seen()
     key = KEYS.presence(token, 1)
     await gateway.subscribe_tokens(key, seen.take)
@@ -361,7 +361,7 @@ async def test_agents_see_the_token_of_a_gateway_as_long_as_it_is_there(part: Ne
 
 @contract
 async def test_what_a_gateway_declares_anew_is_announced_again_and_goes_on(part: Network) -> None:
-    """But for its subscriptions to tokens: it would miss those that go meanwhile."""
+    """Except its subscriptions to tokens, which would miss tokens that vanish meanwhile."""
     gateway, agent = await part.gateway(), await part.agent("r")
     seen, told, heard = Seen(), Seen(), await listening(gateway, agent)
     await gateway.subscribe_tokens(KEYS.all_presence, told.take)
@@ -380,7 +380,7 @@ async def test_what_a_gateway_declares_anew_is_announced_again_and_goes_on(part:
 @contract
 async def test_all_tokens_are_listed_however_many(part: Network) -> None:
     gateway, agent = await part.gateway(), await part.agent("r")
-    names = [KEYS.presence(f"r{number}", 1) for number in range(300)]  # more than a channel of Zenoh holds
+    names = [KEYS.presence(f"r{number}", 1) for number in range(300)]  # more than a Zenoh channel holds
     for name in names:
         part.keep(agent.declare_token(name))
     await met(gateway, agent)
@@ -417,7 +417,7 @@ async def test_a_token_that_two_have_goes_with_the_last(part: Network) -> None:
 
 @contract
 async def test_whoever_sees_a_robot_can_ask_it(part: Network) -> None:
-    """A token that was declared last is seen last."""
+    """The token that was declared last becomes visible last."""
     gateway, agent = await part.gateway(), await part.agent("r")
     loop, news = asyncio.get_running_loop(), asyncio.Queue[str]()
     await gateway.subscribe_tokens(

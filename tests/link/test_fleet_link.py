@@ -1,4 +1,4 @@
-"""The gateway's link: events, replies and complaints that it makes of what agents say."""
+"""The gateway's link: events, replies and error reports from agents' messages."""
 
 import asyncio
 import contextlib
@@ -32,7 +32,7 @@ in_memory = pytest.mark.parametrize("part", [Memory])
 
 
 class Gateway:
-    """Collects what the link reports and wakes whoever waits for it."""
+    """Collects what the link reports, and wakes whoever waits for it."""
 
     def __init__(self, part: Network) -> None:
         self.events: list[Event] = []
@@ -57,7 +57,7 @@ class Gateway:
         await self.until(lambda: event in self.events)
 
     async def complaint(self) -> str:
-        """Return the reason why a robot is not described."""
+        """Return the reason why a robot has no description."""
         await self.until(lambda: any(isinstance(event, Undescribed) for event in self.events))
         assert not any(isinstance(event, Described) for event in self.events)
         return next(event.reason for event in self.events if isinstance(event, Undescribed))
@@ -72,7 +72,7 @@ async def opened(part: Network) -> AsyncIterator[Gateway]:
 
 
 class Agent:
-    """Plays an agent on a session; what it declares lasts as long as the session."""
+    """Plays an agent on a session; its declarations last as long as the session."""
 
     def __init__(self, part: Network, session: Session) -> None:
         self._part, self._session = part, session
@@ -131,7 +131,8 @@ async def test_a_robot_appears_is_described_sends_frames_and_vanishes(part: Netw
         assert gateway.events[0] == Appeared(name, 1)
         assert gateway.link.joined
         assert await gateway.link.roll_call(5.0) == {name}
-        while Framed(name, frame(3)) not in gateway.events:  # before it knows who listens an agent sends to nobody
+        # an agent publishes to nobody before it knows its subscribers
+        while Framed(name, frame(3)) not in gateway.events:
             agent.publish(KEYS.robot(name, "state"), frame(3))
             await asyncio.sleep(0.01)
         await part.leave("r")
@@ -208,7 +209,7 @@ async def test_a_token_that_is_declared_again_at_once_has_not_gone(part: Network
 @in_memory
 @contract
 async def test_a_robot_that_comes_is_sent_a_heartbeat_at_once(part: Network) -> None:
-    """It need not wait for the next."""
+    """It need not wait for the next one."""
     async with opened(part):
         session, heard = await part.agent("r"), list[str]()
         part.keep(session.subscribe(KEYS.all_heartbeats, heard.append))
@@ -243,7 +244,7 @@ async def test_foreign_keys_and_malformed_payloads_are_counted_and_harmless(part
 
 @contextlib.asynccontextmanager
 async def answering(part: Network, *replies: bytes) -> AsyncIterator[Gateway]:
-    """A gateway that knows a robot, of which as many runs are there as it has replies to a command."""
+    """Yield a gateway that knows a robot with one run per reply to a command."""
     async with opened(part) as gateway:
         for run, reply in enumerate(replies, 1):
             agent = await play(part, f"run {run}")
@@ -257,7 +258,7 @@ async def answering(part: Network, *replies: bytes) -> AsyncIterator[Gateway]:
 @pytest.mark.parametrize("reply", [Accepted("c1"), Refused("c1", "limits", "too far; -1 to 1 would do")])
 async def test_the_reply_of_the_agent_comes_back(part: Network, reply: Reply) -> None:
     async with answering(part, encode(reply)) as gateway:
-        for _ in range(2):  # the second time with a route that is kept
+        for _ in range(2):  # the second time with a cached route
             assert await gateway.link.command("r", command(), 5) == reply
 
 
@@ -336,7 +337,7 @@ async def test_a_stop_is_answered_while_more_commands_wait_than_there_are_thread
         agent.answer(KEYS.robot("r", "stop"), encode(Accepted("s")))
         agent.be(description())
         await gateway.seen(Described(description()))
-        # One after the other: of forty at once a congested connection may drop some, as it may of their answers.
+        # One after another: a congested connection may drop some of forty at once, or of their answers.
         waiting: list[asyncio.Task[Reply]] = []
         for _ in range(40):
             waiting.append(asyncio.create_task(gateway.link.command("r", command(), 20.0)))

@@ -1,6 +1,6 @@
-"""Gateways and robots that routers have made invisible to each other, and tokens that routers keep.
+"""Gateways and robots that routers have hidden from each other, and tokens that routers keep.
 
-On virtual time. That routers of Zenoh do so, and that this heals it, is in ``tests/fleet/test_fault_routers.py``.
+On virtual time. ``tests/fleet/test_fault_routers.py`` shows that Zenoh routers do this, and that the remedy works.
 """
 
 import asyncio
@@ -29,13 +29,13 @@ OFFLINE_S = SILENT_S + 3 * DESCRIPTION_TIMEOUT_S + 3.0
 
 
 class Site:
-    """A gateway ``g``, perhaps another ``h``, and robots at nodes of their names, which are connected."""
+    """A gateway ``g``, optionally another ``h``, and connected robots at nodes of their names."""
 
     def __init__(self, stack: AsyncExitStack) -> None:
         self.network, self._stack, self.robots = ZenohNetwork(), stack, dict[str, Robot]()
 
     async def open_gateway(self, node: str) -> Gateway:
-        port = str(8000 + ord(node))  # of nobody: gateways of one host are told apart by them
+        port = str(8000 + ord(node))  # nothing listens there: it only distinguishes gateways of one host
         return await self._stack.enter_async_context(gateway(self.network.gateway(node), "--port", port))
 
     async def session(self, node: str) -> AgentSession:
@@ -94,7 +94,7 @@ def test_no_robot_holds_while_another_gateway_is_alive() -> None:
 
 
 class Played:
-    """An agent that sends frames and answers while the test lets it; its token is kept by another session."""
+    """An agent that sends frames and answers while the test permits it; another session keeps its token."""
 
     def __init__(self, name: str, session: AgentSession, keeper: AgentSession) -> None:
         self._agent = Agent(name, Still(1))
@@ -176,7 +176,7 @@ def test_an_agent_that_hangs_while_zenoh_keeps_its_token_is_offline_until_it_goe
 
 
 def test_an_agent_that_answers_and_sends_no_frames_stays_and_costs_little() -> None:
-    """So does one of ROS 2 while its robot says nothing."""
+    """The same applies to a ROS 2 agent whose robot is silent."""
 
     async def test(site: Site) -> None:
         seen = await site.open_gateway("g")
@@ -187,6 +187,6 @@ def test_an_agent_that_answers_and_sends_no_frames_stays_and_costs_little() -> N
             await asyncio.sleep(1800.0)
             assert (seen.online, seen.lost) == ({"r": agent.run}, [])
             assert agent.asked <= 1800.0 / LONGEST_S + 10
-            assert tokens == [True] + 3 * [False, True]  # the gateway has declared itself anew, and has given that up
+            assert tokens == [True] + 3 * [False, True]  # the gateway has repeated its declarations, and then stopped
 
     run(test)

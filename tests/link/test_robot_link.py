@@ -35,7 +35,7 @@ def link(session: Session, incarnation: int = 1, **more: Any) -> RobotLink:
 
 
 async def watching(link: RobotLink, condition: Callable[[], bool]) -> None:
-    """Tick as an agent does until the condition is true."""
+    """Tick like an agent until the condition is true."""
     while not condition():
         link.watch_gateways(TICK_S)
         await asyncio.sleep(TICK_S)
@@ -187,7 +187,7 @@ async def test_a_gateway_that_is_cut_off_is_gone_within_its_lease(part: Network)
 @in_memory
 @contract
 async def test_heartbeats_are_subscribed_to_while_the_token_is_there(part: Network) -> None:
-    """After a token has gone, not before all other agents have noticed: routers tell of the first subscriber only."""
+    """After a token has vanished, but not before all other agents noticed: routers only report the first subscriber."""
     gateway, session = await part.gateway(), await part.agent("r")
     assert isinstance(session, AgentSession)
 

@@ -1,4 +1,4 @@
-"""The part of a gateway's session that Zenoh alone has: opening, and heartbeats while the event loop hangs."""
+"""Features of a gateway's session that only Zenoh has: opening, and heartbeats while the event loop hangs."""
 
 import asyncio
 import threading
@@ -96,7 +96,7 @@ def test_heartbeats_come_while_the_event_loop_runs_and_at_no_other_time() -> Non
                 before = len(heard)
                 time.sleep(5 * HEARTBEAT_S)  # noqa: ASYNC251 - the event loop hangs
                 await asyncio.sleep(0)
-                assert len(heard) <= before + 1  # which was under way
+                assert len(heard) <= before + 1  # one in transit
                 await until(lambda: len(heard) > before + 2)
 
     Zenoh.run(beats)  # type: ignore[arg-type]
