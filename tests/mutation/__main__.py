@@ -1,4 +1,4 @@
-"""``python -m mutation``: change each target in many small ways, one at a time, and expect its tests to fail.
+"""``python -m mutation``: changes each target in many small ways, one at a time, and expects its tests to fail.
 
 tests/mutation/targets.toml names targets and tests, tests/MUTANTS.md the mutants that may survive, and why. Exits with
 1 if another one survives, or if that page explains one that does not.
@@ -52,7 +52,7 @@ def main() -> int:
 
 
 def _try(name: str, target: Mapping[str, Any], tried: Sequence[Mutant], among: int, explained: set[str]) -> set[str]:
-    """The rows of those that survive; prints the ones that are not explained, and a line with the figures."""
+    """Return the rows of the survivors; prints the unexplained ones, and a line with the figures."""
     began = time.monotonic()
     trials, outcomes, survivors = Trials(ROOT, target), Counter[Outcome](), set[str]()
     for mutant in tried:
@@ -69,7 +69,7 @@ def _try(name: str, target: Mapping[str, Any], tried: Sequence[Mutant], among: i
 
 
 def row(mutant: Mutant) -> str:
-    """The first cells of the mutant's row in a table of Markdown."""
+    """Return the first cells of the mutant's row in a Markdown table."""
     return " | ".join(f"`{each.replace('|', chr(92) + '|')}`" for each in mutant.change)
 
 

@@ -1,7 +1,7 @@
 """Mutants of a module: its source with one small change each, made by the operators of mutmut.
 
-mutmut's own runner leaves out decorated functions, tables of modules and closures that are made on import. Among these
-are most of the rights and the limits in the SHACL compiler, so only the operators are taken from it.
+mutmut's own runner ignores decorated functions, module-level tables and closures created on import, which include most
+of the rights and of the SHACL compiler's limits; therefore only its operators are used.
 """
 
 import ast
@@ -17,14 +17,14 @@ from mutmut.mutation.file_mutation import MutationVisitor, OuterFunctionProvider
 from mutmut.mutation.mutators import mutation_operators
 from mutmut.mutation.pragma_handling import IgnoredCode
 
-_CONTEXT = 32  # characters on each side of a change that are shown
+_CONTEXT = 32  # characters shown on each side of a change
 _FOR_TYPE_CHECKERS = matchers.Assign(value=matchers.Call(func=matchers.Name("TypeVar")))
 _FOR_STAR_IMPORTS = matchers.Assign(targets=[matchers.AssignTarget(matchers.Name("__all__"))])
 
 
 @dataclass(frozen=True)
 class Mutant:
-    """The module ``name`` with ``source`` in place of what is at ``path``; ``change`` is its row in a table."""
+    """The module ``name`` with ``source`` replacing the file ``path``; ``change``: its row in a table."""
 
     name: str
     path: Path
@@ -42,13 +42,13 @@ class _Visitor(MutationVisitor):
         return super()._skip_node_and_children(node)
 
     def _is_sentence(self, node: cst.CSTNode) -> bool:
-        """A string with a space in a function: tests need not know each word that people read."""
+        """Return True for a string with a space in a function: tests need not check each word for people."""
         is_text = isinstance(node, cst.SimpleString) and " " in node.value.strip("\"' ")
         return is_text and self.get_metadata(OuterFunctionProvider, node, None) is not None
 
 
 def mutants(root: Path, file: str) -> list[Mutant]:
-    """All mutants of ``file``, each source once, in the order of the file."""
+    """Return all distinct mutants of ``file``, in the order of the file."""
     path = root / file
     source = path.read_text()
     name = file.removesuffix(".py").removesuffix("/__init__").replace("/", ".")
@@ -71,7 +71,7 @@ def _parsed(source: str) -> str | None:
 
 
 def _replacements(source: str) -> Iterator[tuple[int, int, str]]:
-    """Offsets of the code that each mutation replaces, and what it puts there."""
+    """Yield the offsets of the code that each mutation replaces, and the replacement."""
     wrapper = MetadataWrapper(cst.parse_module(source))
     visitor = _Visitor(mutation_operators, IgnoredCode(set(), set(), set()))
     wrapper.visit(visitor)
@@ -91,7 +91,7 @@ def _replacements(source: str) -> Iterator[tuple[int, int, str]]:
 
 
 def _place(node: ast.AST, line: int) -> str:
-    """The names of class, function or variable around a line, from the outside in."""
+    """Return the names of classes, functions or variables around a line, from the outside in."""
     for child in ast.iter_child_nodes(node):
         if isinstance(child, ast.stmt) and child.lineno <= line <= (child.end_lineno or child.lineno):
             inner = _place(child, line)
@@ -107,7 +107,7 @@ def _name(statement: ast.stmt) -> str:
 
 
 def _change(source: str, start: int, end: int, text: str) -> tuple[str, str]:
-    """The changed lines before and after, in one line each and without what is far from the change."""
+    """Return the changed lines before and after, each joined into one line and clipped around the change."""
     first, last = source.rfind("\n", 0, start) + 1, source.find("\n", end)
     before = " ".join(source[first:last].split())
     after = " ".join((source[first:start] + text + source[end:last]).split())

@@ -1,4 +1,4 @@
-"""Targets of ``make mutants`` are there, and its page explains mutants of these alone."""
+"""Targets of ``make mutants`` exist, and its page explains mutants of these only."""
 
 import re
 import tomllib
@@ -9,7 +9,7 @@ TARGETS = tomllib.loads(Path(__file__).with_name("targets.toml").read_text())
 
 
 def test_modules_and_tests_of_each_target_are_there() -> None:
-    """A file that was moved would otherwise be noticed with the next run only, which is made by hand."""
+    """Otherwise a moved file would be noticed only in the next run, which is manual."""
     files = [file for target in TARGETS.values() for file in (*target["modules"], *target["tests"])]
     assert [file for file in files if not (ROOT / file).is_file()] == []
     slow = [test.split("::") for target in TARGETS.values() for test in target.get("slow", ())]

@@ -1,7 +1,7 @@
-"""A trial of a mutant: its module is imported with the change, and the tests run, in a process that is forked for it.
+"""A trial of a mutant: a forked process imports the changed module and runs the tests.
 
-Nothing of this project is imported before the fork, so code that runs on import is mutated as well. What it imports of
-others is imported once, before.
+No module of this project is imported before the fork, so code that runs on import is mutated as well. Foreign modules
+are imported once, before it.
 """
 
 import contextlib
@@ -27,10 +27,10 @@ import pytest
 from mutation.mutants import Mutant
 
 _MOST_MEMORY = 4 * 1024**3
-_WAIT = 4  # times the seconds of processor that a trial may use: for tests that wait, on a machine with other work
+_WAIT = 4  # factor on the processor seconds of a trial: for tests that wait, on a busy machine
 _OPTIONS = ("-x", "-q", "--assert=plain", "--hypothesis-profile=mutants", "-p", "no:cacheprovider", "-p", "no:xdist",
             "-p", "no:rerunfailures")  # fmt: skip
-# The same examples in every run; a failing one is enough, the shortest would take long to find.
+# The same examples in every run; one failing example suffices, and shrinking it would take long.
 hypothesis.settings.register_profile(
     "mutants", derandomize=True, phases=(hypothesis.Phase.explicit, hypothesis.Phase.generate)
 )
@@ -62,10 +62,10 @@ class _Finder(MetaPathFinder):
 
 
 class Trials:
-    """Trials by the ``tests`` of a target; those that are ``slow`` run for mutants that the others do not kill."""
+    """Trials with the ``tests`` of a target; ``slow`` ones run only for mutants that the others do not kill."""
 
     def __init__(self, root: Path, target: Mapping[str, Sequence[str]]) -> None:
-        """RuntimeError if the tests fail without a mutant."""
+        """Raises RuntimeError if the tests fail without a mutant."""
         slow = target.get("slow", ())
         rounds = [[*target["tests"], *(f"--deselect={test}" for test in slow)], list(slow)]
         for tests in filter(None, rounds):
@@ -83,7 +83,7 @@ class Trials:
 
 
 def _import_others(root: Path, tests: Sequence[str]) -> None:
-    """Import what the tests import, but no module of this project."""
+    """Import the tests' imports, except modules of this project."""
     answer, writer = os.pipe()
     if not (pid := os.fork()):
         _run(tests, 600, told=lambda: os.write(writer, json.dumps(_others(root)).encode()))
@@ -97,7 +97,7 @@ def _import_others(root: Path, tests: Sequence[str]) -> None:
 
 
 def _seconds(tests: Sequence[str]) -> float:
-    """The seconds of processor that the tests use without a mutant."""
+    """Return the processor seconds of the tests without a mutant."""
     _, status, used = os.wait4(os.fork() or _run(tests, 600), 0)
     if status:
         raise RuntimeError(f"the tests fail without a mutant: pytest {' '.join(tests)}")
@@ -123,7 +123,7 @@ def _run(tests: Sequence[str], limit_s: int, mutant: Mutant | None = None, told:
 
 
 def _others(root: Path) -> list[str]:
-    """Modules that are imported and no file of this project, in the order of their import."""
+    """Return the imported modules that are not of this project, in the order of their import."""
     own = tuple(f"{folder}/" for folder in root.iterdir() if not folder.name.startswith("."))
     files = {name: getattr(module, "__file__", None) for name, module in list(sys.modules.items())}
     return [name for name, file in files.items() if file and not file.startswith(own)]
