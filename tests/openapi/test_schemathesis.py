@@ -1,6 +1,6 @@
-"""The gateway is as its description says: schemathesis sends what it allows and what it forbids, and finds nothing.
+"""The gateway behaves as described: schemathesis sends permitted and forbidden requests, and finds nothing.
 
-Motions are really made, by a simulated robot. With OPENAPI_EXAMPLES set, all operations are tried with drawn cases.
+Motions are executed by a simulated robot. With OPENAPI_EXAMPLES set, all operations are tried with random cases.
 """
 
 import json
@@ -19,7 +19,7 @@ pytestmark = [pytest.mark.processes, pytest.mark.test_all]
 _HERE = Path(__file__).parent
 _BOUNDS_S = 240.0
 EXAMPLES = os.environ.get("OPENAPI_EXAMPLES", "")
-"""The most cases of one operation that are drawn, each of any values; without it those of the description."""
+"""Number of random cases per operation; without it only the examples of the description."""
 
 
 def _config(folder: Path, browser: Browser, root: str) -> Path:
@@ -54,7 +54,7 @@ def _run(config: Path, root: str, *more: str) -> str:
 
 
 def test_schemathesis_finds_nothing(tmp_path: Path) -> None:
-    """Examples, a case for each thing that a schema says, drawn values, and sequences along the links."""
+    """Examples, a case for each constraint of a schema, random values, and sequences along the links."""
     place = Place(tmp_path)
     with place.gateway() as (gateway, browser), simulated(place.zenoh, "ur5"):
         live(browser, "ur5")
