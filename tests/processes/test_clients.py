@@ -1,4 +1,4 @@
-"""Clients in processes of their own: the command line, the conformance checker, the client of docs/BINARY.md."""
+"""Clients as processes: the command line, the conformance checker, the client of docs/BINARY.md."""
 
 import contextlib
 import json
@@ -46,7 +46,7 @@ def scene(fleet: Place, browser: Browser) -> Theatre:
 
 @pytest.fixture(scope="module")
 def client(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The client of docs/BINARY.md as a file, exactly as it stands there."""
+    """Write the client of docs/BINARY.md to a file, unchanged."""
     (code,) = re.findall(r"```python\n(.*?)```", PAGE.read_text(), re.S)
     assert len(code.splitlines()) <= 40
     path = tmp_path_factory.mktemp("client") / "client.py"
@@ -80,7 +80,7 @@ def _subscriptions(browser: Browser) -> set[object]:
 def test_fleet_breaks_no_must(
     fleet: Place, browser: Browser, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """All musts that can be told are passed, the EARL says the same as the JSON, and no subscription is left behind."""
+    """All checkable musts pass, EARL and JSON agree, and no subscription is left behind."""
     before = _subscriptions(browser)
     assert command([fleet.root, "--json", "--earl", str(tmp_path / "earl.ttl"), "--resources", "80"]) == 0
     report = json.loads(capsys.readouterr().out)
@@ -109,7 +109,7 @@ def _same(earl: rdflib.Graph, outcomes: dict[str, str], root: str) -> None:
 
 
 def test_the_client_in_the_docs_reads_a_joint_state(scene: Theatre, client: Path) -> None:
-    """Two frames of a whole robot, printed by a client that has only rdflib, websockets and the link."""
+    """Two frames of a whole robot, printed by a client that only has rdflib, websockets and the link."""
     with scene.toy(0.25, -0.5) as toy:
         state, elbow = str(toy.page.one(LF.jointState)), toy.rotation()
         with process("-I", str(client), state, "2") as run:

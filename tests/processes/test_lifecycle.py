@@ -1,4 +1,4 @@
-"""Agents and gateways as processes: signals, exit codes, ports that are taken."""
+"""Agents and gateways as processes: signals, exit codes, ports in use."""
 
 import signal
 import socket
@@ -14,12 +14,12 @@ pytestmark = pytest.mark.processes
 
 
 def test_who_is_killed_comes_back_and_who_is_terminated_ends_cleanly(tmp_path: Path) -> None:
-    """The gateway is started again on its ports; SIGTERM ends both with 0 and without a traceback."""
+    """The gateway restarts on its ports; SIGTERM ends both with 0 and without a traceback."""
     place = Place(tmp_path)
     with place.gateway() as (first, browser):
         with place.ur5() as agent:
             live(browser, "ur5")
-            # Zenoh would share memory with each neighbour here, and keep it when that is killed.
+            # Zenoh would share memory with each neighbour here, and keep it after a kill.
             assert ".zenoh" not in first.mapped + agent.mapped
             agent.send(signal.SIGKILL)
             offline(browser, "ur5")
@@ -38,7 +38,7 @@ def test_who_is_killed_comes_back_and_who_is_terminated_ends_cleanly(tmp_path: P
 
 
 def test_second_agent_of_a_name_refuses_to_start(tmp_path: Path) -> None:
-    """It says why and ends with an error; the first goes on, and started beside a token that is nobody's run."""
+    """It says why and ends with an error; the first one continues, although it started beside a stale token."""
     place = Place(tmp_path)
     with place.gateway() as (gateway, browser), stage(place.zenoh) as session:
         token = session.liveliness().declare_token("fleet/robot/ur5/presence/whoever")
@@ -67,7 +67,7 @@ def test_taken_port_is_one_line(tmp_path: Path, taken: str) -> None:
 
 
 def test_two_gateways_started_at_once(tmp_path: Path) -> None:
-    """One of two gateways on one HTTP port serves, however close their starts are."""
+    """Exactly one of two gateways on one HTTP port serves, however close their starts are."""
     place, other = Place(tmp_path / "a"), Place(tmp_path / "b")
     other.port = place.port
     with process(*place.command()) as one, process(*other.command()) as two:
