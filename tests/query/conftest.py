@@ -1,4 +1,4 @@
-"""A gateway with two arms, of which queries are asked."""
+"""A gateway with two arms, to which queries are sent."""
 
 import contextlib
 from collections.abc import Iterator

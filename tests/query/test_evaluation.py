@@ -1,4 +1,4 @@
-"""What evaluates a query can do nothing else: the wall behind the refusal of SERVICE."""
+"""The evaluation of a query has no side effects or network access, even without the refusal of SERVICE."""
 
 import socket
 import subprocess

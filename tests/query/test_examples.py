@@ -1,4 +1,4 @@
-"""The queries that the page of the endpoint offers, asked of the robots of the demo."""
+"""The example queries on the endpoint's page, with the robots of the demo."""
 
 from collections.abc import Iterator
 
@@ -35,7 +35,7 @@ def rows(browser: Browser, example: Example) -> list[list[str]]:
 
 
 def test_who_can_reach_a_point_is_answered(browser: Browser) -> None:
-    """At the first time of asking: nothing is warm."""
+    """The first time, without warm caches."""
     found = [link.strip("<>").removeprefix(browser.root) for _, link in rows(browser, REACH)]
     assert found == ["baxter/left_gripper", "baxter/right_gripper", "panda/panda_hand", "ur5/tool0"]
 

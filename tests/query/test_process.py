@@ -57,7 +57,7 @@ def test_it_does_not_end_while_somebody_asks() -> None:
     async def run(process: QueryProcess) -> None:
         await process.ask(_ask)
         child = process._worker.process
-        process._under_way += 1  # somebody who has not been served yet
+        process._under_way += 1  # a request that has not been served yet
         await process._close_idle()
         process._under_way -= 1
         assert child.returncode is None

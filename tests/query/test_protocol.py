@@ -1,6 +1,6 @@
-"""The SPARQL 1.1 Protocol, its query operation, as a client meets it: what is asked in which way, and what comes back.
+"""The query operation of the SPARQL 1.1 Protocol: forms of requests and responses.
 
-The cases are those of the W3C's protocol tests that apply to a service that only reads, in our own words.
+The cases are those of the W3C's protocol tests that apply to a read-only service, reworded.
 """
 
 import csv
@@ -217,7 +217,7 @@ def test_its_page_asks_without_a_script(http: httpx.Client) -> None:
 
 
 def test_the_page_keeps_a_query_that_is_refused(http: httpx.Client) -> None:
-    """Beside it stands the reason, and the place in the text is marked; programs get problem details as ever."""
+    """The page shows the reason beside it, and marks the place in the text; programs get problem details as usual."""
     query = "SELECT ?x {\n  ?x a nonsense\n}"
     page = ask(http, query, accept="text/html")
     assert (page.status_code, page.headers["cache-control"]) == (400, "no-store")
@@ -229,7 +229,7 @@ def test_the_page_keeps_a_query_that_is_refused(http: httpx.Client) -> None:
 
 
 def test_its_page_has_columns_as_they_were_selected(http: httpx.Client, root: str) -> None:
-    """IRIs are short and links, numbers are data with few digits, and the same rows are there as CSV and JSON."""
+    """IRIs are short links, numbers have few digits, and the same rows are available as CSV and JSON."""
     query = """PREFIX ros: <http://ros.org/#> SELECT ?z ?a ?n { VALUES (?z ?a ?n) {
         (<ur5/> ros:Link 0.1234567891) (<https://example.org/some/thing> 'x'@de 'no number') } }"""
     page = ask(http, query, accept="text/html").text

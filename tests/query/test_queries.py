@@ -1,4 +1,4 @@
-"""Queries as other parts of the gateway ask them: of one instant, of what is seen, and within their limits."""
+"""Queries from other parts of the gateway: about one instant, within a view, and within their limits."""
 
 import asyncio
 import math
@@ -43,7 +43,7 @@ ONE = view(frozenset({"a"}), "ann")
 
 @dataclass
 class Asking:
-    """Queries over robots that the test tells of; ``run`` is in the event loop of both."""
+    """Queries about robots announced by the test; ``run`` executes in the event loop of both."""
 
     loop: VirtualLoop
     live: Live
@@ -85,7 +85,7 @@ def test_the_whole_fleet_is_asked(asking: Asking) -> None:
 
 
 def test_each_query_sees_one_instant(asking: Asking) -> None:
-    """Both robots are always at the same position, which never stays."""
+    """Both robots always have the same position, which changes constantly."""
     seen: list[set[str]] = []
 
     async def ask() -> None:
@@ -134,7 +134,7 @@ def test_a_function_says_what_can_be_reached(asking: Asking) -> None:
 
 
 def test_functions_say_where_a_thing_is_seen_from_another_and_how_far(asking: Asking) -> None:
-    """Across robots once both are placed; two parts of one robot need no place."""
+    """Across robots once both are placed; two parts of one robot need no placement."""
     robots, half = asking.live.fleet.robots, math.sqrt(0.5)
     tip, other, crate = (f"<{BASE}/{path}>" for path in ("a/tip", "b/", "world/objects/crate"))
     asking.live.objects = lambda: {"crate": Placed(Pose((0.0, 0.0, 3.0), (0.0, 0.0, 0.0, 1.0)))}
@@ -163,14 +163,15 @@ def test_functions_say_where_a_thing_is_seen_from_another_and_how_far(asking: As
             assert apart(tip, wrong) == [()]
         rows = asking.run(f'SELECT (lf:poseIn({tip}, {other}, "w") AS ?d) (lf:poseIn({tip}) AS ?e) {{}}')
         assert rows == [{}]
-        assert asking.run(f"SELECT (lf:distance({tip}, {other}) AS ?d) {{}}", ONE) == [{}]  # who does not see it
+        # the view does not include it
+        assert asking.run(f"SELECT (lf:distance({tip}, {other}) AS ?d) {{}}", ONE) == [{}]
     finally:
         for name in robots:
             asking.live.fleet.configure(name, {})
 
 
 def test_robots_can_be_supposed_to_be_in_another_state(asking: Asking) -> None:
-    """That counts for the one query."""
+    """That counts for this query only."""
     for name in ("a", "b"):
         asking.robots.stand(name, (0.25, 0.1))
     motion = Invocation("1", "a", "/a/elbow/actions/rotate", {"elbow": 1.0}, 1, 2)

@@ -1,4 +1,4 @@
-"""The query process by itself, when who asked is gone."""
+"""The query process after its client is gone."""
 
 import socket
 import subprocess
