@@ -1,4 +1,4 @@
-"""One walk of the tree serves all requirements of a file."""
+"""One walk of the tree, shared by all requirements of a file."""
 
 import httpx
 import pytest

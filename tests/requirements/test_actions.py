@@ -1,4 +1,4 @@
-"""Figure 5: actions move the real simulated joint; bad input moves nothing and says what would have been right."""
+"""Figure 5: actions move the real simulated joint; invalid input moves nothing and says what would have been right."""
 
 import math
 
@@ -89,7 +89,7 @@ def test_prismatic_joint_translates_in_millimetres(browser: Browser) -> None:
 
 
 def test_continuous_joint_takes_a_whole_turn_of_angles(browser: Browser) -> None:
-    """TIAGo's wheel: 350° is admitted (no end stops) and reached the short way; 360° is not."""
+    """TIAGo's wheel: 350° is admitted (no limits) and reached the short way; 360° is not."""
     url = _action(browser, "tiago", "wheel_left_joint")
     body = _PREFIXES + "<> vom:numericalValue 350 ; vom:unit maths:Degree ."
     answer = _put(browser, url, body, prefer="wait=30")
@@ -100,7 +100,7 @@ def test_continuous_joint_takes_a_whole_turn_of_angles(browser: Browser) -> None
 
 
 def test_json_ld_body(browser: Browser) -> None:
-    """JSON-LD, whose 12.5 is a double, does what Turtle does; the context is that of the gateway."""
+    """JSON-LD, in which 12.5 is a double, works like Turtle, with the context of the gateway."""
     url = _action(browser, "ur5", "wrist_2_joint")
     body = {
         "@context": "https://w3id.org/linked-fleet/context",
@@ -150,7 +150,7 @@ def test_invocation_conforms_to_what_the_action_produces(browser: Browser) -> No
 
 
 def test_if_match_takes_the_tag_of_any_representation(browser: Browser) -> None:
-    """A stale If-Match is 412 and moves nothing; the current ETag of the JSON-LD will do for a Turtle body."""
+    """A stale If-Match is 412 and moves nothing; the current ETag of the JSON-LD is valid for a Turtle body."""
     url = _action(browser, "baxter", "left_w1")
     body = _PREFIXES + "<> vom:numericalValue 1 ; vom:unit maths:Degree ."
     assert _put(browser, url, body, **{"if-match": '"stale"'}).status_code == 412
@@ -174,7 +174,7 @@ _BAD = {
 
 @pytest.mark.parametrize("case", _BAD)
 def test_bad_values_are_refused_with_the_reason(browser: Browser, case: str) -> None:
-    """Each is a 422 problem that names what was wrong and where the shape is; the joint is not commanded."""
+    """Each is a 422 problem that names what was wrong and links the shape; the joint is not commanded."""
     value, unit, named = _BAD[case]
     url = _action(browser, "baxter", "right_s1")
     before = browser.page(str(browser.page(url).one(LF.invocations))).response.text
@@ -186,7 +186,7 @@ def test_bad_values_are_refused_with_the_reason(browser: Browser, case: str) -> 
 
 
 def test_other_bad_bodies(browser: Browser) -> None:
-    """Empty, unparsable, unsupported, oversize, missing parts: each its own answer."""
+    """Empty, unparsable, unsupported, oversize, missing parts: each gets a specific response."""
     url = _action(browser, "baxter", "right_s1")
     assert _put(browser, url, "").status_code == 422
     assert _put(browser, url, _PREFIXES + "<> vom:unit vom:Degree .").status_code == 422
@@ -203,7 +203,7 @@ def test_other_bad_bodies(browser: Browser) -> None:
 
 
 def test_validation_report_as_rdf(browser: Browser) -> None:
-    """By Accept the problem is RDF and carries the SHACL report, to the value at fault; Link names the constraint."""
+    """With RDF in Accept, the problem carries the SHACL report down to the wrong value; Link names the constraint."""
     url = _action(browser, "baxter", "right_s1")
     body = _PREFIXES + "<> vom:numericalValue 500 ; vom:unit vom:Degree ."
     answer = _put(browser, url, body, accept="text/turtle")
@@ -217,7 +217,7 @@ def test_validation_report_as_rdf(browser: Browser) -> None:
 
 
 def test_paths_methods_and_types_that_are_not_there(browser: Browser) -> None:
-    """404, 405 with Allow, 406 with what there is, 308 for the other spelling."""
+    """404, 405 with Allow, 406 with the available types, 308 for another spelling."""
     root, get = browser.root, browser.http.get
     for path in (
         "nobody/",

@@ -36,7 +36,7 @@ def ur5(browser: Browser) -> Commanded:
 
 
 def _positions(client: Commanded) -> dict[str, float]:
-    """What the robot's joint state says, by joint: rad or m."""
+    """Return the positions in the robot's joint state, by joint: rad or m."""
     page = client.browser.page(str(client.page.one(LF.jointState)))
     titles = {iri: title for title, iri in client.joints.items()}
     samples = page.graph.objects(page.iri, LF.sample)
@@ -60,7 +60,7 @@ def _kinds(browser: Browser, thing: Page) -> set[object]:
 
 
 def test_each_thing_links_the_actions_of_its_kind(browser: Browser, tiago: Commanded) -> None:
-    """Fleet, robots, and joints of every kind; one that is fixed or mimics another has none."""
+    """Fleet, robots, and joints of every kind; a fixed or mimicking joint has none."""
     assert _kinds(browser, browser.page(browser.root)) == _KINDS[LF.Fleet]
     for robot in browser.robots():
         assert _kinds(browser, robot) == _KINDS[LF.Robot], robot.url
@@ -74,7 +74,7 @@ def test_each_thing_links_the_actions_of_its_kind(browser: Browser, tiago: Comma
 
 
 def test_rotate_by_and_translate_by_are_relative(tiago: Commanded) -> None:
-    """Each adds to where the joint is; neither is bound to PUT, for twice is not once."""
+    """Each adds to the joint's position; neither is bound to PUT, since twice is not the same as once."""
     tiago.assume("home")
     start = _positions(tiago)
     for _ in range(2):
@@ -89,7 +89,7 @@ def test_rotate_by_and_translate_by_are_relative(tiago: Commanded) -> None:
 
 
 def test_relative_motion_beyond_the_limits_is_a_conflict(tiago: Commanded) -> None:
-    """The body is right, the joint is in the wrong place for it: 409 that names the limits."""
+    """The body is valid, but the joint is in the wrong place for it: 409 that names the limits."""
     tiago.assume("home")
     before = _positions(tiago)["torso_lift_joint"]
     answer = tiago.ask(LF.TranslateBy, scalar(0.3, "unit:M"), "torso_lift_joint")
@@ -99,9 +99,9 @@ def test_relative_motion_beyond_the_limits_is_a_conflict(tiago: Commanded) -> No
 
 
 def test_speed_is_optional_and_respected(ur5: Commanded) -> None:
-    """The motion takes as long as at that speed; without it the joint would be seen ten times as fast.
+    """The motion takes as long as at that speed; without it the joint would be ten times as fast.
 
-    After a late tick a joint catches up: how exactly the speed is held is measured on a clock that is never late.
+    After a late tick a joint catches up: how exactly the speed is kept is measured elsewhere, on a simulated clock.
     """
     ur5.assume("home")
     joint = "wrist_1_joint"
@@ -122,7 +122,7 @@ def test_speed_above_the_limit_of_the_joint_is_refused(ur5: Commanded) -> None:
 
 
 def test_hold_cancels_the_motion_of_the_joint(ur5: Commanded) -> None:
-    """No body; the joint stays short of its target, and the invocations of motion and hold name each other."""
+    """No body; the joint stays short of its target, and the invocations of motion and hold refer to each other."""
     ur5.assume("home")
     motion = ur5.begin(LF.Rotate, scalar(1.5, more=_SLOWLY), "shoulder_pan_joint")
     eventually(lambda: _positions(ur5)["shoulder_pan_joint"] > 0.05, "a motion under way")
@@ -134,7 +134,7 @@ def test_hold_cancels_the_motion_of_the_joint(ur5: Commanded) -> None:
 
 
 def test_move_joints_arrives_and_may_be_put_again(tiago: Commanded) -> None:
-    """Degree, radian, metre and millimetre in one body; PUT once more changes nothing."""
+    """Degree, radian, metre and millimetre in one body; a second PUT changes nothing."""
     tiago.assume("home")
     wanted = {"arm_1_joint": ("40", "maths:Degree"), "arm_2_joint": ("-0.4", "unit:RAD")}
     wanted |= {"torso_lift_joint": ("180", "unit:MilliM"), "head_1_joint": ("0.2", "vom:Radian")}
@@ -151,7 +151,7 @@ def test_move_joints_arrives_and_may_be_put_again(tiago: Commanded) -> None:
 
 
 def test_follow_trajectory_ends_at_the_last_waypoint(ur5: Commanded) -> None:
-    """Waypoints in any order, by their times; its duration is that of the last one."""
+    """Waypoints in any order, sorted by time; the duration is that of the last one."""
     ur5.assume("home")
     last = {"shoulder_pan_joint": 0.5, "wrist_3_joint": -0.5}
     rows = {3.0: last, 1.5: {"shoulder_pan_joint": 0.3, "wrist_3_joint": -0.2}}
@@ -162,7 +162,7 @@ def test_follow_trajectory_ends_at_the_last_waypoint(ur5: Commanded) -> None:
 
 
 def test_reach_brings_a_link_to_a_position(ur5: Commanded) -> None:
-    """From where the link's pose says it is, 50 mm to the side: the pose says so afterwards, within 1 mm."""
+    """50 mm to the side of the link's present pose: afterwards the pose is correct within 1 mm."""
     ur5.assume("home")
 
     def position() -> tuple[float, ...]:
@@ -195,7 +195,7 @@ def test_assume_pose_takes_the_names_of_the_annotations(ur5: Commanded) -> None:
 
 
 def test_stop_cancels_all_motions_of_the_robot(ur5: Commanded) -> None:
-    """Two motions of different joints at once, both cancelled by it."""
+    """Two simultaneous motions of different joints are both cancelled."""
     ur5.assume("home")
     motions = [ur5.begin(LF.Rotate, scalar(1.5, more=_SLOWLY), j) for j in ("shoulder_pan_joint", "wrist_3_joint")]
     eventually(lambda: _positions(ur5)["wrist_3_joint"] > 0.05, "both under way")
@@ -205,7 +205,7 @@ def test_stop_cancels_all_motions_of_the_robot(ur5: Commanded) -> None:
 
 
 def test_stop_all_is_answered_by_every_robot(browser: Browser, ur5: Commanded, tiago: Commanded) -> None:
-    """The fleet's invocation: all robots answered, and what two of them were at has ended by it."""
+    """All robots answer the fleet's invocation, and the motions of two of them end by it."""
     for client in (ur5, tiago):
         client.assume("home")
     motions = [ur5.begin(LF.Rotate, scalar(1.5, more=_SLOWLY), "shoulder_pan_joint")]
@@ -221,7 +221,7 @@ def test_stop_all_is_answered_by_every_robot(browser: Browser, ur5: Commanded, t
 
 
 def test_dry_run_moves_nothing(ur5: Commanded) -> None:
-    """200 with a rehearsal that says how long it would take; Preference-Applied names it, there is no Location."""
+    """200 with a rehearsal and its duration; Preference-Applied names it, there is no Location."""
     ur5.assume("home")
     before = _positions(ur5)
     answer = ur5.ask(LF.Rotate, scalar(1.5), "shoulder_pan_joint", prefer="dry-run")
@@ -233,7 +233,7 @@ def test_dry_run_moves_nothing(ur5: Commanded) -> None:
 
 
 def test_what_no_shape_covers_is_ignored(ur5: Commanded) -> None:
-    """JSON-LD with other types and predicates at every level does what it would do without them."""
+    """JSON-LD with foreign types and predicates at every level works as without them."""
     ur5.assume("home")
     body = {
         "@context": ["https://w3id.org/linked-fleet/context", {"ex": "http://example.org/"}],
@@ -254,7 +254,7 @@ def test_what_no_shape_covers_is_ignored(ur5: Commanded) -> None:
 
 
 def test_a_motion_right_after_a_stop_is_none_of_those_before(browser: Browser) -> None:
-    """What a stop overtakes is refused as stale; what is asked for once it is answered is not."""
+    """Commands overtaken by a stop are refused as stale; those sent after its answer are not."""
     robot = Commanded(browser, "ur5")
     rotate, stop = robot.action(LF.Rotate, "wrist_1_joint"), browser.action(robot.page, LF.StopRobot)
     for turn in range(20):

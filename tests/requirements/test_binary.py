@@ -1,4 +1,4 @@
-"""Desideratum D5: binary frames, decoded with nothing but the layout in RDF that each answer names."""
+"""Desideratum D5: binary frames, decoded only by the RDF layout that each response names."""
 
 import math
 import struct
@@ -41,7 +41,7 @@ def _layout(scene: Theatre, answer: httpx.Response) -> Page:
 
 
 def _decoded(layout: Page, body: bytes) -> dict[str, object]:
-    """By name of the field; the layout covers every byte exactly once."""
+    """Return the values by field name; the layout covers every byte exactly once."""
     graph, found, covered = layout.graph, {}, []
     for field in graph.objects(layout.iri, LF.field):
         code, offset = "<" + CODES[str(graph.value(field, LF.fieldType))], int(graph.value(field, LF.byteOffset))
@@ -75,7 +75,7 @@ def test_a_value_has_the_version_and_the_time_of_its_rdf(scene: Theatre) -> None
 
 
 def test_every_number_leads_to_its_property_and_back(scene: Theatre) -> None:
-    """The path of each number, walked in the description of its property, ends at that very number and its unit."""
+    """The path of each number, followed in the description of its property, leads to that number and its unit."""
     with scene.toy(0.25, -0.5) as toy:
         state = str(toy.page.one(LF.jointState))
         pose = str(toy.part("tip").one(LF.pose))
@@ -97,7 +97,7 @@ def test_every_number_leads_to_its_property_and_back(scene: Theatre) -> None:
 
 
 def test_before_the_first_frame_nothing_is_invented(scene: Theatre) -> None:
-    """A robot that has said what it is and nothing more: no frame of its state, NaN and no time for a value."""
+    """A robot that has only sent its description: no frame of its state, NaN and no time for a value."""
     with stage(scene.place.zenoh) as session:
         actor = Actor(session, "silent").appear()
         part = eventually(lambda: _part(scene.browser, actor.name), "the joint of the silent robot")
@@ -120,7 +120,7 @@ def _part(browser: Browser, name: str) -> Page | None:
 
 
 def test_layouts_conform_to_their_blueprints(scene: Theatre) -> None:
-    """Of a whole state and of one value; without the type of a field, or the unit of a number, they do not."""
+    """Of a whole state and of one value; without the type of a field or the unit of a number they do not."""
     with scene.toy() as toy:
         for url in (str(toy.page.one(LF.jointState)), toy.rotation()):
             layout = _layout(scene, _get(scene, url))

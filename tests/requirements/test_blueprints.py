@@ -27,7 +27,7 @@ def _conforms(data: rdflib.Graph, shapes: rdflib.Graph) -> tuple[bool, str]:
 
 
 def _targets(page: Visited, shapes: rdflib.Graph) -> set[object]:
-    """The shapes that name the resource: an empty graph would conform to those that name its class alone."""
+    """Return the shapes that name the resource: an empty graph would conform to those that only name its class."""
     return set(shapes.subjects(SH.targetNode, page.iri))
 
 
@@ -37,7 +37,7 @@ _AT_REST = ("fleet", "robot", "joint", "link", "property")
 @pytest.mark.parametrize("kind", _AT_REST)
 def test_everything_conforms_to_its_own_blueprint(tree: Walk, kind: str) -> None:
     """Every resource is a target of its blueprint, and conforms."""
-    # One resource per kind and shape suffices for the constant ones; every joint and link is checked.
+    # Constant resources are checked once per kind and shape; every joint and link is checked.
     for page in tree.of(kind):
         shapes = _blueprint(tree, page)
         assert _targets(page, shapes), f"{page.url} is no target of its own blueprint"
@@ -46,7 +46,7 @@ def test_everything_conforms_to_its_own_blueprint(tree: Walk, kind: str) -> None
 
 
 def test_taking_a_required_triple_away_fails(tree: Walk) -> None:
-    """For one resource per shape: each predicate of the focus node that a shape counts is really required."""
+    """For one resource per shape: each counted predicate of the focus node is really required."""
     seen: set[frozenset[object]] = set()
     for page in tree.of("robot", "joint", "link", "property"):
         shapes = _blueprint(tree, page)
@@ -63,7 +63,7 @@ def test_taking_a_required_triple_away_fails(tree: Walk) -> None:
 
 
 def test_taking_a_value_away_fails(tree: Walk) -> None:
-    """Deep down as well: a rotation without its number, its unit or its axis does not conform."""
+    """Also in nested nodes: a rotation without its number, its unit or its axis does not conform."""
     page = next(page for page in tree.of("property") if page.url.endswith("/wrist_1_joint/rotation"))
     shapes = _blueprint(tree, page)
     nested = [t for t in page.graph if isinstance(t[0], rdflib.BNode)]
@@ -77,7 +77,7 @@ def test_taking_a_value_away_fails(tree: Walk) -> None:
 
 @pytest.fixture(scope="module")
 def moving(tree: Walk, browser: Browser) -> Iterator[Walk]:
-    """All that can be reached while every robot moves and is controlled by somebody."""
+    """Yield everything reachable while every robot moves and is under control."""
     leases = {}
     for robot in tree.of("robot"):
         lease = str(robot.graph.value(robot.iri, LF.lease))
@@ -93,7 +93,7 @@ def moving(tree: Walk, browser: Browser) -> Iterator[Walk]:
 
 
 def _slow(tree: Walk, robot: Visited) -> str:
-    """What turns the first joint of a robot that turns between two limits."""
+    """Return the action of the robot's first joint that rotates within limits."""
     offered = (each for each in tree.of("action") if each.url.startswith(robot.url))
     rotations = (each for each in offered if (each.iri, rdflib.RDF.type, LF.Rotate) in each.graph)
     return next(each.url for each in rotations if not _is_endless(tree, each))
@@ -105,7 +105,7 @@ def _is_endless(tree: Walk, action: Visited) -> bool:
 
 
 def _away(browser: Browser, action: str) -> str:
-    """To the middle of its limits, so slowly that it goes on while everything is read."""
+    """Move to the middle of the limits, slowly enough to continue while everything is read."""
     page = browser.page(action)
     (joint,) = page.graph.objects(page.iri, rdflib.RDFS.seeAlso)
     limits = browser.page(str(browser.page(str(joint)).one(LF.limits)))
@@ -117,7 +117,7 @@ def _away(browser: Browser, action: str) -> str:
 
 
 def _as_at_rest(page: Visited, blueprint: Visited, tree: Walk) -> bool:
-    """Whether both are, byte for byte, what has been looked at already."""
+    """Return True if both are byte-identical to what has been checked already."""
     before = tree.pages.get(page.url)
     if before is None or before.kind not in _AT_REST:
         return False
@@ -145,7 +145,7 @@ def test_everything_conforms_while_robots_move(tree: Walk, moving: Walk) -> None
 
 
 def test_a_subscription_conforms_to_its_own_blueprint(browser: Browser) -> None:
-    """One that waits for its client, of a robot."""
+    """A robot's stream that waits for its client."""
     robot = browser.robot("ur5")
     body = f"<> a <{HYBRIT.Subscription}> ; <{HYBRIT.onResource}> <{robot.url}> ."
     answer = post(browser, str(robot.one(HYBRIT.subscriptions)), body)
@@ -160,7 +160,7 @@ def test_a_subscription_conforms_to_its_own_blueprint(browser: Browser) -> None:
 
 
 def test_every_action_conforms(moving: Walk) -> None:
-    """Figure 5a: each action of fleet, robots, joints and invocations to what the gateway says of actions."""
+    """Figure 5a: each action of fleet, robots, joints and invocations conforms to the blueprint of actions."""
     shapes = rdflib.Graph().parse(_SHAPES / "blueprints.ttl")
     kinds = set()
     for page in moving.of("action"):

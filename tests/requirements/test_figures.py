@@ -1,4 +1,4 @@
-"""The paper's figures come out of the running Baxter (corrections: docs/PAPER.md)."""
+"""The paper's figures are served by the running Baxter (corrections: docs/PAPER.md)."""
 
 from pathlib import Path
 
@@ -26,7 +26,7 @@ def _same(served: rdflib.Graph, golden: rdflib.Graph) -> None:
 
 
 def _part(served: rdflib.Graph, golden: rdflib.Graph, root: object) -> rdflib.Graph:
-    """What ``served`` says of ``root`` in the figure's terms, with the blank nodes below; numbers become zero."""
+    """Return what ``served`` says of ``root`` in the figure's terms, with blank nodes below; numbers become zero."""
     found = rdflib.Graph()
     pending = [root]
     while pending:
@@ -43,7 +43,7 @@ def _part(served: rdflib.Graph, golden: rdflib.Graph, root: object) -> rdflib.Gr
 
 
 def _numbers_as_floats(graph: rdflib.Graph) -> rdflib.Graph:
-    """Axes compare by value: "1" and "1.0" of the figures and ours are the same xsd:float."""
+    """Axes compare by value: "1" and "1.0" are the same xsd:float."""
     found = rdflib.Graph()
     for s, p, o in graph:
         is_float = isinstance(o, Literal) and o.datatype == rdflib.XSD.float
@@ -52,14 +52,14 @@ def _numbers_as_floats(graph: rdflib.Graph) -> rdflib.Graph:
 
 
 def test_figure_2b_joint(browser: Browser) -> None:
-    """Every triple of Figure 2b, and no other value for a predicate that has one there."""
+    """Every triple of Figure 2b, and no other value for one of its predicates."""
     page = browser.part("baxter", "right_s1")
     golden = _golden("figure_2b.ttl", browser.robot("baxter").url)
     _same(_part(page.graph, golden, page.iri), golden)
 
 
 def test_figure_3_property(browser: Browser) -> None:
-    """Figure 3, from following hybrit:property of right_s1 to its rotation."""
+    """Figure 3, by following hybrit:property of right_s1 to its rotation."""
     joint = browser.part("baxter", "right_s1")
     page = browser.page(str(joint.one(URIRef("http://ros.org/#rotation"))))
     golden = _numbers_as_floats(_golden("figure_3.ttl", browser.robot("baxter").url))
@@ -67,7 +67,7 @@ def test_figure_3_property(browser: Browser) -> None:
 
 
 def test_figure_2a_blueprint(browser: Browser) -> None:
-    """Figure 2a: the four property shapes of the figure stand so in the blueprint of right_s1."""
+    """Figure 2a: the four property shapes of the figure are in the blueprint of right_s1."""
     joint = browser.part("baxter", "right_s1")
     shape = URIRef("http://ros.org/#RevoluteJointShape")
     (url,) = [o for o in joint.graph.objects(joint.iri, HYBRIT.blueprint) if o != shape]
@@ -86,7 +86,7 @@ def test_figure_2a_blueprint(browser: Browser) -> None:
 
 
 def test_figure_5a_action(browser: Browser) -> None:
-    """Figure 5a: the description of rotate; aside from words, what else it may say, and where to look further."""
+    """Figure 5a: the description of rotate; without texts, optional additions and further links."""
     joint = browser.part("baxter", "right_s1")
     page = browser.page(browser.action(joint, LF.Rotate))
     words = (DCTERMS.title, DCTERMS.identifier, RDFS.comment, SH.name, SH.description)
@@ -101,7 +101,7 @@ def test_figure_5a_action(browser: Browser) -> None:
 
 
 def _cut(graph: rdflib.Graph, node: rdflib.term.Node) -> None:
-    """Remove what is said of a blank node, and of those below it."""
+    """Remove the facts about a blank node, and those below it."""
     graph.remove((None, None, node))
     for _, predicate, value in list(graph.triples((node, None, None))):
         graph.remove((node, predicate, value))

@@ -1,4 +1,4 @@
-"""R0.7 and R0.8 of the paper on every action of every robot: each joint is asked to go where it is."""
+"""R0.7 and R0.8 of the paper on every action of every robot; each joint is sent to its present position."""
 
 import math
 from collections.abc import Callable
@@ -26,7 +26,7 @@ def _kind(action: Visited, *kinds: URIRef) -> bool:
 
 
 def _bound(action: Visited, method: str) -> str | None:
-    """Where to send a request by this method, as the description binds it."""
+    """Return the URL for this method, as bound in the description."""
     for request in action.graph.objects(action.iri, HYBRIT.binding):
         if str(action.graph.value(request, _HTTP.mthd)).endswith(f"#{method}"):
             return str(action.graph.value(request, _HTTP.requestURI))
@@ -34,7 +34,7 @@ def _bound(action: Visited, method: str) -> str | None:
 
 
 def _stay(tree: Walk, browser: Browser, action: Visited) -> str:
-    """A body that asks for no change; of a robot's actions with the first of its joints that is offered one."""
+    """Return a body without effect; for actions of a robot, with its first available joint."""
     if _kind(action, *_NO_BODY):
         return ""
     if _kind(action, *_ABSOLUTE):
@@ -57,7 +57,7 @@ def _stay(tree: Walk, browser: Browser, action: Visited) -> str:
 
 
 def _present_pose(browser: Browser, shape: rdflib.Graph) -> str:
-    """Where the last link is that the shape of ``reach`` names."""
+    """Return the pose of the last link that the shape of ``reach`` names."""
     (links,) = [list(Collection(shape, shape.value(each, SH["in"]))) for each in shape.subjects(SH.path, LF.ofLink)]
     page = browser.page(str(browser.page(str(links[-1])).one(LF.pose)))
     position = page.graph.value(page.iri, LF.position)
@@ -67,7 +67,7 @@ def _present_pose(browser: Browser, shape: rdflib.Graph) -> str:
 
 
 def _invoke(tree: Walk, browser: Browser, action: Visited, method: str) -> str:
-    """The invocation, which the answer leads to."""
+    """Return the invocation, which the response links."""
     url, body = _bound(action, method), _stay(tree, browser, action)
     assert url is not None
     answer = browser.http.request(method, url, content=body, headers=TURTLE if body else {})
@@ -76,7 +76,7 @@ def _invoke(tree: Walk, browser: Browser, action: Visited, method: str) -> str:
 
 
 def _place(browser: Browser, action: Visited) -> str:
-    """The present position in the unit of the shape's last branch (SI), within its bounds, as the body says it."""
+    """Return the present position in the unit of the shape's last branch (SI), within its limits, for a body."""
     unit, low, high, clip = _last_branch(action.graph)
     joint = str(action.graph.value(action.iri, rdflib.RDFS.seeAlso))
     graph = browser.page(joint).graph
@@ -117,7 +117,7 @@ def test_r0_7_and_r0_8_every_joint_answers_204_with_location(tree: Walk, browser
 
 @pytest.mark.parametrize("method", ["POST", "PUT"])
 def test_r0_7_and_r0_8_of_what_else_there_is(tree: Walk, browser: Browser, method: str) -> None:
-    """One kind after the other, at everything that offers it: they would end each other."""
+    """One kind after another, at everything that offers it, because they would end each other."""
     done = set()
     for kind in (*_OTHERS, *_NO_BODY):
         actions = [each for each in tree.of("action") if _kind(each, kind) and _bound(each, method) is not None]

@@ -97,7 +97,7 @@ def test_r1_5_terms_are_standard_or_described(tree: Walk) -> None:
 def _inputs(triples: Sequence[Triple]) -> set[object]:
     """Return the nodes of the inputs of invocations."""
     found = [each.object for each in triples if each.predicate.value == str(LF.input)]
-    for node in found:  # grows
+    for node in found:  # it grows
         found += [t.object for t in triples if t.subject == node and isinstance(t.object, BlankNode)]
     return set(found)
 

@@ -26,7 +26,7 @@ _SERVICE = URIRef("http://www.w3.org/ns/sparql-service-description#Service")
 
 
 def _writes(tree: Walk, page: Visited) -> set[str]:
-    """Methods that change something: what subscriptions take beside these is shown with them."""
+    """Return the methods that change something; those of subscriptions are listed separately."""
     if page.kind == "action":
         bindings = page.graph.objects(page.iri, HYBRIT.binding)
         return {str(page.graph.value(each, HTTP.mthd)).rpartition("#")[2] for each in bindings}
@@ -51,7 +51,7 @@ def _takes_body(page: Visited) -> bool:
 
 
 def _about(page: Visited) -> list[URIRef]:
-    """The thing that a container belongs to, or what answers queries, by its own word."""
+    """Return the thing that a container belongs to, or the resource that answers queries, as it states."""
     if page.kind != "container" and (page.iri, RDF.type, _SERVICE) not in page.graph:
         return []
     return [URIRef(str(iri)) for iri in page.graph.objects(page.iri, RDFS.seeAlso)]
@@ -81,10 +81,10 @@ def test_r0_4_root_answers_get(tree: Walk, http: httpx.Client) -> None:
 
 
 def test_r0_5_get_everywhere_and_writes_where_they_mean_something(tree: Walk, http: httpx.Client) -> None:
-    """R0.5: actions, settings, leases and containers of subscriptions take what they say; elsewhere it is 405.
+    """R0.5: actions, settings, leases and containers of subscriptions accept what they advertise; elsewhere it is 405.
 
-    What an empty request would really change is left alone. The first three resources of each type get every method,
-    the others one each in turn.
+    Methods whose empty request would have an effect are skipped. The first three resources of each type get every
+    method, the others one each in turn.
     """
     methods = ("POST", "PUT", "DELETE", "PATCH")
     seen = Counter[frozenset[object]]()
@@ -102,7 +102,7 @@ def test_r0_5_get_everywhere_and_writes_where_they_mean_something(tree: Walk, ht
 
 
 def test_r0_6_generic_status_codes(tree: Walk, http: httpx.Client) -> None:
-    """R0.6: 200 for what is there, 400 for what cannot be parsed (500 is held by the endpoint's own test)."""
+    """R0.6: 200 for existing resources, 400 for unparsable requests (500 is tested with the endpoint)."""
     assert all(page.response.status_code == 200 for page in tree)
     for action in [page for page in tree.of("action") if _takes_body(page)][:20]:
         if "POST" not in _writes(tree, action):
@@ -134,7 +134,7 @@ def test_r0_9_link_header_is_complete_on_small_things(tree: Walk) -> None:
 
 
 def test_r0_10_options_and_allow_on_every_resource(tree: Walk, http: httpx.Client) -> None:
-    """R0.10: OPTIONS says exactly which methods are possible, and what a body may be."""
+    """R0.10: OPTIONS lists exactly the possible methods and accepted bodies."""
     for page in tree:
         answer = http.options(page.url)
         assert answer.status_code == 204
@@ -149,7 +149,7 @@ def test_r0_10_options_and_allow_on_every_resource(tree: Walk, http: httpx.Clien
 def test_r0_11_etag_on_every_representation_and_head(tree: Walk, http: httpx.Client) -> None:
     """R0.11: a strong entity tag on every GET and HEAD; HEAD has the headers of GET and no body.
 
-    The list of all things is streamed, so its tag is known before its bytes are, and is weak.
+    The list of all things is streamed: its tag precedes its bytes, and is therefore weak.
     """
     for page in tree:
         tag = page.response.headers["etag"]

@@ -1,4 +1,4 @@
-"""R0.5: what may be replaced of a robot by PUT, at any gateway and for good; and what may not."""
+"""R0.5: what of a robot may be replaced by PUT, at any gateway and permanently, and what may not."""
 
 import signal
 from collections.abc import Iterator
@@ -77,7 +77,7 @@ def _scalar(value: object, unit: str = "unit:UNITLESS") -> str:
 
 
 def _titles(browser: Browser) -> set[str]:
-    """Of the robot: in the fleet, in its own description, and as a property."""
+    """Return the robot's titles in the fleet, in its own description, and as a property."""
     fleet, robot = browser.page(browser.root), browser.robot("ur5")
     setting = _title(browser)
     return {
@@ -121,7 +121,7 @@ _RDFS = "@prefix rdfs: <http://www.w3.org/2000/01/rdf-schema#> .\n"
 
 
 def test_a_pose_in_annotations_can_be_assumed(pair: tuple[Gateway, Gateway]) -> None:
-    """Put at one, offered and assumed at the other; the comment is on the robot there."""
+    """Put at one gateway, offered and assumed at the other, where the robot has the comment."""
     one, other = pair
     answer = put(one.browser, _setting(one.browser, LF.annotations).url, _RDFS + PREFIXES + _POSE)
     assert answer.status_code == 204, answer.text
@@ -151,7 +151,7 @@ def test_annotations_are_replaced_as_they_were_read(pair: tuple[Gateway, Gateway
 
 
 def test_clients_cannot_lose_what_the_robot_says(pair: tuple[Gateway, Gateway]) -> None:
-    """PUT replaces what clients said, DELETE takes it away; comments and named poses of the agent stay all along."""
+    """PUT replaces the clients' statements, DELETE removes them; comments and named poses of the agent always stay."""
     one, _ = pair
     url = _setting(one.browser, LF.annotations).url
     assert one.browser.http.delete(url).status_code == 204
@@ -194,7 +194,7 @@ def test_what_annotations_would_lose_is_refused(pair: tuple[Gateway, Gateway]) -
     ],
 )
 def test_the_gateway_alone_says_what_its_terms_mean(pair: tuple[Gateway, Gateway], said: str) -> None:
-    """422 for any of its terms; the annotations stay."""
+    """422 for any term of the gateway; the annotations stay."""
     one, _ = pair
     setting = _setting(one.browser, LF.annotations)
     answer = put(one.browser, setting.url, PREFIXES + said)
@@ -203,7 +203,7 @@ def test_the_gateway_alone_says_what_its_terms_mean(pair: tuple[Gateway, Gateway
 
 
 def test_annotations_are_bounded(pair: tuple[Gateway, Gateway]) -> None:
-    """413 for a body beyond what is read and for too many triples, 422 for what is longer when it is written out."""
+    """413 for a body beyond the limit and for too many triples, 422 if it is too long when serialized."""
     one, _ = pair
     url = _setting(one.browser, LF.annotations).url
     comment = '<./> rdfs:comment "{}" .'
@@ -223,7 +223,7 @@ def test_annotations_are_bounded(pair: tuple[Gateway, Gateway]) -> None:
 
 
 def test_a_robot_can_be_slowed_down(pair: tuple[Gateway, Gateway]) -> None:
-    """A maximum speed scale of 0.3 at one gateway makes the same motion take about three times as long at the other."""
+    """A maximum speed scale of 0.3 set at one gateway makes a motion at the other take about three times as long."""
     one, other = pair
     url = _setting(one.browser, LF.maximumSpeedScale).url
     durations = []
@@ -240,7 +240,7 @@ def _scale(gateway: Gateway) -> float | URIRef:
 
 
 def _rehearsed(browser: Browser) -> float:
-    """How long a turn by 2 rad would take, in seconds."""
+    """Return how long a rotation by 2 rad would take, in seconds."""
     start = angle(browser, PAN)
     target = start + (2 if start < 0 else -2)
     body = PREFIXES + f"<> vom:numericalValue {target} ; vom:unit unit:RAD ."
@@ -265,7 +265,7 @@ def test_a_speed_scale_is_a_share(pair: tuple[Gateway, Gateway], value: str) -> 
 
 
 def test_a_joint_is_moved_by_its_target(pair: tuple[Gateway, Gateway]) -> None:
-    """PUT moves it, and GET shows where to, also when it is put again; once the robot is stopped, nobody can say."""
+    """PUT moves it, and GET shows the target, also after another PUT; after a stop the target is unknown."""
     one, _ = pair
     browser = one.browser
     for target in (0.9, 0.4):
@@ -289,7 +289,7 @@ def test_a_joint_is_moved_by_its_target(pair: tuple[Gateway, Gateway]) -> None:
 
 
 def test_a_setting_is_replaced_only_as_it_was_read(pair: tuple[Gateway, Gateway]) -> None:
-    """If-Match: 412 with an old tag, which the other gateway has too; 204 with the present one."""
+    """If-Match: 412 with an old tag, at the other gateway too; 204 with the present one."""
     one, other = pair
     url = _title(one.browser).url
     old = one.get(url).headers["etag"]
@@ -310,7 +310,7 @@ def _options(browser: Browser, url: str) -> httpx.Headers:
 
 
 def test_what_can_be_put_says_so(pair: tuple[Gateway, Gateway]) -> None:
-    """Allow and Accept-Put by OPTIONS and by GET of every property of robot and joint; the rest is 405."""
+    """OPTIONS and GET of every property of robot and joint state Allow and Accept-Put; the rest is 405."""
     one, _ = pair
     robot, joint = one.browser.robot("ur5"), one.browser.part("ur5", WRIST)
     urls = {str(url) for page in (robot, joint) for url in page.graph.objects(page.iri, HYBRIT.property)}
@@ -322,7 +322,7 @@ def test_what_can_be_put_says_so(pair: tuple[Gateway, Gateway]) -> None:
     for url in urls:
         fields = [_options(one.browser, url), one.get(url).headers]
         allow, types = (f"{_READ}, PUT", _TYPES) if url in settable else (_READ, None)
-        if types and url != str(robot.one(LF.annotations)):  # of which nobody knows what members would mean
+        if types and url != str(robot.one(LF.annotations)):  # whose members have no known meaning
             types += ", application/json"
         allow += ", PATCH" if types and url != str(joint.one(LF.targetRotation)) else ""
         allow += ", DELETE" if url in {str(robot.one(each)) for each in (LF.annotations, LF.placement)} else ""
@@ -334,7 +334,7 @@ def test_what_can_be_put_says_so(pair: tuple[Gateway, Gateway]) -> None:
 
 
 def test_without_redis_nothing_is_set(tmp_path: Path) -> None:
-    """503, and what was set stays to be seen."""
+    """503, and former settings stay visible."""
     with (
         hub() as stage,
         single(tmp_path) as memory,

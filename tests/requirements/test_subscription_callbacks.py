@@ -71,7 +71,7 @@ def test_r0_16_upgrade_callback_creates_a_subscription(scene: Theatre, receiver:
 
 
 def test_r0_13_deliveries_are_complete_and_in_order(scene: Theatre, receiver: CallbackReceiver) -> None:
-    """R0.13: the present state, then each change; who, what and which in the header, numbers without a gap."""
+    """R0.13: the present state, then each change; id, resource and version in the header, numbers without a gap."""
     with scene.toy(0.25) as toy:
         url = _subscribe(scene, toy.rotation(), receiver.url()).headers["location"]
         for count, angle in enumerate((0.25, 0.5, 0.75), 1):
@@ -103,7 +103,7 @@ def test_r0_13_deliveries_are_complete_and_in_order(scene: Theatre, receiver: Ca
 
 
 def test_r0_16_connection_stays_usable(scene: Theatre, receiver: CallbackReceiver) -> None:
-    """R0.16: never 101: the next request on the same connection is answered, after a refusal as well."""
+    """R0.16: never 101: the next request on the same connection is answered, even after a refusal."""
     with scene.toy() as toy:
         parts = urlsplit(toy.rotation())
         connection = http.client.HTTPConnection(parts.netloc, timeout=15)
@@ -143,7 +143,7 @@ _UNUSABLE = (
 
 
 def test_r0_14_unusable_callbacks_are_refused(scene: Theatre) -> None:
-    """R0.14, R0.16: a problem that says what is wrong with it, by Upgrade and by POST; nothing is stored."""
+    """R0.14, R0.16: a problem that says what is wrong, by Upgrade and by POST; nothing is stored."""
     with scene.toy() as toy:
         container, rotation = toy.subscriptions(), toy.rotation()
         for callback in _UNUSABLE:

@@ -34,7 +34,7 @@ def _post(browser: Browser, container: str, body: str, **fields: str) -> httpx.R
 
 
 def _stream(scene: Theatre, toy: Toy, more: str = "") -> str:
-    """Where a stream that was made by POST is to be opened."""
+    """Return the URL at which a stream created by POST can be opened."""
     body = f"<> a hybrit:Subscription ; hybrit:onResource <{toy.rotation()}> {more} ."
     answer = _post(scene.browser, toy.subscriptions().url, body)
     assert answer.status_code == 201, answer.text
@@ -42,7 +42,7 @@ def _stream(scene: Theatre, toy: Toy, more: str = "") -> str:
 
 
 def test_r1_8_figure_4_can_be_posted_and_is_what_the_container_says(browser: Browser) -> None:
-    """Figure 4 with real IRIs, posted to right_s1's container: all that it says is served, under the new IRI."""
+    """Figure 4 with real IRIs, posted to right_s1's container: all of its statements are served, under the new IRI."""
     joint = browser.part("baxter", "right_s1")
     container = str(joint.one(HYBRIT.subscriptions))
     with receiving() as receiver:
@@ -200,7 +200,7 @@ def test_r1_8_posted_stream_is_opened_at_its_location(scene: Theatre) -> None:
 
 
 def test_r1_8_callbacks_are_not_opened(scene: Theatre) -> None:
-    """R1.8: the address of a callback subscription is read and deleted, its messages go to the receiver alone."""
+    """R1.8: the IRI of a callback subscription can be read and deleted; its messages only go to the receiver."""
     with scene.toy() as toy, receiving() as receiver:
         url = _stream(scene, toy, f'; hybrit:callbackURL "{receiver.url()}"')
         assert refused(url).status_code == 409
@@ -272,7 +272,7 @@ def test_r1_8_what_cannot_be_subscribed_to_is_422(scene: Theatre) -> None:
 
 
 def test_r1_8_too_many_per_client_is_429(tmp_path: Path) -> None:
-    """A client that has as many as it may have gets a problem for each kind, and nothing more is stored."""
+    """A client at its limit gets a problem for each kind, and nothing more is stored."""
     with theatre(Place(tmp_path), "--subscriptions-per-client", "2") as scene, scene.toy() as toy:
         rotation, container = toy.rotation(), toy.subscriptions().url
         body = f"<> a hybrit:Subscription ; hybrit:onResource <{rotation}>"
@@ -292,7 +292,7 @@ def test_r1_8_too_many_per_client_is_429(tmp_path: Path) -> None:
         refusal = refused(rotation)
         assert (refusal.status_code, "Delete some" in json.loads(refusal.body)["detail"]) == (429, True)
         assert members(toy.subscriptions()) == {one, two}
-        with Socket(one) as socket:  # what is there may be opened
+        with Socket(one) as socket:  # existing ones may be opened
             socket.next("text/turtle")
         assert scene.browser.http.delete(two).status_code == 204
         with Socket(rotation) as socket:

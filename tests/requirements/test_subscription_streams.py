@@ -45,7 +45,7 @@ def scene(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Theatre]:
 
 
 def _same(message: Said, browser: Browser, url: str) -> None:
-    """A message is what a GET says, with its version."""
+    """Check that a message equals a GET, with its version."""
     assert message.iri == URIRef(url)
     assert isomorphic(message.state, browser.page(url).graph), f"{message.body.decode()}\n{url}"
 
@@ -64,7 +64,7 @@ def test_r0_12_and_r0_15_websocket_on_rotation_joint_robot_and_fleet(scene: Thea
             for socket in (one, two, three):
                 _same(socket.next(), scene.browser, socket.url)
             assert angle_in(scene.browser.page(rotation).graph, URIRef(rotation)) == 0.5
-            with scene.toy() as other:  # to the fleet values are no news, robots are
+            with scene.toy() as other:  # for the fleet values are no news, robots are
                 appeared = other.page
                 news = four.next()
                 while (appeared.iri, LF.presence, LF.online) not in news.graph:
@@ -119,7 +119,7 @@ def test_r0_15_websocket_on_an_invocation(browser: Browser) -> None:
 
 
 def test_r0_12_refusals_come_before_the_handshake(scene: Theatre) -> None:
-    """R0.12: what does not exist is 404, what cannot be observed 409, and neither is a subscription."""
+    """R0.12: a missing resource is 404, an unobservable one 409, and no subscription is created."""
     with scene.toy() as toy:
         assert refused(toy.part().url + "/nothing").status_code == 404
         container = toy.subscriptions()
@@ -130,13 +130,13 @@ def test_r0_12_refusals_come_before_the_handshake(scene: Theatre) -> None:
 
 
 def test_r0_12_a_resource_that_ceases_closes_its_stream(scene: Theatre) -> None:
-    """R0.12: when a new run of the robot has no such joint any more, its watchers are told by close code 4404."""
+    """R0.12: if a new run of the robot lacks the joint, its watchers get close code 4404."""
     with scene.toy() as toy, Socket(toy.rotation()) as socket, events(toy.rotation()) as stream:
         socket.next(), stream.next()
         toy.actor.incarnation += 1
         toy.actor.appear(toy.actor.description(ARM.replace("elbow", "wrist"), ("shoulder", "wrist")))
         assert socket.until_closed() == (4404, "the resource does not exist any more")
-        while not stream.ended():  # that the run before is over came first
+        while not stream.ended():  # the end of the former run came first
             pass
         assert stream.last_event_id == "cancelled"
 
@@ -163,7 +163,7 @@ def test_r0_14_upgrade_counts_only_as_a_connection_option(scene: Theatre) -> Non
 
 
 def test_r0_15_an_opening_without_its_key_is_refused(scene: Theatre) -> None:
-    """RFC 6455, 4.2.2: a WebSocket opening without Sec-WebSocket-Key gets 400; HEAD and other methods ignore it."""
+    """RFC 6455, 4.2.2: a WebSocket handshake without Sec-WebSocket-Key gets 400; HEAD and other methods ignore it."""
     with scene.toy() as toy:
         fields = {"upgrade": "websocket", "connection": "upgrade", "sec-websocket-version": "13"}
         answer = scene.browser.http.get(toy.rotation(), headers=fields)
@@ -173,7 +173,7 @@ def test_r0_15_an_opening_without_its_key_is_refused(scene: Theatre) -> None:
 
 
 def test_r0_14_head_creates_nothing(scene: Theatre) -> None:
-    """R0.14: HEAD with any way to subscribe is answered like a HEAD, and the container stays empty."""
+    """R0.14: HEAD with any form of subscribing is answered like a HEAD, and the container stays empty."""
     with scene.toy() as toy:
         key = {"sec-websocket-key": "dGhlIHNhbXBsZSBub25jZQ==", "sec-websocket-version": "13"}
         for fields in (
@@ -217,7 +217,7 @@ def test_r0_17_turtle_by_default(scene: Theatre) -> None:
 
 
 def test_r0_17_event_stream_is_chosen_by_preference(scene: Theatre) -> None:
-    """R0.17: who likes a plain type better than an event stream gets that; nothing is created."""
+    """R0.17: a client that prefers a plain type to an event stream gets that; nothing is created."""
     with scene.toy() as toy:
         for accept in ("text/turtle, text/event-stream;q=0.5", "text/event-stream;q=0, */*"):
             answer = scene.browser.http.get(toy.rotation(), headers={"accept": accept})
@@ -261,7 +261,7 @@ def test_r0_17_binary_frames(scene: Theatre) -> None:
 
 
 def test_r0_17_jelly(scene: Theatre) -> None:
-    """R0.17: each message in Jelly, binary and complete in itself; as an event, which is text, it cannot be had."""
+    """R0.17: each message in Jelly, binary and complete in itself; not available as an event, which is text."""
     with scene.toy() as toy:
         url = toy.rotation()
         with (
@@ -286,7 +286,7 @@ def test_r0_17_jelly(scene: Theatre) -> None:
 
 
 def test_r0_17_unacceptable_types_are_406_with_what_there_is(scene: Theatre) -> None:
-    """R0.17: 406 names the types that there are, and for a WebSocket the subprotocols as well."""
+    """R0.17: 406 lists the available types, and for a WebSocket the subprotocols as well."""
     with scene.toy() as toy:
         url = toy.rotation()
         callback = {"upgrade": "callback", "connection": "upgrade", "callback": "http://127.0.0.1:9/"}
@@ -305,7 +305,7 @@ def test_r0_17_unacceptable_types_are_406_with_what_there_is(scene: Theatre) -> 
 
 
 def test_change_means_change(scene: Theatre) -> None:
-    """Frames that repeat a value, or move it by less than its resolution, are no message; the next move is the next."""
+    """Frames that repeat a value, or move it by less than its resolution, cause no message."""
     with scene.toy(0.25) as toy, Socket(toy.rotation()) as socket, events(toy.rotation()) as stream:
         first = socket.next()
         assert stream.next().version == first.version
@@ -317,7 +317,7 @@ def test_change_means_change(scene: Theatre) -> None:
 
 
 def test_presence_is_news_of_all_that_a_robot_has(scene: Theatre) -> None:
-    """When a robot goes, its own watchers, those of its parts and properties, and the fleet's are told."""
+    """When a robot goes, the watchers of the robot, its parts and properties, and of the fleet are told."""
     with scene.toy() as toy:
         robot, urls = toy.page.url, [toy.page.url, toy.part().url, toy.rotation(), toy.part("tip").url]
         sockets = [Socket(url) for url in [*urls, scene.root, urls[0] + "?depth=this", urls[1] + "?depth=this"]]
@@ -334,7 +334,7 @@ def test_presence_is_news_of_all_that_a_robot_has(scene: Theatre) -> None:
 
 
 def test_depth_this_is_without_values(scene: Theatre) -> None:
-    """``depth=this``: values that move are no news of a joint, presence is; the description says what was asked for."""
+    """``depth=this``: for a joint values are no news, presence is; the description shows the requested depth."""
     with scene.toy() as toy:
         url = toy.part().url
         this = Socket(url + "?depth=this")
@@ -373,7 +373,7 @@ def test_subtree_watches_a_robot_on_one_connection(scene: Theatre) -> None:
 
 
 def test_deadband_and_interval(scene: Theatre) -> None:
-    """What moves less than the deadband is no news; within an interval values are conflated and the last one comes."""
+    """A move below the deadband is no news; within an interval values are conflated and the last one comes."""
     with scene.toy() as toy:
         url = toy.rotation()
         with Socket(url) as all_, Socket(url + "?deadband=0.2") as rough, events(url + "?interval=1") as rare:
@@ -414,7 +414,7 @@ def test_deadband_and_interval(scene: Theatre) -> None:
 
 
 def test_resuming_with_the_present_version(scene: Theatre) -> None:
-    """Who comes back with the present version gets nothing before a change: by header, by query, by event stream."""
+    """With the present version nothing comes before a change: by header, by query, by event stream."""
     with scene.toy(0.25) as toy:
         url = toy.rotation()
         with events(url) as before:
@@ -437,7 +437,7 @@ def test_resuming_with_the_present_version(scene: Theatre) -> None:
 
 
 def test_resuming_after_a_change_that_was_missed(scene: Theatre) -> None:
-    """Who missed something gets the fresh state at once; so does who names a version that never was."""
+    """After a missed change, or with a version that never existed, the present state comes at once."""
     with scene.toy(0.25) as toy:
         url = toy.rotation()
         with Socket(url) as before:
@@ -456,7 +456,7 @@ def test_resuming_after_a_change_that_was_missed(scene: Theatre) -> None:
 
 
 def test_resuming_a_subtree_brings_all_of_it(scene: Theatre) -> None:
-    """The version of one resource says nothing about the others: a subtree is brought whole, its root too."""
+    """The version of one resource says nothing about the others: the whole subtree is sent, including its root."""
     with scene.toy() as toy:
         url = toy.part().url + "?depth=subtree"
         joint = toy.part()
@@ -470,7 +470,7 @@ def test_resuming_a_subtree_brings_all_of_it(scene: Theatre) -> None:
 
 
 def test_versions_are_the_same_for_all(scene: Theatre) -> None:
-    """The number of a message is that of the resource: whoever watches, however, and whenever they began."""
+    """Versions belong to the resource: they are the same for all watchers, whenever and however they began."""
     with scene.toy() as toy:
         url = toy.rotation()
         with Socket(url, "application/ld+json") as one, events(url) as two:
@@ -483,7 +483,7 @@ def test_versions_are_the_same_for_all(scene: Theatre) -> None:
 
 
 def test_r0_12_streams_under_every_name_of_the_gateway(fleet: RunningFleet, browser: Browser) -> None:
-    """R0.12: who asks under another public name of the gateway is answered in that name's IRIs."""
+    """R0.12: requests under another public name of the gateway are answered with that name's IRIs."""
     joint = browser.part("baxter", "right_w0")
     path, port = urlsplit(str(joint.one(ROS.rotation))).path, urlsplit(fleet.root).port
     with Socket(f"http://localhost:{port}{path}") as socket:

@@ -30,26 +30,26 @@ _OTHERS = {
 
 @dataclass
 class Visited:
-    """One resource of the tree with what was served for it."""
+    """One resource of the tree with its response."""
 
     url: str
     response: httpx.Response
     kind: str
     targets: set[str]
-    """What it names of the same tree."""
+    """The links to resources of the same tree."""
 
     def says(self, response: httpx.Response) -> bool:
-        """Whether it was served the same, byte for byte."""
+        """Return True if the response is byte-identical."""
         ours, other = self.response, response
         return ours.content == other.content and ours.headers.get("link") == other.headers.get("link")
 
     @cached_property
     def graph(self) -> rdflib.Graph:
-        """What it says, for those who look at it: to read all of a fleet takes a minute."""
+        """The rdflib graph, parsed on demand: parsing that of a whole fleet takes a minute."""
         return graph_of(self.triples())
 
     def triples(self) -> list[pyoxigraph.Triple]:
-        """The same, anew each time and a dozen times as fast."""
+        """The triples, parsed each time, and a dozen times as fast."""
         return _triples(self.url, self.response)
 
     @property
@@ -63,7 +63,7 @@ class Visited:
 
 @dataclass
 class Walk:
-    """Every resource that can be reached, in the order in which it was found."""
+    """Every reachable resource, in the order of discovery."""
 
     root: str
     pages: dict[str, Visited] = field(default_factory=dict)
@@ -81,7 +81,7 @@ class Walk:
 
 
 def walk(root: str, http: httpx.Client, before: Walk | None = None) -> Walk:
-    """``before`` is an earlier walk: what is the same byte for byte is taken from there."""
+    """``before``: an earlier walk, from which byte-identical resources are taken."""
     found = Walk(root)
     pending = [root]
     with _without_garbage():
@@ -105,7 +105,7 @@ def walk(root: str, http: httpx.Client, before: Walk | None = None) -> Walk:
 
 @contextlib.contextmanager
 def _without_garbage() -> Iterator[None]:
-    """Millions of objects are not looked through while they become more, nor later in the middle of another test."""
+    """Suspend garbage collection while millions of objects are created, and exclude them from later collections."""
     gc.disable()
     try:
         yield
@@ -116,7 +116,7 @@ def _without_garbage() -> Iterator[None]:
 
 
 def _answer(http: httpx.Client, url: str) -> httpx.Response:
-    """An idle connection may end in the moment in which it is used again: then the question is asked once more."""
+    """An idle connection may close at the moment of reuse: the request is then repeated once."""
     try:
         return http.get(url)
     except httpx.RemoteProtocolError:  # RFC 9112, 9.3.1
@@ -124,7 +124,7 @@ def _answer(http: httpx.Client, url: str) -> httpx.Response:
 
 
 def _triples(url: str, response: httpx.Response) -> list[pyoxigraph.Triple]:
-    """Those of a document in Turtle, none of any other."""
+    """Return the triples of a Turtle document, none of any other."""
     if not response.headers["content-type"].startswith(TURTLE):
         return []
     return triples_of(response.content, url)
@@ -140,7 +140,7 @@ def _targets(triples: list[pyoxigraph.Triple], response: httpx.Response, root: s
 
 
 def _is_followed(url: str) -> bool:
-    """Histories of values, which are never the same twice, and views of them: those of one robot stand for all."""
+    """Return False for histories, which always differ, and views of them; those of one robot stand for all."""
     return "/ur5/" in url or not ("?" in url or url.endswith("/history"))
 
 
