@@ -1,4 +1,4 @@
-"""Which rules caused that a condition started to hold, on a fleet and a clock that only the test has."""
+"""Which rules caused a condition to hold, on a simulated fleet and clock."""
 
 import itertools
 

@@ -1,4 +1,4 @@
-"""When a pattern starts to hold, by the rows before and now."""
+"""When a pattern starts to hold, by its rows before and now."""
 
 import pytest
 from pyoxigraph import BlankNode, Literal, NamedNode

@@ -1,4 +1,4 @@
-"""Rules that fire because of themselves are disabled; those that the world makes fire are left alone."""
+"""Rules that trigger themselves are disabled; those triggered by others are not."""
 
 import contextlib
 from collections.abc import Iterator
@@ -22,7 +22,7 @@ WRIST = "wrist_3_joint"
 
 
 def known(*times_s: int, revision: int = 1) -> Known:
-    """Rule ``a``, which its own firings made fire at these times, in seconds."""
+    """Return rule ``a`` with firings caused by itself at these times, in seconds."""
     found = Known(Rule("a", "a rule", "", "/ur5/actions/stop", "http://fleet", "", 0), revision)
     for number, time_s in enumerate(times_s, 1):
         times = self_caused(found, {"a"}, time_s * SECOND)
@@ -65,7 +65,7 @@ def test_what_was_suppressed_is_not_counted() -> None:
 
 @dataclass
 class Scene:
-    """``hub`` has a robot whose joint the test moves as a person would; the other robot is moved by rules."""
+    """``hub`` has a robot whose joint the test moves like a person; rules move the other robot."""
 
     hub: Hub
     one: Gateway
@@ -76,7 +76,7 @@ class Scene:
         return self.one.browser
 
     def pair(self, low: float = 0.1, high: float = 0.3) -> list[str]:
-        """Rules each of which moves a joint so that the other begins to hold."""
+        """Create two rules, each of which moves a joint so that the other's condition holds."""
         joint, action = self.browser.part("ur5", WRIST).url, of_joint(self.browser, WRIST)
         return [
             self.rule(joint, f"?x < {low}", action, high + 0.1),
@@ -113,7 +113,7 @@ def fleet(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Scene]:
 
 @pytest.fixture
 def scene(fleet: Scene) -> Iterator[Scene]:
-    """Between the two thresholds, and without rules afterwards."""
+    """Yield the scene with the joint between both thresholds, and remove all rules afterwards."""
     fleet.move(0.2)
     eventually(lambda: abs(angle(fleet.browser, WRIST) - 0.2) < 0.02, "in the middle")
     yield fleet
@@ -147,7 +147,7 @@ def metrics(gateway: Gateway) -> str:
 
 
 def test_a_rule_that_a_person_makes_fire_all_the_time_is_left_alone(scene: Scene) -> None:
-    """Its own motions last, and it says nothing of whom it moves."""
+    """Its own motions are long, and it does not state which robot it moves."""
     action = of_joint(scene.browser, WRIST)
     scene.turn(0.5)
     eventually(lambda: '"0.5"' in scene.one.get(scene.one.rotation).text, "down")

@@ -1,4 +1,4 @@
-"""The page of rules is true: its rules are ones that are taken, and its numbers are those of the code."""
+"""The documentation of rules is true: its rules are accepted, and its numbers are those of the code."""
 
 import re
 from pathlib import Path

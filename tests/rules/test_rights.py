@@ -1,4 +1,4 @@
-"""A rule has the rights of its creator, as they are when it fires, and shows nobody more than they may see."""
+"""A rule has its creator's present rights when it fires, and shows nobody more than they may see."""
 
 from collections.abc import Iterator
 
@@ -36,7 +36,7 @@ def root(here: Guarded) -> Iterator[Browser]:
 
 @pytest.fixture
 def rule(here: Guarded, root: Browser) -> Iterator[str]:
-    """The writer's: where one joint is decides about another."""
+    """Return the writer's rule: the position of one joint controls another."""
     with here.browsing("writer") as writer:
         text = a_rule(
             sides(joint(root, SEEN)), rotate(root, SEEN), _BODY, 'lf:toldApartBy "side" ; lf:minimumInterval 0'
@@ -57,7 +57,7 @@ def rotate(root: Browser, robot: str, name: str = "wrist_3_joint") -> str:
 
 
 def turn(root: Browser, angle: float) -> None:
-    """Until the first joint is there."""
+    """Move until the first joint is there."""
     assert move(root, rotate(root, SEEN, "wrist_2_joint"), angle, prefer="wait=20").status_code == 204
 
 
@@ -118,7 +118,7 @@ def test_it_fires_with_the_rights_that_its_creator_has_now(here: Guarded, root: 
     here.tables["writer"] = whole
     here.write()
     reaches(root, rule, LF.active)
-    assert len(firings(root, rule)) == 1  # what came to hold while nobody vouched for it is nothing new
+    assert len(firings(root, rule)) == 1  # a condition that came to hold while the creator had no rights is not new
     turn(root, 1.2)
     assert fired(root, rule, 2)[1:] == [("accepted", "up")]
 

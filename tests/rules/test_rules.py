@@ -1,4 +1,4 @@
-"""Rules at two gateways with one memory, a robot that the test plays and one that is moved."""
+"""Rules at two gateways with one Redis, a robot played by the test and one that rules move."""
 
 import contextlib
 import signal
@@ -40,7 +40,7 @@ class Scene:
         self.hub.repeat()
 
     def rule(self, more: str = BY_SIDE, body: str = TO_TARGET, action: str = "") -> str:
-        """Written while the joint is down."""
+        """Create a rule while the joint is down."""
         self.turn(0.5)
         eventually(lambda: '"0.5"' in self.one.get(self.one.rotation).text, "down")
         rule = posted(self.one.browser, a_rule(sides(self.one.joint), action or self.rotate, body, more))
@@ -65,7 +65,7 @@ def scene(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Scene]:
 
 @pytest.fixture(autouse=True)
 def nothing_left(request: pytest.FixtureRequest) -> Iterator[None]:
-    """No rule of one test acts in another."""
+    """Remove rules, so that none affects another test."""
     yield
     if "scene" in request.fixturenames:
         browser: Browser = request.getfixturevalue("scene").one.browser
@@ -77,7 +77,7 @@ def test_a_rule_fires_each_time_that_its_condition_starts_to_hold(scene: Scene) 
     rule, before = scene.rule(), scene.invocations()
     scene.turn(1.5)
     assert fired(scene.one.browser, rule, 1) == [("accepted", "up")]
-    scene.turn(1.6)  # it goes on to hold
+    scene.turn(1.6)  # it continues to hold
     scene.turn(0.4)
     assert fired(scene.one.browser, rule, 2)[1:] == [("accepted", "down")]
     scene.turn(1.2)
@@ -143,7 +143,7 @@ def test_an_action_is_named_under_any_public_url_of_the_fleet(scene: Scene) -> N
     other = str(httpx.URL(scene.rotate).copy_with(host="localhost"))
     assert scene.one.get(other).status_code == 200
     rule = scene.rule(action=other)
-    # Either gateway may serve the rules, and only this one is known as localhost.
+    # Either gateway may evaluate the rules, and only this one is known as localhost.
     condition = sides(scene.one.joint).replace("SELECT ?side", f"SELECT (<{scene.rotate}> AS ?action) ?side")
     bound = posted(scene.one.browser, a_rule(condition, '[ lf:variable "action" ]', TO_TARGET, BY_SIDE))
     eventually(lambda: scene.one.browser.page(bound).one(LF.state) == LF.active, "evaluated")
@@ -161,7 +161,7 @@ def test_who_stops_all_robots_disables_what_would_move_them(scene: Scene) -> Non
     scene.turn(1.5)
     assert fired(scene.one.browser, stops, 1) == [("accepted", "up")]
     assert firings(scene.one.browser, moves) == []
-    assert scene.one.browser.http.delete(stops).status_code == 204  # which would come between
+    assert scene.one.browser.http.delete(stops).status_code == 204  # which would come in between
     assert put(scene.one.browser, moves, "lf:enabled false", "lf:enabled true").status_code == 204
     eventually(lambda: scene.one.browser.page(moves).one(LF.state) == LF.active, "enabled")
     scene.turn(0.5)
@@ -171,7 +171,7 @@ def test_who_stops_all_robots_disables_what_would_move_them(scene: Scene) -> Non
 def test_a_rule_that_is_written_meanwhile_is_replaced_unless_the_client_sets_a_condition(
     scene: Scene, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """As when somebody stops its robot, which disables it."""
+    """For example if somebody stops its robot, which disables it."""
     browser, write, meanwhile = scene.one.browser, Rules.write, [True, True]
     text = a_rule(sides(scene.one.joint), scene.rotate, TO_TARGET, BY_SIDE)
     rule = posted(browser, text)
@@ -244,7 +244,7 @@ def test_a_condition_may_be_as_long_as_the_shape_says(scene: Scene, length: int,
 
 
 def test_rules_go_on_whichever_gateway_dies(tmp_path_factory: pytest.TempPathFactory) -> None:
-    """One gateway is killed, then the other; what changes while there is none fires once when one is back."""
+    """One gateway is killed, then the other; a change without gateways fires once when one is back."""
     with single(tmp_path_factory.mktemp("redis")) as memory, hub() as centre:
         flags = ("--redis-url", memory.url)
         with (

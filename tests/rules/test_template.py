@@ -1,4 +1,4 @@
-"""Bodies with terms in the place of variables."""
+"""Bodies with variables replaced by terms."""
 
 import pytest
 from pyoxigraph import BlankNode, Literal, NamedNode
