@@ -1,4 +1,4 @@
-"""Compiled shapes find what pySHACL finds, in whatever shape and body; test_exceptions.py has what is else."""
+"""Compiled shapes find what pySHACL finds, for any shape and body; exceptions are in test_exceptions.py."""
 
 from collections.abc import Iterable, Sequence
 
@@ -104,7 +104,7 @@ class _Property(tuple[object, ...]):
 
 
 def _shapes(depth: int) -> st.SearchStrategy[object]:
-    """Constraints of a node shape as pairs of a parameter and what it takes, nested up to ``depth``."""
+    """Return a strategy for a node shape's constraints: pairs of parameter and value, nested up to ``depth``."""
     if depth == 0:
         return st.lists(_leaves, min_size=1, max_size=2)
     node, prop = _shapes(depth - 1), _properties(depth - 1)
@@ -129,7 +129,7 @@ def _properties(depth: int) -> st.SearchStrategy[object]:
 
 
 def _choice(prop: st.SearchStrategy[object]) -> st.SearchStrategy[object]:
-    """A branch of sh:or that applies to what has a certain value."""
+    """Return a strategy for a branch of sh:or that applies to nodes with a certain value."""
     by_value = st.builds(lambda v: _Property((EX.p, [(SHACL.hasValue, v)])), st.sampled_from([EX.a, EX.b, integer(1)]))
     by_list = st.builds(
         lambda vs: _Property((EX.p, [(SHACL.in_, vs), (SHACL.minCount, integer(1))])), st.lists(_iris, max_size=2)
@@ -209,7 +209,7 @@ _TIMES = ["2026-01-01T00:00:00", "2026-01-01T23:59:59.999Z", "2026-01-01T12:00:0
 
 
 def _edges(texts: Iterable[str], kinds: Iterable[NamedNode]) -> list[Literal]:
-    """All forms in all types, but decimals with an exponent and the like, which only Python reads."""
+    """Return all forms in all types, except decimals with an exponent and the like, which only Python parses."""
     return [
         _literal(text, kind) for kind in kinds for text in texts if kind != XSD.decimal or not set(text) & set("eEN")
     ]
@@ -253,7 +253,7 @@ _SIMPLE: list[tuple[tuple[tuple[NamedNode, object], ...], Sequence[Term]]] = [
 def test_a_simple_constraint_finds_what_pyshacl_finds(
     constraints: tuple[tuple[NamedNode, object], ...], values: Sequence[Term]
 ) -> None:
-    """At both sides of every limit and in every lexical form; a few values at a time, as a report has an end."""
+    """On both sides of every limit and in every lexical form; a few values at a time, as a report is limited."""
     graph = Graph()
     _add_shape(graph, [(SHACL.property, _Property((EX.p, constraints)))], EX.Shape)
     for start in range(0, len(values) or 1, MOST):
@@ -285,14 +285,14 @@ _values = st.one_of(_numbers, _others, st.floats(-7, 7).map(lambda v: Literal(re
 def test_the_shape_of_an_action_finds_what_pyshacl_finds(
     limits: tuple[str, ...], values: list[Term], units: list[Term]
 ) -> None:
-    """That of a joint with limits and of one without, whatever is said of value and unit."""
+    """For a joint with limits and one without, whatever is stated about value and unit."""
     shapes = turtle(_ROTATE % limits)
     body = [Triple(EX.body, VOM.numericalValue, v) for v in values] + [Triple(EX.body, VOM.unit, u) for u in units]
     assert compiled_finds(shapes, EX.Shape, body, EX.body) == pyshacl_finds(shapes, EX.Shape, body, EX.body)
 
 
 def _targets(graph: Graph, joints: int) -> Node:
-    """One to any number of targets, each of one of the joints and within its limits."""
+    """Any positive number of targets, each for one of the joints and within its limits."""
     shape, target = graph.blank(), graph.blank()
     graph.add(shape, SHACL.property, target)
     graph.add(target, SHACL.path, LF.target)
@@ -350,7 +350,7 @@ _subscription = st.one_of(
 @settings(max_examples=examples(100))
 @given(st.lists(_subscription, max_size=8))
 def test_the_shapes_of_subscriptions_find_what_pyshacl_finds(stated: list[tuple[NamedNode, Term]]) -> None:
-    """Written by hand, shared among each other, with a choice of paths; as all of them together find it by targets."""
+    """Handwritten shapes that share parts, with alternative paths; also found by the targets of all together."""
     by_subject = load("subscriptions.ttl")
     triples = [triple for about in by_subject.values() for triple in about]
     body = [Triple(EX.body, predicate, value) for predicate, value in stated]

@@ -1,4 +1,4 @@
-"""Where compiled shapes do not follow pySHACL, and what they leave to it: each with its reason."""
+"""Differences between compiled shapes and pySHACL, and shapes left to pySHACL, each with its reason."""
 
 import subprocess
 import sys
@@ -70,7 +70,7 @@ def test_nan_against_a_decimal_is_a_violation_and_no_crash() -> None:
 
 
 def test_values_are_counted_by_their_terms() -> None:
-    """1 and 01 are two terms of one value; rdflib, unless told otherwise, rewrites the one as the other."""
+    """1 and 01 are different terms with one value; by default rdflib rewrites one as the other."""
     shapes = _of_value((SHACL.maxCount, integer(1)))
     body = [Triple(EX.body, EX.p, integer(1)), Triple(EX.body, EX.p, _literal("01", XSD.integer))]
     assert rdflib.Literal("01", datatype=rdflib.XSD.integer) == rdflib.Literal("1", datatype=rdflib.XSD.integer)
@@ -166,21 +166,21 @@ def _compile(text: str) -> None:
     ],
 )
 def test_what_the_compiler_does_not_know_it_refuses(text: str, reason: str) -> None:
-    """A constraint is compiled or refused, never passed over; the reason tells that it is refused for what it is."""
+    """A constraint is compiled or refused, never ignored; the reason states why."""
     with pytest.raises(Unsupported) as refused:
         _compile(text + " .")
     assert reason in str(refused.value)
 
 
 def test_targets_that_it_does_not_know_are_refused() -> None:
-    """Or a shape with no other target would judge nothing."""
+    """Otherwise a shape with no other target would validate nothing."""
     for text in ("ex:Shape sh:target [ ]", "ex:Shape sh:targetNode [ ]"):
         with pytest.raises(Unsupported):
             compile_graph(turtle(text + " ."))
 
 
 def test_what_constrains_nothing_is_passed_over() -> None:
-    """Names and other words for people, targets, and what is not of SHACL."""
+    """Names and other texts for people, targets, and terms outside SHACL."""
     _compile("""ex:Shape a sh:NodeShape ; rdfs:label "a shape" ; ex:note 1 ; sh:severity sh:Violation ;
         sh:targetClass ex:C ; sh:targetSubjectsOf ex:p ; sh:deactivated false ;
         sh:property [ sh:path ex:p ; sh:name "p" ; sh:description "p" ; sh:order 1 ; sh:group ex:G ;
@@ -188,7 +188,7 @@ def test_what_constrains_nothing_is_passed_over() -> None:
 
 
 def test_the_package_stands_alone() -> None:
-    """It loads nothing of the gateway beside itself, and no validator."""
+    """It imports no other part of the gateway, and no validator."""
     said = "import sys, linked_fleet_gateway.shacl; print(*sys.modules)"
     loaded = subprocess.run([sys.executable, "-c", said], capture_output=True, text=True, check=True).stdout.split()
     assert {

@@ -63,7 +63,7 @@ def _message(shape: str, body: str) -> str:
     ],
 )
 def test_a_message_about_a_property_says_what_would_be_right(constraint: str, values: str, message: str) -> None:
-    """After its IRI, where the shape gives it no name."""
+    """After its IRI, if the shape gives it no name."""
     assert _message(f"sh:property [ sh:path ex:p ; {constraint} ]", f"ex:p {values}") == f"ex:p: {message}"
 
 
@@ -120,7 +120,7 @@ def test_a_message_about_the_body_says_what_would_be_right(shape: str, body: str
 
 
 def _choice(names: str) -> str:
-    """A branch for each value of ex:q, which requires ex:r and IRIs at ex:p."""
+    """Return a branch for each value of ex:q, which requires ex:r and IRIs at ex:p."""
     branches = (
         f"[ sh:property [ sh:path ex:q ; sh:minCount 1 ; sh:in ( ex:{name} ) ] , [ sh:path ex:r ; sh:minCount 1 ] , "
         f"[ sh:path ex:p ; sh:name '{name}' ; sh:minCount 1 ; sh:nodeKind sh:IRI ] ]"
@@ -139,7 +139,7 @@ def _choice(names: str) -> str:
     ],
 )
 def test_of_a_choice_the_branch_that_is_meant_speaks(names: str, body: str, message: str) -> None:
-    """The number of branches, which decides if the branch is looked up, makes no difference."""
+    """The number of branches, which decides whether branches are indexed, makes no difference."""
     assert _message(_choice(names), body) == message
 
 

@@ -1,4 +1,4 @@
-"""The values that paths of compiled shapes lead to; pySHACL is asked as well."""
+"""The values reached by paths of compiled shapes; pySHACL is compared."""
 
 import pytest
 
@@ -9,7 +9,7 @@ _BODY = """ex:body ex:p ex:a , ex:b ; ex:q ex:c .
 
 
 def _reached(path: str) -> set[str]:
-    """The local names of the value nodes, of which none is a literal; one violation for each."""
+    """Return the local names of the value nodes, none of which is a literal; each causes one violation."""
     shape, body = turtle(f"ex:Shape sh:property [ sh:path {path} ; sh:nodeKind sh:Literal ] ."), turtle(_BODY)
     found = compiled_finds(shape, EX.Shape, body, EX.body)
     assert found == pyshacl_finds(shape, EX.Shape, body, EX.body)
@@ -40,7 +40,7 @@ def _reached(path: str) -> set[str]:
     ],
 )
 def test_a_path_leads_to_each_node_once(path: str, reached: str) -> None:
-    """Round cycles too: c refers to itself and to the body."""
+    """Cycles included: c refers to itself and to the body."""
     assert _reached(path) == set(reached.split())
 
 
@@ -55,7 +55,7 @@ def test_a_path_leads_to_each_node_once(path: str, reached: str) -> None:
     ],
 )
 def test_a_node_that_two_ways_lead_to_is_one_value(path: str, count: int) -> None:
-    """a and b both lead to b, by p as by q, and the body to itself."""
+    """Both a and b lead to b, by p and by q, and the body to itself."""
     body = turtle("""ex:body ex:p ex:a , ex:b ; ex:r ex:body , ex:a , ex:b .
         ex:a ex:p ex:b ; ex:q ex:b . ex:b ex:p ex:b ; ex:q ex:b .""")
     for most in (count - 1, count):
@@ -79,7 +79,7 @@ _SHARED = """ex:Shape sh:node ex:Part ; sh:property [ sh:path ex:p ; sh:node ex:
     ],
 )
 def test_shapes_and_paths_may_be_shared(body: str, violations: int) -> None:
-    """At one depth and at several: none refers to itself by that."""
+    """At one depth and at several: sharing is no recursion."""
     shapes, triples = turtle(_SHARED), turtle(body)
     found = compiled_finds(shapes, EX.Shape, triples, EX.body)
     assert found == pyshacl_finds(shapes, EX.Shape, triples, EX.body)

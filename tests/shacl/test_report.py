@@ -1,4 +1,4 @@
-"""What a compiled shape says of a body that it refuses, and how little a hostile body makes it do."""
+"""A compiled shape's messages about a refused body, and the bounded cost of a hostile body."""
 
 from collections.abc import Sequence
 from itertools import pairwise
@@ -60,14 +60,14 @@ def _check(shape: str, body: str) -> list[Violation]:
     ],
 )  # fmt: skip
 def test_a_message_says_what_would_be_right(shape: str, body: str, message: str) -> None:
-    """With the name of the property; of the branches of sh:or it speaks of the one that was meant."""
+    """With the name of the property; of the branches of sh:or it describes the one that was meant."""
     shape = shape if shape.startswith("ex:Shape") else f"ex:Shape {shape} ."
     (violation,) = _check(shape, f"ex:body {body or 'ex:other 1'} .")
     assert violation.message == message
 
 
 def test_detail_has_the_violations_inside() -> None:
-    """Those of sh:node, and of the meant branch of sh:or, down to the limit that was passed."""
+    """Those of sh:node, and of the meant branch of sh:or, down to the violated limit."""
     (outer,) = _check(_TARGETS, "ex:body lf:target [ lf:ofJoint ex:elbow ; vom:numericalValue 2 ] .")
     assert (outer.path, outer.component) == (LF.target, SHACL.OrConstraintComponent)
     (inner,) = outer.detail
@@ -76,7 +76,7 @@ def test_detail_has_the_violations_inside() -> None:
 
 
 def test_a_report_is_a_validation_report() -> None:
-    """It conforms to the shape that the recommendation gives of one, and its details hang below its results."""
+    """It conforms to the specification's shape for reports, with details below the results."""
     compiled = _compiled(_TARGETS)
     found = compiled.check(Data(turtle("ex:body lf:target [ lf:ofJoint ex:elbow ; vom:numericalValue 2 ] .")), _BODY)
     triples = report(found, compiled.triples)
@@ -110,7 +110,7 @@ ex:Result a sh:NodeShape ; sh:targetClass sh:ValidationResult ;
 
 
 def test_a_report_spells_out_a_path_that_is_no_predicate() -> None:
-    """As a reader cannot look up a blank node of the shapes graph."""
+    """A reader cannot look up a blank node of the shapes graph."""
     compiled = _compiled("ex:Shape sh:property [ sh:path ( ex:p [ sh:zeroOrMorePath ex:q ] ) ; sh:minCount 1 ] .")
     triples = report(compiled.check(Data([]), _BODY), compiled.triples)
     graph = graph_of(triples)
@@ -121,7 +121,7 @@ def test_a_report_spells_out_a_path_that_is_no_predicate() -> None:
 
 
 def test_blank_nodes_of_body_and_shape_stay_apart() -> None:
-    """Labels are free, so the same may stand in both; in the report they are two nodes."""
+    """Labels are arbitrary, so both may use the same; in the report they are two nodes."""
     shape = [Triple(_SHAPE, SHACL.property, BlankNode("b1")), Triple(BlankNode("b1"), SHACL.path, LF.target),
              Triple(BlankNode("b1"), SHACL.nodeKind, SHACL.IRI)]  # fmt: skip
     found = compile_shape(shape, _SHAPE).check(Data([Triple(_BODY, LF.target, BlankNode("b1"))]), _BODY)
@@ -138,7 +138,7 @@ def test_no_violations_make_a_report_that_conforms() -> None:
 
 
 class _Counted(Data):
-    """Data that counts how often something is looked up."""
+    """Data that counts look-ups."""
 
     def __init__(self, triples: Sequence[Triple]) -> None:
         super().__init__(triples)
@@ -169,7 +169,7 @@ def test_a_report_ends_after_so_many_violations() -> None:
 
 @pytest.mark.parametrize("limit", ["sh:maxCount 1000", "sh:maxCount 10"])
 def test_a_node_that_many_ways_lead_to_is_judged_once(limit: str) -> None:
-    """Layers of which each node refers to all of the next: few triples, and a million ways."""
+    """Layers in which each node refers to all of the next: few triples, and a million paths."""
     layers = [[NamedNode(f"http://example.org/{layer}-{n}") for n in range(40)] for layer in range(5)]
     body = [Triple(_BODY, LF.target, node) for node in layers[0]]
     body += [Triple(a, LF.target, b) for upper, lower in pairwise(layers) for a in upper for b in lower]
@@ -183,7 +183,7 @@ def test_a_node_that_many_ways_lead_to_is_judged_once(limit: str) -> None:
 
 
 def test_what_conforms_is_looked_at_once_for_an_explanation() -> None:
-    """The last node of the last layer alone is at fault; to find that, no way to another is gone twice."""
+    """Only the last node of the last layer is wrong; no path to another node is followed twice to find it."""
     layers = [[NamedNode(f"http://example.org/{layer}-{n}") for n in range(40)] for layer in range(4)]
     body = [Triple(_BODY, LF.target, node) for node in layers[0]]
     body += [Triple(a, LF.target, b) for upper, lower in pairwise(layers) for a in upper for b in lower]
@@ -198,7 +198,7 @@ def test_what_conforms_is_looked_at_once_for_an_explanation() -> None:
 
 
 def test_a_branch_is_found_by_its_joint() -> None:
-    """However many joints there are, a target is judged by its own branch alone."""
+    """However many joints there are, a target is validated only against its own branch."""
     joints = " ".join(
         f"[ sh:property [ sh:path lf:ofJoint ; sh:hasValue ex:j{n} ] , [ sh:path vom:unit ; sh:minCount 1 ] ]"
         for n in range(100)
@@ -232,7 +232,7 @@ _SWITCH = """ex:Shape sh:or (
     ],
 )
 def test_a_branch_that_may_apply_is_not_passed_over(least: int, body: str, admitted: bool) -> None:
-    """Two branches of one joint, a list of joints, and a list that no joint at all conforms to."""
+    """Two branches of one joint, a list of joints, and a list to which no joint conforms."""
     assert (not _check(_SWITCH % least, f"ex:body {body} .")) == admitted
 
 

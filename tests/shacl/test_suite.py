@@ -1,4 +1,4 @@
-"""The core tests of the W3C's suite for SHACL: each is passed or refused, and pySHACL passes those that are passed.
+"""The core tests of the W3C's SHACL suite: each passes or is refused, and pySHACL agrees with those that pass.
 
 ``make shacl-suite`` fetches them.
 """
@@ -34,7 +34,7 @@ def _one(data: Data, subject: Term, predicate: NamedNode) -> Node:
 
 
 class _Test:
-    """One ``sht:Validate``: what is validated by what, and what is to be found."""
+    """One ``sht:Validate``: data, shapes and the expected report."""
 
     def __init__(self, name: str) -> None:
         about = Data(_read(_SUITE / name))
@@ -56,7 +56,7 @@ def test_the_suite_is_here() -> None:
 
 @pytest.mark.parametrize("name", _TESTS)
 def test_a_test_is_passed_or_refused(name: str) -> None:
-    """Never is anything else found than what the suite and pySHACL find."""
+    """Nothing is ever found but what the suite and pySHACL find."""
     test = _Test(name)
     try:
         found = reported(compile_graph(test.shapes), test.data)
