@@ -7,5 +7,5 @@ from running import PATIENCE_S
 
 @pytest.fixture
 def patient(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A gateway begins with its embedded server, however long that takes to start."""
+    """Wait for the embedded server however long its start takes."""
     monkeypatch.setattr(embedded, "_OPENING_S", PATIENCE_S)

@@ -1,4 +1,4 @@
-"""Invocations as they are written, read and forgotten; which of them there are is in ``test_invocation_model.py``."""
+"""Invocations written, read and forgotten; ``test_invocation_model.py`` tests which of them exist."""
 
 import logging
 from collections.abc import Iterator

@@ -1,4 +1,4 @@
-"""The audit: what is noted is read newest first, and what Redis does not take now it is given later."""
+"""The audit: entries are read newest first, and written later if Redis is unavailable."""
 
 import asyncio
 import logging

@@ -1,4 +1,4 @@
-"""Changed options of a subscription: who changes them, who hears of it, what its holder may say of the old ones."""
+"""Changed options of a subscription: who may change them, who is told, and what a holder with old ones may write."""
 
 from collections.abc import Iterator
 from contextlib import aclosing
@@ -36,7 +36,7 @@ def other(subscription: Subscription, **options: Any) -> Changeable:
 
 
 async def test_options_are_changed_under_the_condition_that_they_are_as_they_were_read(a: Store, b: Store) -> None:
-    """One of two changes of the same state is refused. Each gateway hears of each; nothing else differs."""
+    """One of two changes of the same state is refused. Each gateway is told of each; nothing else differs."""
     async with aclosing(b.news()) as heard:
         one = a_subscription(secret="whsec_1")
         await a.add(one, Delivery(), LIMIT)
@@ -56,7 +56,7 @@ async def test_options_are_changed_under_the_condition_that_they_are_as_they_wer
 
 
 async def test_what_its_holder_writes_takes_no_change_back(a: Store, b: Store) -> None:
-    """A gateway that has not heard of it yet opens the stream, notes its end, and another takes it over."""
+    """A gateway that does not know it yet opens the stream and records its end, and another takes it over."""
     stream = a_subscription(kind=Kind.STREAM)
     await a.add(stream, Delivery(DeliveryState.WAITING), LIMIT)
     options = other(stream, interval_s=2.5, depth=Depth.SUBTREE)
@@ -92,7 +92,7 @@ async def test_what_was_rendered_before_a_change_counts_as_sent_unless_all_begin
 
 
 async def test_the_number_of_a_delivery_is_given_once(a: Store) -> None:
-    """A command that comes late, after another one has had its number, changes nothing."""
+    """A late command changes nothing after another one has got its number."""
     one = a_subscription()
     await a.add(one, Delivery(), LIMIT)
     first = await a.advance(one.id, None, OUTGOING, Delivery(), number=1)

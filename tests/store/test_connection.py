@@ -1,4 +1,4 @@
-"""Commands while connections are lost, and what is said of a URL or of a server that may lose what it accepts."""
+"""Commands while connections are lost, and reports about a URL or an unsafe server."""
 
 import asyncio
 import logging
@@ -19,7 +19,7 @@ def connection(server: Backend) -> Iterator[Connection]:
 
 
 async def test_who_writes_while_all_connections_are_cut_hears_of_it(connection: Connection) -> None:
-    """The client of a cluster closes all connections when one fails, also those that others are about to write to."""
+    """The client of a cluster closes all connections when one fails, including those about to be used by others."""
 
     async def ask(*command: str | int) -> bool:
         try:

@@ -1,4 +1,4 @@
-"""Data that the embedded server cannot load: it starts without them, they are kept, and everybody is told."""
+"""Data that the embedded server cannot load: it starts without it, keeps it, and reports it."""
 
 import asyncio
 import logging
@@ -40,7 +40,7 @@ def content(folder: Path) -> dict[str, bytes]:
 
 
 def keys(server: Embedded) -> int:
-    """How many there are; -1 while no server answers."""
+    """Return the number of keys; -1 while no server answers."""
     path = unquote(server.url.removeprefix("unix://"))
     try:
         with redis.Redis(unix_socket_path=path, retry=Retry(NoBackoff(), 0)) as client:
@@ -51,12 +51,12 @@ def keys(server: Embedded) -> int:
 
 async def until(probe: Callable[[], object]) -> None:
     async with asyncio.timeout(PATIENCE_S):
-        while not probe():  # noqa: ASYNC110 - a server of another process tells nobody
+        while not probe():  # noqa: ASYNC110 - a server in another process does not notify
             await asyncio.sleep(0.01)
 
 
 def started(state_dir: Path) -> tuple[int, tuple[str, ...]]:
-    """How many keys a server on these data has, and what was set aside."""
+    """Return the number of keys of a server with this data, and what was set aside."""
 
     async def run() -> tuple[int, tuple[str, ...]]:
         async with Embedded(state_dir) as server:
@@ -67,7 +67,7 @@ def started(state_dir: Path) -> tuple[int, tuple[str, ...]]:
 
 @pytest.mark.parametrize("kind", DAMAGES)
 def test_damaged_data_are_kept_under_another_name(kind: str, state_dir: Path, caplog: pytest.LogCaptureFixture) -> None:
-    """The server starts empty, the log says why, where the data are, and what is forgotten."""
+    """The server starts empty; the log says why, where the data is, and what is forgotten."""
     DAMAGES[kind](state_dir / damage.DATA)
     before = content(state_dir / damage.DATA)
     with caplog.at_level(logging.ERROR):
@@ -119,7 +119,7 @@ def test_two_damages_in_one_second_are_kept_both(state_dir: Path) -> None:
 def test_data_stay_where_no_server_starts_at_all(
     state_dir: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    """The machine is to blame and not the data, which are there when it can start servers again."""
+    """The machine is at fault, not the data, which is there when it can start servers again."""
     before = content(state_dir / damage.DATA)
     sound = embedded._configuration
 
@@ -139,7 +139,7 @@ def test_data_stay_where_no_server_starts_at_all(
 def test_a_server_that_is_ended_while_it_starts_does_not_cost_the_data(
     state_dir: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Memory that ran out, or an impatient operator: SIGKILL and SIGTERM say nothing about the data."""
+    """Out of memory, or an impatient operator: SIGKILL and SIGTERM do not blame the data."""
     program = state_dir / "ended"
     program.write_text("#!/bin/sh\nkill -KILL $$\n")
     program.chmod(0o700)

@@ -1,4 +1,4 @@
-"""The embedded server: one for a state folder whoever comes and goes, and its data stay."""
+"""The embedded server: one per state folder whoever comes and goes, and its data persists."""
 
 import asyncio
 import logging
@@ -56,7 +56,7 @@ def read(server: Embedded) -> str:
 
 
 def pid(server: Embedded) -> int:
-    """The process that answers; 0 if none does."""
+    """Return the process that answers; 0 if none does."""
     try:
         with client(server) as connection:
             return int(connection.info()["process_id"])
@@ -80,7 +80,7 @@ async def until(probe: Callable[[], object], what: str) -> None:
 
 @pytest.fixture
 def at_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Another server is looked for at once or not in this test: its end is no failure."""
+    """Search for another server at once or not at all: its end is no failure in this test."""
     monkeypatch.setattr(embedded, "_PAUSES_S", (embedded._PAUSES_S[0], 3600.0))
 
 
@@ -191,7 +191,7 @@ def test_a_killed_server_is_replaced_with_nothing_lost_and_few_words(
 
 
 def test_a_deep_folder_has_its_socket_elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    runtime = Path(tempfile.mkdtemp(dir="/tmp"))  # pytest's own folders may be too long for a socket themselves
+    runtime = Path(tempfile.mkdtemp(dir="/tmp"))  # pytest's own folders may be too long for a socket
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(runtime))
     deep = tmp_path / ("d" * 60) / ("e" * 60)
 

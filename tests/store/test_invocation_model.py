@@ -1,4 +1,4 @@
-"""Invocations, idempotency keys and leases against a model: gateways agree on each, whoever asks and however often."""
+"""Invocations, idempotency keys and leases against a model: all gateways agree, whoever asks and however often."""
 
 import asyncio
 import time
@@ -42,7 +42,7 @@ GATEWAYS = st.integers(0, 1)
 
 @dataclass
 class Control:
-    """A lease, its token, and the monotonic time when it expires."""
+    """A lease, its token, and the monotonic time of its expiry."""
 
     lease: Lease
     token: str
@@ -51,7 +51,7 @@ class Control:
 
 @dataclass
 class Robot:
-    """The state of one robot that Redis must have. A key stands for the id and the digest of a request."""
+    """The expected state of one robot in Redis. A key stands for the id and the digest of a request."""
 
     invocations: dict[str, Invocation] = field(default_factory=dict)
     keys: dict[str, tuple[str, str]] = field(default_factory=dict)
@@ -65,7 +65,7 @@ class Robot:
         return None
 
     def put(self, one: Invocation) -> None:
-        """Note one that is new. The oldest that is over makes room, or the open one with the earliest deadline."""
+        """Add a new one. The oldest ended one makes room, or the open one with the earliest deadline."""
         self.invocations[one.id] = one
         while len(self.invocations) > KEPT:
             over = [each for each in self.invocations.values() if each.over]
@@ -74,7 +74,7 @@ class Robot:
 
 
 class Invocations(RuleBasedStateMachine):
-    """Two gateways, which know of each other what is in Redis."""
+    """Two gateways, which share what is in Redis."""
 
     ids = Bundle("ids")
     robots: defaultdict[str, Robot]
@@ -146,7 +146,7 @@ class Invocations(RuleBasedStateMachine):
 
     @rule(named=ids, which=GATEWAYS)
     def open_again(self, named: tuple[str, str], which: int) -> None:
-        """Whoever heard no answer does, perhaps of one that is over already; nothing changes."""
+        """A repeated request gets the response, possibly of an ended invocation; nothing changes."""
         robot, id = named
         if (one := self.robots[robot].invocations.get(id)) is not None:
             asked = replace(one, state=InvocationState.ACCEPTED, expired=False, progress=0.0)
@@ -156,7 +156,7 @@ class Invocations(RuleBasedStateMachine):
         target=ids, robot=ROBOTS, key=st.sampled_from(["k", OTHER]), digests=st.lists(DIGESTS, min_size=2, max_size=4)
     )
     def open_at_once(self, robot: str, key: str, digests: list[str]) -> tuple[str, str]:
-        """One request with a key is carried out, its repetitions get that invocation, and the others are refused."""
+        """One request with a key is executed, repetitions get that invocation, and different requests are refused."""
         known, asked = self.robots[robot], [self.new(robot, InvocationState.ACCEPTED, "") for _ in digests]
         work = [
             self.stores[number % 2].open(one, unasked=True, key=key, digest=digest)
@@ -181,7 +181,7 @@ class Invocations(RuleBasedStateMachine):
     def save(
         self, named: tuple[str, str], which: int, state: InvocationState, expired: bool, progress: int, lost: bool
     ) -> None:
-        """The first end is the end, unless it was guessed."""
+        """The first end is final, unless it was a guess."""
         robot, id = named
         held = self.robots[robot].invocations.get(id)
         written = replace(
@@ -196,7 +196,7 @@ class Invocations(RuleBasedStateMachine):
 
     @rule(robot=ROBOTS, ends=st.permutations([InvocationState.SUCCEEDED, InvocationState.CANCELLED]))
     def end_at_both(self, robot: str, ends: list[InvocationState]) -> None:
-        """One of two ends at the same time counts."""
+        """One of two simultaneous ends counts."""
         known = self.robots[robot]
         for one in [each for each in known.invocations.values() if not each.over][:1]:
             written = [replace(one, state=state, expired=False) for state in ends]
@@ -244,7 +244,7 @@ class Invocations(RuleBasedStateMachine):
         return isinstance(self.server, Memory)
 
     def lose(self, lost: bool, ask: Callable[[], Coroutine[Any, Any, object]]) -> None:
-        """Ask, and do not hear the answer; whoever asks again must come to the same."""
+        """Ask without hearing the answer; a repetition must have the same result."""
         if lost and isinstance(self.server, Memory):
             self.server.redis.fail_after_executing(containing="EVAL")
             with pytest.raises(StoreUnavailable):
@@ -253,7 +253,7 @@ class Invocations(RuleBasedStateMachine):
     @precondition(lambda self: self.in_memory)
     @rule(passing_s=st.integers(1, 40), watched=st.booleans())
     def let_time_pass(self, passing_s: int, watched: bool) -> None:
-        """Gateways look at leases while it does; without that leases stand still, but for the first moments."""
+        """Gateways watch leases meanwhile; without that leases stand still, except at first."""
         for begun_s in range(0, passing_s, 2) if watched else ():
             self.server.pass_time(min(_LOOK_S, passing_s - begun_s))
             for robot in self.robots:
@@ -269,7 +269,7 @@ class Invocations(RuleBasedStateMachine):
     @precondition(lambda self: self.in_memory)
     @rule(days=st.just(3))
     def let_days_pass(self, days: int) -> None:
-        """Everything that was over, or late, is forgotten, and so are keys and leases."""
+        """Ended and overdue invocations are forgotten, and so are keys and leases."""
         self.server.pass_time(86_400.0 * days)
         self.robots.clear()
         self.begun_ns = time.time_ns()

@@ -1,4 +1,4 @@
-"""Leases and settings of robots, and what gateways tell each other about them and about invocations."""
+"""Leases and settings of robots, and messages between gateways about them and about invocations."""
 
 import asyncio
 from collections.abc import Iterator
@@ -29,7 +29,7 @@ def b(server: Backend) -> Iterator[ActionStore]:
 
 
 class Listener:
-    """All that a store is told, as it comes."""
+    """Records the news that a store receives."""
 
     def __init__(self, store: ActionStore) -> None:
         self._heard: asyncio.Queue[News | None] = asyncio.Queue()
@@ -58,7 +58,7 @@ async def listening(store: ActionStore) -> Any:
 
 @pytest.fixture
 def heard(server: Backend, b: ActionStore) -> Iterator[Listener]:
-    """The news that ``b`` receives."""
+    """Record the news that ``b`` receives."""
     yield from opened(server, listening(b))
 
 
@@ -134,7 +134,7 @@ async def test_an_expired_lease_is_anybody_s_and_its_token_worth_nothing(a: Acti
             await act
     assert await b.release("r", other)
     assert not await b.release("r", other)
-    again, fresh = await a.take("r", "Ada", 60, token)  # free, but an old token opens nothing
+    again, fresh = await a.take("r", "Ada", 60, token)  # free, but an old token is invalid
     assert again.id != lease.id and fresh != token
 
 

@@ -1,4 +1,4 @@
-"""Objects of the world as several gateways change them at once."""
+"""Objects of the world changed by several gateways at once."""
 
 from collections.abc import Callable
 from contextlib import AbstractAsyncContextManager, asynccontextmanager
@@ -48,7 +48,7 @@ def ball(title: str) -> SceneObject:
 
 
 def deafened(one: Known) -> None:
-    """From now on it does not hear what others do."""
+    """From now on it gets no news from others."""
     for task in one.objects._tasks:
         task.cancel()
 
@@ -63,7 +63,7 @@ async def test_who_would_replace_what_another_gateway_has_replaced_learns_of_it_
         for late in (ball("late"), None):
             assert not await other.objects.change(id, late)
             assert other.objects.known == {id: ball("second")}
-            other.objects._take(id, b"{}")  # of another version: it is not there for this one
+            other.objects._take(id, b"{}")  # from another version: ignored by this one
         assert await other.store.read(id) is not None
         assert not await other.objects.change(id, ball("late")) and await other.objects.change(id, None)
         assert not await one.objects.change(id, ball("late"))

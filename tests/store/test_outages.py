@@ -1,4 +1,4 @@
-"""Redis is away: every store says so in bounded time and heals by itself, and what was accepted is there afterwards."""
+"""Redis is unavailable: every store says so in bounded time and recovers by itself, and accepted data is kept."""
 
 import asyncio
 import time
@@ -172,7 +172,7 @@ async def test_nobody_is_dead_for_half_a_lease_after_an_outage_in_which_nobody_c
 
 @pytest.mark.parametrize("server", ["memory"], indirect=True)
 async def test_a_step_of_which_the_answer_was_lost_may_be_repeated(server: Memory) -> None:
-    """Whatever the step was: it was taken, and the second time changes nothing."""
+    """Whatever the step was, it was executed, and repeating it changes nothing."""
     subscription, invocation = a_subscription(), an_invocation()
     async with Store(server.url, "fleet", "a") as a, ActionStore(server.url, "fleet", "a") as b:
         for step in (

@@ -1,4 +1,4 @@
-"""The queue of callbacks against a model: whatever gateways do, die of or are answered, nothing is lost or doubled.
+"""The queue of callbacks against a model: whatever gateways do, nothing is lost or doubled.
 
 Gateways add, change, deliver, acknowledge, leave, crash between two steps of an operation, and take over.
 """
@@ -28,7 +28,7 @@ WHICH = st.integers(0, 5)
 
 @dataclass
 class Kept:
-    """The state of one subscription that Redis must have."""
+    """The expected state of one subscription in Redis."""
 
     subscription: Subscription
     holder: str
@@ -48,9 +48,9 @@ class Kept:
 
 
 class CallbackQueue(RuleBasedStateMachine):
-    """``living`` are gateways; the runs in ``dead`` have crashed or left, and hold what nobody has adopted yet.
+    """``living``: gateways. ``dead``: runs that crashed or left, and hold what nobody has adopted yet.
 
-    Those of them in ``leased`` died so lately that nobody can know.
+    ``leased``: those of them that died too recently for anybody to know.
     """
 
     ids = Bundle("ids")
@@ -70,7 +70,7 @@ class CallbackQueue(RuleBasedStateMachine):
         return self.living[which % len(self.living)]
 
     def teardown(self) -> None:
-        """Everything is removed; then nothing is left of what was begun, by whomever."""
+        """Remove everything; then nothing may be left of what any gateway began."""
         self.take_over(0, 0)
         for id in self.kept:
             self.run(self.living[0].remove(id))
@@ -119,7 +119,7 @@ class CallbackQueue(RuleBasedStateMachine):
 
     @rule(which=WHICH, other=WHICH)
     def take_over(self, which: int, other: int) -> None:
-        """The leases of the dead lapse, and two gateways take over at once."""
+        """The leases of the dead expire, and two gateways take over at once."""
         self.pass_a_lease()
         taker, rival = self.gateway(which), self.gateway(other)
         found = set(self.run(taker.dead_runs()))
@@ -189,7 +189,7 @@ class CallbackQueue(RuleBasedStateMachine):
     def advance(
         self, id: str, which: int, path: str | None, done: int | None, forget: list[str], wanted: int | None, late: int
     ) -> None:
-        """Acknowledge an entry, queue another, or both; rendered perhaps for options that have been changed since."""
+        """Acknowledge an entry, queue another, or both; the latter possibly rendered for former options."""
         store, one = self.gateway(which), self.kept.get(id)
         entry, outgoing, delivery = self.step(one, path, done, late)
         number = None if wanted is None or one is None else one.number + 1 + wanted
@@ -206,7 +206,7 @@ class CallbackQueue(RuleBasedStateMachine):
 
     @rule(id=ids, which=WHICH, media_type=st.sampled_from(["text/turtle", "application/ld+json"]), late=st.booleans())
     def change(self, id: str, which: int, media_type: str, late: bool) -> None:
-        """With another media type all is to be sent anew. What has been changed meanwhile stays as it is."""
+        """With another media type everything is to be sent anew. A change based on old options is refused."""
         store, one = self.gateway(which), self.kept.get(id)
         read = a_subscription(id=id) if one is None else one.subscription
         before = replace(read, revision=read.revision - late)
@@ -232,7 +232,7 @@ class CallbackQueue(RuleBasedStateMachine):
         self, one: Kept, entry: Entry | None, outgoing: Outgoing | None, delivery: Delivery, forget: list[str],
         queued: Entry | None,
     ) -> None:  # fmt: skip
-        """The step was taken: note it in the model."""
+        """Record an executed step in the model."""
         one.delivery = delivery
         one.queue = [each for each in one.queue if each != entry]
         if outgoing is None:
@@ -253,7 +253,7 @@ class CallbackQueue(RuleBasedStateMachine):
     def interrupted(
         self, store: Store, steps: int, crashes: bool, work: Callable[[], Coroutine[Any, Any, object]]
     ) -> None:
-        """Begin something, and crash after so many commands or hear nothing of the last of them."""
+        """Begin an operation, and crash after so many commands or get no answer to the last of them."""
         if crashes or not isinstance(self.server, Memory):
             crash_after(store, steps)
             with suppress(CrashedError):
@@ -283,7 +283,7 @@ class CallbackQueue(RuleBasedStateMachine):
 
     @rule(id=ids, which=WHICH, steps=st.integers(0, 1), crashes=st.booleans(), path=PATHS, done=st.none() | WHICH)
     def interrupted_advance(self, id: str, which: int, steps: int, crashes: bool, path: str, done: int | None) -> None:
-        """Taken as a whole or not at all."""
+        """Executed as a whole or not at all."""
         store, one = self.gateway(which), self.kept.get(id)
         if one is None or one.holder != store._run or one.streams:
             return

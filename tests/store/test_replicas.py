@@ -1,4 +1,4 @@
-"""Callbacks on servers with replicas: accepted is what a replica has as well, and nothing else."""
+"""Callbacks on servers with replicas: only what a replica has as well is accepted."""
 
 import asyncio
 from collections.abc import Iterator
@@ -21,14 +21,14 @@ OWNER = "/baxter/right_s1"
 
 class ReplicatedMemory(Memory):
     def pause(self) -> None:
-        """Have the replicas hang: their masters still count them."""
+        """Stop the replicas: their masters still count them."""
         self.redis.lagging = 1
 
     def resume(self) -> None:
         self.redis.replicas, self.redis.lagging = 1, 0
 
     def lose(self) -> None:
-        """Have the masters know that they have no replica any more."""
+        """Make the masters notice that they have no replica any more."""
         self.redis.replicas = 0
 
 
@@ -130,7 +130,7 @@ async def test_what_no_replica_confirms_is_not_accepted_and_nothing_is_left(
 
 
 async def until_added(store: Store, subscription: Any) -> None:
-    """The replicas may be about to read what came while they hung."""
+    """The replicas may still be reading what arrived while they were stopped."""
     for _ in range(20):
         try:
             return await store.add(subscription, Delivery(), LIMIT)
@@ -142,7 +142,7 @@ async def until_added(store: Store, subscription: Any) -> None:
 async def test_a_subscription_that_vanishes_before_it_is_confirmed_is_not_accepted(
     server: ReplicatedMemory | Replicated, a: Store
 ) -> None:
-    """A failover to a replica that did not have it yet does this."""
+    """A failover to a replica that did not have it yet causes this."""
     one, ask = a_subscription(), a._redis.replicated
 
     async def late(script: str, key: str, *arguments: str) -> Any:
@@ -153,7 +153,7 @@ async def test_a_subscription_that_vanishes_before_it_is_confirmed_is_not_accept
     with pytest.raises(StoreUnavailable, match="was gone before a replica had it"):
         await a.add(one, Delivery(), LIMIT)
     assert await a.record(one.id) is None
-    assert await held(a) == []  # and clears away what it lists
+    assert await held(a) == []  # and deletes what it lists
     await a.leave()
     assert {*server.lasting_keys()} <= {KEYS.queue(one.id)}
 
@@ -171,7 +171,7 @@ async def test_a_replica_that_is_gone_is_not_waited_for(server: ReplicatedMemory
 
 @pytest.mark.parametrize("server", REAL[1:], indirect=True)
 async def test_the_lists_in_which_a_callback_is_found_are_with_replicas_too(server: Replicated, a: Store) -> None:
-    """The replica of one list's master hangs, or is gone; that of the record is well."""
+    """The replica of one list's master is stopped or gone; that of the record works."""
 
     def of(key: str) -> int:
         return next(number for number, replica in enumerate(server.replicas) if replica.has(key))
@@ -197,7 +197,7 @@ async def test_the_lists_in_which_a_callback_is_found_are_with_replicas_too(serv
 
 
 def served_by(node: Server, key: str) -> bool:
-    """Return True if the key's slot is the node's, be there such a key or not."""
+    """Return True if the key's slot is the node's, whether the key exists or not."""
     return not node.ask("EXISTS", key).startswith("-MOVED")
 
 

@@ -1,4 +1,4 @@
-"""Rules: what starts to hold is claimed once, whoever evaluates it."""
+"""Rules: each row that starts to hold is claimed once, whichever gateway evaluates it."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -29,7 +29,7 @@ def began(*keys: str) -> dict[str, Firing]:
 
 
 async def read(store: RuleStore) -> Known:
-    """The only rule."""
+    """Return the only rule."""
     (known,) = (await store.load()).values()
     return known
 
@@ -47,7 +47,7 @@ async def evaluated(store: RuleStore, rule: Rule, *holding: str) -> Known:
 async def test_a_rule_and_its_revision_are_of_one_moment(
     a: RuleStore, b: RuleStore, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Else a write over that revision would undo a change that it has not seen: commands may be served apart."""
+    """Otherwise a write based on that revision would undo an unseen change: commands may be served separately."""
     rule = a_rule(title="1")
     await b.write(rule, 0, 9)
     run_one, revisions = a._redis.one, count(1)
@@ -132,7 +132,7 @@ async def test_what_holds_is_remembered_and_what_was_begun_is_unknown_to_the_nex
 async def test_what_comes_too_early_is_suppressed_and_counted(a: RuleStore) -> None:
     known = await evaluated(a, a_rule(interval_s=3600.0))
     many = [f"row{n:02}" for n in range(18)]
-    assert await a.advance(known, began(*many), ()) == list(range(1, 17))  # at once, as far as may be
+    assert await a.advance(known, began(*many), ()) == list(range(1, 17))  # at once, as far as permitted
     assert await a.advance(known, began("early"), many) == []
     assert await a.advance(known, began("again"), ["early"]) == []
     known = await read(a)

@@ -1,4 +1,4 @@
-"""Logouts and the key of sessions, as all gateways know them."""
+"""Logouts and the key of sessions, as known to all gateways."""
 
 import asyncio
 import time
@@ -63,7 +63,7 @@ async def test_what_would_be_over_by_now_is_forgotten(a: EndedSessions) -> None:
     past, lasting = Session("past", TokenHash("ab" * 32), time.time_ns()), a_session("lasting")
     for each in (past, lasting):
         await a.end(each)
-    for _ in range(2):  # it is heard of once more, from Redis
+    for _ in range(2):  # it arrives once more, from Redis
         await a.look()
     assert past not in a and lasting in a
 

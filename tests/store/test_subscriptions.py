@@ -1,4 +1,4 @@
-"""Subscriptions: what is accepted is read as it was, listed, counted, numbered in its queue, and gone when removed."""
+"""Subscriptions: accepted ones are read back unchanged, listed, counted, numbered, and gone when removed."""
 
 import asyncio
 from collections.abc import AsyncIterator, Iterator
@@ -84,7 +84,7 @@ async def test_a_client_has_no_more_than_its_limit_and_a_refusal_stores_nothing(
     assert len(accepted) == 5
     assert {type(result) for result in results} == {type(None), TooMany}, results
     assert len(await listed(a)) == len(await a.held()) + len(await b.held()) == 5
-    await b.add(a_subscription(client="192.0.2.8"), Delivery(), 5)  # another client's count is its own
+    await b.add(a_subscription(client="192.0.2.8"), Delivery(), 5)  # another client is counted separately
     await a.remove(accepted[0].id)
     await a.add(a_subscription(), Delivery(), 5)
     for one in await listed(a):

@@ -1,4 +1,4 @@
-"""Runs of gateways: one at a time holds a subscription, and what a dead one held goes to exactly one other."""
+"""Runs of gateways: one at a time holds a subscription, and those of a dead run go to exactly one other."""
 
 import asyncio
 from collections.abc import Iterator
@@ -184,7 +184,7 @@ async def test_a_stream_goes_over_to_the_gateway_that_adds_it_and_the_other_hear
         assert await c.of(stream.owner) == there
         assert (await ids_held(a), await ids_held(b)) == (set(), {stream.id})
         assert await anext(news) == News("replaced", stream.id, "a")
-        # What the first may still do when its connection closes leaves the stream with the other.
+        # Whatever the first does when its connection closes leaves the stream with the other.
         with pytest.raises(Lost):
             await a.add(stream, Delivery(DeliveryState.WAITING), 1, take=False)
         assert await a.note_all({stream.id: Delivery()}) == {stream.id}
