@@ -1,4 +1,4 @@
-"""A courier between a store and receivers: when it gives up, asks for consent, and keeps its numbers."""
+"""A courier between a store and receivers: when it gives up, asks for consent, and how it numbers deliveries."""
 
 import asyncio
 import base64
@@ -38,7 +38,7 @@ LOOPBACK = (IPv4Network("127.0.0.0/8"),)
 
 
 class Outside(Network):
-    """Loopback, as if it were out on the Internet: it may be reached, and its receivers must consent."""
+    """Loopback treated as public: it may be reached, and its receivers must consent."""
 
     def __init__(self) -> None:
         super().__init__(lookup=lambda *_: ["127.0.0.1"], ports=(range(1, 65536),))
@@ -72,7 +72,7 @@ class Toy:
 
 @dataclass
 class Work:
-    """A courier at work and what is around it."""
+    """A running courier and its surroundings."""
 
     toy: Toy
     courier: Courier
@@ -81,13 +81,13 @@ class Work:
     id: str
 
     async def requests(self, count: int, method: str | None = None) -> list[Seen]:
-        """Once so many have arrived."""
-        while len(log := self.receiver.log(method=method)) < count:  # noqa: ASYNC110 - beside the loop of receivers
+        """Return the log once it has so many requests."""
+        while len(log := self.receiver.log(method=method)) < count:  # noqa: ASYNC110 - in another thread
             await asyncio.sleep(0.01)
         return log
 
     async def until(self, probe: Callable[[Record], bool], what: str) -> Record:
-        """The record, when it is as it should be."""
+        """Return the record once it satisfies the probe."""
         deadline = time.monotonic() + PATIENCE_S
         while True:
             record = await self.store.record(self.id)
@@ -116,7 +116,7 @@ def there() -> Iterator[CallbackReceiver]:
 
 @pytest.fixture
 def at_once(monkeypatch: pytest.MonkeyPatch) -> list[int]:
-    """Repetitions follow at once; the list is of the failures before each."""
+    """Retry at once; the list contains the number of failures before each retry."""
     asked: list[int] = []
 
     def delay_s(failures: int, draw: float) -> float:
@@ -137,7 +137,7 @@ async def work(
     namespace: str = "",
     loses: bool = False,
 ) -> AsyncIterator[Work]:
-    """A courier that has just taken a subscription up; unless it ``loses`` that, it is at work to the end."""
+    """Run a courier that has just taken over a subscription; unless it ``loses`` that, it must run to the end."""
     subscription = Subscription(
         id=str(uuid.uuid4()),
         owner="/toy/elbow",
@@ -165,7 +165,7 @@ async def work(
 
 
 def another(at: Work, record: Record) -> Courier:
-    """A courier for the same store, fleet and receiver."""
+    """Return a courier for the same store, fleet and receiver."""
     sender = Receiver(Network(LOOPBACK, lookup=lambda *_: ["127.0.0.1"]), at.receiver.url(), ssl_context=PLAIN)
     return Courier(record, at.store, at.toy.fan_out, sender, consent=True)
 
@@ -216,7 +216,7 @@ async def test_failures_count_on_with_another_gateway(url: str, there: CallbackR
 async def test_what_is_suspended_is_not_tried_by_who_takes_it_over(url: str, there: CallbackReceiver) -> None:
     async with work(url, there, Delivery(DeliveryState.SUSPENDED, failures=SUSPEND_AFTER)) as at:
         at.toy.become(1)
-        # resumed at the store alone: for a courier that begins later, as when a gateway takes over
+        # resumed only in the store: for a courier that begins later, as after a takeover
         late = another(at, Record(at.courier.subscription, at.courier.delivery, "a"))
         assert there.log() == []
         await at.store.wake(at.id)
@@ -233,7 +233,7 @@ async def test_retry_after_counts_when_it_is_longer_than_the_backoff(
         record = await at.until(lambda record: record.delivery.failures == 2, "the second failure")
         assert record.delivery.last_status == 503
         assert len(there.log()) == 2
-        at.courier.wake()  # nothing else makes it come back
+        at.courier.wake()  # nothing else makes it continue
         assert numbers(await at.requests(3)) == [1, 1, 1]
 
 
@@ -243,7 +243,7 @@ async def test_retry_after_counts_when_it_is_longer_than_the_backoff(
 async def test_nothing_is_delivered_before_the_receiver_consents(
     url: str, there: CallbackReceiver, at_once: list[int]
 ) -> None:
-    """A receiver that fails is asked again; one that refuses is asked no more until somebody resumes."""
+    """A failing receiver is asked again; a refusing one only after somebody resumes."""
     there.script(Answer(500), Answer(429), consents("elsewhere.example"))
     refusing = Delivery(DeliveryState.AWAITING_CONSENT)
     async with work(url, there, refusing, Outside()) as at:
@@ -258,7 +258,8 @@ async def test_nothing_is_delivered_before_the_receiver_consents(
         there.consent = consents("fleet.example")
         at.courier.wake()
         (first,) = await at.requests(1, "POST")
-        assert first.headers["linked-fleet-version"] == at.toy.version  # not what was true when it was asked for
+        # not the value at the time of the request for consent
+        assert first.headers["linked-fleet-version"] == at.toy.version
         assert first.headers["webhook-request-origin"] == "fleet.example"
         at.toy.become(3)
         assert numbers(await at.requests(2, "POST")) == [1, 2]
@@ -269,7 +270,7 @@ async def test_nothing_is_delivered_before_the_receiver_consents(
 
 @pytest.mark.parametrize("answer", [Answer(405), Answer(200), Answer(404), Answer(302, {"Location": "/"})])
 async def test_a_refusal_is_an_answer(url: str, there: CallbackReceiver, answer: Answer) -> None:
-    """One request for consent is all that a receiver gets that refuses."""
+    """A receiver that refuses gets only one request for consent."""
     there.consent = answer
     async with work(url, there, Delivery(DeliveryState.AWAITING_CONSENT), Outside()) as at:
         delivery = await at.in_state(DeliveryState.SUSPENDED)
@@ -299,16 +300,16 @@ async def test_the_rate_that_is_allowed_becomes_an_interval(url: str, there: Cal
         assert record.delivery.consented
         for fact in range(1, 50):
             at.toy.become(fact)
-            await at.store.record(at.id)  # time enough for a courier that is not to wait
+            await at.store.record(at.id)  # enough time for a courier that must not wait
         log = await at.requests(3, "POST")
-        assert numbers(log) == [1, 2, 3]  # the second waits meanwhile, the third is what is true after that
+        assert numbers(log) == [1, 2, 3]  # the second waits meanwhile, the third is the state after that
         assert log[-1].headers["linked-fleet-version"] == at.toy.version
 
 
 async def test_the_rate_that_is_allowed_is_kept_when_a_delivery_is_repeated(
     url: str, there: CallbackReceiver, at_once: list[int]
 ) -> None:
-    """One in a minute, whatever the backoff is: what failed is not repeated before, and nothing overtakes it."""
+    """One per minute, whatever the back-off: a failed delivery is not repeated earlier, and nothing overtakes it."""
     there.consent = consents("*", "1")
     there.script(there.consent, Answer(500), retry_after(0))
     async with work(url, there, network=Outside()) as at:
@@ -317,16 +318,16 @@ async def test_the_rate_that_is_allowed_is_kept_when_a_delivery_is_repeated(
             assert record.delivery.allowed_interval_s == 60.0
             for fact in range(1, 50):
                 at.toy.become(fact)
-                await at.store.record(at.id)  # time enough for a courier that is not to wait
+                await at.store.record(at.id)  # enough time for a courier that must not wait
             assert numbers(there.log(method="POST")) == failures * [1]
-            at.courier.wake()  # nothing else makes it come back
+            at.courier.wake()  # nothing else makes it continue
         assert numbers(await at.requests(3, "POST")) == [1, 1, 1]
 
 
 async def test_who_lost_the_subscription_while_it_kept_the_rate_delivers_no_more(
     url: str, there: CallbackReceiver
 ) -> None:
-    """The pause can be longer than a lease: another gateway is further by then."""
+    """The pause can be longer than a lease: another gateway has made progress by then."""
     there.consent = consents("*", "20")
     outside, namespace = Outside(), uuid.uuid4().hex
     async with (
@@ -355,7 +356,7 @@ async def test_who_lost_the_subscription_while_it_kept_the_rate_delivers_no_more
 async def test_an_address_that_changes_between_look_and_delivery_is_asked_again(
     url: str, there: CallbackReceiver
 ) -> None:
-    """A receiver that was trusted moved to where consent is needed: nothing goes there, and it does not spin."""
+    """A trusted receiver moved to an address that needs consent: nothing is sent there, and it does not loop."""
     looks = itertools.count(1)
     anywhere = (range(1, 65536),)
     moving = Network(LOOPBACK, lookup=lambda *_: ["8.8.8.8"] if next(looks) == 3 else ["127.0.0.1"], ports=anywhere)
@@ -370,7 +371,7 @@ async def test_an_address_that_changes_between_look_and_delivery_is_asked_again(
 
 
 async def test_what_a_late_command_queued_is_delivered_before_what_follows(url: str, there: CallbackReceiver) -> None:
-    """A command of ours that was thought lost in an outage, and was not: its number must not be left out."""
+    """A command thought lost in an outage was executed: its number must not be skipped."""
     async with work(url, there) as at:
         await at.requests(1)
         await at.until(lambda record: record.delivery.last_status == 204, "delivered")
@@ -384,7 +385,7 @@ async def test_what_a_late_command_queued_is_delivered_before_what_follows(url: 
 
 
 async def test_a_command_that_comes_very_late_brings_nothing_back(url: str, there: CallbackReceiver) -> None:
-    """It was sent before a connection was lost, and is served after all that was said since."""
+    """It was sent before a connection was lost, and is executed after later commands."""
     async with work(url, there) as at:
         await at.requests(1)
         await at.until(lambda record: record.delivery.last_status == 204, "delivered")
@@ -441,7 +442,7 @@ async def test_a_courier_that_has_lost_its_subscription_ends(url: str, there: Ca
 
 
 async def test_who_is_cancelled_while_a_courier_stops_is_cancelled(url: str, there: CallbackReceiver) -> None:
-    """Or a gateway that ends just when a subscription is deleted would never end."""
+    """Otherwise a gateway that ends while a subscription is deleted would never end."""
     async with work(url, there) as at:
         record = Record(at.courier.subscription, Delivery(DeliveryState.SUSPENDED), "a")
         courier = another(at, record)
@@ -468,7 +469,7 @@ def verify(seen: Seen, secret: str) -> None:
 
 
 async def change(at: Work, **options: Any) -> None:
-    """Change options as a PATCH through another gateway does, and deliver the news of it."""
+    """Change options like a PATCH through another gateway, and deliver the news of it."""
     before = at.courier.subscription
     assert await at.store.change(before, replace(before.options, **options))
     record = await at.store.record(at.id)
@@ -479,7 +480,7 @@ async def change(at: Work, **options: Any) -> None:
 async def test_another_media_type_begins_with_the_present_state_after_what_is_queued(
     url: str, there: CallbackReceiver
 ) -> None:
-    """A delivery under way is neither given up nor sent again; what waits goes out as it was; numbers have no gaps."""
+    """A delivery in progress is not cancelled or repeated; the queue stays unchanged; numbers have no gaps."""
     there.script(Answer(), Answer(stalls=True))
     async with work(url, there) as at:
         await at.requests(1)
@@ -516,7 +517,7 @@ async def test_a_change_while_consent_is_awaited_holds_for_the_first_delivery(
 async def test_another_secret_signs_from_the_next_attempt_on(
     url: str, there: CallbackReceiver, at_once: list[int]
 ) -> None:
-    """Queued messages are signed anew as well, with the same body and id. An interval alone repeats nothing."""
+    """Queued messages are signed anew as well, with the same body and id. A change of the interval repeats nothing."""
     there.script(Answer(), Answer(500, stalls=True))
     async with work(url, there) as at:
         await at.requests(1)

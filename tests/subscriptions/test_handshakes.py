@@ -1,4 +1,4 @@
-"""Requests for consent, bounded by destination, on virtual time."""
+"""Requests for consent, limited per destination, on virtual time."""
 
 import asyncio
 from collections.abc import Awaitable, Callable, Sequence
@@ -12,7 +12,7 @@ HOUR_S = 3600.0
 
 
 class Clock:
-    """A clock that advances by what is slept."""
+    """A clock that advances by sleeping."""
 
     def __init__(self) -> None:
         self.now_s = 0.0
@@ -26,7 +26,7 @@ class Clock:
 
 
 async def ask(handshakes: Handshakes, clock: Clock, addresses: Sequence[str], granted: bool) -> float:
-    """The time at which the request was made."""
+    """Return the time at which the request was made."""
     async with handshakes.turn(addresses) as turn:
         asked_s = clock()
         turn.granted = granted
@@ -42,7 +42,7 @@ def times(test: Callable[[Handshakes, Clock], Awaitable[list[float]]]) -> list[f
 
 
 def test_a_destination_that_refuses_is_asked_ever_less_often() -> None:
-    """A thousand subscriptions to one host that refuses cost it fewer than seventy requests in an hour."""
+    """A thousand subscriptions to one refusing host cost it fewer than seventy requests in an hour."""
 
     async def test(handshakes: Handshakes, clock: Clock) -> list[float]:
         return await asyncio.gather(*(ask(handshakes, clock, ["8.8.8.8"], False) for _ in range(1000)))
@@ -70,7 +70,7 @@ def test_destinations_do_not_wait_for_each_other() -> None:
 
 
 def test_a_name_with_several_addresses_waits_for_each_of_them() -> None:
-    """Names that share an address share its bound, whatever other addresses they have."""
+    """Names that share an address share its limit, whatever other addresses they have."""
 
     async def test(handshakes: Handshakes, clock: Clock) -> list[float]:
         names = [["8.8.8.8", "1.1.1.1"], ["1.1.1.1", "9.9.9.9"], ["8.8.8.8", "9.9.9.9"]]
@@ -88,7 +88,7 @@ def test_a_network_of_ipv6_addresses_is_one_destination() -> None:
 
 
 def test_an_interrupted_request_counts_as_one() -> None:
-    """Cancellation while a request is under way leaves its destination usable after the pause."""
+    """A destination stays usable after the pause if a request is cancelled."""
 
     async def test(handshakes: Handshakes, clock: Clock) -> list[float]:
         begun = asyncio.Event()

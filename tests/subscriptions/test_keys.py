@@ -1,4 +1,4 @@
-"""The keys of subscriptions in Redis: each is plain, and parsed as it was built."""
+"""The Redis keys of subscriptions are plain, and parsed as they were built."""
 
 import re
 import uuid

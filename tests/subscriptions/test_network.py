@@ -1,4 +1,4 @@
-"""Which addresses callbacks may reach, however the URL spells them."""
+"""The addresses that callbacks may reach, however the URL spells them."""
 
 import asyncio
 import ipaddress
@@ -56,7 +56,7 @@ def test_what_is_not_public_is_forbidden(address: str) -> None:
 
 
 def test_a_host_is_looked_up_with_its_port_in_threads_for_that() -> None:
-    """Not in those of the event loop, which other work of the gateway needs."""
+    """Not in those of the event loop, which the gateway needs for other work."""
     asked = []
 
     def lookup(host: str, port: int) -> list[str]:
@@ -68,7 +68,7 @@ def test_a_host_is_looked_up_with_its_port_in_threads_for_that() -> None:
 
 
 def test_the_system_resolver_is_asked_for_addresses_of_tcp(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A scope is part of an address, and what is no IP address is left out."""
+    """A scope is part of an address; anything but an IP address is left out."""
     asked = []
 
     def getaddrinfo(host: bytes, port: int, **options: int) -> list[tuple[object, ...]]:
@@ -93,7 +93,7 @@ def test_an_address_in_the_url_is_judged_like_that_of_a_name(address: str) -> No
 
 @pytest.mark.parametrize("port", [22, 25, 6379, 8000])
 def test_ports_of_other_services_are_forbidden(port: int) -> None:
-    """A public address is reached at the ports of HTTP alone, unless the operator names others."""
+    """A public address is reached only at the ports of HTTP, unless the operator names others."""
 
     def at_port(network: Network, port: int) -> list[Address]:
         with closing(network):
@@ -150,7 +150,7 @@ def test_the_system_resolver_sees_through_numeric_tricks_and_loopback_stays_forb
 
 @pytest.mark.parametrize("host", ["localhost.", "127.0.0.1."])
 def test_a_trailing_dot_opens_nothing(host: str) -> None:
-    with pytest.raises((Forbidden, Unresolvable)):  # which of the two is up to the system's resolver
+    with pytest.raises((Forbidden, Unresolvable)):  # which of the two depends on the system's resolver
         resolve(Network(), host=host)
 
 
@@ -203,7 +203,7 @@ def test_the_end_waits_for_no_look_up_and_begins_none() -> None:
     async def run() -> list[object]:
         network = Network(lookup=stalled, timeout_s=600)
         several = [asyncio.create_task(network.resolve(f"r{n}.example", 80)) for n in range(10)]
-        for _ in range(8):  # look-ups run beside each other, the others wait for these
+        for _ in range(8):  # look-ups run concurrently, the others wait for these
             await asyncio.to_thread(begun.get, timeout=60)
         network.close()
         dead.set()

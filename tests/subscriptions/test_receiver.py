@@ -1,4 +1,4 @@
-"""Deliveries to receivers, well-behaved and hostile ones."""
+"""Deliveries to well-behaved and hostile receivers."""
 
 import asyncio
 import ssl
@@ -143,7 +143,7 @@ def test_an_endless_body_is_not_read_and_costs_only_the_connection(there: Callba
     there.default = Answer(200, endless=True)
     assert [outcome.verdict for outcome in using(there.url(), times(5))] == [Verdict.DELIVERED] * 5
     assert there.connections == 5
-    assert there.endless_bytes < 5 * 2**20  # what buffers of both sides take; a reader would be sent gigabytes
+    assert there.endless_bytes < 5 * 2**20  # what buffers of both sides hold; a reader would get gigabytes
 
 
 def test_a_body_of_a_few_kilobytes_keeps_the_connection(there: CallbackReceiver) -> None:
@@ -169,7 +169,7 @@ def test_deliveries_that_were_cancelled_leave_room_for_the_next(there: CallbackR
     async def run(receiver: Receiver) -> Outcome:
         for count in range(1, 7):
             stuck = asyncio.create_task(deliver(receiver))
-            while len(there.log()) < count:  # noqa: ASYNC110 - beside the loop of receivers
+            while len(there.log()) < count:  # noqa: ASYNC110 - the receiver runs beside the loop
                 await asyncio.sleep(0.01)
             stuck.cancel()
             await asyncio.wait([stuck])

@@ -42,7 +42,7 @@ def server(certificate: Path) -> ssl.SSLContext:
 
 
 def delivered(url: str, context: ssl.SSLContext) -> Outcome:
-    """Deliver to a URL whose host has an address of loopback."""
+    """Deliver to a URL whose host has a loopback address."""
 
     async def run() -> Outcome:
         with closing(Network((IPv4Network("127.0.0.0/8"),), lookup=lambda *_: ["127.0.0.1"])) as network:

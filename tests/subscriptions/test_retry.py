@@ -1,4 +1,4 @@
-"""Backing off, and what a receiver may say about it."""
+"""Back-off, and the Retry-After of a receiver."""
 
 import math
 from datetime import UTC, datetime

@@ -1,4 +1,4 @@
-"""Deliveries that a receiver can verify with any Standard Webhooks library."""
+"""Deliveries can be verified with any Standard Webhooks library."""
 
 import base64
 

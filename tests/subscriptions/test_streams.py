@@ -1,4 +1,4 @@
-"""The streams of one gateway with a store, a fleet and a fan-out: what stays listed, and what leaves nothing behind."""
+"""The streams of one gateway with a store, a fleet and a fan-out: they stay listed, and leave nothing behind."""
 
 import asyncio
 import math
@@ -37,7 +37,7 @@ LIMIT = 3
 
 
 class Outlet:
-    """A connection on which everything leaves at once."""
+    """A connection on which everything is sent at once."""
 
     def __init__(self) -> None:
         self.messages: list[Message] = []
@@ -91,7 +91,7 @@ class Toy:
 
 
 class Cut(Store):
-    """A store whose answers get lost on the way, after all has been done, while ``cut`` is set."""
+    """A store whose answers are lost after execution, while ``cut`` is set."""
 
     cut = False
 
@@ -102,14 +102,14 @@ class Cut(Store):
 
 
 class Gateway:
-    """As much of one as streams need."""
+    """The parts of a gateway that streams need."""
 
     def __init__(self, store: Cut, run: str) -> None:
         self.store, self.run, self.toy = store, run, Toy()
         self.streams = Streams(store, run, self.toy.fan_out, LIMIT)
 
     async def connect(self, subscription: Subscription, kind: Kind = Kind.WEBSOCKET) -> tuple[Watcher, Outlet]:
-        """Open it and await the first message."""
+        """Open a stream and await its first message."""
         opened, outlet = replace(subscription, kind=kind), Outlet()
         await self.streams.register(opened)
         watcher = self.streams.open(opened, outlet, None)
@@ -125,13 +125,13 @@ class Gateway:
         return None if record is None else record.delivery.state
 
     async def keep(self) -> bool:
-        """What a gateway does now and then; whether nothing is left, not even of a list written by half."""
+        """Do a gateway's periodic work; return True if nothing is left, not even a partial list."""
         await self.streams.catch_up()
         await self.streams.compare({record.subscription.id: record for record in await self.store.held()})
         return not await self.listed() and not self.streams._background and not self.streams._expiries
 
     async def emptied(self) -> None:
-        """Nothing is listed, and the client may have as many as ever."""
+        """Check that nothing is listed, and that the client has its whole quota."""
 
         async def empty() -> bool:
             return not await self.listed()
@@ -159,7 +159,7 @@ def servers(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Servers]:
 
 @pytest.fixture
 def soon(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Nobody is waited for very long."""
+    """Shorten all waits."""
     monkeypatch.setattr(streams_module, "UNOPENED_S", 0.3)
 
 
@@ -205,14 +205,14 @@ async def gateways(servers: Servers, count: int = 1) -> AsyncIterator[list[Gatew
 
 
 async def test_what_is_opened_again_and_again_stays(servers: Servers, soon: None) -> None:
-    """None of the waits between its connections ends it later: it is open when one that began later is over."""
+    """No wait between its connections ends it later: it is still open when later waits have expired."""
     async with gateways(servers) as (at,):
         posted = stream()
         await at.streams.offer(posted)
         for kind in (Kind.WEBSOCKET, Kind.EVENT_STREAM, Kind.WEBSOCKET):
             watcher, _ = await at.connect(posted, kind)
             at.streams.close(replace(posted, kind=kind), watcher, reopenable=True)
-        for _ in range(3):  # now each of them waits to be opened before it is
+        for _ in range(3):  # now each of them waits before it is opened
             watcher, _ = await at.connect(posted)
             at.streams.close(replace(posted, kind=Kind.WEBSOCKET), watcher, reopenable=True)
 
@@ -247,7 +247,7 @@ async def test_what_is_not_opened_again_vanishes(servers: Servers, soon: None) -
 
 
 async def test_a_wait_at_the_gateway_before_does_not_end_it(servers: Servers, soon: None) -> None:
-    """Made at one gateway and opened through another, of which the first has not heard: its clock runs out."""
+    """Created at one gateway and opened through another, unknown to the first, whose wait expires."""
     async with gateways(servers, 2) as (one, other):
         posted = stream()
         await one.streams.offer(posted)
@@ -302,7 +302,7 @@ async def test_a_client_with_too_many_leaves_nothing(servers: Servers) -> None:
 
 
 async def test_who_is_cancelled_while_it_registers_leaves_nothing(servers: Servers, soon: None) -> None:
-    """At whatever step of the store that is; also one that was made by POST, which waits on."""
+    """At any step of the store; also a stream created by POST, which continues to wait."""
     async with gateways(servers) as (at,):
         for steps in range(0, 60, 6):
             posted = stream()
@@ -320,7 +320,7 @@ async def test_who_is_cancelled_while_it_registers_leaves_nothing(servers: Serve
 
 
 async def test_an_answer_of_the_store_that_is_lost_leaves_nothing(servers: Servers) -> None:
-    """The client is told that there is no subscription, and then there is none."""
+    """The client is told that there is no subscription, which becomes true."""
     async with gateways(servers) as (at,):
         at.store.cut = True
         with pytest.raises(StoreUnavailable):
@@ -349,7 +349,7 @@ async def test_a_stream_that_is_opened_while_answers_are_lost_is_listed_later_an
 
 
 async def test_a_posted_stream_that_is_opened_again_after_an_outage_stays_listed(servers: Servers) -> None:
-    """Its end could not be told; when it is opened again there is nothing to tell any more."""
+    """Its end could not be stored; when it is opened again there is nothing to store any more."""
     async with gateways(servers) as (at,):
         posted = stream()
         await at.streams.offer(posted)
@@ -383,7 +383,7 @@ async def test_what_is_deleted_while_it_is_being_opened_ends(servers: Servers, s
 
 
 async def test_what_reached_the_store_too_late_is_found(servers: Servers) -> None:
-    """A command that was given up, and carried out after its end was told: comparing finds what nobody has here."""
+    """A command that was given up is executed after the end was stored: reconciling finds the leftover."""
     async with gateways(servers) as (at,):
         posted = stream()
         await at.streams.offer(posted)
@@ -414,7 +414,7 @@ async def test_what_is_deleted_while_its_close_is_being_noted_does_not_come_back
 
 
 async def test_what_is_deleted_just_when_it_is_closed_does_not_come_back(servers: Servers) -> None:
-    """Through another gateway, of which this one has not heard."""
+    """Through another gateway, unknown to this one."""
     async with gateways(servers) as (at,):
         posted = stream()
         await at.streams.offer(posted)
@@ -429,7 +429,7 @@ async def test_what_is_deleted_just_when_it_is_closed_does_not_come_back(servers
 
 
 async def change(one: Gateway, subscription: Subscription, at: Gateway, **options: Any) -> None:
-    """Through ``one``, of which the gateway ``at`` has heard."""
+    """Change through ``one``, after which the gateway ``at`` gets the news."""
     record = await one.store.record(subscription.id)
     assert record is not None
     assert await one.store.change(record.subscription, replace(record.subscription.options, **options))
@@ -439,7 +439,7 @@ async def change(one: Gateway, subscription: Subscription, at: Gateway, **option
 
 
 async def test_an_open_stream_goes_by_other_options_and_so_does_it_when_it_is_opened_again(servers: Servers) -> None:
-    """On the same connection, without an end or a repetition; whoever serves it next has them from its record."""
+    """On the same connection, without an end or a repetition; the next gateway gets them from its record."""
     async with gateways(servers, 2) as (one, other):
         posted = stream()
         await one.streams.offer(posted)
