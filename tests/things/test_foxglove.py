@@ -1,4 +1,4 @@
-"""A client of Foxglove as a black box: it lists channels, decodes a thousand messages, calls a service, and may not."""
+"""A Foxglove client as a black box: it lists channels, decodes messages, calls a service, and is refused."""
 
 import contextlib
 import json
@@ -24,7 +24,7 @@ def here(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Guarded]:
 
 
 def said_by(here: Guarded, name: str, subprotocol: str, messages: int) -> dict[str, object]:
-    """All that the client says, by its words."""
+    """Return the client's output, by its words."""
     url = here.root.replace("http", "ws", 1) + "foxglove"
     command = [node(), HERE / "foxglove.cjs", url, here.tokens[name], SEEN, subprotocol, str(messages)]
     done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE_S, check=False)

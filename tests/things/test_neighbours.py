@@ -1,4 +1,4 @@
-"""The Web of Things as its standards have it: descriptions, the forms in them, and the directory."""
+"""The Web of Things by its standards: descriptions, their forms, and the directory."""
 
 import json
 from collections.abc import Iterator
@@ -32,7 +32,7 @@ def http(place: Place) -> Iterator[httpx.Client]:
 
 
 def _joint(http: httpx.Client) -> dict:
-    """A joint that turns, found by links alone."""
+    """Return a revolute joint, found only by links."""
     pending = ["/.well-known/wot"]
     while pending:
         answer = http.get(pending.pop(), headers=TD)

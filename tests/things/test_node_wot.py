@@ -1,4 +1,4 @@
-"""A client of another standard as a black box: node-wot finds a joint, reads it, observes it, and turns it."""
+"""A client of another standard as a black box: node-wot finds a joint, reads it, observes it, and rotates it."""
 
 import contextlib
 import json

@@ -1,4 +1,4 @@
-"""gateway/linked_fleet_gateway/extensions/things/README.md installs what the tests of neighbours use."""
+"""gateway/linked_fleet_gateway/extensions/things/README.md installs the packages used by the tests."""
 
 import json
 import re
@@ -9,7 +9,7 @@ _PAGE = _HERE.parents[1] / "gateway/linked_fleet_gateway/extensions/things/READM
 
 
 def test_the_page_pins_what_is_tested() -> None:
-    """npm would pick a schema that knows no TD 1.1: the versions of that package do not sort by date."""
+    """npm would choose a schema without TD 1.1: the versions of that package are not ordered by date."""
     tested = json.loads((_HERE / "package.json").read_text())["devDependencies"]
     (command,) = re.findall(r"^npm install (.+)$", _PAGE.read_text(), re.MULTILINE)
     pinned = dict(each.rsplit("@", 1) for each in command.split())
