@@ -152,7 +152,7 @@ class TestMessages:
 
     @pytest.mark.parametrize("number", ["-1", "9223372036854775808", "123456789012345678901234567890", "1.5", "1e30"])
     def test_what_is_no_time_is_refused(self, number: str) -> None:
-        """Below zero, or beyond 63 bits, it is none that a calendar has."""
+        """Below zero or beyond 63 bits, it is no valid time."""
         told = Progress(version=1, id="a", incarnation=1, state="succeeded", wall_ns=2**63 - 1)
         payload = codec.encode(told)
         assert codec.decode(payload, Progress) == told

@@ -56,7 +56,7 @@ def test_a_frame_comes_back_to_the_bit(state: State) -> None:
 
 @given(states())
 def test_numpy_decodes_a_frame_by_its_layout(state: State) -> None:
-    """Desideratum D5: the described layout suffices to read the binary state, without this code."""
+    """Desideratum D5: the layout suffices to read the binary state, without this code."""
     fields = codec.layout(len(state.positions), state.base is not None)
     kinds = {"char2": "S2", "uint16": "<u2", "uint64": "<u8", "int64": "<i8", "float64": "<f8"}
     described = numpy.dtype(

@@ -1,4 +1,4 @@
-"""Keys are built and parsed from one definition."""
+"""Keys are built and parsed by one definition."""
 
 import pytest
 from hypothesis import given

@@ -1,4 +1,4 @@
-"""Pictures on the wire: what goes out comes back, and what is no picture of its stated size is refused."""
+"""Encoded pictures: round trips, and pictures of another size than stated are refused."""
 
 import struct
 from io import BytesIO

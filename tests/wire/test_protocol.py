@@ -1,4 +1,4 @@
-"""PROTOCOL.md says what the code does: its examples decode and come out again, its tables are those of the code."""
+"""PROTOCOL.md agrees with the code: its examples survive a round trip, its tables are those of the code."""
 
 import json
 import math
@@ -28,7 +28,7 @@ def examples(language: str) -> list[tuple[str, str]]:
 
 
 def table(*header: str) -> list[list[str]]:
-    """The rows of the one table with this header."""
+    """Return the rows of the only table with this header."""
     [body] = re.findall(rf"^\| {re.escape(' | '.join(header))} \|\n\|[-|]+\n((?:\|.*\n)+)", PAGE, re.M)
     return [[cell.strip().strip("`") for cell in line.strip("| \n").split(" | ")] for line in body.splitlines()]
 

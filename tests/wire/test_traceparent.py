@@ -1,4 +1,4 @@
-"""Whose text a traceparent is, and whose not (W3C Trace Context, 3.2)."""
+"""Valid and invalid traceparent fields (W3C Trace Context, 3.2)."""
 
 import re
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Which endpoints let in whoever comes, and what is said of files that are no credentials."""
+"""Endpoints that accept anybody, and messages about invalid credential files."""
 
 from pathlib import Path
 
@@ -47,7 +47,7 @@ def test_no_agent_is_called_as_those_who_command() -> None:
 
 
 def test_every_subject_has_a_name() -> None:
-    """Zenoh takes one without any for everybody."""
+    """Zenoh applies a subject without a name to everybody."""
     for access in (of_router(Keys(), {}), of_router(Keys(), {"a": ["a"], "sim": None}), of_agent(Keys())):
         assert access["default_permission"] == "deny"
         subjects = access["subjects"]
