@@ -262,9 +262,7 @@ def test_it_hears_nothing_of_another(scene: Scene) -> None:
 
 
 def test_without_a_certificate_of_the_authority_there_is_no_link(scene: Scene, tmp_path: Path) -> None:
-    """Without a certificate, with a foreign one, or in plain text, the agent hears nothing and the robot never
-    joins.
-    """
+    """Without a certificate, with a foreign one, or without TLS, the agent hears nothing and its robot is missing."""
     foreign = made(tmp_path / "foreign", "--agent", "c")
     ours, theirs = words(scene.folder, "agents/c"), words(foreign, "agents/c")
     nothing = mutual_tls(str(scene.folder / "ca.pem"), "", "")
