@@ -1,4 +1,4 @@
-// Sending what a form says, and showing what the gateway answers to it.
+// Sends what a form contains, and shows the gateway's response.
 
 import { complain, fieldsFor, read } from "./form.js";
 import { converted, number } from "./format.js";
@@ -33,7 +33,7 @@ async function submit(form, button) {
   answer(form, "waiting", rehearsal ? "Trying…" : "Asking…");
   const got = await send(method, form.dataset.action, { body, headers });
   form.removeAttribute("aria-busy");
-  // What got no answer may have been done: sent again as it is, it is the same request.
+  // A request without a response may have been executed: sent again unchanged, it has the same idempotency key.
   if (got.status) delete form.dataset.key;
   if (got.problem) refused(form, got);
   else if (rehearsal) rehearsed(form, got.graph);
@@ -62,7 +62,7 @@ function done(form, got) {
   refresh();
 }
 
-/** How a form calls what it makes. */
+/** The name of what a form creates. */
 function titleIn(form) {
   return form.querySelector(`input[data-path="${TITLE}"]`)?.value.trim();
 }
@@ -78,11 +78,11 @@ function refused(form, got) {
   if (names.length) parts.push(list(things.map((iri, index) => link(iri, names[index] ?? localName(iri)))));
   answer(form, "error", ...parts);
   contact(point);
-  // No word from the robot is no refusal: what becomes of it is seen there.
+  // Without an answer from the robot this is no refusal: the invocation shows the outcome.
   if (location) follow(location, undefined, form);
 }
 
-/** Whether the result of a validation report was said at the field that it is about. */
+/** Show a result of the validation report at its field; return whether it has one. */
 function mark(form, { path = "", message = "", value = undefined }) {
   if (!path || !message) return false;
   const fields = fieldsFor(form, path);
@@ -91,7 +91,7 @@ function mark(form, { path = "", message = "", value = undefined }) {
   return Boolean(meant);
 }
 
-/** What forms of other modules say of the answer to what they have sent. */
+/** How forms of other modules show a response. */
 export const outcome = {
   waiting: (form) => answer(form, "waiting", "Asking…"),
   none: (form) => answer(form, "", ""),
@@ -99,7 +99,7 @@ export const outcome = {
   rehearsed: (form, got) => (got.problem ? refused(form, got) : rehearsed(form, got.graph, false)),
 };
 
-/** @param {boolean} full whether to say where each joint would be, which a scene shows as well */
+/** @param {boolean} full whether to list where each joint would be, which a scene shows as well */
 function rehearsed(form, graph, full = true) {
   const [root, facts] = [...(graph?.subjects ?? [])].find(([, each]) => each.get(RDF_TYPE)?.some(({ value }) => value === lf("Rehearsal"))) ?? [];
   if (!root) {

@@ -1,4 +1,4 @@
-// Times as ages, which are kept fresh.
+// Times as ages, which are updated regularly.
 
 const PERIOD_MS = 500;
 const STILL_MS = 10000;
@@ -10,7 +10,7 @@ const SCALES = [
   [86400, 3600, "h"],
   [Infinity, 86400, "d"],
 ];
-// Below this the clocks are taken to agree: a Date field has whole seconds.
+// Below this difference the clocks are considered equal: a Date field has whole seconds.
 const AGREED_MS = 2500;
 const HALF_SECOND_MS = 500;
 const KEPT = 10;
@@ -19,11 +19,11 @@ const trips = [];
 let skewMs = 0;
 
 /**
- * Count ages from the clock of the gateway, which its answers tell: that of the fastest of the last ten, whose Date was
- * written nearest to the middle between request and answer.
+ * Count ages by the gateway's clock, from the Date fields of responses. Of the last ten the fastest is used, whose Date
+ * is most certainly in the middle between request and response.
  *
  * @param {Response} response
- * @param {number} sentMs when it was asked for
+ * @param {number} sentMs time of the request
  */
 export function agree(response, sentMs) {
   const theirs = Date.parse(response.headers.get("date") ?? "");
@@ -32,7 +32,7 @@ export function agree(response, sentMs) {
   trips.push({ tookMs: now - sentMs, skewMs: (sentMs + now) / 2 - (theirs + HALF_SECOND_MS) });
   if (trips.length > KEPT) trips.shift();
   const best = trips.reduce((least, each) => (each.tookMs < least.tookMs ? each : least));
-  // An answer that took longer says less: its Date may be of any moment in between.
+  // A slower response is less exact: its Date may be of any moment in between.
   const certainMs = AGREED_MS + best.tookMs / 2;
   skewMs = Math.abs(best.skewMs) > certainMs ? best.skewMs : 0;
 }
@@ -45,7 +45,7 @@ export function age(seconds) {
   return `${text} ${unit} ago`;
 }
 
-/** A value of which there is no news although somebody listens has not changed. */
+/** A value without news has not changed, as long as the connection is alive. */
 function past(time, agoMs) {
   const { connection, presence } = document.body.dataset;
   const heard = connection === "live" && presence !== "offline" && time.dataset.path?.endsWith(MEASURED);

@@ -1,4 +1,4 @@
-// The page of the world: what stands in it as a list, and forms whose positions can be dragged in the scene.
+// The page of the world: a list of its objects, and forms whose positions can be dragged in the scene.
 
 import { draft } from "./form.js";
 import { drawing } from "./ghost.js";
@@ -77,7 +77,7 @@ function arranged(details) {
   return arrangements.get(details);
 }
 
-/** The form of an object, or of the place of a robot, and its draft in the scene. */
+/** The form of an object or of a robot's placement, with its draft in the scene. */
 class Arrangement {
   constructor(details) {
     this.details = details;
@@ -95,7 +95,7 @@ class Arrangement {
     else this.end();
   }
 
-  /** Show what the form says, and have it dragged. */
+  /** Show the form's contents in the scene, and make them draggable. */
   begin() {
     const scene = drawing();
     if (!this.details.open || !this.form) return;
@@ -109,7 +109,7 @@ class Arrangement {
     this.typed();
   }
 
-  /** Buttons for what is dragged: where it is, or how it is turned. */
+  /** Buttons that choose between dragging the position and the orientation. */
   offer() {
     if (this.form.querySelector(".gizmo")) return;
     const bar = make("p", { className: "buttons gizmo" });
@@ -134,7 +134,7 @@ class Arrangement {
     if (done) this.typed();
   }
 
-  /** Numbers that were typed move what is in the scene. */
+  /** Move the object in the scene after numbers were typed. */
   typed() {
     const position = this.fields?.readPosition();
     if (!this.target || !this.form || !position) return;

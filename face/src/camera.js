@@ -1,4 +1,4 @@
-// What a camera sees, live: each message is a whole picture.
+// The live pictures of a camera: each message is a whole picture.
 
 import { watch } from "./socket.js";
 
@@ -9,7 +9,7 @@ export function start() {
   watch(image.getAttribute("src"), { protocol: "lf.jpeg", interval: 0.1 }, (picture) => {
     const next = URL.createObjectURL(new Blob([picture], { type: "image/jpeg" }));
     image.src = next;
-    // One that is let go before it is decoded is never seen, but the one that follows is.
+    // A picture may be dropped before it is decoded; the following one is shown.
     if (shown) URL.revokeObjectURL(shown);
     shown = next;
   });

@@ -1,4 +1,4 @@
-// Several joints of a robot over each other: what is remembered of them, and then what comes.
+// Several joints of a robot in one chart: their history, followed by live values.
 
 import uPlot from "uplot";
 
@@ -43,7 +43,7 @@ class Chart {
     setInterval(() => this.seen && !document.hidden && !this.stale && this.draw(), PERIOD_MS);
   }
 
-  /** Where nobody is heard the lines end. */
+  /** End the lines where the connection is lost. */
   get stale() {
     const { connection, presence } = document.body.dataset;
     return connection !== "live" || presence === "offline";
@@ -53,7 +53,7 @@ class Chart {
     if (this.state !== state) this.begin(state);
     const time = Number(values.wallNs ?? -1n) / NS_PER_S;
     if (!(time > 0)) return;
-    // The clock of the agent goes on between two frames as that of this machine does.
+    // Between two frames the agent's clock advances like that of this machine.
     this.ahead = time - performance.now() / 1000;
     if (time - (this.times.at(-1) ?? 0) < SAMPLE_S) return;
     this.times.push(time);
@@ -102,7 +102,7 @@ class Chart {
     this.figure.querySelector("fieldset").replaceChildren(...boxes);
   }
 
-  /** Put what is remembered before what has been seen. */
+  /** Put the history before the live values. */
   async fill(state) {
     const { names, times, columns } = await fetchPast(this.figure.dataset.history, LONGEST_S);
     if (state !== this.state) return;
@@ -158,7 +158,7 @@ class Chart {
   draw() {
     if (!this.chart) return;
     const now = this.stale || this.ahead === undefined ? (this.times.at(-1) ?? 0) : performance.now() / 1000 + this.ahead;
-    // A value that nobody speaks of has not changed.
+    // A value without news has not changed.
     const lines = this.lines().map((values) => [...values, values.at(-1) ?? null]);
     this.chart.setData([[...this.times, now], ...lines], false);
     this.chart.setScale("x", { min: now - this.span, max: now });

@@ -1,4 +1,4 @@
-// A lost connection is said at once, and no more when it is back.
+// Shows a lost connection at once, until it is back.
 
 import { refresh } from "./region.js";
 import { onConnection } from "./socket.js";
@@ -19,7 +19,7 @@ export function start() {
     document.body.dataset.connection = state;
     line.hidden = state === "live";
     line.textContent = WORDS[state] ?? "";
-    // What was missed may be more than values.
+    // More than values may have changed meanwhile.
     if (state === "live" && before !== "live") refresh();
     before = state;
   });

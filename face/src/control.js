@@ -1,15 +1,15 @@
-// The proof that this browser has control of a robot (gateway/linked_fleet_gateway/actions/PROTOCOL.md): whoever took it goes on having it.
+// The token of a control lease held by this browser (gateway/linked_fleet_gateway/actions/PROTOCOL.md), kept across pages.
 
 const PREFIX = "linked-fleet control of ";
 
-/** Keep what a control lease came with; forget it with the lease. */
+/** Store the token of a control lease, or remove it with the lease. */
 export function remember(method, iri, response) {
   const token = response.headers.get("lock-token");
   if (token) localStorage.setItem(PREFIX + iri, token);
   else if (method === "DELETE" && response.ok) localStorage.removeItem(PREFIX + iri);
 }
 
-/** Header fields for a request to what is below the same robot as a lease that is held here. */
+/** Return the header fields for a request below a robot whose lease this browser holds. */
 export function proof(iri) {
   for (let index = 0; index < localStorage.length; index++) {
     const name = localStorage.key(index);
@@ -21,7 +21,7 @@ export function proof(iri) {
   return {};
 }
 
-/** Whether this browser has taken the lease at this address and not given it back. */
+/** Return whether this browser holds the lease at this address. */
 export function holds(iri) {
   return localStorage.getItem(PREFIX + iri) !== null;
 }

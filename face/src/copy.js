@@ -1,4 +1,4 @@
-// Buttons that copy what stands beside them.
+// Buttons that copy the text beside them.
 
 const SHOWN_MS = 2000;
 
@@ -18,7 +18,7 @@ async function copy(button) {
   setTimeout(() => (button.textContent = name), SHOWN_MS);
 }
 
-/** Browsers have a clipboard for https and for this machine alone; elsewhere the text is selected. */
+/** Browsers offer a clipboard only for https and this machine; elsewhere the text is selected. */
 async function write(text, source) {
   try {
     await navigator.clipboard.writeText(text);

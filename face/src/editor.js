@@ -1,4 +1,4 @@
-// Editors of SPARQL and Turtle in the place of text areas, which keep the text: forms read them as before.
+// Editors of SPARQL and Turtle that replace text areas, which keep the text for the forms.
 
 import { autocompletion, closeBrackets, closeBracketsKeymap, completionKeymap } from "@codemirror/autocomplete";
 import { defaultKeymap, history, historyKeymap } from "@codemirror/commands";
@@ -42,7 +42,7 @@ const COLOURS = HighlightStyle.define([
   { tag: [tags.meta, tags.definitionKeyword], color: "var(--soft)" },
 ]);
 
-/** Put an editor in the place of a text area. */
+/** Replace a text area by an editor. */
 export function edit(area) {
   if (views.has(area)) return;
   const host = document.createElement("div");
@@ -68,7 +68,7 @@ export function edit(area) {
         closeBrackets(),
         autocompletion({ override: [complete(area.dataset.editor)] }),
         Prec.highest(keymap.of([{ key: "Mod-Enter", run: send }])),
-        // Tab leaves the editor: whoever has no mouse gets on.
+        // Tab leaves the editor, so that it can be used without a mouse.
         keymap.of([...closeBracketsKeymap, ...defaultKeymap, ...historyKeymap, ...completionKeymap]),
         StreamLanguage.define(MODES[area.dataset.editor]),
         syntaxHighlighting(COLOURS),
@@ -112,13 +112,13 @@ function replaceSelection(event, view) {
   return true;
 }
 
-/** The text area has got another text. */
+/** Update the editor after the text area's text was replaced. */
 function show(area, view) {
   if (view.state.doc.toString() === area.value) return;
   view.dispatch({ changes: { from: 0, to: view.state.doc.length, insert: area.value }, selection: { anchor: 0 } });
 }
 
-/** Show where the gateway found a mistake: `data-line` and `data-column` of the text area count from 1. */
+/** Show the position of the gateway's error: `data-line` and `data-column` of the text area count from 1. */
 function mark(area, view) {
   const { line, column, message = "Here it could not be read." } = area.dataset;
   const { doc } = view.state;

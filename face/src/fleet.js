@@ -1,4 +1,4 @@
-// The cards of a fleet: what each robot is doing, and which cards are shown.
+// The cards of a fleet: each robot's activity, and the filter of cards.
 
 import { refresh } from "./age.js";
 import * as drawings from "./card_drawings.js";
@@ -23,7 +23,7 @@ export function start() {
   new MutationObserver(apply).observe(document.querySelector("main"), changes);
 }
 
-/** Write tasks and times of motions into the cards: neither need be there, so neither has an address in the page. */
+/** Write tasks and times of motions into the cards: both are optional, so they have no addresses in the page. */
 function tell(graph) {
   for (const card of document.querySelectorAll(CARDS)) {
     const task = graph.value(card.dataset.robot, lf("currentTask"));
@@ -90,7 +90,7 @@ function count(counts) {
   );
 }
 
-/** Robots that came since the page was served may be of a kind that it does not offer. */
+/** Robots that joined after the page was served may be of a kind missing in the filter. */
 function offer(kinds) {
   const select = filter.elements.kind;
   const known = new Set([...select.options].map(({ value }) => value));

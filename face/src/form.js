@@ -1,4 +1,4 @@
-// Forms that were generated from shapes: read into triples, and checked before they are sent.
+// Forms generated from shapes: validated, and read into triples.
 
 import { write } from "./ntriples.js";
 import { adopt } from "./region.js";
@@ -22,13 +22,13 @@ function prepare(root) {
 
 /** @param {HTMLFormElement} form that has just come to the page */
 export function ready(form) {
-  // The browser's own check would ask for what stands in optional parts that nobody wants to fill.
+  // The browser's own validation would demand fields in optional parts that stay empty.
   form.noValidate = true;
   fit(form);
   applyLimits(form);
 }
 
-/** Ask for what is for the type of its node that is chosen, and for nothing else. */
+/** Show the fields for the chosen type of their node, and no others. */
 function fit(form) {
   for (const part of form.querySelectorAll("[data-when]")) {
     const type = part.parentElement.closest(`${NODE}, ${FORM}`).querySelector(`select[data-path="${RDF_TYPE}"]`);
@@ -47,7 +47,7 @@ function touched(control) {
   applyLimits(form);
 }
 
-/** Buttons that add and remove what may be given several times. */
+/** Buttons that add and remove repeatable parts. */
 function repeat({ target }) {
   const button = target.closest?.("button[data-add], button[data-remove]");
   const form = button?.closest(FORM);
@@ -69,7 +69,7 @@ function repeat({ target }) {
   first?.querySelector("input:not([type=hidden]), select, textarea")?.focus();
 }
 
-/** Whether what may be repeated is there as often as it may be. */
+/** Return whether a repeatable part has its maximum number of copies. */
 function full(place) {
   const most = Number(place.dataset.max ?? Infinity);
   return [...place.children].filter((each) => each.matches(`${NODE}, .field, [data-repeat]`)).length >= most;
@@ -82,7 +82,7 @@ function templateOf(button) {
 
 let copies = 0;
 
-/** Give a copy of a part of a page names of its own, so that each label still has just one field. */
+/** Rename ids in a copied part, so that each label still has exactly one field. */
 export function own(fragment) {
   const mark = `-${++copies}`;
   const names = new Set([...fragment.querySelectorAll("[id]")].map((each) => each.id));
@@ -96,7 +96,7 @@ export function own(fragment) {
 }
 
 /**
- * What a form says, as Turtle about a blank node, or null if something is wrong, which is then said at its field.
+ * Return the form as N-Triples about a blank node, or null if something is invalid, which is then shown at its field.
  *
  * @param {HTMLFormElement} form
  * @returns {string|null}
@@ -112,7 +112,7 @@ export function read(form) {
 }
 
 /**
- * What a form says so far, as N-Triples about `_:n0`; what is wrong is left out.
+ * Return the present contents as N-Triples about `_:n0`; invalid fields are left out.
  *
  * @param {HTMLFormElement} form
  * @returns {string}
@@ -123,7 +123,7 @@ export function draft(form) {
   return said.lines.join("");
 }
 
-/** Nothing can be seen, or get the focus, in what is folded away. */
+/** Unfold what contains a field, which otherwise could not be seen or focused. */
 function open(element) {
   for (let details = element.closest("details"); details; details = details.parentElement.closest("details")) {
     details.open = true;
@@ -193,13 +193,13 @@ class Body {
   }
 }
 
-/** Fields and nested nodes of this node, not those of the nodes in it. */
+/** Return the fields and nested nodes of this node, without those inside nested nodes. */
 function partsOf(container) {
   const owner = (each) => each.parentElement.closest(`${NODE}, ${FORM}`);
   return [...container.querySelectorAll(`${LEAF}, ${NODE}`)].filter((each) => owner(each) === container && !each.disabled);
 }
 
-/** Whether somebody has filled in anything: what a list has chosen by itself does not count. */
+/** Return whether somebody has filled in anything; preselected options do not count. */
 function filled(fieldset) {
   return [...fieldset.querySelectorAll(LEAF)].some((each) => {
     if (each.type === "hidden") return false;
@@ -222,7 +222,7 @@ function wrongWith(control) {
   const range = outside(control);
   if (range) return range;
   if (validity.patternMismatch) return control.title || "This does not have the right form.";
-  // Steps are for the arrow keys; any number within the limits will do.
+  // Steps are for the arrow keys; any number within the limits is valid.
   return validity.typeMismatch || validity.tooLong ? control.validationMessage : "";
 }
 
@@ -237,7 +237,7 @@ function term(control) {
 
 let complaints = 0;
 
-/** Say what is wrong beside a field; nothing takes it back. */
+/** Show an error beside a field; an empty text removes it. */
 export function complain(control, text) {
   control.setCustomValidity?.(text);
   const there = document.getElementById(control.dataset.complaint ?? "");
@@ -259,7 +259,7 @@ export function complain(control, text) {
   describe(control, message.id, true);
 }
 
-/** Point to a description of a field, besides those it has, or no more. */
+/** Add or remove a description of a field, besides its other ones. */
 export function describe(control, id, on) {
   const ids = new Set((control.getAttribute("aria-describedby") ?? "").split(/\s+/).filter(Boolean));
   ids[on ? "add" : "delete"](id);
@@ -267,7 +267,7 @@ export function describe(control, id, on) {
   else control.removeAttribute("aria-describedby");
 }
 
-/** The controls and nodes that a path of a validation report may mean. */
+/** Return the controls and nodes to which a path of a validation report may refer. */
 export function fieldsFor(form, path) {
   return [...form.querySelectorAll(`${LEAF}, ${NODE}`)].filter((each) => each.dataset.path === path && each.type !== "hidden");
 }

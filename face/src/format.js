@@ -1,4 +1,4 @@
-// Numbers as people read them; gateway/linked_fleet_gateway/extensions/pages/labels.py writes the same.
+// Numbers as people read them; gateway/linked_fleet_gateway/extensions/pages/labels.py does the same.
 
 const LARGE = 1e15;
 const SMALL = 1e-9;
@@ -7,7 +7,7 @@ const DECIMALS_IN = { "N m": 2, N: 2, "rad/s": 3, "m/s": 3, kg: 3, s: 3 };
 const RAISED = "⁰¹²³⁴⁵⁶⁷⁸⁹";
 
 /**
- * As many decimals as make sense in `unit`, and never e-notation.
+ * Format with the decimals that suit `unit`, never in e-notation.
  *
  * @param {number} value
  * @param {string} [unit] as in `data-unit`
@@ -26,7 +26,7 @@ function trimmed(text) {
   return short === "-0" ? "0" : short;
 }
 
-/** A number beyond those that people read, as a power of ten. */
+/** Format a very large or small number as a power of ten. */
 function power(value) {
   const [mantissa, exponent] = value.toExponential(2).split("e");
   const raised = String(Number(exponent)).replace(/[0-9]/g, (digit) => RAISED[digit]).replace("-", "⁻");
@@ -36,7 +36,7 @@ function power(value) {
 const CONVERTED = { rad: [180 / Math.PI, "°", 1], m: [1000, "mm", 1] };
 
 /**
- * An angle in degrees, a short length in millimetres; nothing for what needs no conversion.
+ * Convert an angle to degrees and a short length to millimetres; empty if no conversion is needed.
  *
  * @param {number} value in `unit`
  * @param {string} unit as in `data-unit`

@@ -1,4 +1,4 @@
-// Measured values as binary frames (docs/BINARY.md), given to the page as the triples that they stand for.
+// Measured values as binary frames (docs/BINARY.md), converted to the triples that they stand for.
 
 import { Graph, key, parse } from "./ntriples.js";
 import { layoutFields, valueOf } from "./scene_state.js";
@@ -6,7 +6,7 @@ import { RESULT_TIME, UNKNOWN, lf } from "./vocabulary.js";
 
 const RDF = "http://www.w3.org/1999/02/22-rdf-syntax-ns#";
 const XSD = "http://www.w3.org/2001/XMLSchema#";
-// What a reader can tell apart; more digits would be noise that is written anew with every frame.
+// Visible resolution; more digits would be noise that is written again with every frame.
 const DECIMALS = 5;
 const NS_PER_MS = 1_000_000n;
 
@@ -16,10 +16,10 @@ const NS_PER_MS = 1_000_000n;
  */
 
 /**
- * The layout of the frames of a property, found by the link that the property has to it.
+ * Return the layout of a property's frames, found by the property's link.
  *
  * @param {string} iri
- * @returns {Promise<Layout|undefined>} nothing for a property that has no frames
+ * @returns {Promise<Layout|undefined>} undefined for a property without frames
  */
 export async function fetchLayout(iri) {
   const head = await fetch(iri, { method: "HEAD", headers: { Accept: "application/n-triples" } });
@@ -55,11 +55,11 @@ function listOf(graph, head) {
 }
 
 /**
- * What a frame says of its property, as the property's own description would.
+ * Return the triples of a frame, as in the property's own description.
  *
  * @param {Layout} layout
  * @param {ArrayBuffer} buffer
- * @returns {Graph|undefined} nothing if the frame is not of this layout
+ * @returns {Graph|undefined} undefined if the frame has another layout
  */
 export function graphOfFrame({ numbers, time, size }, buffer) {
   if (buffer.byteLength !== size) return undefined;
@@ -84,7 +84,7 @@ export function graphOfFrame({ numbers, time, size }, buffer) {
 }
 
 /**
- * What a frame of a joint state says of the joints, as the description of a robot has it.
+ * Return the facts about joints in a frame of a joint state, as in the description of a robot.
  *
  * @param {string} iri of the joint state
  * @param {import("./scene_state.js").JointState} state

@@ -4,7 +4,7 @@
 let wanted;
 
 /**
- * Show where the robot would be with some of its joints elsewhere; without any, no longer.
+ * Show the robot with some of its joints elsewhere; without arguments, hide that.
  *
  * @param {Map<string, number>} [joints] positions in rad or m by the joint's IRI
  * @param {boolean} [refused] whether it has been refused
@@ -15,7 +15,7 @@ export function ghost(joints, refused = false) {
 }
 
 /**
- * Mark the place at which something would be met; without one, no longer.
+ * Mark the place of a collision; without an argument, remove the mark.
  *
  * @param {number[]} [point] in the world, in metre
  */
@@ -23,12 +23,12 @@ export function contact(point) {
   drawing()?.contact?.(point);
 }
 
-/** What is to be shown, for a scene that comes later. */
+/** Return what is to be shown, for a scene that is created later. */
 export function wantedGhost() {
   return wanted;
 }
 
-/** The drawing of this page, once it is there. */
+/** The scene of this page, once it exists. */
 export function drawing() {
   return document.getElementById("scene")?.scene;
 }

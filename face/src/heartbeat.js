@@ -1,4 +1,4 @@
-// Whether the gateway answers. A connection to a gateway that hangs stays open, and no script sees the pings on it.
+// Detects a gateway that hangs: its connections stay open, and scripts cannot see WebSocket pings.
 
 import { agree } from "./age.js";
 
@@ -12,17 +12,17 @@ let asking = false;
 let silent = false;
 let report = () => {};
 
-/** Note that the gateway has just said something. */
+/** Note a message from the gateway. */
 export function heard() {
   heardMs = performance.now();
   if (silent) become(false);
 }
 
 /**
- * Ask the gateway whenever it has said nothing for two seconds while somebody looks at the page.
+ * Send a request whenever the gateway has been silent for two seconds while the page is visible.
  *
  * @param {() => boolean} needed whether the page follows anything at present
- * @param {() => void} changed is called when `isSilent` has another value
+ * @param {() => void} changed is called when `isSilent` changes
  */
 export function start(needed, changed) {
   report = changed;
@@ -30,14 +30,14 @@ export function start(needed, changed) {
   setInterval(() => tick(needed()), PERIOD_MS);
 }
 
-/** Whether nothing was heard for five seconds. */
+/** Return whether nothing was received for five seconds. */
 export function isSilent() {
   return silent;
 }
 
 function tick(needed) {
   const now = performance.now();
-  // A page that did not run, as in a hidden tab or on a machine that slept, has heard nothing because of that.
+  // A page that did not run, as in a hidden tab or on a sleeping machine, has not received anything for that reason.
   if (now - tickedMs > ASK_AFTER_MS || document.hidden || !needed) heardMs = Math.max(heardMs, now - ASK_AFTER_MS);
   tickedMs = now;
   if (document.hidden || !needed) {
@@ -48,7 +48,7 @@ function tick(needed) {
   if (!silent && now - heardMs >= SILENT_MS) become(true);
 }
 
-/** One request at a time, so that a gateway that hangs does not use up the connections that Stop needs. */
+/** Send one request at a time, so that a hanging gateway does not use up the connections that Stop needs. */
 async function ask() {
   if (asking) return;
   asking = true;
@@ -58,12 +58,12 @@ async function ask() {
     const fields = { method: "HEAD", cache: "no-store", headers: { accept: "text/event-stream" } };
     const sentMs = Date.now();
     const response = await fetch(pathname, { ...fields, signal: AbortSignal.timeout(SILENT_MS) });
-    // A front answers in place of a gateway that does not.
+    // A proxy responds in place of a gateway that does not.
     if (response.status >= 500) return;
     agree(response, sentMs);
     heard();
   } catch {
-    // No answer is what `tick` looks for.
+    // A missing response is handled by `tick`.
   } finally {
     asking = false;
   }

@@ -1,4 +1,4 @@
-// The past of measured values, as the gateway remembers it (docs/HISTORY.md): tables in CSV.
+// The history of measured values, as recorded by the gateway (docs/HISTORY.md): tables in CSV.
 
 const LONGEST_MS = 20000;
 const MOST_PAGES = 4;
@@ -13,7 +13,7 @@ export async function historyOf(iri) {
 }
 
 /**
- * The last of a history.
+ * Return the latest part of a history.
  *
  * @param {string} iri of the history
  * @param {number} spanS
@@ -36,7 +36,7 @@ function linksOf(answer) {
   return [...found].map(([, target, relation]) => ({ target, relation }));
 }
 
-/** Names have no commas or quotes: they are segments of paths. */
+/** Names contain no commas or quotes: they are path segments. */
 function read(text, table) {
   const [head, ...lines] = text.split(/\r?\n/);
   const names = head.split(",").slice(1).map((each) => HEAD.exec(each)?.[1] ?? each);

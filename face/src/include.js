@@ -1,4 +1,4 @@
-// Forms of actions come when somebody opens them: a robot has many.
+// Fetches forms of actions when they are opened: a robot has many.
 
 import { own, ready } from "./form.js";
 import { apply } from "./presence.js";
@@ -9,7 +9,7 @@ export function start() {
   document.querySelectorAll("details[data-include][open]").forEach(load);
 }
 
-/** Fetch the form of a section anew. */
+/** Fetch the form of a section again. */
 export async function renew(details) {
   details.querySelector(":scope > form")?.remove();
   delete details.dataset.included;
@@ -21,7 +21,7 @@ async function load(details) {
   details.dataset.included = "waiting";
   const { include } = details.dataset;
   try {
-    // Who replaces something replaces what they have seen: the tag is at most as new as the form.
+    // The entity tag is at most as new as the form: nobody can replace a state that they have not seen.
     const tag = "place" in details.dataset ? await tagOf(include) : null;
     const response = await fetch(include, { headers: { Accept: "text/html" }, cache: "no-cache" });
     const page = new DOMParser().parseFromString(await response.text(), "text/html");
@@ -37,12 +37,12 @@ async function load(details) {
     details.dataset.included = "done";
     inserted.dispatchEvent(new Event("included", { bubbles: true }));
   } catch (error) {
-    delete details.dataset.included; // opening it again tries again
+    delete details.dataset.included; // opening it again retries
     fail(details, `The form could not be had: ${error.message}`);
   }
 }
 
-/** The entity tag of the description, which pages with more around it do not have. */
+/** Return the entity tag of the description, which a page with additional content does not have. */
 async function tagOf(iri) {
   const response = await fetch(iri, { method: "HEAD", headers: { Accept: "application/n-triples" }, cache: "no-store" });
   return response.headers.get("etag");

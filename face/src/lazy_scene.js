@@ -1,4 +1,4 @@
-// When the scene of a page is fetched and drawn: at once, or, where it is not why people come, when it is wanted.
+// Decides when the scene of a page is fetched and drawn: at once, or on demand.
 
 const PHONE = matchMedia("(max-width: 40rem)");
 

@@ -1,4 +1,4 @@
-// Who has control of this robot: seen, taken, renewed while the page is open, and given back.
+// The control lease of this robot: shown, taken, renewed while the page is open, and released.
 
 import { holds } from "./control.js";
 import { send } from "./request.js";

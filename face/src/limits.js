@@ -8,7 +8,7 @@ const BOUNDLESS = 1e6;
  * @typedef {{when?: Record<string, string[]>, min?: number, max?: number, exclusive?: ("min"|"max")[]}} Limits
  */
 
-/** Make the limits of every number those that hold for what is chosen at present, and say them beside it. */
+/** Apply the limits for the present choices to every number field, and show them beside it. */
 export function applyLimits(form) {
   for (const input of form.querySelectorAll("input[data-limits]")) {
     const limits = limitsOf(input);
@@ -20,7 +20,7 @@ export function applyLimits(form) {
   }
 }
 
-/** What is wrong with a number that is out of its limits; empty if it is within. */
+/** Return an error for a number outside its limits; empty if it is within. */
 export function outside(input) {
   const limits = input.dataset?.limits ? limitsOf(input) : plainLimits(input);
   if (!limits) return "";
@@ -32,7 +32,7 @@ export function outside(input) {
   return low || high ? `This must be ${range(limits, unitOf(input))}.` : "";
 }
 
-/** The ends of what a number can be say nothing to anybody. @param {Limits} limits */
+/** Return whether limits are only those of the number type, which nobody needs to see. @param {Limits} limits */
 function boundless({ min, max }) {
   return Math.abs(min) >= BOUNDLESS && Math.abs(max) >= BOUNDLESS;
 }
@@ -45,14 +45,14 @@ function plainLimits(input) {
   return limits;
 }
 
-/** @returns {Limits|undefined} those whose conditions hold */
+/** @returns {Limits|undefined} the ones whose conditions hold */
 function limitsOf(input) {
   /** @type {Limits[]} */
   const all = JSON.parse(input.dataset.limits);
   return all.find(({ when = {} }) => Object.entries(when).every(([path, values]) => values.includes(sibling(input, path)?.value)));
 }
 
-/** The field of the same node with this path. */
+/** Return the field of the same node with this path. */
 function sibling(input, path) {
   const node = (each) => each.parentElement.closest("fieldset[data-path], form.invoke");
   const home = node(input);
@@ -61,7 +61,7 @@ function sibling(input, path) {
   );
 }
 
-/** As the list of units calls the one that is chosen. */
+/** Return the chosen unit's label in the list of units. */
 function unitOf(input) {
   const paths = new Set(JSON.parse(input.dataset.limits ?? "[]").flatMap(({ when = {} }) => Object.keys(when)));
   const units = [...paths].filter((path) => /[#/]unit$/.test(path)).map((path) => sibling(input, path));

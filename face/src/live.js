@@ -1,4 +1,4 @@
-// Live values: each element that names a subject and a path shows what the last message says.
+// Live values: each element with a subject and a path shows the value of the last message.
 
 import { refresh as refreshAge } from "./age.js";
 import { converted, number } from "./format.js";
@@ -10,10 +10,10 @@ import { watch } from "./socket.js";
 import { RESULT_TIME, UNKNOWN, lf, localName } from "./vocabulary.js";
 
 const LIVE = "[data-subject][data-path]:not(figure)";
-// These change and cannot be observed: their page asks again.
+// These change but cannot be observed: their page polls.
 const ASKING = new Set(["audit", "subscriptions", "subscription", "lease"]);
 const ASK_AGAIN_MS = 3000;
-// What these are is watched apart from the values of their properties, which come as frames of some bytes.
+// Subscribed without values, which come as small frames.
 const THINGS = new Set(["robot", "joint", "link"]);
 const FRAMES_S = 0.033; // 30 Hz
 const SETTINGS_S = 0.1;
@@ -24,11 +24,11 @@ let pending = new Map();
 /** @type {Map<string, import("./ntriples.js").Graph>} the latest message by what is watched */
 const latest = new Map();
 const before = new Map();
-/** @type {Map<string, () => void>} what ends the watching of a property */
+/** @type {Map<string, () => void>} functions that end the subscription of a property */
 const watched = new Map();
 const followers = new Set();
 
-/** Be told of every message about what this page shows. */
+/** Call a function for every message about what this page shows. */
 export function follow(follower) {
   followers.add(follower);
   for (const graph of latest.values()) follower(graph);
@@ -50,7 +50,7 @@ function collect() {
   for (const graph of latest.values()) show(graph);
 }
 
-/** Watch each property of a thing whose value the page shows: a measured one as frames, others when they change. */
+/** Subscribe to each property whose value the page shows: as frames if it is measured, else on change. */
 function properties() {
   const { resource } = document.body.dataset;
   const shown = new Map();
@@ -66,7 +66,7 @@ function properties() {
   for (const [subject, measured] of shown) if (!watched.has(subject)) watched.set(subject, property(subject, measured));
 }
 
-/** Watch a property of this thing; a joint state is watched with its scene. */
+/** Subscribe to a property of this thing; a joint state is subscribed with its scene. */
 function property(iri, measured) {
   if (iri === document.querySelector("[data-state][data-model]")?.dataset.state) return () => {};
   let end = () => {};
@@ -102,7 +102,7 @@ function take(iri, graph) {
   before.set(iri, now);
 }
 
-/** Show what a message says, and tell it to those who follow; the pairs of subject and predicate that are shown. */
+/** Show a message, and pass it to listeners; return the pairs of subject and predicate that are shown. */
 export function give(iri, graph) {
   latest.set(iri, graph);
   const shown = show(graph);
@@ -110,7 +110,7 @@ export function give(iri, graph) {
   return shown;
 }
 
-/** Note what has changed, to be written in the next frame; the pairs of subject and predicate that are shown. */
+/** Collect changes for the next frame; return the pairs of subject and predicate that are shown. */
 function show(graph) {
   const shown = new Set([...document.querySelectorAll("[data-robot]")].map(({ dataset }) => `${dataset.robot} ${lf("currentTask")}`));
   for (const [element, live] of elements) {
@@ -127,8 +127,8 @@ function show(graph) {
 }
 
 /**
- * What a path leads to, and the node that says it. A hop `^IRI` goes backwards, to what has the node as that value; of
- * several such, to the first from which the path goes on.
+ * Follow a path, and return its end and the node that has it. A step `^IRI` goes backwards, to nodes with this value;
+ * if there are several, to the first from which the path continues.
  *
  * @param {import("./ntriples.js").Graph} graph
  * @param {import("./ntriples.js").Graph} graph

@@ -1,4 +1,4 @@
-// Motions that forms outside of `form.invoke` ask for: tried, begun and followed, with what becomes of them in the form.
+// Motions requested outside `form.invoke`: tried, begun and followed, with the outcome in the form.
 
 import { outcome } from "./act.js";
 import { ghost } from "./ghost.js";
@@ -14,7 +14,7 @@ const DECIMALS = 6;
 /** @typedef {{joint: string, position: number, unit: string}} JointTarget in rad or m; the unit is a local name */
 
 /**
- * The body that moves joints together.
+ * Return a body that moves joints together.
  *
  * @param {JointTarget[]} targets
  * @param {number} [speedScale]
@@ -35,7 +35,7 @@ export function jointTargets(targets, speedScale = 1) {
 const iri = (value) => write({ kind: "iri", value });
 const decimal = (value) => write({ kind: "literal", value: value.toFixed(DECIMALS), datatype: DECIMAL });
 
-/** What a form asks for: only the answer to its latest request counts. */
+/** The requests of a form: only the response to the latest one counts. */
 export class Motion {
   /** @param {HTMLFormElement} form with an `output.answer` */
   constructor(form) {
@@ -43,18 +43,18 @@ export class Motion {
     this.latest = 0;
   }
 
-  /** Show where joints would be, before anybody has said whether they can. */
+  /** Show where joints would be before the gateway has checked it. */
   preview(joints) {
     this.latest++;
     ghost(joints);
   }
 
   /**
-   * Ask what would happen.
+   * Do a dry run.
    *
    * @param {string} action
    * @param {string} body
-   * @param {Map<string, number>} [joints] those that the body names
+   * @param {Map<string, number>} [joints] the joints in the body
    */
   async rehearse(action, body, joints) {
     const mine = ++this.latest;
@@ -65,7 +65,7 @@ export class Motion {
     ghost(targetsIn(got.graph) ?? joints, Boolean(got.problem));
   }
 
-  /** Do it. @returns {Promise<boolean>} whether it was accepted */
+  /** Begin the motion. @returns {Promise<boolean>} whether it was accepted */
   async begin(action, body) {
     this.latest++;
     this.form.setAttribute("aria-busy", "true");
@@ -79,7 +79,7 @@ export class Motion {
     return true;
   }
 
-  /** Nothing is asked for any more. */
+  /** Ignore the responses to former requests. */
   forget() {
     this.latest++;
     outcome.none(this.form);
@@ -87,7 +87,7 @@ export class Motion {
   }
 }
 
-/** @returns {Map<string, number>|undefined} where the joints would be, as a dry run says */
+/** @returns {Map<string, number>|undefined} the resulting positions according to a dry run */
 export function targetsIn(graph) {
   const found = new Map();
   for (const [, facts] of graph?.subjects ?? []) {

@@ -1,4 +1,4 @@
-// What went wrong is said on the page: nobody reads the console.
+// Shows errors on the page, since nobody reads the console.
 
 /** @param {string} text */
 export function notice(text) {

@@ -1,4 +1,4 @@
-// RDF as the gateway sends it over WebSockets: N-Triples, read into a graph and written from terms.
+// RDF as sent by the gateway over WebSockets: N-Triples, parsed into a graph and written from terms.
 
 /**
  * @typedef {{kind: "iri"|"blank"|"literal", value: string, datatype?: string, language?: string}} Term
@@ -11,7 +11,7 @@ const LINE =
 const ESCAPE = /\\(?:u([0-9A-Fa-f]{4})|U([0-9A-Fa-f]{8})|(.))/g;
 const CHARACTERS = { t: "\t", b: "\b", n: "\n", r: "\r", f: "\f", '"': '"', "'": "'", "\\": "\\" };
 
-/** Triples, by subject and predicate. A subject is its IRI, or `_:` and the label of a blank node. */
+/** Triples by subject and predicate. A subject is its IRI, or `_:` and the label of a blank node. */
 export class Graph {
   constructor() {
     /** @type {Map<string, Map<string, Term[]>>} */
@@ -37,7 +37,7 @@ export class Graph {
     return this.values(subject, predicate)[0];
   }
 
-  /** @returns {Term|undefined} what is reached from a subject by one predicate after the other */
+  /** @returns {Term|undefined} the term reached from a subject by following predicates */
   follow(subject, predicates) {
     /** @type {Term|undefined} */
     let term = { kind: "iri", value: subject };
@@ -48,7 +48,7 @@ export class Graph {
     return term;
   }
 
-  /** The keys of all subjects that have this node as a value. */
+  /** Return the keys of all subjects that have this node as a value. */
   having(predicate, node) {
     let found = this.inverse.get(predicate);
     if (!found) this.inverse.set(predicate, (found = this.inverted(predicate)));
@@ -68,7 +68,7 @@ export class Graph {
   }
 }
 
-/** How a graph calls this node. */
+/** Return the key of a node in a graph. */
 export function key(term) {
   return term.kind === "blank" ? `_:${term.value}` : term.value;
 }
@@ -76,7 +76,7 @@ export function key(term) {
 /**
  * @param {string} text
  * @returns {Graph}
- * @throws {SyntaxError} if a line is no triple
+ * @throws {SyntaxError} if a line is not a triple
  */
 export function parse(text) {
   const graph = new Graph();

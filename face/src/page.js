@@ -1,4 +1,4 @@
-// What every page does. The stop button comes first: nothing else may keep it from working.
+// Parts of every page. The stop button comes first: nothing else may prevent it from working.
 
 import * as stop from "./stop.js";
 import * as notice from "./notice.js";
@@ -57,7 +57,7 @@ function drawing({ dataset }) {
   return "world" in dataset ? import("./scene_world.js") : import("./scene.js");
 }
 
-/** Plots and the robot are large: only pages that have them fetch them. */
+/** Plots and the 3D scene are large: only pages that have them fetch them. */
 function plots() {
   plotting ??= import("./plot.js").then(({ start }) => start(), failed);
 }

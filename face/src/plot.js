@@ -1,4 +1,4 @@
-// The last minutes of each measured number, from its history and then live, drawn with uPlot while it is on the screen.
+// The last minutes of each measured number: its history and then live values, drawn with uPlot while visible.
 
 import uPlot from "uplot";
 
@@ -15,10 +15,10 @@ const PERIOD_MS = 100;
 const SPOKEN_MS = 2000;
 // Below this width, as in a table, there is no room for axes.
 const NARROW_PX = 220;
-// A value that stood still until now did not rise all the way from when it last changed.
+// A value that was constant until now did not change gradually since its last change.
 const STILL_S = 0.3;
 
-/** @type {Map<string, Series>} by subject and path: several plots share what was seen */
+/** @type {Map<string, Series>} by subject and path: several plots share the data */
 const series = new Map();
 /** @type {Map<Element, Plot>} */
 const plots = new Map();
@@ -49,7 +49,7 @@ export function start() {
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => plots.forEach((plot) => plot.renew()));
 }
 
-/** What a robot that is not there, or a gateway that is not heard, does not say is not drawn. */
+/** Draw nothing for a robot that is offline or a gateway that is silent. */
 function isOffline() {
   return document.body.dataset.presence === "offline";
 }
@@ -96,7 +96,7 @@ class Series {
     this.fill().catch((error) => console.debug("there is no past to be drawn:", error));
   }
 
-  /** Put what is remembered before what has been seen. */
+  /** Put the history before the live values. */
   async fill() {
     this.history = await historyOf(this.subject);
     if (!this.history) return;
@@ -124,7 +124,7 @@ class Series {
     this.values.splice(0, old);
   }
 
-  /** End the line: of what nobody heard nothing is drawn. */
+  /** End the line: nothing is drawn while there is no connection. */
   interrupt(now) {
     if (this.times.length && this.values.at(-1) !== null) this.push(now, null);
   }
@@ -134,7 +134,7 @@ class Series {
     this.values.push(value);
   }
 
-  /** Up to now, for a value that nobody spoke of has not changed. */
+  /** Continue to the present, since a value without news has not changed. */
   until(now) {
     const { times, values } = this;
     return times.length ? [[...times, now], [...values, values.at(-1)]] : [[], []];
@@ -155,7 +155,7 @@ class Plot {
     if (data.history) this.remembered();
   }
 
-  /** There is a past: how much of it is drawn can be chosen, and it can be had. */
+  /** Show the choice of the drawn time span and the download of the history. */
   remembered() {
     if (this.bar || !this.wide) return;
     const choose = Object.assign(document.createElement("select"), { ariaLabel: "how far back the plot reaches" });

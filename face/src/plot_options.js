@@ -2,9 +2,9 @@
 
 import { number } from "./format.js";
 
-/** What a picker offers, in seconds; the gateway remembers five minutes unless it was told otherwise. */
+/** The time spans of the picker in seconds; by default the gateway records five minutes. */
 export const SPANS_S = [10, 60, 300];
-// Told apart in both themes and by most who see colours differently (after Okabe and Ito).
+// Distinguishable in both themes and with most forms of colour blindness (after Okabe and Ito).
 export const COLOURS = ["#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#8a7a00", "#7f7f7f"];
 const MARKS = 4;
 
@@ -12,7 +12,7 @@ export function colour(name, otherwise) {
   return getComputedStyle(document.documentElement).getPropertyValue(name).trim() || otherwise;
 }
 
-/** Of a plot with one line. @returns {import("uplot").Options} */
+/** Options of a plot with one line. @returns {import("uplot").Options} */
 export function options(width, height, wide) {
   const line = { stroke: colour("--plot", "#0b6e6e"), width: 1.5, points: { show: false } };
   return {
@@ -45,7 +45,7 @@ function before(seconds, span) {
   return span > 120 ? `-${number(Number((seconds / 60).toFixed(1)))} min` : `-${number(Number(seconds.toFixed(1)))} s`;
 }
 
-/** So that noise of a joint at rest does not fill the plot. @returns {[number, number]} */
+/** Keep the noise of a joint at rest from filling the plot. @returns {[number, number]} */
 export function room(low, high) {
   if (low === null || low === undefined) return [-1, 1];
   const half = Math.max((high - low) * 0.55, Math.abs(high + low) * 0.005, 1e-3);

@@ -1,4 +1,4 @@
-// Named poses as buttons: each aims all its joints, and the button of the sliders moves them.
+// Named poses as buttons: each sets the targets of all its joints, and the button of the sliders moves them.
 
 import { aim } from "./sliders.js";
 

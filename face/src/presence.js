@@ -1,4 +1,4 @@
-// What cannot be done with a robot that is offline, or of which nobody hears, is closed, and says why.
+// Disables actions of a robot that is offline or silent, and says why.
 
 import { adopt } from "./region.js";
 import { onConnection } from "./socket.js";
@@ -23,7 +23,7 @@ export function start() {
   });
 }
 
-/** Mark the page, and open or close its forms of actions, as the robot is present and the gateway heard. */
+/** Mark the page, and enable or disable its action forms by the presence of the robot and the connection. */
 export function apply() {
   const state = document.querySelector("#presence .state")?.dataset.state;
   document.body.dataset.presence = state ?? "online";

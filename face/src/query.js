@@ -1,4 +1,4 @@
-// Queries whose results come beside the editor: the page of results is fetched, and its section shown here.
+// Queries with their results beside the editor: the page of results is fetched, and its section shown here.
 
 import { notice } from "./notice.js";
 
@@ -40,18 +40,18 @@ async function ask(form) {
   const address = `${form.action}?${new URLSearchParams({ query })}`;
   if (address.length < LONGEST_URL) history.replaceState(null, "", address);
   offerChart();
-  // Where the results stand below the editor, they come into sight.
+  // Scroll to results below the editor.
   fresh.scrollIntoView({ block: "nearest" });
 }
 
 let latest;
 
 /**
- * Ask what a text area says, in which a mistake is marked.
+ * Send the query in a text area, and mark an error in it.
  *
  * @param {HTMLTextAreaElement} area
  * @param {string} endpoint
- * @returns {Promise<HTMLElement|undefined>} the section of results; nothing if another query was asked meanwhile
+ * @returns {Promise<HTMLElement|undefined>} the section of results; undefined if another query was sent meanwhile
  */
 export async function solutions(area, endpoint) {
   const mine = (latest = Symbol("query"));
@@ -77,14 +77,14 @@ export async function solutions(area, endpoint) {
   }
 }
 
-/** Mark where a query could not be read. */
+/** Mark the error of a query. */
 function point(area, said, results) {
   for (const name of ["line", "column", "message"]) delete area.dataset[name];
   if (said?.dataset.line) Object.assign(area.dataset, { line: said.dataset.line, column: said.dataset.column, message: results.querySelector(".error bdi")?.textContent });
   area.dispatchEvent(new Event("marked"));
 }
 
-/** Where there are numbers in more than one row, they can be drawn. */
+/** Offer a chart if several rows contain numbers. */
 function offerChart() {
   const results = document.getElementById("results");
   /** @type {HTMLTableElement | null} */

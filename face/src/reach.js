@@ -1,4 +1,4 @@
-// The form of `reach`: it begins with the tip and where that is, and its target can be dragged in the scene.
+// The form of `reach`: it begins with the pose of the tip, and its target can be dragged in the scene.
 
 import { drawing, ghost } from "./ghost.js";
 import { targetsIn } from "./motion.js";
@@ -36,7 +36,7 @@ class Reach {
     else scene?.addEventListener("drawn", () => this.choose(), { once: true });
   }
 
-  /** What is dragged: where the link is to be, or how it is to be turned, which is not asked for unless it was. */
+  /** Buttons for dragging the position or the orientation, which is only requested if it was changed. */
   offer() {
     const modes = [["translate", "Drag the position"], ["rotate", "Turn it"], ["free", "As it comes"]];
     const button = ([mode, text]) => {
@@ -67,7 +67,7 @@ class Reach {
     this.mark(mode === "free" ? "translate" : mode);
   }
 
-  /** The tip: the last link of the longest chain, unless somebody has chosen. */
+  /** The tip: the last link of the longest chain, unless another one was chosen. */
   choose() {
     const names = new Map([...this.link.options].map((option) => [nameOf(option.value), option.value]));
     const tip = drawing()?.tips().findLast((name) => names.has(name));
@@ -96,7 +96,7 @@ class Reach {
     if (done) this.form.querySelector("button[data-prefer=dry-run]")?.click();
   }
 
-  /** Numbers that were typed move the target in the scene. */
+  /** Move the target in the scene after numbers were typed. */
   placed() {
     const position = this.fields.readPosition();
     if (this.target && position) this.target.pose = { ...this.target.pose, position };
@@ -109,7 +109,7 @@ class Reach {
   }
 }
 
-/** The name of a link, as the last segment of its IRI spells it. */
+/** Return the name of a link, as in the last segment of its IRI. */
 function nameOf(iri) {
   const known = [...document.querySelectorAll('a[data-part-kind="link"]')].find((each) => each.href === iri);
   return known?.dataset.part ?? decodeURIComponent(iri.slice(iri.lastIndexOf("/") + 1).replace(ESCAPED, "%$1"));

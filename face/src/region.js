@@ -1,20 +1,20 @@
-// Sections that may change are fetched again with their page, and replaced where they differ from what was served.
+// Fetches sections that may change together with their page, and replaces those that differ.
 
 import { agree } from "./age.js";
 
 const REGION = "section[data-region][id]";
 const LIVE = "[data-subject][data-path]";
 const SPACING_MS = 700;
-// What somebody has opened, and plots with their past, move into the new section.
+// Opened parts, and plots with their data, move into the new section.
 const KEPT = ["details[data-include][open]", "figure.plot", "#scene"];
 
-/** @type {Map<string, string>} what was served, without the values that are live */
+/** @type {Map<string, string>} the served text, without live values */
 const served = new Map();
 const adopters = new Set();
 let running = false;
 let wanted = false;
 
-/** Have a function called with each part of the page that is new, first with all of it. */
+/** Call a function with each new part of the page, first with the whole page. */
 export function adopt(adopter) {
   adopters.add(adopter);
   adopter(document.body);
@@ -24,7 +24,7 @@ export function start() {
   for (const region of document.querySelectorAll(REGION)) served.set(region.id, plain(region));
 }
 
-/** Fetch the page again, at once if that was not just done. What is new is given to those who adopt it. */
+/** Fetch the page again, unless that was just done. New parts are passed to the functions of `adopt`. */
 export async function refresh() {
   wanted = true;
   if (running) return;
@@ -49,7 +49,7 @@ async function round() {
     agree(response, sentMs);
     page = new DOMParser().parseFromString(await response.text(), "text/html");
   } catch {
-    return; // that the connection is lost is said elsewhere
+    return; // the lost connection is shown elsewhere
   }
   const fresh = [...page.querySelectorAll(REGION)];
   for (const old of document.querySelectorAll(REGION)) if (!fresh.some(({ id }) => id === old.id) && !busy(old)) leave(old);
@@ -87,7 +87,7 @@ function renew(fresh) {
   welcome(section, text);
 }
 
-/** Nothing is taken away under somebody's hands. It is tried again when something else changes, or they leave it. */
+/** Return whether a section is in use; it is tried again after another change, or when the user leaves it. */
 function busy(region) {
   const here = region.contains(document.activeElement) || region.querySelector("form[data-touched], dialog[open]");
   if (here) region.addEventListener("focusout", () => setTimeout(refresh), { once: true });

@@ -1,4 +1,4 @@
-// Buttons that delete a resource, after a question.
+// Buttons that delete a resource after a confirmation.
 
 import { refresh } from "./region.js";
 import { notice } from "./notice.js";
@@ -36,7 +36,7 @@ async function remove(button, iri) {
   button.disabled = true;
   const { problem } = await send("DELETE", iri);
   button.disabled = false;
-  button.blur(); // or its section would wait for it
+  button.blur(); // otherwise its section would wait for it to lose the focus
   if (problem) notice(`${problem.title}. ${problem.detail}`);
   else if (iri === document.body.dataset.resource && document.body.dataset.kind !== "lease") leave();
   else refresh();

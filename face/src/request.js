@@ -1,4 +1,4 @@
-// Requests that change something, and what the gateway answers, in its own words.
+// Requests that change something, and the gateway's responses in its own words.
 
 import { parse } from "./ntriples.js";
 import { proof, remember } from "./control.js";
@@ -7,7 +7,7 @@ const ACCEPT = "application/n-triples, application/problem+json";
 
 /**
  * @typedef {{type?: string, title: string, detail: string, status: number, report?: Record<string, string>[], things?: string[], names?: string[], point?: number[]}} Problem
- *   `things` would meet at `point`, in metre in the world
+ * `things` would collide at `point`, in metre in the world
  * @typedef {{problem?: Problem, graph?: import("./ntriples.js").Graph, location: string|null, status: number}} Answer
  */
 
@@ -15,7 +15,7 @@ const ACCEPT = "application/n-triples, application/problem+json";
  * @param {string} method
  * @param {string} iri
  * @param {{body?: string, headers?: Record<string, string>}} options `body`: Turtle
- * @returns {Promise<Answer>} `status` is 0 if nobody answered
+ * @returns {Promise<Answer>} `status` is 0 without a response
  */
 export async function send(method, iri, { body, headers = {} } = {}) {
   const fields = { Accept: ACCEPT, ...proof(iri), ...headers };
@@ -45,7 +45,7 @@ function problemIn({ status, statusText }, type, text) {
   }
 }
 
-/** One text of visible characters that nobody else has; `crypto.randomUUID` is for https alone. */
+/** Return a unique text of visible characters; `crypto.randomUUID` requires https. */
 export function fresh() {
   return Array.from(crypto.getRandomValues(new Uint8Array(16)), (byte) => byte.toString(16).padStart(2, "0")).join("");
 }

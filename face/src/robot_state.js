@@ -1,4 +1,4 @@
-// The joints of the robot of this page, as its frames tell of them: for the table, the sliders and whoever asks.
+// The joints of the robot of this page, from its frames, for the table, the sliders and other listeners.
 
 import { give } from "./live.js";
 import { graphOfState } from "./frames.js";
@@ -20,7 +20,7 @@ let latest;
 let incarnation;
 let fetching = false;
 
-/** Be told of the joints, at once if they are known, and with every frame. */
+/** Call a function with the joints: at once if they are known, and with every frame. */
 export function onJoints(listener) {
   listeners.add(listener);
   if (state && latest) listener(state, latest);
@@ -32,7 +32,7 @@ export function start() {
   describe(iri).then(() => watch(iri, { protocol: "lf.frame", interval: INTERVAL_S }, (frame) => take(iri, frame)));
 }
 
-/** Another run of the agent may have brought other joints. */
+/** Another run of the agent may have other joints. */
 async function describe(iri) {
   if (fetching) return;
   fetching = true;
@@ -60,7 +60,7 @@ function take(iri, frame) {
 
 function tell(iri, values) {
   latest = values;
-  // What the first description says of velocities stands on the page already.
+  // The page already shows the velocities of the first description.
   if (values.velocities) give(iri, graphOfState(iri, state, values));
   for (const listener of listeners) listener(state, values);
 }

@@ -1,4 +1,4 @@
-// Rows of tables that are chosen by a word, or by what their cells say.
+// Filters rows of tables by a word, or by the contents of their cells.
 
 import { adopt } from "./region.js";
 

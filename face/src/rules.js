@@ -1,4 +1,4 @@
-// Rules: switches, an editor that tries a condition before it is saved, and what firings did.
+// Rules: switches, an editor that tries a condition before it is saved, and the outcomes of firings.
 
 import { send } from "./request.js";
 import { notice } from "./notice.js";
@@ -66,7 +66,7 @@ function several(repeat, values) {
   }
 }
 
-/** Ask the condition as a query, and show its rows or what is wrong with it. */
+/** Send the condition as a query, and show its rows or its error. */
 async function attempt(form) {
   const place = form.querySelector("#results");
   const found = await solutions(form.querySelector("textarea[name=query]"), form.action);
@@ -76,7 +76,7 @@ async function attempt(form) {
   place.querySelector("h2")?.remove();
 }
 
-/** Put a rule back only if it says what it said when its page came: its firings change its entity tag too. */
+/** Replace a rule only if nobody else has changed it since its page was loaded. Firings change its entity tag too. */
 function tie(form) {
   const iri = form.dataset.action;
   let before = described(iri);
@@ -85,7 +85,7 @@ function tie(form) {
     event.preventDefault();
     event.stopPropagation();
     const [{ said }, now] = await Promise.all([before, described(iri)]);
-    // What somebody else has written in the meantime is refused by the gateway, with the reason.
+    // The gateway refuses to overwrite a change by somebody else, with the reason.
     form.dataset.match = now.said === said ? now.tag : '"another"';
     form.requestSubmit(event.submitter);
     delete form.dataset.match;
@@ -93,7 +93,7 @@ function tie(form) {
   form.addEventListener("saved", () => (before = described(iri)));
 }
 
-/** What a rule says at present, without what became of it, and its entity tag. */
+/** Return the statements of a rule, without those about its firings, and its entity tag. */
 async function described(iri) {
   const response = await fetch(iri, { headers: { Accept: "application/n-triples" }, cache: "no-store" });
   const lines = (await response.text()).split("\n").filter((line) => !OUTCOMES.some((each) => line.includes(`> <${each}> `)));
@@ -106,13 +106,13 @@ async function toggle(button) {
   const enable = button.getAttribute("aria-checked") !== "true";
   const { problem } = await put(button.dataset.rule, lf("enabled"), { kind: "literal", value: String(enable), datatype: "http://www.w3.org/2001/XMLSchema#boolean" });
   button.disabled = false;
-  button.blur(); // or its section would wait for it
+  button.blur(); // otherwise its section would wait for it to lose the focus
   if (problem) notice(`${problem.title}. ${problem.detail}`);
   else button.setAttribute("aria-checked", String(enable));
   refresh();
 }
 
-/** Put a rule back as it is but for one statement; not if somebody has written it meanwhile. */
+/** Put a rule back with one statement changed, unless somebody has changed it meanwhile. */
 async function put(iri, predicate, object) {
   const response = await fetch(iri, { headers: { Accept: "application/n-triples" }, cache: "no-store" });
   if (!response.ok) return send("PUT", iri, { body: "" });
@@ -123,7 +123,7 @@ async function put(iri, predicate, object) {
   return send("PUT", iri, { body, headers: tag ? { "If-Match": tag } : {} });
 }
 
-/** The table of firings is that of their own page. */
+/** Show the table from the page of firings. */
 async function showFirings() {
   const place = document.querySelector("[data-firings]");
   if (!place) return;

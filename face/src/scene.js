@@ -19,9 +19,9 @@ import { watch } from "./socket.js";
 import { lf } from "./vocabulary.js";
 
 const INTERVAL_S = 0.033; // 30 Hz
-const RESOLUTION = 1e-4; // rad or m: what is less is noise to a reader
+const RESOLUTION = 1e-4; // rad or m; smaller changes are invisible
 const MARK = 0.04; // of the robot's size
-const AHEAD = "400px"; // a section that is about to be scrolled to is made ready
+const AHEAD = "400px"; // prepares a section before it is scrolled into view
 
 /**
  * Draw a robot in this section, from `data-model` (its URDF), `data-state` (its joint state) and `data-pose` (where its
@@ -123,7 +123,7 @@ class RobotScene {
   }
 
   /**
-   * Mark where the robot would meet something; without a point, nothing.
+   * Mark where the robot would collide; without a point, remove the mark.
    *
    * @param {number[]} [point] in the world, in metre
    */
@@ -144,7 +144,7 @@ class RobotScene {
   }
 
   /**
-   * Have a target dragged.
+   * Show a draggable target.
    *
    * @param {(pose: import("./scene_target.js").Pose, done: boolean) => void} onDrag
    */
@@ -159,7 +159,7 @@ class RobotScene {
     return this.robot && poseIn(this.robot, link);
   }
 
-  /** @returns {string[]} the links that hold no other, those that are farthest from the base by joints last */
+  /** @returns {string[]} the links without children, those farthest from the base by joints last */
   tips() {
     return this.robot ? tipsOf(this.robot) : [];
   }
@@ -170,13 +170,13 @@ class RobotScene {
     this.frame();
   }
 
-  /** All of the robot is in the view as long as nobody has chosen another. */
+  /** Show all of the robot, unless the user has moved the camera. */
   frame() {
     if (this.view.untouched) this.view.fit();
     else this.view.invalidate(true);
   }
 
-  /** What the joint state says of itself and of the present. */
+  /** Fetch the joint state's description with its present values. */
   async describe() {
     const { state, pose } = this.section.dataset;
     const { signal } = this.ending;
@@ -185,7 +185,7 @@ class RobotScene {
     this.present = { ...described.present, base };
   }
 
-  /** Put the robot as it was when it was described. */
+  /** Show the robot as in its description. */
   pose() {
     this.names = this.state.joints.map(nameOf);
     this.motion = new Motion(this.robot, this.names);
@@ -193,7 +193,7 @@ class RobotScene {
     this.motion.step(performance.now());
   }
 
-  /** Find what is drawn of each link; those that look as before stay as they are. */
+  /** Find the meshes of each link; those that look as before stay as they are. */
   gather() {
     const before = new Map(this.parts.map((part) => [part.link, part]));
     this.parts = Object.values(this.robot.links).flatMap((link) => {
@@ -207,7 +207,7 @@ class RobotScene {
     this.paint();
   }
 
-  /** Follow the robot while somebody can see it. */
+  /** Follow the robot while it is visible. */
   listen() {
     if (!this.inSight) {
       this.stop?.();
@@ -221,7 +221,7 @@ class RobotScene {
     }
   }
 
-  /** Follow what stands around it, which is not drawn while nobody knows where it stands itself. */
+  /** Follow the objects around it, which are not drawn while its own placement is unknown. */
   surround() {
     const { objects, placement } = this.section.dataset;
     if (!objects || !placement) return [];
@@ -266,7 +266,7 @@ class RobotScene {
     this.marked();
   }
 
-  /** Another run of the agent may have brought another robot. */
+  /** Another run of the agent may have another model. */
   async renew() {
     if (this.renewing) return;
     this.renewing = true;
@@ -283,7 +283,7 @@ class RobotScene {
     }
   }
 
-  /** Say what is not as it should be, where it is drawn and in words. */
+  /** Show faults and unknown values, in the drawing and in words. */
   marked() {
     this.unknown = new Set(this.motion?.unknown);
     this.panel.mark({ offline: this.offline, unknown: [...this.unknown] });
@@ -347,19 +347,19 @@ class RobotScene {
     return { value: String(position), text: `${number(position)} ${unit} (${converted(position, unit)})` };
   }
 
-  /** @returns {Record<string, number>} the position of each joint as it is drawn, in rad or m */
+  /** @returns {Record<string, number>} the drawn position of each joint, in rad or m */
   positions() {
     const joints = Object.values(this.robot?.joints ?? {}).filter(({ jointType }) => jointType !== "fixed");
     return Object.fromEntries(joints.map((joint) => [joint.urdfName, joint.angle]));
   }
 
-  /** @returns {[number, number, number]|undefined} where the frame of a link is drawn, in metre; z is up */
+  /** @returns {[number, number, number]|undefined} the drawn position of a link's frame, in metre; z is up */
   worldOf(link) {
     const object = Object.hasOwn(this.robot?.links ?? {}, link) ? this.robot.links[link] : undefined;
     return object?.getWorldPosition(new Vector3()).toArray();
   }
 
-  /** @returns {string|undefined} the link that is drawn at a place of the window, in CSS pixels */
+  /** @returns {string|undefined} the link drawn at a place of the window, in CSS pixels */
   linkAt(clientX, clientY) {
     return this.picker?.at({ clientX, clientY })?.link.urdfName;
   }
@@ -377,7 +377,7 @@ class RobotScene {
   }
 }
 
-/** The parts of the page lead from names to pages and back. */
+/** Link the parts of the drawing with their names on the page. */
 function page(kind, name) {
   const known = document.querySelector(`a[data-part="${CSS.escape(name)}"][data-part-kind="${kind}"]`);
   return known?.href;

@@ -1,4 +1,4 @@
-// Pointing at things of the world: a click chooses one, a double click has the camera follow it.
+// Pointing at things of the world: a click chooses one, a double click makes the camera follow it.
 
 import { Raycaster, Vector2 } from "three";
 
@@ -15,7 +15,7 @@ export class Chooser {
     this.meshes = meshes;
     this.chosen = chosen;
     this.followed = followed;
-    /** Whether what is under the pointer is nothing to be chosen. */
+    /** Return whether the thing under the pointer cannot be chosen. */
     this.quiet = () => false;
     this.caster = new Raycaster();
     const { canvas, ending } = view;
@@ -26,7 +26,7 @@ export class Chooser {
     signal.addEventListener("abort", () => clearTimeout(this.waiting));
   }
 
-  /** @returns {string|undefined} the IRI of what is drawn at a place of the window, in CSS pixels */
+  /** @returns {string|undefined} the IRI of the thing drawn at a place of the window, in CSS pixels */
   at({ clientX, clientY }) {
     const { canvas, camera } = this.view;
     const { left, top, width, height } = canvas.getBoundingClientRect();
@@ -37,7 +37,7 @@ export class Chooser {
     return undefined;
   }
 
-  /** A click is one when no second has come. */
+  /** A click counts once no second click has come in time. */
   up(event) {
     const { down } = this;
     this.down = undefined;

@@ -1,13 +1,13 @@
-// Mesh files as robots bring them. They are read where the Stop button waits: whatever would take long is refused first.
+// Mesh files from robots. They are parsed in the thread of the Stop button, so whatever would take long is refused first.
 
 import { BufferGeometry, Float32BufferAttribute } from "three";
 import { STLLoader } from "three/examples/jsm/loaders/STLLoader.js";
 
 const MOST_BYTES = 32 * 2 ** 20;
-const MOST_OBJECTS = 4096; // of one file, those counted again that it repeats
+const MOST_OBJECTS = 4096; // of one file, including repeated ones
 const MOST_CORNERS = 6e6; // of one robot, three to a triangle
 
-/** @throws {Error} if the file that this answer brings is too large */
+/** @throws {Error} if the file in this response is too large */
 export function checkSize(answer) {
   if (Number(answer.headers.get("content-length")) > MOST_BYTES) throw new Error("it is too large to be drawn here");
 }
@@ -15,7 +15,7 @@ export function checkSize(answer) {
 /**
  * @param {ArrayBuffer} file in the binary or the textual form
  * @returns {BufferGeometry}
- * @throws {Error} if it is cut off
+ * @throws {Error} if it is truncated
  */
 export function stl(file) {
   const size = file.byteLength < 84 ? NaN : 84 + 50 * new DataView(file).getUint32(80, true);
@@ -26,7 +26,7 @@ export function stl(file) {
   return new STLLoader().parse(file);
 }
 
-/** In one pass, which three.js takes many for. Normals follow from the corners. */
+/** Parse in one pass, for which three.js needs many. Normals follow from the corners. */
 function textual(text) {
   const places = [];
   for (const [, x, y, z] of text.matchAll(/vertex\s+(\S+)\s+(\S+)\s+(\S+)/g)) places.push(Number(x), Number(y), Number(z));
@@ -49,7 +49,7 @@ export function checkCollada({ nodes }) {
   const known = new Map();
   const size = (id) => {
     if (known.has(id)) return known.get(id);
-    known.set(id, Infinity); // for one that contains itself
+    known.set(id, Infinity); // in case it contains itself
     const { nodes: own = [], instanceNodes = [], instanceGeometries = [] } = nodes[id] ?? {};
     const found = [...own, ...instanceNodes].reduce((sum, each) => sum + size(each), 1 + instanceGeometries.length);
     known.set(id, found);
@@ -62,13 +62,13 @@ function limit(objects) {
   if (objects > MOST_OBJECTS) throw new Error(`it has more than ${MOST_OBJECTS} objects`);
 }
 
-/** Counts what is drawn of a robot. */
+/** Counts the drawn objects and corners of a robot. */
 export class Budget {
   #left = MOST_CORNERS;
 
   /**
-   * @param {import("three").Object3D} object that is drawn so many times
-   * @throws {Error} if that is more than can be drawn
+   * @param {import("three").Object3D} object drawn so many times
+   * @throws {Error} if there is more than can be drawn
    */
   spend(object, times) {
     let corners = 0;

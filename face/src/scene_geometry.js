@@ -1,10 +1,10 @@
-// Shapes as files bring them: each triangle with corners of its own. Drawing is several times faster if they share them.
+// Shapes from files, in which triangles do not share corners. Drawing is several times faster if they do.
 
 import { BufferAttribute } from "three";
 
 const FREE = -1;
 
-/** Keep each corner of a geometry once, and nothing of it but place and normal. */
+/** Merge equal corners of a geometry, keeping only position and normal. */
 export function weld(geometry) {
   for (const name of Object.keys(geometry.attributes)) {
     if (name !== "position" && name !== "normal") geometry.deleteAttribute(name);
@@ -16,14 +16,14 @@ export function weld(geometry) {
   const { first, index } = corners(bits(position), bits(normal), position.count);
   geometry.setAttribute("position", chosen(position, first));
   geometry.setAttribute("normal", chosen(normal, first));
-  geometry.setIndex(new BufferAttribute(index, 1)); // in the same order, so that groups of materials stay right
+  geometry.setIndex(new BufferAttribute(index, 1)); // in the same order, so that material groups stay valid
 }
 
 function bits({ array }) {
   return new Int32Array(array.buffer, array.byteOffset, array.length);
 }
 
-/** `first` are the vertices that differ, `index` says for every vertex which of them it is. */
+/** Return `first`, the distinct vertices, and `index`, which maps every vertex to one of them. */
 function corners(p, n, count) {
   const mask = 2 ** Math.ceil(Math.log2(2 * count + 2)) - 1;
   const table = new Int32Array(mask + 1).fill(FREE);
@@ -54,8 +54,8 @@ function chosen({ array }, first) {
 }
 
 /**
- * Draw a welded geometry with all of its triangles, or with fewer: corners that are closer than `cell` become one, what
- * has no area is left out, and its normals stay those of the finer shape.
+ * Draw a merged geometry with all of its triangles, or fewer: corners closer than `cell` are merged, triangles
+ * without area are left out, and normals stay those of the original shape.
  *
  * @param {number} cell in the geometry's own unit; 0 is all
  */
@@ -88,7 +88,7 @@ function coarse(geometry, fine, cell) {
   return { index: new BufferAttribute(index.slice(0, kept), 1), groups: fine.groups.length ? groups : [] };
 }
 
-/** For each vertex one that stands for all in its cell that face the same way. */
+/** Return for each vertex a representative of its cell and direction. */
 function representatives(places, normals, cell) {
   const found = new Map();
   const nearest = new Uint32Array(places.length / 3);
@@ -96,7 +96,7 @@ function representatives(places, normals, cell) {
   for (let i = 0; i < nearest.length; i++) {
     const at = 3 * i;
     const facing = (normals[at] > 0 ? 1 : 0) + (normals[at + 1] > 0 ? 2 : 0) + (normals[at + 2] > 0 ? 4 : 0);
-    // Cells within a million of the origin have numbers of their own; beyond, they share some.
+    // Cells within a million of the origin have distinct numbers; beyond, some share one.
     const key = ((step(at) & 0xffff) * 0x10000 + (step(at + 1) & 0xffff)) * 0x80000 + (step(at + 2) & 0xffff) * 8 + facing;
     if (!found.has(key)) found.set(key, i);
     nearest[i] = found.get(key);

@@ -6,13 +6,13 @@ import { meshesOf } from "./scene_model.js";
 
 const OPACITY = 0.4;
 
-/** A copy of a robot that shares its shapes. */
+/** A copy of a robot that shares its geometries. */
 export class Ghost {
   /** @param {import("urdf-loader").URDFRobot} robot */
   constructor(robot, colours) {
     this.robot = robot;
     this.colours = colours;
-    // Links that stay where they are stand in the same place: there the robot is seen.
+    // Links that do not move coincide with those of the robot, which is then seen instead.
     const behind = { polygonOffset: true, polygonOffsetFactor: 1, polygonOffsetUnits: 4 };
     this.material = new MeshStandardMaterial({ transparent: true, opacity: OPACITY, depthWrite: false, roughness: 0.8, ...behind });
     this.copy = copyOf(robot);
@@ -27,7 +27,7 @@ export class Ghost {
   }
 
   /**
-   * @param {Map<string, number>|undefined} positions by name of the joint; the others are where they are now
+   * @param {Map<string, number>|undefined} positions by name of the joint; the others stay where they are now
    * @param {boolean} refused
    */
   show(positions, refused) {
@@ -49,7 +49,7 @@ export class Ghost {
   }
 }
 
-/** What is remembered with objects of a scene, such as their parts, is not of the copy. */
+/** Data stored with objects of a scene, such as their parts, is not copied. */
 function copyOf(robot) {
   const own = new Map();
   robot.traverse((each) => {

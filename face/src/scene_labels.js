@@ -1,4 +1,4 @@
-// Names of robots over a drawing, with what the cards of the page say of them: links, which a keyboard reaches too.
+// Labels above the robots of a drawing, with data from the cards of the page; they are links, usable by keyboard.
 
 import { watch } from "./socket.js";
 import { lf, localName, taskName } from "./vocabulary.js";
@@ -21,7 +21,7 @@ export class Labels {
     frame.append(this.box);
     /** @type {Map<import("./scene_standing.js").Standing, HTMLElement>} */
     this.of = new Map();
-    /** The first message about the fleet, or that none has come: who may read need not be allowed to subscribe. */
+    /** The first message about the fleet, or its absence: a reader may not be allowed to subscribe. */
     this.first = new Promise((resolve) => {
       this.heard = resolve;
       setTimeout(resolve, LONGEST_MS);
@@ -49,7 +49,7 @@ export class Labels {
     this.of.delete(robot);
   }
 
-  /** Presence and task, as the last message about the fleet says. */
+  /** Show presence and task from the last message about the fleet. */
   tell(graph) {
     this.known = [graph];
     for (const robot of this.of.keys()) this.write(robot, graph);
@@ -68,7 +68,7 @@ export class Labels {
     if (label.lastChild.textContent !== text) label.lastChild.textContent = text;
   }
 
-  /** Put each over its robot, as it is seen at present: the nearest first, others above those that they would cover. */
+  /** Place each label above its robot in the present view: the nearest first, others above labels that they would cover. */
   place() {
     const { clientWidth, clientHeight } = this.view.canvas;
     const seen = [...this.of].map(([robot, label]) => ({ label, at: robot.top()?.project(this.view.camera) }));
@@ -87,7 +87,7 @@ export class Labels {
     }
   }
 
-  /** In pixels; measured when the text is another, since to measure has the page laid out. */
+  /** Return the size of a label in pixels. It is measured only when the text has changed, because that lays out the page. */
   size(label) {
     const known = this.sizes.get(label);
     if (known?.text === label.textContent && known.width) return known;
@@ -97,7 +97,7 @@ export class Labels {
   }
 }
 
-/** @returns {number} the lower edge, at or above that of the box, with which it covers none of those that are taken */
+/** @returns {number} the lowest bottom edge, at or above that of the box, with which it overlaps no taken box */
 function free({ left, right, bottom, height }, taken) {
   const beside = taken.filter((each) => left < each.right && each.left < right);
   for (const each of beside.sort((one, other) => other.bottom - one.bottom)) {

@@ -1,4 +1,4 @@
-// The links of a drawn robot: where they are, and which of them are its tips.
+// The links of a drawn robot: their poses, and which of them are its tips.
 
 import { Quaternion, Vector3 } from "three";
 
@@ -13,7 +13,7 @@ export function poseIn(robot, link) {
   return { position: position.toArray(), orientation: orientation.toArray() };
 }
 
-/** @returns {string[]} the links that hold no other, those that are farthest from the base by joints last */
+/** @returns {string[]} the links without children, those farthest from the base by joints last */
 export function tipsOf(robot) {
   const moved = (object) => object.isURDFJoint && object.jointType !== "fixed";
   const depth = (object) => (object.parent ? depth(object.parent) + Number(moved(object)) : 0);

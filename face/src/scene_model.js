@@ -1,4 +1,4 @@
-// The robot as an object of three.js: its URDF, made harmless, with its meshes, or what stands in for missing ones.
+// The robot as an object of three.js: its URDF without external references, with its meshes or substitutes.
 
 import { Color, Group, LoadingManager, Mesh, Texture } from "three";
 import { ColladaComposer } from "three/examples/jsm/loaders/collada/ColladaComposer.js";
@@ -13,7 +13,7 @@ import { skeleton } from "./scene_skeleton.js";
 
 const AT_ONCE = 4;
 const CREASE_RAD = 0.7;
-const CREASED = 6e5; // corners; to look for creases in more takes seconds
+const CREASED = 6e5; // corners; finding creases in more of them takes seconds
 const MOST_SHAPES = 4096;
 const PRIMITIVES = "box, cylinder, sphere";
 
@@ -25,12 +25,12 @@ export async function fetchModel(address, signal) {
 }
 
 /**
- * The robot without its meshes, and the work that brings them.
+ * Return the robot without its meshes, and the tasks that load them.
  *
  * @param {string} urdf
- * @param {string} address of the URDF, to which its meshes' are relative
+ * @param {string} address of the URDF, to which mesh addresses are relative
  * @returns {{robot: import("urdf-loader").URDFRobot, meshes: {url: string, place: (mesh: object) => void}[]}}
- * @throws {Error} if it is no URDF
+ * @throws {Error} if it is not a URDF
  */
 export function build(urdf, address) {
   const xml = new DOMParser().parseFromString(urdf, "application/xml");
@@ -47,12 +47,12 @@ export function build(urdf, address) {
   const robot = loader.parse(xml);
   robot.traverse((/** @type {any} */ each) => each.isMesh && colour(each.material));
   robot.userData.declared = declared;
-  for (const joint of Object.values(robot.joints)) joint.ignoreLimits = true; // what is measured is true
+  for (const joint of Object.values(robot.joints)) joint.ignoreLimits = true; // measurements are shown
   for (const collider of collidersOf(robot)) collider.visible = false;
   return { robot, meshes };
 }
 
-/** Colours of a URDF are meant as a screen shows them, which urdf-loader does not know. Each material is told once. */
+/** Colours of a URDF are in sRGB, which urdf-loader does not know. Each material is converted once. */
 function displayed() {
   const known = new Set();
   return (material) => {
@@ -62,7 +62,7 @@ function displayed() {
   };
 }
 
-/** Leaves of the URDF only what can be drawn without asking another host for anything. */
+/** Remove everything from the URDF that would be fetched from another host. */
 function harmless(root, address) {
   if (root.querySelectorAll("geometry").length > MOST_SHAPES) throw new Error(`the model has more than ${MOST_SHAPES} shapes`);
   for (const texture of root.querySelectorAll("texture")) texture.remove();
@@ -84,10 +84,10 @@ function ownUrl(filename, address) {
 }
 
 /**
- * Fetch the meshes of a robot, each file once, and put each where it belongs as it comes.
+ * Fetch the meshes of a robot, each file once, and add them as they arrive.
  *
  * @param {(done: number, of: number) => void} onProgress
- * @returns {Promise<string[]>} addresses of those that could not be had
+ * @returns {Promise<string[]>} addresses of those that could not be loaded
  */
 export async function loadMeshes(meshes, onProgress, signal) {
   const places = Map.groupBy(meshes, ({ url }) => url);
@@ -133,10 +133,10 @@ function object(text) {
   return drawable(new OBJLoader().parse(text));
 }
 
-// What fetches nothing: pictures on meshes are not served.
+// Loads nothing: textures of meshes are not served.
 const BLANK = { load: () => new Texture() };
 
-/** The shapes of a Collada file in its own axes, as everybody in robotics reads it, in metre. */
+/** Return the shapes of a Collada file in its own axes, as usual in robotics, in metre. */
 function collada(text) {
   const parsed = new ColladaParser().parse(text);
   if (!parsed) throw new Error("no Collada");
@@ -148,7 +148,7 @@ function collada(text) {
   return sized;
 }
 
-/** Without the lights, cameras, lines and skeletons that come with some files. */
+/** Remove the lights, cameras, lines and skeletons in some files. */
 function drawable(object) {
   const others = [];
   object.traverse((each) => each !== object && !each.isMesh && !each.isGroup && each.type !== "Object3D" && others.push(each));
@@ -161,7 +161,7 @@ function painted(object, material) {
   return object;
 }
 
-/** What is drawn of a link: those of its meshes that are not other links'. */
+/** Return the meshes of a link, without those of links below. */
 export function meshesOf(link) {
   const found = [];
   for (const child of link.children) {
@@ -178,10 +178,10 @@ function collidersOf(robot) {
 }
 
 /**
- * Once the meshes are there, or not: links that lost theirs get the primitives they collide with, or else their frames.
+ * After loading, give links without meshes the primitives of their collision geometry, or else their frames.
  *
- * @param {Color} colour of what stands in
- * @returns {number} how many links are drawn from their frames
+ * @param {Color} colour of the substitutes
+ * @returns {number} how many links are drawn as frames
  */
 export function complete(robot, colour) {
   const links = Object.values(robot.links);

@@ -1,20 +1,20 @@
-// From frame to frame: what is known of the joints, put on the robot, smoothly.
+// Applies joint positions to the robot, interpolating between frames.
 
 import { Quaternion, Vector3 } from "three";
 
-const SLOWEST_MS = 120; // longer than this between two frames, the robot did not move in the meantime
+const SLOWEST_MS = 120; // after a longer pause between two frames the robot is not interpolated
 const FULL_TURN = 2 * Math.PI;
 
 /** Brings a robot from one pose to the next. Positions in rad or m; NaN leaves a joint where it is. */
 export class Motion {
   /**
    * @param {import("urdf-loader").URDFRobot} robot
-   * @param {(string|undefined)[]} joints names, in the order of the values that are to come
+   * @param {(string|undefined)[]} joints names, in the order of later values
    */
   constructor(robot, joints) {
     this.robot = robot;
     this.joints = joints.map((name) => (name !== undefined && Object.hasOwn(robot.joints, name) ? robot.joints[name] : undefined));
-    // One that mimics is set after the one it follows, which sets it as well.
+    // A mimicking joint is set after the one it follows, which sets it as well.
     this.order = [...this.joints.keys()].sort((a, b) => this.mimics(a) - this.mimics(b));
     this.target = this.joints.map(() => NaN);
     this.base = undefined;
@@ -27,7 +27,7 @@ export class Motion {
     return Number(Boolean(/** @type {any} */ (this.joints[index])?.mimicJoint));
   }
 
-  /** The latest values; `smooth` false puts the robot there at once. */
+  /** Set the latest values; with `smooth` false the robot jumps there. */
   accept({ positions, base }, now, smooth) {
     this.target = positions;
     const known = base && [...base.position, ...base.orientation].every(Number.isFinite);
@@ -44,7 +44,7 @@ export class Motion {
     };
   }
 
-  /** @returns {boolean} whether anything moved; `moving` says whether more is to come */
+  /** @returns {boolean} whether anything moved; `moving` says whether more movement follows */
   step(now) {
     if (!this.steps) return false;
     const { from, base, start, length } = this.steps;
@@ -71,7 +71,7 @@ export class Motion {
     return this.steps !== undefined;
   }
 
-  /** Names of the joints whose position is not known. */
+  /** Names of the joints with unknown positions. */
   get unknown() {
     return this.joints.filter((joint, i) => joint && !Number.isFinite(this.target[i])).map((joint) => joint.urdfName);
   }

@@ -1,4 +1,4 @@
-// What stands in the world besides robots: obstacles, and the zones that robots keep out of.
+// The objects in the world besides robots: obstacles and keep-out zones.
 
 import { BoxGeometry, CylinderGeometry, DoubleSide, Group, Mesh, MeshStandardMaterial, Quaternion, SphereGeometry } from "three";
 
@@ -14,8 +14,8 @@ const CONTAINS = "http://www.w3.org/ns/ldp#contains";
 
 /**
  * @param {import("./ntriples.js").Graph} graph
- * @param {string} iri of what stands somewhere
- * @returns {{position: number[], orientation: number[]}|undefined} in metre; nothing while it is unknown
+ * @param {string} iri of the placed thing
+ * @returns {{position: number[], orientation: number[]}|undefined} in metre; undefined while it is unknown
  */
 export function poseOf(graph, iri) {
   const read = (path, axes) => axes.map((axis) => length(graph, graph.follow(iri, [lf(path)]), axis));
@@ -25,22 +25,22 @@ export function poseOf(graph, iri) {
   return [...position, ...orientation].every(Number.isFinite) ? { position, orientation } : undefined;
 }
 
-/** Put an object of three.js where something stands. */
+/** Apply a pose to an object of three.js. */
 export function put(object, { position, orientation }) {
   object.position.set(...position);
   object.quaternion.copy(new Quaternion(...orientation).normalize());
 }
 
-/** Put an object of three.js, in whose frame something stands, as it is seen from there. */
+/** Apply the inverse of a pose to an object of three.js. */
 export function putInverse(object, pose) {
   put(object, pose);
   object.quaternion.invert();
   object.position.negate().applyQuaternion(object.quaternion);
 }
 
-/** The objects that a container describes, drawn; what is a mesh comes when it has been fetched. */
+/** The objects of a container, drawn; a mesh is added when it has been fetched. */
 export class Objects extends Group {
-  /** @param {() => void} changed is called when there is something else to be drawn */
+  /** @param {() => void} changed is called when the scene must be drawn again */
   constructor(signal, changed) {
     super();
     this.signal = signal;
@@ -55,10 +55,10 @@ export class Objects extends Group {
   }
 
   /**
-   * Draw what somebody is about to put there, or nothing more of that.
+   * Draw the draft of an object, or remove the draft.
    *
    * @param {import("./ntriples.js").Graph} [graph] about the node `_:n0`
-   * @param {string} [instead] the object that it replaces
+   * @param {string} [instead] the object that the draft replaces
    */
   draft(graph, instead) {
     this.drafted = graph && { graph, instead };
@@ -69,7 +69,7 @@ export class Objects extends Group {
     this.changed();
   }
 
-  /** What is about to be replaced is not shown. */
+  /** Hide the object that the draft replaces. */
   arrange() {
     for (const each of this.children) each.visible = each.userData.draft || each.userData.iri !== this.drafted?.instead;
   }
@@ -78,7 +78,7 @@ export class Objects extends Group {
    * @param {import("./ntriples.js").Graph} graph
    * @param {string} node that is described in it
    * @param {string} iri of the object
-   * @param {any[]} former drawings that this one takes the place of
+   * @param {any[]} former drawings that this one replaces
    */
   async draw(graph, node, iri, former = []) {
     const pose = poseOf(graph, node);
@@ -101,7 +101,7 @@ export class Objects extends Group {
       this.changed();
     } catch (error) {
       mesh.removeFromParent();
-      // What somebody is about to put there may not be complete.
+      // A draft may be incomplete.
       if (!this.signal.aborted && node !== DRAFT) console.warn(`${iri} is not drawn:`, error);
     }
   }
@@ -118,7 +118,7 @@ function material(zone) {
   return new MeshStandardMaterial({ side: DoubleSide, ...look });
 }
 
-/** A primitive, or nothing for a mesh. */
+/** Return a primitive, or nothing for a mesh. */
 function form(graph, node) {
   const type = graph.value(node, RDF_TYPE)?.value;
   const scalar = (name) => extent(length(graph, graph.value(node, lf(name)), NUMERICAL_VALUE));
@@ -144,7 +144,7 @@ async function fetched(iri, signal) {
   return geometry;
 }
 
-/** A number of a node in metre; as it is, if its unit is no other. */
+/** Return a number of a node in metre; unchanged without a known unit. */
 function length(graph, node, predicate) {
   if (!node) return NaN;
   const scale = graph.value(key(node), VOM_UNIT)?.value === MILLIMETRE ? 0.001 : 1;

@@ -1,8 +1,8 @@
-// When a scene is drawn next: with the screen, or seldom enough where the processor draws that the page stays usable.
+// Schedules drawing: with the screen, or less often if the processor draws, so that the page stays usable.
 
 const SOFTWARE = /swiftshader|llvmpipe|softpipe|software|basic render/i;
 const SLOWEST_MS = 1000 / 15;
-const SHARE = 0.3; // of the time goes into drawing, at most
+const SHARE = 0.3; // maximum share of time for drawing
 
 export class Pacing {
   /**
@@ -15,7 +15,7 @@ export class Pacing {
     this.next = -Infinity;
   }
 
-  /** Draw soon, once. */
+  /** Draw once, soon. */
   request() {
     if (this.frame || this.timer) return;
     const wait = this.software ? this.next - performance.now() : 0;
@@ -41,7 +41,7 @@ export class Pacing {
   }
 }
 
-/** Whether the processor draws, as far as the browser tells. */
+/** Return whether the processor draws, as far as the browser tells. */
 function isSoftware(context) {
   const known = context.getExtension("WEBGL_debug_renderer_info");
   return SOFTWARE.test(String(context.getParameter(known ? known.UNMASKED_RENDERER_WEBGL : context.RENDERER)));

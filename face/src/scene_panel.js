@@ -1,4 +1,4 @@
-// What is around the drawing in HTML: progress, marks, the choice of colours and its legend.
+// The HTML around the drawing: progress, marks, the choice of colours and its legend.
 
 import { MODES, ramp } from "./scene_parts.js";
 
@@ -9,11 +9,11 @@ const ENDS = {
   effort: ["no effort", "all that is allowed", "no limit, or effort unknown"],
 };
 
-/** The elements of the section; `onMode` hears what to colour by, `onFit` that all is to be seen. */
+/** The elements of the section; `onMode` is called with the colour mode, `onFit` to show everything. */
 export class Panel {
   constructor(section, { onMode, onFit }) {
     this.section = section;
-    // What was there says what to do without a picture.
+    // The former content says what to do without a picture.
     this.fallback = [...section.children].filter((each) => !/^H[1-6]$/.test(each.tagName));
     this.canvas = make("canvas", { role: "img", tabIndex: 0 });
     this.bar = make("progress", { max: 1, value: 0 });
@@ -33,7 +33,7 @@ export class Panel {
     this.made = [this.view, this.controls, help, this.note];
   }
 
-  /** In place of what was there. */
+  /** Replace the former content. */
   enter() {
     for (const each of this.fallback) each.hidden = true;
     this.section.append(...this.made);
@@ -86,7 +86,7 @@ export class Panel {
     if (this.canvas.getAttribute("aria-label") !== text) this.canvas.setAttribute("aria-label", text);
   }
 
-  /** There will be no picture, and why. */
+  /** Show why there is no picture. */
   fail(reason) {
     for (const each of this.made) if (each !== this.note) each.remove();
     for (const each of this.fallback) each.hidden = false;

@@ -1,39 +1,39 @@
-// The links of a drawn robot: their materials, what they are coloured by, how they are marked.
+// The links of a drawn robot: their materials, colours and marks.
 
 import { Color, DoubleSide, MeshStandardMaterial } from "three";
 
-// Viridis without its darkest end: as bright as it is high, so that nobody needs to tell red from green.
+// Viridis without its darkest end: brightness grows with the value, so that red and green need not be distinguished.
 const RAMP = ["#46327e", "#365c8d", "#277f8e", "#1fa187", "#4ac16d", "#a0da39", "#fde725"].map((hex) => new Color(hex));
 const FAINT = 0.35;
 
 export const MODES = ["appearance", "limit proximity", "effort"];
 
-/** @returns {Color} of a share from 0 to 1 */
+/** @returns {Color} for a share from 0 to 1 */
 export function ramp(share) {
   const at = Math.min(1, Math.max(0, share)) * (RAMP.length - 1);
   const low = Math.min(RAMP.length - 2, Math.floor(at));
   return RAMP[low].clone().lerp(RAMP[low + 1], at - low);
 }
 
-/** How near a joint is to a limit: 0 midway between them, 1 at one; NaN without limits or position. */
+/** Return how near a joint is to a limit: 0 midway between them, 1 at one; NaN without limits or position. */
 export function proximity(joint, position) {
   const { lower, upper } = joint.limit;
   if (joint.jointType !== "revolute" && joint.jointType !== "prismatic") return NaN;
   return upper > lower ? Math.abs(2 * position - upper - lower) / (upper - lower) : NaN;
 }
 
-/** The effort of a joint as a share of what its URDF allows; NaN where either is unknown. */
+/** Return the effort of a joint as a share of its URDF limit; NaN if either is unknown. */
 export function load(joint, effort) {
   return joint.limit.effort > 0 ? Math.abs(effort) / joint.limit.effort : NaN;
 }
 
-/** The joint that moves a link, through fixed ones; else the one that holds it; undefined for the root. */
+/** Return the joint that moves a link, through fixed ones; else the one that holds it; undefined for the root. */
 export function jointOf(link) {
   for (let each = link.parent; each; each = each.parent) if (each.isURDFJoint && each.jointType !== "fixed") return each;
   return link.parent?.isURDFJoint ? link.parent : undefined;
 }
 
-/** One link as it is drawn. */
+/** A drawn link. */
 export class Part {
   /** @param {import("three").Mesh[]} meshes of the link */
   constructor(link, meshes) {
@@ -46,7 +46,7 @@ export class Part {
       if (!own.has(material)) own.set(material, standard(material));
       return own.get(material);
     };
-    for (const mesh of meshes) mesh.userData.material ??= mesh.material; // as it came
+    for (const mesh of meshes) mesh.userData.material ??= mesh.material; // as loaded
     const originals = meshes.map((mesh) => mesh.userData.material);
     this.own = originals.map((each) => (Array.isArray(each) ? each.map(replaced) : replaced(each)));
     this.materials = [this.tint, ...own.values()];
@@ -68,7 +68,7 @@ export class Part {
     }
   }
 
-  /** Show that where it is is not known. */
+  /** Show that the position is unknown. */
   faint(faint) {
     for (const material of this.materials) {
       material.opacity = faint ? FAINT : material.userData.opacity ?? 1;
@@ -87,7 +87,7 @@ function prepare(mesh, part) {
   mesh.castShadow = mesh.receiveShadow = true;
 }
 
-/** Files bring many kinds of material; the light of the stage is made for this one. */
+/** Convert the materials of files to the one for which the light is made. */
 function standard(material) {
   const color = material.color?.clone() ?? new Color("#c8ccd2");
   // Exporters write 0 where they mean opaque.

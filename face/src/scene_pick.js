@@ -1,10 +1,10 @@
-// Pointing at a part: it lights up, a label says what it is, a click goes to its page.
+// Pointing at a part: it is highlighted, a label names it, a click opens its page.
 
 import { Raycaster, Vector2 } from "three";
 
 const DRAG_PX = 5;
 
-/** Pointer on the canvas to parts. `page` gives the address of a part's page by its kind and name. */
+/** Finds parts under the pointer. `page` returns the address of a part's page by its kind and name. */
 export class Picker {
   constructor(view, label, { page, describe }) {
     this.view = view;
@@ -13,7 +13,7 @@ export class Picker {
     this.describe = describe;
     this.parts = [];
     this.over = undefined;
-    /** Whether what is under the pointer is no part. */
+    /** Return whether there is no part under the pointer. */
     this.quiet = () => false;
     this.caster = new Raycaster();
     const { canvas, ending } = view;
@@ -27,7 +27,7 @@ export class Picker {
     on(canvas, "keydown", (event) => event.key === "Escape" && this.point(undefined));
   }
 
-  /** The parts that there are from now on, one of which may be under a pointer that does not move. */
+  /** Set the present parts, one of which may be under a resting pointer. */
   set(parts) {
     this.point(undefined);
     this.parts = parts;
@@ -48,7 +48,7 @@ export class Picker {
     });
   }
 
-  /** @returns {import("./scene_parts.js").Part|undefined} the part under a place of the window, in CSS pixels */
+  /** @returns {import("./scene_parts.js").Part|undefined} the part at a place of the window, in CSS pixels */
   at({ clientX, clientY }) {
     const { canvas, camera } = this.view;
     const { left, top, width, height } = canvas.getBoundingClientRect();
@@ -96,7 +96,7 @@ export class Picker {
     return made;
   }
 
-  /** The position in the label is that of now. */
+  /** Update the position in the label. */
   refresh() {
     if (!this.value || !this.over?.joint) return;
     const { value, text } = this.describe(this.over.joint);
@@ -109,7 +109,7 @@ export class Picker {
     this.down = undefined;
     if (this.quiet() || event.button !== 0 || !down || Math.hypot(event.clientX - down.clientX, event.clientY - down.clientY) > DRAG_PX) return;
     const part = this.at(event);
-    // A finger cannot hover: its first tap tells what is there, and the label has the links.
+    // A finger cannot hover: its first tap shows the label, which has the links.
     if (event.pointerType === "touch" && part !== this.over) this.point(part, event);
     else if (part) this.go(event, event.ctrlKey || event.metaKey);
   }

@@ -5,7 +5,7 @@ import { CylinderGeometry, Group, Mesh, MeshStandardMaterial, SphereGeometry, Ve
 const SHARE = 0.012; // of the robot's reach is the radius of a joint's sphere
 const UP = new Vector3(0, 1, 0);
 
-/** Draw these links of the robot so. */
+/** Draw these links of the robot by their frames. */
 export function skeleton(robot, links, colour) {
   if (!links.length) return;
   const radius = SHARE * reach(robot);
@@ -22,7 +22,7 @@ export function skeleton(robot, links, colour) {
   }
 }
 
-/** None to a joint that is where the one before it is. */
+/** No bone to a joint at the same place as the one before. */
 function bone(to, radius, material) {
   const length = to.length();
   if (length < radius / 10) return undefined;
@@ -32,7 +32,7 @@ function bone(to, radius, material) {
   return mesh;
 }
 
-/** How far the joints are apart in metre; a robot of one frame counts as a hand's breadth. */
+/** Return the distance between joints in metre; for a robot of one frame about 0.1. */
 function reach(robot) {
   robot.updateMatrixWorld(true);
   const from = robot.getWorldPosition(new Vector3());

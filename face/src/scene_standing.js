@@ -14,7 +14,7 @@ import { lf, localName, TITLE } from "./vocabulary.js";
 const INTERVAL_S = 0.033; // 30 Hz
 const ESCAPED = /~([0-9A-F]{2})/g;
 
-/** `place` is where the robot stands; it is not shown as long as nobody knows. */
+/** `place` is the robot's placement; it is not shown while that is unknown. */
 export class Standing {
   /**
    * @param {import("./ntriples.js").Graph} graph the description of the world
@@ -40,7 +40,7 @@ export class Standing {
     this.stand(poseOf(graph, this.placement));
   }
 
-  /** Draw it from now on: its presence is known, as far as it can be. */
+  /** Draw it from now on, after its presence is known as far as possible. */
   meet() {
     this.met = true;
     return this.wake();
@@ -54,7 +54,7 @@ export class Standing {
     this.wake();
   }
 
-  /** Fetch it once it stands somewhere and can be had: its shapes come from its agent. */
+  /** Fetch the model once the robot is placed and online: its meshes come from its agent. */
   wake() {
     if (!this.met || this.offline || !(this.stood || this.drafted)) return undefined;
     this.begun ??= this.load(this.world.ending.signal).catch((error) => this.world.lacks(this, error));
@@ -85,7 +85,7 @@ export class Standing {
     this.world.frame();
   }
 
-  /** Follow where it stands and how it moves, while somebody can see it. */
+  /** Follow its placement and its motions while it is visible. */
   listen(wanted) {
     if (!wanted) {
       for (const end of this.ends.splice(0)) end();
@@ -105,7 +105,7 @@ export class Standing {
     this.arrange();
   }
 
-  /** Show it where it is about to be placed; without a pose, where it stands. */
+  /** Show it at a draft placement; without a pose, at its own. */
   draft(pose) {
     this.drafted = pose;
     this.arrange();
@@ -122,7 +122,7 @@ export class Standing {
   }
 
   take(values) {
-    if (!values) return; // of another run of the agent: the page, loaded anew, has its description
+    if (!values) return; // from another run of the agent: the reloaded page has its description
     this.motion.accept(values, performance.now(), smooth());
     this.world.view.invalidate();
   }
@@ -131,19 +131,19 @@ export class Standing {
     return this.motion?.step(now) ?? false;
   }
 
-  /** @returns {Vector3} where its base is, which may move */
+  /** @returns {Vector3} the position of its base, which may move */
   base() {
     return (this.robot ?? this.place).getWorldPosition(new Vector3());
   }
 
-  /** @returns {Vector3|undefined} above it, where its label stands */
+  /** @returns {Vector3|undefined} the place of its label above it */
   top() {
     if (!this.place.visible) return undefined;
     const base = this.base();
     return base.setZ(base.z + this.height);
   }
 
-  /** How far it reaches above its base as it stands when it is complete. */
+  /** Return the height above its base in the present pose, once it is complete. */
   measure() {
     const box = new Box3().setFromObject(this.robot);
     if (!box.isEmpty()) this.height = box.max.z - this.base().z;
@@ -156,7 +156,7 @@ export class Standing {
   }
 }
 
-/** The name of a joint, as the last segment of its IRI spells it. */
+/** Return the name of a joint, as in the last segment of its IRI. */
 function nameOf(iri) {
   const segment = iri.slice(iri.lastIndexOf("/") + 1);
   return decodeURIComponent(segment.replace(ESCAPED, "%$1"));

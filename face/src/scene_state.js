@@ -1,4 +1,4 @@
-// What joint states say: which joints in which order, how a binary frame is laid out, and the values of a frame.
+// Joint states: joints and their order, the layout of binary frames, and the values of a frame.
 
 import { key, parse } from "./ntriples.js";
 
@@ -42,7 +42,7 @@ export class JointState {
 
   /**
    * @param {ArrayBuffer} buffer
-   * @returns {Values|undefined} nothing if the frame is not of this layout, as those of another run of the agent may be
+   * @returns {Values|undefined} undefined if the frame has another layout, possibly of another run of the agent
    */
   decode(buffer) {
     const positions = this.fields.get("positions");
@@ -67,7 +67,7 @@ export class JointState {
   }
 }
 
-/** @returns {Promise<JointState>} as the resource describes itself now */
+/** @returns {Promise<JointState>} from the present description of the resource */
 export async function fetchState(iri, signal) {
   return new JointState(await graphOf(iri, signal), iri);
 }
@@ -103,7 +103,7 @@ function layout(graph, iri) {
 }
 
 /**
- * The fields of a frame that these nodes of a graph describe; what cannot be read is left out.
+ * Return the fields of a frame described by these nodes of a graph; unreadable ones are left out.
  *
  * @param {(import("./ntriples.js").Term|undefined)[]} nodes
  * @returns {{node: string, name: string, type: string, offset: number, count: number}[]}
@@ -117,7 +117,7 @@ export function layoutFields(graph, nodes) {
   });
 }
 
-/** The value of this type at this byte. */
+/** Return the value of this type at this byte. */
 export function valueOf(view, type, offset) {
   return TYPES[type][1](view, offset);
 }

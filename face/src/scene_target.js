@@ -1,4 +1,4 @@
-// A target that is dragged in the scene: the gizmo of three.js on a point with an orientation.
+// A draggable target in the scene: the gizmo of three.js on a point with an orientation.
 
 import { AxesHelper, Group, Quaternion, Vector3 } from "three";
 import { TransformControls } from "three/examples/jsm/controls/TransformControls.js";
@@ -35,7 +35,7 @@ export class Target {
     view.invalidate();
   }
 
-  /** Whether the gizmo is under the pointer, so that a click is not meant for a part of the robot. */
+  /** Return whether the gizmo is under the pointer, so that a click is not meant for a part of the robot. */
   get busy() {
     return this.controls.dragging || this.controls.axis !== null;
   }

@@ -1,4 +1,4 @@
-// The stage: camera, light, floor and controls. It is drawn when something has changed and somebody can see it.
+// The stage: camera, light, floor and controls. It is drawn when something has changed and it is visible.
 
 import {
   ACESFilmicToneMapping,
@@ -22,9 +22,9 @@ import { OrbitControls } from "three/examples/jsm/controls/OrbitControls.js";
 import { detail } from "./scene_geometry.js";
 import { Pacing } from "./scene_pacing.js";
 
-const SHARPEST = 2; // device pixel ratio; more costs much and shows nothing
-// What moves on a machine that draws more slowly than this is a sketch: at first without shadows, then with coarser
-// shapes, then with fewer pixels. As soon as it stands it is drawn as well as can be.
+const SHARPEST = 2; // device pixel ratio; more costs much and is not visible
+// On a machine that draws more slowly than this, movement is simplified: first without shadows, then with coarser
+// shapes, then with fewer pixels. As soon as it ends, the scene is drawn in full quality.
 const SLOW_MS = 55;
 const PATIENCE_MS = 300;
 const STILL_MS = 400;
@@ -41,15 +41,15 @@ export class View {
   /**
    * @param {HTMLCanvasElement} canvas
    * @param {WebGL2RenderingContext} context of the canvas
-   * @param {(now: number) => boolean} animate moves what is shown and says whether more movement is to come
+   * @param {(now: number) => boolean} animate moves the contents and returns whether more movement follows
    */
   constructor(canvas, context, animate) {
     this.canvas = canvas;
     this.animate = animate;
     this.seen = true;
     this.slow = 0;
-    this.level = 0; // how much of a sketch movement takes here
-    this.sketch = 0; // how much of one is drawn now
+    this.level = 0; // level of simplification for movement on this machine
+    this.sketch = 0; // present level of simplification
     this.ending = new AbortController();
     this.pacing = new Pacing(context, (now) => this.draw(now));
     this.renderer = new WebGLRenderer({ canvas, context, antialias: true, alpha: true });
@@ -68,7 +68,7 @@ export class View {
   }
 
   light() {
-    // Light from all around would cost seconds on a machine without a graphics card; these three come near.
+    // Environment light would cost seconds without a graphics card; these three lights are similar.
     this.sun = new DirectionalLight(0xfff6ea, 2.1);
     this.sun.castShadow = true;
     this.sun.shadow.mapSize.set(1024, 1024);
@@ -90,10 +90,10 @@ export class View {
     this.controls.enableDamping = !calm.matches;
     this.controls.addEventListener("start", () => (this.untouched = false));
     this.controls.addEventListener("change", () => this.invalidate());
-    this.canvas.style.touchAction = "pan-y"; // a finger that goes up or down scrolls the page
+    this.canvas.style.touchAction = "pan-y"; // a vertical drag with a finger scrolls the page
     const { signal } = this.ending;
     this.canvas.addEventListener("keydown", (event) => this.key(event), { signal });
-    // The wheel belongs to the page until the view has been clicked.
+    // The wheel scrolls the page until the view has been clicked.
     const wheel = (event) => (this.controls.enableZoom = event.ctrlKey || document.activeElement === this.canvas);
     this.canvas.addEventListener("wheel", wheel, { capture: true, passive: true, signal });
     document.addEventListener("visibilitychange", () => this.invalidate(), { signal });
@@ -138,7 +138,7 @@ export class View {
     this.fit();
   }
 
-  /** Look at the whole robot, and lay floor and light out for it. */
+  /** Look at the whole robot, and adapt floor and light to it. */
   fit() {
     if (!this.robot) return;
     this.untouched = true;
@@ -153,13 +153,13 @@ export class View {
     this.camera.position.copy(ball.center).addScaledVector(FROM, distance);
     Object.assign(this.camera, { near: distance / 100, far: distance * 20 }).updateProjectionMatrix();
     this.floorAt(Math.abs(box.min.z) < 0.1 * ball.radius ? 0 : Math.min(0, box.min.z), ball);
-    // What is under the pointer is asked of the camera, and may be before the next drawing.
+    // Picking uses the camera, possibly before the next drawing.
     this.controls.update();
     this.camera.updateMatrixWorld();
     this.invalidate(true);
   }
 
-  /** Look at one thing of what is shown, from where the camera is. */
+  /** Look at one thing, from the camera's present direction. */
   approach(thing) {
     const ball = new Box3().setFromObject(thing).getBoundingSphere(new Sphere());
     if (ball.isEmpty()) return;
@@ -171,14 +171,14 @@ export class View {
     this.invalidate();
   }
 
-  /** Move the camera, and what it looks at. */
+  /** Move the camera and its target. */
   shift(way) {
     if (way.lengthSq() < 1e-12) return;
     this.controls.target.add(way);
     this.camera.position.add(way);
   }
 
-  /** How far from the robot's middle the camera sees all of it, with some air around. */
+  /** Return the distance from which the camera sees all of the robot, with a margin. */
   distance(middle) {
     const up = Math.tan((this.camera.fov / 2) * (Math.PI / 180)) * 0.9;
     const across = up * this.camera.aspect;
@@ -208,7 +208,7 @@ export class View {
     this.floor.position.copy(this.grid.position);
   }
 
-  /** Colours of the page's style, which may be dark or light, now and when that changes. */
+  /** Apply the colours of the page's style, dark or light, now and when that changes. */
   themed() {
     const apply = () => {
       const style = getComputedStyle(this.canvas);
@@ -239,10 +239,10 @@ export class View {
     this.camera.aspect = width / height;
     this.camera.updateProjectionMatrix();
     if (first) this.fit();
-    this.draw(performance.now()); // at once: a canvas whose size has changed is empty
+    this.draw(performance.now()); // at once: resizing clears a canvas
   }
 
-  /** Something has changed; `moved` says that shadows have too. */
+  /** Draw soon; `moved` says that shadows have changed, too. */
   invalidate(moved = false) {
     this.renderer.shadowMap.needsUpdate ||= moved;
     if (this.seen && !document.hidden && !this.ending.signal.aborted) this.pacing.request();
@@ -250,17 +250,17 @@ export class View {
 
   draw(now) {
     const more = this.animate(now);
-    this.controls.update(); // says "change", and so asks for the next drawing, while it is still gliding
+    this.controls.update(); // emits "change", which requests the next drawing, while it is still gliding
     this.renderer.render(this.scene, this.camera);
     if (more) this.invalidate();
   }
 
-  /** What is shown has moved at this time. */
+  /** Note that the contents moved at this time. */
   moved(now) {
     clearTimeout(this.still);
     this.still = setTimeout(() => this.apply(0), STILL_MS);
     this.apply(this.level);
-    requestAnimationFrame((then) => this.pace(then - now)); // which comes when this has been drawn
+    requestAnimationFrame((then) => this.pace(then - now)); // called after this has been drawn
   }
 
   pace(took) {
@@ -286,7 +286,7 @@ export class View {
     this.robot?.traverse((each) => each.isMesh && detail(each.geometry, cell / each.matrixWorld.getMaxScaleOnAxis()));
   }
 
-  /** Whether anybody can see it. */
+  /** Return whether it is visible. */
   show(seen) {
     this.seen = seen;
     this.invalidate();
@@ -308,7 +308,7 @@ export class View {
   }
 }
 
-/** The corners of the boxes around the meshes of a robot, in the world. */
+/** Yield the corners of the boxes around the meshes of a robot, in the world. */
 function* cornersOf(robot) {
   const meshes = [];
   robot.traverseVisible((each) => each.isMesh && meshes.push(each));
@@ -320,7 +320,7 @@ function* cornersOf(robot) {
   }
 }
 
-/** Whether movement that only pleases is wanted. */
+/** Return whether the user accepts decorative motion. */
 export function smooth() {
   return !calm.matches;
 }

@@ -15,8 +15,8 @@ import { watch } from "./socket.js";
 import { lf } from "./vocabulary.js";
 
 const HAS_PART = "http://purl.org/dc/terms/hasPart";
-const AHEAD = "200px"; // a section that is about to be scrolled to is made ready
-const MOST_ROBOTS = 40; // each is a model to be fetched, and a stream of its frames
+const AHEAD = "200px"; // prepares a section before it is scrolled into view
+const MOST_ROBOTS = 40; // each needs a model and a stream of frames
 const ABOVE_FLOOR_M = 0.2;
 
 /**
@@ -59,7 +59,7 @@ class WorldScene {
     canvas.setAttribute("aria-keyshortcuts", "f");
     frame.append(canvas);
     const context = canvas.getContext("webgl2", { antialias: true, alpha: true, powerPreference: "low-power" });
-    if (!context) return this.phase("failed"); // the page says what takes its place
+    if (!context) return this.phase("failed"); // the page has a replacement text
     for (const each of /** @type {HTMLElement[]} */ ([...this.section.children])) each.hidden = true;
     this.section.append(frame);
     this.view = new View(canvas, context, (now) => this.animate(now));
@@ -115,7 +115,7 @@ class WorldScene {
     await Promise.all(fresh.map((robot) => robot.meet()));
   }
 
-  /** Say how many robots are not drawn: those that are too many, and those that nobody has placed. */
+  /** Show how many robots are not drawn: above the limit, or without a placement. */
   tellLeft(count, unplaced) {
     if (!this.left) this.labels.box.after((this.left = Object.assign(document.createElement("p"), { className: "scene-badge" })));
     const said = [count && `${count} more robots are not drawn`, unplaced && `Without a place in the world: ${unplaced} of the robots`];
@@ -133,7 +133,7 @@ class WorldScene {
     if (!this.ending.signal.aborted) console.warn(`${robot.name} is not drawn:`, error);
   }
 
-  /** What nobody can see is neither drawn nor followed. */
+  /** Neither draw nor follow what is not visible. */
   seen(seen) {
     if (!this.section.isConnected) return this.dispose();
     this.inSight = seen;
@@ -150,7 +150,7 @@ class WorldScene {
     for (const robot of this.robots.values()) robot.listen(this.inSight);
   }
 
-  /** @returns {(() => void)|undefined} what ends it; nothing on pages that do not say where refused motions are listed */
+  /** @returns {(() => void)|undefined} a function that ends it; undefined on pages without a list of refused motions */
   followContacts() {
     const { collisions } = this.section.dataset;
     if (!collisions) return undefined;
@@ -162,7 +162,7 @@ class WorldScene {
     });
   }
 
-  /** All of the world is in the view as long as nobody has chosen another. */
+  /** Show all of the world, unless the user has moved the camera. */
   frame() {
     if (this.view?.untouched ?? true) this.view?.fit();
     else this.view.invalidate(true);
@@ -177,7 +177,7 @@ class WorldScene {
     return robots.some(({ motion }) => motion?.moving);
   }
 
-  /** A page where things are arranged has their forms; from any other a click goes to the page of the thing. */
+  /** Choose a thing on a page with its forms; on any other page, open the page of the thing. */
   choose(iri) {
     if ("arranged" in this.section.dataset) this.section.dispatchEvent(new CustomEvent("chosen", { detail: iri }));
     else location.assign(iri);
@@ -220,13 +220,13 @@ class WorldScene {
     return [this.objects, ...[...this.robots.values()].filter(({ place }) => place.visible).map(({ place }) => place)];
   }
 
-  /** @returns {number[]} the place on the floor at which the camera looks, a little above it */
+  /** @returns {number[]} the point on the floor at which the camera looks, slightly above it */
   middle() {
     const { x, y } = this.view.controls.target;
     return [x, y, ABOVE_FLOOR_M];
   }
 
-  /** Have a target dragged, in the frame of the world. */
+  /** Show a draggable target in the frame of the world. */
   target(onDrag) {
     const target = new Target(this.view, this.all, onDrag);
     this.chooser.quiet = () => target.busy;
@@ -234,11 +234,11 @@ class WorldScene {
   }
 
   /**
-   * Draw what somebody is about to change, or nothing of that any more.
+   * Draw a draft, or remove it.
    *
    * @param {import("./ntriples.js").Graph} [graph] about the node `_:n0`
    * @param {string} [iri] of the object or the robot
-   * @param {boolean} [robot] whether it is a robot, of which only the place changes
+   * @param {boolean} [robot] whether it is a robot, of which only the placement changes
    */
   draft(graph, iri, robot = false) {
     this.moving?.draft();
@@ -247,7 +247,7 @@ class WorldScene {
     this.objects.draft(robot ? undefined : graph, iri);
   }
 
-  /** @returns {Record<string, [number, number, number]>} by title where each object is drawn, and each robot that is */
+  /** @returns {Record<string, [number, number, number]>} by title, the drawn position of each object and robot */
   standing() {
     const places = [...this.robots.values()].map(({ place }) => place);
     const things = [...this.objects.children, ...places].filter(({ visible }) => visible);

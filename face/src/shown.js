@@ -1,20 +1,20 @@
-// What a message says that no live element shows: if that changes, the page has to be fetched again.
+// Compares messages without live values: if the rest changes, the page has to be fetched again.
 
 import { key } from "./ntriples.js";
 import { RESULT_TIME, lf } from "./vocabulary.js";
 
-// These change with every message and say nothing new.
+// These change with every message without being news.
 const PASSING = new Set([lf("version"), lf("previousVersion"), lf("lastFrame"), lf("lastMoved"), lf("batteryCharge"), RESULT_TIME]);
 
 /**
- * A text that is the same for two graphs that differ only in what is shown live, or in the names of blank nodes.
+ * Return a text that is equal for graphs that differ only in live values or in the labels of blank nodes.
  *
  * @param {import("./ntriples.js").Graph} graph
  * @param {Set<string>} live pairs of subject and predicate, as `shownBy` gives them
  */
 export function rest(graph, live) {
   const parts = [];
-  // Each node is read once: of nodes that share nodes there are more paths than anybody has time for.
+  // Each node is read once: through shared nodes there may be an exponential number of paths.
   const pending = [...graph.subjects.keys()].filter((subject) => !subject.startsWith("_:"));
   const numbers = new Map();
   const numbered = (blank) => {

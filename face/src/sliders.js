@@ -1,4 +1,4 @@
-// A slider for each joint: it shows where the joint is, and takes where it is to be.
+// A slider for each joint, which shows its position and sets its target.
 
 import { number } from "./format.js";
 import { jointTargets, Motion } from "./motion.js";
@@ -7,7 +7,7 @@ import { UNIT, lf } from "./vocabulary.js";
 
 const TRY_MS = 250;
 const UNIT_PATH = "http://vocab.arvida.de/2015/06/vom/vocab#unit";
-// Joints without limits turn for ever: one turn to each side is what a slider can offer.
+// Continuous joints have no limits: the slider offers one turn in each direction.
 const FULL_TURN = Math.PI;
 const SHOWN = {
   RAD: { scale: 180 / Math.PI, symbol: "°", decimals: 1, step: 0.1 },
@@ -21,7 +21,7 @@ export function start() {
   if (form) new Sliders(form);
 }
 
-/** Take these as the next targets, as a named pose does. */
+/** Set these targets, as a named pose does. */
 export function aim(targets) {
   for (const [joint, position] of targets) rows.get(joint)?.aim(position);
   [...rows.values()][0]?.form.changed();
@@ -31,7 +31,7 @@ class Sliders {
   constructor(form) {
     this.form = form;
     this.action = form.dataset.move;
-    // The browser would ask for values on its own steps; the shape takes any within the limits.
+    // The browser would only allow its own steps; the shape accepts any value within the limits.
     form.noValidate = true;
     this.motion = new Motion(form);
     this.list = form.querySelector(".sliders");
@@ -52,7 +52,7 @@ class Sliders {
     onJoints((state, values) => this.show(state, values));
   }
 
-  /** The limits of each joint, as the shape of the action has them; the sliders come with the first of them. */
+  /** Set the limits of each joint, from the shape of the action; the first limits create the sliders. */
   async limits() {
     const found = new Map();
     try {
@@ -83,7 +83,7 @@ class Sliders {
     const before = rows;
     rows = new Map();
     state.joints.forEach((joint, index) => {
-      // What no motion may name is no slider: joints that follow others, or that nothing drives.
+      // Joints that no motion may name, because they mimic others or are not driven, get no slider.
       if (!this.found.has(joint) && this.found.size) return;
       const unit = state.units[index] === "M" ? "M" : "RAD";
       const { min = -FULL_TURN, max = FULL_TURN } = this.found.get(joint) ?? {};
@@ -106,7 +106,7 @@ class Sliders {
     return jointTargets(this.targets, Number(this.speed.value));
   }
 
-  /** Somebody has chosen: what would happen is asked for once they stop choosing. */
+  /** Do a dry run once the user stops changing targets. */
   changed() {
     this.say();
     clearTimeout(this.trying);
@@ -171,7 +171,7 @@ class Row {
     this.element.dataset.joint = joint;
   }
 
-  /** Where the joint is. Below what is shown of it nothing is written anew. */
+  /** Show the position of the joint; changes below the visible resolution are ignored. */
   now(position) {
     const { scale, decimals } = SHOWN[this.unit];
     const text = Number.isFinite(position) ? shown(position, this.unit) : "unknown";

@@ -1,15 +1,15 @@
-// Subscriptions over WebSocket (gateway/linked_fleet_gateway/subscriptions/PROTOCOL.md): one connection for all who watch the same.
+// Subscriptions over WebSocket (gateway/linked_fleet_gateway/subscriptions/PROTOCOL.md): one connection per resource and options.
 
 import * as heartbeat from "./heartbeat.js";
 import { parse } from "./ntriples.js";
 
 const FIRST_PAUSE_MS = 300;
 const LONGEST_PAUSE_MS = 8000;
-// A tab that nobody looks at costs nothing after this.
+// A hidden tab closes its connections after this time.
 const HIDDEN_MS = 60000;
-const CANCELLED = 1000; // somebody deleted the subscription: coming back would overrule them
-const UNAUTHENTICATED = 401; // the session is over: the page, loaded again, leads to the login
-const FORBIDDEN = 403; // who may read but not subscribe has the page as it is
+const CANCELLED = 1000; // somebody deleted the subscription: reconnecting would override that
+const UNAUTHENTICATED = 401; // the session is over: reloading the page leads to the login
+const FORBIDDEN = 403; // a reader without the right to subscribe keeps the served page
 const NOT_FOUND = 404;
 const VERSION = "https://w3id.org/linked-fleet#version";
 
@@ -21,19 +21,19 @@ let told = "live";
 
 /**
  * @typedef {{protocol?: "lf.ntriples"|"lf.frame"|"lf.jpeg", interval?: number, depth?: "this"|"properties"|"subtree", onGone?: () => void}} Options
- *   `interval`: the least time between two messages in seconds; `onGone` is called when there is no such resource
+ * `interval`: the minimum time between two messages in seconds; `onGone` is called if the resource does not exist
  * @typedef {"live"|"lost"|"gone"|"cancelled"|"forbidden"|"silent"} State
  */
 
 /**
- * Watch a resource of this origin. What it is at present comes first, then every change, conflated: each message is all
- * of it, so the last one is enough. It resumes by itself after an interruption.
+ * Subscribe to a resource of this origin. The present state comes first, then every change, conflated: each message is
+ * complete, so the last one suffices. It resumes by itself after an interruption.
  *
  * @param {string} iri of the resource, absolute or path-absolute
  * @param {Options} options
  * @param {(message: any) => void} onMessage gets a graph of `lf.ntriples`, parsed
- *   once for all who watch, or the bytes of an `lf.frame` or `lf.jpeg`
- * @returns {() => void} which stops watching; the last one to stop closes the connection
+ * once for all listeners, or the bytes of an `lf.frame` or `lf.jpeg`
+ * @returns {() => void} ends the subscription; the last one to end closes the connection
  */
 export function watch(iri, { protocol = "lf.ntriples", interval = 0.1, depth = "properties", onGone } = {}, onMessage) {
   const address = new URL(iri, document.baseURI);
@@ -47,9 +47,9 @@ export function watch(iri, { protocol = "lf.ntriples", interval = 0.1, depth = "
 }
 
 /**
- * Be told how the connections are: `live`, `lost` (and tried again), `gone` if there is no such resource (and tried
- * again, for robots come back), `cancelled` by somebody else, `forbidden`, or `silent` while they are open and the
- * gateway does not answer. At once and when that changes.
+ * Call a listener with the state of the connections: `live`, `lost` (and retried), `gone` if there is no such resource
+ * (and retried, since robots come back), `cancelled` by somebody else, `forbidden`, or `silent` while they are open and
+ * the gateway does not respond. At once and when that changes.
  *
  * @param {(state: State) => void} listener
  */
@@ -84,7 +84,7 @@ class Channel {
 
   join(onMessage, onGone) {
     this.members.set(onMessage, onGone);
-    // As the first message of a connection of its own would: later, and only if nothing newer has come.
+    // Like the first message of a new connection: later, and only if nothing newer has come.
     const { last } = this;
     if (last !== undefined) {
       queueMicrotask(() => last === this.last && this.members.has(onMessage) && onMessage(last));
@@ -130,10 +130,10 @@ class Channel {
     this.timer = timer;
   }
 
-  /** A handshake that is refused gives scripts no reason; an ordinary request does. */
+  /** Find the reason of a refused handshake by an ordinary request; scripts do not learn it otherwise. */
   async again(timer) {
     const status = await statusOf(this.address.pathname);
-    if (this.timer !== timer) return; // meanwhile somebody else has seen to it
+    if (this.timer !== timer) return; // it was handled meanwhile
     if (status === UNAUTHENTICATED) location.reload();
     else if (status === FORBIDDEN) this.become("forbidden");
     else if (status !== NOT_FOUND) this.open();
@@ -154,7 +154,7 @@ class Channel {
     this.timer = undefined;
   }
 
-  /** Let go of the connection for the time being; `open` takes it up again. */
+  /** Close the connection for the time being; `open` opens it again. */
   pause() {
     this.rest();
     if (this.socket) {
@@ -175,7 +175,7 @@ class Channel {
   }
 }
 
-/** 0 if nobody answers. That of an event stream, which takes the same rights; HEAD makes none. */
+/** Return the status, 0 without a response. Requests an event stream, which needs the same rights; HEAD opens none. */
 async function statusOf(path) {
   try {
     return (await fetch(path, { method: "HEAD", cache: "no-store", headers: { accept: "text/event-stream" } })).status;

@@ -1,4 +1,4 @@
-// The numbers of a table of solutions, drawn over its rows.
+// A chart of the numbers in a table of solutions, above its rows.
 
 import uPlot from "uplot";
 

@@ -1,4 +1,4 @@
-// The stop button. It depends on nothing else of the page: whatever fails there, this works.
+// The stop button. It depends on nothing else of the page, and works whatever else fails.
 
 const AGAIN_MS = 2000;
 const ANSWER_MS = 3000;
@@ -19,7 +19,7 @@ export function start() {
   listen(form, output);
 }
 
-/** The first Escape, which dialogs and menus take as well, only announces what a second one does. */
+/** The first Escape, which dialogs and menus use as well, only announces that a second one stops. */
 function listen(form, output) {
   let last = -Infinity;
   let withdraw;
@@ -40,7 +40,7 @@ async function stop(form, output) {
   const mine = (latest = Symbol("stop"));
   const tell = (state, text) => mine === latest && say(output, state, text);
   tell("waiting", "Stopping…");
-  // The request goes on: a late answer is told as well.
+  // The request continues: a late response is shown as well.
   const late = setTimeout(() => tell("error", NO_ANSWER), ANSWER_MS);
   try {
     const response = await fetch(form.dataset.action, {
@@ -59,7 +59,7 @@ async function stop(form, output) {
   }
 }
 
-/** A front's error page has no problem details. */
+/** A proxy's error page has no problem details. */
 async function reason(response) {
   try {
     const { title, detail } = await response.json();

@@ -1,4 +1,4 @@
-// Cards of what robots are at: progress, state, and a button that ends it; in the form that asked, else above the page.
+// Cards of running tasks: progress, state and a button to end each; in the form that began it, else above the page.
 
 import { follow as followPage } from "./live.js";
 import { number } from "./format.js";
@@ -7,7 +7,7 @@ import { watch } from "./socket.js";
 import { ACTION, NUMERICAL_VALUE, TITLE, lf, localName } from "./vocabulary.js";
 
 const INTERVAL_S = 0.2;
-// What ended as somebody wanted goes by itself; what failed stays until it has been read.
+// Successful tasks disappear by themselves; failed ones stay until they are dismissed.
 const SEEN_MS = 8000;
 const WANTED = new Set(["succeeded", "cancelled", "preempted"]);
 const OPEN = new Set(["accepted", "running", "unknown"]);
@@ -24,11 +24,11 @@ export function start() {
 }
 
 /**
- * Show what becomes of an invocation.
+ * Show the progress of an invocation.
  *
  * @param {string} iri
  * @param {import("./ntriples.js").Graph} [graph] what is known of it
- * @param {HTMLFormElement} [form] that asked for it, where the card of what it asked for before ends
+ * @param {HTMLFormElement} [form] that began it; the card of its former invocation is removed
  * @param {() => void} [onOver] is called when it has ended
  */
 export function follow(iri, graph, form, onOver) {
@@ -53,7 +53,7 @@ function placeIn(form) {
   return place;
 }
 
-/** Those that go on are shown on the next page too. */
+/** Show running tasks on the next page, too. */
 function store() {
   sessionStorage.setItem(STORED, JSON.stringify([...cards].filter(([, card]) => card.open).map(([iri]) => iri)));
 }
@@ -77,11 +77,11 @@ class Card {
     this.close = this.add("button", { type: "button", className: "close", textContent: "Dismiss", hidden: true });
     this.close.onclick = () => this.remove();
     place.append(this.element);
-    // An invocation that was deleted is nobody's task.
+    // A deleted invocation is no longer a task.
     this.stop = watch(iri, { interval: INTERVAL_S, onGone: () => this.remove() }, (message) => this.show(message));
   }
 
-  /** A page may hear of a task before the form that asked for it. */
+  /** The page may know a task before the form that began it. */
   move(place, onOver = () => {}) {
     place.append(this.element);
     this.onOver = onOver;
@@ -116,7 +116,7 @@ class Card {
     this.open = false;
     this.onOver();
     store();
-    // Whoever watches is calling: they are let go of after that.
+    // The caller is the subscription itself, which is ended afterwards.
     queueMicrotask(() => this.stop());
     this.close.hidden = false;
     if (WANTED.has(state)) setTimeout(() => this.remove(), SEEN_MS);
@@ -137,7 +137,7 @@ class Card {
   }
 }
 
-/** `Invocation 3f… of /baxter/right_s1/actions/rotate` in fewer words. */
+/** Shorten `Invocation 3f… of /baxter/right_s1/actions/rotate`. */
 function words(graph, iri) {
   const title = graph.value(iri, TITLE)?.value ?? localName(iri);
   const path = title.split(" of ").at(-1);

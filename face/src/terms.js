@@ -1,4 +1,4 @@
-// What editors complete: our terms, with what the vocabulary says of them, and the keywords of SPARQL.
+// Completions of editors: this project's terms with their comments, and the keywords of SPARQL.
 
 import { parse } from "./ntriples.js";
 import { lf, localName } from "./vocabulary.js";
@@ -39,13 +39,13 @@ async function fetchTerms() {
       type: /^[A-Z]/.test(localName(iri)) ? "class" : "property",
     }));
   } catch (error) {
-    terms = undefined; // the next letter tries again
+    terms = undefined; // the next letter retries
     console.debug("the vocabulary could not be fetched:", error);
     return [];
   }
 }
 
-/** Insert a term, and declare its prefix where that is missing. */
+/** Insert a term, and declare its prefix if it is missing. */
 function insert(label, language) {
   return (view, _, from, to) => {
     const changes = [{ from, to, insert: label }];

@@ -1,4 +1,4 @@
-// What the cameras of a robot see, as small pictures that lead to their pages.
+// Small pictures of a robot's cameras, which link their pages.
 
 import { parse } from "./ntriples.js";
 import { watch } from "./socket.js";
@@ -28,7 +28,7 @@ function thumbnail(iri, title) {
   link.append(image, title);
   let end;
   let shown = "";
-  // A picture that nobody can see is not rendered for it.
+  // Invisible pictures are not rendered by the robot.
   new IntersectionObserver((entries) => {
     const seen = entries.at(-1).isIntersecting;
     if (!seen) end = end?.();

@@ -12,26 +12,26 @@ const XSD = "http://www.w3.org/2001/XMLSchema#";
 export const DECIMAL = `${XSD}decimal`;
 export const DOUBLE = `${XSD}double`;
 
-/** @param {string} name of ours */
+/** @param {string} name of this project's vocabulary */
 export function lf(name) {
   return `https://w3id.org/linked-fleet#${name}`;
 }
 
-/** What stands for a value that nobody knows. */
+/** Represents an unknown value. */
 export const UNKNOWN = lf("unknown");
 
-/** What people call an IRI: what comes after its last `#` or `/`. */
+/** Return the local name of an IRI: the part after its last `#` or `/`. */
 export function localName(iri) {
   const end = iri.replace(/[#/]+$/, "");
   return decodeURIComponent(end.slice(Math.max(end.lastIndexOf("#"), end.lastIndexOf("/")) + 1).replace(/%(?![0-9A-Fa-f]{2})/g, "%25"));
 }
 
-/** The segments of the path of an IRI, decoded. */
+/** Return the segments of an IRI's path, decoded. */
 export function segments(iri) {
   return new URL(iri, location.href).pathname.split("/").filter(Boolean).map(decodeURIComponent);
 }
 
-/** A name in camel case as words: `rotateBy` is "rotate by". */
+/** Return a name in camel case as words: `rotateBy` is "rotate by". */
 export function words(name) {
   return name.replace(/([a-z0-9])([A-Z])/g, "$1 $2").toLowerCase();
 }
