@@ -1,8 +1,8 @@
-"""Answers to GET that are kept: what does not change is put together once, values and entity tags are new each time.
+"""A cache of responses to GET: constant parts are assembled once, values and entity tags are new each time.
 
-An answer is kept by path, Accept, base URL and what the caller may see. It is one that ``read`` made, for a resource
-of a robot. It counts as long as nothing was news of the robot but its frames, and the facts of the resource are the
-same; then ``read`` makes another. Requests with fields that ask for more than a representation are none of these.
+Responses are cached by path, Accept, base URL and the caller's view. They come from ``read`` and belong to resources of
+a robot. A response is valid while nothing but frames has changed the robot, and while the facts of the resource are
+equal. Requests with fields that ask for more than a representation bypass the cache.
 """
 
 from dataclasses import dataclass
@@ -42,7 +42,7 @@ class Reply:
 
 
 class Answer:
-    """The answer to GET of one resource. ``content`` is None where values stand in it: ``rendering`` writes those."""
+    """The response to GET of one resource. Measured values in it are written by ``rendering``."""
 
     __slots__ = (
         "_block",
@@ -70,20 +70,23 @@ class Answer:
         fields: Fields,
         of_content: Fields,
     ) -> None:
-        """``fields`` are those of every answer, but for ETag; ``of_content`` those that 304 has not."""
+        """Create a response.
+
+        ``fields``: those of every response except ETag; ``of_content``: those absent from a 304.
+        """
         self._source, self._robot, self._rendering = resource.source, robot, rendering
         self._tag = etag(content) if rendering is None else ""
         self._packed = rendering is None and pays(content)
         self._content = compressed(content) if self._packed else content
         self.size = len(self._content)
-        """Bytes of content that are kept, about."""
+        """Approximate size of the cached content in bytes."""
         self._observations: tuple[Observation, ...] = ()
         self._fields, self._of_content = (*fields,), (*fields, *of_content)
         self._block, self._block_of_content = block(self._fields), block(self._of_content)
         self._news, self._facts = _news(robot), resource.source.facts()
 
     def holds(self, live: Live) -> bool:
-        """Tell whether the robot is still there and nothing but frames was news of it."""
+        """Return True if the robot still exists and nothing but frames has changed it."""
         robot = self._robot
         return (
             live.fleet.robots.get(robot.name) is robot
@@ -92,7 +95,7 @@ class Answer:
         )
 
     def reply(self, known: str | None, takes_gzip: bool) -> Reply:
-        """Return the reply to a request; 304 to a client that has it. ``known``: the If-None-Match of the client."""
+        """Return the reply to a request, or 304. ``known`` is the client's If-None-Match."""
         if self._rendering is not None:
             self._write(self._rendering)
         content, coded = self._content, self._packed and takes_gzip
@@ -107,7 +110,7 @@ class Answer:
         return Reply(200, self._of_content, self._block_of_content, more, content)
 
     def _write(self, rendering: Rendering) -> None:
-        """Write the values, unless those that were written last hold still: an observation is held until it moves."""
+        """Write the values, unless the last written observations are unchanged."""
         observations = self._source.look()
         before = self._observations
         if not self._tag or len(before) != len(observations) or any(map(is_not, before, observations)):
@@ -116,7 +119,7 @@ class Answer:
 
 
 class Answers:
-    """The answers of one gateway."""
+    """The response cache of one gateway."""
 
     def __init__(self, most: int = MAX_KEPT, most_bytes: int = MAX_BYTES) -> None:
         self._most, self._most_bytes = most, most_bytes
@@ -127,7 +130,7 @@ class Answers:
         return len(self._kept)
 
     def find(self, scope: Scope, live: Live) -> Reply | None:
-        """Return the reply to such a request, if its answer is kept and holds."""
+        """Return the reply to a request if its response is cached and valid."""
         key, known, coding = _asked(scope)
         if key is None or (answer := self._kept.get(key)) is None:
             return None
@@ -137,7 +140,7 @@ class Answers:
         return answer.reply(known, coding is not None and takes_gzip(coding))
 
     def keep(self, scope: Scope, answer: Answer) -> None:
-        """Keep the answer for further requests like this one."""
+        """Cache a response for further requests like this one."""
         key, _, _ = _asked(scope)
         if key is None or answer.size > self._most_bytes:
             return
@@ -153,10 +156,7 @@ class Answers:
 
 
 def _asked(scope: Scope) -> tuple[Key | None, str | None, bytes | None]:
-    """The key of the answer to a request, None where more is asked than a representation.
-
-    And the values of If-None-Match and Accept-Encoding.
-    """
+    """Return the cache key of a request (None if it bypasses the cache), If-None-Match and Accept-Encoding."""
     if scope["method"] not in _READ or scope["query_string"]:
         return None, None, None
     arrival = arrival_of(scope)

@@ -1,4 +1,4 @@
-"""The audit of requests: its notes, and ``/audit`` with its further pages, for those who administer the fleet."""
+"""Audit records of requests, and the resource ``/audit`` with its pages, for administrators."""
 
 from dataclasses import replace
 from urllib.parse import urlsplit
@@ -23,7 +23,7 @@ _LONGEST = 500
 
 
 def note(connection: Connection, what: str, status: int | None, location: str = "") -> None:
-    """Something was asked for: done, or refused to who had found it."""
+    """Record a request that was executed, or refused although its resource was found."""
     if status in _NOTHING_DONE:
         return
     audit: Audit = connection.services.audit
@@ -35,7 +35,7 @@ def note(connection: Connection, what: str, status: int | None, location: str = 
 
 
 async def audit_resource(connection: Connection) -> Resource:
-    """A page of entries, the newest first; NotFound, StoreAway."""
+    """Return a page of entries, newest first. Raises NotFound, StoreAway."""
     path: str = connection.scope["path"]
     audit: Audit = connection.services.audit
     try:
@@ -54,9 +54,9 @@ def is_audit(path: str) -> bool:
 
 
 def with_audit(connection: Connection, resource: Resource) -> Resource:
-    """The fleet and its link set link the audit, for who may read it.
+    """Add a link to the audit log to the fleet and its link set, for callers who may read it.
 
-    Its triples do not say so: they are the same for all who see the same robots, as messages about it are.
+    The RDF does not contain the link, because it is equal for all callers with the same view, like messages about it.
     """
     if not connection.caller.may_any(NEEDS, None):
         return resource
@@ -86,7 +86,7 @@ def _describe_entry(graph: Graph, base: str, iri: NamedNode, entry: Entry) -> No
     agent = graph.blank(PROV.Agent)
     graph.add(iri, PROV.wasAssociatedWith, agent)
     graph.add(agent, DCTERMS.title, Literal(entry.who))
-    if entry.result:  # no link, nor is the target one: what was made may be gone, and a target may be anything
+    if entry.result:  # a literal and not a link: the created resource may be gone, and a target may be anything
         graph.add(iri, DCTERMS.description, Literal(entry.result))
     if entry.robot:
         graph.add(iri, LF.ofRobot, NamedNode(base + robot_path(entry.robot)))

@@ -1,4 +1,4 @@
-"""The seam towards authentication: the bearer token is the core's, further schemes are those of extensions."""
+"""The interface for authentication: bearer tokens belong to the core, further schemes to extensions."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -16,9 +16,9 @@ def _always() -> bool:
 
 @dataclass(frozen=True)
 class Authenticated:
-    """A caller who is known; ``holds`` tells later whether the credentials are still good.
+    """An authenticated caller; ``holds`` tells later if the credentials are still valid.
 
-    ``on_page``: a page says who has logged in.
+    ``on_page`` makes pages show who is logged in.
     """
 
     identity: Identity
@@ -27,22 +27,22 @@ class Authenticated:
 
 
 class Scheme(Protocol):
-    """A way to say who asks, beside bearer tokens."""
+    """An authentication scheme besides bearer tokens."""
 
     hint: str
-    """One sentence that tells a client how."""
+    """One sentence that tells a client how to authenticate."""
 
     async def authenticate(self, scope: Scope) -> Authenticated | None:
-        """The caller by the credentials of this scheme; None for a request that has none.
+        """Return the caller by the credentials of this scheme; None for a request without any.
 
         Raises Unauthenticated, ForeignOrigin, StoreAway, IssuerAway.
         """
 
     def has_page(self, path: str) -> bool:
-        """Return True for a path that the scheme answers itself, whoever asks."""
+        """Return True for a path that the scheme serves itself, for everybody."""
 
     async def answer(self, scope: Scope, receive: Receive) -> Response:
-        """Answer a request for such a path. The caller may be nobody."""
+        """Answer a request for such a path. The caller may be unauthenticated."""
 
     def invitation(self, scope: Scope) -> Response | None:
-        """The answer to a person who is not known and asked for a page; None for any other request."""
+        """Return a response for an unauthenticated browser that requests a page; None for other requests."""

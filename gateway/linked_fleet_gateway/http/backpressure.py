@@ -1,4 +1,4 @@
-"""Back-pressure: bytes that may wait for a slow reader, and the time after which one is given up."""
+"""Back-pressure: limits of buffered bytes for slow readers, and of the time for which they may stall."""
 
 import asyncio
 import os
@@ -7,18 +7,20 @@ from asyncio.transports import Transport
 from linked_fleet_gateway.http.tls import descriptor, unsent
 
 HIGH_WATER_BYTES = 64 * 1024
-"""Bytes that may wait for one reader when a message is added: a channel holds at most this and a message, and over TLS
-as much again that is encrypted."""
+"""Bytes that may be buffered for a reader when a message is added.
+
+A channel buffers at most this and one message; over TLS as much again in encrypted form.
+"""
 STALL_S = 30.0
 
 
 class Reader:
-    """The peer of a connection, given up when it takes nothing for ``stall_s``, twice that at the
-    latest, though bytes wait.
+    """The peer of a connection.
 
-    Streams send here. That is done for each message and each reader, so that no other objects are looked at for it, and
-    while nothing waits the bytes are given to the socket itself: uvloop keeps books of what is written in a turn of the
-    event loop, which takes a tenth of the time for a message.
+    It is disconnected if it reads nothing for ``stall_s`` (at most twice that) while bytes wait.
+
+    Streams send through this object. While nothing is buffered, bytes are written to the socket directly: uvloop's
+    bookkeeping of writes takes ten times as long as such a message.
     """
 
     __slots__ = ("_file", "_stall_s", "_streaming", "_taken", "_timer", "_transport", "_waited", "_written")
@@ -34,15 +36,16 @@ class Reader:
     # -- as a stream --------------------------------------------------------------------------------------------------
 
     def begin(self) -> None:
-        """Take what is sent from now on, on a connection that is open."""
-        # Paused from the byte on at which no more is taken, or nobody would tell of the room again.
+        """Start accepting messages, on an open connection."""
+        # Writing is paused as soon as nothing more is accepted, because only a pause is followed by a notification of
+        # free room.
         self._transport.set_write_buffer_limits(high=HIGH_WATER_BYTES - 1, low=HIGH_WATER_BYTES // 4)
         self._file = descriptor(self._transport)
         self._streaming = True
         self.watch()
 
     def finish(self) -> None:
-        """Take nothing more."""
+        """Stop accepting messages."""
         self._streaming = False
 
     @property
@@ -59,9 +62,9 @@ class Reader:
         )  # fmt: skip
 
     def send(self, data: bytes) -> bool:
-        """Send it whole if that is ``writable()``; whether it was."""
+        """Send the bytes completely if ``writable()``. Return True if they were sent."""
         transport, sent = self._transport, 0
-        if not self._streaming or transport.is_closing():  # then its descriptor can be another connection's
+        if not self._streaming or transport.is_closing():  # the descriptor may then belong to another connection
             return False
         if waiting := transport.get_write_buffer_size():
             if waiting >= HIGH_WATER_BYTES:
@@ -69,7 +72,7 @@ class Reader:
         elif (file := self._file) is not None:
             try:
                 sent = os.write(file, data)
-            except OSError:  # there is no room, or nobody: the transport sees to either
+            except OSError:  # no room or no peer: the transport handles both
                 sent = 0
         if sent != len(data):
             transport.write(data[sent:])
@@ -79,20 +82,20 @@ class Reader:
     # -- whether it reads ---------------------------------------------------------------------------------------------
 
     def watch(self) -> None:
-        """Look after the connection as long as bytes wait, and as long as there is a stream."""
+        """Monitor the connection while bytes are buffered or a stream is open."""
         if self._timer is None:
             self._waited = False
             self._look()
 
     def is_behind(self) -> bool:
-        """Return True if bytes wait; if so, the watch sees from now on whether they are taken."""
+        """Return True if bytes are buffered; the monitor then checks that they are read."""
         if not unsent(self._transport):
             return False
         self.watch()
         return True
 
     def stop(self) -> None:
-        """The connection is gone; a timer would keep it in memory."""
+        """Stop monitoring a lost connection; a timer would keep it in memory."""
         self._streaming = False
         if self._timer is not None:
             self._timer.cancel()

@@ -1,4 +1,4 @@
-"""The RDF in the body of a request: whole, bounded, and parsed with the request's own resource as base."""
+"""RDF in request bodies: complete, bounded, and parsed with the IRI of the target resource as base."""
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
@@ -26,14 +26,17 @@ T = TypeVar("T")
 
 
 def body_type(request: Request, taken: Sequence[str] = BODY_TYPES) -> str:
-    """The media type of the body, known before the body is read; 415 or 400 for what is not taken."""
+    """Return the media type of the body, before it is read. Raises 415 or 400 errors."""
     media_type, _ = parse_content_type(field(request, "content-type"), taken)
     _check_whole(request)
     return media_type
 
 
 async def read_as(request: Request, read: Callable[[bytes], T], most: int = MAX_BODY_BYTES) -> T:
-    """``read`` of the whole body, in a thread unless it is short; PayloadTooLarge, Busy and what ``read`` raises."""
+    """Apply ``read`` to the whole body, in a thread unless it is short.
+
+    Raises PayloadTooLarge, Busy, errors of ``read``.
+    """
     offload: Offload = request.services.offload
     content = await read_body(request, most)
     return await offload.run(partial(read, content), len(content))
@@ -47,9 +50,9 @@ def parse_body(
     max_triples: int = MAX_TRIPLES,
     lengths: Mapping[NamedNode, int] | None = None,
 ) -> list[Triple]:
-    """The triples of a body that was read already, relative IRIs resolved against ``iri``.
+    """Return the triples of a body, with relative IRIs resolved against ``iri``.
 
-    BadRequest, PayloadTooLarge.
+    Raises BadRequest, PayloadTooLarge.
     """
     context = {"@context": PREFIXES}
     contexts = {_CONTEXT: context, f"{base}/context": context}
@@ -64,7 +67,7 @@ def parse_body(
 def parse_form(
     body: bytes, media_type: str, iri: str, base: str, form: "Callable[[], Form]", max_triples: int = MAX_TRIPLES
 ) -> list[Triple]:
-    """Parse as ``parse_body`` a body that may be plain JSON, of which ``form`` says what its members mean."""
+    """Parse like ``parse_body``, or as plain JSON by ``form``."""
     if media_type != JSON:
         return parse_body(body, media_type, iri, base, max_triples)
     from linked_fleet_gateway.resources.plain_json import triples_of
@@ -73,7 +76,7 @@ def parse_form(
 
 
 def _check_whole(request: Request) -> None:
-    """The content itself, neither compressed (RFC 9110, 8.4 and 15.5.16) nor a part of it (14.5)."""
+    """Refuse a compressed (RFC 9110, 8.4 and 15.5.16) or partial (14.5) body."""
     coding = (field(request, "content-encoding") or "identity").strip().lower()
     if coding != "identity":
         raise UnsupportedMediaType(
@@ -84,7 +87,7 @@ def _check_whole(request: Request) -> None:
 
 
 async def read_body(request: Request, most: int = MAX_BODY_BYTES) -> bytes:
-    """The body, at most ``most`` bytes: PayloadTooLarge as soon as it is known to be more."""
+    """Return the body of at most ``most`` bytes. Raises PayloadTooLarge as early as possible."""
     length = request.headers.get("content-length", "0")
     if length.isdecimal() and int(length) > most:
         raise PayloadTooLarge(f"The body has {length} bytes; at most {most} are read.")

@@ -68,7 +68,7 @@ async def _caller(identities: Identities, schemes: Sequence[Scheme], scope: Scop
 
 
 async def authenticate(identities: Identities, schemes: Sequence[Scheme], scope: Scope) -> Authenticated:
-    """The caller; Unauthenticated, ForeignOrigin, StoreAway, IssuerAway."""
+    """Return the caller. Raises Unauthenticated, ForeignOrigin, StoreAway, IssuerAway."""
     headers = Headers(scope=scope)
     if "authorization" in headers:
         return Authenticated(await by_token(identities, headers))
@@ -80,7 +80,7 @@ async def authenticate(identities: Identities, schemes: Sequence[Scheme], scope:
 
 
 async def by_token(identities: Identities, headers: Headers) -> Identity:
-    """The caller by a token, which is the one way for programs; Unauthenticated, IssuerAway."""
+    """Return the caller of a bearer token. Raises Unauthenticated, IssuerAway."""
     said = headers.getlist("authorization")
     if not said:
         raise Unauthenticated("Send Authorization: Bearer with a token.")

@@ -10,12 +10,12 @@ _LIST = re.compile(rf"[ \t,]*(?:{_TAG.pattern}[ \t]*(?:,[ \t,]*|$))*")
 
 
 def etag(body: bytes) -> str:
-    """The strong entity tag of exactly these bytes."""
+    """Return the strong entity tag of these bytes."""
     return f'"{blake2b(body, digest_size=16).hexdigest()}"'
 
 
 def not_modified(if_none_match: str | None, etag: str) -> bool:
-    """Return True if the client holds this representation already: ``*`` or weak comparison (13.1.2)."""
+    """Return True if the client has this representation already: ``*`` or weak comparison (13.1.2)."""
     if if_none_match is None:
         return False
     opaque = _plain(etag.removeprefix("W/"))
@@ -23,7 +23,7 @@ def not_modified(if_none_match: str | None, etag: str) -> bool:
 
 
 def precondition_holds(if_match: str | None, etags: Collection[str], *, exists: bool = True) -> bool:
-    """Return True if a write may go on: ``*`` when anything exists, or a tag that is current (13.1.1)."""
+    """Return True if a write may proceed: ``*`` if the resource exists, or a current tag (13.1.1)."""
     if if_match is None:
         return True
     if if_match.strip() == "*":
@@ -33,10 +33,10 @@ def precondition_holds(if_match: str | None, etags: Collection[str], *, exists: 
 
 
 def _tags(field: str) -> list[tuple[str, str]]:
-    """The tags of a well-formed list; a malformed one names none, which fails safely in both directions."""
+    """Return the tags of a well-formed list. A malformed one has none, which is safe in both directions."""
     return [(weak, _plain(tag)) for weak, tag in _TAG.findall(field)] if _LIST.fullmatch(field) else []
 
 
 def _plain(tag: str) -> str:
-    """The tag of the representation without a content coding: who has read it in one may write as any other."""
+    """Return the tag without its content coding, so that readers of coded representations can write."""
     return _CODED.sub('"', tag)

@@ -1,4 +1,4 @@
-"""The part of a container that a client prefers (LDP 7.2): itself, what it contains, or both."""
+"""The part of a container that a client prefers (LDP 7.2): the container itself, its members, or both."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -14,20 +14,20 @@ from linked_fleet_gateway.resources.action_body import own_part
 from linked_fleet_gateway.resources.resource import CONTAINER, Resource
 
 _MINIMAL, _CONTAINMENT = LDP.PreferMinimalContainer.value, LDP.PreferContainment.value
-# A basic container has no triples of membership but those of containment: to leave them out changes nothing.
+# A basic container has no membership triples other than containment, so omitting them changes nothing.
 _PARTS = frozenset({_MINIMAL, _CONTAINMENT, LDP.PreferMembership.value})
 
 
 @dataclass(frozen=True)
 class Part:
-    """Which triples are shown: those about the container itself; ``ldp:contains``, with what is said of members."""
+    """The shown triples: those about the container itself, and ``ldp:contains`` with descriptions of members."""
 
     minimal: bool
     containment: bool
 
 
 def preferred_part(request: Request, resource: Resource) -> Part | None:
-    """None where all is shown: to anybody without a preference that we know, and with one that contradicts itself."""
+    """Return the preferred part; None for all, without a known preference or with a contradictory one."""
     if resource.interaction != CONTAINER or request.method not in ("GET", "HEAD"):
         return None
     prefer = parse_prefer(field(request, "prefer"))
@@ -40,7 +40,7 @@ def preferred_part(request: Request, resource: Resource) -> Part | None:
 
 
 def shown_part(resource: Resource, part: Part, base: str) -> Resource:
-    """The container with that part of its description, which has an entity tag of its own."""
+    """Return the container with this part of its description, which has an entity tag of its own."""
     describe = resource.describe
     assert describe is not None
     return replace(resource, describe=lambda graph: _describe(graph, describe, part, NamedNode(base + resource.path)))

@@ -1,4 +1,4 @@
-"""The control lease and the settings of a robot: what is put there, and taken away (R0.5)."""
+"""PUT and DELETE of the control lease and of settings of a robot (R0.5)."""
 
 from collections.abc import Callable
 from functools import partial
@@ -26,12 +26,12 @@ from linked_fleet_gateway.resources.setting import Setting, judged
 if TYPE_CHECKING:
     from linked_fleet_gateway.resources.json_form import Form
 
-# All are in every description and on every page of the robot.
+# All of them are in every description and on every page of the robot.
 MAX_ANNOTATION_TRIPLES = 256
 
 
 async def control(request: Request, afforded: Control) -> Response:
-    """PUT takes or renews the lease and answers with its ``Lock-Token``; DELETE releases it with that token."""
+    """PUT takes or renews the lease and returns its ``Lock-Token``; DELETE releases it with that token."""
     memory = _memory(request)
     refuse_rehearsal(request)
     robot, token = afforded.robot, lock_token(request)
@@ -68,7 +68,7 @@ async def put_setting(request: Request, afforded: PutSetting) -> Response:
     setting = afforded.setting
     change = await _change(request, setting)
     while True:
-        # Each time, because the value may have changed while the body was on its way, or at another gateway.
+        # Evaluated in each attempt, because the value may change meanwhile, also at another gateway.
         present = await present_under_preconditions(request, lambda: request.tree().resolve(setting.path))
         assert present is not None  # no robot is forgotten while its settings are written
         if await memory.configure(setting.robot, setting.name, change(present), lock_token(request)):

@@ -1,7 +1,7 @@
-"""WebSockets on which both sides speak, in subprotocols of extensions (``Mount.speakers``).
+"""Bidirectional WebSockets in subprotocols of extensions (``Mount.speakers``).
 
-The bounds are those of every WebSocket: a client that reads slowly loses what is ``offered`` to it, one that reads
-nothing or answers no ping is given up, and while the messages of a client wait nothing more is read from it.
+They have the limits of every WebSocket: messages that are ``offered`` to a slow reader are dropped, a client that reads
+nothing or answers no ping is disconnected, and while messages of a client wait nothing more is read from it.
 """
 
 import asyncio
@@ -23,12 +23,12 @@ from linked_fleet_gateway.resources.resource import Resource
 from linked_fleet_gateway.subscriptions.message import Ending
 
 
-class Ended(Exception):  # noqa: N818 - no error
+class Ended(Exception):  # noqa: N818 - not an error
     """The connection has ended."""
 
 
 class Conversation:
-    """A WebSocket that has been opened, for the code that speaks on it."""
+    """An open WebSocket, for the code that serves it."""
 
     def __init__(self, websocket: WebSocket, protocol: WebSocketProtocol, subprotocol: str) -> None:
         self.websocket, self.subprotocol = websocket, subprotocol
@@ -39,15 +39,18 @@ class Conversation:
 
     @property
     def writable(self) -> bool:
-        """True if a message would leave without much waiting."""
+        """True if a message could be sent without much waiting."""
         return self._protocol.reader.writable()
 
     def offer(self, frames: bytes) -> bool:
-        """Send whole frames, made by ``frame``, if the connection is ``writable``; whether they were sent."""
+        """Send complete frames, created by ``frame``, if the connection is ``writable``.
+
+        Return True if they were sent.
+        """
         return self._protocol.reader.send(frames)
 
     async def send(self, message: str | bytes) -> None:
-        """Send a message that must not be lost, as soon as the connection is ``writable``. Raises Ended."""
+        """Send a message that must not be dropped, as soon as the connection is ``writable``. Raises Ended."""
         framed = frame(Opcode.TEXT, message.encode()) if isinstance(message, str) else frame(Opcode.BINARY, message)
         while not self.offer(framed):
             if not self._protocol.open:
@@ -56,8 +59,8 @@ class Conversation:
             await self._room.wait()
 
     async def receive(self) -> str | bytes:
-        """Return the next message, after a turn of everybody else. Raises Ended."""
-        await asyncio.sleep(0)  # many messages may be there already
+        """Return the next message, after giving other tasks a turn. Raises Ended."""
+        await asyncio.sleep(0)  # many messages may be available already
         event = await self.websocket.receive()
         if event["type"] == "websocket.disconnect":
             raise Ended
@@ -65,12 +68,12 @@ class Conversation:
         return event["bytes"] if text is None else text
 
     def close(self, ending: Ending) -> None:
-        """End the conversation because its client has no right to it any more."""
+        """Close the connection because its client has lost the right to it."""
         self._protocol.close(CloseCode.POLICY_VIOLATION, ending.value)
         self._room.set()
 
     def end(self) -> None:
-        """Close the connection unless that is done, and have who waits for room see it."""
+        """Close the connection if it is open, and wake tasks that wait for room."""
         self._protocol.close(CloseCode.INTERNAL_ERROR, "the gateway failed")
         self._protocol.on_drained, self._protocol.on_lost = None, self._lost
         self._room.set()
@@ -83,8 +86,11 @@ class Conversation:
 
 @dataclass(frozen=True)
 class Speaker:
-    """Serves WebSockets in the ``subprotocols``. ``speak`` gets the ``remote`` or ``affords`` of the resource as well,
-    and returns, or raises Ended, once the connection has ended. ``most_bytes``: the longest message of a client."""
+    """Serves WebSockets in ``subprotocols``.
+
+    ``speak`` also gets the ``remote`` or ``affords`` of the resource, and returns, or raises Ended, when the connection
+    has ended. ``most_bytes`` is the longest message of a client.
+    """
 
     subprotocols: tuple[str, ...]
     speak: Callable[[Conversation, Any], Awaitable[None]]
@@ -92,7 +98,7 @@ class Speaker:
 
 
 async def converse(websocket: WebSocket, resource: Resource, speaker: Speaker, value: object) -> None:
-    """Serve a WebSocket at the resource, from the handshake on. Raises NotAcceptable before it."""
+    """Serve a WebSocket at the resource, including the handshake. Raises NotAcceptable before it."""
     named = [each for each in websocket.scope["subprotocols"] if each in speaker.subprotocols]
     if not named:
         raise NotAcceptable(f"Name a subprotocol: {', '.join(speaker.subprotocols)}.", offered=())
@@ -113,7 +119,7 @@ async def converse(websocket: WebSocket, resource: Resource, speaker: Speaker, v
 
 
 def _guarded(websocket: WebSocket, resource: Resource, conversation: Conversation) -> AbstractContextManager[None]:
-    """End the conversation as soon as its client has other rights: what was said in it depends on them all."""
+    """End the conversation when the rights of its client change, because its content depends on all of them."""
     identities: Identities | None = websocket.services.identities
     caller = websocket.caller
     if identities is None or caller.credential is None:

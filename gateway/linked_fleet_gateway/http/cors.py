@@ -1,4 +1,4 @@
-"""CORS: fields with which pages of other sites may use the fleet (WHATWG Fetch, "HTTP-CORS protocol")."""
+"""CORS for pages of other sites that may use the fleet (WHATWG Fetch, "HTTP-CORS protocol")."""
 
 from collections.abc import Iterable
 
@@ -19,9 +19,9 @@ _ANSWERED = (
 def pages_elsewhere(
     origins: tuple[str, ...], asked: Iterable[str] = (), answered: Iterable[str] = ()
 ) -> list[Middleware]:
-    """None without ``origins``. Cookies are never sent along: those pages have tokens of their own.
+    """Return the middleware; none without ``origins``. Cookies are excluded, because these pages use tokens.
 
-    ``asked``, ``answered``: further fields that pages may send, and may read of answers.
+    ``asked`` and ``answered`` are further fields that pages may send and read.
     """
     if not origins:
         return []

@@ -1,4 +1,4 @@
-"""The answer to what makes a resource: where it is, and what it is."""
+"""The response to the creation of a resource: its location and description."""
 
 from starlette.responses import Response
 
@@ -10,7 +10,7 @@ from linked_fleet_gateway.resources.resource import Resource
 
 
 def created(request: Request, resource: Resource, accept: str | None = None) -> Response:
-    """201 with Location and the description (RFC 9110, 15.3.2); ``accept`` stands for the field of the request."""
+    """Return 201 with Location and the description (RFC 9110, 15.3.2); ``accept`` overrides the request's field."""
     accept = accept or field(request, "accept")
     representation = request.services.representations.negotiated(accept, resource, request.base)
     location = request.base + resource.path
@@ -26,7 +26,7 @@ def created(request: Request, resource: Resource, accept: str | None = None) -> 
 
 
 def check_accepted(request: Request) -> None:
-    """Refuse, before anything is made, a request whose client could not read its description: NotAcceptable."""
+    """Raise NotAcceptable, before anything is created, if the client could not read the description."""
     offered = request.services.representations.media_types
     if choose(field(request, "accept"), offered) is None:
         raise NotAcceptable(f"Available here: {', '.join(offered)}.", offered=offered)

@@ -1,48 +1,47 @@
-"""Content codings (RFC 9110, 8.4.1) for contents of a kilobyte and more, where the client takes them (12.5.3).
+"""Content codings (RFC 9110, 8.4.1) of contents from a kilobyte, if the client accepts them (12.5.3).
 
-What is made for a request is coded in gzip; what never changes may be kept in other codings too (``Resource.coded``).
-
-Measured values and pages of somebody who has logged in are sent as they are: values change faster than it pays, and
-the length of compressed content could tell a secret beside what others have put in.
+Dynamic contents are coded in gzip; constant ones may be stored in other codings too (``Resource.coded``). Measured
+values and pages for logged-in persons are not coded: values change too often to pay, and the length of compressed
+content could reveal a secret next to content chosen by others.
 """
 
 import gzip
 from functools import lru_cache
 
 LEAST_BYTES, MOST_BYTES = 1024, 512 * 1024
-"""Shorter contents gain nothing, and longer ones would hold the event loop for more than five milliseconds."""
+"""Shorter contents gain nothing, and longer ones would block the event loop for more than five milliseconds."""
 _LEVEL = 3
 GZIP = (b"content-encoding", b"gzip")
 
 
 def pays(content: bytes) -> bool:
-    """Tell whether the content is worth a content coding."""
+    """Return True if compressing the content is worthwhile."""
     return LEAST_BYTES <= len(content) <= MOST_BYTES
 
 
 def compressed(content: bytes) -> bytes:
-    """Return the content in the coding gzip; the same bytes for the same content."""
+    """Return the content in gzip; deterministic."""
     return gzip.compress(content, _LEVEL, mtime=0)
 
 
 def expanded(content: bytes) -> bytes:
-    """Return what ``compressed`` was given."""
+    """Undo ``compressed``."""
     return gzip.decompress(content)
 
 
 def tag_of(tag: str, coding: str) -> str:
-    """The entity tag of a representation in the coding: its bytes are others (RFC 9110, 8.8.3.3)."""
+    """Return the entity tag of a representation in the coding, whose bytes differ (RFC 9110, 8.8.3.3)."""
     return f'{tag[:-1]}-{coding}"' if coding else tag
 
 
 def takes_gzip(accept_encoding: bytes) -> bool:
-    """Tell whether an Accept-Encoding field takes gzip rather than no coding."""
+    """Return True if an Accept-Encoding field prefers gzip to no coding."""
     return chosen(accept_encoding, ("gzip",)) == "gzip"
 
 
 @lru_cache(maxsize=256)
 def chosen(accept_encoding: bytes, offered: tuple[str, ...]) -> str:
-    """The coding of those ``offered`` that an Accept-Encoding field prefers, the first of several; empty for none."""
+    """Return the coding of ``offered`` that Accept-Encoding prefers, the first of equals; empty for none."""
     weights: dict[str, float] = {}
     for member in accept_encoding.decode("latin-1").lower().split(","):
         coding, _, parameter = member.partition(";")

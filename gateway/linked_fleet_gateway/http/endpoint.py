@@ -1,4 +1,4 @@
-"""The one place that every resource passes through: methods, negotiation, ETag, Link, errors (DESIGN "HTTP")."""
+"""The handler of every request to a resource: methods, negotiation, ETag, Link, errors (DESIGN "HTTP")."""
 
 import logging
 import uuid
@@ -71,7 +71,7 @@ _LONGEST_NAMED = 200
 
 
 class Endpoint:
-    """The ASGI application for every path and every method (R0.10: a 405 carries the Allow of its own resource)."""
+    """The ASGI application for every path and method (R0.10: a 405 has the Allow field of its own resource)."""
 
     def __init__(self, mounts: Iterable[Mount] = ()) -> None:
         self._readers, self._writers = dict(_READERS), dict(_WRITERS)
@@ -90,7 +90,7 @@ class Endpoint:
             reply = services.answers.find(scope, services.live)
         except Exception:
             log.exception("unforeseen error in the kept answer of %s", scope["path"])
-            reply = None  # the ordinary way answers
+            reply = None  # handled without the cache
         if reply is not None:
             headers = [*reply.kept, *reply.more]
             await send({"type": "http.response.start", "status": reply.status, "headers": headers})
@@ -98,7 +98,7 @@ class Endpoint:
             return
         request = Request(scope, receive)
         await services.turns.turn(scope)
-        with suppress(ClientDisconnect):  # a client that left in the middle of a body gets no answer
+        with suppress(ClientDisconnect):  # a client that disconnects while sending its body gets no response
             response = await self._respond(request)
             await response(scope, receive, send)
 
@@ -117,7 +117,7 @@ class Endpoint:
         except FleetError as error:
             return problem_response(request, error)
         except Exception:
-            # The boundary: what nobody foresaw is logged whole and answered without a trace of the stack.
+            # The boundary: unexpected errors are logged completely and answered without a stack trace.
             log.exception("unforeseen error at %s %s", request.method, request.url.path)
             return problem_response(request, FleetError("The gateway failed to answer; its log has the reason."))
 
@@ -132,7 +132,7 @@ class Endpoint:
         if isinstance(found, Redirect):
             return _moved(request, found)
         allow = allowed(found)
-        # What must not be done is refused before what cannot be done: a refusal by method would tell what can.
+        # Rights are checked before methods, so that a 405 never reveals what is possible to callers without rights.
         demand(request, found.path, _needed(request, found))
         if request.method not in allow:
             raise MethodNotAllowed(f"{request.method} is not possible here; {', '.join(allow)} are.", allow=allow)
@@ -146,7 +146,7 @@ class Endpoint:
         if part is not None:
             found = shown_part(found, part, request.base)
         if request.method in ("GET", "HEAD") and field(request, "if-match") is not None:
-            read(request, found)  # a refusal for another reason comes before that of a precondition (RFC 9110, 13.2.1)
+            read(request, found)  # other refusals come before a failed precondition (RFC 9110, 13.2.1)
         await await_preconditions(request, found)
         if request.method not in READ:
             return await self._write(request, found)
@@ -161,8 +161,11 @@ class Endpoint:
         return read(request, found)
 
     async def _write(self, request: Request, resource: Resource) -> ASGIApp:
-        """Carry out an allowed write. A refusal by a constraint links the constraints (LDP 4.2.1.6), but not those on
-        queries, which are no representation of anything."""
+        """Execute a permitted write.
+
+        If a constraint refuses it, the response links the constraints (LDP 4.2.1.6), except for queries, which are not
+        representations of a resource.
+        """
         try:
             check_model(request, resource)
             return await self._writers[type(resource.affords)](request, resource.affords)
@@ -172,7 +175,7 @@ class Endpoint:
             raise
 
     async def _upgrade(self, websocket: WebSocket) -> None:
-        """A WebSocket on a resource; what speaks against it is answered in HTTP, before any handshake."""
+        """Open a WebSocket on a resource; refusals are HTTP responses before the handshake."""
         try:
             found = await _find(websocket)
             if isinstance(found, Resource):
@@ -203,14 +206,14 @@ def _needed(request: Request, resource: Resource) -> Sequence[Right]:
 
 
 async def _find(connection: Connection) -> Resource | Redirect:
-    """Find the resource of the request; NotFound, BadRequest, StoreAway."""
+    """Find the resource of the request. Raises NotFound, BadRequest, StoreAway."""
     path: str = connection.scope["path"]
     if not path.startswith("/"):
         raise BadRequest(f"The request target is no path, such as /, and no URL below {connection.base}/.")
     if is_audit(path):
         demand(connection, path, AUDIT_NEEDS)
         return _read_by(connection, await audit_resource(connection))
-    # An encoded slash separates nothing (RFC 3986, 2.2), and no name in the tree has one, but the ids of things have.
+    # An encoded slash is no separator (RFC 3986, 2.2). Names in the tree contain none, but ids of things do.
     encoded = b"%2f" in connection.scope["raw_path"].lower()
     lost = encoded and not connection.services.live.branches.takes_slashes(path)
     found: Found = None if lost else connection.tree(await _shelf(connection, path)).resolve(path)
@@ -227,7 +230,7 @@ async def _find(connection: Connection) -> Resource | Redirect:
 
 
 def _read_by(connection: Connection, found: Resource) -> Resource:
-    """The resource with what its page says of who reads it."""
+    """Return the resource with the reader's name and rights for its page."""
     caller, robot = connection.caller, robot_of(found.path)
     rights = None
     if connection.services.identities is not None:
@@ -237,7 +240,7 @@ def _read_by(connection: Connection, found: Resource) -> Resource:
 
 
 async def _shelf(connection: Connection, path: str) -> Shelf:
-    """The subscriptions that the resource at ``path`` is about, if it is about any."""
+    """Return the subscriptions that the resource at ``path`` shows, if any."""
     owner = owner_path(path)
     head, _, rest = path.removeprefix(container_path(owner)).partition("/")
     robot = robot_of(owner)
@@ -255,7 +258,7 @@ async def _shelf(connection: Connection, path: str) -> Shelf:
 
 
 def _uuid(text: str) -> str | None:
-    """The text, if it is a UUID as we write it: nothing else ever becomes part of a key of the store."""
+    """Return the text if it is a UUID in canonical form; other texts never become part of a Redis key."""
     try:
         return text if str(uuid.UUID(text)) == text else None
     except ValueError:
@@ -268,7 +271,7 @@ def _moved(connection: Connection, to: Redirect) -> Response:
 
 
 def _constraints(resource: Resource) -> str:
-    """Path of what says which bodies the resource takes: the shape in an action's description, else the blueprint."""
+    """Return the path of the constraints of the resource's bodies: the description of an action, else the blueprint."""
     blueprint = resource.path.rstrip("/") + "/blueprint"
     return blueprint if blueprint in resource.own else resource.path
 
@@ -286,11 +289,11 @@ _WRITERS: dict[type, Writer] = {
 
 
 def problem_response(request: Connection, error: FleetError) -> Response:
-    """Problem details for ``error`` in the form that Accept asks for."""
+    """Return problem details for ``error`` in the form that Accept prefers."""
     path = percent(request.scope["path"], safe="/~")
     instance = request.base + path if len(path) <= _LONGEST_NAMED else None
     body, headers = problem(error, field(request, "accept"), instance, request.services.representations.html)
-    # HEAD has the headers of GET, its Content-Length too; the server itself leaves the body out.
+    # HEAD has the headers of GET including Content-Length; the server leaves out the body.
     return Response(body, error.status, headers)
 
 

@@ -12,33 +12,33 @@ from linked_fleet_gateway.http.protocol import HTTP, HttpProtocol
 from linked_fleet_gateway.subscriptions.message import Ending, Feed, Message, Outlet
 
 CANCELLED_ID = "cancelled"
-"""The last event id of a stream that is over: presented as ``Last-Event-ID`` it is to be answered with 204."""
+"""Last event id of a cancelled stream: a request with it as ``Last-Event-ID`` gets 204."""
 
 HEARTBEAT_S = 15.0
-"""The longest silence of a stream."""
+"""Longest silence of a stream, in seconds."""
 _LINE_ENDS = re.compile(rb"\r\n|\n|\r")
-# Of a comment the line alone: the blank line of a block would set the client's last event id to what this connection
-# has sent, nothing yet if the client resumed with the present version (9.2.6).
+# Only the line of a comment: the blank line of a block would set the client's last event id to the last one of this
+# connection, which is empty if the client has resumed with the present version (9.2.6).
 _HEARTBEAT = b":\n"
 _OPENING = b": linked fleet\nretry: 2000\n"
 _RETURN = b"retry: %d\n"
-_RETURN_MS = (100, 1000)  # not all clients of a gateway that ends at the same moment
-_FINAL = b"id: " + CANCELLED_ID.encode() + b"\n\n"  # without data it sets the id and dispatches no event
+_RETURN_MS = (100, 1000)  # spreads the return of clients when a gateway ends
+_FINAL = b"id: " + CANCELLED_ID.encode() + b"\n\n"  # without data it sets the id but dispatches no event
 _HEADERS = [
     (b"content-type", b"text/event-stream"),
     (b"cache-control", b"no-store"),
-    (b"x-accel-buffering", b"no"),  # nginx would collect the events
+    (b"x-accel-buffering", b"no"),  # nginx would buffer the events
 ]
 
 
 def framed(message: Message) -> bytes:
-    """One event (9.2.5). Each line of the body is a field of its own, so that nothing breaks out of ``data``."""
+    """Return one event (9.2.5). Each line of the body is a field, so that nothing can escape from ``data``."""
     data = b"\ndata: ".join(_LINE_ENDS.split(message.body))
     return b"id: %b\ndata: %b\n\n" % (message.version.encode(), data)
 
 
 def chunk(message: Message) -> bytes:
-    """The event as a chunk of a body (RFC 9112, 7.1)."""
+    """Return the event as a chunk of a body (RFC 9112, 7.1)."""
     return _in_chunk(framed(message))
 
 
@@ -47,16 +47,16 @@ def _in_chunk(data: bytes) -> bytes:
 
 
 class EventStreamOutlet:
-    """Events go straight to the transport of their client, past the server, to which a body is the same after each.
+    """Writes events directly to the client's transport, bypassing the server, for which the body does not change state.
 
-    So they do between the opening and the farewell, which the server writes; ``chunked``: as HTTP/1.1 has bodies that
-    have no end yet.
+    The server itself writes the opening and the final block. ``chunked`` is the framing of HTTP/1.1 bodies without
+    known length.
     """
 
     def __init__(self, reader: Reader, *, chunked: bool) -> None:
         self.farewell = b""
         self.over = asyncio.Event()
-        """Set when nothing comes any more."""
+        """Set when no more events follow."""
         self.framing = chunk if chunked else framed
         self.send, self.writable = reader.send, reader.writable
         self._reader, self._chunked = reader, chunked
@@ -66,9 +66,9 @@ class EventStreamOutlet:
         self.send(message.framed(self.framing))
 
     def end(self, ending: Ending) -> None:
-        """The last block is what keeps an EventSource from coming back; after a shutdown it shall come back, and soon.
+        """End the stream. The final block stops an EventSource from reconnecting, except after a shutdown.
 
-        One that was replaced shall not, or two pages would take the subscription from each other for ever.
+        A replaced stream must not reconnect, because two pages would take the subscription from each other for ever.
         """
         if not self.over.is_set():
             soon = _RETURN % random.randint(*_RETURN_MS)  # noqa: S311 (jitter is no secret)
@@ -76,14 +76,14 @@ class EventStreamOutlet:
         self.stop()
 
     def stop(self) -> None:
-        """Nobody is there any more, or nothing to say."""
+        """Stop sending, because the client is gone or there is nothing to say."""
         self.over.set()
         self._reader.finish()
         if self._beat is not None:
             self._beat.cancel()
 
     def beat(self, every_s: float, written: int = -1) -> None:
-        """Send a comment whenever nothing has been ``written`` for the second half of so many seconds."""
+        """Send a comment if nothing was written during the second half of ``every_s``."""
         before = self._reader.written
         if before == written:
             self.send(_in_chunk(_HEARTBEAT) if self._chunked else _HEARTBEAT)
@@ -99,7 +99,7 @@ async def serve_event_stream(
     *,
     heartbeat_s: float = HEARTBEAT_S,
 ) -> None:
-    """Answer with the stream until it ends or the client is gone; what is left to do is the caller's."""
+    """Answer with the stream until it ends or the client is gone; the caller cleans up."""
     http: HttpProtocol = scope["extensions"][HTTP]
     outlet = EventStreamOutlet(http.reader, chunked=scope["http_version"] == "1.1")
     http.on_shutdown = lambda: outlet.end(Ending.SHUTDOWN)

@@ -1,4 +1,4 @@
-"""One request and its answer: uvicorn's cycle, with a writing of its own."""
+"""One request and its response: uvicorn's cycle with an optimised writer."""
 
 from collections.abc import Iterable
 from typing import Any
@@ -20,15 +20,15 @@ def written(reply: Reply, defaults: Iterable[tuple[bytes, bytes]], method: str, 
 
 
 class Exchange(RequestResponseCycle):
-    """A cycle that writes head and content at once, and frames for clients of HTTP/1.0 too (RFC 9112, 6.3)."""
+    """A cycle that writes head and content at once, and frames responses to HTTP/1.0 too (RFC 9112, 6.3)."""
 
     _head = b""
-    """Bytes of the head that have not been written yet."""
+    """Bytes of the head that are not yet written."""
     _to_end = False
     """True if the content ends with the connection."""
 
     async def send(self, message: Any) -> None:
-        """Take an ASGI message. RuntimeError for one out of turn and for content unlike its Content-Length."""
+        """Handle an ASGI message. Raises RuntimeError if it is out of order or differs from Content-Length."""
         if self.disconnected:
             return
         if self.flow.write_paused:

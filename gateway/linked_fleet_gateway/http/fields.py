@@ -1,4 +1,4 @@
-"""The grammar that HTTP fields share (RFC 9110, 5.6): tokens, quoted strings, parameters, comma lists."""
+"""The common grammar of HTTP fields (RFC 9110, 5.6): tokens, quoted strings, parameters, comma lists."""
 
 import re
 from collections.abc import Iterator
@@ -8,12 +8,12 @@ from starlette.requests import HTTPConnection
 from linked_fleet_gateway.http.arrival import arrival_of
 
 TOKEN = re.compile(r"[!#$%&'*+.^_`|~0-9A-Za-z-]+")
-# A quoted string is swallowed whole, closed or not, so that hostile fields cost one pass.
+# A quoted string is consumed whole, closed or not, so that hostile fields take one pass.
 _PIECE = re.compile(r'"(?:[^"\\]++|\\.)*+"?|[,;]|[^",;]+', re.DOTALL)
 
 
 def split(field: str, separator: str) -> list[str]:
-    """The parts between separators that stand outside quoted strings, stripped; empty parts are no parts (5.6.1)."""
+    """Return the stripped parts between separators outside quoted strings; empty parts are dropped (5.6.1)."""
     parts, current = [], ""
     for match in _PIECE.finditer(field):
         if match[0] == separator:
@@ -25,7 +25,7 @@ def split(field: str, separator: str) -> list[str]:
 
 
 def parameters(parts: list[str]) -> Iterator[tuple[str, str] | None]:
-    """``name=value`` with the name lower-cased and the value unquoted; None for a part that is neither."""
+    """Yield pairs of a lower-case name and an unquoted value; None for a malformed part."""
     for part in parts:
         name, equals, value = part.partition("=")
         text = unquote(value)
@@ -33,7 +33,7 @@ def parameters(parts: list[str]) -> Iterator[tuple[str, str] | None]:
 
 
 def unquote(value: str) -> str | None:
-    """The text of a token or quoted string (5.6.4), None when it is neither."""
+    """Return the text of a token or quoted string (5.6.4); None if it is neither."""
     if TOKEN.fullmatch(value):
         return value
     if re.fullmatch(r'"(?:[^"\\]++|\\.)*+"', value):
@@ -42,7 +42,7 @@ def unquote(value: str) -> str | None:
 
 
 def quote(text: str) -> str:
-    """A quoted string; control characters, which no field can hold, become spaces."""
+    """Return a quoted string, with control characters replaced by spaces."""
     printable = re.sub(r"[\x00-\x1f\x7f]", " ", text)
     return '"' + printable.replace("\\", "\\\\").replace('"', '\\"') + '"'
 

@@ -9,14 +9,15 @@ from starlette.types import Scope
 
 Network = IPv4Network | IPv6Network
 _Address = IPv4Address | IPv6Address
-# RFC 7239, 4. Many fronts do not quote the colon of a port. Possessive, or hostile quotes would cost quadratic time.
+# RFC 7239, 4. Many fronts do not quote the colon of a port. Possessive, because hostile quotes could take quadratic
+# time.
 _PAIR = re.compile(r'\s*+([\w!#$%&\'*+.^`|~-]++)=("(?:[^"\\]|\\.)*+"|[^\s;,"]++)\s*+([;,]|\Z)', re.ASCII)
 
 
 def find_client(scope: Scope, fronts: Sequence[Network]) -> None:
     """Have ``scope["client"]`` be the client itself where one of ``fronts`` speaks for it.
 
-    Whoever else sends these fields is believed nothing.
+    These fields are ignored from other peers.
     """
     client = scope.get("client")
     if client and fronts:
@@ -26,10 +27,10 @@ def find_client(scope: Scope, fronts: Sequence[Network]) -> None:
 
 
 def client_behind(peer: str, headers: Headers, fronts: Sequence[Network]) -> str:
-    """The rightmost address that is no front's, beginning with ``peer``, the other end of the connection.
+    """Return the rightmost address that is not a front, starting with ``peer``, the other end of the connection.
 
-    A front writes one of the two fields and may pass on the other as the client sent it. So where both are there and
-    disagree, neither is believed, and the client is counted as the front.
+    A front writes one of the two fields and may pass on the other from the client. So if both exist and disagree,
+    neither is trusted, and the client counts as the front.
     """
     address = _address(peer)
     if address is None or not _is_front(address, fronts):
@@ -44,7 +45,7 @@ def client_behind(peer: str, headers: Headers, fronts: Sequence[Network]) -> str
 
 
 def _rightmost(peer: _Address, hops: Sequence[str], fronts: Sequence[Network]) -> _Address:
-    """If all hops are fronts, or the next one is hidden or no address, the last known hop counts."""
+    """Return the rightmost hop that is no front, or the last known one before a hidden or invalid hop."""
     known = peer
     for hop in reversed(hops):
         address = _address(hop)
@@ -57,7 +58,7 @@ def _rightmost(peer: _Address, hops: Sequence[str], fronts: Sequence[Network]) -
 
 
 def _nodes(text: str) -> list[str]:
-    """The ``for`` of each element of ``Forwarded``, in their order; none at all of what is malformed."""
+    """Return the ``for`` of each element of ``Forwarded``, in order; an empty list if it is malformed."""
     nodes, node, position = [], "", 0
     while position < len(text):
         pair = _PAIR.match(text, position)
@@ -73,7 +74,7 @@ def _nodes(text: str) -> list[str]:
 
 
 def _address(text: str) -> _Address | None:
-    """The IP address of a hop, with or without brackets and port; None for a hidden hop and for what is none."""
+    """Return the IP address of a hop, with or without brackets and port; None for a hidden or invalid one."""
     text = text.strip()
     if text.startswith("["):
         text = text[1:].partition("]")[0]

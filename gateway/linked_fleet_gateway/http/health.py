@@ -1,4 +1,4 @@
-"""Liveness and readiness of a gateway, and what its operator should know besides."""
+"""Liveness and readiness of a gateway, with warnings for its operator."""
 
 from collections.abc import Iterator
 
@@ -11,15 +11,15 @@ from linked_fleet_gateway.runtime.embedded_redis import Embedded
 
 
 async def live(request: Request) -> Response:
-    """200 as long as the process serves: reads, streams and stops need no Redis, and the robots may be away."""
+    """Return 200 while the process serves: reads, streams and stops need neither Redis nor robots."""
     return JSONResponse({"status": "live"})
 
 
 async def ready(request: Request) -> Response:
-    """200, or 503 with what is missing: the robots' side, Redis, the check of motions, or the will to go on.
+    """Return 200, or 503 with what is missing: Zenoh, Redis, the checks of motions, or because it is shutting down.
 
-    Two states are warnings, because the gateway serves everything, ``stop`` above all: damaged data of the embedded
-    server, and shapes that are prepared for a robot which joins a gateway that has been ready before.
+    Two states are only warnings, because the gateway serves everything including ``stop``: damaged data of the embedded
+    server, and shapes being prepared for a robot that joins a gateway that was ready before.
     """
     gateway = gateway_of(request.scope)
     missing = list(_missing(gateway))
@@ -34,7 +34,7 @@ async def ready(request: Request) -> Response:
 
 
 def store_warning(embedded: Embedded | None) -> str:
-    """One sentence about data that the embedded server could not load; empty if there are none."""
+    """Return a sentence about data that the embedded server could not load; empty if there is none."""
     return "" if embedded is None else statement(embedded.set_aside)
 
 

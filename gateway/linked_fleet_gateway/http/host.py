@@ -1,6 +1,6 @@
-"""Which fleet is meant: no ``Host`` ever decides an IRI, it only picks one of the known public URLs (RFC 9110, 7.4).
+"""Selection of the public URL by the ``Host`` field, which never creates an IRI itself (RFC 9110, 7.4).
 
-And whose page asks: that of another site neither does anything here nor listens (RFC 6455, 10.2).
+Pages of other sites are refused: they may neither act nor listen (RFC 6455, 10.2).
 """
 
 import re
@@ -16,9 +16,9 @@ from linked_fleet_gateway.http.request import html_of
 Message = MutableMapping[str, Any]
 Send = Callable[[Message], Awaitable[None]]
 
-# RFC 3986, 3.2.2: a bracketed IP literal, or a reg-name, which IPv4 addresses also are
+# RFC 3986, 3.2.2: a bracketed IP literal, or a reg-name, which includes IPv4 addresses
 _HOST = re.compile(r"(\[[0-9A-Fa-f:.]+\]|(?:[\w.~!$&'()*+,;=-]|%[0-9A-Fa-f]{2})+)(?::([0-9]{0,5}))?", re.ASCII)
-# RFC 9112, 3.2.2: the request target may be a whole URL
+# RFC 9112, 3.2.2: the request target may be an absolute URL
 _ABSOLUTE = re.compile(r"https?://([^/]*)(/.*)?", re.IGNORECASE | re.DOTALL)
 _MOST_SPELLINGS = 1000
 _READ, _EVENTS = ("GET", "HEAD", "OPTIONS"), b"text/event-stream"
@@ -31,7 +31,7 @@ class Authorities:
     def __init__(self, public_urls: tuple[str, ...], pages: tuple[str, ...] = ()) -> None:
         self._bases: dict[tuple[str, int], str] = {}
         self._asked: dict[tuple[str, bytes | None], str] = {}
-        """The base of each scheme and Host that was asked for before."""
+        """Cached bases by scheme and Host."""
         for url in public_urls:
             parts = urlsplit(url)
             key = ((parts.hostname or "").lower(), parts.port or _DEFAULT_PORTS[parts.scheme])
@@ -64,7 +64,7 @@ class Authorities:
         host = _HOST.fullmatch(text)
         if host is None:
             raise BadRequest("the request needs exactly one Host field, such as Host: fleet.example:8000")
-        # a TLS front may speak plain HTTP to us: the port of any known scheme for this name will do
+        # a TLS front may use plain HTTP to the gateway, so the port of any scheme of this name is accepted
         name, ports = host[1].strip("[]").lower(), [int(host[2])] if host[2] else [80, 443]
         asked = _DEFAULT_PORTS.get(scheme, 80)
         for port in sorted(ports, key=lambda port: port != asked):
@@ -75,9 +75,9 @@ class Authorities:
         raise MisdirectedRequest(f"this fleet is not known as {text}, only as {', '.join(self._bases.values())}")
 
     def _is_elsewhere(self, scope: Scope, said: Sequence[bytes]) -> bool:
-        """Return True if a page of another site asks; ForeignOrigin when it may not.
+        """Return True if a permitted page of another site asks. Raises ForeignOrigin for one that is not permitted.
 
-        Only browsers say whose page asks, and none lets a page say something else.
+        Only browsers send Origin, and they do not let pages forge it.
         """
         origins = {value.decode("latin-1").lower() for value in said}
         streams = _EVENTS in fields_of(scope).get(b"accept", b"")
@@ -90,7 +90,7 @@ class Authorities:
 
 
 async def refuse(error: FleetError, scope: Scope, send: Send) -> None:
-    """Answer with a problem before anything else has looked at the request."""
+    """Answer with a problem before the request is processed further."""
     accept = b", ".join(value for name, value in scope["headers"] if name == b"accept").decode("latin-1")
     body, fields = problem(error, accept or None, html=html_of(scope))
     if scope["type"] == "websocket" and "websocket.http.response" not in scope.get("extensions", {}):

@@ -1,4 +1,4 @@
-"""Requests that an ASGI application of another package answers, such as the SDK of a protocol."""
+"""Requests that an ASGI application of another package answers, such as a protocol's SDK."""
 
 import asyncio
 from collections.abc import Callable, Mapping
@@ -12,7 +12,7 @@ from linked_fleet_gateway.http.protocol import HTTP, HttpProtocol
 
 
 class Hosted:
-    """An answer that ``app`` gives. The body was read before, within bounds. A stream ends with the gateway.
+    """A response by ``app``. The body was read before, within limits. A stream ends with the gateway.
 
     ``extensions`` are added to those of the scope. ``on_end`` is called first when the gateway ends.
     """
@@ -49,7 +49,7 @@ class Hosted:
         self._over.set()
 
     async def _hear(self, receive: Receive) -> Message:
-        """The body; then the end, by the client or of the gateway."""
+        """Return the body, and then the end by the client or the gateway."""
         if self._content is not None:
             content, self._content = self._content, None
             return {"type": "http.request", "body": content, "more_body": False}
@@ -64,7 +64,7 @@ class Hosted:
     async def _say(self, send: Send, message: Message) -> None:
         if message["type"] == "http.response.start":
             self._started = True
-            # Whether a connection stays open is for the server to say.
+            # The server decides if a connection stays open.
             headers = [each for each in message["headers"] if each[0].lower() != b"connection"]
             message = {**message, "headers": [*headers, (b"x-content-type-options", b"nosniff")]}
         self._complete = message["type"] == "http.response.body" and not message.get("more_body", False)

@@ -1,4 +1,4 @@
-"""The seam towards pages: an extension may write resources and problems as HTML."""
+"""The interface for pages: an extension may render resources and problems as HTML."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -11,12 +11,12 @@ from linked_fleet_gateway.resources.resource import Resource
 
 HTML = "text/html"
 Formats = Mapping[str, tuple[str, str]]
-"""Label and media type of each representation, by the word that picks it in ``?as=``."""
+"""Label and media type of each representation, by its word in ``?as=``."""
 
 
 @dataclass(frozen=True)
 class NavigationEntry:
-    """A link that all pages have. Entries stand in the order of ``rank``; the fleet has 0, the audit 90."""
+    """A link on all pages, ordered by ``rank``; the fleet has 0, the audit log 90."""
 
     title: str
     path: str
@@ -25,13 +25,13 @@ class NavigationEntry:
 
 class HtmlWriter(Protocol):
     modules: Sequence[str]
-    """Modules that take long to import, and that only pages need."""
+    """Modules that are slow to import and needed for pages only."""
 
     def write_resource(self, resource: Resource, triples: Sequence[Triple], base: str, formats: Formats) -> bytes:
-        """The page of a resource; ``base`` is scheme and authority."""
+        """Return the page of a resource; ``base`` is scheme and authority."""
 
     def write_problem(self, error: FleetError, instance: str | None, report: Sequence[Mapping[str, str]]) -> bytes:
-        """The page of an error; ``report`` has the results of a SHACL report."""
+        """Return the page of an error; ``report`` has the results of a SHACL report."""
 
     def policy(self, forms: bool) -> str:
-        """The Content-Security-Policy of a page; ``forms``: it sends forms without a script."""
+        """Return the Content-Security-Policy of a page; ``forms`` permits submitting forms without a script."""

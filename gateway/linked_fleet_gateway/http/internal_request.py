@@ -1,7 +1,7 @@
-"""Internal requests: an extension asks the gateway itself with the credentials of its client.
+"""Internal requests: an extension sends requests to the gateway with the credentials of its client.
 
-They pass all middleware. So authentication, rights, rate limits, constraints and the audit log hold for them as for
-any other request, and credentials that have been revoked meanwhile are refused.
+They pass all middleware. So authentication, rights, rate limits, constraints and audit apply as to any request, and
+credentials revoked meanwhile are refused.
 """
 
 import asyncio
@@ -21,17 +21,17 @@ from linked_fleet_gateway.http.request import Connection, gateway_of
 from linked_fleet_gateway.runtime.request_context import present
 
 LONGEST_REPLY: Final = 4 * 1024 * 1024
-"""Bytes of content, unless the caller sets another bound."""
+"""Default limit of the content in bytes."""
 _CREDENTIALS: Final = (b"host", b"authorization", b"cookie", b"origin", b"traceparent")
 
 
 class ReplyTooLong(Exception):  # noqa: N818
-    """The content of an answer is longer than the bound."""
+    """The content of a response exceeds the limit."""
 
 
 @dataclass(frozen=True)
 class Reply:
-    """The answer to an internal request."""
+    """The response to an internal request."""
 
     status: int
     headers: Headers
@@ -59,23 +59,23 @@ async def ask(
     content: bytes = b"",
     longest: int = LONGEST_REPLY,
 ) -> Reply:
-    """The answer to ``method`` at ``target``, a path with its query or a URL below the base of ``connection``.
+    """Return the response to ``method`` at ``target``, a path with query or a URL below the base of ``connection``.
 
-    The host, the credentials and the address are those of ``connection``; ``fields`` are the other fields. Event
-    streams and callbacks cannot be asked for. Cancelling cancels the request. Raises BadRequest for a target
-    elsewhere and within an internal request, ReplyTooLong.
+    Host, credentials and address are those of ``connection``; ``fields`` are other fields. Event streams and callbacks
+    are not available. Cancelling cancels the request. Raises BadRequest for a target elsewhere and within an internal
+    request, ReplyTooLong.
     """
     if arrival_of(connection.scope).internal:
         raise BadRequest("An internal request makes no other one.")
     scope = _scope(connection, method, _local(target, connection.base), fields or {}, content)
     collector = _Collector(content, longest)
-    # In a task, since the context of the request that is being answered stays as it is.
+    # In a task, so that the context of the outer request is not changed.
     await asyncio.create_task(gateway_of(connection.scope)(scope, collector.receive, collector.send))
     return collector.reply()
 
 
 def _local(target: str, base: str) -> str:
-    """The path and the query of ``target``. BadRequest for a URL that is not below ``base``."""
+    """Return path and query of ``target``. Raises BadRequest for a URL that is not below ``base``."""
     path = target.removeprefix(base) if target.startswith(f"{base}/") else target
     try:
         path.encode("ascii")
@@ -108,7 +108,7 @@ def _scope(connection: Connection, method: str, target: str, fields: Mapping[str
 
 
 class _Collector:
-    """Both directions of an ASGI exchange in memory."""
+    """Collects both directions of an ASGI exchange in memory."""
 
     def __init__(self, content: bytes, longest: int) -> None:
         self._content: bytes | None = content
@@ -120,7 +120,8 @@ class _Collector:
 
     async def receive(self) -> Message:
         if self._content is None:
-            await asyncio.get_running_loop().create_future()  # the client stays until the answer is there
+            # the client stays connected until the response is complete
+            await asyncio.get_running_loop().create_future()
         content, self._content = self._content, None
         return {"type": "http.request", "body": content, "more_body": False}
 

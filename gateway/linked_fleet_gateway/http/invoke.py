@@ -1,4 +1,7 @@
-"""Invoking an action: body → plan → invocation → answer (flow "action"; R0.7, R0.8, RFC 7240, Idempotency-Key)."""
+"""Invocation of an action: body → plan → invocation → response.
+
+Flow "action"; R0.7, R0.8, RFC 7240, Idempotency-Key.
+"""
 
 import re
 from collections.abc import Iterator, Sequence
@@ -42,7 +45,7 @@ from linked_fleet_gateway.subscriptions.live import Live
 if TYPE_CHECKING:
     from linked_fleet_gateway.resources.json_form import Form
 
-# Of a trajectory: seven joints at some two hundred times.
+# a trajectory of seven joints at about two hundred times
 MAX_BODY_BYTES = 256 * 1024
 MAX_TRIPLES = 5_000
 _TARGET = Terms({LF.value: Terms()})
@@ -51,7 +54,11 @@ _TOKEN = re.compile(r"<(urn:uuid:[0-9a-f-]{36})>|(urn:uuid:[0-9a-f-]{36})")
 
 
 async def invoke(request: Request, afforded: Invoke) -> Response:
-    """204 with Location; 201 with the invocation by Prefer: return=representation, 202 by respond-async or wait."""
+    """Invoke an action.
+
+    The response is 204 with Location, 201 with the invocation for Prefer: return=representation, or 202 for
+    respond-async or wait.
+    """
     offer, moment = afforded.offer, moment_of(afforded.offer.robot)
     _trace(offer, f"actions/{offer.definition.segment}")
     if not offer.takes_body:
@@ -63,7 +70,7 @@ async def invoke(request: Request, afforded: Invoke) -> Response:
 
 
 async def put_target(request: Request, afforded: PutTarget) -> Response:
-    """A joint's target as a property: its ``lf:value`` is what the action takes (R0.5)."""
+    """Set the target property of a joint: its ``lf:value`` is the input of the action (R0.5)."""
     offer, moment = afforded.offer, moment_of(afforded.offer.robot)
     iri = request.base + request.scope["path"]
     _trace(offer, iri.rpartition("/")[2])
@@ -76,7 +83,7 @@ async def put_target(request: Request, afforded: PutTarget) -> Response:
 
 
 async def end_invocation(request: Request, afforded: EndInvocation) -> Response:
-    """Cancel it, or stop and remove it; by whoever may, not only by who began it."""
+    """Cancel an invocation, or stop and remove it; also by others than its creator."""
     refuse_rehearsal(request)
     actions: Actions = request.services.actions
     if afforded.keep:
@@ -87,12 +94,12 @@ async def end_invocation(request: Request, afforded: EndInvocation) -> Response:
 
 
 def caller(request: Request, body: str = "", digest: str = "") -> Caller:
-    """Return the caller; BadRequest for an Idempotency-Key or Lock-Token that is none."""
+    """Return the caller. Raises BadRequest for a malformed Idempotency-Key or Lock-Token."""
     return Caller(request.caller_name, lock_token(request), _key(request), digest, body, sees=request.caller.sees)
 
 
 def _trace(offer: Offer, end: str) -> None:
-    """Names are left open in the route of a trace; ``end`` is one of few."""
+    """Set the route of a trace, with placeholders for names; ``end`` is one of few values."""
     if (trace := traced()) is None:
         return
     thing = ("/{robot}" if offer.robot else "") + ("/{joint}" if offer.joint else "")
@@ -102,13 +109,13 @@ def _trace(offer: Offer, end: str) -> None:
 
 
 def refuse_rehearsal(request: Request) -> None:
-    """BadRequest for what cannot be rehearsed: who would rather see it first does not want it done."""
+    """Raise BadRequest for ``dry-run`` of what cannot be rehearsed, because the client does not want it executed."""
     if parse_prefer(field(request, "prefer")).dry_run:
         raise BadRequest("This cannot be rehearsed; it is done without Prefer: dry-run. Nothing has changed.")
 
 
 def lock_token(request: Request) -> str:
-    """The proof of having a control lease, as it came with it (``Lock-Token``, RFC 4918, 10.5); empty without one."""
+    """Return the ``Lock-Token`` of a control lease (RFC 4918, 10.5); empty without one."""
     said = request.headers.getlist("lock-token")
     if not said:
         return ""
@@ -125,24 +132,24 @@ def _key(request: Request) -> str:
     match = _KEY.fullmatch(said[0].strip()) if len(said) == 1 else None
     if match is None:
         raise BadRequest("Idempotency-Key is one string of at most 255 visible characters.")
-    # Two who happen to choose the same key mean two things.
+    # Two callers with the same key mean different requests.
     name, key = request.caller.name, match[1] or match[2]
     return f"{name} {key}" if name else key
 
 
 def _prefer(request: Request, offer: Offer) -> Prefer:
-    """Return the media type that the client prefers; NotAcceptable before the motion or never."""
+    """Return the preferences. Raises NotAcceptable before the motion starts, never after."""
     prefer, accept = parse_prefer(field(request, "prefer")), _accept(request)
     wants_content = prefer.dry_run or prefer.return_ == "representation"
     if wants_content and choose(accept, (JSON,)) is None:
-        # As negotiable as the answer will be, but that rehearsals and invocations are to be had in plain JSON too.
+        # Negotiated like the response, except that rehearsals and invocations are also available in plain JSON.
         _show(request, offer.path)
     return prefer
 
 
 @dataclass(frozen=True)
 class _Admitted:
-    """A body as it came, as its handler reads it, and as it is remembered with the invocation."""
+    """A validated body: the received content, its typed form, and its form stored with the invocation."""
 
     content: bytes
     body: Body
@@ -189,7 +196,7 @@ def _target_form(offer: Offer, base: str) -> "Form":
 
 
 async def _halt(request: Request, offer: Offer) -> Response:
-    """Nothing that a field says wrongly keeps a robot from being stopped."""
+    """Execute a stop. Malformed header fields never prevent it."""
     actions: Actions = request.services.actions
     prefer = parse_prefer(field(request, "prefer"))
     nothing = Body((), NamedNode(request.base + offer.path))
@@ -214,7 +221,7 @@ async def _carry_out(
         plan = actions.plan(ActionRequest(request.base, admitted.body, offer.robot, offer.joint, moment), offer)
         if isinstance(plan, Later):
             plan = await actions.compute(plan)
-    assert isinstance(plan, Motion)  # what takes a body moves
+    assert isinstance(plan, Motion)  # an action with a body is a motion
     with _located(request.base):
         if prefer.dry_run:
             return _rehearsal(request, offer, plan, await actions.rehearse(plan, asking))
@@ -224,7 +231,7 @@ async def _carry_out(
 
 @contextmanager
 def _located(base: str) -> Iterator[None]:
-    """Links of a refusal: to the invocation of a command that got no answer, and to what is in the way of one."""
+    """Add links to a refusal: to an invocation without answer, or to the obstacle of a motion."""
     try:
         yield
     except MotionRefused as error:
@@ -283,12 +290,12 @@ def _show(request: Request, path: str) -> Representation:
 
 
 def _accept(request: Request) -> str | None:
-    """The value that stands for Accept; NotAcceptable for a word of ``?as=`` that picks nothing."""
+    """Return the value that replaces Accept. Raises NotAcceptable for an unknown word in ``?as=``."""
     return request.services.representations.preferred(field(request, "accept"), request.query_params.get("as"))
 
 
 async def _outcome(actions: Actions, invocation: Invocation, prefer: Prefer) -> tuple[int, list[str]]:
-    """Status and the preferences that were followed; 202 when the motion may still go on."""
+    """Return status and applied preferences; 202 if the motion may still be running."""
     if prefer.wait_s is not None:
         ended = await actions.waiting.at_leisure(invocation, lambda one: one.state.terminal, prefer.wait_s)
         return 204 if ended else 202, [f"wait={prefer.wait_s:g}"]
@@ -298,6 +305,6 @@ async def _outcome(actions: Actions, invocation: Invocation, prefer: Prefer) -> 
 
 
 def _digest(request: Request, content: bytes) -> str:
-    """The fingerprint of a request, which tells it from others with its key: its resource and the bytes of its body."""
+    """Return the fingerprint of a request, which identifies it among others with its key: resource and body."""
     said = f"{request.scope['path']}\n{field(request, 'content-type')}\n".encode()
     return blake2b(said + content, digest_size=16).hexdigest()

@@ -1,4 +1,4 @@
-"""Lazy imports: what a request is the first to need is loaded beside the event loop, before the request goes on."""
+"""Lazy imports: modules that a request needs first are loaded in a thread before the request proceeds."""
 
 import asyncio
 from collections.abc import Callable

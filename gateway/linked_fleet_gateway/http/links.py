@@ -1,4 +1,4 @@
-"""Web linking: a bounded ``Link`` field (RFC 8288) and the full set of links as a document (RFC 9264)."""
+"""Web linking: a bounded ``Link`` field (RFC 8288) and the complete set of links as a document (RFC 9264)."""
 
 import json
 import re
@@ -10,14 +10,17 @@ from urllib.parse import quote as percent
 from linked_fleet_gateway.http.fields import quote
 
 LINKSET_TYPES = ("application/linkset+json", "application/linkset")
-# RFC 3986, 2: reserved and unreserved characters stay, an existing %XX too; everything else is percent-encoded.
+# RFC 3986, 2: reserved and unreserved characters and existing %XX stay; everything else is percent-encoded.
 _SAFE = "!#$%&'()*+,/:;=?@[]~"
 
 
 @dataclass(frozen=True)
 class Link:
-    """A link from the resource in question to ``target``; ``type`` is a hint of its media type, ``etag`` the state of
-    a collection of which the response is a page (WoT Discovery, 7.3.2.3)."""
+    """A link from the present resource to ``target``.
+
+    ``type`` is a hint of its media type. ``etag`` is the state of a collection of which the response is a page (WoT
+    Discovery, 7.3.2.3).
+    """
 
     target: str
     rel: str
@@ -26,9 +29,9 @@ class Link:
 
 
 def link_header(own: Sequence[Link], parts: Sequence[Link], linkset: str | None = None, limit: int = 4096) -> str:
-    """The field value, shorter than ``limit``: own links, then parts as they fit, then the link set when given.
+    """Return the field value, shorter than ``limit``: own links, then parts as they fit, then the link set if given.
 
-    Room for the link set is set aside first, for it leads to whatever did not fit.
+    Room for the link set is reserved first, because it contains the links that do not fit.
     """
     last = [_member(Link(linkset, "linkset", LINKSET_TYPES[0]))] if linkset else []
     last = [member for member in last if len(member) < limit]
@@ -55,21 +58,21 @@ def _member(link: Link) -> str:
 
 
 def _ascii(text: str) -> str:
-    """Relations are registered names or URIs: whatever is beyond ASCII is percent-encoded like in a target."""
+    """Percent-encode non-ASCII characters in a relation."""
     return text if text.isascii() else percent(text, safe=_SAFE + ' "\\')
 
 
 def linkset_json(anchor: str, links: Sequence[Link]) -> bytes:
-    """application/linkset+json (RFC 9264, 4.2): one link context object, targets grouped by relation."""
+    """Return application/linkset+json (RFC 9264, 4.2): one link context object, targets grouped by relation."""
     context: dict[str, Any] = {"anchor": _target(anchor)}
     for link in links:
         target = {"href": _target(link.target)} | ({"type": link.type} if link.type else {})
-        # a relation called "anchor" would overwrite the context; no such relation is registered
+        # a relation "anchor" would overwrite the context; no such relation is registered
         if link.rel != "anchor":
             context.setdefault(link.rel, []).append(target)
     return json.dumps({"linkset": [context]}, ensure_ascii=False).encode()
 
 
 def linkset_text(anchor: str, links: Sequence[Link]) -> bytes:
-    """application/linkset (RFC 9264, 4.1): the field's syntax, one link a line, each with its anchor."""
+    """Return application/linkset (RFC 9264, 4.1): the field syntax, one link per line, each with its anchor."""
     return ",\n".join(f"{_member(link)}; anchor={quote(_target(anchor))}" for link in links).encode()

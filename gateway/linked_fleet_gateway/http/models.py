@@ -1,4 +1,4 @@
-"""The interaction model that a client asks for of what it writes: ``Link; rel="type"`` (LDP 5.2.3.4 and 4.2.1.4)."""
+"""The interaction model that a client requests with a write: ``Link; rel="type"`` (LDP 5.2.3.4 and 4.2.1.4)."""
 
 import re
 
@@ -9,14 +9,14 @@ from linked_fleet_gateway.rdf.vocabulary import LDP
 from linked_fleet_gateway.resources.resource import Resource
 
 _MODELS = (LDP.Resource.value, LDP.RDFSource.value)
-# One link (RFC 8288, 3): the target, then parameters, in which quoted strings are swallowed whole.
+# One link (RFC 8288, 3): the target, then parameters, in which quoted strings are consumed whole.
 _LINK = re.compile(r'<([^<>]*+)>((?:[^",]++|"(?:[^"\\]++|\\.)*+")*+)')
 
 
 def check_model(request: Request, resource: Resource) -> None:
-    """UnprocessableContent for a model that is not had: what clients make here are RDF sources, and no containers.
+    """Raise UnprocessableContent for an unavailable model: clients can create RDF sources but no containers.
 
-    Actions and queries make no resource in the place of the one that is written to.
+    Actions and queries are exempt, because they do not replace the resource.
     """
     if not resource.interaction or resource.remote is not None or request.method not in ("POST", "PUT"):
         return
@@ -28,7 +28,7 @@ def check_model(request: Request, resource: Resource) -> None:
 
 
 def _types(header: str) -> list[str]:
-    """The targets of links of the type ``type`` from the resource itself; what is malformed is no link."""
+    """Return the targets of links with relation ``type`` from the resource itself; malformed links are ignored."""
     found = []
     for target, rest in _LINK.findall(header):
         said = [each for each in parameters(split(rest, ";")) if each is not None]

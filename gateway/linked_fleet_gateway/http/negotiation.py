@@ -1,4 +1,4 @@
-"""Proactive content negotiation (RFC 9110, 12.5.1) and the media type of what is sent to us (8.3)."""
+"""Proactive content negotiation (RFC 9110, 12.5.1) and media types of request bodies (8.3)."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -28,8 +28,9 @@ class MediaRange:
     def matches(self, media_type: str) -> bool:
         kind, offered = _media_type(media_type) or ("", {})
         main, _, sub = kind.partition("/")
-        # All responses are UTF-8, so asking for it excludes nothing. A profile never does (RFC 6906, 3), and a version
-        # of RDF is the highest that the client reads (RDF 1.2 Turtle, media type registration): RDF 1.1 is within it.
+        # All responses are UTF-8, so a charset parameter excludes nothing. A profile never does (RFC 6906, 3), and an
+        # RDF version is the highest that the client reads (RDF 1.2 Turtle, media type registration), which includes RDF
+        # 1.1.
         ours = {("charset", "utf-8"), ("charset", "utf8")}
         ignored = {"profile", "version"} - offered.keys()
         asked = [(n, v) for n, v in self.parameters if n not in ignored and (n, v.lower()) not in ours]
@@ -37,7 +38,7 @@ class MediaRange:
 
 
 def parse_accept(header: str | None) -> list[MediaRange]:
-    """The members in order; malformed ones are ignored, as if the client had not said them."""
+    """Return the members in order; malformed ones are ignored."""
     found = (_media_range(member) for member in split(header or "", ","))
     return [media_range for media_range in found if media_range is not None]
 
@@ -52,7 +53,7 @@ def _media_range(member: str) -> MediaRange | None:
         if parameter is None:
             return None
         if parameter[0] == "q":
-            # what follows the weight were extensions, which RFC 9110 dropped
+            # parameters after the weight were extensions, which RFC 9110 removed
             weight = parameter[1]
             return MediaRange(main, sub, tuple(named), float(weight)) if _WEIGHT.fullmatch(weight) else None
         named.append(parameter)
@@ -60,7 +61,7 @@ def _media_range(member: str) -> MediaRange | None:
 
 
 def choose(header: str | None, offered: Sequence[str]) -> str | None:
-    """The offered type that the client likes best, the earlier one of equals; None when all are excluded."""
+    """Return the offered type that the client prefers, the first of equals; None if all are excluded."""
     ranges = parse_accept(header)
     if not ranges:
         return offered[0] if offered else None
@@ -70,7 +71,7 @@ def choose(header: str | None, offered: Sequence[str]) -> str | None:
 
 
 def weight(ranges: Sequence[MediaRange], media_type: str) -> float:
-    """The q of the most specific range that matches, 0 when none does."""
+    """Return the q of the most specific matching range; 0 if none matches."""
     matching = [media_range for media_range in ranges if media_range.matches(media_type)]
     return max(matching, key=lambda found: found.specificity).q if matching else 0.0
 
@@ -86,9 +87,10 @@ def _media_type(header: str) -> tuple[str, dict[str, str]] | None:
 
 
 def parse_content_type(header: str | None, accepted: Sequence[str] = ()) -> tuple[str, Mapping[str, str]]:
-    """Media type in lower case and parameters; 415 without one, 400 for a malformed one, 415 for other charsets.
+    """Return the lower-case media type and parameters of a Content-Type field.
 
-    ``accepted`` are the media types taken here: where it is given, any other is a 415 that lists them.
+    ``accepted`` are the supported media types; any other raises 415 with this list. Raises 415 without a field or for
+    another charset, 400 for a malformed one.
     """
     if header is None or not header.strip():
         raise UnsupportedMediaType("the body has no Content-Type", offered=accepted)

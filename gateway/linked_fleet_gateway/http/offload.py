@@ -1,4 +1,4 @@
-"""Long bodies are parsed and judged in a thread, so that no body keeps the event loop from stopping a robot."""
+"""Parsing and validation of long bodies in a thread, so that no body delays a stop."""
 
 import asyncio
 from collections.abc import Callable
@@ -7,22 +7,22 @@ from typing import TypeVar
 from linked_fleet_gateway.base.errors import Busy
 
 SHORT_BYTES = 1024
-"""Bodies up to this length are read on the event loop, in at most a few milliseconds."""
+"""Bodies up to this length are processed on the event loop, in a few milliseconds at most."""
 MOST_WAITING = 64
 T = TypeVar("T")
 
 
 class Offload:
-    """One thread at a time: the interpreter runs one anyway, and more would compete with the event loop."""
+    """One thread at a time, because the interpreter runs only one, and more would compete with the event loop."""
 
     def __init__(self) -> None:
         self._place = asyncio.Semaphore(1)
         self._waiting = 0
 
     async def run(self, work: Callable[[], T], size: int, short: int = SHORT_BYTES) -> T:
-        """The result of ``work`` on so many bytes, at once if they are few; Busy where too many wait.
+        """Run ``work`` on this many bytes, directly if they are few. Raises Busy if too many calls wait.
 
-        ``work`` must use nothing that the event loop changes.
+        ``work`` must not use anything that the event loop changes.
         """
         if size <= short:
             return work()

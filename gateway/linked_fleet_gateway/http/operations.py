@@ -1,4 +1,4 @@
-"""Operations of OpenAPI 3.1, with which extensions say what can be asked of their resources.
+"""Operations of OpenAPI 3.1 by which extensions describe their resources.
 
 The names of components are those of ``extensions/openapi/components.py``.
 """
@@ -51,7 +51,7 @@ def described(
 
 
 def document(id: str, summary: str, content: Json, parameters: Sequence[Json] = (), **more: Any) -> Json:
-    """GET of a resource with these media types."""
+    """Return GET of a resource with these media types."""
     read = {"description": "A representation of the resource.", "headers": {"ETag": ref("headers", "ETag")}}
     return {
         "operationId": id,
@@ -70,7 +70,7 @@ def writing(
     parameters: Sequence[Json] = (),
     **more: Any,
 ) -> Json:
-    """Any other method; ``body``: media type objects."""
+    """Return any other method; ``body`` are media type objects."""
     said: Json = {"operationId": id, "summary": summary, "parameters": list(parameters)}
     if body is not None:
         said["requestBody"] = {"required": True, "content": dict(body)}
@@ -78,7 +78,7 @@ def writing(
 
 
 def patching(id: str, summary: str) -> Json:
-    """PATCH by a SPARQL update, of which no schema says the grammar."""
+    """Return PATCH by a SPARQL update, whose grammar no schema can express."""
     body = {PATCH_TYPES[0]: {"schema": {"type": "string", "minLength": 1}}}
     done = {"204": {"description": "Changed."}}
     return writing(id, summary, done, body, (header("IfMatch"), header("LockToken")))
@@ -118,7 +118,7 @@ def parameter(name: str, where: str, schema: Json, description: str = "", requir
 
 
 def path_item(parameters: Parameters, **methods: Json) -> Json:
-    """The methods of one path. The first names of the parameters belong together: they are examples."""
+    """Return the methods of one path. The first value of each parameter's enum is its example; they belong together."""
     said = [
         parameter(name, "path", schema, required=True) | ({"example": schema["enum"][0]} if "enum" in schema else {})
         for name, schema in parameters.items()

@@ -1,7 +1,7 @@
 """Endpoints for operators, answered before the tree: liveness, readiness, metrics.
 
-Outside of the tree and under reserved names, so that no robot can be called like them, and whatever the ``Host``: who
-probes a gateway asks it by its own address, which is no public URL of the fleet.
+They are outside the tree under reserved names, so that no robot can have such a name, and independent of ``Host``,
+because probes use the gateway's own address, which is no public URL of the fleet.
 """
 
 import asyncio
@@ -24,15 +24,15 @@ Page = Callable[[Request], Awaitable[Response]]
 
 
 async def _metrics(request: Request) -> Response:
-    """All numbers as text. It is put together in a thread: of ten thousand robots it is a megabyte."""
+    """Return all metrics as text. Rendered in a thread: for ten thousand robots it is a megabyte."""
     text = await asyncio.to_thread(generate_latest, gateway_of(request.scope).services.registry)
     return Response(text, headers={"content-type": CONTENT_TYPE_PLAIN_0_0_4})
 
 
 def _for_administrators(metrics: Page) -> Page:
-    """The numbers name all robots: where there are identities, they are for who may administer all of them.
+    """Restrict a page to administrators of all robots if there are identities, because metrics name all robots.
 
-    By a token: sessions are for pages of a host that is known, and nobody has looked yet which host was asked.
+    Only bearer tokens are accepted: sessions are bound to a known host, which is not yet checked here.
     """
 
     async def admitted(request: Request) -> Response:

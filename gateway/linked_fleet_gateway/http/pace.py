@@ -1,4 +1,4 @@
-"""Requests are refused that a client makes too often; what stops robots is neither refused nor counted."""
+"""Rate limiting of requests by client; stops are neither refused nor counted."""
 
 import math
 from collections.abc import Collection
@@ -34,9 +34,9 @@ class Pace:
 
 
 async def in_turn(request: Request) -> None:
-    """Count a request to a carrier, and wait for its turn, as for any other request; TooManyRequests.
+    """Count a request to a carrier, and wait for its turn. Raises TooManyRequests.
 
-    The extension that serves the carrier calls it for all that stops no robot, once it has read what is asked for.
+    The extension that serves the carrier calls it, after reading the request, unless it is a stop.
     """
     wait_s = request.services.rates.take(by_caller(request.scope))
     if wait_s:

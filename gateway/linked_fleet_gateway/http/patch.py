@@ -1,4 +1,4 @@
-"""PATCH of one resource by a SPARQL update (RFC 5789; LDP 4.2.7): what comes of it is then put."""
+"""PATCH of one resource by a SPARQL update (RFC 5789; LDP 4.2.7); the result is handled like PUT."""
 
 from collections.abc import Callable, Iterable, Sequence
 
@@ -14,11 +14,14 @@ from linked_fleet_gateway.resources.resource import Resource
 
 PATCH_TYPES = ("application/sparql-update",)
 Managed = Callable[[Sequence[Triple]], Iterable[Triple]]
-"""The statements of a description that are not for clients to take back."""
+"""Returns the statements of a description that clients cannot remove."""
 
 
 async def read_patch(request: Request, iri: str) -> list[Operation]:
-    """The update in the body, with ``iri`` as base; BadRequest, PayloadTooLarge, Busy, UnsupportedMediaType."""
+    """Return the update in the body, with ``iri`` as base.
+
+    Raises BadRequest, PayloadTooLarge, Busy, UnsupportedMediaType.
+    """
     try:
         body_type(request, PATCH_TYPES)
     except UnsupportedMediaType as error:
@@ -35,7 +38,7 @@ def _read(content: bytes, iri: str) -> list[Operation]:
 
 
 def patched(operations: Sequence[Operation], resource: Resource, base: str, managed: Managed) -> list[Triple]:
-    """The description of the resource after the update; UnprocessableContent where it takes back what stays."""
+    """Return the description after the update. Raises UnprocessableContent if it removes managed statements."""
     graph = resource.whole(base)
     after = updated(graph.triples, operations)
     left = set(after)

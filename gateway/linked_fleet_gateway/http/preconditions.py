@@ -12,13 +12,13 @@ from linked_fleet_gateway.runtime.time_slices import sliced
 
 
 def check_preconditions(request: Request, resource: Resource) -> None:
-    """PreconditionFailed; never for what stops a robot. Renders up to every representation: not for the event loop."""
+    """Raise PreconditionFailed, except for stops. It may render every representation, so not for the event loop."""
     for _ in _checks(request, resource):
         pass
 
 
 async def await_preconditions(request: Request, resource: Resource) -> None:
-    """Check as ``check_preconditions`` does, and serve others in between."""
+    """Check like ``check_preconditions``, giving other tasks turns."""
     async for _ in sliced(_checks(request, resource)):
         pass
 
@@ -26,7 +26,7 @@ async def await_preconditions(request: Request, resource: Resource) -> None:
 async def present_under_preconditions(
     request: Request, resolve: Callable[[], Resource | Redirect | None]
 ) -> Resource | None:
-    """The resource, whose preconditions hold for the state that it has when this returns; None where there is none."""
+    """Return the resource, whose preconditions hold for its state at the return; None if there is none."""
     while isinstance(resource := resolve(), Resource):
         before = _version(request, resource)
         await await_preconditions(request, resource)
@@ -41,7 +41,7 @@ def _version(request: Request, resource: Resource) -> str:
 
 
 def _checks(request: Request, resource: Resource) -> Iterator[None]:
-    """Yields after each representation whose entity tag did not decide yet."""
+    """Check preconditions, yielding after each rendered representation."""
     wanted = field(request, "if-match")
     unwanted = None if request.method in ("GET", "HEAD", "OPTIONS") else field(request, "if-none-match")
     if (wanted is None and unwanted is None) or _stops(resource):

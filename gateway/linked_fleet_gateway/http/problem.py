@@ -1,4 +1,4 @@
-"""Problem details (RFC 9457): JSON unless the client would rather have RDF, with the SHACL report in either."""
+"""Problem details (RFC 9457): JSON by default, or RDF, both with the SHACL report."""
 
 import json
 from collections.abc import Sequence
@@ -13,7 +13,7 @@ from linked_fleet_gateway.rdf.serialise import RDF_TYPES, render
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, LF, PREFIXES, RDF, SH, XSD
 
 PROBLEM_JSON = "application/problem+json"
-# RFC 9457 calls nothing like them; the names are those of the SHACL vocabulary without the word "result"
+# RFC 9457 defines no names for these; they are those of the SHACL vocabulary without the word "result"
 _REPORTED = {
     SH.focusNode: "focusNode",
     SH.resultPath: "path",
@@ -26,7 +26,7 @@ _REPORTED = {
 def problem(
     error: FleetError, accept: str | None, instance: str | None = None, html: HtmlWriter | None = None
 ) -> tuple[bytes, dict[str, str]]:
-    """Body and header fields, those that the error itself brings included; ``html`` writes pages, if there are any."""
+    """Return body and header fields, including those of the error; ``html`` renders pages, if available."""
     body, content_type = problem_body(error, accept, instance, html)
     own = {name.lower(): value for name, value in error.headers.items()}
     headers = {"content-type": content_type, "vary": "Accept", "cache-control": "no-store"}
@@ -38,7 +38,7 @@ def problem(
 def problem_body(
     error: FleetError, accept: str | None, instance: str | None = None, html: HtmlWriter | None = None
 ) -> tuple[bytes, str]:
-    """Body and content type. A client that accepts none of ours still gets JSON (RFC 9110, 15.5.7)."""
+    """Return body and content type. A client that accepts none of the types gets JSON (RFC 9110, 15.5.7)."""
     offered = (PROBLEM_JSON, *RDF_TYPES, *(() if html is None else (HTML,)))
     media_type = choose(_preferring_json(accept), offered) or PROBLEM_JSON
     if media_type == PROBLEM_JSON:
@@ -51,7 +51,7 @@ def problem_body(
 
 
 def _preferring_json(accept: str | None) -> str | None:
-    """``application/json`` is as good as its problem flavour: who asks for it can read that."""
+    """Treat ``application/json`` like the problem type, because clients that request it can read that."""
     ranges = parse_accept(accept)
     as_json, as_problem = weight(ranges, "application/json"), weight(ranges, PROBLEM_JSON)
     return f"{accept}, {PROBLEM_JSON};q={as_json:.3f}" if as_json > as_problem else accept
@@ -71,7 +71,7 @@ def _json(error: FleetError, instance: str | None) -> bytes:
 
 
 def _report(triples: Sequence[Triple]) -> list[dict[str, str]]:
-    """The results of a SHACL report in order, one flat object each; blank nodes, which mean nothing here, left out."""
+    """Return the results of a SHACL report in order, as flat objects without blank nodes."""
     results: dict[Any, dict[str, str]] = {t.object: {} for t in triples if t.predicate == SH.result}
     for triple in triples:
         member = _REPORTED.get(triple.predicate)

@@ -1,4 +1,4 @@
-"""The server's protocol class for HTTP/1.1: uvicorn's on llhttp, with bounds of time, of size and of connections."""
+"""The server's protocol class for HTTP/1.1: uvicorn's on llhttp, with limits of time, size and connections."""
 
 import asyncio
 import sys
@@ -22,10 +22,10 @@ from linked_fleet_gateway.http.timeouts import BODY_S, HEAD_S, MAX_HEAD_BYTES, D
 from linked_fleet_gateway.http.websocket_protocol import FAREWELL_S, WebSocketProtocol
 
 HTTP = "linked-fleet.http"
-"""The key in ``scope["extensions"]`` of the protocol that serves an application."""
+"""Key in ``scope["extensions"]`` of the protocol that serves an application."""
 _FULL = b"HTTP/1.1 503 Service Unavailable\r\nretry-after: 1\r\ncontent-length: 0\r\nconnection: close\r\n\r\n"
 _MOST_UNREAD = 64
-"""Pieces of ``MAX_HEAD_BYTES`` that wait for answers to requests before them."""
+"""Most pieces of ``MAX_HEAD_BYTES`` that may wait for responses to earlier requests."""
 _IDLE, _HEAD, _BODY, _WHOLE = "idle", "head", "body", "whole"
 """How much of the latest request has come: nothing, a part of its head, its head, all of it."""
 _FRAMING = (b"content-length", b"transfer-encoding")
@@ -33,18 +33,19 @@ AtOnce = Callable[[Any], Reply | None]
 
 
 class HttpProtocol(HttpToolsProtocol):
-    """HTTP/1.1 that an application can get hold of: ASGI alone neither aborts a connection nor tells of a shutdown.
+    """HTTP/1.1 with access for the application, because ASGI can neither abort a connection nor announce a shutdown.
 
-    A client that does not send its request in time is cut off, and of ``sockets`` takes a place that others can have.
+    A client that does not send its request in time is disconnected. Idle connections give their places in ``sockets``
+    to others.
     """
 
     stall_s = STALL_S
     head_s, body_s = HEAD_S, BODY_S
     on_drained: Callable[[], None] | None = None
-    """Called when what waited has nearly all been taken."""
+    """Called when most of the buffered bytes have been sent."""
     on_shutdown: Callable[[], None] | None = None
     ending = False
-    """True once the server shuts down: what begins now has not been told."""
+    """True during shutdown: applications that start now have missed the notification."""
     reader: Reader
 
     def __init__(
@@ -61,16 +62,16 @@ class HttpProtocol(HttpToolsProtocol):
         self._deadline = Deadline(self._give_up, self.loop)
         self._phase = _IDLE
         self._line = b""
-        """The beginning of a request line that is not whole yet."""
+        """The start of an incomplete request line."""
         self._method = b""
         self._target = b""
-        """Method and target of the latest request, if the parser was told others."""
+        """Method and target of the latest request, if the parser was given substitutes."""
         self._head_bytes = 0
         self._unread: list[bytes] = []
-        """Bytes that came while requests before them had no answer."""
+        """Bytes that arrived before earlier requests were answered."""
         self._refusal: tuple[HTTPStatus, str] | None = None
         self._again = False
-        """True while a head is parsed once more, without the Upgrade that is ignored."""
+        """True while a head is parsed again without its ignored Upgrade."""
 
     def connection_made(self, transport: Transport) -> None:  # type: ignore[override]  # as uvicorn has it
         super().connection_made(transport)
@@ -90,8 +91,8 @@ class HttpProtocol(HttpToolsProtocol):
         self._sockets.close(self)
 
     def eof_received(self) -> bool | None:  # type: ignore[override]  # as asyncio has it
-        """Answer what was asked before the client ended its side of the connection; True keeps the other side open."""
-        # Over TLS there is no such end, and whoever ends it during an answer, such as a stream, has gone.
+        """Answer earlier requests after the client has closed its side of the connection. True keeps our side open."""
+        # TLS has no such half-close, and a client that closes during a response, such as a stream, has gone.
         waits = self._phase is _WHOLE and self._is_answering() and (self.pipeline or not self.cycle.response_started)
         if self.scheme == "https" or not waits:
             return None
@@ -117,14 +118,14 @@ class HttpProtocol(HttpToolsProtocol):
             self._await_request()
 
     def _hold(self, data: bytes) -> None:
-        """Keep bytes until the requests before them are answered. An application that awaits a body reads on."""
+        """Keep bytes until earlier requests are answered. An application that awaits a body reads on."""
         self._unread += [data[at : at + MAX_HEAD_BYTES] for at in range(0, len(data), MAX_HEAD_BYTES)]
         self.flow.pause_reading()
         if len(self._unread) > _MOST_UNREAD:
             self.transport.abort()
 
     def _feed_pieces(self, pieces: list[bytes]) -> None:
-        """Parse the bytes piece by piece; more at once would be taken however long a head is."""
+        """Parse the bytes piece by piece, because larger pieces would bypass the limit of heads."""
         while pieces:
             if self.transport.is_closing():
                 return
@@ -132,7 +133,7 @@ class HttpProtocol(HttpToolsProtocol):
             if protocol is not self:
                 cast(WebSocketProtocol, protocol).data_received(b"".join(pieces))
                 return
-            if self.pipeline:  # who sends many requests at once waits for the answers
+            if self.pipeline:  # a client that pipelines requests waits for the responses
                 self._unread = pieces
                 self.flow.pause_reading()
                 return
@@ -182,7 +183,7 @@ class HttpProtocol(HttpToolsProtocol):
         return data
 
     def _ignore_upgrade(self, rest: bytes) -> None:
-        """Go on as after any other request. The parser leaves out a body that follows a head with an Upgrade."""
+        """Continue as after any other request. The parser skips a body after a head with Upgrade."""
         if self._phase is _BODY:
             framing = [name + b": " + value for name, value in self.headers if name in _FRAMING]
             self.parser = httptools.HttpRequestParser(self)
@@ -264,7 +265,7 @@ class HttpProtocol(HttpToolsProtocol):
             self._write_reply(self._reply)
             return
         if not self._again and self.parser.should_upgrade() and self._has_body() and not self._should_upgrade():
-            return  # it is still to come
+            return  # the body is still to come
         self._phase = _WHOLE
         super().on_message_complete()
 
@@ -308,7 +309,10 @@ class HttpProtocol(HttpToolsProtocol):
         protocol.on_lost = lambda: self._sockets.close(self)
 
     def _should_upgrade(self) -> bool:
-        """Tell whether the request opens a WebSocket (RFC 6455, 4.1). Any other Upgrade is ignored (RFC 9110, 7.8)."""
+        """Return True if the request opens a WebSocket (RFC 6455, 4.1).
+
+        Any other Upgrade is ignored (RFC 9110, 7.8).
+        """
         if self._is_answering() or self.scope["method"] != "GET" or self.scope["http_version"] != "1.1":
             return False
         opening = any(name == b"sec-websocket-key" for name, _ in self.headers)
@@ -320,20 +324,20 @@ class HttpProtocol(HttpToolsProtocol):
     # -- bounds -------------------------------------------------------------------------------------------------------
 
     def _await_request(self) -> None:
-        """Bound the time for what the client has still to say, if it has."""
+        """Set the deadline for the rest of the request, if there is one."""
         said = self._phase is _WHOLE or (self._phase is not _BODY and self._is_answering())
         if said or self.transport.is_closing():
             self._deadline.clear()
             self._sockets.busy(self)
             return
         self._sockets.idle(self, self._give_way)
-        # By the request before it: that of one is never that of the next.
+        # Named by the requests before it, so that the deadline of one request is never that of the next.
         begun = self._phase is _HEAD or bool(self._line)
         in_body = self._phase is _BODY
         self._deadline.set((in_body, begun, self.cycle, self._answered), self.body_s if in_body else self.head_s)
 
     def _give_way(self) -> bool:
-        """End for another, unless the last answer is still on its way."""
+        """Close an idle connection for another client, unless its last response is still being sent."""
         if self.reader.is_behind():
             return False
         self.transport.abort()
@@ -351,7 +355,7 @@ class HttpProtocol(HttpToolsProtocol):
         self.loop.call_later(FAREWELL_S, self.transport.abort)
 
     def _refuse(self, status: HTTPStatus, text: str) -> None:
-        """Answer and close. A request before it that has no answer yet gets none: its handler hears a disconnect."""
+        """Answer and close. An earlier request without a response gets none: its handler sees a disconnect."""
         answered = self._phase is _BODY and self.cycle is not None and self.cycle.response_started
         answerable = not answered and (not self._is_answering() or not self.cycle.response_started)
         if self.cycle is not None:

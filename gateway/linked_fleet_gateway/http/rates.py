@@ -1,4 +1,4 @@
-"""How often one client may ask: a bucket of tokens for each, by any string that stands for it."""
+"""Rate limits by client: a token bucket for each string that identifies a client."""
 
 import time
 from collections import OrderedDict
@@ -10,14 +10,14 @@ from linked_fleet_gateway.base.addresses import network_of
 from linked_fleet_gateway.http.arrival import arrival_of
 
 BURST_S = 10.0
-"""Seconds for which a client keeps what it has not used."""
+"""Seconds for which unused requests are kept."""
 MAX_CLIENTS = 10_000
 
 
 class Rates:
-    """``per_s`` requests of each client on average, ``burst`` of them at once; endless if ``per_s`` is 0.
+    """Allows each client ``per_s`` requests on average, ``burst`` of them at once; unlimited if ``per_s`` is 0.
 
-    Of more than ``MAX_CLIENTS`` those are forgotten who have not asked for longest, which gives them their whole burst.
+    Beyond ``MAX_CLIENTS`` the least recent clients are forgotten, which restores their whole burst.
     """
 
     def __init__(
@@ -25,15 +25,15 @@ class Rates:
     ) -> None:
         self._per_s, self._clock_s = per_s, clock_s
         self._most = max(1.0, per_s * BURST_S if burst is None else burst)
-        self._left: OrderedDict[str, tuple[float, float]] = OrderedDict()  # tokens, and when there were so many
+        self._left: OrderedDict[str, tuple[float, float]] = OrderedDict()  # tokens, and the time of that count
 
     @property
     def limited(self) -> bool:
-        """False if everybody may ask as often as they like."""
+        """False if requests are unlimited."""
         return self._per_s > 0
 
     def take(self, client: str) -> float:
-        """Seconds until the client may ask; 0 if it may now, which is counted."""
+        """Return the seconds until the client may send; 0 if it may now, which is then counted."""
         if not self._per_s:
             return 0.0
         now_s = self._clock_s()

@@ -1,4 +1,4 @@
-"""Reading a resource: headers that every answer to GET has, and the representation that the client prefers."""
+"""GET of a resource: common header fields, and the representation that the client prefers."""
 
 from collections.abc import Mapping, Sequence
 
@@ -22,17 +22,17 @@ from linked_fleet_gateway.rdf.serialise import RDF_TYPES
 from linked_fleet_gateway.resources.paths import robot_of
 from linked_fleet_gateway.resources.resource import CONTAINER, Remote, Resource
 
-# The whole header block stays under 4 KiB, and Link is not alone in it.
+# The header block stays under 4 KiB, and Link is not its only field.
 _LINK_BYTES = 3584
 READ = ("GET", "HEAD", "OPTIONS")
-# Foreign XML and meshes: should a browser take one for a document, it is one that can do nothing.
+# Foreign XML and meshes: a browser that takes one for a document must not execute anything.
 _NOTHING = "sandbox; default-src 'none'"
 _OF_CONTENT = (b"content-type", b"allow", b"accept-post", b"accept-put", b"accept-patch")
 _FOR_EVER = "public, max-age=31536000, immutable"
 
 
 def read(request: Request, resource: Resource) -> Response:
-    """The representation that the client prefers, or 304. Raises NotAcceptable."""
+    """Return the representation that the client prefers, or 304. Raises NotAcceptable."""
     representations = request.services.representations
     accept = representations.preferred(field(request, "accept"), request.query_params.get("as"))
     representation = representations.negotiated(accept, resource, request.base)
@@ -53,12 +53,12 @@ def read(request: Request, resource: Resource) -> Response:
         return Response(status_code=304, headers=headers)
     if coding:
         body, headers["content-encoding"] = resource.coded.get(coding) or compressed(body), coding
-    # Starlette computes Content-Length from the body; the server itself leaves the body of a HEAD out.
+    # Starlette computes Content-Length from the body; the server leaves out the body of a HEAD.
     return Response(body, headers=headers | of_content)
 
 
 def _codings(resource: Resource, representation: Representation) -> tuple[str, ...]:
-    """Content codings that there are of a representation."""
+    """Return the available content codings of a representation."""
     media_type = representation.media_type
     if resource.coded:
         return tuple(resource.coded)
@@ -69,9 +69,9 @@ def _codings(resource: Resource, representation: Representation) -> tuple[str, .
 
 
 def _keep(request: Request, resource: Resource, representation: Representation, headers: Mapping[str, str]) -> None:
-    """Keep the answer for the next request, if it is about a robot and all that changes in it is known."""
+    """Cache the response if it belongs to a robot and all its changes are known."""
     media_type, robot = representation.media_type, resource.source.robot
-    if robot is None and resource.alike is not None:  # a blueprint that is the same for ever, while its robot is there
+    if robot is None and resource.alike is not None:  # a constant blueprint, while its robot exists
         robot = request.services.live.fleet.robots.get(robot_of(resource.path) or "")
     rendering = request.services.representations.rendering(resource, media_type, request.base)
     still = rendering is None and not resource.source.measured and resource.followed
@@ -90,7 +90,7 @@ def _keep(request: Request, resource: Resource, representation: Representation, 
 
 
 async def read_mesh(request: Request, resource: Resource, remote: Remote) -> Response:
-    """Only who gets the bytes has the robot asked for them: size and digest are known."""
+    """Answer from the known size and digest, and query the robot only if the bytes are needed."""
     mesh = remote.mesh
     etag = f'"{mesh.sha256}"'
     if choose(field(request, "accept"), (mesh.type,)) is None:
@@ -108,7 +108,7 @@ async def read_mesh(request: Request, resource: Resource, remote: Remote) -> Res
 
 
 def resource_headers(resource: Resource, base: str, etag: str) -> dict[str, str]:
-    """The fields of every answer to GET of the resource."""
+    """Return the fields of every response to GET of the resource."""
     headers = {
         "etag": etag,
         "vary": "Accept, Prefer" if resource.interaction == CONTAINER else "Accept",
@@ -120,12 +120,12 @@ def resource_headers(resource: Resource, base: str, etag: str) -> dict[str, str]
 
 
 def allowed(resource: Resource) -> tuple[str, ...]:
-    """The methods that the resource has."""
+    """Return the methods of the resource."""
     return READ if resource.affords is None else (*READ, *resource.affords.methods)
 
 
 def method_headers(resource: Resource, allow: Sequence[str]) -> dict[str, str]:
-    """``Allow``, and the media types that bodies may have."""
+    """Return ``Allow`` and the media types of bodies."""
     headers = {"allow": ", ".join(allow)}
     if resource.affords is not None and (taken := resource.affords.body_types):
         fields = {"POST": "accept-post", "PUT": "accept-put"}

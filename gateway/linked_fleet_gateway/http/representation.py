@@ -1,4 +1,4 @@
-"""Representations of a resource: which there are, which one the client prefers, its bytes and its entity tag."""
+"""Representations of a resource: the available ones, negotiation, bytes and entity tags."""
 
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
@@ -28,7 +28,7 @@ FORMATS: Formats = {
 
 @dataclass(frozen=True)
 class Representation:
-    """A rendered representation with what identifies it."""
+    """A rendered representation with its media type."""
 
     body: bytes
     media_type: str
@@ -43,19 +43,19 @@ class Representation:
 
 
 class Representations:
-    """All that a gateway can write. ``html`` writes pages, if there are any; ``formats`` are those of extensions."""
+    """All representations of a gateway. ``html`` renders pages, if available; ``formats`` are those of extensions."""
 
     def __init__(self, html: HtmlWriter | None = None, formats: Formats | None = None) -> None:
         self.html = html
         self.formats: Mapping[str, tuple[str, str]] = {**FORMATS, **(formats or {})}
-        """Label and media type by the word that picks it."""
+        """Label and media type by word."""
         self.media_types = RDF_TYPES if html is None else (*RDF_TYPES, HTML)
-        """Media types of all that is described in RDF, in the order of preference."""
+        """Media types of all resources described in RDF, in order of preference."""
         self._renderings = Renderings()
         self._copies = Copies()
 
     def negotiated(self, accept: str | None, resource: Resource, base: str) -> Representation:
-        """The representation that Accept prefers; NotAcceptable with the list of what there is."""
+        """Return the representation that Accept prefers. Raises NotAcceptable with the available types."""
         offered = self._offered(resource)
         while media_type := choose(accept, offered):
             try:
@@ -65,9 +65,9 @@ class Representations:
         raise NotAcceptable(f"Available here: {', '.join(offered)}.", offered=offered)
 
     def preferred(self, accept: str | None, picked: str | None) -> str | None:
-        """Return the value that stands for Accept: a link cannot set it, so ``?as=turtle`` and the like pick a type.
+        """Return the value that replaces Accept: links use ``?as=turtle`` and similar, because they cannot set fields.
 
-        NotAcceptable with the words that pick one, for any other.
+        Raises NotAcceptable with the valid words for any other.
         """
         if picked is None:
             return accept
@@ -76,13 +76,13 @@ class Representations:
         return self.formats[picked][1]
 
     def rendering(self, resource: Resource, media_type: str, base: str) -> Rendering | None:
-        """The compiled rendering of measured values; None where values are none or the media type is not compiled."""
+        """Return the compiled rendering of measured values; None without any, or if the media type is not compiled."""
         if media_type in resource.documents or not compiles(resource, media_type):
             return None
         return self._renderings.of(resource, media_type, base)
 
     def etags(self, resource: Resource, base: str) -> Iterator[str]:
-        """Yield the tag of each representation, rendered when asked for: a client may read JSON-LD and write Turtle."""
+        """Yield the tags of all representations, rendered on demand: a client may read JSON-LD and write Turtle."""
         for media_type in self._offered(resource):
             with suppress(WriteError):
                 yield self._represent(resource, media_type, base).etag
@@ -111,10 +111,10 @@ class Representations:
 
 
 def typed(resource: Resource, base: str) -> list[Link]:
-    """The links of a resource that have relations of their own."""
+    """Return the links of a resource with specific relations."""
     return [Link(base + each.path, each.relation, each.media_type) for each in resource.links]
 
 
 def related(resource: Resource, base: str) -> list[Link]:
-    """All that its link set has: links with relations of their own, and one to each sub-resource (R0.9)."""
+    """Return the links of its link set: those with specific relations, and one to each sub-resource (R0.9)."""
     return typed(resource, base) + [Link(base + path, "related") for path in (*resource.own, *resource.parts)]

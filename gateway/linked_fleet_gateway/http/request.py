@@ -1,4 +1,4 @@
-"""One gateway as its handlers see it, and requests that know who asks it for what: typed, and resolved once."""
+"""The gateway as seen by handlers, and typed requests with caller and tree, resolved once."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -51,15 +51,15 @@ class Services:
     offload: Offload = field(default_factory=Offload)
     turns: Turns = field(default_factory=Turns)
     rates: Rates = field(default_factory=lambda: Rates(0.0))
-    """How often each client may ask."""
+    """Rate limits by client."""
     answers: Answers = field(default_factory=Answers)
     representations: Representations = field(default_factory=Representations)
     registry: CollectorRegistry = field(default_factory=CollectorRegistry)
-    """The numbers for ``/metrics``."""
+    """The metrics for ``/metrics``."""
     schemes: Sequence[Scheme] = ()
-    """The ways to say who asks, beside bearer tokens."""
+    """Authentication schemes besides bearer tokens."""
     not_ready: Sequence[Callable[[], str]] = ()
-    """The reasons of extensions why a gateway that starts is not ready yet."""
+    """Functions of extensions that return why a starting gateway is not ready yet."""
 
     def unprepared(self) -> list[str]:
         return [reason for tell in self.not_ready if (reason := tell())]
@@ -70,9 +70,9 @@ class Gateway(Starlette):
 
     services: Services
     endpoint: ASGIApp
-    """Answers for every path. The lifespan sets it."""
+    """Answers every path. The lifespan sets it."""
     draining = False
-    """True while it ends as soon as the work under way is done."""
+    """True while it ends as soon as running work is done."""
     has_been_ready = False
 
     def __init__(self, entrance: Entrance, lifespan: Lifespan[Starlette] | None = None) -> None:
@@ -90,7 +90,7 @@ class Gateway(Starlette):
 
 
 class _Asked:
-    """The attributes that requests and WebSockets have beside those of Starlette."""
+    """Additional attributes of requests and WebSockets."""
 
     scope: Scope
 
@@ -121,12 +121,12 @@ class _Asked:
 
     @property
     def caller_name(self) -> str:
-        """The name of who asks, as it is shown and counted; without identities the network address."""
+        """The displayed and counted name of the caller; without identities the network address."""
         client = self.scope.get("client")
         return self.caller.name or (client[0] if client else "")
 
     def tree(self, shelf: Shelf = EMPTY) -> Tree:
-        """The tree as far as who asks may see it; ``shelf``: subscriptions to show."""
+        """Return the tree as the caller may see it; ``shelf`` are subscriptions to show."""
         return self.services.live.tree(self.base, self.caller.sees, shelf)
 
 
@@ -134,7 +134,7 @@ class Request(_Asked, StarletteRequest):
     """A request for a resource."""
 
     reads = False
-    """True once the method is known to be safe at the resource, whatever it is called."""
+    """True once the method is known to be safe at the resource."""
 
 
 class WebSocket(_Asked, StarletteWebSocket):
@@ -145,12 +145,12 @@ Connection = Request | WebSocket
 
 
 def gateway_of(scope: Scope) -> Gateway:
-    """The gateway that answers a request."""
+    """Return the gateway that answers a request."""
     gateway: Gateway = scope["app"]
     return gateway
 
 
 def html_of(scope: Scope) -> HtmlWriter | None:
-    """The writer of pages, for middleware that refuses a request; None where there are no pages."""
+    """Return the renderer of pages, for middleware that refuses a request; None without pages."""
     app = scope.get("app")
     return app.services.representations.html if isinstance(app, Gateway) else None

@@ -1,4 +1,4 @@
-"""Rights of a caller: the part of the tree that they see, and what they may do there."""
+"""Checks of a caller's rights."""
 
 from collections.abc import Sequence
 
@@ -9,11 +9,11 @@ from linked_fleet_gateway.resources.paths import is_public, robot_of
 from linked_fleet_gateway.resources.subscription import Depth, Record
 
 SEES_SUBSCRIPTIONS = (Right.SUBSCRIBE, Right.ADMIN)
-"""Rights of which one is needed to read a Subscriptions container: ``subscribe`` for one's own, ``admin`` for all."""
+"""Rights, one of which is needed to read a Subscriptions container: ``subscribe`` for one's own, ``admin`` for all."""
 
 
 def demand(connection: Connection, path: str, scopes: Sequence[Right]) -> None:
-    """InsufficientScope unless who asks has one of ``scopes`` over what is at ``path``, which he may find."""
+    """Raise InsufficientScope unless the caller has one of ``scopes`` on the resource at ``path``."""
     if is_public(path) or connection.caller.may_any(scopes, robot_of(path)):
         return
     wanted = " or ".join(scopes)
@@ -21,14 +21,14 @@ def demand(connection: Connection, path: str, scopes: Sequence[Right]) -> None:
 
 
 def demand_all(connection: Connection, path: str, depth: Depth) -> None:
-    """InsufficientScope for all below the fleet, unless who asks may subscribe to whatever he may read."""
+    """Raise InsufficientScope for the subtree of the fleet unless the caller may subscribe to all that it reads."""
     caller = connection.caller
     if path == "/" and depth is Depth.SUBTREE and not caller.over(Right.SUBSCRIBE).covers(caller.sees):
         raise InsufficientScope("You may read robots that you may not subscribe to.", scope=Right.SUBSCRIBE)
 
 
 def shown(connection: Connection, records: Sequence[Record], owner: str) -> list[Record]:
-    """The subscriptions of a thing that the caller may see: his own with ``subscribe``, all of them with ``admin``."""
+    """Return the visible subscriptions of a thing: the caller's own with ``subscribe``, all of them with ``admin``."""
     caller, robot = connection.caller, robot_of(owner)
     if caller.may(Right.ADMIN, robot):
         return list(records)

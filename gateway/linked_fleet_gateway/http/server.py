@@ -1,4 +1,4 @@
-"""The HTTP server of a gateway: uvicorn with the gateway's own protocol classes and bounds."""
+"""The HTTP server of a gateway: uvicorn with the gateway's protocol classes and limits."""
 
 import socket
 from collections.abc import Iterator
@@ -15,15 +15,15 @@ from linked_fleet_gateway.http.timeouts import HEAD_S
 from linked_fleet_gateway.http.tls import Certificate, secured
 from linked_fleet_gateway.http.websocket_protocol import WebSocketProtocol
 
-_DRAIN_S = 5  # for requests under way; 2 s may go by before a robot that does not answer is given up
+_DRAIN_S = 5  # for running requests; a robot that does not answer takes up to 2 s
 _WEBSOCKET_BYTES = 4096
 _PING_S = 20
 
 
 class Server(uvicorn.Server):
-    """Serves ``app`` on the listening sockets that are given to ``serve``.
+    """Serves ``app`` on listening sockets passed to ``serve``.
 
-    The caller enters the lifespan of ``app``, so that its errors stay exceptions. It handles signals as well: uvicorn
+    The caller enters the lifespan of ``app``, so that its errors stay exceptions, and handles signals, because uvicorn
     raises them again after serving, which would cut the lifespan short.
     """
 
@@ -31,10 +31,10 @@ class Server(uvicorn.Server):
         http: Any = partial(HttpProtocol, sockets=sockets, at_once=app.at_once)
         config = uvicorn.Config(
             app, lifespan="off", log_config=None, access_log=False, server_header=False,
-            proxy_headers=False,  # uvicorn would believe loopback; http/forwarded.py believes named fronts
+            proxy_headers=False,  # uvicorn would trust loopback; http/forwarded.py trusts configured fronts
             timeout_graceful_shutdown=_DRAIN_S, timeout_keep_alive=int(HEAD_S),
             http=secured(http, certificate.context) if certificate else http,
-            # One framed buffer serves all subscribers, so there is no compression; and clients have nothing to say.
+            # No compression, because one framed buffer serves all subscribers. Clients send only short messages.
             ws=WebSocketProtocol, ws_per_message_deflate=False, ws_max_size=_WEBSOCKET_BYTES,
             ws_ping_interval=_PING_S, ws_ping_timeout=_PING_S,
         )  # fmt: skip
@@ -42,7 +42,7 @@ class Server(uvicorn.Server):
         self._app = app
 
     def leave(self, number: int) -> None:
-        """Take no more work, and end when that under way is done; from now on the gateway is not ready."""
+        """Stop accepting work, become not ready, and end when running work is done."""
         self._app.draining = True
         self.handle_exit(number, None)
 

@@ -1,8 +1,8 @@
-"""How many connections there may be, and which of them gives way to a new one.
+"""Limits of connections, and the choice of the one that gives way to a new one.
 
-A connection that has no request under way costs its peer nothing and has promised nobody anything. So when all places
-are taken, the one that has been without a request for longest is closed, unless its client still reads the last answer;
-only when none can be closed, or all places of an address are at work, is a new connection refused.
+A connection without a running request can be closed without harm. So if all places are taken, the one that has been
+idle for longest is closed, unless its client still reads the last response. A new connection is refused only if none
+can be closed, or if all places of its address are busy.
 """
 
 import resource
@@ -13,7 +13,7 @@ _SPARE_FILES = 256  # for Zenoh, Redis, receivers of callbacks and the log
 
 
 class Sockets:
-    """The connections of a server: ``most`` in all, ``most_of_one`` of one client; each is any hashable object."""
+    """The connections of a server: ``most`` in total, ``most_of_one`` per client; each is any hashable object."""
 
     def __init__(self, most: int, most_of_one: int) -> None:
         self._most, self._most_of_one = most, most_of_one
@@ -25,7 +25,7 @@ class Sockets:
         return len(self._client)
 
     def open(self, connection: object, client: str) -> bool:
-        """Return True if there is a place for a new connection, if need be that of an idle one."""
+        """Register a connection, closing an idle one if necessary. Return False if there is no place."""
         full = len(self._client) >= self._most or self._of[client] >= self._most_of_one
         if full and not self._make_room(client):
             return False
@@ -34,7 +34,7 @@ class Sockets:
         return True
 
     def idle(self, connection: object, give_way: Callable[[], bool]) -> None:
-        """It has no request under way: from now on it gives way when it is asked to, if it then can."""
+        """Mark a connection as idle; ``give_way`` may be called to close it."""
         if connection in self._client:
             self._idle.setdefault(connection, give_way)
 
@@ -42,7 +42,7 @@ class Sockets:
         self._idle.pop(connection, None)
 
     def close(self, connection: object) -> None:
-        """It is gone; harmless when repeated."""
+        """Remove a closed connection; may be repeated."""
         self._idle.pop(connection, None)
         client = self._client.pop(connection, None)
         if client is not None:
@@ -62,7 +62,7 @@ class Sockets:
 
 
 def within_files(most: int) -> int:
-    """``most``, or less where the process may not have as many files open; its limit is raised as far as it goes."""
+    """Return ``most``, or less if the process may open fewer files. The limit is raised to its maximum."""
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     if soft < hard:
         resource.setrlimit(resource.RLIMIT_NOFILE, (hard, hard))

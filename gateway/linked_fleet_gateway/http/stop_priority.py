@@ -1,7 +1,7 @@
-"""Requests take turns, so that one to stop a robot overtakes all that wait.
+"""Scheduling of requests in turns, so that a stop overtakes all waiting requests.
 
-The event loop runs all that is ready before it looks for what has come since: a hundred requests at once, each some
-milliseconds of work, would keep a stop that comes next waiting for all of them. With turns it looks between any two.
+The event loop runs all ready callbacks before it polls again: a hundred simultaneous requests of some milliseconds each
+would delay a stop that arrives next. With turns it polls between any two requests.
 """
 
 import asyncio
@@ -15,7 +15,7 @@ from linked_fleet_gateway.resources.action_definition import definitions
 
 _STOPS = frozenset(each.segment for each in definitions() if each.iri in (LF.Hold, LF.StopRobot, LF.StopAll))
 URGENT = _STOPS | {"cancel"}
-"""The last segments of what stops robots."""
+"""Last path segments of actions that stop robots."""
 
 
 def is_urgent(scope: Scope) -> bool:
@@ -24,9 +24,9 @@ def is_urgent(scope: Scope) -> bool:
 
 
 class Turns:
-    """One turn each time around the event loop; who comes when it is taken waits, in the order of coming.
+    """Grants one turn per iteration of the event loop; others wait in order of arrival.
 
-    ``carriers``: paths whose requests carry others in their bodies, and take their turn when those have been read.
+    ``carriers`` are paths whose requests carry other requests in their bodies; they take their turn after reading.
     """
 
     def __init__(self, carriers: Collection[str] = ()) -> None:
@@ -35,7 +35,7 @@ class Turns:
         self._taken = False
 
     async def turn(self, scope: Scope) -> None:
-        """Wait for the turn of a request; one that stops a robot waits for nobody."""
+        """Wait for the turn of a request; a stop does not wait."""
         if not is_urgent(scope) and scope["path"] not in self._carriers:
             await self.take()
 
@@ -51,7 +51,7 @@ class Turns:
         await turn
 
     def _next(self) -> None:
-        while self._waiting and self._waiting[0].done():  # who was waiting has gone away
+        while self._waiting and self._waiting[0].done():  # the waiting request was cancelled
             self._waiting.popleft()
         self._taken = bool(self._waiting)
         if self._taken:

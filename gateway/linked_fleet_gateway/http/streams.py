@@ -1,4 +1,4 @@
-"""Subscriptions that live on a connection: which is asked for, in which media type, and its life in the registry."""
+"""Subscriptions that live on a connection: negotiation, media types, and registration."""
 
 from collections.abc import Awaitable, Callable
 from contextlib import AbstractContextManager, nullcontext
@@ -50,7 +50,7 @@ _Start = Callable[[Outlet], Awaitable[Feed]]
 
 
 def wants_events(request: Request) -> bool:
-    """Return True if Accept names event streams, and likes no type of ours better."""
+    """Return True if Accept names event streams and prefers no other type of ours."""
     ranges = parse_accept(field(request, "accept"))
     named = max((each.q for each in ranges if (each.type, each.subtype) == ("text", "event-stream")), default=0.0)
     if named == 0 or request.method not in ("GET", "HEAD"):
@@ -60,12 +60,12 @@ def wants_events(request: Request) -> bool:
 
 
 def is_over(request: Request) -> bool:
-    """Return True if an EventSource comes back to a cancelled stream; 204 makes it stop (WHATWG HTML, 9.2.2)."""
+    """Return True if an EventSource returns to a cancelled stream; 204 makes it stop (WHATWG HTML, 9.2.2)."""
     return field(request, "last-event-id") == CANCELLED_ID and wants_events(request)
 
 
 class EventStream:
-    """The answer to a GET that wants events; entered like any other response."""
+    """The response to a GET that requests events."""
 
     def __init__(self, request: Request, resource: Resource) -> None:
         self._subscriptions: Subscriptions = request.services.subscriptions
@@ -79,14 +79,14 @@ class EventStream:
         self._head = request.method == "HEAD"
 
     async def register(self) -> None:
-        """To be awaited before anything is sent: TooManySubscriptions."""
+        """Register the subscription; await this before sending anything. Raises TooManySubscriptions."""
         if not self._head:
             async with refusals():
                 await self._subscriptions.streams.register(self._subscription)
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         headers = [(b"link", subscription_link(self._subscription).encode("latin-1")), (b"vary", b"Accept")]
-        if self._head:  # creates nothing: no link either
+        if self._head:  # HEAD creates nothing, so there is no link either
             headers = [(b"content-type", EVENT_STREAM.encode()), (b"cache-control", b"no-store"), headers[1]]
             await send({"type": "http.response.start", "status": 200, "headers": headers})
             await send({"type": "http.response.body", "body": b""})
@@ -124,7 +124,7 @@ async def _live(
     posted: bool,
     serve: Callable[[_Start], Awaitable[None]],
 ) -> None:
-    """From the registration to the end of the connection, however it ends."""
+    """Serve a subscription from its registration to the end of the connection."""
     subscriptions: Subscriptions = connection.services.subscriptions
     watcher: Watcher | None = None
 
@@ -143,7 +143,7 @@ async def _live(
 
 
 def _guarded(connection: Connection, subscription: Subscription) -> AbstractContextManager[None]:
-    """End the stream as soon as its client may not have it any more."""
+    """End the stream when its client loses the right to it."""
     identities: Identities | None = connection.services.identities
     if identities is None:
         return nullcontext()
@@ -153,7 +153,7 @@ def _guarded(connection: Connection, subscription: Subscription) -> AbstractCont
 
 
 def _opened(connection: Connection, resource: Resource, kind: Kind) -> Subscription:
-    """The subscription that was made by POST, on the connection that now opens it."""
+    """Return the subscription created by POST that this connection opens."""
     assert resource.subscription is not None
     subscription = resource.subscription.subscription
     if subscription.creator != connection.caller.name:
@@ -166,7 +166,7 @@ def _opened(connection: Connection, resource: Resource, kind: Kind) -> Subscript
 
 
 def _type_in_events(request: Request, resource: Resource) -> str:
-    """The type that Accept likes best beside event streams, or that ``?as=`` picks; Turtle when there is none."""
+    """Return the type that Accept prefers besides event streams, or that ``?as=`` picks; Turtle by default."""
     offered = tuple(each for each in observable_types(resource) if each not in BINARY_TYPES)
     if (picked := request.query_params.get("as")) is not None:
         media_type = request.services.representations.preferred(None, picked)
@@ -181,7 +181,7 @@ def _type_in_events(request: Request, resource: Resource) -> str:
 
 
 def _type_of_frames(websocket: WebSocket, offered: tuple[str, ...]) -> tuple[str, str | None]:
-    """Media type of the messages, and the subprotocol that chose it if one did."""
+    """Return the media type of messages, and the subprotocol that selected it, if any."""
     names: list[str] = websocket.scope["subprotocols"]
     for name in names:
         if SUBPROTOCOLS.get(name) in offered:

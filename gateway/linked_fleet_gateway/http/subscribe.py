@@ -1,4 +1,4 @@
-"""Making, opening and ending subscriptions over HTTP (paper 5.3, R0.12 to R0.17; flow "fan-out")."""
+"""Creating, opening and ending subscriptions over HTTP (paper 5.3, R0.12 to R0.17; flow "fan-out")."""
 
 import re
 import time
@@ -47,7 +47,7 @@ _DECIMAL = re.compile(r"[0-9]{1,10}(?:\.[0-9]{0,9})?|\.[0-9]{1,9}", re.ASCII)
 
 @dataclass(frozen=True)
 class Options:
-    """Options of a subscription beyond its resource and media type."""
+    """Options of a subscription besides its resource and media type."""
 
     depth: Depth = Depth.PROPERTIES
     interval_s: float = 0.0
@@ -55,7 +55,7 @@ class Options:
 
 
 def options(connection: Connection) -> Options:
-    """The options in the query: ``depth``, ``interval`` (s), ``deadband`` (SI unit of the value); BadRequest."""
+    """Return the options in the query: ``depth``, ``interval`` (s), ``deadband`` (SI unit). Raises BadRequest."""
     query = connection.query_params
     for name, count in Counter(name for name, _ in query.multi_items()).items():
         if name not in (*OPTIONS, "as") or count > 1:
@@ -83,9 +83,9 @@ def wants_callback(request: Request) -> bool:
 
 
 def check_handshake(request: Request) -> None:
-    """Raise BadRequest for the opening of a WebSocket that lacks its key (RFC 6455, 4.2.2).
+    """Raise BadRequest for a WebSocket handshake without its key (RFC 6455, 4.2.2).
 
-    A complete opening never gets here as a request. One in HTTP/1.0 is ignored, as RFC 9110, 7.8 demands.
+    A complete handshake never arrives here as a request. In HTTP/1.0 it is ignored (RFC 9110, 7.8).
     """
     opens = request.scope["http_version"] == "1.1" and _asks_upgrade_to("websocket", request)
     if opens and "sec-websocket-key" not in request.headers:
@@ -104,7 +104,7 @@ def _asks_upgrade_to(protocol: str, request: Request) -> bool:
 
 
 async def subscribe_callback(request: Request, resource: Resource) -> Response:
-    """GET with ``Upgrade: callback``: 201 and the description of the new subscription (R0.16)."""
+    """Create a callback by GET with ``Upgrade: callback``. The response is 201 with the description (R0.16)."""
     offered = observable_types(resource)
     callbacks = request.headers.getlist("callback")
     if len(callbacks) != 1:
@@ -118,12 +118,12 @@ async def subscribe_callback(request: Request, resource: Resource) -> Response:
         raise NotAcceptable(f"Messages are to be had in {', '.join(offered)}.", offered=offered)
     subscription = new_subscription(request, resource, Kind.CALLBACK, media_type, options(request))
     subscription = replace(subscription, callback=url)
-    # Frames describe nothing: who wants nothing else gets the description in Turtle.
+    # Binary types cannot describe the subscription; the description is then in Turtle.
     return await _create(request, subscription, media_type if media_type in RDF_TYPES else RDF_TYPES[0])
 
 
 async def post_subscription(request: Request, afforded: Subscribe) -> Response:
-    """POST to a Subscriptions container: a callback, or a stream that is opened at its Location."""
+    """Create a callback, or a stream to be opened at its Location, by POST to a Subscriptions container."""
     owner, media_type = afforded.owner, body_type(request)
     check_accepted(request)
     iri = request.base + container_path(owner)
@@ -155,7 +155,7 @@ def _from_body(request: Request, wanted: Wanted, resource: Resource, iri: str) -
 
 
 def offered_type(resource: Resource, wanted: str, iri: str) -> str:
-    """The media type that a body asks for, or leaves open; UnprocessableContent for one without such messages."""
+    """Return the requested media type, or the default. Raises UnprocessableContent for an unavailable one."""
     offered = message_types(resource)
     media_type = wanted or offered[0]
     if media_type not in offered:
@@ -164,7 +164,7 @@ def offered_type(resource: Resource, wanted: str, iri: str) -> str:
 
 
 async def _create(request: Request, subscription: Subscription, media_type: str | None) -> Response:
-    """201 with Location and description; ``media_type`` of the description where not Accept alone decides."""
+    """Return 201 with Location and description; ``media_type`` overrides Accept for the description."""
     subscriptions: Subscriptions = request.services.subscriptions
     iri = request.base + container_path(subscription.owner)
     async with refusals():
@@ -195,7 +195,7 @@ async def resume(request: Request, afforded: ResumeSubscription) -> Response:
 
 
 async def _carried_out(change: Awaitable[bool]) -> Response:
-    """204 to a change of a subscription that was still there to be changed."""
+    """Return 204 for a change. Raises NotFound if the subscription has ended meanwhile."""
     async with refusals():
         if not await change:
             raise NotFound("The subscription has ended meanwhile.")
@@ -225,7 +225,7 @@ def new_subscription(
 
 
 def check_channel(resource: Resource, kind: Kind, media_type: str) -> None:
-    """Conflict for messages that are not to be had by callback."""
+    """Raise Conflict for messages that are not available by callback."""
     if kind is Kind.CALLBACK and resource.news_in_documents and media_type in resource.documents:
         raise Conflict(
             f"Messages in {media_type} go to streams alone: open a WebSocket here, or take {', '.join(RDF_TYPES)}."
@@ -233,7 +233,7 @@ def check_channel(resource: Resource, kind: Kind, media_type: str) -> None:
 
 
 def subscription_link(subscription: Subscription) -> str:
-    """The Link field of a stream: where its description is, and what to delete to end it; of frames their layout."""
+    """Return the Link field of a stream: its description, which can be deleted to end it, and the layout of frames."""
     links = [Link(subscription.base + subscription_path(subscription), "related")]
     if subscription.media_type in FRAME_TYPES:
         links.append(Link(subscription.base + layout_path(subscription.resource), "describedby"))
@@ -241,13 +241,13 @@ def subscription_link(subscription: Subscription) -> str:
 
 
 def seen(connection: Connection) -> str | None:
-    """The version that a client saw last: ``Last-Event-ID``, or ``last-event-id`` in the query for WebSockets."""
+    """Return the version last seen: ``Last-Event-ID``, or ``last-event-id`` in the query of WebSockets."""
     return field(connection, "last-event-id") or connection.query_params.get("last-event-id")
 
 
 @asynccontextmanager
 async def refusals() -> AsyncIterator[None]:
-    """Turn refusals of the store into problems."""
+    """Translate errors of the store into problems."""
     try:
         yield
     except TooMany as error:
@@ -257,7 +257,7 @@ async def refusals() -> AsyncIterator[None]:
 
 
 def observable_types(resource: Resource) -> tuple[str, ...]:
-    """The media types of messages about the resource; Conflict when there are none."""
+    """Return the media types of messages about the resource. Raises Conflict if there are none."""
     offered = message_types(resource)
     if not offered:
         raise Conflict("This resource cannot be subscribed to; it says by its ETag whether it has changed.")

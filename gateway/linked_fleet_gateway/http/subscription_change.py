@@ -1,4 +1,4 @@
-"""A subscription deleted, or changed by PATCH, whichever gateway serves it (LDP 4.2.7)."""
+"""DELETE and PATCH of a subscription, at any gateway (LDP 4.2.7)."""
 
 from dataclasses import replace
 from functools import partial
@@ -26,7 +26,7 @@ _SHORT_TRIPLES = 50  # a description has twenty
 
 
 async def change_subscription(request: Request, afforded: ChangeSubscription) -> Response:
-    """204: deleted, or changed."""
+    """Delete or change a subscription. The response is 204."""
     if request.method == "DELETE":
         return await cancel(request, afforded)
     refuse_rehearsal(request)
@@ -34,7 +34,7 @@ async def change_subscription(request: Request, afforded: ChangeSubscription) ->
     path = subscription_path(afforded.record.subscription)
     update = await read_patch(request, request.base + path)
     while True:
-        # Each time, because another client may have changed it while the body was on its way.
+        # Evaluated in each attempt, because another client may change it while the body is read.
         async with refusals():
             record = await subscriptions.record(afforded.record.subscription.id)
         present = None if record is None else _described(request, record)
@@ -58,7 +58,7 @@ def _described(request: Request, record: Record) -> Resource | None:
 async def _options(
     request: Request, update: list[Operation], subscription: Subscription, present: Resource
 ) -> Changeable:
-    """The options after the update, which the client may have of this resource."""
+    """Return the options after the update, checked for this resource."""
     iri, before = request.base + present.path, present.whole(request.base).triples
     after = patched(update, present, request.base, lambda described: managed(described, iri))
     offload: Offload = request.services.offload
@@ -72,14 +72,14 @@ async def _options(
 
 
 def _demand_depth(request: Request, subscription: Subscription, depth: Depth) -> None:
-    """InsufficientScope for all below the fleet, which takes rights of its creator that are not known of another."""
+    """Raise InsufficientScope for the subtree of the fleet, unless by its creator, whose rights are known."""
     demand_all(request, subscription.resource, depth)
     if subscription.resource == "/" and depth is Depth.SUBTREE and request.caller.name != subscription.creator:
         raise InsufficientScope("Only its creator may have it cover the whole fleet.", scope=Right.SUBSCRIBE)
 
 
 def _in_type(request: Request, subscription: Subscription, options: Changeable) -> Changeable:
-    """The options with a media type in which there are messages about the resource."""
+    """Return the options with a media type in which messages about the resource are available."""
     container = request.base + container_path(subscription.owner)
     resource = request.tree().resolve(subscription.resource)
     if not isinstance(resource, Resource):

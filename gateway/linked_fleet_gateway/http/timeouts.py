@@ -1,21 +1,22 @@
-"""How long a client may take to say what it wants; after that its connection is closed."""
+"""Time limits for requests; afterwards the connection is closed."""
 
 import asyncio
 import math
 from collections.abc import Callable
 
 HEAD_S = 10.0
-"""For the header block of a request, from its first byte, and for a connection to begin with one."""
+"""For the header block of a request, and for a new connection to start one, in seconds."""
 BODY_S = 30.0
-"""For the whole body, from the end of the header block. At most 256 KiB are read, so nobody honest needs it."""
+"""For the whole body, in seconds. At most 256 KiB are read, so that this is ample."""
 MAX_HEAD_BYTES = 16 * 1024
-"""Bytes of request line and header block; somewhat more if they come at once."""
+"""Limit of request line and header block; slightly more if they arrive at once."""
 
 
 class Deadline:
-    """One at a time, that of what is waited for; more of the same does not put it off.
+    """One deadline at a time; setting the same one again does not postpone it.
 
-    A connection has one timer, which looks when it fires whether the time has come: requests come more often than that.
+    A connection has a single timer that checks the deadline when it fires, because requests are more frequent than
+    that.
     """
 
     def __init__(self, passed: Callable[[], None], loop: asyncio.AbstractEventLoop | None = None) -> None:
@@ -27,23 +28,23 @@ class Deadline:
         self._fires_s = math.inf
 
     def set(self, what: object, after_s: float) -> None:
-        """Set the deadline of ``what``, which is compared; that of anything else is over."""
+        """Set the deadline of ``what``, replacing that of anything else."""
         if what != self._for:
             self._for = what
             self.again(after_s)
 
     def again(self, after_s: float) -> None:
-        """Set the deadline of the same once more, when it has passed."""
+        """Extend the present deadline after it has passed."""
         self._due_s = due_s = self._loop.time() + after_s
         if self._timer is None or self._fires_s > due_s:
             self._start()
 
     def clear(self) -> None:
-        """Wait for nothing."""
+        """Remove the deadline."""
         self._for, self._due_s = None, math.inf
 
     def close(self) -> None:
-        """Wait for nothing any more; a timer would keep the connection in memory."""
+        """Remove the deadline and the timer, which would keep the connection in memory."""
         self.clear()
         if self._timer is not None:
             self._timer.cancel()

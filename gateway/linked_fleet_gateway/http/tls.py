@@ -1,4 +1,4 @@
-"""The gateway's own TLS: a certificate that can be replaced, and connections of which one knows what waits in them."""
+"""The gateway's TLS: a replaceable certificate, and connections that report all buffered bytes."""
 
 import asyncio
 import logging
@@ -15,15 +15,15 @@ from linked_fleet_gateway.runtime.background import supervised
 
 log = logging.getLogger(__name__)
 LOOK_S = 10.0
-"""How often the files are looked at."""
+"""Period of checks of the files."""
 HANDSHAKE_S = 10
-_FAREWELL_S = 10  # for the other side's part of it, and for what still waits
+_FAREWELL_S = 10  # for the other side's close, and for buffered bytes
 _ENCRYPTED_BYTES = 16 * 1024
 _BENEATH = "linked-fleet.beneath"
 
 
 class Certificate:
-    """A certificate chain and its key, PEM files; ValueError with one clear sentence when they are no pair."""
+    """A certificate chain and its key, PEM files. Raises ValueError with one clear sentence if they do not match."""
 
     def __init__(self, certificate: str, key: str) -> None:
         self._certificate, self._key = certificate, key
@@ -34,7 +34,7 @@ class Certificate:
         self._load()
 
     def reload(self) -> None:
-        """Have new connections see what the files hold now; files that are no pair change nothing but the log."""
+        """Use the present files for new connections; files that do not match are logged and ignored."""
         self._seen = self._state()
         try:
             self._load()
@@ -44,7 +44,7 @@ class Certificate:
             log.info("new connections get the certificate of %s as it is now", self._certificate)
 
     def follow(self, look_s: float = LOOK_S) -> asyncio.Task[None]:
-        """Start a task that reloads whenever the files have changed."""
+        """Start a task that reloads the files when they have changed."""
         return supervised(self._look, "follow the certificate", log, "the certificate in use stays", look_s)
 
     async def _look(self) -> None:
@@ -52,26 +52,26 @@ class Certificate:
             self.reload()
 
     def _load(self) -> None:
-        check_pair(self._certificate, self._key)  # a context that refused a key has the new certificate already
+        check_pair(self._certificate, self._key)  # a context that refused a key already has the new certificate
         self.context.load_cert_chain(self._certificate, self._key)
 
     def _state(self) -> list[tuple[int, int, int] | None]:
-        """The stamp of a file, which tells it from the one that was there before."""
+        """Return stamps of the files."""
         state: list[tuple[int, int, int] | None] = []
         for path in (self._certificate, self._key):
             try:
                 status = Path(path).stat()
                 state.append((status.st_ino, status.st_mtime_ns, status.st_size))
-            except OSError:  # in the middle of being replaced, or gone: reload says so
+            except OSError:  # being replaced, or gone: reload reports it
                 state.append(None)
         return state
 
 
 class TlsProtocol(SSLProtocol):
-    """TLS on top of a connection, of which one can ask what waits beneath.
+    """TLS on a connection, with access to the transport below.
 
-    This is asyncio's own, which is written in Python: uvloop's does not tell what it has given to TCP, so nobody would
-    see that a reader has stalled.
+    This is asyncio's implementation in Python: uvloop's does not report bytes passed to TCP, so stalled readers would
+    not be detected.
     """
 
     def connection_made(self, transport: BaseTransport) -> None:
@@ -81,9 +81,9 @@ class TlsProtocol(SSLProtocol):
 
 
 def unsent(transport: BaseTransport) -> int:
-    """Bytes that wait in this process for the reader, in whichever form.
+    """Return the bytes buffered in this process for the reader, encrypted or not.
 
-    Under TLS ``get_write_buffer_size``, by which a protocol is told to pause, leaves out what is beneath.
+    With TLS ``get_write_buffer_size``, which controls flow, leaves out those of the transport below.
     """
     above = cast(Transport, transport)
     beneath: Transport | None = above.get_extra_info(_BENEATH)
@@ -91,7 +91,7 @@ def unsent(transport: BaseTransport) -> int:
 
 
 def descriptor(transport: BaseTransport) -> int | None:
-    """The descriptor of a socket that takes bytes as they are; None where TLS is between."""
+    """Return the descriptor of a plain socket; None with TLS."""
     if transport.get_extra_info("sslcontext") is not None:
         return None
     connection: socket.socket = transport.get_extra_info("socket")
@@ -99,7 +99,7 @@ def descriptor(transport: BaseTransport) -> int | None:
 
 
 def secured(inner: Callable[..., asyncio.Protocol], context: ssl.SSLContext) -> Any:
-    """Return a factory of protocols that shake hands by TLS and then hand the connection to ``inner``."""
+    """Return a factory of protocols that do the TLS handshake and then pass the connection to ``inner``."""
 
     def make(**arguments: Any) -> asyncio.BaseProtocol:
         return TlsProtocol(

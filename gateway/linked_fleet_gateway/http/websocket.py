@@ -1,4 +1,4 @@
-"""A subscription over WebSocket (RFC 6455; paper R0.15): frames go straight to the transport of each subscriber."""
+"""A subscription over WebSocket (RFC 6455; paper R0.15): frames go directly to each subscriber's transport."""
 
 import struct
 from collections.abc import Awaitable, Callable
@@ -13,7 +13,7 @@ from linked_fleet_gateway.subscriptions.message import Ending, Feed, Message, Ou
 
 BINARY_TYPES = frozenset({*FRAME_TYPES, JELLY, "image/jpeg", "image/png"})
 
-# RFC 6455, 7.4: 1008 is of policy, 1012 asks to come back, 4000 to 4999 are for private use.
+# RFC 6455, 7.4: 1008 is policy, 1012 invites to reconnect, 4000 to 4999 are for private use.
 _CODES = {
     Ending.CANCELLED: 1000,
     Ending.UNENTITLED: 1008,
@@ -27,12 +27,12 @@ _MEDIUM, _LONG = struct.Struct("!BBH"), struct.Struct("!BBQ")
 
 
 def framed(message: Message) -> bytes:
-    """One frame that is the whole message; Turtle and its like are text."""
+    """Return the message as one frame; Turtle and similar types are text."""
     return frame(Opcode.BINARY if message.media_type in BINARY_TYPES else Opcode.TEXT, message.body)
 
 
 def frame(opcode: Opcode, body: bytes) -> bytes:
-    """One unmasked frame that is a whole message (RFC 6455, 5.2)."""
+    """Return one unmasked frame with a whole message (RFC 6455, 5.2)."""
     first, size = _FIN | opcode, len(body)
     if size < 126:
         return b"%c%c%b" % (first, size, body)
@@ -62,11 +62,11 @@ async def serve_websocket(
     headers: list[tuple[bytes, bytes]],
     start: Callable[[Outlet], Awaitable[Feed]],
 ) -> None:
-    """Open the connection and feed it until it is closed by either side; what is left to do is the caller's."""
+    """Open the connection and feed it until either side closes it; the caller cleans up."""
     protocol: WebSocketProtocol = websocket.scope["extensions"][WEBSOCKET]
     try:
         await websocket.accept(subprotocol, headers)
-    except OSError:  # gone already
+    except OSError:  # already closed
         return
     try:
         feed = await start(WebSocketOutlet(protocol))
@@ -78,4 +78,4 @@ async def serve_websocket(
             pass
     finally:
         protocol.on_drained = None
-        protocol.close(CloseCode.INTERNAL_ERROR, "the gateway failed")  # unless it is closing, as it should be
+        protocol.close(CloseCode.INTERNAL_ERROR, "the gateway failed")  # unless it is closing already, as expected

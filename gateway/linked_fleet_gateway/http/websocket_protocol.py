@@ -1,4 +1,4 @@
-"""The server's protocol class for WebSockets: as uvicorn has it, and what a channel to a slow reader needs besides."""
+"""The server's protocol class for WebSockets: uvicorn's, with support for slow readers."""
 
 from asyncio.transports import BaseTransport
 from collections.abc import Callable
@@ -13,10 +13,10 @@ from linked_fleet_gateway.http.backpressure import STALL_S, Reader
 from linked_fleet_gateway.subscriptions.message import Ending
 
 WEBSOCKET = "linked-fleet.websocket"
-"""The key in ``scope["extensions"]`` of the protocol that serves an application."""
+"""Key in ``scope["extensions"]`` of the protocol that serves an application."""
 GRACE_S = 10.0
-"""For the rest of a conversation that one side has ended."""
-FAREWELL_S = 0.5  # less than the server waits for its connections when it shuts down
+"""Time for the rest of a conversation that one side has ended, in seconds."""
+FAREWELL_S = 0.5  # less than the server waits for its connections at shutdown
 _NO_TEXT = "a text message must be UTF-8"
 _UNREADABLE = (
     b"HTTP/1.1 400 Bad Request\r\nContent-Type: text/plain; charset=utf-8\r\nContent-Length: 30\r\n"
@@ -25,26 +25,28 @@ _UNREADABLE = (
 
 
 class WebSocketProtocol(WebSocketsSansIOProtocol):
-    """A WebSocket that sends frames made elsewhere, and that no peer can keep open by doing nothing. It takes messages
-    only after ``listen``.
+    """A WebSocket that sends ready-made frames, and that an inactive peer cannot keep open.
 
-    Frames of a server are not masked (RFC 6455, 5.1), so one framed buffer serves every connection. They go to the
-    ``reader``, past the state machine of ``conn``, which has nothing to remember about an unfragmented data frame. All
-    else goes through it, and when the closing handshake begins no more frames do go (5.5.1).
+    It accepts messages only after ``listen``. Frames of a server are not masked (RFC 6455, 5.1), so that one framed
+    buffer serves every connection. Unfragmented data frames go to the ``reader``, bypassing the state machine of
+    ``conn``, which keeps no state about them. Everything else passes through it, and no frames are sent once the
+    closing handshake has begun (5.5.1).
     """
 
     stall_s = STALL_S
     grace_s = GRACE_S
     on_drained: Callable[[], None] | None = None
-    """Called when what waited has nearly all been taken."""
+    """Called when most of the buffered bytes have been sent."""
     on_lost: Callable[[], None] | None = None
     reader: Reader
     _failed = False
     _listening = False
 
     def listen(self, most_bytes: int) -> None:
-        """Take messages of at most ``most_bytes`` from now on: each waits until it is received, and nothing more is
-        read until then."""
+        """Accept messages of at most ``most_bytes`` from now on, one at a time.
+
+        Nothing more is read until a message is received.
+        """
         self._listening = True
         self.conn.max_message_size = most_bytes
 
@@ -65,7 +67,7 @@ class WebSocketProtocol(WebSocketsSansIOProtocol):
 
     async def send(self, message: Any) -> None:
         over = message["type"] == "websocket.http.response.body" and self.conn.eof_sent
-        if not over:  # by what came after the opening, before that was answered
+        if not over:  # ended by data after the handshake request, before that was answered
             await super().send(message)
         if message["type"] == "websocket.http.response.body" and not message.get("more_body", False):
             self.handshake_complete = True  # refused, but answered: uvicorn would log an error
@@ -118,7 +120,7 @@ class WebSocketProtocol(WebSocketsSansIOProtocol):
             self._refuse(CloseCode.UNSUPPORTED_DATA, "this channel only sends")
 
     def handle_cont(self, event: Frame) -> None:
-        """Take a further frame of a message, or ignore it if the message was refused with its first."""
+        """Handle a continuation frame; ignore it if the message was refused with its first frame."""
         if self._listening and not self._failed:
             super().handle_cont(event)
 
@@ -131,24 +133,24 @@ class WebSocketProtocol(WebSocketsSansIOProtocol):
             super().send_receive_event_to_app()
 
     def handle_ping(self) -> None:
-        if not self._failed:  # by a frame before it, in the same piece: nothing more can be written
+        if not self._failed:  # failed by an earlier frame in the same data: nothing more can be written
             super().handle_ping()
 
     def handle_close(self, event: Frame) -> None:
         super().handle_close(event)
-        self._abort_later()  # a transport that is closed waits for its reader, for ever if need be
+        self._abort_later()  # a closed transport waits for its reader, possibly for ever
 
     def handle_parser_exception(self) -> None:
-        """Fail the connection (RFC 6455, 7.1.7); called again for each piece of what the peer still sends."""
+        """Fail the connection (RFC 6455, 7.1.7); called again for further data of the peer."""
         if self._failed:
             return
         self._failed = True
         if not self.handshake_complete and self.handshake_initiated:
-            self.transport.abort()  # frames before our answer to the handshake
+            self.transport.abort()  # frames before our handshake response
             return
         self.handshake_complete = True
         self._leave(CloseCode.ABNORMAL_CLOSURE, "")
-        # Only our half: unread bytes would make a reset of a close, and our close frame be lost with it.
+        # Only our side: unread bytes would turn a close into a reset, and our close frame would be lost.
         if self.transport.can_write_eof():
             self.transport.write_eof()
 
@@ -157,7 +159,7 @@ class WebSocketProtocol(WebSocketsSansIOProtocol):
         self._abort_later()
 
     def keepalive_timeout(self) -> None:
-        if self.reader.is_behind():  # the ping may wait among the rest
+        if self.reader.is_behind():  # the ping may be among the buffered bytes
             self.stop_keepalive()
             self.schedule_ping()
             return
@@ -174,7 +176,7 @@ class WebSocketProtocol(WebSocketsSansIOProtocol):
         self._abort_later()
 
     def _refuse(self, code: int, reason: str) -> None:
-        """At once and here: while messages lie unread uvicorn reads nothing, so pings would go unanswered."""
+        """Fail at once: uvicorn reads nothing while messages are unread, so pings would not be answered."""
         if self.conn.state is State.OPEN:
             self.conn.fail(code, reason)
         self.handle_parser_exception()
@@ -184,7 +186,7 @@ class WebSocketProtocol(WebSocketsSansIOProtocol):
         self.queue.put_nowait({"type": "websocket.disconnect", "code": code, "reason": reason})
         self.stop_keepalive()
         unread = self.conn.handshake_exc is not None and not self.handshake_initiated
-        # Some openings that cannot be read are answered by the parser, with 431, the others by nobody.
+        # The parser answers some unreadable handshakes with 431, and others not at all.
         self.transport.write(b"".join(self.conn.data_to_send()) or (_UNREADABLE if unread else b""))
         self.close_sent = True
         self._abort_later()
