@@ -1,4 +1,4 @@
-"""The handlers of all actions: an admitted body becomes a plan. Pure: nothing is sent here."""
+"""The handlers of all actions, which convert a validated body into a plan. Pure."""
 
 import math
 from collections.abc import Mapping
@@ -12,20 +12,23 @@ from linked_fleet_gateway.rdf.graph import Node
 from linked_fleet_gateway.rdf.vocabulary import LF
 from linked_fleet_gateway.resources.named_poses import poses
 
-_SETTLING = 2e-4  # rad or m: a joint that was sent to its limit may be measured that far beyond it
+_SETTLING = 2e-4  # rad or m: a joint at its limit may be measured this far beyond it
 
 # -- joint ----------------------------------------------------------------------------------------------------------
 
 
 def to_position(asked: ActionRequest) -> Motion:
-    """``rotate`` and ``translate``."""
+    """Handle ``rotate`` and ``translate``."""
     joint = asked.of_joint()
     target = _near(asked, joint, asked.body.quantity(asked.body.root))
     return motion_to(asked, Move({joint.name: target}, _speeds(asked, joint)), {joint.name: target})
 
 
 def by_distance(asked: ActionRequest) -> Motion:
-    """``rotateBy`` and ``translateBy``: from where the joint is; Conflict where it would leave its limits."""
+    """Handle ``rotateBy`` and ``translateBy`` from the present position.
+
+    Raises Conflict if it would leave the limits.
+    """
     joint = asked.of_joint()
     target = _present(asked, joint) + asked.body.quantity(asked.body.root)
     low, high = joint.limits.lower, joint.limits.upper
@@ -50,7 +53,7 @@ def move_joints(asked: ActionRequest) -> Motion:
 
 
 def follow(asked: ActionRequest) -> Motion:
-    """``followTrajectory``: waypoints in the order of their times, all of the same joints."""
+    """Handle ``followTrajectory``: waypoints in temporal order, all with the same joints."""
     body = asked.body
     waypoints = sorted(
         ((body.number(each, LF.atTime) or 0.0, each) for each in body.nodes(body.root, LF.waypoint)),
@@ -98,10 +101,10 @@ def stop_all(asked: ActionRequest) -> Halt:
 
 
 def motion_to(asked: ActionRequest, motion: Move | Follow, targets: Mapping[str, float]) -> Motion:
-    """The motion with what every body may say besides its goal."""
+    """Return the motion with the optional members that every body may have."""
     body, robot = asked.body, asked.of_robot()
     scale = body.number(body.root, LF.speedScale)
-    if scale is not None and not 0 < scale <= 1:  # a shape of one's own may not have said so
+    if scale is not None and not 0 < scale <= 1:  # a shape of an extension may not have checked it
         raise UnprocessableContent(f"lf:speedScale is above 0 and at most 1, not {scale:g}.")
     preconditions = body.nodes(body.root, LF.precondition)
     expects = dict(_expectation(asked, node) for node in preconditions)
@@ -120,7 +123,10 @@ def _expectation(asked: ActionRequest, node: Node) -> tuple[str, Expectation]:
 
 
 def _targets(asked: ActionRequest, node: Node) -> dict[str, float]:
-    """The positions that ``node`` states, by joint (rad or m); UnprocessableContent for two of one joint."""
+    """Return the positions that ``node`` states, by joint (rad or m).
+
+    Raises UnprocessableContent for a repeated joint.
+    """
     body, found = asked.body, dict[str, float]()
     for target in body.nodes(node, LF.target):
         joint = asked.joint_at(body.node(target, LF.ofJoint)).name
@@ -136,7 +142,7 @@ def _speeds(asked: ActionRequest, joint: Joint) -> dict[str, float]:
 
 
 def _near(asked: ActionRequest, joint: Joint, target: float, start: float | None = None) -> float:
-    """The target within the limits, past which a unit may round it; of a continuous joint the turn that is nearest."""
+    """Return the target clamped to the limits, against rounding by units; for a continuous joint the nearest turn."""
     if joint.kind is JointKind.CONTINUOUS:
         start = _present(asked, joint) if start is None else start
         return start + math.remainder(target - start, math.tau)

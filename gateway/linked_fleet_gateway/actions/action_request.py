@@ -1,4 +1,4 @@
-"""The request that a handler gets: the action, its robot, and the values of the body."""
+"""The input of a handler: the action, its robot, and the values of the body."""
 
 from dataclasses import dataclass, field
 
@@ -13,7 +13,7 @@ from linked_fleet_gateway.resources.paths import part_of, robot_path
 
 
 def moment_of(robot: Robot | None) -> Moment | None:
-    """None for a robot that cannot be commanded at present."""
+    """Return the present moment of a robot; None if it cannot be commanded now."""
     frame = None if robot is None or not robot.online else robot.frame
     if robot is None or frame is None or robot.incarnation is None or robot.limit_fault:
         return None
@@ -22,7 +22,7 @@ def moment_of(robot: Robot | None) -> Moment | None:
 
 @dataclass(frozen=True)
 class ActionRequest:
-    """``base``: the URL under which the IRIs in the body stand, without a slash at the end."""
+    """The request of an action; ``base`` is the base URL of IRIs in the body, without trailing slash."""
 
     base: str
     body: Body
@@ -32,7 +32,7 @@ class ActionRequest:
     _parts: dict[str, tuple[str | None, str | None]] = field(default_factory=dict, compare=False)
 
     def of_moment(self) -> Moment:
-        """Offline for a robot that was not there to be seen."""
+        """Return the moment. Raises Offline or Faulty if the robot could not be commanded."""
         if self.moment is None:
             robot = self.of_robot()
             if robot.online and robot.limit_fault:
@@ -56,7 +56,7 @@ class ActionRequest:
         return model
 
     def joint_at(self, iri: object) -> Joint:
-        """The joint that an IRI of the body names; the shape has seen to it that it names one."""
+        """Return the joint that an IRI in the body names, as ensured by the shape."""
         joint, _ = self._part(iri)
         assert joint is not None
         return self.model().joints[joint]

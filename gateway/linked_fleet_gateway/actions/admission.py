@@ -1,4 +1,4 @@
-"""Admission of a body by the very shape that its action's description links, compiled once (paper 5.4)."""
+"""Validation of a body by the shape that its action's description links, compiled once (paper 5.4)."""
 
 import re
 from collections.abc import Sequence
@@ -20,15 +20,16 @@ from linked_fleet_gateway.resources.action_offer import Offer
 from linked_fleet_gateway.resources.named_poses import poses
 
 _OWN = (HYBRIT, LF, MATHS, QUDT, ROS, SPATIAL, VOM)
-"""The vocabularies that actions speak in."""
+"""The vocabularies of actions."""
 _KNOWN = frozenset(term for each in _OWN for term in each.terms.values())
 
 
 def admit(offer: Offer, triples: Sequence[Triple], base: str) -> Body:
-    """The body as its handler reads it; UnprocessableContent with the validation report when the shape refuses it, or
-    naming what it says in our own vocabularies, or of other resources, that nothing would use.
+    """Validate a body and return its typed form.
 
-    Statements in other vocabularies are no business of the shape (paper 5.4): they are kept with the invocation.
+    Raises UnprocessableContent with the validation report if the shape refuses it, or naming statements in our own
+    vocabularies, or about other resources, that have no effect. Statements in other vocabularies are outside the shape
+    (paper 5.4); they are stored with the invocation.
     """
     iri = base + offer.path
     focus = root(triples, NamedNode(iri))
@@ -50,7 +51,7 @@ def admit(offer: Offer, triples: Sequence[Triple], base: str) -> Body:
 
 
 def _not_kept(left: list[Triple], triples: Sequence[Triple], focus: Node, terms: Terms) -> list[Triple]:
-    """Refuse terms that are neither used nor kept: a misspelt speed must not mean full speed."""
+    """Return the statements to refuse, which are neither used nor stored: a misspelt speed must not mean full speed."""
     if not left:
         return left
     kept, ours = set(own_part(triples, focus)), _namespaces(terms)
@@ -58,7 +59,7 @@ def _not_kept(left: list[Triple], triples: Sequence[Triple], focus: Node, terms:
 
 
 def _is_ours(triple: Triple, ours: tuple[str, ...]) -> bool:
-    """A predicate of our vocabularies, whichever scheme it was written with, or a type that they do not have."""
+    """Return True for a predicate of our vocabularies, with either scheme, or for a type that they do not have."""
     if triple.predicate != RDF.type:
         return _bare(triple.predicate.value).startswith(ours)
     value = triple.object
@@ -66,7 +67,7 @@ def _is_ours(triple: Triple, ours: tuple[str, ...]) -> bool:
 
 
 def _namespaces(terms: Terms) -> tuple[str, ...]:
-    """Return the namespaces of the gateway's actions and of the predicates that the shape knows."""
+    """Return the namespaces of the gateway's actions and of the predicates in the shape."""
     pending, found = [terms], {_bare(each.iri) for each in _OWN}
     while pending:
         inner = pending.pop().inner
@@ -79,7 +80,7 @@ def _bare(iri: str) -> str:
     return iri.partition("://")[2]
 
 
-@lru_cache(maxsize=1024)  # five robots have some three hundred actions
+@lru_cache(maxsize=1024)  # five robots have about three hundred actions
 def _validator(
     definition: Definition,
     base: str,
@@ -90,7 +91,7 @@ def _validator(
     joints: tuple[str, ...],
     named: tuple[str, ...],
 ) -> tuple[ShaclValidator, Terms]:
-    """The key of a compiled shape: a description may list other joints of the same model, or other poses."""
+    """Return the compiled shape, cached by its parameters: a new description may have other joints or poses."""
     graph = Graph()
     shape = Offer(definition, thing, robot, joint).consumes(graph, base)
     return ShaclValidator(graph.triples, shape), Terms.of(subjects(graph.triples), shape)

@@ -1,4 +1,4 @@
-"""The caller of an action, and what a request says besides its body."""
+"""The caller of an action, with the header fields of its request."""
 
 from dataclasses import dataclass
 
@@ -7,9 +7,11 @@ from linked_fleet_gateway.identity.rights import ALL, View
 
 @dataclass(frozen=True)
 class Caller:
-    """``name``: as it is shown; ``token``: of the control lease; ``key``: an idempotency key, for the request that
-    ``digest`` stands for; ``body``: what was admitted, as N-Triples; ``stops``: robots that it may stop;
-    ``sees``: those that it may be told of; ``rule``: the rule that asks in the name of its creator, empty for others.
+    """A caller. ``name`` is displayed; ``token`` is that of the control lease.
+
+    ``key`` is an idempotency key, for the request with ``digest``. ``body`` is the validated body as N-Triples.
+    ``stops`` are the robots that it may stop, ``sees`` those that it may know of. ``rule`` is the rule that acts for
+    its creator, or empty.
     """
 
     name: str = ""

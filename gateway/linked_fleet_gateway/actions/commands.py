@@ -1,4 +1,4 @@
-"""The command that an agent gets for a motion."""
+"""The command to an agent for a motion."""
 
 from linked_fleet_agent.wire.messages import WIRE_VERSION, Command
 from linked_fleet_gateway.actions.plan import Motion
@@ -7,7 +7,7 @@ TIME_TO_LIVE_NS = 2_000_000_000
 
 
 def command_of(id: str, motion: Motion, *, rehearsal: bool = False) -> Command:
-    """The command as of the moment at which it was asked for, however long it took since."""
+    """Return the command, with the moment of the request, whatever time has passed since."""
     return Command(
         version=WIRE_VERSION,
         id=id,

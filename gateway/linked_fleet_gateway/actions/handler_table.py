@@ -1,4 +1,4 @@
-"""The handler of each kind of action. A handler makes a plan of an admitted body and does nothing else."""
+"""The handler of each kind of action. A handler converts a validated body into a plan, without side effects."""
 
 from collections.abc import Callable
 

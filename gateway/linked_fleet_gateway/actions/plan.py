@@ -1,4 +1,4 @@
-"""Plans, which handlers make of admitted bodies: a motion, a halt, or one of them later. Nothing has happened yet."""
+"""Plans: a motion, a halt, or a computation of a motion. Plans have no side effects."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -9,11 +9,10 @@ from linked_fleet_gateway.fleet.robot import Robot
 
 @dataclass(frozen=True)
 class Moment:
-    """When something was asked for, by the robot's own clock: its run, and the monotonic time of its latest frame.
+    """The time of a request by the robot's own clock: its run, and the monotonic time of its latest frame.
 
-    Whatever is waited for after that (a search, Redis, a turn), the command is of that moment, and too late if it took
-    too long or the robot was stopped meanwhile. What it waited to be
-    checked for collisions does not make it late.
+    The command keeps this time whatever delays follow (a search, Redis, a turn), so it is refused as stale after too
+    long or after a stop. ``waited_ns`` is the time spent in collision checks, which does not count.
     """
 
     incarnation: int
@@ -23,8 +22,12 @@ class Moment:
 
 @dataclass(frozen=True)
 class Motion:
-    """``targets``: where the joints end (rad or m). ``scale``: share of the robot's speed; ``expects``: where joints
-    must be at the start. ``tied``: stop when the lease ends. ``facts``: what else is worth telling, by name (SI)."""
+    """A planned motion.
+
+    ``targets`` are the final positions (rad or m), ``scale`` the share of the robot's speed, ``expects`` required
+    positions at the start. A ``tied`` motion stops when the lease ends. ``facts`` are further values to report, by name
+    (SI).
+    """
 
     robot: Robot
     motion: Move | Follow
@@ -38,7 +41,7 @@ class Motion:
 
 @dataclass(frozen=True)
 class Halt:
-    """Stop robots: all that there are for None; ``joints``: these alone."""
+    """A stop of robots (all for None), or only of ``joints``."""
 
     robots: tuple[str, ...] | None
     joints: tuple[str, ...] = ()
@@ -46,7 +49,7 @@ class Halt:
 
 @dataclass(frozen=True)
 class Later:
-    """A plan that takes milliseconds to make. ``compute`` runs in a thread and looks at nothing that changes."""
+    """A plan that takes milliseconds to compute. ``compute`` runs in a thread and uses immutable data only."""
 
     compute: Callable[[], Motion]
 

@@ -1,4 +1,4 @@
-"""How many motions one client may have open at once, counted where they are known: no gateway asks another."""
+"""The limit of running motions of one client, counted locally, without queries to other gateways."""
 
 from collections import Counter
 from collections.abc import Iterator
@@ -9,7 +9,7 @@ from linked_fleet_gateway.fleet.invocations import Invocations
 
 
 class Quota:
-    """``most`` open motions of each client. What other gateways began counts from when it is heard of here."""
+    """Allows ``most`` running motions per client. Those of other gateways count as soon as they are known here."""
 
     def __init__(self, invocations: Invocations, most: int) -> None:
         self._invocations, self._most = invocations, most
@@ -26,7 +26,7 @@ class Quota:
 
     @contextmanager
     def beginning(self, client: str) -> Iterator[bool]:
-        """While a motion is begun, of which nobody knows yet; whether the client has as many as it may have."""
+        """Count a motion that is being started, and yield True if the client has reached its limit."""
         full = self.is_full(client)
         self._beginning[client] += 1
         try:

@@ -1,7 +1,7 @@
-"""Every Redis key of the actions, built here and nowhere else.
+"""All Redis keys of actions, built here and nowhere else.
 
-Braces are the hash tags of Redis Cluster: keys with the same tag live in one slot, so that one script can touch them
-together. Each robot has a tag of its own, so has the fleet as a whole, and one holds the settings of all.
+Braces are hash tags of Redis Cluster: keys with the same tag share a slot, so that one script can access them. Each
+robot has its own tag, so has the fleet as a whole, and one tag holds all settings.
 """
 
 import hashlib
@@ -12,23 +12,23 @@ from linked_fleet_agent.wire.names import escape, unescape
 from linked_fleet_gateway.fleet.invocations import FLEET
 
 _NAMESPACE = re.compile(r"[A-Za-z0-9_./-]+")
-_FLEET_TAG = "@fleet"  # no robot's: the escape of a name has no such sign
+_FLEET_TAG = "@fleet"  # no robot has it, because escaped names do not contain this sign
 _SETTINGS_TAG = "@settings"
 
 
 def tag(robot: str) -> str:
-    """The part of a key that names a robot, or the whole fleet; ValueError for a text that is no name."""
+    """Return the part of a key for a robot or the fleet. Raises ValueError for an invalid name."""
     return _FLEET_TAG if robot == FLEET else escape(robot)
 
 
 def robot_of(tag: str) -> str:
-    """The inverse of ``tag``; ValueError for any other text."""
+    """Invert ``tag``. Raises ValueError for other texts."""
     return FLEET if tag == _FLEET_TAG else unescape(tag)
 
 
 @dataclass(frozen=True)
 class Keys:
-    """All keys under one namespace; ValueError when the namespace would make them ambiguous."""
+    """All keys under one namespace. Raises ValueError if the namespace would make them ambiguous."""
 
     namespace: str = "fleet"
 
@@ -42,16 +42,18 @@ class Keys:
         return f"{self.namespace}:actions:robots"
 
     def invocations(self, robot: str) -> tuple[str, str, str]:
-        """Hash of the invocations of a robot by id; sorted sets of ids by the time when each is forgotten (Unix ms),
-        and, of those that are over, by creation (Unix µs)."""
+        """Return the keys of a robot's invocations.
+
+        A hash by id, and sorted sets of ids by expiry (Unix ms) and, of those that are over, by creation (Unix µs).
+        """
         return self._of(robot, "invocations"), self._of(robot, "forgotten"), self._of(robot, "over")
 
     def repeat(self, robot: str, key: str) -> str:
-        """Hash of the request that an idempotency key was used for; the key may be any text of any length."""
+        """Hash of the request that used an idempotency key, which may be any text."""
         return self._of(robot, f"key:{hashed(key)}")
 
     def lease(self, robot: str) -> str:
-        """Hash of the lease of a robot; it expires with the lease."""
+        """Hash of the lease of a robot, which expires with the lease."""
         return self._of(robot, "lease")
 
     def settings(self, robot: str) -> str:
@@ -65,7 +67,7 @@ class Keys:
 
     @property
     def news(self) -> str:
-        """Stream of what gateways tell each other."""
+        """Stream of changes, for other gateways."""
         return f"{self.namespace}:actions:news"
 
     def _of(self, robot: str, part: str) -> str:
@@ -73,5 +75,5 @@ class Keys:
 
 
 def hashed(text: str) -> str:
-    """A hash of any text; what is secret or may be long is in Redis in this form only."""
+    """Return a hash of any text; secrets and long texts are in Redis in this form only."""
     return hashlib.sha256(text.encode(errors="surrogatepass")).hexdigest()

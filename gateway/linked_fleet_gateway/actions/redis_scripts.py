@@ -1,8 +1,8 @@
-"""The atomic steps of the store, as Lua that Redis runs. Each touches the keys of one slot only.
+"""The atomic steps of the store, as Lua scripts for Redis. Each uses the keys of one slot.
 
-They are sent whole each time: they are short, and a server that restarted knows no script by its digest. The time is
-the server's, so that the clocks of gateways need not agree. Nothing that lasts less than a day depends on that clock:
-it may be set, too.
+They are short and sent as a whole each time, because a restarted server has no cached scripts. They use the server's
+clock, so that the clocks of gateways need not agree. That clock may be set too, so nothing shorter than a day depends
+on it.
 """
 
 _NOW = """
@@ -10,8 +10,8 @@ local time = redis.call('TIME')
 local now = time[1] * 1000 + math.floor(time[2] / 1000)
 """
 
-# KEYS begin with: invocations, forgotten, over. What is due is forgotten before anything else; the keys themselves
-# expire with the last of what they hold, for the robot that is never asked about again.
+# KEYS begin with: invocations, forgotten, over. Expired invocations are deleted first. The keys themselves expire with
+# their last entry, for robots that are never accessed again.
 _INVOCATIONS = (
     _NOW
     + """
@@ -31,12 +31,12 @@ for _, id in ipairs(redis.call('ZRANGEBYSCORE', KEYS[2], '-inf', now)) do forget
 """
 )
 
-ANYBODY = "anybody"  # in place of the hash of a token: whoever has the lease
+ANYBODY = "anybody"  # stands for a token and matches any lease
 
-# A lease as its id, holder, time taken, time of expiry, duration and time left, in milliseconds; false without one.
-# Gateways look at each several times a second. What passed since the last look counts for 2.5 s at most, and never
-# backwards: the rest is the clock's own, which was set, or nobody was there; the expiry is moved by as much. Where
-# writing fails it is moved at a later look.
+# Returns a lease as id, holder, time taken, expiry, duration and time left, in milliseconds; false without one.
+# Gateways read each lease several times a second. The time since the last read counts as 2.5 s at most and never
+# negative: a larger difference means that the clock was set, or that no gateway was present, and moves the expiry. If
+# writing fails, a later read moves it.
 _LEASE = (
     _NOW
     + """
@@ -72,7 +72,7 @@ end
 """
 )
 
-# KEYS: lease; ARGV: token, lease that it is tied to or nothing. Whether one may act.
+# KEYS: lease; ARGV: token, lease that the motion is tied to or nothing. Returns if the caller may act.
 CHECK = (
     _LEASE
     + """
@@ -80,11 +80,11 @@ return refused(KEYS[1], ARGV[1], ARGV[2]) or {'free'}
 """
 )
 
-# KEYS: invocations, forgotten, over, lease, and perhaps that of an idempotency key; ARGV: token, lease that it is tied
-# to or nothing, id, body, milliseconds to keep it, 1 if it is over, creation, number to keep, 1 if the client may
-# have no more, and with the key digest of the request, milliseconds to keep that. An id that is there already is this
-# very request, asked again by the gateway. Beyond the number the oldest that is over makes room, and only if all are
-# open one of these.
+# KEYS: invocations, forgotten, over, lease, optionally idempotency key; ARGV: token, lease that it is tied to or
+# nothing, id, body, milliseconds to keep it, 1 if it is over, creation, number to keep, 1 if the client has reached its
+# limit, and with the key: digest of the request, milliseconds to keep the key. An existing id is the same request,
+# repeated by the gateway. Beyond the number to keep, the oldest invocation that is over is deleted, or an open one if
+# all are open.
 OPEN = (
     _INVOCATIONS
     + _LEASE
@@ -111,7 +111,7 @@ return {'opened'}
 )
 
 # KEYS: invocations, forgotten, over; ARGV: id, body, milliseconds to keep it, 1 if it is over for good, creation.
-# Whether that is what is written now: there is one, and it was not over with another body.
+# Returns 1 if this body is stored now: the invocation exists and was not over with another body.
 SAVE = (
     _INVOCATIONS
     + """
@@ -123,7 +123,7 @@ return 1
 """
 )
 
-# KEYS: invocations, forgotten, over; ARGV: id. Whether there was one.
+# KEYS: invocations, forgotten, over; ARGV: id. Returns 1 if it existed.
 DELETE = (
     _INVOCATIONS
     + """
@@ -133,20 +133,20 @@ return there
 """
 )
 
-# KEYS: invocations, forgotten, over; ARGV: id. One body, or nothing.
+# KEYS: invocations, forgotten, over; ARGV: id. Returns one body, or nothing.
 READ = _INVOCATIONS + "return redis.call('HGET', KEYS[1], ARGV[1])"
 
-# KEYS: invocations, forgotten, over. All bodies.
+# KEYS: invocations, forgotten, over. Returns all bodies.
 LOAD = _INVOCATIONS + "return redis.call('HVALS', KEYS[1])"
 
-# KEYS: robots; ARGV: robot, day. Strike out a robot without invocations, unless somebody noted since that one comes.
+# KEYS: robots; ARGV: robot, day. Removes a robot without invocations, unless a new one was announced since.
 RETIRE = """
 local day = redis.call('ZSCORE', KEYS[1], ARGV[1])
 if day and tonumber(day) < tonumber(ARGV[2]) then redis.call('ZREM', KEYS[1], ARGV[1]) end
 return 1
 """
 
-# KEYS: lease; ARGV: token, id and token of a new lease, holder, milliseconds. The lease, taken or renewed.
+# KEYS: lease; ARGV: token, id and token of a new lease, holder, milliseconds. Returns the lease, taken or renewed.
 TAKE = (
     _LEASE
     + """
@@ -162,7 +162,7 @@ return {'taken', unpack(held)}
 """
 )
 
-# KEYS: lease; ARGV: token. The lease that is over now, or nothing.
+# KEYS: lease; ARGV: token. Returns the released lease, or nothing.
 RELEASE = (
     _LEASE
     + """
@@ -175,7 +175,7 @@ return {'released', unpack(held)}
 """
 )
 
-# KEYS: lease. The lease, or nothing.
+# KEYS: lease. Returns the lease, or nothing.
 HELD = (
     _LEASE
     + """
@@ -184,8 +184,8 @@ return owner and {'held', unpack(held)} or {'free'}
 """
 )
 
-# KEYS: settings of the robot, configured; ARGV: robot, name, value that is to be there after a "=" or nothing, perhaps
-# value. Whether that was there.
+# KEYS: settings of the robot, configured; ARGV: robot, name, "=" and the expected value or nothing, optionally the new
+# value. Returns 1 if the expected value was present.
 SET = """
 local present = redis.call('HGET', KEYS[1], ARGV[2])
 if (present and '=' .. present or '') ~= ARGV[3] then return 0 end

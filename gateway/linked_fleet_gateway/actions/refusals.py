@@ -1,4 +1,4 @@
-"""Refusals of an action by the robot, its agent or the store, as errors of HTTP."""
+"""HTTP errors for refusals by the robot, its agent or the store."""
 
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
@@ -35,7 +35,7 @@ def refusal(robot: Robot, reply: Refused) -> Conflict:
 
 
 def repeated(robot: Robot, invocation: Invocation) -> None:
-    """Raise what the request that began the invocation was answered with, unless its agent accepted it."""
+    """Raise the error that answered the original request, unless its agent accepted it."""
     if (guarded := MotionRefused.coded(invocation.refused)) is not None:
         raise guarded(f"The motion was not begun: {invocation.reason}.", reason=invocation.reason)
     if invocation.refused:
@@ -58,7 +58,7 @@ def silence(invocation: Invocation, why: str) -> AgentSilent:
 
 @asynccontextmanager
 async def refusals() -> AsyncIterator[None]:
-    """Turn refusals of the store into errors of HTTP."""
+    """Translate errors of the store into HTTP errors."""
     try:
         yield
     except LeaseHeld as error:

@@ -1,4 +1,4 @@
-"""The replicated state of actions: invocations, leases, settings. Outages of Redis are waited out."""
+"""Replicated state of actions: invocations, leases, settings. Redis outages are waited out."""
 
 import asyncio
 import logging
@@ -25,30 +25,30 @@ from linked_fleet_gateway.subscriptions.live import Live
 
 log = logging.getLogger(__name__)
 
-_WATCH_S = 0.25  # between two looks at leases; a motion that is tied to one stops that much later at most
+_WATCH_S = 0.25  # period of lease checks; a motion that is tied to a lease stops this much later at most
 _FIRST_WORD_S = 1.0
-_AT_ONCE = 64  # are saved together
+_AT_ONCE = 64  # saved together
 _MAX_FETCHES = 100
 _MAX_UNSAVED = 10_000
-_MAX_FORGOTTEN = 1000  # deletions that a copy which was read before may still be on its way from
+_MAX_FORGOTTEN = 1000  # deletions remembered, because older reads may still arrive
 
 StopOne = Callable[[Invocation, str], Awaitable[object]]
 
 
 class Memory:
-    """The copy that everything is read from; an async context manager."""
+    """The local copy, which all reads use; an async context manager."""
 
     def __init__(self, live: Live, store: ActionStore, stop: StopOne, changed: Callable[[Invocation], None]) -> None:
         self._live, self._store, self._stop, self._changed = live, store, stop, changed
         self._unsaved: dict[str, Invocation] = {}
-        self._unasked: set[str] = set()  # nobody was asked for leave, and the store does not know of them yet
+        self._unasked: set[str] = set()  # created without the store's permission and not yet stored
         self._to_save = asyncio.Event()
         self._own: set[str] = set()
         self._asked: set[str] = set()
         self._forgotten: dict[str, None] = {}  # oldest first
         self._dropped = False
         self._settings = Replica(store.all_settings, store.settings, self._configure)
-        self._ends_s: dict[str, float] = {}  # of leases by robot, monotonic, as far as was last heard
+        self._ends_s: dict[str, float] = {}  # monotonic ends of leases by robot, as last known
         self._fetching: set[asyncio.Task[None]] = set()
         self._stopping: dict[str, asyncio.Task[None]] = {}
         self._looked_at: set[str] = set()
@@ -75,13 +75,15 @@ class Memory:
     # -- invocations ------------------------------------------------------------------------------------------------
 
     def begun(self, invocation: Invocation) -> None:
-        """It is this gateway's own until it has ended."""
+        """Mark an invocation as this gateway's own until it has ended."""
         self._own.add(invocation.id)
 
     @contextmanager
     def asking(self, invocation: Invocation) -> Iterator[None]:
-        """The agent is asked to begin it meanwhile. An end that overtakes the answer waits for it: what is over is
-        written once, and would be without what only the answer says."""
+        """Hold back the end of an invocation while its agent is asked to start it.
+
+        An end is written once, and would lack what only the agent's reply contains.
+        """
         self._asked.add(invocation.id)
         try:
             yield
@@ -91,7 +93,7 @@ class Memory:
                 self.save(invocation)
 
     def settle(self, invocation: Invocation) -> None:
-        """Remember how it ended. The gateway that began it knows more of it than the others: it has the first word."""
+        """Store the end of an invocation. The gateway that started it writes first, because it knows most."""
         if invocation.id in self._own:
             self._own.discard(invocation.id)
             if invocation.id not in self._asked:
@@ -111,19 +113,19 @@ class Memory:
             self.save(invocation)
 
     def owns(self, invocation: Invocation) -> bool:
-        """Return True if this gateway began it, and has not seen it end."""
+        """Return True if this gateway started it and has not seen its end."""
         return invocation.id in self._own
 
     async def is_late(self, invocation: Invocation) -> bool:
-        """Return True if an open one is past its deadline by all that the gateways know; StoreUnavailable."""
+        """Return True if an open one is past its deadline at all gateways. Raises StoreUnavailable."""
         if not self.owns(invocation):
             await self.fetch(invocation.robot, invocation.id)
         return not invocation.state.terminal and time.time_ns() > invocation.deadline_ns
 
     def save(self, invocation: Invocation) -> None:
-        """Remember what became of an invocation that was opened, as soon as may be.
+        """Store the state of an opened invocation as soon as possible.
 
-        Of very many that cannot be remembered because Redis is away the oldest is given up that has ended.
+        If too many wait during an outage of Redis, the oldest ended one is dropped.
         """
         self._unsaved.setdefault(invocation.id, invocation)
         self._to_save.set()
@@ -140,12 +142,12 @@ class Memory:
         self._dropped = True
 
     def record(self, invocation: Invocation) -> None:
-        """Remember an invocation that needed no leave: stopping."""
+        """Store an invocation that needed no permission, which is a stop."""
         self._unasked.add(invocation.id)
         self.save(invocation)
 
     def forget(self, id: str) -> None:
-        """It was deleted: what was read of it before comes too late, whenever it comes."""
+        """Forget a deleted invocation; copies read earlier are ignored when they arrive."""
         self._forgotten[id] = None
         if len(self._forgotten) > _MAX_FORGOTTEN:
             del self._forgotten[next(iter(self._forgotten))]
@@ -158,15 +160,15 @@ class Memory:
             self._changed(invocation)
 
     async def fetch(self, robot: str, id: str) -> Invocation | None:
-        """An invocation that another gateway began; StoreUnavailable."""
+        """Read an invocation of another gateway. Raises StoreUnavailable."""
         found = await self._store.read(robot, id)
         if found is not None:
             self._put(found)
         return self._live.invocations.get(id)
 
     def fetch_soon(self, robot: str, progress: Progress) -> None:
-        """A robot speaks of an invocation that is not known here yet: learn what it is, then take the news."""
-        if len(self._fetching) < _MAX_FETCHES:  # beyond that, the end is heard of through the store
+        """Read an unknown invocation that a robot reports on, then apply the progress."""
+        if len(self._fetching) < _MAX_FETCHES:  # beyond that, its end arrives through the store
             self._soon(self._fetch_and_apply(robot, progress), f"fetch {progress.id}")
 
     def _soon(self, doing: Coroutine[None, None, None], name: str) -> None:
@@ -198,7 +200,7 @@ class Memory:
     # -- leases and settings ----------------------------------------------------------------------------------------
 
     async def take(self, robot: Robot, holder: str, duration_s: float, token: str) -> tuple[Lease, str]:
-        """Take or renew control of a robot; the lease and the token that proves it. Controlled, StoreAway."""
+        """Take or renew control of a robot. Return the lease and its secret token. Raises Controlled, StoreAway."""
         asked_s = time.monotonic()
         async with refusals():
             lease, proof = await self._store.take(robot.name, holder, duration_s, token)
@@ -206,15 +208,17 @@ class Memory:
         return lease, proof
 
     async def release(self, robot: Robot, token: str) -> bool:
-        """Give control up; False when nobody has it. Controlled, StoreAway."""
+        """Release control. Return False if nobody has it. Raises Controlled, StoreAway."""
         async with refusals():
             released = await self._store.release(robot.name, token)
         self.control(robot.name, None)
         return released
 
     async def configure(self, robot: Robot, name: str, value: str | None, token: str) -> bool:
-        """Set something of a robot in place of what is known, for all gateways and for good, or take it back;
-        Controlled, StoreAway. False, and nothing is set, when another gateway was faster: what it did is known now."""
+        """Replace the known value of a setting for all gateways, or remove it for None. Raises Controlled, StoreAway.
+
+        Returns False, without a change, if another gateway has changed it; its value is then known.
+        """
         present = self._live.fleet.settings.get(robot.name, {}).get(name)
         async with refusals():
             await self._store.check(robot.name, token)
@@ -222,7 +226,7 @@ class Memory:
             return await self._settings.write(robot.name, step)
 
     def control(self, robot: str, lease: Lease | None, asked_s: float = 0.0) -> None:
-        """Note who has control, as the store said that was asked at ``asked_s``, monotonic."""
+        """Record the lease of a robot, read from the store at ``asked_s`` (monotonic)."""
         if lease is None:
             self._ends_s.pop(robot, None)
         else:
@@ -261,7 +265,7 @@ class Memory:
         self._dropped = False
 
     async def _save_oldest(self) -> None:
-        # Taken out first: what becomes of it meanwhile is to be saved again.
+        # Removed first, so that changes made meanwhile are saved again.
         taken = dict(islice(self._unsaved.items(), _AT_ONCE))
         for id in taken:
             del self._unsaved[id]
@@ -270,12 +274,12 @@ class Memory:
                 await self._store.open(taken[id], unasked=True)
                 self._unasked.discard(id)
             await self._store.save_all(list(taken.values()))
-        except BaseException:  # cancelled as well
+        except BaseException:  # also cancellation
             self._unsaved = {**taken, **self._unsaved}  # still the oldest
             raise
 
     async def _look(self) -> None:
-        """Notice leases that end, and those of robots that appear."""
+        """Notice ended leases, and leases of robots that appear."""
         await asyncio.sleep(_WATCH_S)
         robots = set(self._live.fleet.robots)
         for robot in {*(robots - self._looked_at), *self._live.fleet.leases}:
@@ -284,7 +288,7 @@ class Memory:
         self._looked_at = robots
 
     async def _look_at(self, robot: str) -> None:
-        """Again if somebody took or released the lease meanwhile: the answer may be older than that."""
+        """Read a lease, again if it was taken or released meanwhile, because the answer may be outdated."""
         while True:
             asked_s, before = time.monotonic(), self._live.fleet.leases.get(robot)
             lease = await self._store.lease(robot)
@@ -293,7 +297,7 @@ class Memory:
         self.control(robot, lease, asked_s)
 
     async def _watch(self) -> None:
-        """Stop what is tied to a lease that is over, whether or not Redis answers: without it nobody can renew."""
+        """Stop motions tied to an ended lease, even during an outage of Redis, when nobody can renew."""
         await asyncio.sleep(_WATCH_S)
         now_s = time.monotonic()
         for robot in [robot for robot, ends_s in self._ends_s.items() if now_s > ends_s + _WATCH_S]:
@@ -306,7 +310,7 @@ class Memory:
                 self._stopping[invocation.id] = stopping
 
     async def _stop_tied(self, invocation: Invocation) -> None:
-        """Apart from the others: a robot that does not answer holds nobody up."""
+        """Stop one motion in a task of its own, so that a silent robot delays no others."""
         try:
             await self._stop(invocation, "the control lease that it was tied to has ended")
         finally:

@@ -1,4 +1,4 @@
-"""Actions carried out: plan → invocation, remembered → command → agent's word → progress → end (flow "action")."""
+"""Execution of actions: plan → stored invocation → command → agent's reply → progress → end (flow "action")."""
 
 import asyncio
 import logging
@@ -40,28 +40,31 @@ log = logging.getLogger(__name__)
 MOST_PLANS = 16  # of at most 100 ms each
 _ANSWER_TIMEOUT_S = 2.0
 _SETTLING_S = 15.0
-_LAST_WORD_S = 1.0  # how a motion ended may be heard after the answer to a stop
+_LAST_WORD_S = 1.0  # the end of a motion may arrive after the answer to a stop
 _EXPIRY_INTERVAL_S = 1.0
-_PATIENCE = 3.0  # times the duration that the agent states, before a motion is given up
+_PATIENCE = 3.0  # factor of the duration stated by the agent, after which a motion is given up
 _SILENT = "unknown: no answer"
 
 
 class MotionGuard(Protocol):
-    """Tells which motions meet something. ``sees``: to whom it is told."""
+    """Checks motions for collisions and similar; ``sees`` limits what its errors may reveal."""
 
     async def ready(self, robot: Robot, sees: View) -> None:
-        """Return once the motions of a robot can be judged; MotionRefused when that takes too long."""
+        """Wait until motions of a robot can be checked. Raises MotionRefused if that takes too long."""
 
     async def free(self, motion: Motion, sees: View, own: str) -> bool:
-        """Check the path of a motion for collisions; MotionRefused. Return False if the robot has no placement.
+        """Check the path of a motion. Return False if the robot has no placement. Raises MotionRefused.
 
-        What else is under way counts, but for the invocation of the id ``own``.
+        Other running motions are considered, except the invocation with the id ``own``.
         """
 
 
 @dataclass(frozen=True)
 class Rehearsed:
-    """The result of a rehearsal: duration, and the invocations that it would end; ``free``: as the guards say."""
+    """The result of a rehearsal: duration, and ids of the invocations that it would end.
+
+    ``free``: as reported by guards.
+    """
 
     duration_s: float
     preempts: tuple[str, ...]
@@ -69,7 +72,7 @@ class Rehearsed:
 
 
 class Actions:
-    """Carries out plans, and keeps what became of them; an async context manager."""
+    """Executes plans and keeps their invocations; an async context manager."""
 
     def __init__(self, live: Live, store: ActionStore, most_motions: int) -> None:
         self._live, self._store = live, store
@@ -84,7 +87,7 @@ class Actions:
         self._computing = asyncio.Semaphore(1)
         self._planning = 0
         self.commands = Commands()
-        # Who has more begun hears of robots that somebody stops; None for all.
+        # Callback for stopped robots; None means every robot was stopped.
         self.on_stop: Callable[[tuple[str, ...] | None], None] = lambda robots: None
         live.on_progress, live.on_lost = self._progressed, self._lost
 
@@ -103,17 +106,17 @@ class Actions:
         await self.memory.__aexit__(kind, error, trace)
 
     def add_guard(self, guard: MotionGuard) -> None:
-        """Have ``guard`` judge every motion before it is accepted, from now on."""
+        """Add a guard, which checks every motion before it is accepted."""
         self._guards.append(guard)
 
     # -- motions ----------------------------------------------------------------------------------------------------
 
     async def start(self, action: str, motion: Motion, caller: Caller) -> Invocation:
-        """Have the robot begin, and return the invocation once its agent accepted; the first one for a repeated key.
+        """Start a motion. Return the invocation once its agent has accepted it; for a repeated key the first one.
 
-        Raises Controlled when somebody else has the lease, Changed when the body's precondition does not hold,
-        RefusedByAgent with the agent's reason, MotionRefused, TooManyInvocations, StoreAway, and AgentSilent when
-        no answer came: then the invocation is "unknown" until progress or its deadline settles it.
+        Raises Controlled if another caller has the lease, Changed if a precondition in the body does not hold,
+        RefusedByAgent with the agent's reason, MotionRefused, TooManyInvocations, StoreAway, and AgentSilent without a
+        reply: the invocation is then "unknown" until progress or its deadline resolves it.
         """
         robot, motion = motion.robot, await self._once_ready(motion, caller)
         if self._alertness.was_held_up():
@@ -136,7 +139,7 @@ class Actions:
             async with refusals():
                 try:
                     first = await self._open(invocation, caller, full)
-                except StoreUnavailable:  # perhaps after it was done
+                except StoreUnavailable:  # perhaps after it was executed
                     first = await self._open(invocation, caller, full)
                 if first is not None:
                     return await self._first(robot, first)
@@ -150,14 +153,17 @@ class Actions:
         return invocation
 
     async def _once_ready(self, motion: Motion, caller: Caller) -> Motion:
-        """The motion, which may arrive later by what it waited here; a stop in between still comes before it."""
+        """Wait for the guards.
+
+        Return the motion, which does not become stale by this wait; a stop still overrides it.
+        """
         began_ns = time.monotonic_ns()
         for guard in self._guards:
             await guard.ready(motion.robot, caller.sees)
         return _later(motion, began_ns)
 
     async def _check(self, invocation: Invocation, motion: Motion, caller: Caller) -> Motion:
-        """It has begun for everybody else: of two that begin at once, one at least is checked against the other."""
+        """Check a motion that others can see already: of two concurrent ones, at least one sees the other."""
         began_ns = time.monotonic_ns()
         try:
             await self._is_free(motion, caller, invocation.id)
@@ -168,7 +174,7 @@ class Actions:
         return _later(motion, began_ns)
 
     async def _is_free(self, motion: Motion, caller: Caller, own: str) -> bool:
-        """Return True if there are guards and each of them found the path free; MotionRefused."""
+        """Return True if there are guards and all found the path free. Raises MotionRefused."""
         found = [await guard.free(motion, caller.sees, own) for guard in self._guards]
         return bool(found) and all(found)
 
@@ -181,13 +187,13 @@ class Actions:
             raise self._quota.refusal(caller.name) from error
 
     def plan(self, asked: ActionRequest, offer: Offer) -> Plan:
-        """Have the handler of an offered action make its plan. Raises what the handler refuses."""
+        """Let the handler of an offered action create its plan. Raises the handler's errors."""
         return self.handlers[offer.definition.iri](asked)
 
     async def compute(self, plan: Later) -> Motion:
-        """Make a plan that takes milliseconds, in a thread; one after another, so that nobody gets all of the time.
+        """Compute a plan in a thread; one at a time, so that clients share the processor.
 
-        Busy when so many wait that a plan would be too late when its turn came.
+        Raises Busy if so many wait that the plan would be stale.
         """
         if self._planning >= MOST_PLANS:
             raise Busy(f"{MOST_PLANS} plans are being made; ask again.")
@@ -199,7 +205,7 @@ class Actions:
             self._planning -= 1
 
     async def rehearse(self, motion: Motion, caller: Caller) -> Rehearsed:
-        """Return what ``start`` would do; raises what it would raise."""
+        """Return the effect that ``start`` would have. Raises the same errors."""
         robot, motion = motion.robot, await self._once_ready(motion, caller)
         if self._quota.is_full(caller.name):
             raise self._quota.refusal(caller.name)
@@ -229,7 +235,7 @@ class Actions:
         return reply
 
     async def _first(self, robot: Robot, id: str) -> Invocation:
-        """The invocation that a repeated request began, once the first one has its answer, which this one gets too."""
+        """Return the invocation of an earlier request with the same key, once it was answered."""
         invocation = await self.memory.fetch(robot.name, id)
         if invocation is None:
             raise Conflict("The first request with this Idempotency-Key has been answered, and its invocation deleted.")
@@ -257,7 +263,10 @@ class Actions:
     # -- halts ------------------------------------------------------------------------------------------------------
 
     async def halt(self, action: str, halt: Halt, caller: Caller) -> Invocation:
-        """Stop robots, whoever has a lease and whether or not Redis is there; AgentSilent when one robot is silent."""
+        """Stop robots, whoever has a lease and even without Redis.
+
+        Raises AgentSilent if a single robot does not answer.
+        """
         fleet, now_ns = self._live.fleet.robots, time.time_ns()
         robot, asked = FLEET if halt.robots is None else halt.robots[0], self._reached(halt, caller.stops)
         if not halt.joints and not caller.rule:
@@ -296,7 +305,7 @@ class Actions:
         return invocation
 
     def _reached(self, halt: Halt, stops: View) -> tuple[str, ...] | None:
-        """Return those of the robots that the caller may stop; None for all that there are, known or not."""
+        """Return the robots that the caller may stop; None for all, known or not."""
         if halt.robots is not None or stops.all:
             return halt.robots
         return tuple(name for name in self._live.fleet.robots if stops.sees(name))
@@ -312,7 +321,7 @@ class Actions:
         return Rehearsed(max((reply.duration_s for reply in accepted), default=0.0), ends)
 
     def _answered(self, invocation: Invocation, online: Iterable[str], replies: dict[str, Reply]) -> None:
-        """Note what each robot said; one without answer stays unknown."""
+        """Record the replies of robots; one without reply stays unknown."""
         for name in (*online, *(name for name in replies if name not in invocation.robots)):
             reply = replies.get(name)
             if isinstance(reply, Refused):
@@ -342,7 +351,7 @@ class Actions:
     # -- invocations ------------------------------------------------------------------------------------------------
 
     async def cancel(self, invocation: Invocation, reason: str = "cancelled by a client") -> None:
-        """Have the robot stop what the invocation began; Conflict when it is over, AgentSilent without an answer."""
+        """Stop the motion of an invocation. Raises Conflict if it is over, AgentSilent without a reply."""
         if invocation.state.terminal:
             raise Conflict(f"The invocation has ended already: it {invocation.state}.")
         if invocation.robot == FLEET:
@@ -351,7 +360,7 @@ class Actions:
             raise AgentSilent(f"The agent of {invocation.robot} gave no answer; whether it stops is unknown.")
 
     async def remove(self, invocation: Invocation) -> None:
-        """Stop it if it is not over, and forget it."""
+        """Stop an invocation if it is not over, and delete it."""
         if not invocation.state.terminal:
             await self.cancel(invocation, "its invocation is deleted")
             await self.ended(invocation, _ANSWER_TIMEOUT_S)
@@ -360,13 +369,13 @@ class Actions:
         self.memory.forget(invocation.id)
 
     async def ended(self, invocation: Invocation, timeout_s: float) -> bool:
-        """Wait until the invocation has ended; False when ``timeout_s`` passed before."""
+        """Wait until the invocation has ended. Return False after ``timeout_s``."""
         return await self.waiting.until(invocation, lambda one: one.state.terminal, timeout_s)
 
     async def stop_one(self, invocation: Invocation, reason: str) -> Reply | None:
-        """Have the robot stop what the invocation began; what its agent answered, if it did.
+        """Stop the motion of an invocation. Return the agent's reply, if any.
 
-        An agent that knows no such motion never begins it from now on; what it has just ended, it tells.
+        An agent that does not know the motion will never start it; an end that has just happened is reported.
         """
         stop = Stop(version=WIRE_VERSION, id=str(uuid.uuid4()), command=invocation.id, reason=reason)
         replies = await self._live.link.stop((invocation.robot,), stop, _ANSWER_TIMEOUT_S)
@@ -390,7 +399,7 @@ class Actions:
         if invocation.state.terminal:
             self._settle(invocation)
             return
-        # What the robot says to be at is not over, however long it takes.
+        # A motion that the robot reports as running is not over, however long it takes.
         invocation.deadline_ns = max(invocation.deadline_ns, time.time_ns() + int(_SETTLING_S * 1e9))
         if guessed:
             self.memory.save(invocation)
@@ -405,7 +414,7 @@ class Actions:
             self._news(invocation)
 
     async def _expire(self) -> None:
-        """Fail what nobody has reported the end of, and what an earlier run of an agent was at."""
+        """Fail invocations without a reported end, and those of earlier runs of an agent."""
         await asyncio.sleep(_EXPIRY_INTERVAL_S)
         invocations, now_ns = self._live.invocations, time.time_ns()
         for robot in self._live.fleet.robots.values():
@@ -417,7 +426,7 @@ class Actions:
                 self._settle(invocation)
 
     def _begin(self, invocation: Invocation) -> Invocation:
-        """It is known here already if the same request was repeated meanwhile."""
+        """Register an invocation, unless a repeated request has registered it meanwhile."""
         self.memory.begun(invocation)
         known = self._live.invocations.get(invocation.id)
         if known is None:
@@ -436,11 +445,11 @@ class Actions:
 
 
 def _is_answered(invocation: Invocation) -> bool:
-    """Return True if the agent has answered who asked for it, or has not in time."""
+    """Return True if the agent has answered, or has not in time."""
     return invocation.accepted or invocation.state is not InvocationState.ACCEPTED
 
 
 def _later(motion: Motion, began_ns: int) -> Motion:
-    """The motion, which may arrive later by the time since a moment of the monotonic clock."""
+    """Return the motion with the time since ``began_ns`` (monotonic) added to its permitted delay."""
     waited_ns = motion.asked.waited_ns + time.monotonic_ns() - began_ns
     return replace(motion, asked=replace(motion.asked, waited_ns=waited_ns))

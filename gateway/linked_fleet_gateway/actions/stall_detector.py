@@ -1,27 +1,27 @@
-"""Detection of stalls of this process: frozen, starved or suspended. What was asked of it meanwhile is old."""
+"""Detection of stalls of this process (frozen, starved or suspended), after which received requests are old."""
 
 import time
 
 TICK_S = 0.25
 HELD_S = 2.0
-"""From which on robots may have given this gateway up, and hold."""
+"""Duration of a stall after which robots may have given up this gateway and hold."""
 CATCH_UP_S = 0.25
-"""Within which what waited in its connections is read."""
+"""Time in which messages buffered during a stall are read."""
 
 
 class Alertness:
-    """By the monotonic clock, which a frozen process is told of as well."""
+    """Detects stalls by the monotonic clock, which advances while a process is frozen."""
 
     def __init__(self) -> None:
         self._ticked_s = time.monotonic()
         self._resumed_s = -CATCH_UP_S
 
     async def tick(self) -> None:
-        """Notice that this process runs; to be called every ``TICK_S``."""
+        """Record that this process runs; call it every ``TICK_S``."""
         self._tick()
 
     def was_held_up(self) -> bool:
-        """Now, or so recently that a request may have come before."""
+        """Return True during a stall, or so soon after one that a request may have arrived before its end."""
         self._tick()
         return time.monotonic() - self._resumed_s < CATCH_UP_S
 

@@ -1,7 +1,7 @@
 """Invocations, leases and settings of robots in Redis, shared by all gateways.
 
-What is asked is decided in one step where the robot's keys live, then the other gateways are told. What could not be
-told, because Redis went away between the two, is told later; whoever listens hears of each outage and reads anew.
+Each step is executed atomically where the robot's keys are stored, then other gateways are notified. Notifications that
+fail during an outage are sent later; listeners learn of each outage and read everything again.
 """
 
 import asyncio
@@ -26,9 +26,9 @@ from linked_fleet_gateway.runtime.redis import GATHER_S, Connection, StoreUnavai
 __all__ = ["KEPT_S", "ActionStore", "Full", "KeyReused", "Lease", "LeaseHeld", "LeaseOver", "News", "StoreUnavailable"]
 _log = logging.getLogger(__name__)
 
-KEPT_S = 86_400.0  # an invocation after its end, and an idempotency key after its use
-_NEWS = 10_000  # are kept, about; also how many that could not be told yet
-_LAST_S = 0.5  # to tell the rest when this gateway ends
+KEPT_S = 86_400.0  # for an ended invocation, and for a used idempotency key
+_NEWS = 10_000  # entries kept, approximately; also the limit of unsent ones
+_LAST_S = 0.5  # to send the rest when this gateway ends
 _MS = 1_000_000  # nanoseconds
 
 What = Literal["invocation", "deleted", "lease", "settings"]
@@ -36,7 +36,7 @@ What = Literal["invocation", "deleted", "lease", "settings"]
 
 @dataclass(frozen=True)
 class News:
-    """A change by another run: of an invocation, a lease or a setting, of which ``id`` is the id, token or name."""
+    """A change by another run; ``id`` is that of the invocation, the lease, or the name of the setting."""
 
     what: What
     robot: str = ""
@@ -44,7 +44,7 @@ class News:
 
 
 class LeaseHeld(Exception):  # noqa: N818
-    """Someone else has the lease."""
+    """Another caller has the lease."""
 
     def __init__(self, lease: Lease) -> None:
         super().__init__(f"{lease.holder} has the lease of {lease.robot or 'the fleet'}")
@@ -56,19 +56,19 @@ class LeaseOver(Exception):  # noqa: N818
 
 
 class Full(Exception):  # noqa: N818
-    """The client may have no more open invocations."""
+    """The client has reached its limit of running invocations."""
 
 
 class KeyReused(Exception):  # noqa: N818
-    """The idempotency key was used for another request, less than a day ago."""
+    """The idempotency key was used for another request within the last day."""
 
 
 class ActionStore:
-    """One run of a gateway at the store, as an async context manager; ``run`` is unique to it.
+    """Access of one run of a gateway to the store, as an async context manager; ``run`` is unique to it.
 
-    A robot "" is the fleet as a whole. Opens without contact and heals by itself: while Redis is away every method but
-    ``news`` raises StoreUnavailable, and whether the step was taken is unknown. ValueError for a URL, a namespace or a
-    robot's name that means nothing.
+    The robot "" is the fleet as a whole. It opens without contact and reconnects by itself. During an outage every
+    method except ``news`` raises StoreUnavailable, and it is unknown if the step was executed. Raises ValueError for an
+    invalid URL, namespace or robot name.
     """
 
     def __init__(self, url: str, namespace: str, run: str, kept_s: float = KEPT_S) -> None:
@@ -98,13 +98,13 @@ class ActionStore:
         self, invocation: Invocation, *, token: str = "", key: str = "", digest: str = "", unasked: bool = False,
         full: bool = False,
     ) -> str | None:  # fmt: skip
-        """Accept an invocation, or say the id of the earlier one that the same client's request already is.
+        """Store a new invocation, or return the id of the earlier one that the same request has created.
 
-        LeaseHeld unless ``token`` is that of the lease, if there is one; LeaseOver when the invocation is tied to a
-        lease that is not held. ``key`` is an idempotency key and ``digest`` stands for its request: KeyReused when it
-        was used with another one less than a day ago. ``unasked``: whoever has a lease. ``full``: the
-        client may have no more; Full, unless the request is a repeated one.
-        May be repeated with the same invocation after StoreUnavailable.
+        Raises LeaseHeld unless ``token`` is that of the lease, if any; LeaseOver if the invocation is tied to a lease
+        that is not held. ``key`` is an idempotency key and ``digest`` identifies its request: raises KeyReused if the
+        key was used with another one within a day. ``unasked`` ignores leases. ``full`` says that the client has
+        reached its limit: raises Full, unless the request is a repeated one. May be repeated with the same invocation
+        after StoreUnavailable.
         """
         robot = invocation.robot
         keys: tuple[str, ...] = (*self._keys.invocations(robot), self._keys.lease(robot))
@@ -128,20 +128,20 @@ class ActionStore:
         return None
 
     async def check(self, robot: str, token: str, lease: str = "") -> None:
-        """Check the lease as ``open`` does, and nothing else: LeaseHeld, LeaseOver."""
+        """Check the lease like ``open``. Raises LeaseHeld, LeaseOver."""
         answer = await self._redis.run(scripts.CHECK, (self._keys.lease(robot),), _secret(token), lease)
         _granted(robot, answer, lease)
 
     async def save(self, invocation: Invocation) -> bool:
-        """Write what became of an invocation; False, and nothing is written, if it was deleted or over already.
+        """Store the state of an invocation. Return False, without a change, if it was deleted or over already.
 
-        May be repeated after StoreUnavailable: the same once more is True again.
-        Others are told, of an acceptance too: only who asked knows how long it takes, and when it is late.
+        May be repeated after StoreUnavailable and then returns True again. Acceptances are notified too, because only
+        the gateway that sent the command knows the duration.
         """
         return (await self.save_all([invocation]))[0]
 
     async def save_all(self, invocations: Sequence[Invocation]) -> list[bool]:
-        """``save`` for many at once."""
+        """Do ``save`` for many invocations."""
         answers = await self._redis.all(
             [
                 ("EVAL", scripts.SAVE, len(keys), *keys, *self._written(each))
@@ -155,7 +155,7 @@ class ActionStore:
         return [bool(saved) for saved in answers]
 
     async def delete(self, invocation: Invocation) -> bool:
-        """Forget an invocation; False if there was none. Its idempotency key stays used."""
+        """Delete an invocation; return False if there was none. Its idempotency key stays used."""
         deleted = await self._redis.run(scripts.DELETE, self._keys.invocations(invocation.robot), invocation.id)
         if deleted:
             self._tell("deleted", invocation.robot, invocation.id)
@@ -166,7 +166,7 @@ class ActionStore:
         return None if body is None else _read(robot, body)
 
     async def load(self) -> list[Invocation]:
-        """All invocations of all robots that are remembered, oldest first."""
+        """Return all stored invocations of all robots, oldest first."""
         found: list[Invocation] = []
         for name in await self._redis.one("ZRANGE", self._keys.robots, 0, -1):
             robot = robot_of(name.decode())
@@ -179,10 +179,10 @@ class ActionStore:
     # Leases
 
     async def take(self, robot: str, holder: str, duration_s: float, token: str = "") -> tuple[Lease, str]:
-        """Take the lease of a robot from now on, or renew it with its token; the lease, and its token.
+        """Take the lease of a robot, or renew it with its token. Return the lease and its token.
 
-        One that was free is a new one with a new token, whatever token was given. LeaseHeld. After StoreUnavailable
-        a lease may be held of which nobody knows the token, until it expires.
+        A free lease is taken with a new token, whatever token was given. Raises LeaseHeld. After StoreUnavailable a
+        lease may exist whose token nobody knows, until it expires.
         """
         id, new_token = str(uuid.uuid4()), uuid.uuid4().urn
         arguments = (_secret(token), id, _secret(new_token), holder, _ms(duration_s))
@@ -192,7 +192,7 @@ class ActionStore:
         return lease, new_token if lease.id == id else token
 
     async def release(self, robot: str, token: str) -> bool:
-        """End a lease; False when there is none. LeaseHeld when the token is not its."""
+        """Release a lease; return False if there is none. Raises LeaseHeld if the token is wrong."""
         answer = await self._redis.run(scripts.RELEASE, (self._keys.lease(robot),), _secret(token))
         said, *lease = _granted(robot, answer)
         if said == b"free":
@@ -207,12 +207,14 @@ class ActionStore:
     # Settings
 
     async def settings(self, robot: str) -> dict[str, str]:
-        """Return the settings of a robot, by name."""
+        """Return the settings of a robot by name."""
         return _settings(await self._redis.one("HGETALL", self._keys.settings(robot)))
 
     async def set_setting(self, robot: str, name: str, present: str | None, value: str | None) -> bool:
-        """Set something for a robot for good in place of what is ``present``, either of them None for nothing; False,
-        and nothing is set, when something else is there."""
+        """Replace the value ``present`` of a setting by ``value``; None stands for no value.
+
+        Returns False, without a change, if the present value differs.
+        """
         keys = (self._keys.settings(robot), self._keys.configured)
         there = "" if present is None else f"={present}"
         done = await self._redis.run(scripts.SET, keys, tag(robot), name, there, *(() if value is None else (value,)))
@@ -231,7 +233,7 @@ class ActionStore:
     async def news(self) -> AsyncGenerator[News | None, None]:
         """Yield the changes by other runs since the first contact, for ever; outages are waited out.
 
-        None follows each outage that any method met: there may be more, and what is remembered must be read anew.
+        None follows each outage that any method met: changes may be missing, so everything must be read again.
         """
         async with aclosing(self._redis.news()) as news:
             async for fields in news:
@@ -239,7 +241,7 @@ class ActionStore:
                     yield None
                     continue
                 what = fields[b"what"].decode()
-                if fields[b"run"].decode() != self._run and what in get_args(What):  # not of a later version
+                if fields[b"run"].decode() != self._run and what in get_args(What):  # ignores those of later versions
                     yield News(cast(What, what), fields[b"robot"].decode(), fields[b"id"].decode())
 
     def _tell(self, what: What, robot: str, id: str) -> None:
@@ -275,18 +277,18 @@ class ActionStore:
     # Steps
 
     async def _note(self, robot: str) -> None:
-        """First of all, once a day and after an outage: what is not in this set is found by nobody who loads."""
+        """Announce a robot, once a day and after an outage: ``load`` finds only robots in this set."""
         noted = self._day(), self._redis.outages
         if self._noted.get(robot) != noted:
             await self._redis.one("ZADD", self._keys.robots, "GT", noted[0], tag(robot))
             self._noted[robot] = noted
 
     def _day(self) -> int:
-        """The number of the day, so that a robot is noted once a day and not struck out before the next is over."""
+        """Return the number of the day. A robot is announced once a day and not removed before the next day is over."""
         return int(time.time() / self._kept_s)
 
     def _written(self, invocation: Invocation) -> tuple[str | bytes | int, ...]:
-        """Id, body, milliseconds to keep it, whether it is over for good, creation in microseconds."""
+        """Return id, body, milliseconds to keep it, 1 if it is over for good, and creation in microseconds."""
         over = invocation.over
         left_s = 0.0 if over else max(0.0, (invocation.deadline_ns - time.time_ns()) / 1e9)
         body, kept_ms = msgspec.json.encode(invocation), _ms(left_s + self._kept_s)
@@ -294,7 +296,7 @@ class ActionStore:
 
 
 def _granted(robot: str, answer: list[bytes], lease: str = "") -> list[bytes]:
-    """The answer of a script unless it is a refusal: LeaseHeld, LeaseOver."""
+    """Return a script's answer. Raises LeaseHeld, LeaseOver for refusals."""
     if answer[0] == b"held":
         raise LeaseHeld(_lease(robot, answer[1:]))
     if answer[0] == b"over":
@@ -309,7 +311,7 @@ def _lease(robot: str, fields: Sequence[bytes]) -> Lease:
 
 
 def _read(robot: str, body: bytes) -> Invocation | None:
-    """None for what another version has written and this one cannot read."""
+    """Return an invocation; None if another version wrote it in an unreadable form."""
     try:
         return msgspec.json.decode(body, type=Invocation)
     except ValueError as error:
@@ -322,7 +324,7 @@ def _settings(fields: dict[bytes, bytes]) -> dict[str, str]:
 
 
 def _secret(token: str) -> str:
-    """The record of a token in Redis; empty for none, which is nobody's."""
+    """Return the stored form of a token; empty for none, which matches no lease."""
     return hashed(token) if token else ""
 
 

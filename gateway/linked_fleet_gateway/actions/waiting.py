@@ -1,4 +1,4 @@
-"""Those who wait for something to become true of an invocation."""
+"""Waiting for conditions on invocations."""
 
 import asyncio
 from collections.abc import Callable
@@ -7,26 +7,26 @@ from linked_fleet_gateway.fleet.invocations import Invocation
 
 
 class Waiting:
-    """Each is woken by whatever becomes of the invocation that it waits for."""
+    """Wakes waiters at every change of their invocation."""
 
     def __init__(self) -> None:
         self._events: dict[str, asyncio.Event] = {}
         self._hurried = False
 
     def hurry(self) -> None:
-        """Have nobody wait who merely prefers to: this gateway ends, and others will know what becomes of it."""
+        """Release all optional waits, because this gateway ends and others continue."""
         self._hurried = True
         for event in self._events.values():
             event.set()
         self._events.clear()
 
     async def at_leisure(self, invocation: Invocation, holds: Callable[[Invocation], bool], timeout_s: float) -> bool:
-        """``until``, unless the gateway ends before: then whether it holds by now."""
+        """Wait like ``until``, or until the gateway ends. Return True if the condition holds then."""
         await self.until(invocation, lambda one: self._hurried or holds(one), timeout_s)
         return holds(invocation)
 
     async def until(self, invocation: Invocation, holds: Callable[[Invocation], bool], timeout_s: float) -> bool:
-        """Return True if it holds; False when ``timeout_s`` passed before."""
+        """Wait until the condition holds. Return False after ``timeout_s``."""
         try:
             async with asyncio.timeout(timeout_s):
                 while not holds(invocation):
