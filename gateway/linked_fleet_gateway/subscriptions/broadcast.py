@@ -1,4 +1,4 @@
-"""Subscribers of one resource that are in step: the same bytes go to all of them, in one straight loop."""
+"""One loop that sends the same bytes to all subscribers of a resource that have received the same messages so far."""
 
 import logging
 from collections.abc import Callable, Iterable
@@ -11,25 +11,25 @@ from linked_fleet_gateway.resources.versioning import Reading
 from linked_fleet_gateway.subscriptions.message import Framing, Message
 
 _log = logging.getLogger(__name__)
-_SHARE = 32  # members served between two looks at the clock
+_SHARE = 32  # members served before the clock is read again
 _Send = Callable[[bytes], bool]
 
 
 class Member(Protocol):
-    """A subscriber, as those need it who serve several."""
+    """The interface of a subscriber to a broadcast."""
 
     def fall_behind(self, path: str, sent: Reading) -> None:
-        """There was no room for the message that the others have got; ``sent`` is what was sent before."""
+        """Leave the broadcast, because the outlet had no room for a message; ``sent``: the reading sent before."""
 
     def fall_in(self, path: str) -> None:
-        """Join a broadcast of the resource, if this one has caught up with it."""
+        """Join a broadcast of the resource, if this subscriber has caught up with it."""
 
 
 M = TypeVar("M", bound=Member)
 
 
 class Watched(Protocol):
-    """A watched resource, as a broadcast needs it."""
+    """The interface of a watched resource to a broadcast."""
 
     path: str
     reading: Reading
@@ -37,24 +37,24 @@ class Watched(Protocol):
     def differs(self, sent: Reading | None) -> bool: ...
 
     def gather(self) -> None:
-        """Have those fall in that have caught up with a broadcast."""
+        """Let subscribers that have caught up join a broadcast."""
 
 
 class Sending(Protocol):
-    """The fan-out, as those need it who send messages."""
+    """The interface of the fan-out to whatever sends messages."""
 
     messages: int
-    """How many have been handed to a subscriber."""
+    """Messages handed to subscribers so far."""
 
     def wall_ns(self) -> int: ...
 
 
 class Broadcast(Generic[M]):
-    """Every member has been sent the same message last, and nothing waits for it.
+    """Subscribers that were all sent the same reading last and have nothing pending.
 
-    A pass brings one message to all who were members when it began. News that comes meanwhile is for the next pass,
-    which brings the latest. Who has no room for a message falls out of step: until it has caught up, its watcher sees
-    to it alone.
+    A pass brings one message to everybody who was a member when it began. News during a pass waits for the next pass,
+    which sends the latest reading. A member without room for a message leaves the broadcast, and its watcher serves it
+    alone until it has caught up.
     """
 
     def __init__(
@@ -65,15 +65,17 @@ class Broadcast(Generic[M]):
         freshen: Callable[[], None],
         message: Callable[[], Message],
     ) -> None:
-        """``freshen`` reads the resource, if something has happened to it since; ``message`` gives the message about
-        the present reading, or raises WriteError."""
+        """``freshen`` reads the resource again if it is marked as changed.
+
+        ``message`` returns the message about the present reading, or raises WriteError.
+        """
         self.running = False
         self.last_ns: int | None = None
-        """When the last pass was over."""
+        """Wall-clock time at which the last pass ended."""
         self._fan_out, self._topic, self._framing = fan_out, topic, framing
         self._freshen, self._message = freshen, message
         self.members: dict[M, _Send] = {}
-        # What members have been sent; in a pass those that have been served, and the others what was before.
+        # The reading sent last. During a pass: to the members already served, and the one before it to the others.
         self._reading = self._before = topic.reading
         self._pass: list[M] = []
         self._sends: list[_Send] = []
@@ -82,7 +84,7 @@ class Broadcast(Generic[M]):
         self._news = False
 
     def admit(self, watcher: M, send: _Send, reading: Reading) -> bool:
-        """Take in who has been sent ``reading``, if that is what the others have, or get in this pass."""
+        """Admit a watcher that was last sent ``reading``, if the members have that reading or get it in this pass."""
         if not self.members:
             self._reading, self._pass = reading, []
         if reading is not self._reading:
@@ -94,7 +96,10 @@ class Broadcast(Generic[M]):
         del self.members[watcher]
 
     def release(self, watcher: M) -> Reading:
-        """``dismiss`` a member whose outlet stays open; what it has been sent. It gets no more of this pass."""
+        """Remove a member whose outlet stays open, and return the reading it was sent.
+
+        It gets nothing more of this pass.
+        """
         del self.members[watcher]
         if watcher not in self._pass[self._served :]:
             return self._reading
@@ -103,17 +108,17 @@ class Broadcast(Generic[M]):
         return self._before
 
     def tell(self) -> int:
-        """There is news; how many will not be sent what was news before."""
+        """Note news; return how many members will never be sent the news before it."""
         replaced = len(self.members) if self._news else 0
         self._news = True
         return replaced
 
     def prepare(self) -> bool:
-        """Have a message ready; whether there is one that has not been sent to all."""
+        """Prepare a message; return True if there is one that has not been sent to everybody."""
         return bool(self._pass) or self._begin()
 
     def step(self) -> bool:
-        """Send what is ready to some members; whether there is more to do."""
+        """Send the prepared message to some members; return True if there is more to do."""
         frame, first = self._frame, self._served
         sent = [send(frame) for send in self._sends[first : first + _SHARE]]
         self._served += len(sent)
@@ -130,13 +135,13 @@ class Broadcast(Generic[M]):
 
     def _leave_behind(self, full: Iterable[M]) -> None:
         for watcher in full:
-            if watcher in self.members:  # it can have left since the pass began
+            if watcher in self.members:  # it may have left since the pass began
                 watcher.fall_behind(self._topic.path, self._before)
 
     def _begin(self) -> bool:
         self._freshen()
         self._news = False
-        if not self.members or not self._topic.differs(self._reading):  # it may have moved back since
+        if not self.members or not self._topic.differs(self._reading):  # it may have returned to the old value
             return False
         try:
             message = self._message()

@@ -1,4 +1,4 @@
-"""The callbacks that this gateway serves: those that were made here, and those of gateways that are gone."""
+"""The callback subscriptions that this gateway serves: created here, or taken over from dead gateways."""
 
 import asyncio
 import ssl
@@ -21,8 +21,10 @@ UNENTITLED = "the rights of its creator ended"
 
 
 class Callbacks:
-    """``limit`` is the number of subscriptions that one client may have, ``consent`` whether receivers are asked,
-    ``vouches`` whether a creator still may have the robot told of that he asked for, and sees what he saw."""
+    """``limit``: subscriptions per client. ``consent``: whether receivers must consent to deliveries.
+
+    ``vouches``: returns whether the creator may still subscribe to the robot and still sees what it saw.
+    """
 
     def __init__(
         self,
@@ -48,26 +50,27 @@ class Callbacks:
 
     @property
     def suspended(self) -> int:
-        """How many of those served wait for somebody to resume them."""
+        """Number of served callbacks that are suspended until somebody resumes them."""
         return sum(each.delivery.state is DeliveryState.SUSPENDED for each in list(self._couriers.values()))
 
     async def accept(self, subscription: Subscription) -> Record:
-        """Make a callback subscription; it is in the store when this returns.
+        """Create a callback subscription; it is in the store when this returns.
 
-        Forbidden when its receiver has no address that may be reached; TooMany, StoreUnavailable.
+        Raises Forbidden if the receiver has no address that may be reached, TooMany, StoreUnavailable.
         """
         receiver = self._receiver(subscription)
         try:
             trusted = not self._consent or await receiver.trusted()
         except Unresolvable:
-            trusted = False  # the name may come to be; until then the subscription shows what is wrong
+            trusted = False  # the name may resolve later; until then the subscription reports the problem
         finally:
             await receiver.aclose()
         delivery = Delivery(DeliveryState.ACTIVE if trusted else DeliveryState.AWAITING_CONSENT)
         try:
             await self._store.add(subscription, delivery, self._limit)
         except StoreUnavailable:
-            self._refused.add(subscription.id)  # it may be there, although its client is told that it is not
+            # the store may have it, although its client is told that it was not created
+            self._refused.add(subscription.id)
             raise
         record = Record(subscription, delivery, self._run)
         self._serve(record)
@@ -77,16 +80,16 @@ class Callbacks:
         await asyncio.gather(*(courier.stop() for courier in self._couriers.values()))
 
     def woken(self, id: str) -> None:
-        """Somebody resumed it."""
+        """Wake the courier of a callback that was resumed."""
         if (courier := self._couriers.get(id)) is not None:
             courier.wake()
 
     def entitled(self, subscription: Subscription) -> bool:
-        """Return True if its creator may have it."""
+        """Return True if the creator may still have this subscription."""
         return self._vouches(subscription.creator, robot_of(subscription.resource), subscription.view)
 
     async def suspend_unentitled(self) -> None:
-        """Those whose creator may not have them any more, whoever resumed them."""
+        """Suspend every callback whose creator has lost the right to it, even one that was resumed."""
         for courier in list(self._couriers.values()):
             suspended = courier.delivery.state is DeliveryState.SUSPENDED
             if not suspended and not self.entitled(courier.subscription):
@@ -96,41 +99,41 @@ class Callbacks:
         return id in self._couriers
 
     def obeys(self, subscription: Subscription) -> bool:
-        """Return True if a callback goes by these options, or is not served here."""
+        """Return True if a callback uses these options, or is not served here."""
         courier = self._couriers.get(subscription.id)
         return courier is None or courier.subscription.options == subscription.options
 
     def change(self, subscription: Subscription) -> None:
-        """Have a callback that is served here go by the options that its record has now."""
+        """Apply the options of the stored record to a callback that is served here."""
         if not self.obeys(subscription):
             self._couriers[subscription.id].change(subscription)
 
     async def drop(self, id: str) -> None:
-        """Serve it no longer, if it is served here."""
+        """Stop serving a callback, if it is served here."""
         if (courier := self._couriers.pop(id, None)) is not None:
             await courier.stop()
 
     async def catch_up(self) -> None:
-        """Take back what was refused while the store was away."""
+        """Remove subscriptions from the store that were refused while the store was unavailable."""
         for id in list(self._refused):
             await self._store.remove(id)
             self._refused.discard(id)
 
     async def adopted(self, record: Record) -> None:
-        """Serve what a dead gateway held."""
-        # We may have served it before we were thought dead; what is known from then is out of date.
+        """Serve a callback of a dead gateway."""
+        # This gateway may have served it before it was taken for dead; what it knows from then is out of date.
         await self.drop(record.subscription.id)
         self._serve(record)
 
     async def compare(self, held: dict[str, Record]) -> None:
-        """With what the store says this run holds."""
+        """Reconcile the served callbacks with those that the store assigns to this run."""
         for id, record in held.items():
             courier = self._couriers.get(id)
             if record.subscription.kind is Kind.CALLBACK and (courier is None or not courier.running):
                 await self.drop(id)
                 self._serve(record)
         for id in [id for id in self._couriers if id not in held]:
-            found = await self._store.record(id)  # it may be newer than the answer above
+            found = await self._store.record(id)  # it may be newer than ``held``
             if found is None or found.holder != self._run:
                 await self.drop(id)
 
@@ -153,5 +156,5 @@ class Callbacks:
 
 @cache
 def _tls() -> ssl.SSLContext:
-    """One for all; the authorities that it knows take more than a megabyte."""
+    """Return the shared TLS context; its root certificates take more than a megabyte."""
     return ssl.create_default_context()

@@ -1,7 +1,7 @@
-"""Brings the messages of one callback subscription to its receiver: one at a time, in order, at least once.
+"""Delivery of one callback subscription's messages to its receiver: one at a time, in order, at least once.
 
-A message is in the store's queue before it is sent, and leaves it when the receiver has taken it. What changes in the
-meantime is conflated by the watcher; the present state goes out next.
+A message enters the queue in the store before it is sent, and leaves it when the receiver has accepted it. The watcher
+conflates changes in the meantime, so the next message is about the present state.
 """
 
 import asyncio
@@ -72,12 +72,15 @@ class Courier:
         return self._task is not None and not self._task.done()
 
     def wake(self) -> None:
-        """Somebody resumed the subscription: try at once."""
+        """Try again at once, because the subscription was resumed."""
         self.delivery = replace(self.delivery, state=DeliveryState.ACTIVE, failures=0, reason="")
         self._woken.set()
 
     def change(self, subscription: Subscription) -> None:
-        """Go by other options. What is queued goes out as it is, signed by the secret of the attempt."""
+        """Apply other options.
+
+        Queued messages go out unchanged, signed with the secret that is valid at each attempt.
+        """
         before, self.subscription = self.subscription.options, subscription
         if self._watcher is not None:
             self._fan_out.change(self._watcher, subscription)
@@ -85,13 +88,13 @@ class Courier:
             self._anew = self._anew or subscription.options.begins_anew(before)
 
     async def suspend(self, reason: str) -> None:
-        """Deliver nothing more until somebody resumes it."""
+        """Stop deliveries until somebody resumes the subscription."""
         if self._task is not None:
             await end([self._task])
         self.start_suspended(reason)
 
     def start_suspended(self, reason: str) -> None:
-        """``start``, and wait until somebody resumes it."""
+        """Start in the suspended state, until somebody resumes the subscription."""
         self._message, self._idle = None, False
         self._woken.clear()
         self._became(DeliveryState.SUSPENDED, self.delivery.last_status, self.delivery.failures, reason)
@@ -112,12 +115,12 @@ class Courier:
         self._news.set()
 
     def end(self, ending: Ending) -> None:
-        """A callback outlives its resource and its gateway: what ends it is ``stop``."""
+        """Do nothing: a callback outlives its resource and its gateway, and only ``stop`` ends it."""
 
     # -- the work -----------------------------------------------------------------------------------------------------
 
     async def _run(self, *, note: bool = False) -> None:
-        """``note``: what it is like has not been noted yet."""
+        """``note``: write the delivery state to the store first."""
         try:
             if note:
                 await self._note()
@@ -127,20 +130,20 @@ class Courier:
                 "callback %s is served by another gateway now, or deleted", self.subscription.id, extra=self._about
             )
         except Exception:
-            # The boundary of the task: nobody else would ever see it, and the subscription would be silent.
+            # The boundary of the task: without this log nobody would learn why the subscription is silent.
             log.exception("callback %s stopped for an unforeseen reason", self.subscription.id, extra=self._about)
 
     async def _serve(self) -> None:
         id = self.subscription.id
         if self.delivery.state is DeliveryState.SUSPENDED:
             record = await self._insist(lambda: self._store.record(id))
-            # Whoever resumed it while it changed hands told the gateway that held it before.
+            # If it was resumed while it changed hands, the gateway that held it before was told.
             if record is not None and record.delivery.state is DeliveryState.SUSPENDED:
                 await self._sleep(None)
         backlog = await self._backlog()
         await self._bring_all(backlog.entries)
-        await self._agreed()  # before there is anything to say: what is said then is the present state
-        # A change since the backlog was asked for may have made what it says was sent void.
+        await self._agreed()  # before watching, so that the first message is the present state
+        # Options that changed since the backlog was read may invalidate its list of sent versions.
         sent, self._anew = {} if self._anew else backlog.sent, False
         watcher = self._watcher = self._fan_out.watch(self.subscription, self, sent, patient=True)
         try:
@@ -156,9 +159,9 @@ class Courier:
             watcher.close()
 
     async def _relay(self, left: tuple[str, ...]) -> None:
-        """Queue the message at hand and bring it; while the store is away the message waits and is not lost.
+        """Queue the current message and deliver it; if the store is unavailable, the message waits and is not lost.
 
-        ``left``: resources of which nothing needs to be remembered any more.
+        ``left``: resources whose sent versions may be forgotten.
         """
         message, self._message, self._idle = self._message, None, False
         self._news.clear()
@@ -171,10 +174,11 @@ class Courier:
             await self._bring_all(entries)
 
     async def _queue(self, outgoing: Outgoing, left: tuple[str, ...]) -> list[Entry]:
-        """The entry of a message, or what is in the queue without it.
+        """Queue a message and return its entry, or the entries in the queue if it could not be added.
 
-        After an outage nobody knows whether the command was lost, or comes yet. It names the number of the message,
-        which no other can get then: a late one could put what was true before behind what is true now.
+        After an outage it is unknown whether the command was lost or is still to come. The command names the number of
+        the message, which no other message can take afterwards: a late command cannot queue an old state behind a newer
+        one.
         """
         try:
             number = self._number + 1
@@ -182,7 +186,7 @@ class Courier:
         except StoreUnavailable:
             await asyncio.sleep(_STORE_PAUSE_S)
             entry = None
-        if entry is None:  # or the number was given to a message by a command that was thought lost
+        if entry is None:  # or a command that was thought lost took the number for another message
             return (await self._backlog()).entries
         self._number = entry.number
         return [entry]
@@ -201,15 +205,15 @@ class Courier:
         await self._insist(lambda: self._store.advance(self.subscription.id, entry, None, self.delivery))
 
     async def _bring(self, entry: Entry) -> None:
-        """Send an entry until the receiver has taken it."""
+        """Send an entry until the receiver has accepted it."""
         while True:
             pause_s = self._not_before_s - time.monotonic()
             if pause_s > 0:
                 await asyncio.sleep(pause_s)
-                await self._note()  # Lost if another gateway has taken it over meanwhile
+                await self._note()  # raises Lost if another gateway has taken the subscription over
             try:
                 outcome = await self._attempt(entry)
-            except NoConsent as error:  # its address changed since it was trusted
+            except NoConsent as error:  # the address has changed since it was trusted
                 await self._failed(DeliveryState.AWAITING_CONSENT, Outcome(Verdict.RETRY, None, None, str(error)))
                 continue
             if outcome.verdict is Verdict.DELIVERED:
@@ -225,7 +229,7 @@ class Courier:
         return await self._receiver.deliver(entry.body, content_type, self._headers(entry), allowed_only=trusted)
 
     async def _agreed(self) -> bool:
-        """Wait until deliveries are welcome; whether only those addresses may be used that need no consent."""
+        """Wait until deliveries are permitted; return True if only addresses that need no consent may be used."""
         while self._consent_needed and not self.delivery.consented:
             status, verdict, state = None, Verdict.RETRY, DeliveryState.AWAITING_CONSENT
             try:
@@ -247,7 +251,7 @@ class Courier:
         return False
 
     def _headers(self, entry: Entry) -> dict[str, str]:
-        """The fields of a delivery: its stable id, the version, its subject, and its signature."""
+        """Return the header fields of a delivery: stable id, version, subject and signature."""
         subscription = self.subscription
         resource, own = subscription.base + entry.path, subscription.base + subscription_path(subscription)
         identity = signature.headers(
@@ -277,7 +281,7 @@ class Courier:
         )
 
     async def _failed(self, state: DeliveryState, outcome: Outcome) -> None:
-        """Note a failure and wait as long as it takes: a while, or until somebody resumes the subscription."""
+        """Record a failure, then wait: for a back-off period, or until somebody resumes the subscription."""
         self._deliveries.failed += 1
         failures = self.delivery.failures + 1
         over = outcome.verdict in (Verdict.GONE, Verdict.REFUSED) or failures >= SUSPEND_AFTER
@@ -290,10 +294,10 @@ class Courier:
         else:
             pause_s = delay_s(failures, random.random())  # noqa: S311 (jitter is no secret)
             await self._sleep(max(pause_s, outcome.retry_after_s or 0.0, self.delivery.allowed_interval_s))
-        await self._note()  # Lost if another gateway has taken it over meanwhile
+        await self._note()  # raises Lost if another gateway has taken the subscription over
 
     async def _sleep(self, pause_s: float | None) -> None:
-        """Until the pause is over, or somebody wakes us."""
+        """Wait until the pause is over or the courier is woken."""
         with suppress(TimeoutError):
             async with asyncio.timeout(pause_s):
                 await self._woken.wait()
@@ -303,7 +307,7 @@ class Courier:
         await self._insist(lambda: self._store.note(self.subscription.id, self.delivery))
 
     async def _insist(self, call: Callable[[], Awaitable[_T]]) -> _T:
-        """Do it as soon as the store is there."""
+        """Repeat a call until the store is available."""
         while True:
             try:
                 return await call()

@@ -1,7 +1,7 @@
-"""The fan-out: change → watched resources → subscribers (flow "fan-out"). Nothing here blocks or does I/O.
+"""The fan-out from changes to watched resources to subscribers (flow "fan-out"). Nothing here blocks or does I/O.
 
-Work is done in turns of a few milliseconds, between which the event loop serves everybody else. Frames that come while
-a turn is under way are not queued: a resource is only marked, and read when its turn comes.
+Work is done in turns of a few milliseconds, between which the event loop serves everything else. Frames that arrive
+during a turn are not queued: their resources are only marked, and read in a later turn.
 """
 
 import asyncio
@@ -25,7 +25,7 @@ _DONE = object()
 
 
 class Tree(Protocol):
-    """The resource tree under one base URL, as somebody sees it."""
+    """The interface of the resource tree under one base URL, for one view."""
 
     def resolve(self, path: str) -> Resource | Redirect | None: ...
 
@@ -35,7 +35,7 @@ class Tree(Protocol):
 
 
 class FanOut:
-    """All that is watched at this gateway. ``tree`` gives the present tree for a base URL and who sees it."""
+    """All watched resources of this gateway. ``tree`` returns the present tree for a base URL and a view."""
 
     def __init__(self, tree: Callable[[str, View], Tree]) -> None:
         self._tree = tree
@@ -45,24 +45,25 @@ class FanOut:
         self._absent: dict[Watcher, None] = {}
         self._scans: dict[Watcher, Iterator[None]] = {}
         self._scan_again: set[Watcher] = set()
-        # What is to be read again; True: and to be resolved again, because more than its values can be different.
+        # Marked resources. True: resolve again as well, because more than the values may have changed.
         self._dirty: dict[Topic[Watcher], bool] = {}
         self._runnable: deque[Watcher | Broadcast[Watcher]] = deque()
         self._turn_due = False
         self.heard: Callable[[str | None], None] = lambda robot: None
-        """Called at every change: with the robot of which a frame came, None for anything else."""
+        """Called at every change: with the robot's name for a frame, with None for anything else."""
         self.renders = self.messages = self.conflated = 0
-        # Who has to do something for what is watched, as to ask a camera, hears of each watcher.
+        # Called for each watcher; extensions use them, for example to request pictures from a camera.
         self.on_watch: Callable[[Watcher], None] = lambda watcher: None
         self.on_forget: Callable[[Watcher], None] = lambda watcher: None
 
     def watch(
         self, subscription: Subscription, outlet: Outlet, sent: dict[str, str] | None = None, *, patient: bool = False
     ) -> Watcher:
-        """Begin to watch; nothing is written before ``ready()``.
+        """Add a watcher; nothing is written before its ``ready()``.
 
-        ``sent``: versions, by path, that the subscriber has already (what it resumes from). Without such a resource
-        the outlet is ended, unless the watcher is ``patient``: then it waits for the resource, and whenever it is gone.
+        ``sent``: versions by path that the subscriber has already (from which it resumes). If the resource does not
+        exist the outlet is ended, unless the watcher is ``patient``: it then waits for the resource, and again whenever
+        it is gone.
         """
         watcher = Watcher(self, subscription, outlet, dict(sent or {}), patient)
         self._begin(watcher)
@@ -77,7 +78,7 @@ class FanOut:
         self.on_watch(watcher)
 
     def change(self, watcher: Watcher, subscription: Subscription) -> None:
-        """Go on with other options; with another depth or media type from the present state of everything."""
+        """Apply other options; another depth or media type starts anew from the present state of everything."""
         if subscription.options.begins_anew(watcher.subscription.options):
             watcher.leave_all(subscription)
             self._begin(watcher)
@@ -86,13 +87,13 @@ class FanOut:
 
     @property
     def watched(self) -> KeysView[str | None]:
-        """Robots of which something is watched, as they are at any moment; None stands for what is of no robot."""
+        """Live view of the robots of which something is watched; None stands for resources of no robot."""
         return self._of_robot.keys()
 
     # -- what happened ----------------------------------------------------------------------------------------------
 
     def moved(self, robot: str) -> None:
-        """A frame came: look at what can have changed by it, when there is time."""
+        """Mark the resources that a frame of a robot can have changed."""
         self.heard(robot)
         topics = self._of_robot.get(robot)
         if topics:
@@ -102,7 +103,7 @@ class FanOut:
             self._take_turn_soon()
 
     def changed(self, robot: str) -> None:
-        """Something else became different about a robot: presence, description, fault."""
+        """Mark a robot whose presence, description or fault changed."""
         self.heard(None)
         for watcher in list(self._absent):
             if robot_of(watcher.subscription.resource) in (robot, None):
@@ -115,7 +116,7 @@ class FanOut:
         self._take_turn_soon()
 
     def touched(self, path: str) -> None:
-        """One resource became different."""
+        """Mark one resource as changed."""
         self.heard(None)
         for watcher in [each for each in self._absent if each.subscription.resource == path]:
             self._find(watcher)
@@ -124,7 +125,7 @@ class FanOut:
             self._take_turn_soon()
 
     def appeared(self, path: str) -> None:
-        """There is a resource that was not there before, and that subtrees above it cover."""
+        """Add a new resource to the watchers of the subtrees that cover it."""
         self.heard(None)
         for watcher in self._subtrees:
             subscription = watcher.subscription
@@ -145,7 +146,7 @@ class FanOut:
         return asyncio.get_running_loop().call_later(delay_s, call)
 
     def run(self, sender: Watcher | Broadcast[Watcher]) -> None:
-        """Let it ``step`` when it is its turn."""
+        """Schedule a sender, whose ``step`` is then called in its turn."""
         if not sender.running:
             sender.running = True
             self._runnable.append(sender)
@@ -208,10 +209,10 @@ class FanOut:
             self._take_turn_soon()
 
     def _work(self, begin: float) -> None:
-        """A quarter of the time each, at least: reading what is different, finding what is covered, rendering, sending.
+        """Read marked resources, scan subtrees, render and send; each gets at least a quarter of the turn.
 
-        What was rendered leaves in one burst: to write to a reader that fell asleep meanwhile takes three times as long
-        as to write to one that still reads what came before.
+        Rendered messages leave in one burst: writing to a reader that has gone to sleep meanwhile takes three times as
+        long as writing to one that is still reading the message before.
         """
         while self._dirty and time.perf_counter() - begin < TURN_S / 4:
             self._read(next(iter(self._dirty)))
@@ -228,7 +229,7 @@ class FanOut:
                 self._runnable.extendleft(reversed(ready))
 
     def _prepared(self, end: float) -> deque[Watcher | Broadcast[Watcher]]:
-        """Those whose turn it is and who have something to send, as many as get ready by ``end`` (s)."""
+        """Return the scheduled senders that have something to send, as many as can be prepared by ``end`` (s)."""
         ready: deque[Watcher | Broadcast[Watcher]] = deque()
         while self._runnable and time.perf_counter() < end:
             sender = self._runnable.popleft()
@@ -238,7 +239,7 @@ class FanOut:
         return ready
 
     def _read(self, topic: Topic[Watcher]) -> None:
-        """Read a resource that is marked; if that is news, its watchers hear of it."""
+        """Read a marked resource again; if it changed, tell its watchers."""
         if not self._dirty.pop(topic) or self._renew(topic):
             self._refresh(topic)
 
@@ -253,7 +254,7 @@ class FanOut:
                 watcher.news(topic)
 
     def _renew(self, topic: Topic[Watcher]) -> bool:
-        """Resolve a resource again: its constants, its members or its very existence may be different."""
+        """Resolve a resource again, because its constants, its members or its existence may have changed."""
         watcher = next(iter(topic.watchers))
         resource = self._resolve(topic.path, watcher.subscription)
         if resource is not None:
@@ -289,7 +290,7 @@ class FanOut:
         watcher.ready()
 
     def _find(self, watcher: Watcher) -> None:
-        """Join the one resource that the watcher is about, or wait for it."""
+        """Join the single resource of a watcher, or wait for it."""
         subscription = watcher.subscription
         resource = self._resolve(subscription.resource, subscription)
         if resource is None:
@@ -301,17 +302,17 @@ class FanOut:
         self._join(watcher, resource, values)
 
     def _lose(self, watcher: Watcher) -> None:
-        """The resource of the watcher is not there: wait for it if it may come, or end."""
+        """Handle a resource that does not exist: wait for it if it may come, else end the watcher."""
         subscription = watcher.subscription
         if not watcher.patient and not self._tree_of(subscription).may_come(subscription.resource):
             watcher.end(Ending.GONE)
-        elif not watcher.subtree:  # those look again by themselves
+        elif not watcher.subtree:  # subtrees are scanned again anyway
             self._absent[watcher] = None
 
     # -- subtrees ---------------------------------------------------------------------------------------------------
 
     def _scan_soon(self, watcher: Watcher) -> None:
-        """Bring what a subtree covers up to date; a scan under way is not disturbed, and repeated."""
+        """Schedule a scan of what a subtree covers; a scan in progress is completed and then repeated."""
         if watcher in self._scans:
             self._scan_again.add(watcher)
         else:
@@ -328,7 +329,7 @@ class FanOut:
             self._scan_soon(watcher)
 
     def _scan(self, watcher: Watcher) -> Iterator[None]:
-        """One resource at a time."""
+        """Scan a subtree, one resource per step."""
         covered = set()
         for resource, values in self._tree_of(watcher.subscription).below(watcher.subscription.resource):
             covered.add(resource.path)
@@ -336,7 +337,7 @@ class FanOut:
                 self._join(watcher, resource, values)
             yield
         for path, topic in list(watcher.topics.items()):
-            # What has ended stays until its last state is sent.
+            # A resource that has ended is kept until its last state has been sent.
             if path not in covered and topic not in self._dirty and not watcher.waits(path):
                 self.drop(watcher, path)
         if watcher.subscription.resource not in covered:

@@ -1,7 +1,7 @@
-"""The rate of consent requests to one destination, over all callback subscriptions of this gateway.
+"""The rate limit of consent requests to one destination, over all callback subscriptions of this gateway.
 
-A subscription costs whoever makes it one request, and a host that never asked for deliveries a handshake. Without a
-bound by destination, a thousand subscriptions would turn the gateway into an amplifier.
+A subscription costs its creator one request, and costs a host that never asked for deliveries a handshake. Without a
+limit per destination, a thousand subscriptions would turn the gateway into an amplifier.
 """
 
 import asyncio
@@ -14,9 +14,9 @@ from linked_fleet_gateway.base.addresses import network_of
 
 FIRST_PAUSE_S = 1.0
 LONGEST_PAUSE_S = 60.0
-"""Between two requests to a destination that grants none; reached after seven refusals in a row."""
+"""Longest pause between two requests to a destination that does not consent; reached after seven refusals in a row."""
 MAX_DESTINATIONS = 10_000
-"""The longest unused ones are forgotten beyond that."""
+"""Above this number, the destinations unused for longest are forgotten."""
 
 
 class Turn:
@@ -34,10 +34,10 @@ class _Destination:
 
 
 class Handshakes:
-    """One request at a time to each destination, in the order of asking.
+    """Requests to each destination, one at a time and in the order of arrival.
 
     After a request that was not granted the next one waits: 1 s at first, twice as long after each further one, 60 s at
-    most. A consent ends the pauses, so many subscriptions to a receiver that consents wait for no pause.
+    most. A consent ends the pauses, so subscriptions to a receiver that consents do not wait.
     """
 
     def __init__(

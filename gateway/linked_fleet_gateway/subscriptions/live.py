@@ -1,4 +1,4 @@
-"""The live fleet joined to its link and to those who watch it (flow "state")."""
+"""The live fleet, connected to its link and to its subscribers (flow "state")."""
 
 import asyncio
 import logging
@@ -27,7 +27,7 @@ from linked_fleet_gateway.resources.tree import EMPTY, Shelf, Tree
 from linked_fleet_gateway.subscriptions.fan_out import FanOut
 
 _SEEN_AGAIN_S = 0.3
-_MEETING_S = 2.0  # before a gateway serves although it does not know all robots yet
+_MEETING_S = 2.0  # longest wait for robots at the start, before the gateway serves without knowing all of them
 _PAUSE_S = 0.05
 _SWEEP_S = 0.25
 
@@ -35,19 +35,19 @@ log = logging.getLogger(__name__)
 
 
 class Live:
-    """Owns the fleet, the invocations that are known here, and the link; an async context manager."""
+    """Owner of the fleet, the known invocations and the link; an async context manager."""
 
     def __init__(
         self, namespace: str, name: str, open_session: Callable[[], Awaitable[Session]], secured: bool = False
     ) -> None:
-        """``name`` is that of the gateway among the gateways. ``secured``: clients have to say who they are."""
+        """``name``: this gateway's name among the gateways. ``secured``: whether clients must authenticate."""
         keys = Keys(namespace)
         self.fleet = Fleet(Frames(lambda robot: keys.robot(robot, "state")))
         self.invocations = Invocations()
         self.fan_out = FanOut(self.tree)
         self.fleet.frames.watched = self.fan_out.watched
         self.objects: Callable[[], Mapping[str, FramedThing]] = dict
-        """The things that stand in the world besides robots, by id."""
+        """Objects of the world besides robots, by id."""
         self._listeners: dict[Callable[[str | None], None], None] = {}
         self._invocation_listeners: dict[Callable[[Invocation], None], None] = {}
         self.fan_out.heard = self._tell_listeners
@@ -56,7 +56,7 @@ class Live:
         self._judged = 0
         self._silences = Silences()
         self._heard = asyncio.Event()
-        # Who carries out actions hears of robots that are lost, and of the progress that robots report.
+        # Set by whoever executes actions: called for lost robots, and for the progress that robots report.
         self.on_progress: Callable[[str, Progress], None] = lambda robot, progress: None
         self.on_lost: Callable[[str], None] = lambda robot: None
         self.link = FleetLink(
@@ -71,7 +71,7 @@ class Live:
 
     @property
     def frames(self) -> int:
-        """How many frames were taken."""
+        """Number of frames accepted."""
         return self._judged + self.fleet.frames.taken
 
     async def __aenter__(self) -> "Live":
@@ -80,9 +80,9 @@ class Live:
         return self
 
     def _sweep(self) -> None:
-        """Tell of frames that came while somebody was about to watch, and that no other frame has followed.
+        """Report frames that arrived while somebody was about to watch and that no other frame has followed.
 
-        Judge besides what does not come: limits that have been left for a while, and frames.
+        Also evaluate what is the absence of an event: limits that were left for a while, and missing frames.
         """
         frames = self.fleet.frames
         watched = self.fleet.robots if frames.heeded else self.fan_out.watched
@@ -98,15 +98,15 @@ class Live:
                 yield Run(robot.name, robot.incarnation, robot.last_sequence())
 
     async def join(self) -> None:
-        """Have the fleet come in; robots tell at once what has ended lately, so who wants to hear that comes before."""
+        """Let robots join. Robots report recently ended actions at once, so register listeners before this call."""
         await self.link.join()
         with suppress(TimeoutError):
             async with asyncio.timeout(_MEETING_S):
                 await self._meet()
 
     async def _meet(self) -> None:
-        """Wait for the robots that are there already: a gateway in the place of another is to know what that knew."""
-        while not self.link.joined:  # noqa: ASYNC110 - Zenoh tells nobody
+        """Wait for the robots that are already present, so that a replacing gateway knows what the former one knew."""
+        while not self.link.joined:  # noqa: ASYNC110 - Zenoh does not notify about this
             await asyncio.sleep(_PAUSE_S)
         awaited = await self.link.roll_call(_MEETING_S)
         while awaited := {name for name in awaited if not self._is_known(name)}:
@@ -125,7 +125,7 @@ class Live:
         await self.link.__aexit__(kind, error, trace)
 
     def tree(self, base: str, sees: View = ALL, shelf: Shelf = EMPTY) -> Tree:
-        """The resource tree as it is now to who ``sees`` it, under one base URL; ``shelf``: subscriptions to show."""
+        """Return the present resource tree under one base URL as seen by ``sees``; ``shelf``: subscriptions to show."""
         return Tree(self.fleet, self.invocations, base, shelf, sees, self._branches, self._secured)
 
     @property
@@ -134,32 +134,32 @@ class Live:
         return self._branches
 
     def add(self, *branches: Branch) -> None:
-        """Have the tree show more than the fleet itself, from now on."""
+        """Add branches to the tree, such as those of extensions."""
         self._branches = self._branches.having(*branches)
 
     def add_listener(self, hear: Callable[[str | None], None]) -> None:
-        """Have ``hear`` called at every change, of whichever robot, watched or not.
+        """Call ``hear`` at every change of any robot, watched or not.
 
-        It is told the robot of which a frame came, whose values need not be others for that; None of anything else.
+        It is given the robot's name for a frame, even if no value changed, and None for anything else.
         """
         self._listeners[hear] = None
         self.fleet.frames.heeded = True
 
     def remove_listener(self, hear: Callable[[str | None], None]) -> None:
-        """Have ``hear`` called no more; nothing if it is no listener."""
+        """Remove a listener; does nothing if it is not registered."""
         self._listeners.pop(hear, None)
         self.fleet.frames.heeded = bool(self._listeners)
 
     def add_invocation_listener(self, hear: Callable[[Invocation], None]) -> None:
-        """Have ``hear`` called whenever anything of an invocation is different, and once more when it is forgotten.
+        """Call ``hear`` whenever a field of an invocation changes, and once more when it is forgotten.
 
-        It is always given the same object, whose fields change. Invocations of other gateways are told as well, and at
-        the start those that Redis has kept, most of which have ended long ago.
+        It is always given the same object, whose fields change. Invocations of other gateways are included, and at the
+        start those that Redis has kept, most of which ended long ago.
         """
         self._invocation_listeners[hear] = None
 
     def remove_invocation_listener(self, hear: Callable[[Invocation], None]) -> None:
-        """Have ``hear`` called no more; nothing if it is no listener."""
+        """Remove a listener; does nothing if it is not registered."""
         self._invocation_listeners.pop(hear, None)
 
     def _tell_listeners(self, robot: str | None) -> None:
@@ -167,9 +167,9 @@ class Live:
             hear(robot)
 
     async def halt(self, robots: Collection[str] | None, stop: Stop, timeout_s: float) -> dict[str, Reply]:
-        """Stop robots, and wait until they are seen as they are after it: what is asked of them then is no longer late.
+        """Stop robots, and wait for a frame after the stop, so that later requests are not judged by older state.
 
-        A robot that answered and shows nothing new soon is waited for no longer.
+        A robot that answered but soon sends nothing new is not waited for any longer.
         """
         online = [name for name, robot in self.fleet.robots.items() if robot.online]
         replies = await self.link.stop(robots, stop, timeout_s, online)
@@ -211,9 +211,10 @@ class Live:
             self.on_lost(change.robot)
 
     def tell(self, invocation: Invocation) -> None:
-        """An invocation is different now, and so are those that speak of it: its container, fleet, robot and joints."""
+        """Tell the resources that mention an invocation of its change: container, fleet, robot and joints."""
         paths = [invocation_path(invocation), invocations_path(invocation.action)]
-        if invocation.state.terminal or not invocation.progress:  # the fleet tells of beginnings and ends alone
+        # the fleet's representation only shows beginnings and ends
+        if invocation.state.terminal or not invocation.progress:
             paths.append("/")
         robot = self.fleet.robots.get(invocation.robot)
         if robot is not None:
@@ -230,7 +231,7 @@ class Live:
             hear(invocation)
 
     def _retarget(self, name: str) -> set[str]:
-        """Update the last commanded positions of its joints by the invocations; return the joints that changed."""
+        """Update the last commanded positions of the robot's joints from its invocations; return the changed joints."""
         robot = self.fleet.robots.get(name)
         if robot is None:
             return set()

@@ -8,20 +8,20 @@ from msgspec import Struct, field
 
 
 class Message(Struct):
-    """A complete representation of one resource at one version of it; nobody changes it.
+    """A complete representation of one resource at one version; never modified.
 
-    One is made for each change of each value that is watched: this costs a fifth of what a frozen dataclass does.
+    One is created for each change of each watched value: a Struct costs a fifth of a frozen dataclass.
     """
 
     path: str
     version: str
-    """The version of the resource; also the ``id`` of an event, and what a stream is resumed by."""
+    """Version of the resource; also the ``id`` of an event, from which a stream resumes."""
     media_type: str
     body: bytes
     _frames: dict["Framing", bytes] = field(default_factory=dict)
 
     def framed(self, framing: "Framing") -> bytes:
-        """The bytes that ``framing`` makes of this message, made once for all who get it."""
+        """Return the bytes that ``framing`` makes of this message, made once for all recipients."""
         frame = self._frames.get(framing)
         if frame is None:
             frame = self._frames[framing] = framing(self)
@@ -32,7 +32,7 @@ Framing = Callable[[Message], bytes]
 
 
 class Ending(Enum):
-    """Why no more messages will come."""
+    """The reason why no more messages will come."""
 
     CANCELLED = "the subscription was deleted"
     GONE = "the resource does not exist any more"
@@ -42,13 +42,13 @@ class Ending(Enum):
 
 
 class Outlet(Protocol):
-    """The last step of a channel. It never blocks and never keeps more than a bounded number of bytes."""
+    """The last step of a channel. It never blocks and buffers a bounded number of bytes."""
 
     def writable(self) -> bool:
-        """Return True if a message would leave without much waiting; while it would not, values are conflated."""
+        """Return True if a message would leave almost at once; otherwise values are conflated."""
 
     def write(self, message: Message) -> None:
-        """Send one message. Called only while ``writable()``; a message of any size is taken whole."""
+        """Send one message. Called only while ``writable()``; a message of any size is accepted whole."""
 
     def end(self, ending: Ending) -> None:
         """Close the channel; nothing is written after it."""
@@ -56,16 +56,16 @@ class Outlet(Protocol):
 
 @runtime_checkable
 class Stream(Outlet, Protocol):
-    """An outlet to which messages can be brought as bytes that are the same for all streams of its kind."""
+    """An outlet that also accepts framed bytes, which are the same for all streams of its kind."""
 
     framing: Framing
 
     def send(self, frame: bytes) -> bool:
-        """Send what ``framing`` made, whole, if the stream is ``writable()``; whether it was."""
+        """Send bytes made by ``framing`` if the stream is ``writable()``; return whether they were sent."""
 
 
 class Feed(Protocol):
     """The interface of the fan-out to an outlet."""
 
     def ready(self) -> None:
-        """To be called when the outlet can take messages, at first and whenever it has become writable again."""
+        """Announce that the outlet can take messages, at first and whenever it has become writable again."""

@@ -1,8 +1,8 @@
-"""Which addresses callbacks may reach: every one in the allowed networks, of the others only what is public.
+"""The addresses that callbacks may reach: all in the allowed networks, and public ones elsewhere.
 
-A URL says nothing about where it leads (``http://2130706433/`` is loopback, and a name may change its address after it
-was looked at): what counts is the address that is connected to, so a host is resolved once, each of its addresses is
-judged here, and the receiver connects to one of those.
+A URL does not tell where it leads (``http://2130706433/`` is loopback, and a name may change its address after a
+check). Therefore a host is resolved once, each of its addresses is judged here, and the receiver connects to one of
+those.
 """
 
 # ruff: noqa: N818  (named for what is the case, as in linked_fleet_gateway.base.errors)
@@ -17,18 +17,21 @@ from dataclasses import dataclass
 from ipaddress import IPv4Address, IPv4Network, IPv6Address, IPv6Network
 
 Lookup = Callable[[str, int], Iterable[str]]
-"""Addresses of a host and port, ``%scope`` included; OSError or ValueError when there are none. May block."""
+"""Returns the addresses of a host and port, including ``%scope``; OSError or ValueError if there are none.
+
+May block.
+"""
 
 LONGEST_URL = 2048
 DEFAULT_PORTS = (range(80, 81), range(443, 444), range(8080, 8081), range(8443, 8444))
-"""Ports of public receivers where no setting names others: those of HTTP and their usual alternatives."""
+"""Ports of public receivers unless configured otherwise: those of HTTP and their usual alternatives."""
 _RESOLVERS = 8
 
 _CLOSED_V4 = tuple(
     IPv4Network(text)
     for text in (
         "168.63.129.16/32",  # Azure's metadata and agent service, on a public address
-        "192.0.0.0/24",  # IETF protocol assignments: some count as global, but end at the nearest NAT
+        "192.0.0.0/24",  # IETF protocol assignments: Python takes some for global, but they end at the nearest NAT
         "192.88.99.0/24",  # 6to4 relays (RFC 7526)
     )
 )
@@ -38,13 +41,13 @@ _CLOSED_V6 = tuple(
     for text in (
         "2001::/23",  # IETF protocol assignments, Teredo among them
         "2002::/16",  # 6to4 holds an IPv4 address, possibly a private one
-        "3fff::/20",  # documentation (RFC 9637), which Python 3.11 takes for public
+        "3fff::/20",  # documentation (RFC 9637), which Python 3.11 considers public
     )
 )
 
 
 class Forbidden(Exception):
-    """The host has addresses, but callbacks may reach none of them. The text names none: they may be internal."""
+    """None of the host's addresses may be reached. The text contains no address, because it may be internal."""
 
 
 class Unresolvable(Exception):
@@ -53,14 +56,14 @@ class Unresolvable(Exception):
 
 @dataclass(frozen=True)
 class Address:
-    """One that may be connected to; ``allowed``: it is in an allowed network, so its receiver need not consent."""
+    """A permitted address. ``allowed``: it is in an allowed network, so its receiver need not consent."""
 
     ip: str
     allowed: bool
 
 
 def system_lookup(host: str, port: int) -> list[str]:
-    """Return the addresses that the system's resolver gives."""
+    """Return the addresses from the system's resolver."""
     # as bytes, because the idna codec that str goes through fails on names which DNS can answer
     found = socket.getaddrinfo(host.encode("ascii"), port, type=socket.SOCK_STREAM)
     return [
@@ -71,9 +74,9 @@ def system_lookup(host: str, port: int) -> list[str]:
 
 
 class Network:
-    """Resolves hosts and judges their addresses. Threads of its own: a dead resolver holds up nothing but callbacks.
+    """Resolves hosts and judges their addresses, in its own threads: a dead resolver delays only callbacks.
 
-    ``ports`` are those of public addresses that may be connected to; in ``allowed`` networks every port may be.
+    ``ports``: permitted ports of public addresses; in ``allowed`` networks every port is permitted.
     """
 
     def __init__(
@@ -90,7 +93,7 @@ class Network:
         self._threads = ThreadPoolExecutor(_RESOLVERS, thread_name_prefix="callback-dns")
 
     async def resolve(self, host: str, port: int) -> list[Address]:
-        """The permitted addresses of a host, in the resolver's order, each once; never empty.
+        """Return the permitted addresses of a host, in the resolver's order, without duplicates and never empty.
 
         ``host`` is a name or an address as in a URL, without brackets. Raises Forbidden and Unresolvable.
         """
@@ -115,7 +118,7 @@ class Network:
         raise Unresolvable("The callback's host has no address.")
 
     def close(self) -> None:
-        """Without waiting for look-ups under way."""
+        """Close the threads without waiting for look-ups in progress."""
         self._threads.shutdown(wait=False, cancel_futures=True)
 
     async def _addresses(self, host: str, port: int) -> list[str]:
@@ -133,7 +136,7 @@ class Network:
     def _judge(self, text: str) -> Address | None:
         ip = _literal(text)
         if ip is None or (isinstance(ip, IPv6Address) and ip.scope_id is not None):
-            return None  # a scope picks one of our own interfaces
+            return None  # a scope selects a local interface
         if isinstance(ip, IPv6Address) and ip.ipv4_mapped is not None:
             ip = ip.ipv4_mapped
         if any(ip in network for network in self._allowed):
@@ -142,12 +145,12 @@ class Network:
 
 
 def is_public(ip: IPv4Address | IPv6Address) -> bool:
-    """Return True for an address of the public Internet: no special purpose, no IPv4 address inside."""
+    """Return True for an address of the public Internet: no special purpose and no embedded IPv4 address."""
     if not ip.is_global or ip.is_multicast:
         return False
     if isinstance(ip, IPv4Address):
         return not any(ip in network for network in _CLOSED_V4)
-    # global unicast alone is assigned; outside are NAT64, site-local, IPv4-compatible and whatever comes next
+    # only global unicast is assigned; outside are NAT64, site-local, IPv4-compatible and future ranges
     return ip in _GLOBAL_UNICAST and not any(ip in network for network in _CLOSED_V6)
 
 
@@ -167,9 +170,9 @@ _FOUR_NUMBERS = re.compile(r"\d+\.\d+\.\d+\.\d+")
 
 
 def callback_url(text: str) -> str:
-    """The text, if it is a URL that callbacks can be sent to; ValueError says what would have been right.
+    """Return the text if callbacks can be sent to this URL; raises ValueError with a sentence that says why not.
 
-    Syntax only: whether its host may be reached is known when it is connected to.
+    Checks syntax only: whether the host may be reached is known when the connection is made.
     """
     if len(text) > LONGEST_URL:
         raise ValueError(f"The callback URL has {len(text)} characters; at most {LONGEST_URL} are taken.")

@@ -1,7 +1,7 @@
-"""One callback's receiver over HTTP; the only module that imports httpx. Whatever the receiver does is hostile.
+"""HTTP requests to the receiver of one callback; the only module that imports httpx. The receiver may be hostile.
 
-It works below ``httpx.AsyncClient`` on purpose: what is not there keeps no cookies, follows no redirects, reads no
-proxies from the environment and logs no URL, whose query may be a secret.
+It works below ``httpx.AsyncClient`` on purpose: this layer keeps no cookies, follows no redirects, reads no proxies
+from the environment and logs no URL, whose query may be a secret.
 """
 
 # ruff: noqa: N818  (named for what is the case, as in linked_fleet_gateway.base.errors)
@@ -28,14 +28,14 @@ else:
 
 TIMEOUT_S = 10.0
 MOST_READ_BYTES = 4096
-"""Bytes of an answer that are read and never used. A body that ends within them leaves the connection usable."""
+"""Bytes of a response body that are read and ignored. A body that ends within them leaves the connection usable."""
 MOST_ADDRESSES = 4
-"""Tried for one request, or a name with a thousand addresses would have us knock at all of them."""
+"""Addresses tried for one request, so that a name with a thousand addresses does not cause a thousand connections."""
 _KEEP_ALIVE_S = 4.0
-"""Below the 5 s after which common servers hang up, so that requests seldom meet a connection that is being closed."""
+"""Below the 5 s after which common servers close idle connections, so that requests seldom hit a closing one."""
 _LONGEST_RATE = 9
 _TRY_AGAIN = (408, 425, 429)
-"""Client errors that ask for another request (RFC 9110, 15.5.9; RFC 8470; RFC 6585)."""
+"""Client errors that ask for a retry (RFC 9110, 15.5.9; RFC 8470; RFC 6585)."""
 
 
 class NoConsent(Exception):
@@ -43,7 +43,10 @@ class NoConsent(Exception):
 
 
 class Verdict(StrEnum):
-    """GONE: the receiver wants no more (410). REFUSED: it was asked for its consent, and its answer is a refusal."""
+    """The verdict on an attempt.
+
+    GONE: the receiver wants no more (410). REFUSED: it answered a consent request with no.
+    """
 
     DELIVERED = "delivered"
     RETRY = "retry"
@@ -53,7 +56,7 @@ class Verdict(StrEnum):
 
 @dataclass(frozen=True)
 class Outcome:
-    """The outcome of one attempt. ``status``: None without an answer; ``reason``: a sentence, empty if delivered."""
+    """The outcome of one attempt. ``status``: None without a response; ``reason``: a sentence, empty if delivered."""
 
     verdict: Verdict
     status: int | None
@@ -63,10 +66,10 @@ class Outcome:
 
 @dataclass(frozen=True)
 class Consent:
-    """The answer to a request for consent.
+    """The response to a request for consent.
 
-    ``refused``: the receiver answered, and not with a consent; False where it did not answer or asked for another try.
-    ``interval_s``: the least time between deliveries that it asked for.
+    ``refused``: the receiver responded without consenting; False if it did not respond or asked for a retry.
+    ``interval_s``: the minimum time between deliveries that it asked for.
     """
 
     granted: bool
@@ -77,10 +80,10 @@ class Consent:
 
 
 class Receiver:
-    """Sends to one URL. Each request resolves it anew, and goes to an address that was judged in this very look-up.
+    """Sends to one URL. Each request resolves the host anew and connects to an address judged in that look-up.
 
-    ValueError if the URL is none that ``callback_url`` takes. Share the ``ssl_context``: making one takes 20 ms; share
-    ``handshakes``, or requests for consent are bounded for this receiver alone.
+    Raises ValueError for a URL that ``callback_url`` rejects. Share the ``ssl_context``, because creating one takes 20
+    ms, and ``handshakes``, or consent requests are limited for this receiver alone.
     """
 
     def __init__(
@@ -97,7 +100,7 @@ class Receiver:
         self._handshakes = handshakes or Handshakes()
         self._url = httpx.URL(callback_url(url))
         self._timeout_s = timeout_s
-        # the pool knows connections by address and port alone, not by the name that TLS verified: one pool, one URL
+        # the pool identifies connections by address and port, not by the name that TLS verified: one pool per URL
         self._pool = httpx.AsyncHTTPTransport(
             verify=ssl_context,
             trust_env=False,
@@ -115,9 +118,9 @@ class Receiver:
     async def deliver(
         self, body: bytes, content_type: str, headers: Mapping[str, str], *, allowed_only: bool
     ) -> Outcome:
-        """POST; failures are outcomes. With ``allowed_only`` no address outside the allowed networks hears of it.
+        """POST a message; failures are outcomes.
 
-        Raises NoConsent if it has no other.
+        ``allowed_only``: only addresses in the allowed networks are used. Raises NoConsent if there is no such address.
         """
         fields = {**headers, "Content-Type": content_type}
         try:
@@ -129,8 +132,8 @@ class Receiver:
     async def consent(self, origin: str) -> Consent:
         """Ask whether deliveries from ``origin``, a DNS name, are welcome (CloudEvents HTTP Web Hooks 1.0.2, 4).
 
-        After that each delivery has to carry ``WebHook-Request-Origin`` with the same value: the caller sees to it.
-        Waits until ``handshakes`` let this destination be asked.
+        Each later delivery must carry ``WebHook-Request-Origin`` with the same value, which is up to the caller. Waits
+        until ``handshakes`` permits a request to this destination.
         """
         try:
             asked = (await self._addresses())[:MOST_ADDRESSES]
@@ -147,7 +150,7 @@ class Receiver:
             return Consent(granted=False, interval_s=0.0, status=None, reason=self._why(error))
 
     async def trusted(self) -> bool:
-        """Return True if all its permitted addresses are in allowed networks. Forbidden, Unresolvable."""
+        """Return True if all permitted addresses are in allowed networks. Raises Forbidden and Unresolvable."""
         return all(address.allowed for address in await self._addresses())
 
     @property
@@ -160,7 +163,7 @@ class Receiver:
     async def _request(
         self, method: str, fields: Mapping[str, str], body: bytes, permitted: Callable[[Address], bool]
     ) -> "httpx.Response":
-        """The answer of a permitted address, closed.
+        """Return the response of a permitted address, with its body closed.
 
         Raises TimeoutError, httpx.TransportError, Forbidden, Unresolvable, and NoConsent if no address is permitted.
         """
@@ -175,7 +178,7 @@ class Receiver:
         except (TimeoutError, httpx.TransportError):
             if response is None:
                 raise
-            # the receiver has judged the message; how its answer went on concerns only the connection
+            # the receiver has judged the message; the rest of its response matters only to the connection
         finally:
             if response is not None:
                 await response.aclose()
@@ -184,7 +187,7 @@ class Receiver:
     async def _first_reached(
         self, addresses: list[Address], method: str, fields: Mapping[str, str], body: bytes
     ) -> "httpx.Response":
-        # the address with the open connection first, whatever order the resolver chose this time
+        # the address with the open connection first, regardless of the resolver's order
         inclined = sorted(addresses, key=lambda address: address.ip != self._connected)[:MOST_ADDRESSES]
         for address in inclined[:-1]:
             try:
@@ -194,7 +197,7 @@ class Receiver:
         return await self._send(inclined[-1], method, fields, body)
 
     async def _send(self, address: Address, method: str, fields: Mapping[str, str], body: bytes) -> "httpx.Response":
-        """To exactly this address: with a literal for a host, nothing below looks up a name again."""
+        """Send to exactly this address: with a literal as host, no lower layer resolves a name again."""
         headers = httpx.Headers(dict(fields))
         headers["Host"] = self._url.netloc.decode("ascii")
         headers["User-Agent"] = user_agent()
@@ -205,7 +208,7 @@ class Receiver:
         return response
 
     def _why(self, error: Exception) -> str:
-        """A sentence without addresses, ports and error texts: they tell a stranger about the inside of our network."""
+        """Return a sentence without addresses, ports or error texts, which would reveal the internal network."""
         match error:
             case Forbidden() | Unresolvable():
                 return str(error)
@@ -257,7 +260,7 @@ def _consent(response: "httpx.Response", origin: str) -> Consent:
 
 
 def _interval_s(rate: str) -> float:
-    """Seconds between deliveries at so many a minute; 0 without limit, and for what the specification does not know."""
+    """Return the seconds between deliveries for a rate per minute; 0 for no limit and for unspecified values."""
     if not (rate.isascii() and rate.isdigit() and len(rate) <= _LONGEST_RATE) or int(rate) == 0:
         return 0.0
     return 60 / int(rate)

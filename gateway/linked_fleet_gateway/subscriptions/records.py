@@ -1,4 +1,4 @@
-"""Records of the store besides subscriptions, and their form as fields of a Redis hash."""
+"""Records in the store besides subscriptions, and their form as fields of a Redis hash."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -13,7 +13,7 @@ What = Literal["removed", "woken", "replaced", "changed"]
 
 @dataclass(frozen=True)
 class Outgoing:
-    """A representation to deliver to a callback, rendered for the ``revision`` of its subscription."""
+    """A representation to be delivered, rendered for the ``revision`` of its subscription."""
 
     path: str
     version: str
@@ -24,7 +24,7 @@ class Outgoing:
 
 @dataclass(frozen=True)
 class Entry:
-    """A representation in the queue of a callback. ``number`` counts its deliveries from 1, without gaps."""
+    """A representation in the queue of a callback. ``number`` counts its deliveries from 1 without gaps."""
 
     entry_id: str
     number: int
@@ -36,8 +36,11 @@ class Entry:
 
 @dataclass(frozen=True)
 class Backlog:
-    """Entries that are not delivered yet, oldest first; of each resource the version that was queued last; and the
-    number of the last entry, delivered or not."""
+    """The undelivered entries, oldest first, with the state of the queue.
+
+    ``sent``: the version of each resource that was queued last, by path. ``number``: that of the last entry, delivered
+    or not.
+    """
 
     entries: list[Entry]
     sent: dict[str, str]
@@ -46,9 +49,9 @@ class Backlog:
 
 @dataclass(frozen=True)
 class News:
-    """A change by another gateway of a subscription of the run ``holder``.
+    """A change by another gateway to a subscription of the run ``holder``.
 
-    ``changed``: it has other options. That concerns any run: one may be about to open it that does not hold it yet.
+    ``changed``: it has other options. This concerns every run: one that does not hold it yet may be about to open it.
     ``replaced``: a stream is open there now, unless ``holder`` has taken it back since; its record says who has it.
     """
 
@@ -59,7 +62,7 @@ class News:
 
 @dataclass(frozen=True)
 class Held:
-    """The lists that have a subscription, as the run that holds it notes before it writes anything else."""
+    """The lists that contain a subscription. The run that holds it writes this before anything else."""
 
     owner: str
     client: str
@@ -70,7 +73,7 @@ def write_held(held: Held) -> bytes:
 
 
 def read_held(text: bytes) -> Held:
-    """ValueError for anything that ``write_held`` does not write."""
+    """Raises ValueError for anything that ``write_held`` does not write."""
     return msgspec.json.decode(text, type=Held)
 
 
@@ -84,8 +87,10 @@ def read_news(fields: Mapping[bytes, bytes]) -> News:
 
 
 def write_spec(subscription: Subscription) -> tuple[str | bytes, ...]:
-    """The request of the client. Changes of options are in fields of their own, which no run overwrites by what it
-    knew."""
+    """Return the fields of the client's request.
+
+    Changed options have fields of their own, so that no run overwrites them with what it knew.
+    """
     return ("spec", msgspec.json.encode(replace(subscription, revision=0)))
 
 
@@ -94,7 +99,7 @@ def write_options(options: Changeable) -> bytes:
 
 
 def write_delivery(delivery: Delivery) -> tuple[str, ...]:
-    """Names and values in turn; what is None is empty."""
+    """Return names and values in turn; None becomes empty."""
     return (
         *("state", delivery.state.value),
         *("last_ns", "" if delivery.last_ns is None else str(delivery.last_ns)),
@@ -107,7 +112,7 @@ def write_delivery(delivery: Delivery) -> tuple[str, ...]:
 
 
 def read_record(fields: Mapping[bytes, bytes]) -> Record | None:
-    """None for no fields at all; ValueError or KeyError for fields that this version does not write."""
+    """Return None for no fields; raises ValueError or KeyError for fields that this version does not write."""
     if not fields:
         return None
     subscription = msgspec.json.decode(fields[b"spec"], type=Subscription)
@@ -138,7 +143,7 @@ def read_entry(entry_id: bytes, pairs: list[bytes]) -> Entry:
 
 
 def read_pairs(pairs: list[bytes]) -> dict[bytes, bytes]:
-    """A hash as scripts return it: names and values in turn."""
+    """Return a hash from the names and values in turn that scripts return."""
     return dict(zip(pairs[::2], pairs[1::2], strict=True))
 
 

@@ -1,7 +1,7 @@
-"""Every Redis key of the subscriptions, built and parsed here and nowhere else.
+"""All Redis keys of subscriptions, built and parsed only here.
 
-Braces are the hash tags of Redis Cluster: keys with the same tag live in one slot, so that one script can touch them
-together. One tag holds who is alive and what each run holds; each subscription has a tag of its own.
+Braces are the hash tags of Redis Cluster: keys with the same tag are in one slot, so that one script can use them
+together. One tag holds which runs are alive and what each holds; each subscription has its own tag.
 """
 
 import re
@@ -22,7 +22,7 @@ _KEY = re.compile(
 
 @dataclass(frozen=True)
 class Key:
-    """A parsed key; ``name`` is the run, id, path or address that it is about, empty if there is only one."""
+    """A parsed key. ``name``: its run, id, path or address; empty if there is only one such key."""
 
     kind: Kind
     name: str = ""
@@ -30,7 +30,7 @@ class Key:
 
 @dataclass(frozen=True)
 class Keys:
-    """All keys under one namespace; ValueError when the namespace would make them ambiguous."""
+    """All keys under one namespace; ValueError if the namespace would make them ambiguous."""
 
     namespace: str = "fleet"
 
@@ -40,48 +40,51 @@ class Keys:
 
     @property
     def runs(self) -> str:
-        """Set of the runs of gateways that are alive or hold something."""
+        """Set of the gateway runs that are alive or hold something."""
         return f"{self.namespace}:{{runs}}"
 
     def lease(self, run: str) -> str:
-        """String that expires when the run does not renew it."""
+        """String that expires unless the run renews it."""
         return f"{self.namespace}:{{runs}}:lease:{run}"
 
     def held(self, run: str) -> str:
-        """Hash of the subscriptions that a run holds, from id to owner and client: the way to all that is theirs."""
+        """Hash of what a run holds, from id to owner and client; everything of a run is found through it."""
         return f"{self.namespace}:{{runs}}:held:{run}"
 
     def record(self, id: str) -> str:
-        """Hash of one subscription: what was asked for, its holder and delivery; its existence is the acceptance."""
+        """Hash of one subscription: its request, holder and delivery.
+
+        It exists if and only if the subscription is accepted.
+        """
         return f"{self.namespace}:subscription:{{{id}}}"
 
     def queue(self, id: str) -> str:
-        """Stream of the deliveries that are not done yet."""
+        """Stream of pending deliveries."""
         return f"{self.record(id)}:queue"
 
     def sent(self, id: str) -> str:
-        """Hash from the path of a resource to the version of it that was queued last."""
+        """Hash from the path of a resource to its version that was queued last."""
         return f"{self.record(id)}:sent"
 
     def gone(self, id: str) -> str:
-        """Count of those who clear the subscription away, for the run that is perhaps about to write its record."""
+        """Counter of runs that are deleting the subscription, for a run that may be about to write its record."""
         return f"{self.record(id)}:gone"
 
     def owner(self, path: str) -> str:
-        """Set of ids that one container lists."""
+        """Set of the ids that one container lists."""
         return f"{self.namespace}:owner:{path}"
 
     def client(self, address: str) -> str:
-        """Set of ids that one client address has asked for; any text, since proxies are believed what they say."""
+        """Set of the ids of one client address, which may be any text, since proxies are trusted."""
         return f"{self.namespace}:client:{quote(address, safe=':', errors='surrogatepass')}"
 
     @property
     def news(self) -> str:
-        """Stream of what gateways tell each other."""
+        """Stream of messages between gateways."""
         return f"{self.namespace}:news"
 
     def parse(self, key: str) -> Key:
-        """Parse any key of this namespace; ValueError for every other key."""
+        """Parse a key of this namespace; ValueError for any other key."""
         match = _KEY.fullmatch(key.removeprefix(self.namespace + ":"))
         if not key.startswith(self.namespace + ":") or match is None:
             raise ValueError(f"{key!r} is no key of subscriptions in namespace {self.namespace!r}")

@@ -1,21 +1,21 @@
-"""The atomic steps of the store, as Lua that Redis runs. Each touches the keys of one slot only.
+"""The atomic steps of the store, as Lua scripts for Redis. Each uses the keys of one slot only.
 
-They are sent whole each time: they are short, and a server that restarted knows no script by its digest.
+They are sent whole each time: they are short, and a restarted server knows no script by its digest.
 """
 
-TO_BE_CONFIRMED = 2  # what COMMIT answers when replicas are to be waited for
+TO_BE_CONFIRMED = 2  # returned by COMMIT when replicas must confirm
 
-# KEYS: client; ARGV: id, limit. Whether the client may have the subscription, which is then counted.
+# KEYS: client; ARGV: id, limit. Returns 1 and counts the subscription if the client may have it, else 0.
 COUNT = """
 if redis.call('SISMEMBER', KEYS[1], ARGV[1]) == 1 then return 1 end
 if redis.call('SCARD', KEYS[1]) >= tonumber(ARGV[2]) then return 0 end
 return redis.call('SADD', KEYS[1], ARGV[1])
 """
 
-# KEYS: record, queue, gone; ARGV: run, group or nothing, 1 to take it from another run, fields of the record.
-# 0 when others clear the subscription away since its run began to list it, or have done so: it must be listed again;
-# TO_BE_CONFIRMED when the server has replicas that are to confirm a callback, as far as it lets itself be asked; and
-# the run that held it before, or nothing.
+# KEYS: record, queue, gone; ARGV: run, group or empty, 1 to take it from another run, fields of the record. Returns 0
+# if other runs are deleting the subscription since this run began to list it, or have done so: it must then be listed
+# again. Returns TO_BE_CONFIRMED if the server reports replicas, which must confirm a callback. The second value is the
+# run that held it before, or empty.
 COMMIT = """
 local clearing = redis.call('GET', KEYS[3])
 if clearing then
@@ -35,8 +35,8 @@ if type(info) == 'string' and info:find('state=online', 1, true) then return {2,
 return {1, holder}
 """
 
-# KEYS: hash or set; ARGV: field or member. Whether there is one; what is written changes nothing, but a WAIT after it
-# waits for all that was written before to the same server.
+# KEYS: hash or set; ARGV: field or member. Returns 1 if it exists. The write changes nothing, but a WAIT after it waits
+# for everything that was written to the same server before.
 REPEAT = """
 if redis.call('TYPE', KEYS[1])['ok'] == 'hash' then
   local value = redis.call('HGET', KEYS[1], ARGV[1])
@@ -49,14 +49,14 @@ end
 return 1
 """
 
-# KEYS: any. Whether its server has replicas, as far as it lets itself be asked.
+# KEYS: any. Returns 1 if the server reports replicas.
 REPLICAS = """
 local info = redis.pcall('INFO', 'replication')
 return type(info) == 'string' and info:find('state=online', 1, true) and 1 or 0
 """
 
-# KEYS: record, queue, sent, gone; ARGV: milliseconds to clear away, the run that must hold it or nothing for any. The
-# record as it was, or nothing.
+# KEYS: record, queue, sent, gone; ARGV: milliseconds for deleting, the run that must hold it or empty for any. Returns
+# the former record, or nothing.
 REMOVE = """
 local holder = redis.call('HGET', KEYS[1], 'holder')
 if ARGV[2] ~= '' and holder ~= ARGV[2] then return {} end
@@ -69,7 +69,7 @@ end
 return fields
 """
 
-# KEYS: record, gone; ARGV: milliseconds to clear away. Whether there is no record.
+# KEYS: record, gone; ARGV: milliseconds for deleting. Returns 1 if there is no record.
 RECLAIM = """
 if redis.call('EXISTS', KEYS[1]) == 1 then return 0 end
 redis.call('INCR', KEYS[2])
@@ -77,14 +77,14 @@ redis.call('PEXPIRE', KEYS[2], ARGV[1])
 return 1
 """
 
-# KEYS: gone. One has finished to clear away.
+# KEYS: gone. One run has finished deleting.
 CLEARED = """
 if redis.call('EXISTS', KEYS[1]) == 1 then redis.call('DECR', KEYS[1]) end
 return 1
 """
 
-# KEYS: record; ARGV: holder as read, run. Whether this made the run the holder, and the holder after that: only one of
-# several runs can win.
+# KEYS: record; ARGV: holder as read, run. Returns whether this call made the run the holder, and the holder afterwards:
+# of several runs only one can win.
 TAKE = """
 local holder = redis.call('HGET', KEYS[1], 'holder')
 if holder ~= ARGV[1] then return {0, holder} end
@@ -92,8 +92,8 @@ redis.call('HSET', KEYS[1], 'holder', ARGV[2])
 return {1, ARGV[2]}
 """
 
-# KEYS: runs, held, lease; ARGV: run, what the lease of one that has left says. A run that may come back, or holds
-# something, is not forgotten.
+# KEYS: runs, held, lease; ARGV: run, the value of a lease that was left. A run that may come back or holds something is
+# not forgotten.
 RETIRE = """
 local lease = redis.call('GET', KEYS[3])
 local gone = not lease or lease == ARGV[2]
@@ -101,16 +101,16 @@ if gone and redis.call('EXISTS', KEYS[2]) == 0 then redis.call('SREM', KEYS[1], 
 return 1
 """
 
-# KEYS: record. The record, active again, or nothing.
+# KEYS: record. Returns the record, active again, or nothing.
 WAKE = """
 if redis.call('EXISTS', KEYS[1]) == 0 then return {} end
 redis.call('HSET', KEYS[1], 'state', 'active', 'failures', '0', 'reason', '')
 return redis.call('HGETALL', KEYS[1])
 """
 
-# KEYS: record, sent; ARGV: revision that was read, options, 1 to send everything anew. The holder, or nothing when
-# there is no record or its options have been changed since. What is rendered for a revision before ``anew`` is not the
-# state that the receiver is to have, so ADVANCE does not remember it as sent.
+# KEYS: record, sent; ARGV: revision that was read, options, 1 to send everything anew. Returns the holder, or nothing
+# if there is no record or its options have changed since. A message rendered for a revision before ``anew`` does not
+# have the state that the receiver must get, so ADVANCE does not remember it as sent.
 CHANGE = """
 local holder = redis.call('HGET', KEYS[1], 'holder')
 local revision = redis.call('HGET', KEYS[1], 'revision') or '0'
@@ -123,15 +123,15 @@ end
 return holder
 """
 
-# KEYS: record; ARGV: run, fields of the record. Whether the run holds it.
+# KEYS: record; ARGV: run, fields of the record. Returns 1 if the run holds it.
 NOTE = """
 if redis.call('HGET', KEYS[1], 'holder') ~= ARGV[1] then return 0 end
 redis.call('HSET', KEYS[1], unpack(ARGV, 2))
 return 1
 """
 
-# KEYS: record, queue, sent; ARGV: run, group. Nothing for another's subscription, else entries, what was sent, and the
-# number that was given last. Consumers of earlier runs are forgotten once nothing is pending with them.
+# KEYS: record, queue, sent; ARGV: run, group. Returns nothing if another run holds the subscription, else the entries,
+# the sent versions and the last number. Consumers of earlier runs are deleted once nothing is pending with them.
 BACKLOG = """
 if redis.call('HGET', KEYS[1], 'holder') ~= ARGV[1] then return false end
 local cursor = '0-0'
@@ -146,11 +146,12 @@ local number = tonumber(redis.call('HGET', KEYS[1], 'number') or 0)
 return {redis.call('XRANGE', KEYS[2], '-', '+'), redis.call('HGETALL', KEYS[3]), number}
 """
 
-# KEYS: record, queue, sent; ARGV: run, group, entry that is done or nothing, number of delivery fields, these, number
-# of paths to forget, these, and perhaps path, version, media type, body and revision of what goes out, and the number
-# that it is to get or nothing. Nothing for another's subscription, else the new entry and its number if there is one;
-# nothing is done if that number is not the next. The fields come first: without memory for them nothing at all is done.
-# What is to be forgotten comes last: it may be what goes out, for the last time.
+# KEYS: record, queue, sent; ARGV: run, group, delivered entry or empty, number of delivery fields, these fields, number
+# of paths to forget, these paths, and optionally path, version, media type, body and revision of the outgoing message
+# and the number that it must get or empty. Returns nothing if another run holds the subscription, else the new entry
+# and its number if there is one; if the wanted number is not the next one, nothing is done. The fields are written
+# first: if memory for them is missing, nothing at all is done. Paths are forgotten last: one may be that of the
+# outgoing message, sent for the last time.
 ADVANCE = """
 if redis.call('HGET', KEYS[1], 'holder') ~= ARGV[1] then return false end
 local fields = tonumber(ARGV[4])

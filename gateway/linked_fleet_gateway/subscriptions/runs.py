@@ -1,7 +1,7 @@
-"""Which runs of gateways are alive, and what each of them holds; all in one slot of Redis.
+"""The living runs of gateways, and what each of them holds; all in one slot of Redis.
 
-A lease says something else each time that it is renewed, and whoever looks measures by his own monotonic clock how long
-ago that was: the clock of Redis may be set, and nobody seems dead, or alive, for that.
+The value of a lease changes with each renewal, and observers measure the age of a value with their own monotonic clock.
+So nobody seems dead or alive only because the clock of Redis was set.
 """
 
 import time
@@ -16,7 +16,7 @@ _LEFT = b"left"
 
 
 class Runs:
-    """The runs as one of them, ``run``, sees them. Every method raises StoreUnavailable."""
+    """All runs as seen by the run ``run``. Every method raises StoreUnavailable."""
 
     def __init__(self, redis: Connection, keys: Keys, run: str, lease_s: float) -> None:
         self._redis = redis
@@ -24,7 +24,7 @@ class Runs:
         self._run = run
         self._lease_s = lease_s
         self._renewals = 0
-        self._heard: dict[str, tuple[bytes, float]] = {}  # the lease of each other run, and since when it is so
+        self._heard: dict[str, tuple[bytes, float]] = {}  # lease value of each other run, and when it was first seen
 
     async def renew(self) -> None:
         self._renewals += 1
@@ -39,14 +39,17 @@ class Runs:
         await self._redis.one("SET", self._keys.lease(self._run), what, "PX", round(self._lease_s * 1000))
 
     async def dead(self) -> list[str]:
-        """None for half a lease after an outage, in which the living could not renew theirs."""
+        """Return the runs without a lease.
+
+        None for half a lease after an outage, in which living runs could not renew theirs.
+        """
         runs = {run.decode() for run in await self._redis.one("SMEMBERS", self._keys.runs)} - {self._run}
         self._heard = {run: heard for run, heard in self._heard.items() if run in runs}
         dead = runs - await self.living(runs)
         return sorted(dead) if self._redis.served_s > self._lease_s / 2 else []
 
     async def living(self, runs: Iterable[str]) -> set[str]:
-        """Those of ``runs`` that have renewed their lease lately. One without, of which nothing was heard, has not."""
+        """Return those of ``runs`` that have renewed their lease recently; a run without a known lease has not."""
         asked = list(runs)
         leases = await self._redis.one("MGET", *map(self._keys.lease, asked)) if asked else ()
         now_s = time.monotonic()
@@ -59,23 +62,23 @@ class Runs:
         return said != _LEFT and now_s - since_s < float(said.partition(b" ")[2])
 
     async def retire(self, run: str) -> None:
-        """Forget a run that is dead and holds nothing."""
+        """Forget a dead run that holds nothing."""
         keys = (self._keys.runs, self._keys.held(run), self._keys.lease(run))
         await self._redis.run(scripts.RETIRE, keys, run, _LEFT)
 
     async def held(self, run: str) -> dict[str, Held]:
-        """By id, what a run holds, began to add or did not finish to remove."""
+        """Return what a run holds, has begun to add or has not finished removing, by id."""
         held = await self._redis.one("HGETALL", self._keys.held(run))
         return {id.decode(): read_held(text) for id, text in held.items()}
 
     async def hold(self, held: Mapping[str, Held], run: str) -> None:
-        """Note what ``run`` is about to hold, at least one by its id."""
-        # The list before the set: a run that is in the set and holds something is never retired from it.
+        """Record what ``run`` is about to hold, by id; not empty."""
+        # The hash before the set: a run that is in the set and holds something is never retired.
         fields = (part for id, one in held.items() for part in (id, write_held(one)))
         await self._redis.one("HSET", self._keys.held(run), *fields)
         await self._redis.one("SADD", self._keys.runs, run)
 
     async def drop(self, ids: Collection[str], run: str) -> None:
-        """Let ``ids`` be held by ``run`` no longer."""
+        """Remove ``ids`` from what ``run`` holds."""
         if ids:
             await self._redis.one("HDEL", self._keys.held(run), *ids)

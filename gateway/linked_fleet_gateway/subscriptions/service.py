@@ -1,4 +1,4 @@
-"""All subscriptions: those here, what the store knows of the others, and taking over from dead gateways (R1.8)."""
+"""All subscriptions: those served here, the stored ones of others, and the take-over from dead gateways (R1.8)."""
 
 import asyncio
 import logging
@@ -20,13 +20,16 @@ from linked_fleet_gateway.subscriptions.streams import Streams
 log = logging.getLogger(__name__)
 
 KEEP_S = 0.5
-"""Between two looks at leases; with the store's lease of 3 s a dead gateway's callbacks move within 5 s."""
+"""Interval between two checks of leases; with the store's lease of 3 s, a dead gateway's callbacks move within 5 s."""
 NOTE_S = 5.0
 RECONCILE_S = 10.0
 
 
 class Subscriptions:
-    """An async context manager; ``limit`` is per client address, ``consent`` whether receivers are asked first."""
+    """An async context manager.
+
+    ``limit``: subscriptions per client address; ``consent``: whether receivers must consent.
+    """
 
     def __init__(
         self,
@@ -64,34 +67,34 @@ class Subscriptions:
 
     @property
     def store_answers(self) -> bool:
-        """True if the lease of this gateway could be renewed lately."""
+        """True if the lease of this gateway was renewed recently."""
         return time.monotonic() - self._renewed_s < LEASE_S
 
     async def of(self, owner: str) -> list[Record]:
-        """All subscriptions of a thing, at whichever gateway; StoreUnavailable."""
+        """Return all subscriptions of a thing, at all gateways. Raises StoreUnavailable."""
         return [self.streams.freshened(record) for record in await self._store.of(owner)]
 
     async def record(self, id: str) -> Record | None:
-        """One subscription, at whichever gateway; StoreUnavailable."""
+        """Return one subscription, at whichever gateway it is. Raises StoreUnavailable."""
         record = await self._store.record(id)
         return None if record is None else self.streams.freshened(record)
 
     async def cancel(self, id: str) -> bool:
-        """Delete a subscription, at whichever gateway it is; False when there is none. StoreUnavailable."""
+        """Delete a subscription, at whichever gateway it is; return False if there is none. Raises StoreUnavailable."""
         record = await self._store.remove(id)
         await self._drop(id)
         return record is not None
 
     async def change(self, before: Subscription, options: Changeable) -> bool:
-        """Give a subscription other options, at whichever gateway it is; False when ``before`` is out of date."""
+        """Change the options of a subscription at any gateway; return False if ``before`` is out of date."""
         if not await self._store.change(before, options):
             return False
-        with suppress(StoreUnavailable):  # done is done: the news of it comes when the store is back
+        with suppress(StoreUnavailable):  # the change is stored; its news arrives when the store is available again
             await self._refresh(before.id)
         return True
 
     async def resume(self, id: str) -> bool:
-        """Have a callback tried again at once, by whichever gateway holds it; False when there is none."""
+        """Retry a callback at once, at whichever gateway holds it; return False if there is none."""
         return await self._store.wake(id) is not None
 
     async def _drop(self, id: str) -> None:
@@ -118,7 +121,7 @@ class Subscriptions:
                     await self._refresh(news.id)
 
     async def _refresh(self, id: str) -> None:
-        """Have what is served here go by its record. One at a time, so that what was read first is never last."""
+        """Apply the stored record to what is served here. Serialized, so that an older record never wins."""
         async with self._refreshing:
             if self.streams.serves(id) or self.callbacks.serves(id):
                 record = await self._store.record(id)
@@ -127,7 +130,7 @@ class Subscriptions:
                     self.callbacks.change(record.subscription)
 
     async def _renew(self) -> None:
-        """Apart from the rest, which may take a thousand callbacks over."""
+        """Renew the lease, apart from the other work, which may take over a thousand callbacks."""
         try:
             await self._store.renew()
             self._renewed_s = time.monotonic()
@@ -165,15 +168,15 @@ class Subscriptions:
             self._away = True
 
     async def _compare(self) -> None:
-        """Serve what the store says that this run holds."""
+        """Serve what the store assigns to this run."""
         held = {record.subscription.id: record for record in await self._store.held()}
         await self.callbacks.compare(held)
         await self.streams.compare(held)
         for id, record in held.items():
             if not (self.streams.obeys(record.subscription) and self.callbacks.obeys(record.subscription)):
-                await self._refresh(id)  # it was changed while this run came to hold it
+                await self._refresh(id)  # it may have changed while this run took it over
 
 
 def new_run() -> str:
-    """A name for one run of a gateway."""
+    """Return a new name for one run of a gateway."""
     return uuid.uuid4().hex

@@ -1,12 +1,13 @@
-"""Subscriptions in Redis: who holds which, and what is still to be delivered.
+"""Subscriptions in Redis: which run holds which, and what is still to be delivered.
 
-A write happens in an order that leaves nothing visible which was not accepted: first the holder's list, then the
-client's count and the owner's index, at last the record, which is the acceptance. What a crash leaves behind is found
-through the list of the run that crashed.
+Writes are ordered so that nothing is visible that was not accepted: first the holder's list, then the client's count
+and the owner's index, last the record, which is the acceptance. What a crash leaves behind is found through the list of
+the crashed run.
 
-"Accepted" means on disk if the server says ``appendonly yes`` and ``appendfsync always`` (otherwise a warning is
-logged), and in the memory of one replica if the master of the record has any that is in step, as are then its lists
-where other masters have replicas. Nothing else waits for them: a failover can lose the last moment of deliveries.
+"Accepted" means on disk if the server reports ``appendonly yes`` and ``appendfsync always`` (otherwise a warning is
+logged). It also means in the memory of one replica, if the record's master has a replica in step; its lists are then
+confirmed too where their masters have replicas. Nothing else waits for replicas: a failover can lose the last moment of
+deliveries.
 """
 
 import asyncio
@@ -41,27 +42,27 @@ from linked_fleet_gateway.subscriptions.runs import Runs
 __all__ = ["LEASE_S", "Backlog", "Entry", "Lost", "News", "Outgoing", "Store", "StoreUnavailable", "TooMany"]
 _log = logging.getLogger(__name__)
 
-LEASE_S = 3.0  # after that long without a word a run counts as dead
-_TAKEN_AT_ONCE = 64  # subscriptions that are taken over together, before they are served
-_GONE_MS = 30_000  # longer than it takes to clear a subscription away
-_ATTEMPTS, _CLEARING_S = 20, 0.05  # to add what others are clearing away
-_NEWS = 1_000  # are kept, about
+LEASE_S = 3.0  # a run that has not renewed its lease for this long counts as dead
+_TAKEN_AT_ONCE = 64  # subscriptions taken over together, before they are served
+_GONE_MS = 30_000  # longer than it takes to delete a subscription
+_ATTEMPTS, _CLEARING_S = 20, 0.05  # to add a subscription that other runs are deleting
+_NEWS = 1_000  # approximate number of entries kept
 _GROUP = "callback"
 
 
 class TooMany(Exception):  # noqa: N818
-    """The client has as many subscriptions as it may have; nothing was stored."""
+    """The client has reached its limit of subscriptions; nothing was stored."""
 
 
 class Lost(Exception):  # noqa: N818
-    """The subscription is gone, or another run of a gateway holds it now."""
+    """The subscription is gone, or another gateway run holds it now."""
 
 
 class Store:
-    """One run of a gateway at the store, as an async context manager; ``run`` is unique to it.
+    """The store as used by one gateway run, an async context manager; ``run`` is unique to it.
 
-    Opens without contact and heals by itself: while Redis is away every method but ``news`` raises StoreUnavailable.
-    ValueError for a URL or namespace that means nothing.
+    Opens without contact and recovers by itself: while Redis is unavailable, every method but ``news`` raises
+    StoreUnavailable. Raises ValueError for an invalid URL or namespace.
     """
 
     def __init__(self, url: str, namespace: str, run: str, lease_s: float = LEASE_S) -> None:
@@ -79,22 +80,22 @@ class Store:
     # Runs
 
     async def renew(self) -> None:
-        """Say that this run is alive, for the time of the lease."""
+        """Renew the lease of this run."""
         await self._runs.renew()
 
     async def leave(self) -> None:
-        """Say that this run ends; others may adopt what it holds at once."""
+        """Announce the end of this run; others may adopt what it holds at once."""
         await self._runs.leave()
 
     async def dead_runs(self) -> list[str]:
-        """Other runs without a lease; none for half a lease after an outage, in which the living could not renew."""
+        """Return the other runs without a lease; none for half a lease after an outage."""
         return await self._runs.dead()
 
     async def adopt(self, dead_run: str) -> AsyncIterator[Record]:
-        """Take over what outlives a dead run, each given as soon as this run has won it, and clear its streams away.
+        """Take over what outlives a dead run, yielding each record once this run has won it, and delete its streams.
 
-        Several gateways may do so at once, and die meanwhile. After StoreUnavailable, or when not all is waited for,
-        ``held`` tells what was won.
+        Several gateways may do so at once and may die meanwhile. After StoreUnavailable, or if the iteration is
+        abandoned, ``held`` returns what was won.
         """
         held = await self._runs.held(dead_run)
         records = await self._records(held)
@@ -119,7 +120,7 @@ class Store:
         await self._runs.retire(dead_run)
 
     async def held(self) -> list[Record]:
-        """Return what this run holds now; what it wrote or removed by halves is cleared away."""
+        """Return what this run holds now; incomplete additions and removals are cleaned up."""
         held = await self._runs.held(self._run)
         records = await self._records(held, UNHURRIED)
         await self._reclaim({id: held[id] for id, record in records.items() if record is None}, self._run)
@@ -130,10 +131,10 @@ class Store:
     async def add(self, subscription: Subscription, delivery: Delivery, limit: int, *, take: bool = True) -> None:
         """Accept a subscription and hold it; TooMany when its client has ``limit`` already.
 
-        A stream that another run holds is taken over and that run is told, or unless ``take`` it is Lost. A callback
-        stays with another run. May be repeated, after an outage or a StoreUnavailable. Once this returns, a callback is
-        on disk and, where there are replicas, with one of them; one that no replica confirms in time is removed again:
-        StoreUnavailable.
+        A stream that another run holds is taken over and that run is told, or Lost is raised unless ``take``. A
+        callback stays with another run. May be repeated after an outage or StoreUnavailable. When this returns, a
+        callback is on disk and, where there are replicas, on one of them; if no replica confirms in time it is removed
+        again and StoreUnavailable is raised.
         """
         id, group = subscription.id, "" if subscription.kind.streams else _GROUP
         keys = (self._keys.record(id), self._keys.queue(id), self._keys.gone(id))
@@ -148,7 +149,7 @@ class Store:
                 await self._part(subscription, before.decode(), take)
             if committed:
                 return
-            await asyncio.sleep(_CLEARING_S)  # others thought this run dead
+            await asyncio.sleep(_CLEARING_S)  # the others took this run for dead
         raise StoreUnavailable(f"other gateways are clearing subscription {id} away")
 
     async def record(self, id: str) -> Record | None:
@@ -163,9 +164,9 @@ class Store:
         return sorted(shown, key=lambda record: (record.subscription.created_ns, record.subscription.id))
 
     async def remove(self, id: str, *, own: bool = False) -> Record | None:
-        """Remove a subscription, whoever holds it, and tell a holder that is not this run; None if there is none.
+        """Remove a subscription, whoever holds it, and tell another holder; return None if there is none.
 
-        ``own``: only if this run holds it, and no other has taken it over.
+        ``own``: only if this run still holds it.
         """
         record = (await self._remove({id: self._run if own else ""})).get(id)
         if record is not None and record.holder != self._run:
@@ -175,7 +176,7 @@ class Store:
     async def change(self, before: Subscription, options: Changeable) -> bool:
         """Replace the options of a subscription as it was read, whoever holds it, and tell every run.
 
-        False, and nothing has changed, when it is gone or has other options by now.
+        Returns False, without a change, if it is gone or has other options by now.
         """
         keys, anew = (self._keys.record(before.id), self._keys.sent(before.id)), options.begins_anew(before.options)
         holder = await self._redis.run(scripts.CHANGE, keys, before.revision, write_options(options), int(anew))
@@ -184,7 +185,7 @@ class Store:
         return holder is not None
 
     async def wake(self, id: str) -> Record | None:
-        """Have deliveries of a callback tried again at once, and tell its holder; a stream stays as it is."""
+        """Retry the deliveries of a callback at once, and tell its holder; a stream stays as it is."""
         record = await self.record(id)
         if record is None or record.subscription.kind.streams:
             return record
@@ -194,13 +195,13 @@ class Store:
         return woken
 
     async def note(self, id: str, delivery: Delivery, subscription: Subscription | None = None) -> None:
-        """Write what became of the messages, and perhaps of the subscription; Lost when this run does not hold it."""
+        """Write the state of deliveries, and optionally of the subscription; Lost if this run does not hold it."""
         fields = (*(() if subscription is None else write_spec(subscription)), *write_delivery(delivery))
         if not await self._redis.run(scripts.NOTE, (self._keys.record(id),), self._run, *fields):
             raise Lost(id)
 
     async def note_all(self, deliveries: Mapping[str, Delivery]) -> set[str]:
-        """``note`` for many at once; the ids of those that this run does not hold, to which nothing happens."""
+        """Do ``note`` for many at once; return the ids that this run does not hold, which stay unchanged."""
         answers = await self._redis.all(
             [
                 ("EVAL", scripts.NOTE, 1, self._keys.record(id), self._run, *write_delivery(delivery))
@@ -213,7 +214,7 @@ class Store:
     # Deliveries of a callback
 
     async def backlog(self, id: str) -> Backlog:
-        """Return the deliveries that are still to be made, by whomever begun; Lost when this run does not hold it."""
+        """Return the pending deliveries, whoever queued them; Lost if this run does not hold the subscription."""
         found = await self._redis.run(scripts.BACKLOG, self._queue(id), self._run, _GROUP)
         if found is None:
             raise Lost(id)
@@ -225,12 +226,12 @@ class Store:
         self, id: str, done: Entry | None, outgoing: Outgoing | None, delivery: Delivery, forget: Sequence[str] = (),
         number: int | None = None,
     ) -> Entry | None:  # fmt: skip
-        """In one step: ``done`` is done, ``delivery`` is what became of it, ``outgoing`` is queued and returned.
+        """Remove the delivered entry ``done``, write ``delivery``, and queue and return ``outgoing``, in one step.
 
-        ``forget``: paths of resources that are no more, without which the backlog would grow with each invocation.
-        ``number``: what ``outgoing`` must be numbered. If that is not the next number nothing is done, and None is
-        returned. Lost when this run does not hold the subscription. After StoreUnavailable ask for the backlog: the
-        step may have been taken, or be taken yet unless its number was given to something else.
+        ``forget``: paths of resources that no longer exist; otherwise the backlog would grow with each invocation.
+        ``number``: the number that ``outgoing`` must get. If it is not the next number, nothing is done and None is
+        returned. Raises Lost if this run does not hold the subscription. After StoreUnavailable read the backlog: the
+        step may have been executed, or may still be unless its number is used for something else.
         """
         fields, wanted = write_delivery(delivery), "" if number is None else number
         parts = () if outgoing is None else (*astuple(outgoing), wanted)
@@ -247,7 +248,7 @@ class Store:
     # News
 
     async def news(self) -> AsyncIterator[News]:
-        """Yield the changes by gateways since the first contact, for ever; outages are waited out, none is missed."""
+        """Yield the changes by other gateways since the first contact; outages are waited out, none is missed."""
         async with aclosing(self._redis.news()) as news:
             async for fields in news:
                 if fields is not None:
@@ -263,9 +264,9 @@ class Store:
         return self._keys.record(id), self._keys.queue(id), self._keys.sent(id)
 
     async def _records(self, ids: Iterable[str], at_once: int = AT_ONCE) -> dict[str, Record | None]:
-        """Return the records of the ids; without those that another version has written and this one cannot read."""
+        """Return the records of the ids, without those written by another version that this one cannot read."""
         asked, records = list(ids), dict[str, Record | None]()
-        for first in range(0, len(asked), at_once):  # so that others have their turn while they are read, too
+        for first in range(0, len(asked), at_once):  # in parts, so that other requests are served in between
             part = asked[first : first + at_once]
             answers = await self._redis.all([("HGETALL", self._keys.record(id)) for id in part], at_once)
             for id, fields in zip(part, answers, strict=True):
@@ -284,7 +285,7 @@ class Store:
         await self._redis.one("SADD", self._keys.owner(subscription.owner), id)
 
     async def _confirm(self, subscription: Subscription) -> None:
-        """Have a replica confirm a callback, and one of each other master the lists in which it is found."""
+        """Wait until a replica confirms a callback, and one of each other master its lists."""
         id, keys = subscription.id, self._keys
         lists = (keys.held(self._run), keys.owner(subscription.owner), keys.client(subscription.client))
         try:
@@ -296,7 +297,7 @@ class Store:
             ]
             for key, member in asked:
                 found, confirmed = await self._redis.replicated(scripts.REPEAT, key, member)
-                if not found:  # a failover lost it, or someone has removed it already
+                if not found:  # a failover lost it, or it has been removed already
                     raise StoreUnavailable(f"subscription {id} was gone before a replica had it")
                 if not confirmed:
                     raise StoreUnavailable(f"no replica of Redis confirmed subscription {id} in time")
@@ -306,10 +307,11 @@ class Store:
             raise
 
     async def _part(self, subscription: Subscription, other: str, taken: bool) -> None:
-        """Have only one of two runs hold the subscription, which ``other`` held before."""
+        """Leave the subscription with one of two runs; ``other`` held it before."""
         id, held = subscription.id, Held(subscription.owner, subscription.client)
         if taken:
-            await self._runs.hold({id: held}, self._run)  # again: the other may have let us go just before we took it
+            # again: the other may have removed it just before this run took it
+            await self._runs.hold({id: held}, self._run)
         await self._let_go(id, held, other if taken else self._run)
         if taken:
             await self._tell("replaced", id, other)
@@ -323,7 +325,7 @@ class Store:
             await self._runs.hold({id: held}, run)
 
     async def _take(self, records: Iterable[Record], held: Mapping[str, Held]) -> list[Record]:
-        """Those of which this run, and no other that tries, has become the holder in place of the one before."""
+        """Make this run the holder of the records; return those that no other run won."""
         asked = {record.subscription.id: record for record in records}
         await self._runs.hold({id: held[id] for id in asked}, self._run)
         takes = [
@@ -335,7 +337,7 @@ class Store:
         return [replace(asked[id], holder=self._run) for id, (won, _) in answers.items() if won]
 
     async def _remove(self, holders: Mapping[str, str]) -> dict[str, Record]:
-        """Remove each id if the run given with it holds it, whoever holds it if that is empty; what was removed."""
+        """Remove each id if the given run holds it (any run if empty); return the removed records."""
         removes = [
             ("EVAL", scripts.REMOVE, 4, *self._queue(id), self._keys.gone(id), _GONE_MS, holder)
             for id, holder in holders.items()
@@ -348,14 +350,14 @@ class Store:
         return removed
 
     async def _reclaim(self, held: Mapping[str, Held], run: str) -> set[str]:
-        """Clear away what was listed and never accepted, or removed by halves; the others, which have a record."""
+        """Delete what was listed but never accepted, or removed incompletely; return the ids that have a record."""
         reclaims = [("EVAL", scripts.RECLAIM, 2, self._keys.record(id), self._keys.gone(id), _GONE_MS) for id in held]
         answers = dict(zip(held, await self._redis.all(reclaims), strict=True))
         await self._clear({id: held[id] for id, gone in answers.items() if gone}, dict.fromkeys(held, run))
         return {id for id, gone in answers.items() if not gone}
 
     async def _clear(self, listed: Mapping[str, Held], runs: Mapping[str, str]) -> None:
-        """Strike out what has no record; last from the list of its run, which is the way to the two others."""
+        """Remove ids without a record from all lists; from the run's list last, through which the others are found."""
         keys = self._keys
         await self._redis.all(
             [("SREM", keys.owner(held.owner), id) for id, held in listed.items()]

@@ -1,7 +1,7 @@
-"""The streams that are open at this gateway, and what the store is told of them so that every gateway lists them.
+"""The open streams of this gateway, and their records in the store, by which every gateway lists them.
 
-They live on connections and go on while the store is away; it is told later. A stream that was made by POST waits
-between its connections, for a while.
+Streams live on connections and continue while the store is unavailable; it is updated later. A stream that was created
+by POST waits for a while between its connections.
 """
 
 import asyncio
@@ -21,21 +21,21 @@ from linked_fleet_gateway.subscriptions.watcher import Watcher
 log = logging.getLogger(__name__)
 
 UNOPENED_S = 60.0
-"""How long a stream that was made by POST waits to be opened, at first and again after each connection."""
-_LAST_S = 1.0  # to tell the store of streams that closed when this gateway ends
+"""How long a stream created by POST waits to be opened, at first and again after each connection."""
+_LAST_S = 1.0  # limit for reporting closed streams to the store when this gateway ends
 
 
 class Streams:
-    """``limit`` is the number of subscriptions that one client may have."""
+    """``limit``: subscriptions per client."""
 
     def __init__(self, store: Store, run: str, fan_out: FanOut, limit: int) -> None:
         self._store, self._run, self._fan_out, self._limit = store, run, fan_out, limit
         self._open: dict[str, Watcher] = {}
         self._coming: set[str] = set()
-        self._cancelled: set[str] = set()  # of those that are coming
-        self._changed: dict[str, Subscription] = {}  # of those that are coming, what they have become
+        self._cancelled: set[str] = set()  # deleted while they were being registered
+        self._changed: dict[str, Subscription] = {}  # changed while they were being registered, with their new options
         self._expiries: dict[str, asyncio.TimerHandle] = {}
-        # What the store is still to be told, and what it had too little and too much at the last comparison.
+        # What the store is still to be told, and the differences found by the last comparison.
         self._unlisted: set[str] = set()
         self._ended: set[str] = set()
         self._missed: set[str] = set()
@@ -44,13 +44,13 @@ class Streams:
         self._background: set[asyncio.Task[None]] = set()
 
     def kinds(self) -> Counter[str]:
-        """How many are open here, by kind."""
+        """Return the number of open streams by kind."""
         return Counter(watcher.subscription.kind.value for watcher in list(self._open.values()))
 
     # -- connections --------------------------------------------------------------------------------------------------
 
     async def register(self, subscription: Subscription) -> None:
-        """Have a stream listed before it is opened; TooMany when the client has too many subscriptions."""
+        """List a stream before it is opened; TooMany if the client has too many subscriptions."""
         id = subscription.id
         waited = id in self._expiries
         self._coming.add(id)
@@ -63,7 +63,7 @@ class Streams:
             if waited:
                 self._expire(id)
             else:
-                self._ended.add(id)  # it may be there
+                self._ended.add(id)  # it may be stored
             raise
 
     async def _list(self, subscription: Subscription) -> None:
@@ -76,10 +76,10 @@ class Streams:
             self._unlisted.add(subscription.id)
 
     def open(self, subscription: Subscription, outlet: Outlet, seen: str | None) -> Watcher:
-        """Begin a registered stream; ``seen`` is the version that the subscriber saw last.
+        """Open a registered stream; ``seen`` is the version that the subscriber saw last.
 
-        It ends at once when there is no such resource any more. Of a subtree, ``seen`` is the version of any one
-        resource in it and says nothing about the others: all of them are sent again.
+        It ends at once if the resource no longer exists. For a subtree, ``seen`` is the version of any one of its
+        resources and says nothing about the others: all of them are sent again.
         """
         id = subscription.id
         if (changed := self._changed.get(id)) is not None:
@@ -97,7 +97,7 @@ class Streams:
         return watcher
 
     def close(self, subscription: Subscription, watcher: Watcher | None, *, reopenable: bool) -> None:
-        """The connection of a registered stream is gone; one that was made by POST waits for another."""
+        """Handle the end of a stream's connection; a stream that was created by POST waits for the next one."""
         id, last_ns = subscription.id, None
         if watcher is None:
             reopenable = reopenable and id not in self._cancelled
@@ -115,19 +115,19 @@ class Streams:
             self._later(lambda: self._forget(id))
 
     def revoke(self, id: str) -> None:
-        """End a stream whose client has lost the right to it, for good; harmless when it is over."""
+        """End a stream for good whose client has lost the right to it; does nothing if it has ended."""
         if id in self._open:
             self.drop(id, Ending.UNENTITLED)
             self._later(lambda: self._forget(id))
 
     def end_all(self) -> None:
-        """Close every stream, because the gateway ends; their clients reconnect to another or later."""
+        """Close every stream because the gateway ends; clients reconnect to another one, or later."""
         for watcher in list(self._open.values()):
             watcher.end(Ending.SHUTDOWN)
         self._open.clear()
 
     async def aclose(self) -> None:
-        """Once all connections are closed; streams that were made by POST are left to wait at another gateway."""
+        """Finish after all connections are closed; streams created by POST are left to wait at another gateway."""
         self.end_all()
         for timer in self._expiries.values():
             timer.cancel()
@@ -138,18 +138,18 @@ class Streams:
     # -- between connections ------------------------------------------------------------------------------------------
 
     async def offer(self, subscription: Subscription) -> None:
-        """Keep a stream that nobody has opened yet for a while. TooMany, StoreUnavailable."""
+        """Store a stream that nobody has opened yet, for a while. Raises TooMany and StoreUnavailable."""
         try:
             await self._store.add(subscription, Delivery(DeliveryState.WAITING), self._limit)
         except TooMany:
             raise
         except BaseException:
-            self._ended.add(subscription.id)  # it may be there, although its client is told that it is not
+            self._ended.add(subscription.id)  # it may be stored, although its client is told that it is not
             raise
         self._expire(subscription.id)
 
     def adopted(self, id: str) -> None:
-        """A stream of a gateway that is gone waits here now."""
+        """Let a stream of a dead gateway wait here."""
         if not self.serves(id):
             self._expire(id)
 
@@ -162,25 +162,25 @@ class Streams:
             if id in self._unlisted:
                 await self._store.add(unopened, waiting, self._limit, take=False)
             else:
-                await self._store.note(id, waiting, unopened)  # what was deleted just now is not to come back
+                await self._store.note(id, waiting, unopened)  # a stream that was deleted just now must not come back
         except Lost:
             return  # it was opened through another gateway, or deleted
         except (StoreUnavailable, TooMany):
             await self._forget(id)
             return
         if self.serves(id):
-            self._unlisted.add(id)  # opened again meanwhile: say so again
+            self._unlisted.add(id)  # opened again meanwhile: list it again
         else:
             self._expire(id)
 
     def _leave(self, id: str) -> None:
-        """It comes no more."""
+        """Forget that a stream was being registered."""
         self._coming.discard(id)
         self._cancelled.discard(id)
         self._changed.pop(id, None)
 
     def serves(self, id: str) -> bool:
-        """Return True if it is open here or about to be."""
+        """Return True if a stream is open or being registered here."""
         return id in self._open or id in self._coming
 
     def _expire(self, id: str) -> None:
@@ -204,16 +204,16 @@ class Streams:
             await self._strike_out(id)
 
     async def _strike_out(self, id: str) -> None:
-        """Have an end known; StoreUnavailable."""
+        """Remove an ended stream from the store. Raises StoreUnavailable."""
         await self._store.remove(id, own=True)  # another gateway may have it by now
         self._ended.discard(id)
         if self.serves(id):
-            self._unlisted.add(id)  # opened again meanwhile: say so again
+            self._unlisted.add(id)  # opened again meanwhile: list it again
 
     # -- what others do -----------------------------------------------------------------------------------------------
 
     def drop(self, id: str, ending: Ending) -> None:
-        """End a stream here, if it is here; the store knows."""
+        """End a stream that is open here; the store is already up to date."""
         self._noted.pop(id, None)
         self._unlisted.discard(id)
         self._stop_waiting(id)
@@ -223,12 +223,12 @@ class Streams:
             watcher.end(ending)
 
     def obeys(self, subscription: Subscription) -> bool:
-        """Return True if a stream goes by these options, or is not open here."""
+        """Return True if a stream uses these options, or is not open here."""
         watcher = self._open.get(subscription.id)
         return watcher is None or watcher.subscription.options == subscription.options
 
     def change(self, subscription: Subscription) -> None:
-        """Have a stream that is here go by the options that its record has now."""
+        """Apply the options of the stored record to a stream of this gateway."""
         id = subscription.id
         if (watcher := self._open.get(id)) is not None:
             if not self.obeys(subscription):
@@ -238,13 +238,13 @@ class Streams:
             self._changed[id] = subscription
 
     async def replaced(self, id: str) -> None:
-        """It was opened through another gateway, unless it has come back since."""
+        """End a stream that was opened through another gateway, unless it has come back since."""
         found = await self._store.record(id)
         if found is not None and found.holder != self._run:
             self.drop(id, Ending.REPLACED)
 
     def freshened(self, record: Record) -> Record:
-        """Add what this gateway knows better than the store: when the last message was sent."""
+        """Add the time of the last message, which this gateway knows better than the store."""
         watcher = self._open.get(record.subscription.id)
         if watcher is None or record.holder != self._run:
             return record
@@ -253,7 +253,7 @@ class Streams:
     # -- what the store is told ---------------------------------------------------------------------------------------
 
     async def catch_up(self) -> None:
-        """Streams begun and ended while the store was away."""
+        """Store the streams that began and ended while the store was unavailable."""
         for id in list(self._ended):
             if id in self._ended:  # not opened again meanwhile
                 await self._strike_out(id)
@@ -270,7 +270,7 @@ class Streams:
                 self._unlisted.discard(id)
 
     async def note(self) -> None:
-        """When the last message of each was sent."""
+        """Store when the last message of each stream was sent."""
         moved = {
             id: each.last_ns
             for id, each in self._open.items()
@@ -280,13 +280,13 @@ class Streams:
         self._noted.update((id, last_ns) for id, last_ns in moved.items() if id in self._open and id not in lost)
 
     async def compare(self, held: dict[str, Record]) -> None:
-        """With what the store says this run holds.
+        """Reconcile the streams with those that the store assigns to this run.
 
-        Some is missing after a time in which we were thought dead; some is left over when a command reached the store
-        after we had given it up.
+        Some are missing if this run was taken for dead; some are left over if a command reached the store after this
+        run had given it up.
         """
         missing = {id for id in self._open if id not in held and id not in self._unlisted}
-        for id in missing & self._missed:  # the second time: news of its end would have come by now
+        for id in missing & self._missed:  # missing twice: news of its end would have arrived by now
             found = await self._store.record(id)
             if found is not None and found.holder != self._run:
                 self.drop(id, Ending.REPLACED)
@@ -295,7 +295,7 @@ class Streams:
         self._missed = missing
         streams = {id for id, record in held.items() if record.subscription.kind.streams}
         strays = {id for id in streams if not self.serves(id) and id not in self._expiries}
-        self._ended |= strays & self._strays  # the second time: what was on its way has come by now
+        self._ended |= strays & self._strays  # present twice: commands under way have arrived by now
         self._strays = strays
 
     def _later(self, call: Callable[[], Awaitable[None]]) -> None:
@@ -307,5 +307,5 @@ class Streams:
         try:
             await call()
         except Exception:
-            # The boundary of the task: its connection is gone, so nobody waits for it and would see.
+            # The boundary of the task: its connection is gone, so nobody waits for the result.
             log.exception("a stream was not put away as it should")

@@ -1,4 +1,4 @@
-"""One watched resource: its present reading, the version before, and each message about it, rendered once."""
+"""One watched resource: its present reading, its version, and its messages, each rendered once."""
 
 from collections.abc import Callable
 from typing import Generic, Protocol
@@ -13,29 +13,29 @@ from linked_fleet_gateway.subscriptions.message import Framing, Message
 
 
 class Resolver(Protocol):
-    """``Tree`` as the fan-out needs it."""
+    """The interface of ``Tree`` to the fan-out."""
 
     def resolve(self, path: str) -> Resource | Redirect | None: ...
 
 
 class Topic(Generic[M]):
-    """A resource that at least one subscriber watches, as those see it who share ``sees``.
+    """A resource with at least one subscriber, for the subscribers of the view ``sees``.
 
-    ``values``: whether measured values count as its change.
+    ``values``: whether a change of measured values counts.
     """
 
     def __init__(self, path: str, values: bool, resource: Resource, sees: View = ALL) -> None:
         self.path, self.values, self.sees = path, values, sees
         self.watchers: dict[M, None] = {}
         self.apart: dict[M, None] = {}
-        """Those of the watchers that are in no broadcast."""
+        """The watchers that are in no broadcast."""
         self.broadcasts: dict[tuple[str, str, Framing], Broadcast[M]] = {}
-        """By media type, base and framing."""
+        """Broadcasts by media type, base URL and framing."""
         self.previous: str | None = None
         self.renders = 0
         self._resource = resource
         self.measured = values and resource.source.measured
-        """True if a frame can be news."""
+        """True if a frame can change this resource."""
         self._resources: dict[str, Resource] = {}
         self._messages: dict[tuple[str, str], Message] = {}
         self._renderings: dict[tuple[str, str], Rendering] = {}
@@ -44,18 +44,18 @@ class Topic(Generic[M]):
 
     @property
     def ended(self) -> bool:
-        """True if there will be no more news of it."""
+        """True if the resource will not change any more."""
         return self._resource.source.ended()
 
     def replace(self, resource: Resource) -> None:
-        """Take the resource as it is after its robot was described anew."""
+        """Replace the resource, because its robot was described anew."""
         self._resource = resource
         self.measured = self.values and resource.source.measured
         self._resources.clear()
         self._renderings.clear()
 
     def refresh(self) -> bool:
-        """Read the resource again; whether that was news."""
+        """Read the resource again; return True if it changed."""
         reading = self._resource.source.read(self.values)
         if reading.same(self.reading):
             return False
@@ -67,7 +67,7 @@ class Topic(Generic[M]):
         return True
 
     def differs(self, sent: Reading | None) -> bool:
-        """Return True if the present reading is news to who was sent that one; mostly it is the same one for all."""
+        """Return True if the present reading is news to a subscriber that was sent ``sent``."""
         if sent is self.reading:
             return False
         if sent is not self._compared[0]:
@@ -75,12 +75,12 @@ class Topic(Generic[M]):
         return self._compared[1]
 
     def gather(self) -> None:
-        """Have those fall in that have caught up with a broadcast."""
+        """Let subscribers that have caught up join a broadcast."""
         for watcher in list(self.apart):
             watcher.fall_in(self.path)
 
     def message(self, media_type: str, base: str, tree: Callable[[str, View], Resolver]) -> Message:
-        """The message about the present reading; WriteError when the syntax cannot say it."""
+        """Return the message about the present reading; WriteError if the syntax cannot express it."""
         message = self._messages.get((media_type, base))
         if message is None:
             self.renders += 1

@@ -1,4 +1,4 @@
-"""One subscriber's view of the fan-out: what is news to it, what waits, and when the next message may go."""
+"""The state of one subscriber in the fan-out: what is news to it, what is pending, and when the next message may go."""
 
 import logging
 from collections.abc import Callable
@@ -19,39 +19,39 @@ class Timer(Protocol):
 
 
 class Schedule(Sending, Protocol):
-    """The fan-out, as a watcher needs it."""
+    """The interface of the fan-out to a watcher."""
 
     def message(self, topic: "Topic[Watcher]", subscription: Subscription) -> Message:
-        """The message about the present reading; WriteError when the syntax cannot say it."""
+        """Return the message about the present reading; WriteError if the syntax cannot express it."""
 
     def freshen(self, topic: "Topic[Watcher]") -> None:
-        """Read the resource, if something has happened to it since."""
+        """Read the resource again if it is marked as changed."""
 
     def now_s(self) -> float:
-        """Monotonic."""
+        """Return the monotonic time."""
 
     def run(self, watcher: "Watcher") -> None:
-        """Let the watcher ``step`` when it is its turn."""
+        """Schedule the watcher, whose ``step`` is then called in its turn."""
 
     def later(self, delay_s: float, call: Callable[[], None]) -> Timer: ...
 
     def broadcast(self, topic: "Topic[Watcher]", subscription: Subscription, stream: Stream) -> "Broadcast[Watcher]":
-        """Return the broadcast that serves all who want the same of a resource."""
+        """Return the broadcast for everybody who wants the same representation of a resource."""
 
     def drop(self, watcher: "Watcher", path: str) -> None:
-        """Let the watcher no longer watch one of its resources."""
+        """Remove one of the watcher's resources."""
 
     def forget(self, watcher: "Watcher") -> None: ...
 
 
 class Watcher:
-    """Keeps which resources have news, never the news: memory is bounded by the number of resources watched.
+    """Remembers which resources have news, never the news: memory is bounded by the number of watched resources.
 
-    The policy (PROTOCOL.md, "Messages"): between two messages about a resource its values are conflated, the last
-    one always goes out. ``sent`` are the versions, by path, that the subscriber is known to have.
+    The policy (PROTOCOL.md, "Messages"): between two messages about a resource its values are conflated, and the last
+    one always goes out. ``sent``: versions by path that the subscriber is known to have.
 
-    Who watches one resource on a stream and wants every change of it is in step with others like it: as long as its
-    outlet has room a ``Broadcast`` serves it, and it has nothing to do here.
+    A watcher of one resource on a stream, without interval and deadband, shares a ``Broadcast`` with others while its
+    outlet has room, and then has nothing to do itself.
     """
 
     def __init__(
@@ -60,7 +60,7 @@ class Watcher:
         self.subscription = subscription
         self.patient = patient
         self.left: set[str] = set()
-        """The paths that a patient watcher does not watch any more."""
+        """Paths that a patient watcher no longer watches."""
         self.topics: dict[str, Topic[Watcher]] = {}
         self.running = False
         self._schedule, self._outlet = schedule, outlet
@@ -76,7 +76,7 @@ class Watcher:
         self._whole = not self.subtree
 
     def _in_step(self) -> Stream | None:
-        """The outlet, if it may be in step with others."""
+        """Return the outlet if this subscriber may share a broadcast, else None."""
         wanted = self.subscription
         all_wanted = wanted.interval_s <= 0 and wanted.deadband <= 0 and not self.subtree
         return self._outlet if all_wanted and isinstance(self._outlet, Stream) else None
@@ -87,7 +87,7 @@ class Watcher:
 
     @property
     def last_ns(self) -> int | None:
-        """When the last message was sent."""
+        """Time at which the last message was sent."""
         together = self._broadcast.last_ns if self._broadcast is not None else None
         return max(filter(None, (self._last_ns, together)), default=None)
 
@@ -114,33 +114,34 @@ class Watcher:
         return topic
 
     def waits(self, path: str) -> bool:
-        """Return True if a message about the resource is still to be sent."""
+        """Return True if a message about the resource is pending."""
         return path in self._pending or path in self._round
 
     def news(self, topic: "Topic[Watcher]") -> None:
-        """A resource has changed; if that is news to this subscriber, it goes out as soon as it may."""
+        """Note the change of a resource; if it is news to this subscriber, it is sent as soon as permitted."""
         if not self.waits(topic.path) and (self.subscription.deadband <= 0 or self._is_news(topic)):
             self._pending[topic.path] = None
             self.ready()
 
     def ready(self) -> None:
-        """The outlet can take messages, or there is something for it."""
+        """Schedule this watcher if it has something to send and no timer runs."""
         if (self._round or self._pending) and self._timer is None:
             self._schedule.run(self)
 
     def found(self) -> None:
-        """All that a subtree covers has been found: the first round waits for it, where rounds have an interval."""
+        """Note that a subtree has been scanned: with an interval, the first round waits for this."""
         self._whole = True
         self.ready()
 
     def prepare(self) -> bool:
-        """Return True if it may be its turn: its message is rendered as it is sent, mostly for others before."""
+        """Return True if it may send now; messages are rendered while sending, mostly already for others."""
         return self._timer is None
 
     def step(self) -> bool:
-        """Send one message; whether there is more that may go at once.
+        """Send one message; return True if more may go at once.
 
-        Messages go in rounds: what has news when a round begins is in it once, and the interval lies between rounds.
+        Messages go in rounds: a round contains everything that has news when it begins, and the interval lies between
+        rounds.
         """
         if self._timer is not None or not self._outlet.writable() or not (self._round or self._begin_round()):
             return False
@@ -148,7 +149,7 @@ class Watcher:
         topic = self.topics[path]
         self._schedule.freshen(topic)
         del self._round[path]
-        if self._is_news(topic):  # it may have moved back since
+        if self._is_news(topic):  # it may have returned to the old value
             self._send(topic)
         if not self._round and self.subscription.interval_s > 0:
             self._next_s = self._schedule.now_s() + self.subscription.interval_s
@@ -156,7 +157,7 @@ class Watcher:
         return bool(self._round or self._pending)
 
     def fall_in(self, path: str) -> None:
-        """Be in step with the others from now on, if nothing waits and the same has been sent last."""
+        """Join a broadcast if nothing is pending and its members were sent the same last."""
         topic, sent = self.topics[path], self._sent.get(path)
         if self._stream is not None and sent is not None and not self.waits(topic.path):
             broadcast = self._schedule.broadcast(topic, self.subscription, self._stream)
@@ -165,7 +166,7 @@ class Watcher:
                 del topic.apart[self], self._sent[topic.path]
 
     def fall_behind(self, path: str, sent: Reading) -> None:
-        """There was no room for the message that the others have got; ``sent`` is what was sent before."""
+        """Leave the broadcast, because the outlet had no room for a message; ``sent``: the reading sent before."""
         self._fall_out(self.topics[path])
         self._sent[path] = sent
         self._pending[path] = None
@@ -187,7 +188,7 @@ class Watcher:
         return True
 
     def change(self, subscription: Subscription) -> None:
-        """Have another interval and deadband. The interval begins where the last one did, the first of all now."""
+        """Apply another interval and deadband. A running interval keeps its start; a first one starts now."""
         self._step_out()
         self._set(subscription)
         for topic in self.topics.values():
@@ -196,7 +197,7 @@ class Watcher:
         self.ready()
 
     def leave_all(self, subscription: Subscription) -> None:
-        """Have any other options, and nothing that is watched or was sent: all of it is to be joined anew."""
+        """Apply any other options and forget all watched resources and sent versions, to be joined anew."""
         self._step_out()
         self._schedule.forget(self)
         self._known = {}
@@ -212,10 +213,10 @@ class Watcher:
         self._stream = self._in_step()
 
     def _step_out(self) -> None:
-        """Leave those who are in step, in the middle of a pass, too."""
+        """Leave the broadcast, even in the middle of a pass."""
         if self._broadcast is None:
             return
-        (topic,) = self.topics.values()  # who is in step watches one resource
+        (topic,) = self.topics.values()  # a member of a broadcast watches one resource
         self._last_ns = self.last_ns
         self._sent[topic.path] = self._broadcast.release(self)
         self._broadcast = None
@@ -226,7 +227,7 @@ class Watcher:
         self._outlet.end(ending)
 
     def close(self) -> None:
-        """Stop watching; the outlet is closed already or will be."""
+        """Stop watching; the outlet is closed elsewhere."""
         self._cancel_timer()
         self._schedule.forget(self)
 
