@@ -1,1 +1,1 @@
-"""The Model Context Protocol: the fleet for programs that plan in language, over streamable HTTP at ``/mcp``."""
+"""The extension ``mcp``: the fleet as tools for language models (Model Context Protocol), over HTTP at ``/mcp``."""

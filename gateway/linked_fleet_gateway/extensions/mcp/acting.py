@@ -1,4 +1,4 @@
-"""The tools that move and stop robots. Each asks the gateway as any other client does."""
+"""The tools that move and stop robots. Each sends requests to the gateway as any other client does."""
 
 import asyncio
 import json
@@ -63,7 +63,7 @@ class Act(Rehearse):
         fields = {"prefer": "respond-async, return=representation"}
         if self.idempotency_key:
             fields["idempotency-key"] = f'"{self.idempotency_key}"'
-        with anyio.CancelScope(shield=True):  # who cancels now has to know what has begun
+        with anyio.CancelScope(shield=True):  # a client that cancels now must learn what has begun
             reply = await self._invoke(asking, _JSON, fields)
         iri = reply.headers.get("location", "")
         if reply.status >= 400 or not iri:
@@ -71,7 +71,7 @@ class Act(Rehearse):
         try:
             await _follow(asking, iri, self.wait_s, progress)
         except asyncio.CancelledError:
-            if not asking.ending.is_set():  # a gateway that ends leaves motions to others
+            if not asking.ending.is_set():  # a gateway that ends leaves motions to the others
                 with anyio.CancelScope(shield=True):
                     await asking.ask("POST", iri + "/actions/cancel", _JSON)
             raise
@@ -94,7 +94,7 @@ class Stop(Tool):
 
 
 def _stops(path: str) -> Iterator[str]:
-    """Paths of what may stop the thing at ``path``: the first that is there is right, the robot's own the last."""
+    """Yield candidate paths of the stop action for ``path``: the first that exists is the right one."""
     segments = path[1:].split("/")
     if segments[-1] in URGENT:
         yield path
@@ -109,20 +109,20 @@ def _stops(path: str) -> Iterator[str]:
 
 
 async def _follow(asking: Asking, iri: str, wait_s: float, progress: Progress) -> None:
-    """Tell the progress of an invocation until it has ended, or ``wait_s`` has gone by."""
+    """Report the progress of an invocation until it has ended or ``wait_s`` have passed."""
     invocation = asking.view.invocations.get(iri.rpartition("/")[2])
     last = -1.0
     with suppress(TimeoutError):
         async with asyncio.timeout(wait_s):
             while invocation is not None:
-                if invocation.progress > last:  # it has to increase with each notification
+                if invocation.progress > last:  # each notification must increase it
                     last = invocation.progress
                     await progress(last, 1.0, invocation.state.value)
                 if invocation.state.terminal:
                     return
                 before = invocation.state, invocation.progress
                 await asking.waiting.at_leisure(invocation, partial(_differs, before), _LOOK_S)
-                await asyncio.sleep(_PAUSE_S)  # of many changes a client is told some
+                await asyncio.sleep(_PAUSE_S)  # many changes may share one notification
 
 
 def _differs(before: tuple[InvocationState, float], one: Invocation) -> bool:
@@ -130,7 +130,7 @@ def _differs(before: tuple[InvocationState, float], one: Invocation) -> bool:
 
 
 def _ended(iri: str, reply: Reply) -> CallToolResult:
-    """The invocation as it is now. One that came to another end than success is an error."""
+    """Return the invocation as it is now; an error if it did not succeed."""
     if reply.status >= 400:
         return told(reply)
     found = {"iri": iri, **json.loads(reply.content)}

@@ -1,4 +1,4 @@
-"""The asker of a message: the request that brought it, and the fleet as its caller sees it."""
+"""The context of an MCP message: the request that carried it, and the fleet as its caller sees it."""
 
 import asyncio
 from collections.abc import Mapping
@@ -11,13 +11,16 @@ from linked_fleet_gateway.http.request import Request
 from linked_fleet_gateway.resources.branches import Branches, RequestView
 
 KEY = "linked-fleet.asking"
-"""The key in ``scope["extensions"]`` of the ``Asking`` of a message."""
+"""Key of the message's ``Asking`` in ``scope["extensions"]``."""
 MAX_REPLY_BYTES = 256 * 1024
 
 
 @dataclass(frozen=True)
 class Asking:
-    """The caller of one message. All that changes anything is asked of the gateway with the caller's credentials."""
+    """The context of one message.
+
+    Whatever changes anything is a request to the gateway with the caller's credentials.
+    """
 
     request: Request
     view: RequestView

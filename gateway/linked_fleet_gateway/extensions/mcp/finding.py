@@ -1,4 +1,4 @@
-"""The tool ``find``: robots, joints, links and actions by what they are called, and how to call them."""
+"""The tool ``find``: searches robots, joints, links and actions by name, and tells how to call them."""
 
 import json
 from collections.abc import Callable, Iterator
@@ -25,7 +25,7 @@ from linked_fleet_gateway.runtime.time_slices import sliced
 
 @dataclass(frozen=True)
 class Found:
-    """Something with a name. ``tell`` gives the rest, which takes time, of those alone that are told."""
+    """A search result. ``tell`` computes its details, only if the result is returned."""
 
     kind: str
     path: str
@@ -62,7 +62,7 @@ class Find(Tool):
 
 
 def _all(asking: Asking, name: str) -> Iterator[Found]:
-    """Robots before their parts: what is found first tells the way to the rest."""
+    """Yield robots before their parts, so that the first results lead to the rest."""
     robots = [robot for key, robot in sorted(asking.view.robots.items()) if name in ("", key)]
     for robot in robots:
         presence = {"name": robot.name, "online": robot.online, "fault": robot.fault}
@@ -92,7 +92,7 @@ def _values(asking: Asking, robot: Robot, joint: Joint, kind: str) -> dict[str, 
 
 
 def _actions(asking: Asking, offers: list[Offer]) -> Iterator[Found]:
-    """Those that the caller has the right to."""
+    """Yield the actions that the caller may invoke."""
     for offer in offers:
         if asking.request.caller.may_any(Invoke(offer).needs, offer.robot.name if offer.robot else None):
             yield Found("action", offer.path, offer.name, offer.definition.comment, partial(_call, asking, offer))

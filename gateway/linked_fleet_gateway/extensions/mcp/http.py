@@ -1,4 +1,4 @@
-"""Messages over HTTP: read, bounded and counted here, then given to the SDK."""
+"""Messages over HTTP: read, limited and counted here, then passed to the SDK."""
 
 import json
 from functools import partial
@@ -23,15 +23,15 @@ from linked_fleet_gateway.rdf.parse_error import ParseError
 from linked_fleet_gateway.resources.resource import Resource
 
 MAX_MESSAGE_BYTES = 272 * 1024
-"""The longest body of an action, and what is around it."""
+"""The longest body of an action, plus its envelope."""
 SHORT_BYTES = 4096
-"""A message that stops robots is no longer."""
+"""Longest message that may stop robots."""
 _MAX_DEPTH, _MAX_VALUES = 24, 24_000
 _PARSE_ERROR, _INVALID_REQUEST = -32700, -32600  # JSON-RPC 2.0, 5.1
 
 
 async def read_endpoint(request: Request, resource: Resource, endpoint: Converse) -> ASGIApp:
-    """The description. There is no stream without a request: the fleet has subscriptions of its own."""
+    """Return the description. There is no stream without a request, because the fleet has subscriptions of its own."""
     if wants_events(request):
         answer = _error(HTTPStatus.METHOD_NOT_ALLOWED, _INVALID_REQUEST, "The streams here are those of POST.")
         answer.headers["allow"] = "POST, DELETE"
@@ -40,7 +40,7 @@ async def read_endpoint(request: Request, resource: Resource, endpoint: Converse
 
 
 async def converse(sdk: Sdk, request: Request, affords: Converse) -> ASGIApp:
-    """Take one message, or end a session; TooManyRequests, PayloadTooLarge, UnsupportedMediaType, Busy."""
+    """Process one message, or end a session. Raises TooManyRequests, PayloadTooLarge, UnsupportedMediaType, Busy."""
     content = b""
     length = request.headers.get("content-length", "")
     may_stop = request.method == "POST" and length.isdecimal() and int(length) <= SHORT_BYTES
@@ -69,7 +69,7 @@ def _parsed(content: bytes) -> Any:
 
 
 def _stops(message: Any) -> bool:
-    """Return True for a message that stops robots, or that cancels what moves them."""
+    """Return True for a message that stops robots, or cancels a call that moves them."""
     if not isinstance(message, dict):
         return False
     params = message.get("params")

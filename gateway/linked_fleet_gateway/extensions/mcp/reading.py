@@ -45,7 +45,7 @@ class Query(Tool):
 
 
 def resources(asking: Asking) -> list[types.Resource]:
-    """The fleet and its robots; the rest is found by links."""
+    """Return the fleet and its robots; links lead to the rest."""
     named = [("fleet", "Linked Fleet", "/")]
     named += [(name, robot.title, robot_path(name)) for name, robot in sorted(asking.view.robots.items())]
     return [
@@ -63,7 +63,7 @@ def templates(asking: Asking) -> list[types.ResourceTemplate]:
 
 
 async def contents(asking: Asking, uri: str) -> types.TextResourceContents:
-    """The representation of a resource: JSON-LD, unless the URI says another. MCPError for what cannot be read."""
+    """Return the representation of a resource, JSON-LD unless the URI says otherwise. MCPError if it cannot be read."""
     try:
         reply = await asking.ask("GET", uri, _ACCEPT["jsonld"])
     except (FleetError, ReplyTooLong) as error:

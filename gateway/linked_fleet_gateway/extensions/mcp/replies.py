@@ -1,4 +1,4 @@
-"""Answers of the gateway as results of tools. A refusal has all that a client needs to mend its request."""
+"""Responses of the gateway as tool results. A refusal contains everything needed to correct the request."""
 
 import json
 from base64 import b64encode
@@ -10,7 +10,7 @@ from linked_fleet_gateway.http.internal_request import Reply
 
 
 def told(reply: Reply, note: str = "") -> CallToolResult:
-    """The content as it is, behind ``note``; a refusal if it is one."""
+    """Return the content unchanged, preceded by ``note``; a refusal becomes an error."""
     if reply.status >= 400:
         return refused(reply.problem, note)
     media_type, text = reply.media_type, ""
@@ -30,7 +30,7 @@ def is_text(media_type: str) -> bool:
 
 
 def refused(problem: dict[str, Any], note: str = "") -> CallToolResult:
-    """An error of a tool, in sentences and as problem details."""
+    """Return a tool error, as sentences and as problem details."""
     sentences = [note, f"{problem['title']} ({problem['status']}). {problem.get('detail', '')}"]
     for result in problem.get("report", ()):
         value = f" (it was {result['value']})" if "value" in result else ""

@@ -1,4 +1,4 @@
-"""The resource ``/mcp``: what it says of itself, and the messages that it takes."""
+"""The resource ``/mcp``: its description, and the messages that it accepts."""
 
 from dataclasses import dataclass
 from typing import ClassVar
@@ -19,8 +19,7 @@ PATH, _TITLE = "/mcp", "Model Context Protocol"
 class Converse:
     """Send a message, or end a session. ``view`` is that of the caller.
 
-    It changes nothing by itself: what a message asks for is a request of its own, with its own rights and its own
-    entry in the audit log.
+    It changes nothing itself: each operation in a message is a separate request with its own rights and audit entry.
     """
 
     view: RequestView

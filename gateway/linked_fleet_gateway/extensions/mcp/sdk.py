@@ -1,4 +1,4 @@
-"""The SDK of the protocol: loaded beside the event loop when somebody first asks, and ended with the gateway."""
+"""The MCP SDK, loaded in a thread at the first message and ended with the gateway."""
 
 import asyncio
 from importlib import import_module
@@ -15,7 +15,7 @@ _SERVER = "linked_fleet_gateway.extensions.mcp.server"
 
 
 class Sdk:
-    """Nothing of it is in memory before the first message. ``ending`` is set when the gateway ends."""
+    """Loads nothing before the first message. ``ending`` is set when the gateway ends."""
 
     def __init__(self, core: Core) -> None:
         self.core, self.ending = core, asyncio.Event()
@@ -23,7 +23,7 @@ class Sdk:
         self._running: asyncio.Task[Any] | None = None
 
     async def app(self) -> ASGIApp:
-        """The application that takes messages."""
+        """Return the ASGI application that accepts messages."""
         if self._running is None:
             self._running = asyncio.create_task(self._run())
         awaited: list[asyncio.Future[Any]] = [self._app, self._running]
@@ -35,7 +35,7 @@ class Sdk:
         await end([] if self._running is None else [self._running])
 
     async def _run(self) -> Any:
-        server = await asyncio.to_thread(import_module, _SERVER)  # takes a second or two
+        server = await asyncio.to_thread(import_module, _SERVER)  # takes one or two seconds
         manager = server.new_manager(version("linked-fleet"), self.core.section(McpSettings))
         async with manager.run():
             self._app.set_result(manager.handle_request)

@@ -1,4 +1,4 @@
-"""The server of the SDK: its handlers, and the bounds of its sessions. It is imported when somebody first asks."""
+"""The server of the MCP SDK: its handlers, and the limits of its sessions. Imported at the first message."""
 
 import logging
 from collections import Counter
@@ -29,7 +29,7 @@ from linked_fleet_gateway.http.problem import problem_body
 from linked_fleet_gateway.http.rates import by_caller
 
 MOST_CALLS = 32
-"""Calls of tools by one client that have not ended. Those that stop robots do not count."""
+"""Unfinished tool calls per client. Calls that stop robots do not count."""
 TOOLS: tuple[type[Tool], ...] = (Find, Read, Query, Rehearse, Act, Stop)
 _BY_NAME = {each.published().name: each for each in TOOLS}
 _INSTRUCTIONS = """\
@@ -47,7 +47,7 @@ def _asking(context: _Context) -> Asking:
 
 
 class Handlers:
-    """Answers requests, each with the rights of the caller who sent its message."""
+    """Answers requests, each with the rights of the caller that sent the message."""
 
     def __init__(self) -> None:
         self._calls: Counter[str] = Counter()
@@ -87,7 +87,10 @@ async def _read_resource(context: _Context, params: types.ReadResourceRequestPar
 
 
 class Sessions(StreamableHTTPSessionManager):
-    """The sessions of all clients. Each is of the client that opened it, and one client has ``most_of_client``."""
+    """The sessions of all clients.
+
+    Each belongs to the client that opened it; ``most_of_client`` is the limit per client.
+    """
 
     most_of_client = 0
 
@@ -101,23 +104,23 @@ class Sessions(StreamableHTTPSessionManager):
 
 
 def new_manager(version: str, settings: McpSettings) -> Sessions:
-    # Streams are told of the end of their own gateway, not of that of the first server of the process.
+    # Streams must end with their own gateway, not with the first server of the process.
     AppStatus.enable_automatic_graceful_drain = AppStatus.should_exit = False
-    logging.getLogger("mcp").setLevel(logging.ERROR)  # ids of sessions, and what strangers send
+    logging.getLogger("mcp").setLevel(logging.ERROR)  # it logs session ids and input of strangers
     handlers = Handlers()
     server = Server[Any](
         "linked-fleet",
         version=version,
         title="Linked Fleet",
         instructions=_INSTRUCTIONS,
-        get_tool_input_schema=lambda name: {},  # none of its members is a header field
+        get_tool_input_schema=lambda name: {},  # no member of an input is a header field
         on_list_tools=handlers.list_tools,
         on_call_tool=handlers.call_tool,
         on_list_resources=_list_resources,
         on_list_resource_templates=_list_templates,
         on_read_resource=_read_resource,
     )
-    server.middleware.clear()  # the gateway traces its requests itself
+    server.middleware.clear()  # the gateway itself traces requests
     sessions = Sessions(server, session_idle_timeout=settings.idle_s, max_sessions=settings.sessions)
     sessions.most_of_client = settings.sessions_per_client
     return sessions

@@ -1,4 +1,4 @@
-"""A tool of the protocol: its arguments, which are what its JSON Schema says, and what a call does."""
+"""An MCP tool: its arguments, from which its JSON Schema is made, and its execution."""
 
 from collections.abc import Awaitable, Callable
 from functools import cache
@@ -11,13 +11,13 @@ from linked_fleet_gateway.extensions.mcp.asking import Asking
 from linked_fleet_gateway.extensions.mcp.replies import failed
 
 Progress = Callable[[float, float, str], Awaitable[None]]
-"""Tells the client the share that is done, the whole, and the state."""
+"""Reports the completed share, the total and the state to the client."""
 Target = Annotated[str, Field(max_length=2000)]
 READS = mcp_types.ToolAnnotations(read_only_hint=True, open_world_hint=False)
 
 
 class Tool(BaseModel):
-    """A call of a tool. The name of a class is that of the tool, its docstring is the description for clients."""
+    """A tool call. The class name is the tool's name, and its docstring the description for clients."""
 
     model_config = ConfigDict(extra="forbid")
     hints: ClassVar[mcp_types.ToolAnnotations] = READS
@@ -31,7 +31,7 @@ class Tool(BaseModel):
 
     @classmethod
     async def call(cls, asking: Asking, given: dict[str, object], progress: Progress) -> mcp_types.CallToolResult:
-        """The result; an error that says which arguments are wrong, so that the client can mend them."""
+        """Return the result, or an error that names the invalid arguments, so that the client can correct them."""
         try:
             wanted = cls.model_validate(given)
         except ValidationError as error:
