@@ -1,1 +1,1 @@
-"""OpenAPI: a description of the gateway's JSON for generators of clients and for testers (OpenAPI 3.1)."""
+"""The extension ``openapi``: a description of the JSON interface (OpenAPI 3.1) for client generators and testers."""

@@ -1,4 +1,4 @@
-"""Paths of actions and their invocations. An invocation that was begun links how it is read, cancelled and deleted."""
+"""Paths of actions and their invocations. Links of a new invocation lead to reading, cancelling and deleting it."""
 
 from collections.abc import Sequence
 
@@ -27,7 +27,7 @@ _APPLIED: Json = {"Preference-Applied": {"schema": {"type": "string"}}}
 def action_paths(
     template: str, name: str, parameters: Parameters, offers: Sequence[Offer], body: Json | None
 ) -> dict[str, Json]:
-    """The action at ``template`` and all below it; ``offers``: of the things that have it."""
+    """Return the path items of an action at ``template`` and below; ``offers``: one for each thing that has it."""
     definition = offers[0].definition
     one = {**parameters, "invocation": ID}
     listed, read = f"{template}/invocations", f"{template}/invocations/{{invocation}}"
@@ -58,7 +58,7 @@ def capitalized(name: str) -> str:
 
 
 def _invoke(method: str, name: str, parameters: Parameters, offer: Offer, body: Json | None) -> Json:
-    # Nothing that a request says wrongly keeps a robot from being stopped: any word is taken for the format then.
+    # A wrong query must never prevent a stop: a request without a body accepts any format name.
     pick = parameter("as", "query", {"type": "string", "default": "json"}, _PICKS) if body is None else PICK
     fields = ["Prefer"] if body is None else ["Prefer", "IdempotencyKey", "LockToken", "IfMatch"]
     return writing(
@@ -72,7 +72,7 @@ def _invoke(method: str, name: str, parameters: Parameters, offer: Offer, body: 
 
 
 def begun(name: str, parameters: Parameters) -> Json:
-    """Answers to who invokes. A 202 has the invocation as its content if that is preferred, and else none."""
+    """Return the responses to an invocation. A 202 contains the invocation only if the client prefers that."""
     location: Json = {"Location": ref("headers", "Location")}
     known = {each: f"$request.path.{each}" for each in parameters}
     links = {

@@ -56,7 +56,7 @@ _FIELDS: dict[str, tuple[str, Json, str]] = {
 
 
 def components(secured: bool, schemas: Mapping[str, Json]) -> Json:
-    """``secured``: who asks has to say who they are; ``schemas``: of bodies and of properties."""
+    """``secured``: whether callers must authenticate. ``schemas``: those of bodies and properties."""
     found: Json = {
         "schemas": {
             "Problem": _PROBLEM,

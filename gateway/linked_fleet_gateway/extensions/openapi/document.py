@@ -1,4 +1,4 @@
-"""The description of a gateway (OpenAPI 3.1) as far as one caller sees it, and the descriptions that were made last."""
+"""The OpenAPI 3.1 description of a gateway as one caller sees it, and a cache of recent descriptions."""
 
 import asyncio
 import json
@@ -27,16 +27,16 @@ _ALWAYS, _SECURED = ("400", "404", "406", "421", "429", "500", "503"), ("401", "
 
 
 class Documents:
-    """Makes descriptions, one at a time, and keeps those that were asked for last."""
+    """Makes descriptions, one at a time, and caches the recently used ones."""
 
     def __init__(self, operations: Iterable[str]) -> None:
-        """``operations``: those of all extensions, as ``module:attribute``."""
+        """``operations``: of all extensions, as ``module:attribute``."""
         self._operations: list[Operations] = [resolve_name(name) for name in operations]
         self._made: OrderedDict[bytes, bytes] = OrderedDict()
         self._turn = asyncio.Lock()
 
     async def of(self, view: RequestView) -> bytes:
-        """The description of all that ``view`` shows."""
+        """Return the description of everything that ``view`` shows."""
         async with self._turn:
             version = blake2b(await _facts(view), digest_size=16).digest()
             if version not in self._made:
@@ -53,12 +53,13 @@ class Documents:
         paths: dict[str, Mapping[str, Any]] = {}
         for operations in self._operations:
             paths |= operations(view)
-        # Schemas of hundreds of joints take a second; what they are made from is the same object until it changes.
+        # Schemas of hundreds of joints take a second; their inputs are never modified in place, so a thread may read
+        # them.
         return await asyncio.to_thread(_written, view.base, view.secured, fleet, paths)
 
 
 async def _facts(view: RequestView) -> bytes:
-    """All that a description is made from."""
+    """Return everything that a description is made from, for its version."""
     facts = [repr((view.base, view.secured))]
     async for name, robot in sliced(sorted(view.robots.items())):
         said = robot.description

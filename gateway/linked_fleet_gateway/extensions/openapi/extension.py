@@ -1,4 +1,4 @@
-"""The extension ``openapi``: a description of the gateway's JSON, for generators of clients and for testers."""
+"""The extension ``openapi``: a description of the JSON interface for client generators and testers."""
 
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager

@@ -1,4 +1,4 @@
-"""Paths of the fleet, of robots, of joints and links, and of their properties: one for all that are alike."""
+"""Paths of the fleet, robots, joints, links and their properties: one path for everything of the same form."""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
@@ -37,13 +37,13 @@ from linked_fleet_gateway.resources.property import Property
 from linked_fleet_gateway.resources.setting import Setting
 
 _MOST_NAMED = 8
-"""The most robots whose joints are named in bodies."""
+"""Up to this number of robots, bodies list the names of joints."""
 _MOST_FORMS = 256
 
 
 @dataclass
 class _Alike:
-    """Properties or actions of one name: of which robots and parts they are."""
+    """Properties or actions with the same name, and the robots and parts that have them."""
 
     robots: dict[str, None] = field(default_factory=dict)
     parts: dict[str, None] = field(default_factory=dict)
@@ -68,7 +68,7 @@ class _Alike:
 
 
 class FleetPaths:
-    """Collects what robots have, one robot after the other, and says then at which paths that is."""
+    """Collects the contents of robots, one robot at a time, and then yields the paths."""
 
     def __init__(self, view: RequestView) -> None:
         self._base = view.base
@@ -76,7 +76,7 @@ class FleetPaths:
         self._properties: dict[tuple[bool, str], _Alike] = {}
         self._actions: dict[tuple[bool, str], _Alike] = {}
         self.schemas: dict[str, Json] = {}
-        """Schemas of bodies by their names, once the paths have been made."""
+        """Schemas of bodies by name, filled by ``paths``."""
 
     def add(self, robot: Robot) -> None:
         """Robots without a description that could be read have no parts and no properties."""
@@ -131,7 +131,7 @@ class FleetPaths:
             yield from action_paths(template, name, parameters, alike.offers, body).items()
 
     def _body(self, name: str, offers: list[Offer], form: Callable[[Offer, str], Form]) -> Json | None:
-        """The media type object of what all of ``offers`` take; None if they take nothing."""
+        """Return the media type object that all of ``offers`` accept; None if they take no body."""
         if not offers[0].takes_body:
             return None
         alike, few = self._distinct(offers), len(self._robots.robots) <= _MOST_NAMED
@@ -143,8 +143,10 @@ class FleetPaths:
         return {"schema": ref("schemas", f"{name}Input"), "examples": {"first": {"value": example(forms[0])}}}
 
     def _distinct(self, offers: Iterable[Offer]) -> list[Offer]:
-        """One of those whose bodies have the same schema: of joints with the same limits, and of robots that are alike
-        where their joints are not named."""
+        """Return one offer for each distinct body schema.
+
+        Joints with equal limits share a schema, and so do equal robots where bodies do not list joints.
+        """
         found: dict[tuple[object, ...], Offer] = {}
         for each in offers:
             robot, joint = each.robot, each.joint

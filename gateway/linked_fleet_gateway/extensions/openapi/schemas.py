@@ -1,7 +1,7 @@
-"""Schemas of several things as one: what any of them takes is taken; and values that a schema takes, as examples.
+"""JSON Schemas that cover several things, and example values for a schema.
 
-The schemas themselves come from SHACL shapes (``resources.json_form``). A path of a description stands for many
-things, each of which has limits of its own.
+The schemas themselves come from SHACL shapes (``resources.json_form``). One path of a description stands for many
+things with different limits.
 """
 
 import json
@@ -18,7 +18,7 @@ _URI: Json = {"type": "string", "format": "uri"}
 
 
 def union(schemas: Iterable[Json]) -> Json:
-    """The schema of all that one of them takes at least. They have the same members, within different limits."""
+    """Return a schema that accepts whatever one of ``schemas`` accepts; they differ only in their limits."""
     return reduce(_widest, schemas)
 
 
@@ -32,9 +32,9 @@ def unnamed(schema: Json, base: str) -> Json:
 
 
 def closed(schema: Json) -> Json:
-    """The schema of a body: members that it does not name are refused.
+    """Return the schema of a body, refusing members that it does not name.
 
-    Each alternative is a whole object, because generators of clients take no part of one for what it is.
+    Each alternative becomes a whole object, because client generators do not combine a partial one with its parent.
     """
     if schema.get("type") != "object":
         return {name: _within(value, closed) for name, value in schema.items()}
@@ -47,9 +47,9 @@ def closed(schema: Json) -> Json:
 
 
 def hoisted(schema: Json, name: str, components: dict[str, Json]) -> Json:
-    """The schema with its alternatives among ``components``, because generators name classes by these.
+    """Return the schema with its alternatives moved to ``components``, from which generators name classes.
 
-    An alternative is called by its unit, as in ``RotateInputRAD``.
+    An alternative is named by its unit, as in ``RotateInputRAD``.
     """
     found = dict(schema)
     if "properties" in schema:
@@ -62,7 +62,7 @@ def hoisted(schema: Json, name: str, components: dict[str, Json]) -> Json:
         for each in schema["oneOf"]:
             label = name + _unit(each)
             label += str(sum(known.startswith(label) for known in components) or "")
-            components[label] = {}  # so that what is inside of it gets other names
+            components[label] = {}  # reserved before the recursion, so that nested alternatives get other names
             components[label] = hoisted(each, label, components)
             found["oneOf"].append({"$ref": f"#/components/schemas/{label}"})
     return found
@@ -75,7 +75,7 @@ def _unit(schema: Json) -> str:
 
 
 def example(schema: Json) -> Any:
-    """A value with the required members, in the middle of the limits."""
+    """Return a value with the required members, in the middle of the limits."""
     if "enum" in schema:
         return schema["enum"][-1]
     if schema.get("type") == "object":
@@ -112,7 +112,7 @@ def _narrowed(members: Json, branch: Json) -> Json:
 
 
 def _few(branches: list[Json]) -> list[Json]:
-    """The branches, or those by units alone if there are many of joints."""
+    """Return the branches; if there are many, merged over joints so that only units distinguish them."""
     if len(branches) <= _MOST_BRANCHES:
         return branches
     return reduce(_branches, ([_without_joint(each)] for each in branches))
@@ -135,7 +135,7 @@ def _widest(one: Json, other: Json) -> Json:
 
 
 def _limit(one: Json, other: Json, side: tuple[str, str], pick: Any) -> Json:
-    """The wider of two limits; none if one has none."""
+    """Return the wider of two limits; empty if one of them has none."""
     said = [(each[name], name) for each in (one, other) for name in side if name in each]
     if len(said) < 2:
         return {}
@@ -150,7 +150,7 @@ def _properties(one: Json, other: Json) -> Json:
 
 
 def _branches(one: list[Json], other: list[Json]) -> list[Json]:
-    """The branches of both; those of the same joints and units are one."""
+    """Merge the branches of both; branches for the same joints and units become one."""
     found: dict[str, Json] = {}
     for branch in (*one, *other):
         key = _key(branch)
