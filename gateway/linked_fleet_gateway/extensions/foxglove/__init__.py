@@ -1,1 +1,1 @@
-"""Foxglove live: robots, objects and cameras in the protocol of Foxglove (README.md)."""
+"""The extension ``foxglove``: robots, objects and cameras in the live protocol of Foxglove (README.md)."""

@@ -1,4 +1,4 @@
-"""Channels, services and parameters of the fleet as it is at present, and who may see them."""
+"""Channels, services and parameters of the present fleet, and who may see them."""
 
 import itertools
 from collections.abc import Hashable, Iterable, Iterator
@@ -27,12 +27,12 @@ def topic(robot: str, what: str) -> str:
 
 
 def picture_format(formats: Iterable[str]) -> PictureFormat | None:
-    """The format in which pictures of a camera are shown, if it has any that Foxglove shows."""
+    """Return the format for pictures of a camera, or None if it has none that Foxglove displays."""
     return "jpeg" if "jpeg" in formats else "png" if "png" in formats else None
 
 
 class Catalogue:
-    """No id is used twice, so that a message of a client is never taken for one about something else."""
+    """The advertised channels and services. No id is reused, so that a late message never refers to something else."""
 
     def __init__(self, live: Live, cameras: bool) -> None:
         self.channels: dict[int, Channel] = {}

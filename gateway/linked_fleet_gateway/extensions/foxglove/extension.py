@@ -19,7 +19,7 @@ _PATH = "/foxglove"
 
 @dataclass(frozen=True)
 class FoxgloveEndpoint:
-    """The address of the WebSocket."""
+    """The resource of the WebSocket."""
 
 
 class FoxgloveExtension(Extension):
@@ -45,6 +45,6 @@ def _resolve(view: RequestView, rest: list[str]) -> Found:
 
 
 async def _read(request: Request, resource: Resource, endpoint: FoxgloveEndpoint) -> Response:
-    """Say that this address is that of a WebSocket (RFC 9110, 15.5.22)."""
+    """Tell the client to connect by WebSocket (426, RFC 9110, 15.5.22)."""
     said = f"This is a WebSocket; connect Foxglove to {request.base.replace('http', 'ws', 1)}{_PATH}\n"
     return Response(said, 426, {"upgrade": "websocket", "connection": "upgrade"}, "text/plain")

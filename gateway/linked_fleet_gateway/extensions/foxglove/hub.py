@@ -1,7 +1,7 @@
-"""Messages that all clients get: encoded once for all of them, and only while somebody has subscribed to it.
+"""Messages for all clients, encoded once and only while somebody has subscribed.
 
-The latest frame of a robot is looked at every 6 ms. So a frame costs nothing but its encoding, and one that comes
-sooner after another may be left out, as it is for a client that does not read fast enough.
+The latest frame of each robot is polled every 6 ms. So a frame costs only its encoding; frames that follow each other
+faster may be left out, as they are for a client that reads too slowly.
 """
 
 import asyncio
@@ -32,7 +32,7 @@ log = logging.getLogger(__name__)
 
 MOST_CLIENTS = 32
 TRANSFORMS_S = 1 / 30
-"""The shortest time between two messages of transforms or poses of a robot: few viewers draw more often."""
+"""Shortest time between two messages of transforms or poses of a robot; few viewers draw more often."""
 _LOOK_S, _SURVEY_S, _AGAIN_S = 0.006, 0.25, 1.0
 _AT_ONCE = 32  # frames in one piece
 _SURVEY, _FOLLOW = -1, -2  # among the ids of channels that have a task
@@ -40,7 +40,7 @@ _Run = tuple[Callable[[], Awaitable[None]], float]
 
 
 class Hub:
-    """Its tasks run while somebody is connected."""
+    """The tasks run while at least one client is connected."""
 
     def __init__(self, live: Live, pictures: Pictures | None) -> None:
         self._catalogue = Catalogue(live, pictures is not None)
@@ -71,7 +71,7 @@ class Hub:
             self._rewatch()
 
     def _rewatch(self) -> None:
-        """Do what is subscribed to now, and nothing else."""
+        """Recompute who is subscribed to what, and start and end tasks accordingly."""
         channels = self._catalogue.channels
         self._subscribers, self._watched = defaultdict(list), defaultdict(dict)
         for session in self._sessions:
@@ -96,7 +96,7 @@ class Hub:
             session.conversation.offer(protocol.data(id, time.time_ns(), content))
 
     async def _follow(self) -> None:
-        """Look for new frames, and send those of several robots at once."""
+        """Poll for new frames, and send those of several robots together."""
         pieces = defaultdict[Session, list[bytes]](list)
         async for name, channels in sliced(list(self._watched.items())):
             robot = self._live.fleet.robots.get(name)
@@ -135,7 +135,7 @@ class Hub:
             yield messages.POSE, messages.pose(next(iter(poses.values())), frame, state.wall_ns)
 
     async def _survey(self) -> None:
-        """Look for what changes seldom."""
+        """Poll for what changes seldom."""
         if self._catalogue.update():
             self._rewatch()
         for session in self._sessions:
@@ -151,7 +151,7 @@ class Hub:
                 self._tell(channel, messages.log(robot.name, said, robot.presence != "online", at_ns or 0))
 
     def _tell(self, channel: Channel, state: bytes) -> None:
-        """Send a state to each subscriber that has not got it yet, as soon as that reads."""
+        """Send a state to each subscriber that has not received it yet, once it has room."""
         for session, id in self._subscribers[channel.id]:
             known = session.told.get(channel.id) == state
             if not known and session.conversation.offer(protocol.data(id, time.time_ns(), state)):
@@ -164,7 +164,7 @@ class Hub:
         return self._scene[1]
 
     def _hear(self, invocation: Invocation) -> None:
-        """Show an invocation that changed as an event of each of its robots."""
+        """Send a changed invocation as an event of each of its robots."""
         for robot in (invocation.robots or (invocation.robot,)) if self._sessions else ():
             channel = self._catalogue.by_topic.get(topic(robot, messages.EVENTS))
             if channel is not None and channel.id in self._subscribers:

@@ -1,6 +1,6 @@
 """Messages in the schemas of Foxglove, encoded by ``foxglove-sdk``. Pure; SI units.
 
-A joint that nobody knows the position of has NaN, and a link whose pose is unknown no transform.
+A joint with an unknown position gets NaN, and a link with an unknown pose gets no transform.
 """
 
 from collections.abc import Iterable, Mapping
@@ -93,7 +93,7 @@ def log(robot: str, message: str, warning: bool, stamp_ns: int) -> bytes:
 
 
 def event(robot: str, invocation: Invocation, stamp_ns: int) -> bytes:
-    """An invocation as it is at ``stamp_ns``; of the fleet's ones the part of this robot."""
+    """Return an invocation at ``stamp_ns`` as an event; for an invocation of the fleet, this robot's part."""
     said = {"robot": robot, "action": invocation.action, "state": invocation.robots.get(robot, invocation.state)}
     if invocation.robot == robot:
         said |= {"id": invocation.id, "client": invocation.client, "reason": invocation.reason}

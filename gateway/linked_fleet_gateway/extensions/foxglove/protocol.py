@@ -1,4 +1,4 @@
-"""The protocol of Foxglove (``foxglove.sdk.v1``, before it ``foxglove.websocket.v1``): messages from and to bytes."""
+"""The WebSocket protocol of Foxglove (``foxglove.sdk.v1``, formerly ``foxglove.websocket.v1``): messages as bytes."""
 
 import struct
 from base64 import b64encode
@@ -26,7 +26,7 @@ _UInt32 = Annotated[int, Meta(ge=0, lt=2**32)]
 
 
 class NotUnderstood(ValueError):  # noqa: N818
-    """A message of a client is none of this protocol, or asks for what the gateway does not do."""
+    """The message is not of this protocol, or asks for something that the gateway does not support."""
 
 
 class Wanted(Struct, rename="camel"):
@@ -41,7 +41,7 @@ class Parameter(Struct, omit_defaults=True):
 
 
 class Request(Struct, rename="camel"):
-    """A message of a client in JSON; each ``op`` has its own members, and the others are empty."""
+    """A JSON message of a client. Each ``op`` uses its own members; the others keep their defaults."""
 
     op: Literal[
         "subscribe", "unsubscribe", "getParameters", "setParameters",
@@ -103,7 +103,7 @@ class Service:
 
 
 def parse(message: str | bytes) -> Request | Call:
-    """Raises NotUnderstood."""
+    """Parse a message of a client. Raises NotUnderstood."""
     try:
         return _parse_call(message) if isinstance(message, bytes) else msgspec.json.decode(message, type=Request)
     except (msgspec.DecodeError, RecursionError, struct.error, UnicodeDecodeError) as error:
@@ -119,12 +119,12 @@ def _parse_call(message: bytes) -> Call:
 
 
 def text(op: str, **said: Any) -> str:
-    """A message of the gateway in JSON."""
+    """Return a JSON message of the gateway."""
     return msgspec.json.encode({"op": op, **said}).decode()
 
 
 def data(subscription: int, stamp_ns: int, content: bytes) -> bytes:
-    """A message of a channel, as a frame of a WebSocket."""
+    """Return a message of a channel as a WebSocket frame."""
     return frame(Opcode.BINARY, _DATA_HEADER.pack(_DATA, subscription, stamp_ns) + content)
 
 

@@ -1,4 +1,4 @@
-"""One client: what it has subscribed to, and what it asks for. It acts by requests of its own (``ask``)."""
+"""One client: its subscriptions and its requests, which it sends to the gateway itself (``ask``)."""
 
 import asyncio
 from collections import defaultdict
@@ -17,15 +17,17 @@ from linked_fleet_gateway.runtime.cancellation import end
 from linked_fleet_gateway.runtime.time_slices import sliced
 
 MOST_CALLS = 8
-"""Calls of one client under way, beside as many that stop."""
+"""Calls of one client in progress, not counting the same number of calls that stop."""
 ERROR = 2
 _AT_ONCE = 100  # channels in one message
 _FIELDS = {"content-type": "application/json", "accept": "application/json"}
 
 
 class Session:
-    """``subscribed``: channels by the ids of its subscriptions; ``told``: the state that it was sent last, by channel.
-    ``rewatch`` is called when it has subscribed to something else."""
+    """``subscribed``: channels by subscription id; ``told``: the last state sent, by channel.
+
+    ``rewatch`` is called when the subscriptions change.
+    """
 
     def __init__(self, conversation: Conversation, catalogue: Catalogue, rewatch: Callable[[], None]) -> None:
         self.conversation = conversation
@@ -38,7 +40,7 @@ class Session:
         self._calls: dict[asyncio.Task[None], bool] = {}
 
     async def run(self) -> None:
-        """Serve the client until it is gone. Raises Ended."""
+        """Serve the client until it disconnects. Raises Ended."""
         info = {"name": "Linked Fleet", "capabilities": protocol.CAPABILITIES, "supportedEncodings": [protocol.JSON]}
         await self._say("serverInfo", **info, sessionId=f"{id(self):x}")
         telling = asyncio.create_task(_until_ended(self._tell()), name="tell a client of Foxglove")
@@ -52,7 +54,7 @@ class Session:
         await self.conversation.send(protocol.text(op, **said))
 
     async def _tell(self) -> None:
-        """Tell of channels, services and parameters as they change."""
+        """Advertise channels, services and parameters as they change."""
         while True:
             self.news.clear()
             await self._advertise("advertise", "unadvertise", "channels", "channelIds", self._catalogue.channels)
@@ -128,7 +130,7 @@ class Session:
         await self._say("parameterValues", parameters=wanted, **({} if id is None else {"id": id}))
 
     async def _set(self, request: Request) -> None:
-        """Put the settings one after the other, and answer with what is set then."""
+        """Apply the settings one after the other, then answer with the resulting values."""
         present, names = self._parameters(), dict.fromkeys(each.name for each in request.parameters)
         if wrong := [name for name in names if name not in present or not name.endswith(f"/{SPEED}")]:
             raise NotUnderstood(f"There are no such parameters that can be set: {wrong[:10]}"[:300])
@@ -163,7 +165,7 @@ class Session:
         await self.conversation.send(protocol.response(call, said))
 
     async def _ask(self, method: str, path: str, content: bytes) -> Reply | str:
-        """The answer of the gateway to a request of this client, or a sentence that says why it was refused."""
+        """Return the gateway's response to a request of this client, or a sentence that says why it was refused."""
         try:
             reply = await ask(self.conversation.websocket, method, path, fields=_FIELDS, content=content)
         except (FleetError, ReplyTooLong) as error:
@@ -172,6 +174,6 @@ class Session:
 
 
 async def _until_ended(work: Awaitable[None]) -> None:
-    """Do it in a task of its own; that the client has gone meanwhile is no error, and the session sees it itself."""
+    """Await ``work`` in a task of its own; a disconnected client is no error here, the session notices it itself."""
     with suppress(Ended):
         await work
