@@ -1,1 +1,1 @@
-"""Recordings: the last 30 s of a robot, kept when a motion failed or somebody stopped it (README.md)."""
+"""The extension ``recordings``: keeps the last 30 s of a robot when a motion fails or is stopped (README.md)."""

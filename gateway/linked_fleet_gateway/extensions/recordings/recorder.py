@@ -1,4 +1,4 @@
-"""The recorder: it keeps the last 30 s of a robot as MCAP when a motion of it fails or somebody stops it."""
+"""The recorder: keeps the last 30 s of a robot as MCAP when one of its motions fails or somebody stops it."""
 
 import asyncio
 import hashlib
@@ -33,7 +33,7 @@ log = logging.getLogger(__name__)
 
 SEGMENT, TERMS = "recordings", "https://w3id.org/linked-fleet/recordings#"
 SPAN_NS, PAUSE_S = 30 * 10**9, 5.0
-"""How much is kept, and the shortest time between two recordings of a robot: who presses a stop presses it twice."""
+"""Length of a recording, and the shortest time between two of a robot, since a stop is often pressed twice."""
 MOST_WAITING, MOST_OF_ROBOT, MOST_FRAMES, _MOST_KNOWN = 64, 8, 3001, 4096
 
 
@@ -49,7 +49,7 @@ class Job:
 
     @property
     def content(self) -> bytes:
-        """The file: the frames, and at its end what became of the invocation."""
+        """The file: the frames, followed by the outcome of the invocation."""
         one, last_ns = self.invocation, max(map(wall_ns, self.excerpt.frames[-1:]), default=self.at_ns)
         level = Level.ERROR if one.state is InvocationState.FAILED else Level.WARN
         text = f"{one.action}: {one.state}" + (f", {one.reason}" if one.reason else "")
@@ -59,12 +59,15 @@ class Job:
 
 
 class Recorder:
-    """``folder`` outlives the process. Files are named by the time and the invocation, in a folder for each robot."""
+    """Writes recordings to ``folder``, which outlives the process.
+
+    Each robot has a folder; files are named by time and invocation.
+    """
 
     def __init__(self, live: Live, history: History, folder: Path) -> None:
         self._live, self._history, self._folder = live, history, folder
         self._begun_ns = time.time_ns()
-        self._over: dict[str, bool] = {}  # by id of an invocation; oldest first
+        self._over: dict[str, bool] = {}  # by invocation id; oldest first
         self._last_s: dict[str, float] = {}
         self._files: dict[str, dict[str, Path]] = defaultdict(dict)
         self.waiting: asyncio.Queue[Job] = asyncio.Queue(MOST_WAITING)
@@ -83,8 +86,10 @@ class Recorder:
         return self._files.get(_folder_name(robot), {})
 
     def hear(self, invocation: Invocation) -> None:
-        """Record when a motion fails or a stop begins, once; not what ended before this gateway began, of which it
-        hears from Redis."""
+        """Record once when a motion fails or a stop begins.
+
+        Ignores invocations that ended before this gateway began, which come from Redis.
+        """
         known, ends = self._over.get(invocation.id), invocation.state.terminal or invocation.stops is not None
         self._over[invocation.id] = ends
         if len(self._over) > _MOST_KNOWN:
@@ -154,12 +159,12 @@ class Recorder:
 
 
 def _folder_name(robot: str) -> str:
-    """A name of a robot may be anything, and long."""
+    """Return a folder name for a robot, whose name may be long and contain anything."""
     return hashlib.sha256(robot.encode()).hexdigest()
 
 
 def _write(path: Path, job: Job, gone: list[Path]) -> None:
-    """In one step, so that no file is ever half there."""
+    """Write in one step, so that no file is ever incomplete."""
     for each in gone:
         each.unlink(missing_ok=True)
     path.parent.mkdir(parents=True, exist_ok=True)
