@@ -1,5 +1,5 @@
-"""Pages: triples as HTML, shapes as forms (Jinja2). ``face/`` has the sources of their scripts and styles.
+"""The extension ``pages``: triples as HTML, shapes as forms (Jinja2). ``face/`` has the sources of scripts and styles.
 
 ``page`` writes; ``view`` reads the triples of a resource, ``thing_views`` and ``action_views`` those of a kind; other
-extensions bring a ``views.PageView``. ``form``: forms from shapes. ``values``, ``labels``: terms in words.
+extensions add a ``views.PageView``. ``form``: forms from shapes. ``values``, ``labels``: terms in words.
 """

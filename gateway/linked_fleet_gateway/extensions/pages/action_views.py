@@ -1,4 +1,4 @@
-"""Views of actions, invocations, subscriptions and leases besides the facts that every page has."""
+"""Views of actions, invocations, subscriptions and leases, beside the facts that every page shows."""
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -27,7 +27,7 @@ def action(facts: Facts, iri: NamedNode) -> Part:
         "form": form.form_of_action(facts, iri),
         "invocations": facts.iri_of(iri, LF.invocations),
     }
-    # Both requests of a binding refer to one body, which has nothing to say.
+    # Both requests of a binding share one body node, which has no facts to show.
     bodies = {each for each in facts.all(iri, HYBRIT.binding, HTTP.body) if isinstance(each, BlankNode)}
     return Part(more, {RDFS.comment, HYBRIT.consumes, HYBRIT.binding, LF.invocations}, bodies)
 
@@ -37,7 +37,7 @@ def action(facts: Facts, iri: NamedNode) -> Part:
 
 @dataclass(frozen=True)
 class Targeted:
-    """A joint, where it was to be, and where it came to."""
+    """A joint with its target and its resulting position."""
 
     joint: Link
     target: Number | None
@@ -74,7 +74,7 @@ def _positions(facts: Facts, iri: NamedNode, predicate: NamedNode) -> dict[Named
 
 @dataclass(frozen=True)
 class Done:
-    """An invocation as its container lists it."""
+    """An invocation in its container's list."""
 
     link: Link
     state: Value | None
@@ -105,7 +105,7 @@ def _done(facts: Facts, iri: NamedNode) -> Done:
 
 
 def _motion(facts: Facts, iri: NamedNode) -> str:
-    """Return what it does, in words, with the target if there is one."""
+    """Describe an invocation in words, with its targets if there are any."""
     targets = {
         labels.place(joint.value, facts.root): (float(number.value), number.name)
         for joint, number in _positions(facts, iri, LF.target).items()
@@ -124,7 +124,7 @@ def _only(facts: Facts, iri: Term, predicate: NamedNode) -> Value | None:
 
 @dataclass(frozen=True)
 class Watch:
-    """A subscription as a page shows it: who watches what, and how it goes."""
+    """A subscription as shown on a page: who watches which resource, and the state of its delivery."""
 
     link: Link
     type: str

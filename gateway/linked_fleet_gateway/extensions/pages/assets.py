@@ -1,4 +1,4 @@
-"""The scripts and styles of the pages, as `face/build` made them: each is named by its content and never changes."""
+"""The scripts and styles of the pages, as built by `face/build`: each is named by its content and never changes."""
 
 import json
 import logging
@@ -14,12 +14,12 @@ _MEDIA_TYPES = {".js": "text/javascript", ".css": "text/css", ".svg": "image/svg
 
 
 _CODINGS = {"br": ".br", "gzip": ".gz"}
-"""Suffixes of files in content codings, the shortest first (RFC 7932, RFC 1952)."""
+"""File suffixes of content codings, the smallest result first (RFC 7932, RFC 1952)."""
 
 
 @dataclass(frozen=True)
 class Asset:
-    """A file; ``coded``: its content by content coding."""
+    """A file. ``coded``: its content by content coding."""
 
     media_type: str
     content: bytes
@@ -28,7 +28,7 @@ class Asset:
 
 @dataclass(frozen=True)
 class Assets:
-    """``files`` by name; ``entries`` are the names of what pages refer to, by source."""
+    """``files`` by name. ``entries``: the names of files that pages refer to, by source."""
 
     files: Mapping[str, Asset]
     entries: Mapping[str, str]
@@ -36,7 +36,7 @@ class Assets:
 
 @cache
 def assets() -> Assets:
-    """All that there are, read once. Without them, as in a source tree where nothing was built, pages are plain."""
+    """Return all files, read once. Without built files, as in a fresh source tree, pages are plain."""
     try:
         entries: dict[str, str] = json.loads((_FOLDER / "manifest.json").read_text(encoding="utf-8"))
     except FileNotFoundError:

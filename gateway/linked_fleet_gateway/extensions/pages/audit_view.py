@@ -1,4 +1,4 @@
-"""The view of the audit: who did what, when, and what came of it."""
+"""The view of the audit: who did what, when, and with which outcome."""
 
 from dataclasses import dataclass
 
@@ -12,7 +12,7 @@ from linked_fleet_gateway.rdf.vocabulary import DCTERMS, LDP, LF, PROV
 
 @dataclass(frozen=True)
 class Entry:
-    """A line of the audit; ``state`` colours the outcome, ``result`` leads to what was made."""
+    """A line of the audit. ``state`` colours the outcome; ``result`` links what was created."""
 
     when: Value | None
     who: str

@@ -1,4 +1,4 @@
-"""The extension ``pages``: resources and problems as HTML, with forms that are made from their shapes."""
+"""The extension ``pages``: resources and problems as HTML, with forms generated from their shapes."""
 
 from collections.abc import AsyncIterator, Mapping, Sequence
 from contextlib import asynccontextmanager

@@ -1,4 +1,4 @@
-"""The view of the fleet: a card for each robot, and what cards can be chosen by."""
+"""The view of the fleet: a card for each robot, and the filters for cards."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -51,7 +51,7 @@ def fleet(facts: Facts, iri: NamedNode) -> Part:
         "world": facts.iri_of(iri, LF.world),
         "objects": constant("objects"),
     }
-    # The navigation leads to all else that the fleet links.
+    # The navigation links everything else of the fleet.
     linked = {each for each in facts.of.get(iri, {}) if _leads_on(facts, iri, each)} - {DCTERMS.title}
     return Part(more, {LDP.contains, HYBRIT.action, *linked}, set(members))
 

@@ -1,4 +1,4 @@
-"""Forms that are generated from SHACL shapes: what `face/src/form.js` reads a body out of."""
+"""Forms generated from SHACL shapes, from which `face/src/form.js` composes a body."""
 
 import json
 from collections.abc import Iterable, Mapping, Sequence
@@ -34,18 +34,18 @@ _RDF_TYPE = rdflib.RDF.type
 
 
 def form_of_action(facts: Facts, iri: NamedNode) -> Form:
-    """With no fields where the action consumes nothing."""
+    """Return the form of an action; it has no fields if the action consumes nothing."""
     methods = {each.value.rpartition("#")[2] for each in facts.all(iri, HYBRIT.binding, HTTP.mthd)}
     name = facts.text(iri, DCTERMS.identifier) or labels.place(iri.value, facts.root)
     rehearses = facts.one(iri, LF.dryRun) == Literal("true", datatype=XSD.boolean)
     consumed = facts.one(iri, HYBRIT.consumes)
     classes, fields = ("", ()) if consumed is None else _fields(_written(facts), str(consumed))
-    # PUT first: it can be repeated.
+    # PUT first, because it can be repeated safely.
     return _form(iri.value, sorted(methods, reverse=True) or ["POST"], labels.words(name), classes, fields, rehearses)
 
 
 def form_of_setting(facts: Facts, iri: NamedNode) -> Form | None:
-    """None where what may be put is described elsewhere."""
+    """Return the form of a setting; None if what may be put is described elsewhere."""
     consumed = facts.one(iri, HYBRIT.consumes)
     if not isinstance(consumed, NamedNode) or consumed not in load("blueprints.ttl"):
         return None
@@ -65,7 +65,7 @@ def form_of_shape(
 
 
 def form_of_subscription(container: str, owner: str) -> Form:
-    """``owner``: the IRI of the thing that the container belongs to."""
+    """``owner``: the IRI of the thing to which the container belongs."""
     classes, fields = _fields(_request_shape(), str(LF.SubscriptionShape))
     shown = _prefilled(fields, {HYBRIT.onResource.value: owner})
     return Form(container, labels.mark(container), "POST", classes, "subscribe", shown, ())
@@ -90,7 +90,7 @@ def _prefilled(fields: Iterable[Leaf | Group], values: Mapping[str, str]) -> lis
 
 
 def _filled(fields: Iterable[Leaf | Group], facts: Facts, subject: Term) -> list[Leaf | Group]:
-    """The fields with what is said of ``subject`` and of the nodes below it."""
+    """Return the fields filled with the facts about ``subject`` and the nodes below it."""
     return [_filled_field(each, facts.all(subject, NamedNode(each.path)), facts) for each in fields]
 
 
@@ -139,7 +139,10 @@ def _request_shape() -> bytes:
 
 @lru_cache(maxsize=64)
 def _fields(described: bytes, node: str) -> tuple[str, tuple[Leaf | Group, ...]]:
-    """Classes and fields of a shape in N-Triples. A shape takes long to read and hardly ever changes."""
+    """Return the classes and fields of a shape in N-Triples.
+
+    Cached, because reading takes long and shapes rarely change.
+    """
     graph = rdflib.Graph()
     found: Node = rdflib.BNode()
     for triple in parse(described, format=RdfFormat.N_TRIPLES):
@@ -151,7 +154,7 @@ def _fields(described: bytes, node: str) -> tuple[str, tuple[Leaf | Group, ...]]
 
 
 def _term(term: Term) -> Node:
-    """The same with rdflib; labels of blank nodes stay, so that whatever is in their order is so for ever."""
+    """Return the term in rdflib; blank nodes keep their labels, so that an order that depends on them is stable."""
     if isinstance(term, NamedNode):
         return URIRef(term.value)
     if isinstance(term, BlankNode):
@@ -166,7 +169,7 @@ def _classes(shape: Shape) -> str:
 
 
 def _asked(shape: Shape) -> list[Field]:
-    """Without the type, which the classes say unless there is a choice that has to be made."""
+    """Return the fields without the type, which the classes imply unless it must be chosen."""
     return [each for each in every_field(shape) if each.path != _RDF_TYPE or _is_choice(each)]
 
 
@@ -240,7 +243,7 @@ def _choice(own: Field, offered: list[Node], name: str, hint: str, value: str, m
 
 
 def _each_unit_once(offered: Sequence[Node]) -> list[Node]:
-    """Choose one of the IRIs that mean the same unit; degree comes first, since people think in degrees."""
+    """Keep one of the IRIs of each unit, degrees first, since people think in degrees."""
     once: dict[object, Node] = {}
     for each in offered:
         once.setdefault(UNITS.get(str(each), each), each)
@@ -258,14 +261,14 @@ def _option(term: Node) -> str:
 
 
 def _limits(own: Field, branches: Sequence[Shape]) -> str:
-    """Ranges of a number, each with what other fields of its node must be: the narrow ones first."""
+    """Return JSON with the ranges of a number and the values of other fields on which each depends, narrowest first."""
     ranges = [_range(own, branch) for branch in (*(each for each in branches if each.field(own.path)), Shape())]
     bounded = [each for each in ranges if "min" in each or "max" in each]
     return json.dumps(bounded, separators=(",", ":")) if bounded else ""
 
 
 def _range(own: Field, branch: Shape) -> dict[str, object]:
-    """The range in one branch of the alternatives; in no branch, the one that always holds."""
+    """Return the range in one branch of the alternatives; without a branch, the range that always holds."""
     there = branch.field(own.path)
     both = merged([own.shape, there.shape]) if there else own.shape
     others = {

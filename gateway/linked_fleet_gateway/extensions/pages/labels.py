@@ -1,4 +1,4 @@
-"""How pages call things: terms in words, numbers with few digits, units as they are written, times in UTC."""
+"""Texts of pages: terms in words, numbers with few digits, units as written by people, times in UTC."""
 
 import math
 import re
@@ -35,12 +35,12 @@ _LINK_MARK = "~link"
 
 
 def clean(text: str) -> str:
-    """The text with a mark for each character that HTML cannot hold."""
+    """Replace each character that HTML cannot contain."""
     return _CONTROL.sub("\ufffd", text)
 
 
 def number(value: float, unit: str = "") -> str:
-    """Write as many decimals as make sense in ``unit``, and never e-notation; face/src/format.js writes the same."""
+    """Format with the decimals that suit ``unit``, never in e-notation; face/src/format.js does the same."""
     size = abs(value)
     if not math.isfinite(value) or size >= _LARGE or 0 < size < _SMALL:
         return _power(value)
@@ -51,7 +51,7 @@ def number(value: float, unit: str = "") -> str:
 
 
 def _power(value: float) -> str:
-    """A number beyond those that people read, as a power of ten."""
+    """Format a very large or small number as a power of ten."""
     if not math.isfinite(value):
         return str(value)
     mantissa, _, exponent = f"{value:.2e}".partition("e")
@@ -59,7 +59,7 @@ def _power(value: float) -> str:
 
 
 def converted(value: float, unit: str) -> str:
-    """An angle in rad also in degrees, a length in m also in mm; empty for any other ``unit``."""
+    """Convert rad to degrees and m to mm; empty for any other ``unit``."""
     if unit not in _CONVERTED or not math.isfinite(value):
         return ""
     scale, name, decimals = _CONVERTED[unit]
@@ -77,13 +77,13 @@ def _trimmed(text: str) -> str:
 
 @lru_cache(maxsize=256)
 def unit(iri: str) -> str:
-    """The unit as people write it, ``N·m`` for ``unit:N-M``; empty for a mere number."""
+    """Return the unit as people write it, ``N·m`` for ``unit:N-M``; empty for a dimensionless number."""
     return quantity.unit_label(iri).replace(" ", "·").replace("m2", "m²").replace("deg", "°")
 
 
 @lru_cache(maxsize=4096)
 def words(iri: str) -> str:
-    """A term in words: ``lf:lastSeen`` is "last seen"."""
+    """Return a term in words: ``lf:lastSeen`` is "last seen"."""
     if said := _SPELT.get(iri) or described(iri)[0]:
         return said
     local = _DIMENSIONS.sub(r" \1", iri.rstrip("#/").replace("#", "/").rpartition("/")[2])
@@ -102,17 +102,17 @@ def _described() -> dict[str, tuple[str, str]]:
 
 
 def described(iri: str) -> tuple[str, str]:
-    """The label and the comment that the vocabulary has for a term of ours; empty for any other."""
+    """Return the label and the comment of a term of this project's vocabulary; empty for any other."""
     return _described().get(iri, ("", "")) if iri.startswith(LF.iri) else ("", "")
 
 
 def _inside(label: str) -> str:
-    """A label as it stands inside of a sentence."""
+    """Return a label as written inside a sentence."""
     return label[:1].lower() + label[1:] if label[1:2].islower() and label[:9] != "WebSocket" else label
 
 
 def sentence(text: str) -> str:
-    """A comment for people: terms in it, such as ``lf:lastSeen``, become words."""
+    """Return a comment for people: terms in it, such as ``lf:lastSeen``, become words."""
     return _TERM.sub(lambda found: words(found[0].partition(":")[2]), text)
 
 
@@ -123,7 +123,7 @@ def local_name(iri: str) -> str:
 
 @lru_cache(maxsize=4096)
 def segment_name(segment: str, depth: int) -> str:
-    """The name that a segment of a path stands for; ``depth`` is 0 for what is below the root."""
+    """Return the name that a path segment stands for; ``depth`` is 0 directly below the root."""
     try:
         return clean(unescape(segment.removesuffix(_LINK_MARK), reserved_in_robot() if depth else reserved_at_root()))
     except ValueError:
@@ -131,13 +131,13 @@ def segment_name(segment: str, depth: int) -> str:
 
 
 def place(iri: str, root: str) -> str:
-    """Return the name of a resource of this fleet by its path; ``root`` ends with a slash."""
+    """Return the name of a resource of this fleet from its path; ``root`` ends with a slash."""
     segments = [each for each in iri.removeprefix(root).split("/") if each]
     return step(segments, len(segments) - 1) if segments else "fleet"
 
 
 def step(segments: Sequence[str], depth: int) -> str:
-    """Return the name of a segment of a path; an id is called by what it is one of."""
+    """Return the name of a path segment; an id is named by its container, such as "invocation"."""
     named = depth == 0 or (depth == 1 and segments[0] not in reserved_at_root())  # a robot, a joint or a link
     if not named and is_id(segments[depth]):
         return words(segments[depth - 1]).removesuffix("s")
@@ -145,37 +145,37 @@ def step(segments: Sequence[str], depth: int) -> str:
 
 
 def is_id(segment: str) -> bool:
-    """Return True for a segment that is made by the gateway, such as a UUID, and says nothing to people."""
+    """Return True for a segment generated by the gateway, such as a UUID, which means nothing to people."""
     return len(segment) >= 8 and all(each in "0123456789abcdef-" for each in segment)
 
 
 def is_ours(segments: Sequence[str], depth: int) -> bool:
-    """Return True for a segment that the gateway names, such as that of an action: no name of a robot or a part."""
+    """Return True for a segment named by the gateway, such as that of an action, rather than by a robot."""
     reserved = reserved_in_robot() if depth else reserved_at_root()
     if segments[depth] in reserved or segments[depth - 1 : depth] == ["actions"]:
         return True
-    # Below a joint or a link of a robot all names are those of properties.
+    # Below a joint or link all names are those of properties.
     return depth >= 2 and segments[0] not in reserved_at_root() and segments[1] not in reserved_in_robot()
 
 
 def moment(lexical: str) -> str:
-    """An xsd:dateTime in UTC to the millisecond, or as it is if it is of another form."""
+    """Format an xsd:dateTime in UTC to the millisecond; other forms stay unchanged."""
     found = re.fullmatch(r"(\d{4}-\d\d-\d\d)T(\d\d:\d\d:\d\d)(\.\d+)?Z", lexical)
     return f"{found[1]} {found[2]}{(found[3] or '.000')[:4]} UTC" if found else clean(lexical)
 
 
 def named(iri: str) -> str:
-    """Return the label of an IRI to choose: a part by its name, a term in words."""
+    """Return the label of an IRI in a choice: the name of a part, or a term in words."""
     return words(iri) if "#" in iri else segment_name(iri.rstrip("/").rpartition("/")[2], 1)
 
 
 def mark(iri: str) -> str:
-    """A short name for ids, the same for the same IRI: several forms may come to one page."""
+    """Return a short prefix for ids, the same for the same IRI: one page may have several forms."""
     return f"f{crc32(iri.encode()):08x}"
 
 
 def foreign(iri: str) -> str:
-    """An IRI of another host by its last segment and the host; any that is not of the Web as it is."""
+    """Shorten an IRI of another host to its last segment and the host; an IRI that is not http(s) stays as it is."""
     if not iri.lower().startswith(("http://", "https://")):
         return clean(iri)
     host, _, path = iri.partition("://")[2].partition("/")

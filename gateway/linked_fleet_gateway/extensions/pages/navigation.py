@@ -1,4 +1,4 @@
-"""The navigation that all pages have: the fleet, entries of extensions that are on, and the audit."""
+"""The navigation of all pages: the fleet, entries of enabled extensions, and the audit."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ _entries: tuple[NavigationEntry, ...] = ()
 
 @dataclass(frozen=True)
 class Place:
-    """An entry on a page. ``current`` is the value of aria-current: empty, ``page``, or ``true`` for a page below."""
+    """An entry on a page. ``current``: the value of aria-current: empty, ``page``, or ``true`` for a page below."""
 
     title: str
     href: str
@@ -21,7 +21,7 @@ class Place:
 
 
 def set_entries(entries: Iterable[NavigationEntry]) -> None:
-    """Have the pages of this process show the entries of these extensions."""
+    """Set the extensions' entries for the pages of this process."""
     global _entries
     _entries = tuple(entries)
 
@@ -32,9 +32,9 @@ def places(
     entries: Iterable[NavigationEntry] | None = None,
     root: str = "/",
 ) -> list[Place]:
-    """The entries in their order, as the page at ``path`` shows them; ``audited``: the reader may read the audit.
+    """Return the ordered entries for the page at ``path``; ``audited``: whether the reader may read the audit.
 
-    ``entries``: those of extensions, where they are not known in this process; ``root``: the address of the fleet.
+    ``entries``: those of extensions, if not set in this process; ``root``: the address of the fleet.
     """
     added = _entries if entries is None else entries
     shown = sorted([_FLEET, *added, *([_AUDIT] if audited else [])], key=lambda each: each.rank)
@@ -43,7 +43,7 @@ def places(
 
 
 def _section(path: str | None, entries: Sequence[NavigationEntry]) -> NavigationEntry | None:
-    """The entry that the page is at or below; robots are below the fleet."""
+    """Return the entry at or above the page; robots belong to the fleet."""
     if path is None:
         return None
     below = (each for each in entries if path == each.path or path.startswith(each.path + "/"))

@@ -1,4 +1,4 @@
-"""Resources as HTML: the triples of their description, made readable; scripts only make it live."""
+"""Resources as HTML: the triples of their description in readable form; scripts only add live updates."""
 
 from collections.abc import Sequence
 from functools import cache
@@ -29,23 +29,23 @@ _TEMPLATES = Path(__file__).parent / "templates"
 
 
 def write(resource: Resource, triples: Sequence[Triple], base: str, formats: Formats = FORMATS) -> bytes:
-    """The page of a resource; ``base`` is scheme and authority. The same triples give the same bytes."""
+    """Return the page of a resource; ``base`` is scheme and authority. Equal triples give equal bytes."""
     view = view_of(resource, triples, base, formats)
     data = embedded(jsonld.write(triples, PREFIXES))
     return render(f"{view.kind}.html", view=view, data=data, places=view.places)
 
 
 def render(template: str, **variables: object) -> bytes:
-    """A template with what all pages need."""
+    """Render a template with the variables that all pages need."""
     folders = tuple(dict.fromkeys(each.template.parent for each in added_views()))
     common = {"entries": assets().entries, "places": places()}
     return _templates(folders).get_template(template).render(common | variables).encode()
 
 
 def embedded(json: str) -> Markup:
-    """JSON inside of a script element, which ends at the first ``</script`` whatever is around it."""
+    """Escape JSON for a script element, which ends at the first ``</script`` whatever is around it."""
     escaped = json.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
-    return Markup(escaped)  # noqa: S704 - nothing is left of it that HTML could take for markup
+    return Markup(escaped)  # noqa: S704 - contains nothing that HTML could read as markup
 
 
 @cache

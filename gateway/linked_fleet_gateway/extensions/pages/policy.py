@@ -1,11 +1,11 @@
-"""The policy of pages (Content Security Policy Level 3): run our scripts, speak to us, and nothing else."""
+"""The Content Security Policy (Level 3) of pages: only this gateway's scripts and connections are allowed."""
 
 POLICY = "; ".join(
     (
         "default-src 'none'",
         "script-src 'self'",
         "style-src 'self'",
-        "img-src 'self' data: blob:",  # textures inside of meshes become object URLs
+        "img-src 'self' data: blob:",  # textures inside meshes become object URLs
         "connect-src 'self'",
         "base-uri 'none'",
         "form-action 'none'",
@@ -14,4 +14,4 @@ POLICY = "; ".join(
 )
 
 FORMS = POLICY.replace("form-action 'none'", "form-action 'self'")
-"""The policy of pages that can send a form without a script: those where people log in or out."""
+"""The policy of pages with a form that works without scripts: those for logging in and out."""

@@ -1,4 +1,4 @@
-"""Commands on the page of a robot: sliders, named poses, reach, the control lease, pictures of its cameras."""
+"""Commands on the page of a robot: sliders, named poses, reach, the control lease, camera pictures."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -46,7 +46,7 @@ def panel(facts: Facts, iri: NamedNode) -> Panel:
 
 
 def others(actions: Sequence[Link], own: Panel) -> list[Link]:
-    """The actions that the panel has no form of its own for."""
+    """Return the actions for which the panel has no form of its own."""
     return [each for each in actions if each.iri not in (own.move, own.reach)]
 
 

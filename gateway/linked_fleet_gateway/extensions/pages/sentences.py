@@ -13,13 +13,13 @@ _ADDRESS = re.compile(r"https?://\S+|(?<=\bof )/\S*")
 
 
 def segments(iri: str, root: str) -> list[str]:
-    """The segments of a path below ``root``, which ends with a slash; also of a path alone."""
+    """Return the path segments below ``root``, which ends with a slash; ``iri`` may also be a path."""
     path = iri.removeprefix(root) if iri.startswith(root) else iri
     return [unquote(each) for each in path.partition("?")[0].split("/") if each]
 
 
 def task(iri: str, root: str) -> str:
-    """An action, an invocation of one or what is below, in words: what is done, and to which joint of the robot."""
+    """Describe an action, an invocation or what is below it in words: what is done, and to which joint."""
     found = segments(iri, root)
     if _ACTIONS not in found[:-1]:
         return labels.place(iri, root)
@@ -29,7 +29,7 @@ def task(iri: str, root: str) -> str:
 
 
 def thing(iri: str, root: str) -> str:
-    """A resource of the fleet in words: "right_s1 of baxter", "placement of ur5", "the fleet"."""
+    """Describe a resource in words: "right_s1 of baxter", "placement of ur5", "the fleet"."""
     found = segments(iri, root)
     if not found:
         return "the fleet"
@@ -51,7 +51,7 @@ def _of_robot(found: Sequence[str]) -> str:
 
 
 def plain(text: str, root: str) -> str:
-    """A title for people: addresses in it become names of what is there."""
+    """Return a title for people: addresses in it become names."""
     return _ADDRESS.sub(
         lambda found: thing(found[0], root) if _ours(found[0], root) else labels.foreign(found[0]), text
     )
@@ -69,7 +69,7 @@ def capital(text: str) -> str:
 
 
 def motion(iri: str, root: str, targets: Mapping[str, tuple[float, str]]) -> str:
-    """An invocation in words, with its only target: "Rotate right_s1 to −100°". Targets have units, by joint."""
+    """Describe an invocation with its only target: "Rotate right_s1 to −100°". ``targets``: value and unit by joint."""
     said = capital(task(iri, root))
     if len(targets) > 1:
         return f"{said} ({len(targets)} joints)"
@@ -80,7 +80,7 @@ def motion(iri: str, root: str, targets: Mapping[str, tuple[float, str]]) -> str
 
 
 def position(value: float, unit: str) -> str:
-    """An angle in degrees, a length in millimetres; ``unit`` as data has it."""
+    """Format an angle in degrees, a length in millimetres; ``unit`` as in data."""
     if not math.isfinite(value):
         return "an unknown position"
     shown = labels.converted(value, unit) or f"{labels.number(value)} {unit}".rstrip()
@@ -100,7 +100,7 @@ _DONE = {
 
 
 def done(what: str, path: str) -> str:
-    """A request as the audit has it, in words: ``what`` is its method, or what became of a stream."""
+    """Describe an audited request in words; ``what`` is its method, or the event of a stream."""
     found = segments(path, "/")
     if what == "RULE":
         return f"by a rule: {task(path, '/')}"
@@ -114,7 +114,7 @@ def done(what: str, path: str) -> str:
 
 
 def outcome(status: int | None) -> tuple[str, str]:
-    """Return what a request came to, in words, and as a state; ``status`` is that of the answer, None without one."""
+    """Return the outcome of a request in words and as a state; ``status`` is None without a response."""
     if status is None:
         return "ended", "idle"
     if status < 400:

@@ -1,4 +1,4 @@
-"""Views of robots, joints, links and properties besides the facts that every page has."""
+"""Views of robots, joints, links and properties, beside the facts that every page shows."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -23,7 +23,7 @@ AROUND = frozenset({DCTERMS.title, RDFS.seeAlso, HYBRIT.blueprint, HYBRIT.consum
 
 @dataclass(frozen=True)
 class Described:
-    """A subject with all that is said of it; ``anchor`` is its id on the page."""
+    """A subject with all facts about it; ``anchor`` is its id on the page."""
 
     anchor: str
     title: Link
@@ -39,7 +39,7 @@ class Plot:
 
 @dataclass(frozen=True)
 class Card:
-    """A property: ``number`` is what it comes to, if it comes to one; ``time`` when it was measured."""
+    """A property. ``number``: its value, if it has a single one; ``time``: when it was measured."""
 
     name: str
     link: Link
@@ -52,7 +52,7 @@ class Card:
 
 @dataclass(frozen=True)
 class Limits:
-    """Ends of the range of a joint, both known, and where it is."""
+    """The range of a joint, with both ends known, and its position."""
 
     lower: Number
     upper: Number
@@ -85,7 +85,7 @@ def card(facts: Facts, iri: NamedNode, name: str) -> Card:
 
 
 def _plots(name: str, rows: Iterable[Row]) -> Iterator[Plot]:
-    """Scalars, and vectors with a unit: those without are directions, which hardly ever turn."""
+    """Yield scalars, and vectors with a unit: those without a unit are directions, which hardly ever change."""
     for row in rows:
         for value in row.values:
             if isinstance(value, Number) and value.at:
@@ -95,7 +95,7 @@ def _plots(name: str, rows: Iterable[Row]) -> Iterator[Plot]:
 
 
 def cards(facts: Facts, iri: NamedNode) -> list[tuple[NamedNode, Card]]:
-    """The properties of a thing in the order of the description, named by their predicates, else by their IRIs."""
+    """Return a thing's properties in the order of the description, named by their predicates, else by their IRIs."""
     listed = [each for each in facts.all(iri, HYBRIT.property) if isinstance(each, NamedNode) and each in facts.of]
     names: dict[Term, NamedNode] = {}
     for predicate, values in facts.of.get(iri, {}).items():
@@ -105,7 +105,7 @@ def cards(facts: Facts, iri: NamedNode) -> list[tuple[NamedNode, Card]]:
 
 
 def _leading(facts: Facts, iri: NamedNode) -> set[NamedNode]:
-    """The predicates that lead to properties which are described here."""
+    """Return the predicates that lead to properties described in this document."""
     listed = set(facts.all(iri, HYBRIT.property)) & facts.of.keys()
     return {p for p, values in facts.of.get(iri, {}).items() if values and listed.issuperset(values)}
 
@@ -117,7 +117,7 @@ def _state(facts: Facts, iri: NamedNode, predicate: NamedNode) -> State | None:
 
 @dataclass(frozen=True)
 class Presence:
-    """The presence of a robot: is it there, since when is it not, and what is wrong with it."""
+    """The presence of a robot: its state, when it was last seen, and its fault."""
 
     state: State | None
     seen: Value | None
@@ -133,7 +133,7 @@ PRESENCE = frozenset({LF.presence, LF.lastSeen, LF.fault})
 
 
 def actions(facts: Facts, iri: NamedNode) -> list[Link]:
-    """Named by the last segment, in words."""
+    """Return links to the actions, named by the last segment in words."""
     found = [each.value for each in facts.all(iri, HYBRIT.action) if isinstance(each, NamedNode)]
     return [Link(labels.words(each), each, each) for each in found]
 
@@ -143,7 +143,7 @@ def actions(facts: Facts, iri: NamedNode) -> list[Link]:
 
 @dataclass(frozen=True)
 class JointRow:
-    """A joint as its robot lists it; ``values`` are position, velocity and effort, empty for one that does not move."""
+    """A joint in its robot's list. ``values``: position, velocity and effort; empty for a fixed joint."""
 
     link: Link
     kind: str
@@ -199,7 +199,7 @@ def _kind_of_joint(facts: Facts, iri: NamedNode) -> str:
 
 
 def _samples(facts: Facts, samples: Iterable[Term]) -> dict[NamedNode, list[Number]]:
-    """Position, velocity and effort by joint; each is found backwards, from the joint to what is a sample of it."""
+    """Return position, velocity and effort by joint; addresses lead backwards from the joint to its samples."""
     found: dict[NamedNode, list[Number]] = {}
     for sample in samples:
         joint = facts.one(sample, LF.ofJoint)
@@ -271,7 +271,7 @@ def _of_part(facts: Facts, iri: NamedNode) -> set[NamedNode]:
 
 
 def _neighbours(facts: Facts, iri: NamedNode) -> set[Subject]:
-    """Things that are introduced by type and title only, so that links to them have a text."""
+    """Return things that have only a type and a title, which serve as texts of links."""
     return {
         each
         for each, said in facts.of.items()

@@ -1,4 +1,4 @@
-"""Terms of a graph as what a page shows: numbers with units, times, states, links, nests of facts."""
+"""Terms of a graph as shown on a page: numbers with units, times, states, links, nested facts."""
 
 import re
 from collections.abc import Iterable, Sequence
@@ -23,13 +23,13 @@ _AXES = (MATHS.x, MATHS.y, MATHS.z, LF.w)
 _VOCABULARIES = tuple(PREFIXES.values())
 _STATES = frozenset({LF.presence, LF.state, LF.deliveryState})
 _TIMES = frozenset({LF.lastSeen, LF.lastMoved, LF.lastFrame, LF.lastDelivery, SOSA.resultTime})
-# The other times come once, and something else of the page with them.
+# The other times appear once, together with something else on the page.
 _LIVE_TIMES = _TIMES - {LF.lastSeen, LF.lastMoved}
 
 
 @dataclass(frozen=True)
 class Address:
-    """The place of a value: a subject with an IRI, and the predicates that lead from it; ``^`` is a hop backwards."""
+    """The place of a value: a subject's IRI and the predicates that lead from it; ``^`` marks a reversed step."""
 
     subject: str
     path: str
@@ -40,7 +40,11 @@ class Address:
 
 @dataclass(frozen=True)
 class Number:
-    """``value`` is as it was said, empty if it is unknown; ``name`` as data, ``unit`` as people write it."""
+    """A number with its unit.
+
+    ``value``: the original text, empty if unknown. ``name``: the unit as in data; ``unit``: the unit as people write
+    it.
+    """
 
     text: str
     value: str
@@ -74,13 +78,13 @@ class Text:
 
     @property
     def is_code(self) -> bool:
-        """True for what is for programs: IRIs, templates of such, digests, queries."""
+        """True for text meant for programs: IRIs, URI templates, digests, queries."""
         return _CODE.search(self.text) is not None
 
 
 @dataclass(frozen=True)
 class Link:
-    """``href`` is empty for an IRI that a browser cannot follow; ``help`` is what the vocabulary says of a term."""
+    """``href``: empty for an IRI that a browser cannot follow. ``help``: the vocabulary's comment on a term."""
 
     text: str
     href: str
@@ -121,7 +125,7 @@ Value = Number | Time | State | Text | Link | Vector | Items | Nest
 
 
 class Facts:
-    """The triples of a resource, and how their terms are shown. ``root`` is the fleet's IRI, with its slash."""
+    """The triples of a resource, and how their terms are shown. ``root``: the fleet's IRI, with its slash."""
 
     def __init__(self, triples: Sequence[Triple], root: str) -> None:
         self.triples = triples
@@ -130,7 +134,7 @@ class Facts:
         self.root = root
 
     def all(self, subject: Term, *predicates: NamedNode) -> list[Term]:
-        """Return what is reached from a subject by one predicate after the other."""
+        """Return the terms reached from a subject by following the predicates in turn."""
         found: list[Term] = [subject]
         for predicate in predicates:
             found = [each for term in found if isinstance(term, Subject) for each in self._said(term, predicate)]
@@ -140,7 +144,7 @@ class Facts:
         return self.of.get(subject, {}).get(predicate, [])
 
     def one(self, subject: Term, *predicates: NamedNode) -> Term | None:
-        """The first that is reached."""
+        """Return the first term reached, or None."""
         return next(iter(self.all(subject, *predicates)), None)
 
     def text(self, subject: Term, predicate: NamedNode) -> str:
@@ -148,7 +152,7 @@ class Facts:
         return labels.clean(found.value) if isinstance(found, Literal) else ""
 
     def iri_of(self, subject: Term, predicate: NamedNode) -> str:
-        """The IRI that is reached first; empty for none."""
+        """Return the first IRI reached; empty if there is none."""
         found = self.one(subject, predicate)
         return found.value if isinstance(found, NamedNode) else ""
 
@@ -158,7 +162,7 @@ class Facts:
     # -- values -----------------------------------------------------------------------------------------------------
 
     def rows(self, subject: Subject, at: Address | None = None, without: Iterable[NamedNode] = ()) -> list[Row]:
-        """Every fact about ``subject`` but its types, and those ``without``; ``at``: where a blank node is."""
+        """Return all facts about ``subject`` except its types and ``without``; ``at``: the address of a blank node."""
         hidden = {RDF.type, *without}
         return [
             Row(self.term(predicate), self.values(subject, predicate, at))
@@ -179,7 +183,7 @@ class Facts:
         return at and at.below(predicate)
 
     def value(self, term: Term, predicate: NamedNode, at: Address | None) -> Value:
-        """``at`` is None for one of several, whose place in the graph nobody can name."""
+        """``at``: None for one of several values, which has no address in the graph."""
         if isinstance(term, Literal):
             return self._literal(term, predicate, at)
         if (items := self.outline.list_items(term)) is not None:
@@ -212,12 +216,12 @@ class Facts:
         return Nest(self.rows(node, at), self.types(node))
 
     def scalar(self, node: Term, at: Address | None, predicate: NamedNode = VOM.numericalValue) -> Number:
-        """A node with a number and a unit."""
+        """Return a node that has a number and a unit."""
         value = self.one(node, predicate) or LF.unknown
         return self.number(value, at and at.below(predicate), self.unit_of(node))
 
     def unit_of(self, node: Term) -> str:
-        """IRI of the unit of a node, QUDT's if it has one; empty without any."""
+        """Return the IRI of the unit of a node, QUDT's if it has one; empty without any."""
         unit = self.one(node, QUDT.unit) or self.one(node, VOM.unit)
         return unit.value if isinstance(unit, NamedNode) else ""
 
@@ -231,7 +235,7 @@ class Facts:
         return Vector(parts, labels.unit(unit) if unit else "")
 
     def number(self, term: Term, at: Address | None, unit: str = "") -> Number:
-        """``unit`` is its IRI, if it has any."""
+        """``unit``: its IRI, or empty."""
         shown, name = (labels.unit(unit), quantity.unit_label(unit)) if unit else ("", "")
         if not isinstance(term, Literal):
             return Number("unknown", "", at, shown, name)
@@ -246,12 +250,12 @@ class Facts:
         return [self.term(each) for each in self.all(subject, RDF.type) if isinstance(each, NamedNode)]
 
     def term(self, iri: NamedNode) -> Link:
-        """A term of a vocabulary; our own terms are described here."""
+        """Return a link for a term; terms of this project's vocabulary link to the page that describes them."""
         href = f"{self.root}vocabulary#{iri.value.removeprefix(LF.iri)}" if iri.value.startswith(LF.iri) else iri.value
         return Link(labels.words(iri.value), href if _is_web(href) else "", iri.value, labels.described(iri.value)[1])
 
     def link(self, iri: NamedNode) -> Link:
-        """A link with the title of what it leads to, as far as the triples know it."""
+        """Return a link with the title of its target, if the triples contain it."""
         title = sentences.plain(self.text(iri, DCTERMS.title), self.root) if iri in self.of else ""
         if iri.value.startswith(self.root):
             return Link(title or labels.place(iri.value, self.root), iri.value, iri.value)

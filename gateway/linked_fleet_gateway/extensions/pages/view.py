@@ -1,4 +1,4 @@
-"""Pages from the triples of resources: the frame that all pages share, and the view of each kind."""
+"""Pages from the triples of resources: the common frame, and the view of each kind."""
 
 import shlex
 from collections.abc import Callable, Mapping, Sequence
@@ -24,7 +24,7 @@ from linked_fleet_gateway.resources.action_offer import robot_offers
 from linked_fleet_gateway.resources.paths import reserved_at_root
 from linked_fleet_gateway.resources.resource import Resource
 
-# In this order: what is first found among the types of a resource is its kind.
+# The first type of a resource found in this order decides its kind.
 _KINDS: Mapping[NamedNode, tuple[str, Callable[[Facts, NamedNode], Part]]] = {
     LF.Fleet: ("fleet", fleet),
     LF.Audit: ("audit", audit),
@@ -40,23 +40,26 @@ _KINDS: Mapping[NamedNode, tuple[str, Callable[[Facts, NamedNode], Part]]] = {
     HYBRIT.Subscription: ("subscription", doings.subscription),
     LF.ControlLease: ("lease", doings.lease),
 }
-# These say what everything of a kind is; they help nobody at the head of a page.
+# Types that everything of a kind has, which help nobody in the heading of a page.
 _PLAIN_TYPES = frozenset(
     {HYBRIT.RoboticThing, HYBRIT.Property, HYBRIT.Action, HYBRIT.AsynchronousAction, LF.Joint, PROV.Activity}
     | {LDP.Container, LDP.BasicContainer, LDP.RDFSource}
     | {LF.Fleet, LF.Audit, LF.Directory, LF.Invocation, LF.InvocationList, LF.JointState, OWL.Ontology}
     | {SOSA.ObservableProperty, SOSA.Actuation}
 )
-# What the frame of the page shows already.
+# Predicates that the frame of the page already shows.
 _FRAME = frozenset({DCTERMS.title, HYBRIT.blueprint, HYBRIT.subscriptions, XHV.prev, XHV.next})
 _NOT_SERVED = frozenset({"actions"})
 
 
 @dataclass(frozen=True)
 class View:
-    """``crumbs`` are names with IRIs, the last without; ``stop`` is whom the Stop button stops, and by which action;
-    ``places`` is the navigation; ``reader`` is who has logged in, with ``rights`` over what the page is about, None
-    where nobody has to; ``warning`` is about the gateway."""
+    """A page.
+
+    ``crumbs``: names with IRIs, the last one without. ``stop``: what the Stop button stops, and the IRI of the action.
+    ``places``: the navigation. ``reader``: the identity that has logged in; ``rights``: its rights over this resource,
+    None if no log-in is required. ``warning``: about the gateway.
+    """
 
     iri: str
     query: str
@@ -150,13 +153,13 @@ def _links(facts: Facts, iri: NamedNode, predicate: NamedNode) -> list[Link]:
 
 
 def _blueprint(facts: Facts, iri: NamedNode) -> str:
-    """The document, not the shape that it is about."""
+    """Return the document of the blueprint, not the shape in it."""
     own = [each.value for each in facts.all(iri, HYBRIT.blueprint) if isinstance(each, NamedNode)]
     return next((each for each in own if each.startswith(facts.root)), "")
 
 
 def _crumbs(path: str, root: str) -> list[tuple[str, str]]:
-    """From the fleet to this resource; what is on the way without being a resource is left out."""
+    """Return the links from the fleet to this resource; path prefixes that are no resources are left out."""
     segments = [each for each in path.split("/") if each]
     crumbs = [("Fleet", root)]
     for depth, segment in enumerate(segments):
@@ -168,7 +171,7 @@ def _crumbs(path: str, root: str) -> list[tuple[str, str]]:
 
 
 def _stop(resource: Resource, root: str) -> tuple[str, str]:
-    """A robot's own if it has any, on the pages below it; else that of the whole fleet."""
+    """Return the robot's own stop action on pages below the robot, if it has one; else that of the whole fleet."""
     head, robot = resource.path[1:].partition("/")[0], resource.source.robot
     able = robot is None or any(each.definition.iri == LF.StopRobot for each in robot_offers(robot))
     if head and head not in reserved_at_root() and able:

@@ -1,4 +1,4 @@
-"""Page views: a template and a function for each kind of resource. Other extensions bring theirs."""
+"""Page views: a template and a function for each kind of resource. Other extensions add theirs."""
 
 from collections.abc import Callable, Mapping, Set
 from dataclasses import dataclass, field
@@ -13,9 +13,10 @@ from linked_fleet_gateway.rdf.turtle_layout import Subject
 
 @dataclass(frozen=True)
 class Part:
-    """``more`` is for the template; in it are ``shown``, predicates of the resource, and ``done``, other subjects.
+    """What a view contributes to a page.
 
-    ``title`` is the heading, where that of the resource says less to people.
+    ``more``: variables for the template. ``shown``: predicates of the resource that it displays; ``done``: other
+    subjects that it displays. ``title``: the heading, if better than the resource's own.
     """
 
     more: Mapping[str, Any] = field(default_factory=dict)
@@ -26,9 +27,9 @@ class Part:
 
 @dataclass(frozen=True)
 class PageView:
-    """The view of resources of one class; ``template`` is a file whose name says the kind of page.
+    """The view of resources of one class; ``template`` is a file whose name is the kind of page.
 
-    ``constants``: values that views of other extensions may use by name, such as the path of a container.
+    ``constants``: values by name for views of other extensions, such as the path of a container.
     """
 
     type: NamedNode
@@ -45,7 +46,7 @@ _added: dict[NamedNode, PageView] = {}
 
 
 def add_view(view: PageView) -> None:
-    """Have this process show resources of a class by this view."""
+    """Show resources of a class by this view in this process."""
     _added[view.type] = view
 
 
@@ -54,5 +55,5 @@ def added_views() -> list[PageView]:
 
 
 def constant(name: str) -> str:
-    """The value that a view which was added gives this name; empty if there is none."""
+    """Return the value that an added view gives this name; empty if there is none."""
     return next((each.constants[name] for each in _added.values() if name in each.constants), "")

@@ -1,4 +1,4 @@
-"""The view of the vocabulary: an index of terms by what they are, each with its label and its comment."""
+"""The view of the vocabulary: an index of its terms by kind, each with its label and comment."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ _PLAIN = frozenset({RDFS.Class, RDF.Property, SH.NodeShape, SH.PropertyShape})
 
 @dataclass(frozen=True)
 class TermRow:
-    """A term: ``name`` as data has it, ``kinds`` the classes that it is of or below."""
+    """A term. ``name``: as in data; ``kinds``: its classes and superclasses."""
 
     anchor: str
     name: str
