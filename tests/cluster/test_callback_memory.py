@@ -5,4 +5,4 @@ import pytest
 from cluster.on_cluster import memory
 from fleet.test_callback_memory import test_the_memory_goes_away_and_comes_back_under_load
 
-pytestmark = pytest.mark.test_all
+pytestmark = [pytest.mark.processes, pytest.mark.test_all]

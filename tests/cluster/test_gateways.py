@@ -27,7 +27,7 @@ from redis_servers import Servers, cluster
 from running import eventually, process
 from several import Gateway, Hub, arrived, deliveries, gateway, gateways, hub
 
-pytestmark = pytest.mark.test_all
+pytestmark = [pytest.mark.processes, pytest.mark.test_all]
 NAMES = ("ada", "bob", "cleo", "dan")
 
 

@@ -5,5 +5,5 @@ import pytest
 from cluster import on_cluster
 from fleet.test_stream_handover import *
 
-pytestmark = pytest.mark.test_all
+pytestmark = [pytest.mark.processes, pytest.mark.test_all]
 memory = on_cluster.memory  # after all imports, because it replaces the fixture of that module

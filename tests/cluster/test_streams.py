@@ -7,7 +7,7 @@ import pytest
 from redis_servers import Servers, cluster
 from subscriptions.test_streams import *
 
-pytestmark = pytest.mark.test_all
+pytestmark = [pytest.mark.processes, pytest.mark.test_all]
 
 
 @pytest.fixture(scope="module")
