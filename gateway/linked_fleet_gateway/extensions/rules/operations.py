@@ -43,7 +43,7 @@ def _schema() -> Json:
             "@context": {"const": _CONTEXT},
             "@type": {"const": "lf:Rule"},
             **{member: form.by_name[name].schema() for member, name in _NAMES.items()},
-            "lf:invokes": action | {"description": form.by_name["invokes"].description},
+            "lf:invokes": action | {"description": form.by_name["action"].description},
             "lf:body": {"description": form.by_name["body"].description},
         },
         "required": ["@context", "dcterms:title", "lf:condition", "lf:invokes"],

@@ -13,6 +13,7 @@ from every_kind import BASE, tree
 from linked_fleet_gateway.base.errors import BadRequest, FleetError
 from linked_fleet_gateway.extensions.things.directory import MOST, Listing
 from linked_fleet_gateway.extensions.things.http import read_listing
+from linked_fleet_gateway.http.arrival import arrive
 from linked_fleet_gateway.http.representation import Representations
 from linked_fleet_gateway.http.request import Request
 from linked_fleet_gateway.resources.branches import RequestView
@@ -63,7 +64,8 @@ def _get(query: str = "", *, method: str = "GET", without: str = "", **fields: s
         listing = Listing(RequestView(BASE, robots, listing.view.invocations, listing.view.sees))
     headers = [(name.replace("_", "-").encode(), value.encode()) for name, value in fields.items()]
     scope = {"type": "http", "method": method, "path": "/things", "query_string": query.encode(), "headers": headers}
-    scope |= {"state": {"base": BASE}, "app": SimpleNamespace(services=_Services())}
+    scope["app"] = SimpleNamespace(services=_Services())
+    arrive(scope).base = BASE
 
     async def run() -> _Answer:
         return await _Answer(await read_listing(Request(scope), found, listing)).read()
