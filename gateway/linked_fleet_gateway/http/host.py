@@ -48,14 +48,17 @@ class Authorities:
         arrival = arrival_of(scope)
         if arrival.base:
             return
-        host, origin = arrival.fields.get(b"host"), arrival.fields.get(b"origin")
+        path, host, origin = "", arrival.fields.get(b"host"), arrival.fields.get(b"origin")
         if not scope.get("raw_path", b"/").startswith(b"/") and host is not None and b", " not in host:
             absolute = _ABSOLUTE.fullmatch(scope["raw_path"].decode("latin-1"))
             if absolute:
                 host, path = absolute[1].encode("latin-1"), absolute[2] or "/"
-                scope["path"], scope["raw_path"] = unquote(path), path.encode("latin-1")
-        arrival.base = self._base(scope.get("scheme", "http"), host)
+        base = self._base(scope.get("scheme", "http"), host)
         arrival.elsewhere = origin is not None and self._is_elsewhere(scope, origin.split(b", "))
+        # What follows is for a request that is admitted: one that was refused is refused again.
+        arrival.base = base
+        if path:
+            scope["path"], scope["raw_path"] = unquote(path), path.encode("latin-1")
 
     def _base(self, scheme: str, said: bytes | None) -> str:
         if found := self._asked.get((scheme, said)):

@@ -9,7 +9,7 @@ from starlette.requests import Request
 from starlette.responses import PlainTextResponse
 from starlette.routing import Route
 
-from linked_fleet_gateway.base.errors import FleetError
+from linked_fleet_gateway.base.errors import FleetError, MisdirectedRequest
 from linked_fleet_gateway.http.arrival import Scope, arrival_of
 from linked_fleet_gateway.http.host import Authorities, Message, refuse
 
@@ -75,6 +75,21 @@ def test_unknown_authority(host: str) -> None:
     """421 that lists the known authorities."""
     start, body = ask(host)
     assert start["status"] == 421 and "http://127.0.0.1:8000" in json.loads(body["body"])["detail"]
+
+
+def test_what_was_refused_is_refused_again() -> None:
+    """A request is looked at a second time where its answer is not there at once."""
+    headers = [(b"host", b"fleet.example")]
+    scope: Scope = {
+        "type": "http",
+        "method": "GET",
+        "raw_path": b"http://evil.example/x",
+        "path": "",
+        "headers": headers,
+    }
+    for _ in range(2):
+        with pytest.raises(MisdirectedRequest):
+            Authorities(URLS).admit(scope)
 
 
 def test_websocket() -> None:
