@@ -6,6 +6,7 @@ equal. Requests with fields that ask for more than a representation bypass the c
 """
 
 from dataclasses import dataclass
+from itertools import chain
 from operator import is_not
 
 from starlette.types import Scope
@@ -51,11 +52,12 @@ class Answer:
         "_facts",
         "_fields",
         "_news",
-        "_observations",
         "_of_content",
         "_packed",
+        "_quiet",
         "_rendering",
         "_robot",
+        "_shown",
         "_source",
         "_tag",
         "size",
@@ -76,11 +78,13 @@ class Answer:
         """
         self._source, self._robot, self._rendering = resource.source, robot, rendering
         self._tag = etag(content) if rendering is None else ""
-        self._packed = rendering is None and pays(content)
+        self._packed = resource.compressible and pays(content)
         self._content = compressed(content) if self._packed else content
         self.size = len(self._content)
         """Approximate size of the cached content in bytes."""
-        self._observations: tuple[Observation, ...] = ()
+        self._quiet = resource.quiet
+        self._shown: tuple[Observation, ...] = ()
+        """The observations that were written last."""
         self._fields, self._of_content = (*fields,), (*fields, *of_content)
         self._block, self._block_of_content = block(self._fields), block(self._of_content)
         self._news, self._facts = _news(robot), resource.source.facts()
@@ -112,10 +116,12 @@ class Answer:
     def _write(self, rendering: Rendering) -> None:
         """Write the values, unless the last written observations are unchanged."""
         observations = self._source.look()
-        before = self._observations
-        if not self._tag or len(before) != len(observations) or any(map(is_not, before, observations)):
-            self._content = rendering.of(observations)
-            self._tag, self._observations = etag(self._content), observations
+        shown = (*observations, *chain.from_iterable(look() for look in self._quiet)) if self._quiet else observations
+        before = self._shown
+        if not self._tag or len(before) != len(shown) or any(map(is_not, before, shown)):
+            content = rendering.of(observations)
+            self._content = compressed(content) if self._packed else content
+            self._tag, self._shown = etag(content), shown
 
 
 class Answers:

@@ -64,7 +64,7 @@ def _codings(resource: Resource, representation: Representation) -> tuple[str, .
         return tuple(resource.coded)
     text = media_type.startswith("text/") or media_type.endswith(("json", "xml", "n-triples"))
     secret = media_type == HTML and bool(resource.reader)
-    coded = text and resource.measured is None and not secret and pays(representation.body)
+    coded = text and resource.compressible and not secret and pays(representation.body)
     return ("gzip",) if coded else ()
 
 

@@ -3,10 +3,12 @@
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from decimal import Decimal
+from functools import lru_cache
 
 from pyoxigraph import Literal, NamedNode
 
 from linked_fleet_gateway.fleet.model import Joint, Link
+from linked_fleet_gateway.fleet.observation import Observation
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.rdf.graph import Graph, timestamp
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, LDP, LF, RDFS, ROS, SOSA, XHV, XSD
@@ -73,8 +75,13 @@ class Describer:
             if does.battery_percent is not None:
                 graph.add(iri, LF.batteryCharge, Literal(f"{does.battery_percent:.1f}", datatype=XSD.decimal))
 
-    def robot(self, robot: Robot, tasks: Sequence[str], links: Links, graph: Graph) -> None:
-        """Describe a robot; ``tasks`` are the paths of its running invocations, ``links`` as for the fleet."""
+    def robot(
+        self, robot: Robot, tasks: Sequence[str], links: Links, graph: Graph, seens: Sequence[Seen] | None = None
+    ) -> None:
+        """``tasks``: paths of the invocations that are under way; ``links``: as of the fleet.
+
+        ``seens``: other values than the present ones, one for each measured property, and the last frame.
+        """
         path = robot_path(robot.name)
         iri = self.iri(path)
         graph.a(iri, HYBRIT.RoboticThing, LF.Robot)
@@ -82,7 +89,7 @@ class Describer:
         graph.add(iri, DCTERMS.identifier, Literal(robot.name))
         graph.add(iri, RDFS.seeAlso, self.iri("/"))
         self.presence(graph, iri, robot)
-        self._last_frame(graph, iri, robot)
+        self._last_frame(graph, iri, Seen.of(last_frame(robot)) if seens is None else seens[-1])
         self._interface(graph, path, LF.RobotShape)
         self._actions(graph, iri, robot_offers(robot))
         graph.add(iri, LF.lease, self.iri(lease_path(robot.name)))
@@ -97,7 +104,7 @@ class Describer:
         graph.add(iri, LF.rootLink, self.iri(link_path(robot.name, robot.model, robot.model.root)))
         graph.add(iri, LF.model, self.iri(model_path(robot.name)))
         graph.add(iri, DCTERMS.hasPart, *(self.iri(part) for part in part_paths(robot)))
-        self._properties(graph, path, self.robot_properties(robot))
+        self._properties(graph, path, self.robot_properties(robot), None if seens is None else seens[:-1])
         for joint in robot.model.joints.values():
             self._introduce_joint(graph, robot, joint)
         for link in robot.model.links.values():
@@ -178,11 +185,8 @@ class Describer:
         if robot.presence != "online":
             self.presence(graph, iri, robot)
 
-    def _last_frame(self, graph: Graph, iri: NamedNode, robot: Robot) -> None:
-        # Whole seconds: a timestamp that changes a hundred times a second would make every ETag useless.
-        frame = robot.frame
-        value = LF.unknown if frame is None else timestamp(frame.wall_ns, resolution_ns=_SECOND_NS)
-        graph.add(iri, LF.lastFrame, value)
+    def _last_frame(self, graph: Graph, iri: NamedNode, seen: Seen) -> None:
+        graph.add(iri, LF.lastFrame, LF.unknown if seen.wall_ns is None else timestamp(seen.wall_ns))
 
     def _interface(self, graph: Graph, path: str, shape: NamedNode) -> None:
         iri, stem = self.iri(path), path.rstrip("/")
@@ -225,6 +229,21 @@ class Describer:
 
     def _annotations(self, graph: Graph, iri: NamedNode, robot: Robot) -> None:
         annotate(graph, iri, robot.annotations, self.base + robot_path(robot.name))
+
+
+def last_frame(robot: Robot) -> tuple[Observation, ...]:
+    """The time of the present frame, without values.
+
+    To the second: a time that moves a hundred times a second would make every entity tag worthless.
+    """
+    frame = robot.frame
+    return (_moment(None if frame is None else frame.wall_ns // _SECOND_NS),)
+
+
+@lru_cache(maxsize=64)
+def _moment(second: int | None) -> Observation:
+    """The same object for the same second, as an observation that has not moved."""
+    return Observation((), None if second is None else second * _SECOND_NS)
 
 
 def part_paths(robot: Robot) -> list[str]:

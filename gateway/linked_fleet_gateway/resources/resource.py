@@ -86,6 +86,8 @@ class Resource:
     """The kind of resources whose descriptions differ only in their path."""
     looks: tuple[Look, ...] = ()
     """Observations of the measured values that it shows, in the order of its properties."""
+    quiet: tuple[Look, ...] = ()
+    """Further ones, after those, whose change is no news."""
     query: str = ""
     """The query of the request, if it makes a difference."""
     followed: bool = True
@@ -125,6 +127,11 @@ class Resource:
     @property
     def linkset(self) -> str:
         return self.path.rstrip("/") + "/linkset"
+
+    @property
+    def compressible(self) -> bool:
+        """True if its content is worth a content coding: values that move again and again are not, alone."""
+        return self.measured is None or bool(self.quiet)
 
     @property
     def observable(self) -> bool:

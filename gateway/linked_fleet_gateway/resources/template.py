@@ -37,7 +37,7 @@ class Versions(NamedTuple):
 class _Form(NamedTuple):
     """The state that determines the constant text: unknown values, values outside limits, and optional statements.
 
-    Each field has one tuple for each of ``Resource.looks``.
+    Each field has one tuple for each of ``Resource.looks`` and ``Resource.quiet``.
     """
 
     unknown: tuple[tuple[bool, ...], ...]
@@ -62,20 +62,25 @@ class Rendering:
         self._template = _Template("", ())
 
     def present(self) -> bytes:
-        """Return the document with the present values. Raises WriteError if the syntax cannot represent it."""
-        return self.body([Seen.of(look()) for look in self._resource.looks])
+        """The document with the present values; WriteError when the syntax cannot say it."""
+        return self.body([Seen.of(look()) for look in (*self._resource.looks, *self._resource.quiet)])
 
     def of(self, observations: Sequence[Observation], versions: Versions | None = None) -> bytes:
-        """Return the document with the observations of a reading, which are those of all looks in sequence."""
-        if len(self._resource.looks) == 1:
+        """The document with the observations of a reading, which are those of all looks one after the other.
+
+        What is quiet is in no reading, and is looked for.
+        """
+        quiet = self._resource.quiet
+        if len(self._resource.looks) == 1 and not quiet:
             return self.body([Seen.of(observations)], versions)
         if sum(self._counts) != len(observations):
             self._counts = tuple(len(look()) for look in self._resource.looks)
         ends = tuple(accumulate(self._counts, initial=0))
-        return self.body([Seen.of(observations[at:to]) for at, to in pairwise(ends)], versions)
+        seens = [Seen.of(observations[at:to]) for at, to in pairwise(ends)]
+        return self.body([*seens, *(Seen.of(look()) for look in quiet)], versions)
 
     def body(self, seens: Sequence[Seen], versions: Versions | None = None) -> bytes:
-        """Return the document with these values, one for each of ``Resource.looks``.
+        """Return the document with these values, one for each of ``looks`` and ``quiet``.
 
         Raises WriteError as ``present``.
         """

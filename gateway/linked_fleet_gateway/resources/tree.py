@@ -22,7 +22,7 @@ from linked_fleet_gateway.resources.affordance import Control
 from linked_fleet_gateway.resources.battery import battery_charge
 from linked_fleet_gateway.resources.binary_frames import frames_of, in_layout, is_framed, layout_path, related_layouts
 from linked_fleet_gateway.resources.branches import NONE, Branches, Found, RequestView
-from linked_fleet_gateway.resources.describe import Describer, Doing, part_paths
+from linked_fleet_gateway.resources.describe import Describer, Doing, last_frame, part_paths
 from linked_fleet_gateway.resources.documents import context, vocabulary
 from linked_fleet_gateway.resources.geometry import in_geometry
 from linked_fleet_gateway.resources.invocation import invocation_path
@@ -202,6 +202,9 @@ class Tree:
             path,
             robot.name,
             lambda graph: self._say.robot(robot, self._tasks(robot), branches, graph),
+            measured=lambda graph, seens: self._say.robot(robot, self._tasks(robot), branches, graph, seens),
+            looks=_looks(properties),
+            quiet=(lambda: last_frame(robot),),
             source=_thing(robot, properties, lambda: self._tasks(robot)),
             own=_own(path, properties, actions),
             parts=tuple(part_paths(robot)),

@@ -46,9 +46,13 @@ def _measured() -> list[Resource]:
     for event in (Appeared("r", 1), Described(said)):
         fleet.apply(event, 1)
     found = [resource for resource, _ in Tree(fleet, Invocations(), _BASE).below("/")]
-    state = Tree(fleet, Invocations(), _BASE).resolve("/r/jointState")
-    assert isinstance(state, Resource)
-    return [each for each in (*found, state) if each.looks and each.measured is not None]
+    robot, state = (Tree(fleet, Invocations(), _BASE).resolve(path) for path in ("/r/", "/r/jointState"))
+    assert isinstance(robot, Resource) and isinstance(state, Resource)
+    return [
+        each
+        for each in ({each.path: each for each in (*found, robot, state)}).values()
+        if each.looks and each.measured is not None
+    ]
 
 
 _RESOURCES = {each.path: each for each in _measured()}
@@ -74,7 +78,7 @@ def _written(resource: Resource, media_type: str, seens: Sequence[Seen], version
 
 
 def _counts(resource: Resource) -> list[int]:
-    return [len(Seen.of(look()).values) for look in resource.looks]
+    return [len(Seen.of(look()).values) for look in (*resource.looks, *resource.quiet)]
 
 
 def test_all_that_is_measured_compiles() -> None:

@@ -16,7 +16,7 @@ from linked_fleet_gateway.fleet.model import Joint, Link
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.rdf.graph import Graph, Node, Term
 from linked_fleet_gateway.rdf.shapes import load
-from linked_fleet_gateway.resources.describe import Describer
+from linked_fleet_gateway.resources.describe import Describer, last_frame
 from linked_fleet_gateway.resources.documents import VOCABULARY, describe_terms
 from linked_fleet_gateway.resources.invocation import describe_invocation, invocation_path
 from linked_fleet_gateway.resources.lease import describe_lease
@@ -59,7 +59,7 @@ class StaticDescriber(Describer):
         if not item.measured:
             super()._property(graph, owner, item, seen)
 
-    def _last_frame(self, graph: Graph, iri: NamedNode, robot: Robot) -> None:
+    def _last_frame(self, graph: Graph, iri: NamedNode, seen: Seen) -> None:
         pass
 
     def value(self, graph: Graph, owner: str, item: Property, seen: Seen) -> None:
@@ -67,7 +67,7 @@ class StaticDescriber(Describer):
         super()._property(graph, owner, item, seen)
 
     def last_frame(self, graph: Graph, iri: NamedNode, robot: Robot) -> None:
-        super()._last_frame(graph, iri, robot)
+        super()._last_frame(graph, iri, Seen.of(last_frame(robot)))
 
 
 class _Value:
