@@ -118,7 +118,7 @@ def spent(tree: Tree) -> Spent:
 
 
 def seen(tree: Tree) -> int:
-    """How many robots a gateway has: those of the first namespace."""
+    """Return the number of robots that a gateway has: those of the first namespace."""
     return tree.size.robots // tree.size.namespaces
 
 
@@ -306,14 +306,14 @@ def online(one: Gateway) -> int:
 
 
 def rotated(tree: Tree, at: str, number: int) -> int:
-    """The status of the answer to a motion, of the robot with this number among those of a gateway."""
+    """Return the status of the answer to a motion of the robot with this number among those of a gateway."""
     one = tree.gateways[at]
     url = f"http://127.0.0.1:{one.port}/{name_of(number * tree.size.namespaces)}/joint_1/actions/rotate"
     return one.http.post(url, content=radian(0.2), headers=TURTLE).status_code
 
 
 def _until(one: Gateway, robots: int) -> int:
-    """When exactly so many robots are online (CLOCK_MONOTONIC, ns); asked at most twice a second, since it costs."""
+    """Return when exactly so many robots are online (CLOCK_MONOTONIC, ns); asked twice a second at most."""
     deadline = time.monotonic() + _PATIENCE_S
     while (found := online(one)) != robots:
         assert time.monotonic() < deadline, f"{found} robots are online, and never {robots}"
