@@ -55,7 +55,7 @@ def errors() -> str:
     ):
         if module.name.endswith(".errors"):
             import_module(module.name)
-    found = sorted({(each.status, each.code, each.title, _first_paragraph(each)) for each in _below(FleetError)})
+    found = sorted({(each.status, each.code, each.title, _meaning(each)) for each in _below(FleetError)})
     rows = [(str(status), f"`{code}`", title, meaning) for status, code, title, meaning in found]
     return (
         "# Errors\n\nEvery error is a problem document (RFC 9457). Its `type` is `" + PROBLEMS + "` and the code.\n\n"
@@ -99,8 +99,10 @@ def _below(kind: type[FleetError]) -> Iterable[type[FleetError]]:
         yield from _below(each)
 
 
-def _first_paragraph(kind: type) -> str:
-    return " ".join((inspect.getdoc(kind) or "").partition("\n\n")[0].split()) if kind.__doc__ else ""
+def _meaning(kind: type) -> str:
+    """The first paragraph of the docstring, and those that name fields of the problem."""
+    first, *others = (inspect.getdoc(kind) or "").split("\n\n") if kind.__doc__ else [""]
+    return " ".join(" ".join([first, *(each for each in others if "``" in each)]).split())
 
 
 def _is_term(subject: object) -> bool:

@@ -48,7 +48,7 @@ def test_the_site_has_every_page(site: Path) -> None:
         ("http", ["/{robot}/{joint}/actions/rotate", "RotateInput", "assumePose", "…/{property}/blueprint"]),
         ("commands", ["linked-fleet do", "--dry-run", "doctor", "--earl"]),
         ("vocabulary", ["lf:Fleet", "The root of the hierarchy"]),
-        ("errors", ["too-many-requests", "out-of-reach", "collision"]),
+        ("errors", ["too-many-requests", "out-of-reach", "collision", "<code>share</code>"]),
         ("api", ["linked_fleet_client.fleet", "Mount", "quantity"]),
         ("SETTINGS", ["LINKED_FLEET_EXTENSIONS"]),
     ],

@@ -32,14 +32,14 @@ def action_paths(
     one = {**parameters, "invocation": ID}
     listed, read = f"{template}/invocations", f"{template}/invocations/{{invocation}}"
     done: Json = {"204": {"description": "The robot holds."}}
-    cancel = reading(f"describeCancel{name}", "Describe how to cancel it, while it goes on")
+    cancel = reading(f"describeCancel{name}", "Describe the action cancel of a running invocation")
     return {
         template: path_item(
             parameters,
-            get=reading(f"describe{name}", f"{definition.title}: its description, with the shape of its body"),
+            get=reading(f"describe{name}", f"{definition.title}: description and shape of the body"),
             **{method.lower(): _invoke(method, name, parameters, offers[0], body) for method in offers[0].methods},
         ),
-        f"{template}/produceshape": path_item(parameters, get=reading(f"shape{name}", "Shape of what it produces")),
+        f"{template}/produceshape": path_item(parameters, get=reading(f"shape{name}", "Shape of the result")),
         listed: path_item(parameters, get=reading(f"list{name}", "Invocations, the newest first")),
         read: path_item(
             one,
@@ -48,7 +48,7 @@ def action_paths(
         ),
         f"{read}/blueprint": path_item(one, get=reading(f"blueprint{name}", "Shape of an invocation")),
         f"{read}/actions/cancel": path_item(
-            one, get=cancel, post=writing(f"cancel{name}", "Cancel an invocation, which stays", done)
+            one, get=cancel, post=writing(f"cancel{name}", "Cancel an invocation and keep it", done)
         ),
     }
 

@@ -112,6 +112,6 @@ def _own_paths() -> dict[str, Json]:
     described: Json = {TYPE: {"schema": {"type": "object", "required": ["openapi"]}}, JSON: {}}
     return {
         PATH: path_item({}, get=document("readOpenApi", "This description", described)),
-        "/audit": path_item({}, get=reading("readAudit", "What was asked for, the newest first")),
+        "/audit": path_item({}, get=reading("readAudit", "Commands and changes, newest first")),
         "/health/live": path_item({}, get=writing("readLive", "The process serves", live)),
     }

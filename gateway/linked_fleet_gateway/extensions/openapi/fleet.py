@@ -183,13 +183,13 @@ class FleetPaths:
             "put": writing(f"put{of}", "Replace it", CHANGED, body, fields),
             "patch": patching(f"patch{of}", "Change it by a SPARQL update"),
         }
-        removed = writing(f"delete{of}", "Take it back", CHANGED, None, fields)
+        removed = writing(f"delete{of}", "Remove it", CHANGED, None, fields)
         return found | ({"delete": removed} if setting.removable else {})
 
 
 def _thing(template: str, parameters: Parameters, kind: str) -> dict[str, Json]:
     stem, linkset = template.rstrip("/"), {LINKSET_TYPES[0]: {"schema": {"type": "object", "required": ["linkset"]}}}
-    whole, blueprint = described(stem, parameters, kind, f"{kind}: what it is, has and can do").values()
+    whole, blueprint = described(stem, parameters, kind, f"{kind}: description, properties and actions").values()
     get = document(f"read{kind}Links", f"Links of a {kind.lower()} (RFC 9264)", linkset)
     links = path_item(parameters, get=get)
     return {template: whole, f"{stem}/blueprint": blueprint, f"{stem}/linkset": links}
@@ -204,7 +204,7 @@ def _lease(robots: Parameters) -> dict[str, Json]:
         "/{robot}/lease",
         robots,
         "Lease",
-        "Control of a robot: who has it, and until when",
+        "Control of a robot: holder and end",
         put=writing("takeLease", "Take or renew control", taken, body, (header("LockToken"), header("IfMatch"))),
         delete=writing("releaseLease", "Release control", {"204": {"description": "Released."}}, None, (proof,)),
     )
