@@ -196,7 +196,7 @@ soak: .venv/stamp $(ASSETS)
 
 # The pictures of README.md.
 pictures: .venv/stamp $(ASSETS) chromium
-	LINKED_FLEET_PICTURES=docs $(BIN)/python -m pytest tests/face/test_tour.py
+	LINKED_FLEET_PICTURES=docs $(BIN)/python -m pytest -m "" tests/face/test_tour.py
 
 # Scripts and styles of the pages, with three.js and others from npm (face/package-lock.json).
 assets: $(ASSETS)

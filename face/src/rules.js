@@ -5,6 +5,7 @@ import { notice } from "./notice.js";
 import { write } from "./ntriples.js";
 import { adopt, refresh } from "./region.js";
 import { solutions } from "./query.js";
+import { watch } from "./socket.js";
 import { TITLE, lf } from "./vocabulary.js";
 
 const FIELDS = { title: TITLE, condition: lf("condition"), invokes: lf("invokes"), body: lf("body"), toldApart: lf("toldApartBy") };
@@ -21,6 +22,8 @@ export function start() {
   const form = document.querySelector("form.rule");
   if (form) edit(form);
   adopt(showFirings);
+  const place = document.querySelector("[data-firings]");
+  if (place) watch(place.dataset.firings, {}, () => showFirings());
 }
 
 /** @param {HTMLFormElement} form */

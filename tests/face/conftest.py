@@ -85,6 +85,12 @@ def client(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Client]:
         yield client
 
 
+@pytest.fixture(scope="session")
+def no_webgl() -> str:
+    """The script with which a page has no WebGL, for contexts other than that of ``page``."""
+    return NO_WEBGL
+
+
 @pytest.fixture
 def page(chromium: Browser, request: pytest.FixtureRequest) -> Iterator[Page]:
     """Open an empty page in a context of its own, with few pixels.

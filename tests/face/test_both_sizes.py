@@ -11,7 +11,7 @@ from browser import Browser as Client
 from commanding import TURTLE, of_joint, of_robot, slowly
 from running import PATIENCE_S, eventually
 
-pytestmark = pytest.mark.processes
+pytestmark = [pytest.mark.processes, pytest.mark.test_all]
 SIZES: dict[str, ViewportSize] = {"desk": {"width": 1280, "height": 900}, "phone": {"width": 390, "height": 844}}
 # Where the target is on the screen that is dragged in the scene of a robot.
 TARGET = """() => {
@@ -50,7 +50,7 @@ class Operator:
 
 
 @pytest.fixture(params=list(SIZES))
-def operator(request: pytest.FixtureRequest, chromium: Browser) -> Iterator[Operator]:
+def operator(request: pytest.FixtureRequest, chromium: Browser, no_webgl: str) -> Iterator[Operator]:
     """Whose pages say nothing on the console and are not wider than their screen."""
     touch, said = request.param == "phone", []
     context = chromium.new_context(
@@ -61,6 +61,8 @@ def operator(request: pytest.FixtureRequest, chromium: Browser) -> Iterator[Oper
         device_scale_factor=0.5,
     )
     context.set_default_timeout(PATIENCE_S * 1000)
+    if request.node.get_closest_marker("webgl") is None:
+        context.add_init_script(no_webgl)
     page = context.new_page()
     page.on("console", lambda message: message.type in ("error", "warning") and said.append(message.text))
     yield Operator(page, request.param)
@@ -101,6 +103,7 @@ def _changed(image: Locator, before: str | None) -> Callable[[], bool]:
     return look
 
 
+@pytest.mark.webgl
 def test_a_point_is_reached_in_the_scene(operator: Operator, client: Client) -> None:
     """Open *reach*, drag its target, whereupon a dry run says what would happen, and send it."""
     page = operator.page
@@ -114,7 +117,7 @@ def test_a_point_is_reached_in_the_scene(operator: Operator, client: Client) -> 
     before = height.input_value()
     page.locator("#scene canvas").scroll_into_view_if_needed()
     eventually(_drawn(page), "a drawing of the target")
-    operator.drag(*page.evaluate(TARGET), right=-12)
+    operator.drag(*page.evaluate(TARGET), right=-6)
     expect(height).not_to_have_value(before)
     expect(form.locator(".answer")).to_contain_text("It would work")
     operator.press(form.get_by_role("button", name="reach", exact=True))
