@@ -250,11 +250,7 @@ class MisdirectedRequest(FleetError):
 
 
 class UnprocessableContent(FleetError):
-    """The body is well-formed but violates a shape.
-
-    ``report`` is the SHACL report, ``constraint`` the IRI of the shape, ``unused`` the statements of the body that have
-    no meaning here.
-    """
+    """The body violates a shape; ``report``: SHACL; ``constraint``: its IRI; ``unused``: statements without effect."""
 
     status, code, title = 422, "unprocessable-content", "The content breaks a constraint"
 

@@ -144,7 +144,7 @@ def matching(pattern: str, right: str) -> Kind[str]:
 
 
 def several(kind: Kind[T], right: str) -> Kind[tuple[T, ...]]:
-    """Return a kind of comma-separated values."""
+    """Return a kind of setting with comma-separated values of another kind."""
     return Kind(lambda text: tuple(kind.read(item.strip()) for item in text.split(",") if item.strip()), right)
 
 

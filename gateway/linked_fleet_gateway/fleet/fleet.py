@@ -92,8 +92,7 @@ class _ByName(Mapping[str, Robot]):
 
     def add(self, robot: Robot) -> None:
         self._robots[robot.name] = robot
-        # sorting the whole list for each new robot would dominate the cost of adding it
-        insort(self._names, robot.name)
+        insort(self._names, robot.name)  # sorting them all would dominate the cost of adding a robot
 
     def remove(self, name: str) -> None:
         del self._robots[name], self._names[bisect_left(self._names, name)]
@@ -325,10 +324,7 @@ class Fleet:
         return [Change(event.robot, "frame")] if entry.robot.header is not None else []
 
     def _enter(self, name: str) -> tuple[_Entry | None, list[Change]]:
-        """Return a new entry.
-
-        At the limit the robot that has been offline longest is removed; without one, return None.
-        """
+        """Return a new entry, at the limit in place of the robot that was offline longest; None without one."""
         changes = list[Change]()
         if len(self._entries) >= MAX_ROBOTS:
             offline = [each for each in self._entries.values() if not each.robot.online]

@@ -48,7 +48,7 @@ def kept_aside(state_dir: Path) -> tuple[str, ...]:
 
 
 def statement(names: tuple[str, ...]) -> str:
-    """Return one sentence for people about the folders; empty if there are none."""
+    """Return a warning that names the folders with damaged data; empty if there are none."""
     if not names:
         return ""
     return (

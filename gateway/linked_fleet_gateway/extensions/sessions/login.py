@@ -266,7 +266,7 @@ def _one(form: dict[str, list[str]], name: str) -> str:
 
 
 def _path(said: str | None) -> str:
-    """Return the local path to go to after the login, whatever the link says."""
+    """Return the path to open after the login; always on this host, ``/`` if ``said`` is invalid."""
     if not said or not said.startswith("/") or len(said) > _LONGEST_PATH:
         return "/"
     return quote(said, safe="/~?&=%.,:;@!$'()*+-_")

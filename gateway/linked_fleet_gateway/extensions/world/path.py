@@ -30,7 +30,7 @@ class Unknown(Exception):  # noqa: N818
 class Path:
     """Positions of ``joints`` at each place (rows).
 
-    Each leg in ``legs`` has the place of its end, its number of steps, and its positions as a function of its share.
+    Each of ``legs``: index of the last row, number of steps, and a function from its completed share to positions.
     """
 
     joints: tuple[str, ...]

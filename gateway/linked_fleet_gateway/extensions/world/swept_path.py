@@ -34,7 +34,7 @@ def _beside(leg: Leg, share: float, start: Positions, meanwhile: Mapping[str, fl
 
 
 def stances_of(start: Positions, ends: Mapping[str, float]) -> tuple[Positions, ...]:
-    """Return stances of a robot whose joints move from ``start`` to ``ends``; the first is its present one."""
+    """Return joint positions at equal steps between ``start`` and ``ends``; the first are the present ones."""
     moved = {name: end - start[name] for name, end in ends.items() if name in start}
     count = min(MOST_STANCES, round(max(map(abs, moved.values()), default=0.0) / STANCE_RAD + 0.5))
     shares = [(i + 1) / count for i in range(count)]

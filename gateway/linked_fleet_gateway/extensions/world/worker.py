@@ -39,7 +39,7 @@ MOST_TRIANGLES_HELD = 2_000_000
 
 
 class Worker:
-    """The prepared shapes, and the answers."""
+    """The state of the process that checks motions: prepared shapes, and the answers to its questions."""
 
     def __init__(self, cache: MeshCache, most_triangles: int = MOST_TRIANGLES_HELD) -> None:
         self._cache, self._most_triangles = cache, most_triangles
