@@ -72,7 +72,7 @@ def api() -> str:
 
 
 def commands() -> str:
-    """The help of ``linked-fleet`` and of each command of the client."""
+    """Return the help of ``linked-fleet`` and of each command of the client."""
     context = cli.make_context("linked-fleet", [], resilient_parsing=True, terminal_width=100)
     parts = ["# Command line\n", _help(cli, context)]
     parts += ["The options of `gateway`, `agent`, `demo` and `doctor` are [settings](SETTINGS.md).\n"]

@@ -47,7 +47,7 @@ JSON. All RDF resources have [more media types](subscriptions.md). Subscriptions
 
 
 def http() -> str:
-    """The page: operations, then the schemas of their bodies and answers."""
+    """Return the page: operations, then the schemas of their bodies and responses."""
     described = description()
     reference = _Reference(described["components"]["schemas"])
     operations = "".join(_operations(described["paths"], reference))
@@ -55,7 +55,7 @@ def http() -> str:
 
 
 def description() -> dict[str, Any]:
-    """The OpenAPI description of a gateway with all built-in extensions and a robot that has each kind of value."""
+    """Return the OpenAPI description of a gateway with all built-in extensions and a robot with each kind of value."""
     install(BUILT_IN)
     fleet = Fleet()
     for event in (Appeared("example", 1), Described(_robot())):
@@ -86,7 +86,7 @@ class _Reference:
         self._schemas, self._linked = schemas, dict[str, None]()
 
     def link(self, schema: _Json) -> str:
-        """A link to the section of a schema, which the page then has."""
+        """Return a link to the section of a schema, which is then included in the page."""
         name = schema["$ref"].rpartition("/")[2]
         self._linked[name] = None
         return f"[{name}](#{name.lower()})"
@@ -128,12 +128,12 @@ class _Reference:
 
 
 def _term(value: object) -> str:
-    """A value of an enumeration; an IRI by its last part."""
+    """Return a value of an enumeration; an IRI by its last part."""
     return f"`{re.sub(r'^https?:.*[/#]', '', value) if isinstance(value, str) else json.dumps(value)}`"
 
 
 def _operations(paths: _Json, reference: _Reference) -> Iterator[str]:
-    """A table for each method; what all operations of a method may answer stands above it."""
+    """Yield a table for each method, preceded by the responses common to its operations."""
     for method in _METHODS:
         found = {_generic(path): item[method] for path, item in reversed(list(paths.items())) if method in item}
         common = set.intersection(*(set(each["responses"]) for each in found.values()))
@@ -144,7 +144,7 @@ def _operations(paths: _Json, reference: _Reference) -> Iterator[str]:
 
 
 def _generic(path: str) -> str:
-    """The path, with a parameter for segments in which paths of one operation differ, so that each stands once."""
+    """Return the path with parameters for segments that differ between paths of one operation, to list it once."""
     path = re.sub(r"^.*/actions/\w+/(?=produceshape|invocations)", "…/actions/{action}/", path)
     return re.sub(r"^/\{robot\}/(\{\w+\}/)?\w+/blueprint$", "…/{property}/blueprint", path)
 
@@ -159,7 +159,7 @@ def _row(path: str, operation: _Json, common: set[str], reference: _Reference) -
 
 
 def _contents(message: _Json, reference: _Reference) -> str:
-    """The schemas of a body or an answer, each once, or its media types where they have none."""
+    """Return the distinct schemas of a body or response, or its media types if there are none."""
     content = message.get("content", {})
     schemas = [each["schema"] for each in content.values() if "$ref" in each.get("schema", {})]
     return ", ".join(dict.fromkeys(map(reference.link, schemas)) or (f"`{each}`" for each in content))

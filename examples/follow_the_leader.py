@@ -16,7 +16,7 @@ SPEED_SCALE = 0.5
 
 
 def within_limits(rotate: Action, angle: float) -> float:
-    """The nearest angle that the shape of the action allows, in rad."""
+    """Return the nearest angle that the shape of the action allows, in rad."""
     (value,) = (field for field in rotate.fields if field.name == "value")
     for limits in value.limits:
         if any(str(unit).endswith("RAD") for unit in limits.when.get("unit", ())):

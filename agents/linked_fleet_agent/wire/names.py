@@ -11,7 +11,7 @@ from collections.abc import Container
 MAX_NAME_BYTES = 128
 _PLAIN = frozenset(b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789_.-")
 _AS_IT_IS = re.compile(r"[A-Za-z0-9_.-]{1,128}", re.ASCII)
-"""Names whose segment is the name itself, unless it is reserved."""
+"""Names that equal their segment, unless reserved."""
 
 
 def escape(name: str, reserved: Container[str] = ()) -> str:

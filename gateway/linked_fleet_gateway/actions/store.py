@@ -77,7 +77,7 @@ class ActionStore:
         self._kept_s = kept_s
         self._redis = Connection(url, self._keys.news)
         self._untold: dict[News, None] = {}
-        """In the order of the last time that each became news: several changes of one thing are told once."""
+        """In the order of the latest change: several changes of one thing are reported once."""
         self._to_tell = asyncio.Event()
         self._noted: dict[str, tuple[int, int]] = {}
         self._tasks: list[asyncio.Task[None]] = []
@@ -245,7 +245,7 @@ class ActionStore:
                     yield News(cast(What, what), fields[b"robot"].decode(), fields[b"id"].decode())
 
     def _tell(self, what: What, robot: str, id: str) -> None:
-        """Tell the others as soon as it can be: what was done is done, whether or not they hear of it yet."""
+        """Notify the other gateways as soon as possible; the change itself does not depend on it."""
         news = News(what, robot, id)
         self._untold.pop(news, None)
         self._untold[news] = None

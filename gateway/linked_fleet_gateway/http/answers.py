@@ -24,7 +24,7 @@ from linked_fleet_gateway.subscriptions.live import Live
 
 MAX_KEPT = 16_384
 MAX_BYTES = 24 * 1024 * 1024
-"""Bytes of all contents that are kept. The answers that were kept first go first."""
+"""Limit of bytes of cached contents. The oldest responses are dropped first."""
 _ASKS_MORE = frozenset({b"prefer", b"if-match", b"upgrade", b"callback", b"last-event-id"})
 _READ = ("GET", "HEAD")
 _LONGEST_ACCEPT = 256
@@ -33,7 +33,10 @@ Key = tuple[bytes, bytes, str, View]
 
 @dataclass(slots=True)
 class Reply:
-    """Status, header fields and content of a reply. ``block`` are the bytes of the ``kept`` fields, ``more`` others."""
+    """Status, header fields and content of a response.
+
+    ``block``: bytes of the cached fields; ``more``: further ones.
+    """
 
     status: int
     kept: Fields

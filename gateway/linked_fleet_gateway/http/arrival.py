@@ -1,4 +1,4 @@
-"""A request as all layers know it: each thing about it is found out once, and handed down in one object."""
+"""A request as known to all layers: each fact is determined once, and passed on in one object."""
 
 from collections.abc import Mapping, MutableMapping, Sequence
 from typing import Any
@@ -12,37 +12,37 @@ Scope = MutableMapping[str, Any]
 
 
 class Arrival:
-    """The part of a request that does not depend on its resource. ``http/entrance.py`` fills it in."""
+    """The part of a request that does not depend on its resource; ``http/entrance.py`` fills it in."""
 
     __slots__ = ("authenticated", "base", "elsewhere", "fields", "internal")
 
     def __init__(self, fields: Mapping[bytes, bytes], *, internal: bool = False) -> None:
         self.fields = fields
-        """Header fields by their names in lower case, all lines of one as one value (RFC 9110, 5.3)."""
+        """Header fields by name in lower case; several lines are joined (RFC 9110, 5.3)."""
         self.base = ""
-        """The public URL, without slash, under which the client asks."""
+        """The public base URL used by the client, without a slash at its end."""
         self.elsewhere = False
-        """True if a page of another site asks."""
+        """True if the request comes from a page of another origin."""
         self.authenticated = _ANYBODY
-        """The caller. Where no identities are configured, everybody may do everything."""
+        """The caller. Without configured identities, everybody has all rights."""
         self.internal = internal
         """True for a request of an extension on behalf of another request."""
 
 
 def arrival_of(scope: Scope) -> Arrival:
-    """Return the one object of the request, which copies of its scope share."""
+    """Return the object of the request, which copies of its scope share."""
     found: Arrival | None = scope.get(_KEY)
     return arrive(scope) if found is None else found
 
 
 def arrive(scope: Scope, *, internal: bool = False) -> Arrival:
-    """Begin the object of a request of which the header fields are known."""
+    """Create the object of a request whose header fields are known."""
     found = scope[_KEY] = Arrival(_joined(scope["headers"]), internal=internal)
     return found
 
 
 def fields_of(scope: Scope) -> Mapping[bytes, bytes]:
-    """The header fields of a request (``Arrival.fields``)."""
+    """Return the header fields of a request (``Arrival.fields``)."""
     return arrival_of(scope).fields
 
 

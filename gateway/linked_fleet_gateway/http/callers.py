@@ -20,7 +20,7 @@ _STARTS = ("http.response.start", "websocket.http.response.start")
 
 
 def known_at_once(identities: Identities, arrival: Arrival) -> bool:
-    """Note the caller of a token that can be judged without waiting; False for any other credentials."""
+    """Store the caller of a token that can be judged without waiting; return False for other credentials."""
     scheme, _, token = arrival.fields.get(b"authorization", b"").decode("latin-1").partition(" ")
     found = identities.of_static_token(token.strip()) if scheme.lower() == "bearer" else None
     if found is None:
@@ -32,8 +32,10 @@ def known_at_once(identities: Identities, arrival: Arrival) -> bool:
 async def identify(
     identities: Identities, schemes: Sequence[Scheme], scope: Scope, receive: Receive, send: Send
 ) -> Send | None:
-    """Note the caller, and return where the answer is sent to. None if the request is answered already: refused, an
-    invitation to log in, or a page of a scheme."""
+    """Store the caller, and return the function that sends the response.
+
+    Returns None if the request is answered already: by a refusal, a redirect to the login, or a page of a scheme.
+    """
     answer = _private(scope, send)
     page = next((each for each in schemes if each.has_page(scope["path"])), None)
     try:
@@ -58,7 +60,7 @@ async def identify(
 
 
 async def _caller(identities: Identities, schemes: Sequence[Scheme], scope: Scope, free: bool) -> Authenticated:
-    """The caller. Where nobody has to be known, ``NOBODY`` if that cannot be told."""
+    """Return the caller. If authentication is optional, return ``NOBODY`` if the caller cannot be determined."""
     try:
         return await authenticate(identities, schemes, scope)
     except (Unauthenticated, StoreAway, IssuerAway):
@@ -96,7 +98,7 @@ async def by_token(identities: Identities, headers: Headers) -> Identity:
 
 
 def private(path: str, headers: MutableHeaders) -> None:
-    """An answer is for the caller alone: no shared cache may keep it (RFC 9111, 5.2.2.7). Harmless when repeated."""
+    """Mark a response as private, so that no shared cache stores it (RFC 9111, 5.2.2.7). May be repeated."""
     if is_shared(path):
         return
     stated = [each.strip() for each in headers.get("cache-control", "no-cache").split(",")]

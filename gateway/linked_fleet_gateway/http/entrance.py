@@ -1,7 +1,7 @@
-"""The one layer in front of all resources: every request passes it, and what it finds out is in its ``Arrival``.
+"""The layer in front of all resources: every request passes it, and its findings are in ``Arrival``.
 
-In this order: the address of the client, the id of the request, endpoints for operators, pages of other sites, the
-public URL that is meant, the caller, how often the caller may ask, and what has to be loaded first.
+In this order: address of the client, request id, operator endpoints, pages of other origins, public URL, caller, rate
+limit, and modules to be loaded.
 """
 
 import logging
@@ -39,7 +39,7 @@ _LONGEST_PATH = 1024
 
 
 class Entrance:
-    """ASGI application of a gateway. ``elsewhere``: the middleware for pages of other sites (``http/cors.py``)."""
+    """The ASGI application of a gateway. ``elsewhere``: middleware for pages of other origins (``http/cors.py``)."""
 
     def __init__(
         self,
@@ -59,9 +59,9 @@ class Entrance:
             self._inside = each(self._inside, *arguments, **named)
 
     def at_once(self, scope: Scope) -> Reply | None:
-        """The reply to a GET whose answer is kept, for a caller who is known without waiting; None for any other.
+        """Return the cached response to a GET of a caller who is known without waiting; None for any other request.
 
-        The same checks as in ``__call__``; a request that does not pass them is refused there.
+        The checks are those of ``__call__``; a request that does not pass them is refused there.
         """
         begun_s, arrival, services = time.monotonic(), arrival_of(scope), gateway_of(scope).services
         if b"origin" in arrival.fields:

@@ -13,7 +13,7 @@ CLOSE = (b"connection", b"close")
 
 
 def written(reply: Reply, defaults: Iterable[tuple[bytes, bytes]], method: str, keep_alive: bool) -> bytes:
-    """The bytes of a reply that is there as a whole; ``defaults``: the fields of all responses."""
+    """Return the bytes of a complete response; ``defaults``: the fields of all responses."""
     fields = [*defaults, *reply.more] if keep_alive else [*defaults, *reply.more, CLOSE]
     head = status_line(reply.status) + reply.block + block(fields)
     return b"%b\r\n%b" % (head, b"" if method == "HEAD" else reply.content)

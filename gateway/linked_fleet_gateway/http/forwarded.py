@@ -15,7 +15,7 @@ _PAIR = re.compile(r'\s*+([\w!#$%&\'*+.^`|~-]++)=("(?:[^"\\]|\\.)*+"|[^\s;,"]++)
 
 
 def find_client(scope: Scope, fronts: Sequence[Network]) -> None:
-    """Have ``scope["client"]`` be the client itself where one of ``fronts`` speaks for it.
+    """Set ``scope["client"]`` to the client's own address if a trusted proxy (``fronts``) forwards its request.
 
     These fields are ignored from other peers.
     """

@@ -1,4 +1,4 @@
-"""The bytes of a head: status line and header fields (RFC 9112, 4 and 5)."""
+"""The bytes of a response head: status line and header fields (RFC 9112, 4 and 5)."""
 
 from collections.abc import Iterable, Sequence
 from http import HTTPStatus
@@ -8,12 +8,15 @@ _STATUS_LINES = {each.value: b"HTTP/1.1 %d %b\r\n" % (each.value, each.phrase.en
 
 
 def status_line(status: int) -> bytes:
-    """The status line with its line end."""
+    """Return the status line with its line end."""
     return _STATUS_LINES.get(status) or b"HTTP/1.1 %d \r\n" % status
 
 
 def block(fields: Iterable[tuple[bytes, bytes]]) -> bytes:
-    """The lines of fields. RuntimeError for a line end inside of one: it would begin another field or answer."""
+    """Return the lines of fields.
+
+    RuntimeError for a line end inside one, which would begin another field or response.
+    """
     lines = [name + b": " + value for name, value in fields]
     lines.append(b"")
     found = b"\r\n".join(lines)

@@ -26,7 +26,7 @@ _DEFAULT_PORTS = {"http": 80, "ws": 80, "https": 443, "wss": 443}
 
 
 class Authorities:
-    """The public URLs of the fleet, and the ``pages``: origins of other sites' pages that may ask too."""
+    """The public URLs of the fleet. ``pages``: further origins whose pages may send requests."""
 
     def __init__(self, public_urls: tuple[str, ...], pages: tuple[str, ...] = ()) -> None:
         self._bases: dict[tuple[str, int], str] = {}
@@ -40,10 +40,10 @@ class Authorities:
         self._pages = {page.lower() for page in pages}
 
     def admit(self, scope: Scope) -> None:
-        """Note under which public URL the client asks, and whether a page elsewhere does.
+        """Store the public URL used by the client, and whether a page of another origin sent the request.
 
-        A target that is a whole URL becomes its path. Nothing is left to do for a request that was admitted before.
-        Raises BadRequest, MisdirectedRequest, ForeignOrigin.
+        A target that is a whole URL becomes its path. Does nothing for a request that was admitted before. Raises
+        BadRequest, MisdirectedRequest, ForeignOrigin.
         """
         arrival = arrival_of(scope)
         if arrival.base:

@@ -43,7 +43,7 @@ class Reply:
 
     @property
     def problem(self) -> dict[str, Any]:
-        """The problem details of a refusal (RFC 9457); a status and a title if it has none in JSON."""
+        """Return the problem details of a refusal (RFC 9457); a status and a title if it has none in JSON."""
         if self.media_type != PROBLEM_JSON:
             return {"status": self.status, "title": "Refused"}
         found: dict[str, Any] = json.loads(self.content)

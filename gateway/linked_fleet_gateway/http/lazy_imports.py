@@ -14,7 +14,7 @@ SUBSCRIPTIONS: Final = ("httpx",)
 
 
 class Loading:
-    """Each of these takes a tenth of a second, in which nobody else would be served."""
+    """Loads modules in a thread: each takes 0.1 s, in which the event loop would serve nobody else."""
 
     def __init__(self, load: Callable[[str], object] = import_module) -> None:
         self._load = load

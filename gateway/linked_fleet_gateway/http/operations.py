@@ -12,9 +12,9 @@ from linked_fleet_gateway.resources.json_form import Json
 
 JSONLD, TURTLE = "application/ld+json", "text/turtle"
 Parameters = Mapping[str, Json]
-"""Schemas of the parameters of a path by their names."""
+"""Schemas of the parameters of a path, by name."""
 MOST_NAMES = 256
-"""The most names that are listed for one parameter or member. Of more, only the form is said."""
+"""Most names listed for one parameter or member; for more, only the type is given."""
 CHANGED: Json = {"204": {"description": "Changed."}}
 ID: Json = {"type": "string", "format": "uuid"}
 _ALWAYS = ("400", "404", "406", "421", "429", "500", "503")
@@ -30,8 +30,10 @@ def reading(
     parameters: Sequence[Json] = (),
     **more: Any,
 ) -> Json:
-    """GET of a resource that is described in RDF, and in plain JSON if there is a ``schema`` of that; ``files``: other
-    media types by the words for ``?as=``."""
+    """GET of a resource described in RDF, and in plain JSON if ``schema`` is given.
+
+    ``files``: other media types by the values of ``?as=``.
+    """
     words = [*(["jsonld"] if schema is None else ["json", "jsonld"]), *(files or ())]
     picks = parameter("as", "query", {"type": "string", "enum": words, "default": words[0]}, PICKS)
     content = {} if schema is None else {JSON: {"schema": schema}}
@@ -42,7 +44,7 @@ def reading(
 def described(
     template: str, parameters: Parameters, id: str, title: str, get: Json | None = None, **methods: Json
 ) -> dict[str, Json]:
-    """The path items of a resource and of its blueprint; ``get`` if it is read otherwise than by ``reading``."""
+    """Return the path items of a resource and its blueprint; ``get`` if it is not read by ``reading``."""
     blueprint = reading(f"read{id}Blueprint", "The shapes of this resource")
     return {
         template: path_item(parameters, get=get or reading(f"read{id}", title), **methods),
@@ -85,18 +87,18 @@ def patching(id: str, summary: str) -> Json:
 
 
 def created(description: str) -> Json:
-    """The answer to who made something."""
+    """Return the response to the creation of a resource."""
     return {"201": {"description": description, "headers": {"Location": ref("headers", "Location")}}}
 
 
 def names(found: Iterable[str]) -> Json:
-    """The schema of a segment of a path: one of these."""
+    """Return the schema of a path segment that is one of these names."""
     listed = list(dict.fromkeys(found))
     return {"type": "string", "enum": listed} if 0 < len(listed) <= MOST_NAMES else {"type": "string", "minLength": 1}
 
 
 def segment(path: str) -> str:
-    """The last segment of a path."""
+    """Return the last segment of a path."""
     return path.strip("/").rpartition("/")[2]
 
 

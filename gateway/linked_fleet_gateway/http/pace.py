@@ -12,16 +12,16 @@ from linked_fleet_gateway.http.stop_priority import is_urgent
 
 
 class Pace:
-    """Refuses, before anything is read or found, what a caller asks too often.
+    """Refuses requests above the caller's rate, before anything is read or resolved.
 
-    ``carriers``: paths whose requests carry others in their bodies, which ``in_turn`` counts when those have been read.
+    ``carriers``: paths whose requests contain others in their bodies, which ``in_turn`` counts after reading them.
     """
 
     def __init__(self, rates: Rates, carriers: Collection[str] = ()) -> None:
         self._rates, self._carriers = rates, frozenset(carriers)
 
     def wait_s(self, scope: Scope) -> float:
-        """Seconds until the request may be made; 0 if it may now, which is counted."""
+        """Return the seconds until the request is permitted; 0 if it is now, and then counted."""
         if not self._rates.limited or is_urgent(scope) or scope["path"] in self._carriers:
             return 0.0
         return self._rates.take(by_caller(scope))

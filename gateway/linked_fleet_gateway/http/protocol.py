@@ -27,7 +27,7 @@ _FULL = b"HTTP/1.1 503 Service Unavailable\r\nretry-after: 1\r\ncontent-length: 
 _MOST_UNREAD = 64
 """Most pieces of ``MAX_HEAD_BYTES`` that may wait for responses to earlier requests."""
 _IDLE, _HEAD, _BODY, _WHOLE = "idle", "head", "body", "whole"
-"""How much of the latest request has come: nothing, a part of its head, its head, all of it."""
+"""Progress of the latest request: nothing, a part of its head, its head, all of it."""
 _FRAMING = (b"content-length", b"transfer-encoding")
 AtOnce = Callable[[Any], Reply | None]
 
@@ -51,12 +51,12 @@ class HttpProtocol(HttpToolsProtocol):
     def __init__(
         self, *arguments: Any, sockets: Sockets | None = None, at_once: AtOnce = lambda _: None, **named: Any
     ) -> None:
-        """``at_once`` answers what can be answered without waiting; the ASGI application answers everything else."""
+        """``at_once`` answers what needs no waiting; the ASGI application answers everything else."""
         super().__init__(*arguments, **named)
         self._at_once, self._may_at_once = at_once, False
         self._reply: Reply | None = None
         self._answered = 0
-        """How many requests were answered at once."""
+        """Number of requests answered without waiting."""
         self._address = ""
         self._sockets = Sockets(sys.maxsize, sys.maxsize) if sockets is None else sockets
         self._deadline = Deadline(self._give_up, self.loop)
@@ -165,7 +165,7 @@ class HttpProtocol(HttpToolsProtocol):
             self._refuse(HTTPStatus.REQUEST_HEADER_FIELDS_TOO_LARGE, f"A head has at most {MAX_HEAD_BYTES} bytes.")
 
     def _checked_line(self, data: bytes) -> bytes:
-        """Return the bytes to parse once the request line is whole; none before, and after a refusal."""
+        """Return the bytes to parse once the request line is complete; none before that, and none after a refusal."""
         if not self._line and is_plain(data):
             return data
         data = (self._line + data).lstrip(b"\r\n")  # RFC 9112, 2.2
@@ -252,7 +252,7 @@ class HttpProtocol(HttpToolsProtocol):
             self._start_asgi_task(self.cycle, self.app)
 
     def _check_coding(self) -> None:
-        """Refuse framing that the server does not know, or that HTTP/1.0 has not (RFC 9112, 6.1)."""
+        """Refuse framing that the server does not support, or that HTTP/1.0 does not have (RFC 9112, 6.1)."""
         for name, value in self.headers:
             if name == b"transfer-encoding":
                 if self.parser.get_http_version() == "1.0":

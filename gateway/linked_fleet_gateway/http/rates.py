@@ -47,6 +47,6 @@ class Rates:
 
 
 def by_caller(scope: Scope) -> str:
-    """The identity of who asks, as it was found; of nobody in particular the address."""
+    """Return the identity of the caller, or without one its address."""
     name, client = arrival_of(scope).authenticated.identity.name, scope.get("client")
     return f"identity {name}" if name else network_of(client[0]) if client else ""

@@ -35,7 +35,7 @@ class Entrance(Protocol):
         """Answer a request as an ASGI application."""
 
     def at_once(self, scope: Scope) -> Reply | None:
-        """The reply to a request that can be given without waiting for anything; None for any other."""
+        """Return the response to a request that needs no waiting; None for any other."""
 
 
 @dataclass(frozen=True)
@@ -84,7 +84,7 @@ class Gateway(Starlette):
         await (self.router if scope["type"] == "lifespan" else self._entrance)(scope, receive, send)
 
     def at_once(self, scope: Scope) -> Reply | None:
-        """The reply to a request that can be given without waiting for anything; None for any other."""
+        """Return the response to a request that needs no waiting; None for any other."""
         scope["app"] = self
         return self._entrance.at_once(scope)
 
@@ -101,22 +101,22 @@ class _Asked:
 
     @property
     def base(self) -> str:
-        """The public URL, without slash, under which the client asks."""
+        """The public base URL used by the client, without a slash at its end."""
         return arrival_of(self.scope).base
 
     @property
     def caller(self) -> Identity:
-        """The caller. Where no identities are configured, everybody may do everything."""
+        """The caller. Without configured identities, everybody has all rights."""
         return arrival_of(self.scope).authenticated.identity
 
     @property
     def holds(self) -> Callable[[], bool]:
-        """Tells whether the credentials of the caller are still good."""
+        """A function that returns whether the caller's credentials are still valid."""
         return arrival_of(self.scope).authenticated.holds
 
     @property
     def on_page(self) -> bool:
-        """Return True if a page says who has logged in."""
+        """True if the page shows who has logged in."""
         return arrival_of(self.scope).authenticated.on_page
 
     @property

@@ -1,4 +1,4 @@
-"""Request lines for a parser that knows neither all methods nor all targets nor all versions of HTTP/1."""
+"""Request lines, adapted to a parser that does not know all methods, targets and versions of HTTP/1."""
 
 import re
 from http import HTTPStatus
@@ -7,11 +7,11 @@ from typing import NamedTuple
 _REQUEST_LINE = re.compile(rb"([!#$%&'*+\-.^_`|~0-9A-Za-z]+) ([\x21-\x7e]+) HTTP/([0-9])\.([0-9])\r?\n")
 _METHODS = frozenset({b"GET", b"HEAD", b"OPTIONS", b"POST", b"PUT", b"PATCH", b"DELETE"})
 _ANY_METHOD = b"PUT"
-"""Stands for a method that the parser does not know or treats in a way of its own, such as CONNECT."""
+"""Replaces a method that the parser does not know or treats specially, such as CONNECT."""
 
 
 class RequestLineError(Exception):
-    """A request line that is refused before it is parsed, with status and reason."""
+    """A request line that is refused before parsing, with status and reason."""
 
     def __init__(self, status: HTTPStatus, reason: str) -> None:
         super().__init__(reason)
@@ -19,7 +19,7 @@ class RequestLineError(Exception):
 
 
 class RequestLine(NamedTuple):
-    """``data`` for the parser. ``method`` and ``target`` are those of the request where ``data`` has others."""
+    """``data``: bytes for the parser. ``method``, ``target``: those of the request where ``data`` differs."""
 
     data: bytes
     method: bytes = b""
@@ -27,7 +27,7 @@ class RequestLine(NamedTuple):
 
 
 def is_plain(data: bytes) -> bool:
-    """Return True if the parser can be given the bytes as they are."""
+    """Return True if the parser can get the bytes unchanged."""
     match = _REQUEST_LINE.match(data)
     if match is None:
         return False
@@ -36,10 +36,10 @@ def is_plain(data: bytes) -> bool:
 
 
 def read_line(data: bytes) -> RequestLine:
-    """Read the request line that ``data`` begins with. Raises RequestLineError.
+    """Read the request line at the beginning of ``data``. Raises RequestLineError.
 
-    The parser knows neither all methods (RFC 9110, 9.1) nor that HTTP/1.5 is served as HTTP/1.1 (2.5). Targets that
-    are no path are left to the application, which says what is wrong with one.
+    The parser knows neither all methods (RFC 9110, 9.1) nor that HTTP/1.5 is served as HTTP/1.1 (2.5). Targets other
+    than paths are left to the application, which explains what is wrong with them.
     """
     match = _REQUEST_LINE.match(data)
     if match is None:

@@ -1,4 +1,4 @@
-"""The charge of a robot's battery, as its annotations give it (``lf:batteryCharge``): the wire has no message of it."""
+"""The charge of a robot's battery, from its annotations (``lf:batteryCharge``); agents send no message of it."""
 
 from decimal import Decimal, InvalidOperation
 from functools import lru_cache
@@ -13,12 +13,12 @@ _BASE = "http://robot.invalid/r/"
 
 
 def battery_charge(robot: Robot) -> Decimal | None:
-    """In percent, from 0 to 100: as the agent says, else as clients do; None where nobody says."""
+    """Return the charge in percent (0 to 100) from the agent's annotations, else the clients'; None if unknown."""
     return next((found for each in robot.annotations if (found := read_charge(each)) is not None), None)
 
 
 def read_charge(annotations: str) -> Decimal | None:
-    """The charge that one layer of annotations gives; None as well for one that is no number from 0 to 100."""
+    """Return the charge in one layer of annotations; None if missing or not a number from 0 to 100."""
     return _read(annotations) if "batteryCharge" in annotations else None  # to parse takes long
 
 

@@ -122,7 +122,7 @@ def form_of_input(offer: Offer, base: str) -> Form:
 
 @lru_cache(maxsize=512)  # five robots have about three hundred actions
 def _form_of_input(offer: Offer, base: str, known: tuple[object, ...]) -> Form:
-    """Cached by ``known``, the facts that the shape depends on."""
+    """Return a form, cached by ``known``, the facts on which the shape depends."""
     graph = Graph()
     node = offer.consumes(graph, base)
     return form_in(graph.triples, node)

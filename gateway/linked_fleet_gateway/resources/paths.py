@@ -36,12 +36,12 @@ def reserve(at_root: Iterable[str] = (), in_robot: Iterable[str] = (), public: I
 
 
 def reserved_at_root() -> frozenset[str]:
-    """The segments below ``/`` that are not robots."""
+    """Return the segments below ``/`` that are not robots."""
     return _at_root
 
 
 def reserved_in_robot() -> frozenset[str]:
-    """The segments below a robot that are not joints or links."""
+    """Return the segments below a robot that are not joints or links."""
     return _in_robot
 
 

@@ -217,7 +217,7 @@ class Connection:
 
 @lru_cache(maxsize=256)
 def _encoded(script: str) -> bytes:
-    """Redis' client would encode the script again at each call."""
+    """Encode a script once; the Redis client would do so at each call."""
     return script.encode()
 
 

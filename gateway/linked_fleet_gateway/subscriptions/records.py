@@ -73,7 +73,7 @@ def write_held(held: Held) -> bytes:
 
 
 def read_held(text: bytes) -> Held:
-    """Raises ValueError for anything that ``write_held`` does not write."""
+    """Parse the output of ``write_held``. Raises ValueError for anything else."""
     return msgspec.json.decode(text, type=Held)
 
 

@@ -44,7 +44,7 @@ class Keys:
         return f"{self.namespace}:{{runs}}"
 
     def lease(self, run: str) -> str:
-        """String that expires unless the run renews it."""
+        """Lease of a run: a string that expires unless the run renews it."""
         return f"{self.namespace}:{{runs}}:lease:{run}"
 
     def held(self, run: str) -> str:

@@ -1,4 +1,4 @@
-"""Operations on cameras, for who describes the gateway as a whole."""
+"""Operations on cameras, for descriptions of the whole gateway."""
 
 from linked_fleet_gateway.fleet.cameras import cameras_of, types_of
 from linked_fleet_gateway.http.operations import described, names, reading, segment
@@ -8,7 +8,7 @@ from linked_fleet_gateway.resources.paths import camera_path, robot_path
 
 
 def operations(view: RequestView) -> dict[str, Json]:
-    """The cameras of a robot, and what one of them sees."""
+    """Return the path items of a robot's cameras and their pictures."""
     found = [(each, camera) for each in view.robots.values() for camera in cameras_of(each).values()]
     if not found:
         return {}

@@ -132,7 +132,7 @@ class Pictures:
                     await followed.joined.wait()
 
     def find(self, path: str) -> RobotCamera | None:
-        """The camera at a path, if there is one."""
+        """Return the camera at a path, or None."""
         found = self._live.tree("").resolve(path)
         return found.remote if isinstance(found, Resource) and isinstance(found.remote, RobotCamera) else None
 

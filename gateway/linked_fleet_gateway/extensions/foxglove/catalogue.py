@@ -45,7 +45,7 @@ class Catalogue:
         self._ids_before: dict[Hashable, int] = {}
 
     def update(self) -> bool:
-        """Look at the fleet anew. Return True if there is something else now."""
+        """Read the fleet again. Return True if channels or services changed."""
         robots = self._robots()
         version = [(each.name, each.description, each.annotations) for each in robots]
         if version == self._version:
@@ -57,7 +57,7 @@ class Catalogue:
         return True
 
     def parameters(self, caller: Identity) -> dict[str, Parameter]:
-        """By name; that of the speed can be set."""
+        """Return the parameters by name; only the speed can be set."""
         found = []
         for robot in self._robots():
             if may_see(caller, robot.name):

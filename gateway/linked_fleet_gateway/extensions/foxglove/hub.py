@@ -118,7 +118,7 @@ class Hub:
                 pieces[session].append(protocol.data(id, now_ns, content))
 
     def _contents(self, robot: Robot, wanted: Set[str]) -> Iterator[tuple[str, bytes]]:
-        """Messages of the present frame by channel, with transforms and poses every ``TRANSFORMS_S`` alone."""
+        """Yield messages of the present frame by channel; transforms and poses only every ``TRANSFORMS_S``."""
         state, now_s = robot.frame, time.monotonic()
         if state is None or robot.description is None:
             return
@@ -171,7 +171,7 @@ class Hub:
                 self._publish(channel, messages.event(robot, invocation, time.time_ns()))
 
     async def _picture(self, pictures: Pictures, channel: Channel) -> None:
-        """Show one picture of a camera."""
+        """Send one picture of a camera."""
         source = pictures.find(channel.topic)
         format = None if source is None else picture_format(source.camera.formats)
         if source is None or format is None:

@@ -27,14 +27,14 @@ LOG, EVENTS = "log", "invocations"
 OF_ROBOT = (*FRAMES, LOG, EVENTS)
 SCENE, PICTURES = "/world/objects", "cameras"
 LATEST_NS = 2**32 * 10**9 - 1
-"""The latest time that a stamp of Foxglove can say, in 2106."""
+"""The latest time that a stamp of Foxglove can express, in 2106."""
 MESH_BYTES = 4 * 2**20
-"""Bytes of all meshes in one message; a mesh for which there is no room is left out."""
+"""Limit for all meshes in one message; a mesh that does not fit is left out."""
 _COLORS = {"obstacle": (0.5, 0.5, 0.55, 0.9), "zone": (0.9, 0.1, 0.1, 0.3)}
 
 
 def schemas() -> "dict[str, Schema]":
-    """The schemas of messages by the kind of their channels."""
+    """Return the schemas of messages by kind of channel."""
     of_robot = (fox.JointStates, fox.FrameTransforms, fox.PoseInFrame, fox.Log, fox.Event)
     kinds: tuple[Any, ...] = (*of_robot, fox.SceneUpdate, fox.CompressedImage)
     return {what: kind.get_schema() for what, kind in zip((*OF_ROBOT, SCENE, PICTURES), kinds, strict=True)}
@@ -48,12 +48,12 @@ def joint_states(joints: Iterable[str], state: State) -> bytes:
 
 
 def frame_of(robot: str, placement: Pose | None) -> str:
-    """Name of the frame in which the links are: the world, or the robot's own one if nobody has placed it there."""
+    """Return the name of the links' reference frame: the world, or the robot's own one without a placement."""
     return f"{robot}/{WORLD_FRAME}" if placement is None else WORLD_FRAME
 
 
 def link_poses(robot: Robot, placement: Pose | None) -> dict[str, Pose]:
-    """The poses of the links that are known, in ``frame_of``, the root first; empty while that of the root is not."""
+    """Return the known poses of links in ``frame_of``, the root first; empty while that of the root is unknown."""
     model = robot.model
     root = None if model is None else robot.link_pose(model.root)
     if model is None or root is None:
@@ -103,7 +103,7 @@ def event(robot: str, invocation: Invocation, stamp_ns: int) -> bytes:
 
 
 def scene(objects: Mapping[str, SceneObject], stamp_ns: int) -> bytes:
-    """All objects and zones, in place of those before."""
+    """Return all objects and zones, replacing those before."""
     stamp, room, entities = _stamp(stamp_ns), MESH_BYTES, list[fox.SceneEntity]()
     for id, thing in objects.items():
         size = len(thing.geometry.stl) if isinstance(thing.geometry, TriangleMesh) else 0
@@ -133,12 +133,12 @@ def _primitives(thing: SceneObject) -> dict[str, Any]:
 
 
 def _pairs(said: Mapping[str, str]) -> "list[fox.KeyValuePair]":
-    """Those that have a value."""
+    """Return the pairs that have a value."""
     return [fox.KeyValuePair(key=key, value=value) for key, value in said.items() if value]
 
 
 def _stamp(stamp_ns: int) -> "fox.Timestamp":
-    """The stamp, or the nearest that a message can have: the clock of a robot may say anything."""
+    """Return the stamp, limited to what a message can express: the clock of a robot may have any value."""
     return fox.Timestamp(*divmod(min(max(stamp_ns, 0), LATEST_NS), 10**9))
 
 

@@ -64,7 +64,7 @@ class Call:
 
 @dataclass(frozen=True)
 class Channel:
-    """``robot``: None for what is not of one robot; ``what``: the kind of its messages."""
+    """``robot``: None if the channel belongs to no single robot; ``what``: the kind of its messages."""
 
     id: int
     topic: str
@@ -80,7 +80,7 @@ class Channel:
 
 @dataclass(frozen=True)
 class Service:
-    """A call invokes the action that is offered; what takes no body stops. ``robot``: as of a channel."""
+    """A call invokes the offered action; one without a body stops. ``robot``: as in Channel."""
 
     id: int
     offer: Offer
@@ -91,7 +91,7 @@ class Service:
         return not self.offer.takes_body
 
     def advertised(self, base: str) -> dict[str, Any]:
-        """With the schema of its requests, which are those of the action at ``base``."""
+        """Return the advertisement, with the schema of requests to the action at ``base``."""
         kind = self.offer.definition.segment
         said: dict[str, Any] = {"id": self.id, "name": self.offer.path.replace("/actions/", "/"), "type": kind}
         request = {"type": "object"} if self.stops else form_of_input(self.offer, base).schema

@@ -1,4 +1,4 @@
-"""Operations on histories, for who describes the gateway as a whole."""
+"""Operations on histories, for descriptions of the whole gateway."""
 
 from linked_fleet_gateway.extensions.history.files import CSV, MCAP
 from linked_fleet_gateway.extensions.history.resources import SEGMENT, measured
@@ -18,7 +18,7 @@ _SPAN = [
 
 
 def operations(view: RequestView) -> dict[str, Json]:
-    """The history of a robot, and of each of its measured properties."""
+    """Return the path items of the histories of a robot and of its measured properties."""
     robots = [each for each in view.robots.values() if each.model is not None]
     of = {"robot": names(segment(robot_path(each.name)) for each in robots)}
     paths = [path.split("/")[2:] for each in robots for path in measured(each)]

@@ -32,6 +32,6 @@ class Asking:
     async def ask(
         self, method: str, target: str, accept: str, fields: Mapping[str, str] | None = None, content: bytes = b""
     ) -> Reply:
-        """The answer of the gateway, whose refusals are JSON; BadRequest, ReplyTooLong."""
+        """Return the gateway's response, with problems as JSON. Raises BadRequest and ReplyTooLong."""
         said = {"accept": f"{PROBLEM_JSON}, {accept}", **(fields or {})}
         return await ask(self.request, method, target, fields=said, content=content, longest=MAX_REPLY_BYTES)

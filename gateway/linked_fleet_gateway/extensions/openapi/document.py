@@ -91,7 +91,7 @@ def _written(base: str, secured: bool, fleet: FleetPaths, more: Mapping[str, Map
 
 
 def _completed(item: Mapping[str, Any], secured: bool) -> Json:
-    """A path item with the answers that any resource gives, whose bodies in JSON say no more than is named."""
+    """Return a path item with the responses that any resource may give; JSON bodies have no unnamed members."""
     common = errors((*_ALWAYS, *(_SECURED if secured else ("403",))))
     found = dict(item)
     for method in found.keys() & _METHODS:

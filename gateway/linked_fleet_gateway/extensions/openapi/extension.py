@@ -20,7 +20,7 @@ from linked_fleet_gateway.resources.resource import Resource
 
 @dataclass(frozen=True)
 class Described:
-    """The gateway as the caller sees it."""
+    """The description as the caller sees it."""
 
     view: RequestView
 
@@ -42,7 +42,7 @@ def _resolve(view: RequestView, rest: list[str]) -> Found:
 
 
 async def _read(documents: Documents, request: Request, resource: Resource, of: Described) -> Response:
-    """The description, made for who asks, or 304; NotAcceptable, PreconditionFailed."""
+    """Return the description for the caller, or 304. Raises NotAcceptable and PreconditionFailed."""
     body = await documents.of(of.view)
     made = replace(resource, documents={media_type: lambda: body for media_type in (TYPE, JSON)})
     response = read(request, made)

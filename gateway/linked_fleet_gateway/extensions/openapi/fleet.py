@@ -79,7 +79,7 @@ class FleetPaths:
         """Schemas of bodies by name, filled by ``paths``."""
 
     def add(self, robot: Robot) -> None:
-        """Robots without a description that could be read have no parts and no properties."""
+        """Add a robot; one without a readable description has no parts and no properties."""
         name = segment(robot_path(robot.name))
         self._robots.note(name)
         if robot.model is None:
@@ -106,7 +106,7 @@ class FleetPaths:
             found.offers.append(offer)
 
     def paths(self) -> Iterator[tuple[str, Json]]:
-        """Path items by their templates. Schemas of many joints are made: each takes about a millisecond."""
+        """Yield path items by template. Each schema of a joint takes about a millisecond."""
         yield from _thing("/", {}, "Fleet").items()
         for offer in fleet_offers():
             name = capitalized(offer.definition.segment)

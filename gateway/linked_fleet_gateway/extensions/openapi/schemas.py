@@ -23,7 +23,7 @@ def union(schemas: Iterable[Json]) -> Json:
 
 
 def unnamed(schema: Json, base: str) -> Json:
-    """The schema with any IRI in the place of those below ``base``, of which a large fleet has too many."""
+    """Return the schema with lists of IRIs below ``base`` replaced by any IRI; a large fleet has too many."""
     found = {name: _within(value, partial(unnamed, base=base)) for name, value in schema.items()}
     if "properties" in schema and "type" not in schema:  # a branch
         named = {name: each for name, each in schema["properties"].items() if not _is_named(each, base)}
@@ -97,7 +97,7 @@ def _middle(schema: Json) -> float:
 
 
 def _within(value: Any, change: Callable[[Json], Json]) -> Any:
-    """The value with all schemas in it changed."""
+    """Return the value with all schemas in it changed."""
     if isinstance(value, dict):
         return change(value)
     return [_within(each, change) for each in value] if isinstance(value, list) else value

@@ -14,16 +14,16 @@ from linked_fleet_gateway.extensions.pages.views import Part, constant
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, LDP, LF
 
 LOW_PERCENT = 20.0
-"""From which charge of a battery downwards a card says that it is low; also in `face/src/fleet.js`."""
+"""Charge in percent below which a card says that the battery is low; also in `face/src/fleet.js`."""
 _PRESENCES = ("online", "faulty", "offline")
 
 
 @dataclass(frozen=True)
 class RobotCard:
-    """A robot as the fleet lists it.
+    """A robot in the fleet's list.
 
-    ``model`` is its kind, ``task`` what it is doing, in words, empty for nothing; ``battery`` is the charge in percent,
-    empty where nobody says one; ``thumbnail`` is the path of its drawing.
+    ``model``: its kind. ``task``: its current activity in words, empty if none. ``battery``: the charge in percent,
+    empty if unknown. ``thumbnail``: the path of its drawing.
     """
 
     link: Link
@@ -72,7 +72,7 @@ def _card(facts: Facts, iri: NamedNode) -> RobotCard:
 
 
 def _percent(charge: str) -> str:
-    """Return a charge without decimals; a number, as its shape says, or empty."""
+    """Return a charge without decimals; empty if it is empty."""
     return f"{float(charge):.0f}" if charge else ""
 
 

@@ -59,7 +59,7 @@ def form_of_setting(facts: Facts, iri: NamedNode) -> Form | None:
 def form_of_shape(
     shape: NamedNode, action: str, method: str, name: str, facts: Facts, subject: Term, file: str = "blueprints.ttl"
 ) -> Form:
-    """The form of a shape that is published in ``file``, filled in with what ``facts`` say of ``subject``."""
+    """Return the form of a shape published in ``file``, filled with what ``facts`` say about ``subject``."""
     classes, fields = _fields(_blueprint(shape, file), str(shape))
     return _form(action, [method], name, classes, _filled(fields, facts, subject))
 

@@ -1,4 +1,4 @@
-"""The parts of a form: values, nodes of their own, and the form itself, as the template writes them."""
+"""The parts of a form: values, nested nodes, and the form itself, as the template renders them."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -9,11 +9,11 @@ _GRAPHS = frozenset({"turtle"})
 
 @dataclass(frozen=True)
 class Leaf:
-    """One value. ``input`` is the type of its element; ``limits`` is JSON for `face/src/limits.js`, or empty.
+    """One value. ``input``: the type of its element. ``limits``: JSON for `face/src/limits.js`, or empty.
 
-    ``when``: the types of its node that it is for, where it is not for all. ``editor``: the language of a text, for
-    `face/src/editor.js`. ``variable``: ``?name`` stands for a node that names a variable. ``further``: the values
-    after the first.
+    ``when``: the types of its node to which it applies, empty for all. ``editor``: the language of a text, for
+    `face/src/editor.js`. ``variable``: whether ``?name`` stands for a node that names a variable. ``further``: the
+    values after the first.
     """
 
     path: str
@@ -36,23 +36,23 @@ class Leaf:
 
     @property
     def says(self) -> str:
-        """How `face/src/form.js` makes a term of it."""
+        """The kind of term that `face/src/form.js` makes of the value."""
         return (
             self.editor if self.editor in _GRAPHS else "variable" if self.variable else "iri" if self.iri else "literal"
         )
 
     @property
     def repeated(self) -> list["Leaf"]:
-        """A leaf for each of the values of one that may be there several times."""
+        """Return a leaf for each value of a repeatable one."""
         values = [each for each in (self.value, *self.further) if each]
         return [replace(self, value=each, further=()) for each in values]
 
 
 @dataclass(frozen=True)
 class Group:
-    """A node of its own, with its classes; ``least`` and ``most`` say how often it may be there.
+    """A nested node with its classes. ``least`` and ``most``: how often it may occur.
 
-    ``filled``: it is sent even as it is. ``when``: as of Leaf.
+    ``filled``: it is sent even if unchanged. ``when``: as in Leaf.
     """
 
     path: str
@@ -73,7 +73,7 @@ class Group:
 
 @dataclass(frozen=True)
 class Form:
-    """``mark`` makes ids of the page; ``needed`` comes first, ``further`` need not be filled in."""
+    """``mark``: a prefix for ids on the page. ``needed`` fields come first; ``further`` ones are optional."""
 
     action: str
     mark: str

@@ -1,7 +1,7 @@
-"""A small drawing of a robot in its present pose, as SVG: made from forward kinematics, without meshes or WebGL.
+"""A small SVG drawing of a robot in its present pose, from forward kinematics, without meshes or WebGL.
 
-Each link is a stroke from its frame over its centre of mass to the joints behind it. The width follows from its mass,
-as of a ball of ``_DENSITY_KG_M3``: a URDF has no other measure of a body but its meshes, which the gateway has not.
+Each link is a stroke from its frame through its centre of mass to its child joints. Its width is that of a ball of the
+same mass with ``_DENSITY_KG_M3``: apart from meshes, which the gateway does not have, a URDF contains no other size.
 """
 
 import math
@@ -30,7 +30,7 @@ Point = tuple[float, float]
 
 @dataclass(frozen=True)
 class Stroke:
-    """A line between two points of the world in metre; ``width_m`` is its width."""
+    """A line between two points of the world in m, ``width_m`` wide."""
 
     start: Vector
     end: Vector
@@ -38,7 +38,7 @@ class Stroke:
 
 
 def drawing(robot: Robot) -> bytes:
-    """Draw the robot as its present frame says; without a frame, a question mark."""
+    """Draw the robot in its latest frame; without a frame, draw a question mark."""
     model = robot.model
     strokes = [] if model is None else list(_strokes(robot, model))
     if model is None or not strokes:
@@ -59,7 +59,7 @@ def _strokes(robot: Robot, model: RobotModel) -> Iterator[Stroke]:
 
 
 def _bodies(model: RobotModel) -> Collection[str]:
-    """Links that have a mass or lead to one: the others are frames, such as that of a sensor. All, if none has one."""
+    """Return the links that have a mass or lead to one; the others are mere frames. All links if none has a mass."""
     found: dict[str, None] = {}
     for link in model.links.values():
         name: str | None = link.name if link.inertial is not None else None
@@ -91,7 +91,7 @@ def _joints(robot: Robot, model: RobotModel) -> Iterator[Pose]:
 
 
 def _axes() -> tuple[Vector, Vector, Vector]:
-    """To the right and upwards on the paper, and towards the eye."""
+    """Return the directions to the right and upwards on the drawing, and towards the eye."""
     x, y, z = (each / math.hypot(*_FROM) for each in _FROM)
     across = math.hypot(x, y)
     right = (-y / across, x / across, 0.0)
@@ -127,7 +127,7 @@ def _draw(strokes: Sequence[Stroke], joints: Sequence[Vector]) -> str:
 
 
 def _nearness(stroke: Stroke) -> float:
-    """Half-way along the stroke, towards the eye, in metre."""
+    """Return the distance of the stroke's middle towards the eye, in m."""
     return (_dot(_EYE, stroke.start) + _dot(_EYE, stroke.end)) / 2
 
 

@@ -235,7 +235,7 @@ class Facts:
         return Vector(parts, labels.unit(unit) if unit else "")
 
     def number(self, term: Term, at: Address | None, unit: str = "") -> Number:
-        """``unit``: its IRI, or empty."""
+        """Return a number; ``unit``: its IRI, or empty."""
         shown, name = (labels.unit(unit), quantity.unit_label(unit)) if unit else ("", "")
         if not isinstance(term, Literal):
             return Number("unknown", "", at, shown, name)

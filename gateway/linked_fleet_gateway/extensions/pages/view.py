@@ -101,7 +101,7 @@ class View:
 
 
 def view_of(resource: Resource, triples: Sequence[Triple], base: str, formats: Formats) -> View:
-    """``base`` is scheme and authority, without a slash at its end."""
+    """Return the view of a resource; ``base`` is scheme and authority, without a slash at its end."""
     iri, facts = NamedNode(base + resource.path), Facts(triples, base + "/")
     kind, part = _kind(facts, iri)
     subscriptions = facts.one(iri, HYBRIT.subscriptions) if resource.links_subscriptions else None

@@ -1,4 +1,4 @@
-"""Operations on the endpoint of queries, for who describes the gateway as a whole."""
+"""Operations on the query endpoint, for descriptions of the whole gateway."""
 
 from linked_fleet_gateway.extensions.query.description import PATH
 from linked_fleet_gateway.extensions.query.service import JSON_RESULTS
@@ -10,13 +10,13 @@ from linked_fleet_gateway.resources.json_form import Json
 
 _TEXT: Json = {"type": "string", "minLength": 1, "maxLength": MAX_QUERY_BYTES, "examples": ["ASK { ?s ?p ?o }"]}
 _SHORT = 1000
-"""Characters of a query in an address, each of which may be a dozen there; longer ones go by POST."""
+"""Limit of characters of a query in a URL, where each may take a dozen; longer ones are sent by POST."""
 _RESULTS: Json = {"schema": {"type": "object", "required": ["head"]}}
 _ANSWERS: Json = {JSON_RESULTS: _RESULTS, JSON: _RESULTS, "application/sparql-results+xml": {}, "text/csv": {}}
 
 
 def operations(view: RequestView) -> dict[str, Json]:
-    """Queries by GET and by POST (SPARQL 1.1 Protocol, 2.1); the form of a query says which results there can be."""
+    """Return the path items for queries by GET and POST (SPARQL 1.1 Protocol, 2.1), with results by query form."""
     short = _TEXT | {"maxLength": _SHORT}
     query = parameter("query", "query", short, "A query of SPARQL 1.1; without one, the endpoint describes itself.")
     found: Json = {"200": {"description": "The result.", "content": {**_ANSWERS, **DESCRIBED}}}

@@ -1,6 +1,6 @@
-"""Operations on rules, for who describes the gateway as a whole.
+"""Operations on rules, for descriptions of the whole gateway.
 
-Bodies are JSON-LD, because what a rule gives its action is any RDF.
+Bodies are JSON-LD, because a rule may give its action any RDF.
 """
 
 from functools import cache
@@ -30,7 +30,7 @@ _NAMES = {
     "lf:minimumInterval": "minimum interval",
     "lf:enabled": "enabled",
 }
-"""Names that the shape of rules gives to members."""
+"""Names of members in the shape of rules."""
 
 
 @cache
@@ -51,7 +51,7 @@ def _schema() -> Json:
 
 
 def operations(view: RequestView) -> dict[str, Json]:
-    """Rules, which are written, replaced and deleted, and their firings."""
+    """Return the path items of rules, which are written, replaced and deleted, and of their firings."""
     example = {
         "@context": _CONTEXT,
         "@type": "lf:Rule",

@@ -90,7 +90,7 @@ def rule(facts: Facts, iri: NamedNode) -> Part:
 
 
 def _form(made: Form, values: Mapping[NamedNode, str]) -> Form:
-    """The form with these values; the body of the action stands beside the action, though it need not be there."""
+    """Return the form with these values; the optional body of the action is placed beside the action."""
     fields = [_with(each, values) for each in (*made.needed, *made.further)]
     needed = [each for each in fields if each.required or each.path == LF.body.value]
     return replace(made, needed=needed, further=[each for each in fields if each not in needed])

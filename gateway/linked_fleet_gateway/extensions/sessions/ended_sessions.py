@@ -16,7 +16,7 @@ _MOST_UNTOLD = 10_000
 
 
 class EndedSessions:
-    """This gateway's copy of all ended sessions, so that sessions can be checked during outages of Redis."""
+    """A copy of all ended sessions, so that this gateway can check sessions during outages of Redis."""
 
     def __init__(self, url: str, namespace: str) -> None:
         self._key = f"{namespace}:identity:ended"

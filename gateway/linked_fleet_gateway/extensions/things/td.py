@@ -173,7 +173,7 @@ def write_description(view: RequestView, robot: Robot | None, part: Joint | Link
 
 
 def thing_description(thing: Thing, robots: Iterable[str] = ()) -> bytes:
-    """The bytes of a Thing Description."""
+    """Return the bytes of a Thing Description."""
     return json.dumps(thing.td(robots), ensure_ascii=False, allow_nan=False).encode()
 
 

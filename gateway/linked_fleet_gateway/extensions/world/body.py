@@ -41,7 +41,7 @@ _KINDS = {each.value: each for each in (LF.Obstacle, LF.KeepOutZone)}
 
 @cache
 def object_form() -> Form:
-    """The form of an object in plain JSON: what its shape names, and which of both kinds it is."""
+    """Return the form of an object in plain JSON: the members of its shape, and its kind."""
     kind = Value({"type": "string", "enum": list(_KINDS)}, terms=_KINDS)
     known = form_of(LF.SceneObjectInput).fields
     return Form((*known, Field("kind", (RDF.type,), kind, most=1, description="an obstacle, if nothing is said")))

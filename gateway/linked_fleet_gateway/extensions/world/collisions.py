@@ -1,6 +1,6 @@
-"""Motions that would have ended in a collision: the latest of each robot, until one of its motions is found free.
+"""Motions refused because of a collision: the latest of each robot, until one of its motions is found free.
 
-Each gateway knows those that it has refused itself, rehearsals among them, and forgets them when it ends.
+Each gateway knows those that it has refused itself, including rehearsals, and forgets them when it ends.
 """
 
 import time
@@ -26,9 +26,9 @@ COLLISIONS = f"{WORLD}/collisions"
 
 @dataclass(frozen=True)
 class Collision:
-    """``things``: paths of what would meet, with ``names`` for people; ``point``: where, in the world in metre.
+    """``things``: paths of the colliding things, with ``names`` for people. ``point``: in the world in m.
 
-    ``detail`` names both things, ``reason`` what is the robot's own alone.
+    ``detail`` names both things, ``reason`` only what belongs to the robot.
     """
 
     robot: str
@@ -40,7 +40,7 @@ class Collision:
     at_ns: int
 
     def seen(self, view: RequestView) -> bool:
-        """Return True if who asks sees every robot that would take part."""
+        """Return True if the caller sees every robot involved."""
         return all(name is None or name in view.robots for name in map(_robot_of, self.things))
 
 
@@ -49,26 +49,26 @@ def _robot_of(path: str) -> str | None:
 
 
 Known = Mapping[str, Collision]
-"""By the name of the robot that would have moved."""
+"""Return the name of the robot that would have moved."""
 NONE: Known = MappingProxyType({})
 
 
 class Collisions:
-    """``touched`` is called with the path of the resource when something about it has changed."""
+    """``touched`` is called with the path of a resource that changed."""
 
     def __init__(self, touched: Callable[[str], None]) -> None:
         self.known: dict[str, Collision] = {}
         self._touched = touched
 
     def add(self, robot: str, error: Collides) -> None:
-        """Remember why a motion was refused; the paths in ``error`` are not IRIs yet."""
+        """Store why a motion was refused; the paths in ``error`` are not IRIs yet."""
         things, names = tuple(error.things), tuple(error.names)
         point = error.point
         self.known[robot] = Collision(robot, things, names, point, str(error.detail), error.reason, time.time_ns())
         self._touched(COLLISIONS)
 
     def forget(self, robot: str) -> None:
-        """A motion of the robot was found free."""
+        """Remove the entry of a robot, a motion of which was found free."""
         if self.known.pop(robot, None) is not None:
             self._touched(COLLISIONS)
 
@@ -99,7 +99,7 @@ def _describe(graph: Graph, view: RequestView, known: Known) -> None:
 
 
 def _describe_one(graph: Graph, view: RequestView, iri: NamedNode, collision: Collision) -> None:
-    """Without what the caller may not see: where that would be met, and what it is."""
+    """Describe a collision without what the caller may not see: its place, and the thing."""
     node = graph.blank(LF.Collision)
     graph.add(iri, LF.collision, node)
     graph.add(node, LF.ofRobot, view.iri(robot_path(collision.robot)))

@@ -1,4 +1,4 @@
-"""Operations on the world, its objects and zones, for who describes the gateway as a whole."""
+"""Operations on the world, its objects and zones, for descriptions of the whole gateway."""
 
 import re
 
@@ -32,7 +32,7 @@ _BALL: Json = {
 
 
 def operations(view: RequestView) -> dict[str, Json]:
-    """The world, poses in it, and its objects, which are added, replaced, changed in part and taken away."""
+    """Return the path items of the world, of poses in it, and of its objects with all methods."""
     body: Json = {JSON: {"schema": object_form().schema, "examples": {"a ball": {"value": _BALL}}}}
     names = [view.base + path for path in (WORLD, *map(robot_path, view.robots))]
     iri: Json = {"type": "string", "format": "uri", "pattern": f"^{re.escape(view.base)}/[!-~]*$", "examples": names}

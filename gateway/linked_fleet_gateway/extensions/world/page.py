@@ -65,7 +65,7 @@ def _standing(facts: Facts, iri: NamedNode, placement: Term | None) -> PlacedRob
 
 @dataclass(frozen=True)
 class RefusedMotion:
-    """When and why a motion was refused, and what would have met."""
+    """A refused motion: its time, the reason, and the colliding things."""
 
     when: Value | None
     reason: str
