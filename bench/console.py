@@ -1,6 +1,6 @@
-"""What the front page costs: five real robots that all move, drawn and out of sight, and a thousand robots as cards.
+"""The cost of the front page: five real robots that all move, visible and hidden, and a thousand robots as cards.
 
-``PYTHONPATH=.:tests:tests/requirements python -m bench.console``. Processor time where it can be had; Chromium has no
+``PYTHONPATH=.:tests:tests/requirements python -m bench.console``. In processor time if available; Chromium has no
 graphics card, so that the processor draws.
 """
 
@@ -63,7 +63,7 @@ def rows(seconds: float) -> list[Row]:
 
 @contextmanager
 def _demo() -> Iterator[Browser]:
-    """The robots of the demo, each with a joint that sways."""
+    """Run the robots of the demo, each with a swaying joint."""
     with tempfile.TemporaryDirectory() as folder, ExitStack() as stack:
         place = Place(Path(folder))
         _, browser = stack.enter_context(place.gateway())
@@ -110,7 +110,7 @@ class Measured:
         self._session.send("Performance.enable", {"timeDomain": "threadTicks"})
 
     def busy_s(self) -> float:
-        """Processor time of tasks so far: other programs on the machine are not in it."""
+        """Return the processor time of tasks so far, without other programs on the machine."""
         metrics = self._session.send("Performance.getMetrics")["metrics"]
         return float(next(each["value"] for each in metrics if each["name"] == "TaskDuration"))
 
@@ -119,7 +119,7 @@ class Measured:
 
 
 def _thousand(page: Page, seconds: float) -> Iterator[Row]:
-    """Each says a new position once a second."""
+    """Measure a thousand robots, each of which sends a new position once a second."""
     with tempfile.TemporaryDirectory() as folder:
         place = Place(Path(folder))
         with place.gateway() as (gateway, browser), stage(place.zenoh) as session:
@@ -154,7 +154,7 @@ def _written(browser: Browser, gateway: Process) -> Iterator[Row]:
 
 
 def _spent_s(pid: int, seconds: float) -> float:
-    """Processor seconds in a second, without requests."""
+    """Return processor seconds per second, without requests."""
     before = _cpu_s(pid)
     time.sleep(seconds)
     return (_cpu_s(pid) - before) / seconds

@@ -76,7 +76,7 @@ class Crowd:
         self._out.close()
 
     def kill(self) -> None:
-        """End it as a power cut would."""
+        """End the process without a regular shutdown."""
         self._child.kill()
         self.close()
 

@@ -1,6 +1,7 @@
 """Network namespaces with links between them: several sites on one machine, whose links can be cut and counted.
 
-It needs root and ``ip`` (iproute2). All that is made goes with the namespaces, whose names begin with ``PREFIX``.
+It needs root and ``ip`` (iproute2). Everything created belongs to namespaces whose names begin with ``PREFIX``, and is
+removed with them.
 """
 
 import contextlib
@@ -21,15 +22,16 @@ _MADE_BY = "LINKED_FLEET_BENCH_NAMESPACES"
 
 
 def full_name(site: str) -> str:
-    """The name of the namespace of a site, of this run alone."""
+    """Return the name of a site's namespace, which is unique to this run."""
     return f"{PREFIX}{os.environ.get(_MADE_BY, os.getpid())}-{site}"
 
 
 @contextlib.contextmanager
 def namespaces() -> Iterator[dict[str, str]]:
-    """The environment for processes that make namespaces. All are removed at the end, with the processes in them.
+    """Yield the environment for processes that create namespaces, and remove all namespaces at the end.
 
-    UnavailableError where no namespace can be made. What a run that was killed has left is removed as well.
+    The processes in them end as well. UnavailableError if no namespace can be created. Leftovers of a killed run are
+    removed as well.
     """
     if shutil.which("ip") is None:
         raise UnavailableError("network namespaces need the command ip: apt install iproute2")
@@ -64,14 +66,14 @@ class Link:
     far_address: str
 
     def cut(self) -> None:
-        """Nothing passes in either direction; connections stay, as with a cable that is pulled."""
+        """Let nothing pass in either direction; connections stay, like with an unplugged cable."""
         ip("-n", full_name(self.site), "link", "set", self.device, "down")
 
     def heal(self) -> None:
         ip("-n", full_name(self.site), "link", "set", self.device, "up")
 
     def carried_bytes(self) -> tuple[int, int]:
-        """Sent and received at the first end since the link is there, headers included."""
+        """Return the bytes sent and received at the first end since its creation, headers included."""
         said = ip("-n", full_name(self.site), "-s", "-j", "link", "show", self.device)
         (found,) = json.loads(said)
         return found["stats64"]["tx"]["bytes"], found["stats64"]["rx"]["bytes"]

@@ -235,7 +235,7 @@ def _timed(call: Callable[[], T]) -> tuple[T, float]:
 
 
 def spread(values: Sequence[float]) -> str:
-    """Median and 99th percentile."""
+    """Return median and 99th percentile."""
     if not values:
         return "–"
     ordered = sorted(values)

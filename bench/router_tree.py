@@ -52,7 +52,7 @@ class Site:
         self._open.callback(self.crowd.close)
 
     def kill(self) -> None:
-        """End all that runs there as a power cut would."""
+        """Kill everything that runs there."""
         if self.crowd is not None:
             self.crowd.kill()
         if self.router is not None:
@@ -69,7 +69,7 @@ class Site:
         return pid_of(self.router)
 
     def known(self) -> dict[str, dict[str, int]]:
-        """Declarations that the router knows (``bench.router_tables``)."""
+        """Return the declarations that the router knows (``bench.router_tables``)."""
         command = [sys.executable, *inside(self.name), "-m", "bench.router_tables", f"tcp/127.0.0.1:{_PORT}"]
         said = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)  # noqa: S603
         found: dict[str, dict[str, int]] = json.loads(said.stdout)
@@ -77,12 +77,12 @@ class Site:
 
 
 def inside(site: str) -> tuple[str, str]:
-    """Arguments of Python that go on in the namespace of the site."""
+    """Return the arguments of Python that continue in the namespace of the site."""
     return "tests/in_namespace.py", full_name(site)
 
 
 def configuration(site: str, north: Link | None) -> dict[str, object]:
-    """A router's, as the chart for Kubernetes has it, with the admin space to read what it knows."""
+    """Return a router's configuration as in the Helm chart, with the admin space to read its declarations."""
     south: list[object] = [{"filters": [{"modes": ["client", "peer"]}]}]
     south += [{"filters": [{"modes": ["router"], "region_names": [region]}]} for region in _BELOW[site]]
     return {
@@ -130,7 +130,7 @@ class Tree:
         self._children[at] = child
 
     def kill(self, at: str) -> None:
-        """End a gateway as a power cut would."""
+        """Kill a gateway."""
         self._children[at].send(signal.SIGKILL)
         del self.gateways[at]
 
@@ -161,7 +161,7 @@ class Tree:
 
 @contextlib.contextmanager
 def growing(folder: Path, size: Size, store: Servers) -> Iterator[Tree]:
-    """Routers that are linked, gateways that serve, and robots that have not appeared yet."""
+    """Run linked routers, ready gateways, and robots that have not appeared yet."""
     sites, uplinks = {CORE: Site(CORE, folder)}, dict[str, Link]()
     add(CORE)
     for above, below in _BELOW.items():

@@ -80,7 +80,7 @@ def _in_a_namespace(minutes: float) -> int:
 
 
 def measure(size: Size) -> Iterator[Mapping[str, Figures]]:
-    """Figures of gateways, of routers, and of faults."""
+    """Yield figures of gateways, of routers, and of faults."""
     with (
         tempfile.TemporaryDirectory() as folder,
         cluster_replicated(Path(folder, "redis")) as store,
@@ -123,7 +123,7 @@ def seen(tree: Tree) -> int:
 
 
 def joining(tree: Tree) -> tuple[dict[str, Figures], dict[str, Figures]]:
-    """All robots come at once. Figures of gateways and of routers, by name."""
+    """Let all robots join at once. Return figures of gateways and of routers, by name."""
     robots, before = seen(tree), spent(tree)
     first_ns = tree.appear(HALLS, RATE_HZ)
     appeared_s = (time.monotonic_ns() - first_ns) / 1e9
@@ -166,7 +166,7 @@ def joining(tree: Tree) -> tuple[dict[str, Figures], dict[str, Figures]]:
 
 
 def resting(tree: Tree) -> dict[str, Figures]:
-    """Frames come and nobody reads."""
+    """Measure frames without readers."""
     before, begin = spent(tree), time.monotonic()
     time.sleep(tree.size.seconds)
     after, took_s = spent(tree), time.monotonic() - begin
@@ -187,7 +187,7 @@ def resting(tree: Tree) -> dict[str, Figures]:
 
 
 def commands(tree: Tree) -> dict[str, Figures]:
-    """From the POST to the agent's acceptance, of robots of all halls in turn."""
+    """Measure from the POST to the agent's acceptance, for robots of all halls in turn."""
     found = {}
     for at in tree.gateways:
         took = []
@@ -204,7 +204,7 @@ def commands(tree: Tree) -> dict[str, Figures]:
 
 
 def brief_cut(tree: Tree) -> Figures:
-    """The link of an area is cut for less than the lease of a connection."""
+    """Cut the link of an area for less than the lease of a connection."""
     north = _north_of_lost(tree)
     north.cut()
     time.sleep(_BRIEF_S)
@@ -217,7 +217,7 @@ def brief_cut(tree: Tree) -> Figures:
 
 
 def long_cut(tree: Tree) -> Figures:
-    """The link of an area is cut until all of its robots are offline at the core, and healed."""
+    """Cut the link of an area until all of its robots are offline at the core, then heal it."""
     robots, north = seen(tree), _north_of_lost(tree)
     begin_ns = time.monotonic_ns()
     north.cut()
@@ -237,7 +237,7 @@ def long_cut(tree: Tree) -> Figures:
 
 
 def lost_region(tree: Tree) -> Figures:
-    """An area, its halls, robots, gateway and Redis master die at once, and come back."""
+    """Kill an area, its halls, robots, gateway and Redis master at once, and restart them."""
     robots, halls = seen(tree), AREAS[LOST]
     begin_ns = time.monotonic_ns()
     tree.store.nodes[-1].kill()

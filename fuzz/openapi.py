@@ -1,4 +1,4 @@
-"""Operations that a real gateway describes in OpenAPI, called as described and changed in all that they consist of."""
+"""Operations that a real gateway describes in OpenAPI, called as described and with mutations."""
 
 import asyncio
 import json
@@ -38,7 +38,7 @@ def run(count: int, seed: int, first: int = 0) -> Tally:
 
 
 class Callers(Clients):
-    """Clients that call what the description has, and read it itself in between."""
+    """Clients that call the described operations, and read the description in between."""
 
     def __init__(self, there: Living) -> None:
         url = f"http://127.0.0.1:{there.port}{_DESCRIPTION}"
@@ -60,7 +60,7 @@ class Callers(Clients):
             line.close()
 
     def request(self, random: Random) -> bytes:
-        """One in three as it is described; any is to be answered."""
+        """Return a request; one in three is as described, and all must be answered."""
         good = random.random() < 0.3
         method, template, item = random.choice(self._operations)
         if random.random() < 0.1:
@@ -84,7 +84,7 @@ class Callers(Clients):
 
 
 def _text(random: Random, schema: dict[str, Any], good: bool) -> str:
-    """A value of a parameter: one that is listed, or another."""
+    """Return a value of a parameter: a listed one, or another."""
     if not good and random.random() < 0.3:
         return str(random.choice(mutation.TEXTS)).encode("utf-8", "replace").decode()[:500]
     known = schema.get("enum") or schema.get("examples")
@@ -96,7 +96,7 @@ def _text(random: Random, schema: dict[str, Any], good: bool) -> str:
 
 
 def _body(random: Random, operation: dict[str, Any], good: bool) -> tuple[str, bytes]:
-    """Media type and content: an example of the description, changed by its tree unless it is to be ``good``."""
+    """Return media type and content: an example of the description, mutated as a tree unless it must be ``good``."""
     bodies = operation.get("requestBody", {}).get("content", {})
     if not bodies:
         return "", b""

@@ -22,7 +22,7 @@ from release_images import engine_command  # noqa: E402 (it is beside this folde
 
 
 def command(engine: list[str], options: list[str], image: str, dist: Path, source: Path) -> list[str]:
-    """The words that run a newcomer's steps in a container, which is removed afterwards."""
+    """Return the command that runs a newcomer's steps in a container, which is removed afterwards."""
     script = Path(__file__).with_name("newcomer.sh")
     mounts = {dist.resolve(): "/dist", source: "/source.tar", script: "/newcomer.sh"}
     volumes = [word for here, there in mounts.items() for word in ("-v", f"{here}:{there}:ro")]
