@@ -100,7 +100,7 @@ def _below(kind: type[FleetError]) -> Iterable[type[FleetError]]:
 
 
 def _meaning(kind: type) -> str:
-    """The first paragraph of the docstring, and those that name fields of the problem."""
+    """Return the first paragraph of the docstring, and those that name fields of the problem."""
     first, *others = (inspect.getdoc(kind) or "").split("\n\n") if kind.__doc__ else [""]
     return " ".join(" ".join([first, *(each for each in others if "``" in each)]).split())
 

@@ -134,9 +134,7 @@ def test_rules_are_read_and_conditions_tried_without_scripts(chromium: Browser, 
     page = context.new_page()
     page.goto(str(client.page(client.root).one(LF.rules)))
     expect(page.get_by_text("There are none so far.")).to_be_visible()
-    assert (
-        "Saving takes scripts: a rule is sent as RDF" in page.content()
-    )  # noscript, not shown by Playwright
+    assert "Saving takes scripts: a rule is sent as RDF" in page.content()  # noscript, not shown by Playwright
     page.get_by_label("condition").fill("SELECT ?x { VALUES ?x { 7 } }")
     page.get_by_role("button", name="Try the condition").click()
     expect(page.locator("#results tbody td")).to_have_text(["7"])

@@ -8,9 +8,9 @@ from pathlib import Path
 from urllib.parse import urlsplit
 
 import pytest
-from animation import animate
 from playwright.sync_api import Page, expect
 
+from animation import animate
 from browser import Browser as Client
 from browser import all_live
 from commanding import angle

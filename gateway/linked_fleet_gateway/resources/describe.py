@@ -232,9 +232,9 @@ class Describer:
 
 
 def last_frame(robot: Robot) -> tuple[Observation, ...]:
-    """The time of the present frame, without values.
+    """Return the time of the present frame, without values.
 
-    To the second: a time that moves a hundred times a second would make every entity tag worthless.
+    It is rounded to seconds: a time that changes with each frame would make every entity tag worthless.
     """
     frame = robot.frame
     return (_moment(None if frame is None else frame.wall_ns // _SECOND_NS),)
@@ -242,7 +242,7 @@ def last_frame(robot: Robot) -> tuple[Observation, ...]:
 
 @lru_cache(maxsize=64)
 def _moment(second: int | None) -> Observation:
-    """The same object for the same second, as an observation that has not moved."""
+    """Return the same object for the same second, so that the observation counts as unchanged."""
     return Observation((), None if second is None else second * _SECOND_NS)
 
 

@@ -62,13 +62,13 @@ class Rendering:
         self._template = _Template("", ())
 
     def present(self) -> bytes:
-        """The document with the present values; WriteError when the syntax cannot say it."""
+        """Return the document with the present values. Raises WriteError if the syntax cannot express it."""
         return self.body([Seen.of(look()) for look in (*self._resource.looks, *self._resource.quiet)])
 
     def of(self, observations: Sequence[Observation], versions: Versions | None = None) -> bytes:
-        """The document with the observations of a reading, which are those of all looks one after the other.
+        """Return the document with the observations of a reading: those of all ``looks``, in their order.
 
-        What is quiet is in no reading, and is looked for.
+        A reading has no observations of ``quiet``; they are read here.
         """
         quiet = self._resource.quiet
         if len(self._resource.looks) == 1 and not quiet:
