@@ -19,32 +19,34 @@ from linked_fleet_gateway.http.operations import (
     writing,
 )
 from linked_fleet_gateway.rdf.shapes import load
-from linked_fleet_gateway.rdf.vocabulary import LF
+from linked_fleet_gateway.rdf.vocabulary import DCTERMS, LF
 from linked_fleet_gateway.resources.branches import RequestView
 from linked_fleet_gateway.resources.json_form import Json, form_in
 
 _CONTEXT = "https://w3id.org/linked-fleet/context"
-_NAMES = {
-    "dcterms:title": "title",
-    "lf:condition": "condition",
-    "lf:minimumInterval": "minimum interval",
-    "lf:enabled": "enabled",
+_MEMBERS = {
+    "dcterms:title": DCTERMS.title,
+    "lf:condition": LF.condition,
+    "lf:minimumInterval": LF.minimumInterval,
+    "lf:enabled": LF.enabled,
 }
-"""Names of members in the shape of rules."""
 
 
 @cache
 def _schema() -> Json:
     form = form_in(chain.from_iterable(load("rules.ttl").values()), LF.RuleShape)
+    of_path = {each.path: each.schema() for each in form.fields}  # the shape names them for people
     action: Json = {"type": "object", "properties": {"@id": {"type": "string", "format": "uri"}}, "required": ["@id"]}
     return {
         "type": "object",
         "properties": {
             "@context": {"const": _CONTEXT},
             "@type": {"const": "lf:Rule"},
-            **{member: form.by_name[name].schema() for member, name in _NAMES.items()},
-            "lf:invokes": action | {"description": form.by_name["action"].description},
-            "lf:body": {"description": form.by_name["body"].description},
+            **{member: of_path[predicate,] for member, predicate in _MEMBERS.items()},
+            "lf:invokes": action | {"description": "The action."},
+            "lf:body": {
+                "description": "What the action gets; a node with lf:variable stands for what that is bound to."
+            },
         },
         "required": ["@context", "dcterms:title", "lf:condition", "lf:invokes"],
     }
