@@ -74,7 +74,7 @@ def operator(request: pytest.FixtureRequest, chromium: Browser, no_webgl: str) -
 @pytest.fixture
 def moving(client: Client) -> Iterator[str]:
     """An invocation that takes longer than its test."""
-    answer = client.http.post(of_joint(client, "wrist_3_joint"), content=slowly(3.0, speed=0.02), headers=TURTLE)
+    answer = client.http.post(of_joint(client, "shoulder_pan_joint"), content=slowly(3.0, speed=0.02), headers=TURTLE)
     assert answer.is_success, answer.text
     yield answer.headers["location"]
     client.http.post(of_robot(client, LF.StopRobot))
@@ -85,13 +85,13 @@ def test_what_moves_is_found_with_one_click(operator: Operator, client: Client, 
     page = operator.page
     page.goto(client.root)
     card = page.locator("#robots .card", has=page.locator(".activity.busy"))
-    expect(card).to_contain_text("wrist_3_joint")
+    expect(card).to_contain_text("shoulder_pan_joint")
     thumbnail = card.locator("img.thumbnail")
     assert thumbnail.evaluate("async (image) => { await image.decode(); return image.naturalWidth; }") > 0
     before = thumbnail.get_attribute("src")
     eventually(_changed(thumbnail, before), "another pose on the card")
     operator.press(card.get_by_role("link"))
-    expect(page.locator("#tasks .task, .task").first).to_contain_text("wrist_3_joint")
+    expect(page.locator("#tasks .task, .task").first).to_contain_text("shoulder_pan_joint")
     assert operator.made == 1
 
 
