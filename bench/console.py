@@ -31,7 +31,7 @@ _SWAYS = (
     "baxter:right_s1", "ur5:shoulder_pan_joint", "panda:panda_joint1", "tiago:arm_2_joint", "go2:FL_thigh_joint",
 )  # fmt: skip
 _THOUSAND = 1000
-_ASKED = 5
+_ASKED = 40
 _DRAWINGS = """() => {
     const { view } = document.getElementById("scene").scene;
     const draw = view.draw;
