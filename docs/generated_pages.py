@@ -14,6 +14,7 @@ import linked_fleet_gateway.extensions
 import linked_fleet_shapes
 from linked_fleet_client.cli import programs
 from linked_fleet_client.cli.main import cli
+from linked_fleet_gateway.app.extensions import BUILT_IN
 from linked_fleet_gateway.base.errors import PROBLEMS, FleetError
 
 _RDF_TYPE = NamedNode("http://www.w3.org/1999/02/22-rdf-syntax-ns#type")
@@ -44,8 +45,9 @@ def vocabulary() -> str:
 
 
 def parse_terms() -> Iterable[object]:
-    """Return the statements of the vocabulary."""
-    return parse((files(linked_fleet_shapes) / "vocabulary.ttl").read_bytes(), format=RdfFormat.TURTLE)
+    """Return the statements of the vocabulary, including those of extensions."""
+    for file in (files(linked_fleet_shapes) / "vocabulary.ttl", *(one for each in BUILT_IN for one in each.vocabulary)):
+        yield from parse(file.read_bytes(), format=RdfFormat.TURTLE)
 
 
 def errors() -> str:

@@ -23,6 +23,7 @@ from linked_fleet_gateway.actions.plan import Later, Motion
 from linked_fleet_gateway.app.extensions import BUILT_IN, install
 from linked_fleet_gateway.base.errors import FleetError, UnprocessableContent
 from linked_fleet_gateway.extensions.reach.handler import reach
+from linked_fleet_gateway.extensions.reach.terms import LF
 from linked_fleet_gateway.fleet.events import Appeared, Described, Framed
 from linked_fleet_gateway.fleet.fleet import Fleet
 from linked_fleet_gateway.fleet.invocations import Invocations
@@ -31,7 +32,6 @@ from linked_fleet_gateway.http.invoke import MAX_TRIPLES
 from linked_fleet_gateway.rdf.graph import Graph
 from linked_fleet_gateway.rdf.unused import reachable
 from linked_fleet_gateway.rdf.validation import root
-from linked_fleet_gateway.rdf.vocabulary import LF
 from linked_fleet_gateway.resources.action_offer import Offer
 from linked_fleet_gateway.resources.affordance import Control, Invoke, PutSetting, PutTarget
 from linked_fleet_gateway.resources.resource import Resource

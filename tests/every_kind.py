@@ -16,8 +16,10 @@ from linked_fleet_gateway.extensions.rules.description import branch as rules_br
 from linked_fleet_gateway.extensions.rules.rule import Firing, FiringState, Known, Rule
 from linked_fleet_gateway.extensions.things.directory import BRANCHES as THINGS
 from linked_fleet_gateway.extensions.world.collisions import Collision
+from linked_fleet_gateway.extensions.world.placement import WORLD
 from linked_fleet_gateway.extensions.world.resources import in_world
 from linked_fleet_gateway.extensions.world.scene import Box, Cylinder, SceneObject, Sphere, TriangleMesh
+from linked_fleet_gateway.extensions.world.terms import LF
 from linked_fleet_gateway.fleet.events import Appeared, Described, Undescribed
 from linked_fleet_gateway.fleet.fleet import Fleet
 from linked_fleet_gateway.fleet.invocation import FLEET, Invocation, InvocationState
@@ -25,9 +27,8 @@ from linked_fleet_gateway.fleet.invocations import Invocations
 from linked_fleet_gateway.fleet.lease import Lease
 from linked_fleet_gateway.fleet.model import Pose
 from linked_fleet_gateway.rdf.graph import Graph
-from linked_fleet_gateway.rdf.vocabulary import HYBRIT, LF
+from linked_fleet_gateway.rdf.vocabulary import HYBRIT
 from linked_fleet_gateway.resources.branches import NONE, FleetBranch
-from linked_fleet_gateway.resources.placement import WORLD
 from linked_fleet_gateway.resources.resource import Resource
 from linked_fleet_gateway.resources.subscription import Delivery, DeliveryState, Kind, Record, Subscription
 from linked_fleet_gateway.resources.tree import Tree

@@ -14,13 +14,14 @@ from linked_fleet_gateway.actions.handler_table import HANDLERS
 from linked_fleet_gateway.actions.plan import Plan
 from linked_fleet_gateway.app.extensions import BUILT_IN, install
 from linked_fleet_gateway.extensions.reach.handler import reach
+from linked_fleet_gateway.extensions.reach.terms import LF
 from linked_fleet_gateway.fleet.events import Appeared, Described, Framed
 from linked_fleet_gateway.fleet.fleet import Fleet
 from linked_fleet_gateway.fleet.invocations import Invocations
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.rdf.graph import Graph
 from linked_fleet_gateway.rdf.serialise import parse
-from linked_fleet_gateway.rdf.vocabulary import LF, PREFIXES
+from linked_fleet_gateway.rdf.vocabulary import PREFIXES
 from linked_fleet_gateway.resources.action_body import Body
 from linked_fleet_gateway.resources.action_offer import Offer
 from linked_fleet_gateway.resources.affordance import Invoke

@@ -17,9 +17,10 @@ from linked_fleet_gateway.app.extensions import BUILT_IN, install
 from linked_fleet_gateway.app.settings import GatewaySettings
 from linked_fleet_gateway.base.errors import BadRequest, FleetError
 from linked_fleet_gateway.extensions.query.errors import QueryTooCostly, ResultTooLarge
-from linked_fleet_gateway.extensions.query.messages import Instead, Placed
+from linked_fleet_gateway.extensions.query.messages import Instead
 from linked_fleet_gateway.extensions.query.service import Queries, Term
 from linked_fleet_gateway.fleet.invocation import Invocation
+from linked_fleet_gateway.fleet.kinematics import ORIGIN
 from linked_fleet_gateway.fleet.model import Pose
 from linked_fleet_gateway.identity.rights import ALL, View, view
 from linked_fleet_gateway.resources.branches import FleetBranch, RequestView
@@ -137,7 +138,8 @@ def test_functions_say_where_a_thing_is_seen_from_another_and_how_far(asking: As
     """Across robots once both are placed; two parts of one robot need no placement."""
     robots, half = asking.live.fleet.robots, math.sqrt(0.5)
     tip, other, crate = (f"<{BASE}/{path}>" for path in ("a/tip", "b/", "world/objects/crate"))
-    asking.live.objects = lambda: {"crate": Placed(Pose((0.0, 0.0, 3.0), (0.0, 0.0, 0.0, 1.0)))}
+    poses = {"/world": ORIGIN, "/world/objects/crate": Pose((0.0, 0.0, 3.0), (0.0, 0.0, 0.0, 1.0))}
+    asking.live.add(FleetBranch("world", None, lambda view, rest: None, poses=lambda: poses))
 
     def pose(of: str, frame: str) -> list[float]:
         terms = " ".join(f'(lf:poseIn({of}, {frame}, "{each}") AS ?{each})' for each in ("x", "y", "z", "qz", "qw"))

@@ -5,8 +5,9 @@ from pyoxigraph import BlankNode, Literal, NamedNode
 
 from linked_fleet_gateway.base.errors import UnprocessableContent
 from linked_fleet_gateway.extensions.rules.template import filled, template, triples_of, variables
+from linked_fleet_gateway.extensions.rules.terms import LF
 from linked_fleet_gateway.rdf.serialise import parse
-from linked_fleet_gateway.rdf.vocabulary import LF, VOM
+from linked_fleet_gateway.rdf.vocabulary import VOM
 
 _BEGIN = "@prefix lf: <https://w3id.org/linked-fleet#> . @prefix vom: <http://vocab.arvida.de/2015/06/vom/vocab#> .\n"
 _ACTION = NamedNode("http://fleet/arm/joint/actions/rotate")

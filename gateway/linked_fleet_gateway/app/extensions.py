@@ -18,11 +18,13 @@ import linked_fleet_gateway.extensions
 from linked_fleet_gateway.base.settings import TEXTS, Section, setting
 from linked_fleet_gateway.http.extension import Core, Extension, Mount
 from linked_fleet_gateway.http.representation import Representations
+from linked_fleet_gateway.rdf.shapes import BLUEPRINTS, VOCABULARY, add
 from linked_fleet_gateway.resources.action_definition import add_kinds
 from linked_fleet_gateway.resources.fleet_functions import FUNCTIONS
 from linked_fleet_gateway.resources.link_statements import LINK_STATEMENTS
 from linked_fleet_gateway.resources.paths import reserve
 from linked_fleet_gateway.resources.property import ROBOT_PROPERTIES
+from linked_fleet_gateway.resources.relative_poses import PLACEMENTS
 
 log = logging.getLogger(__name__)
 GROUP = "linked_fleet.extensions"
@@ -107,11 +109,14 @@ def _foreign(name: str) -> Extension:
 
 
 def install(extensions: Sequence[Extension]) -> None:
-    """Register segments, kinds of actions, properties and functions of the extensions in this process."""
+    """Register in this process what the extensions add to the tree: segments, terms, shapes, kinds of actions."""
     for extension in (*BUILT_IN, *extensions):
         reserve(extension.at_root, extension.in_robot, extension.public)
     add_kinds(kind for extension in extensions for kind in extension.kinds)
+    add(VOCABULARY, (file for extension in extensions for file in extension.vocabulary))
+    add(BLUEPRINTS, (file for extension in extensions for file in extension.shapes))
     ROBOT_PROPERTIES.replace(name for extension in extensions for name in extension.robot_properties)
+    PLACEMENTS.replace(name for extension in extensions for name in extension.placements)
     LINK_STATEMENTS.replace(name for extension in extensions for name in extension.link_statements)
     FUNCTIONS.replace(function for extension in extensions for function in extension.functions)
 

@@ -135,10 +135,18 @@ class Extension:
     """Header fields that such pages may read in responses."""
     in_robot: ClassVar[tuple[str, ...]] = ()
     """Segments below a robot reserved for the extension, likewise."""
+    vocabulary: ClassVar[tuple[Path, ...]] = ()
+    """Turtle files of terms, and of shapes of input of its containers, contained in /vocabulary."""
+    shapes: ClassVar[tuple[Path, ...]] = ()
+    """Turtle files of blueprints, and of shapes (``…Input``) of input of PUT. Statements about shapes of the core are
+    added to these."""
     kinds: ClassVar[tuple[Path, ...]] = ()
     """Turtle files of kinds of actions, in the form of those in shapes/linked_fleet_shapes/actions."""
     robot_properties: ClassVar[tuple[str, ...]] = ()
     """Further properties of robots, as ``module:attribute`` of functions from a robot to a property."""
+    placements: ClassVar[tuple[str, ...]] = ()
+    """Poses of robots in a common frame, as ``module:attribute`` of functions from a robot to the pose of its own frame
+    there, None if unknown. Poses of other things: ``FleetBranch.poses``."""
     link_statements: ClassVar[tuple[str, ...]] = ()
     """Further statements about links, as ``module:attribute`` of functions of robot and link."""
     functions: ClassVar[tuple[str, ...]] = ()

@@ -7,29 +7,23 @@ import asyncio
 import contextlib
 import logging
 from collections.abc import Awaitable, Callable, Collection, Iterable
-from typing import Self
+from typing import Literal, Self, TypeVar
 
 from linked_fleet_agent.wire.codec import encode
 from linked_fleet_agent.wire.keys import Keys
 from linked_fleet_agent.wire.messages import (
-    WIRE_VERSION,
     Accepted,
-    Camera,
     Command,
-    Glance,
     Mesh,
-    PictureFormat,
     Progress,
     Refused,
     Reply,
     Stop,
 )
 from linked_fleet_gateway.fleet.answers import read_mesh, read_reply
-from linked_fleet_gateway.fleet.cameras import Picture, read_picture, size_limit
 from linked_fleet_gateway.fleet.events import Event
 from linked_fleet_gateway.fleet.frames import Frames
 from linked_fleet_gateway.fleet.presence import Token
-from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.fleet.silences import Doubt
 from linked_fleet_gateway.link.discovery import Discovery, Judge
 from linked_fleet_gateway.link.heartbeat import Heartbeat
@@ -39,6 +33,7 @@ from linked_fleet_gateway.link.transport import Question, Session, TransportErro
 from linked_fleet_gateway.runtime.request_context import step
 
 _log = logging.getLogger(__name__)
+T = TypeVar("T")
 
 MAX_DESCRIPTION_BYTES = 9_000_000
 MAX_REPLY_BYTES = 65_536
@@ -238,47 +233,44 @@ class FleetLink:
 
     async def mesh(self, robot: str, mesh: Mesh, timeout_s: float) -> bytes:
         """Return the content of a mesh, of the length in ``mesh``. Raises NoAnswer."""
-        reasons = [f"no agent hands out meshes of robot {robot!r}"]
+        none = f"no agent hands out meshes of robot {robot!r}"
+        return await self.ask_agent(
+            robot, "mesh", mesh.sha256.encode(), mesh.size, timeout_s, lambda answer: read_mesh(answer, mesh), none
+        )
 
-        def judge(answer: bytes | str, _: str) -> bytes | None:
-            content, reason = read_mesh(answer, mesh)
-            reasons.append(reason)
-            return content
+    async def ask_agent(
+        self,
+        robot: str,
+        kind: Literal["mesh", "picture"],
+        payload: bytes,
+        most_bytes: int,
+        timeout_s: float,
+        read: Callable[[bytes | str], tuple[T | None, str]],
+        none: str,
+    ) -> T:
+        """Ask the agent of a robot for something that may wait: what moves and what is measured overtakes it.
 
-        content: bytes | None = None
-        key, asked = self._keys.robot(robot, "mesh"), mesh.sha256.encode()
-        try:
-            # Commands and frames have higher priority.
-            content = await ask(self._session, Question(key, asked, timeout_s, mesh.size, priority="background"), judge)
-        except TimeoutError:
-            reasons.append(f"robot {robot!r} did not answer within {timeout_s} s")
-        if content is None:
-            raise NoAnswer(reasons[-1])
-        return content
+        ``read`` gets an answer, or a sentence why there is none, and returns its meaning, or None and the reason.
+        Raises NoAnswer with the last reason, ``none`` if nobody has answered. Answers that mean nothing are counted.
+        """
+        reasons = [none]
 
-    async def picture(self, robot: Robot, camera: Camera, format: PictureFormat, timeout_s: float) -> Picture:
-        """Return a picture of a camera. Raises NoAnswer; an invalid picture is also counted as malformed."""
-        reasons = [f"no agent shows what robot {robot.name!r} sees"]
-
-        def judge(answer: bytes | str, sender: str) -> Picture | None:
-            picture, reason = read_picture(answer, camera, format, robot.incarnation)
-            if picture is None and isinstance(answer, bytes):
+        def judge(answer: bytes | str, sender: str) -> T | None:
+            found, reason = read(answer)
+            if found is None and isinstance(answer, bytes):
                 self._incoming.complaints.add(sender, reason)
             reasons.append(reason)
-            return picture
+            return found
 
-        picture: Picture | None = None
-        key = self._keys.robot(robot.name, "picture")
-        glance = encode(Glance(version=WIRE_VERSION, camera=camera.name, format=format))
+        question = Question(self._keys.robot(robot, kind), payload, timeout_s, most_bytes, priority="background")
+        found: T | None = None
         try:
-            picture = await ask(
-                self._session, Question(key, glance, timeout_s, size_limit(camera), priority="background"), judge
-            )
+            found = await ask(self._session, question, judge)
         except TimeoutError:
-            reasons.append(f"robot {robot.name!r} did not answer within {timeout_s} s")
-        if picture is None:
+            reasons.append(f"robot {robot!r} did not answer within {timeout_s} s")
+        if found is None:
             raise NoAnswer(reasons[-1])
-        return picture
+        return found
 
     async def _list_tokens(self, timeout_s: float = LISTING_TIMEOUT_S) -> tuple[list[Token], bool]:
         """Return the tokens of all runs, the highest first, and True if the list is certainly complete."""

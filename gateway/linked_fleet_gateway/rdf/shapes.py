@@ -1,9 +1,8 @@
-"""Turtle files of shapes/: vocabulary and blueprints, loaded once from their package."""
+"""Turtle files of shapes/ and of extensions: vocabulary, blueprints and kinds of actions, each loaded once."""
 
 from collections.abc import Callable, Iterable, Mapping
 from functools import cache
 from importlib import resources
-from importlib.resources.abc import Traversable
 from pathlib import Path
 
 from pyoxigraph import BlankNode, Literal, NamedNode, RdfFormat, Triple
@@ -15,39 +14,48 @@ from linked_fleet_gateway.rdf.vocabulary import DCTERMS, LF, RDFS, SH
 Complete = Callable[[Graph, Node, NamedNode], None]
 
 
-@cache
-def load(name: str) -> dict[Node, list[Triple]]:
-    """Return the triples of shapes/NAME by subject, in file order. Blank node labels are unique to the file."""
-    return _read((resources.files("linked_fleet_shapes") / name).read_text(encoding="utf-8"), name.removesuffix(".ttl"))
-
+VOCABULARY, BLUEPRINTS, SUBSCRIPTIONS, ACTIONS = "vocabulary.ttl", "blueprints.ttl", "subscriptions.ttl", "actions"
+"""Files of ``linked_fleet_shapes``, and its folder of kinds of actions."""
 
 _added: dict[str, tuple[Path, ...]] = {}
 
 
-def add_to_folder(name: str, files: Iterable[Path]) -> bool:
-    """Make ``load_folder`` read these Turtle files too in this process, in place of files added earlier.
+def add(name: str, files: Iterable[Path]) -> bool:
+    """Make ``load`` read these Turtle files with shapes/NAME in this process, in place of files added earlier.
 
     Return True if the set of files has changed.
     """
-    before, _added[name] = _added.get(name, ()), tuple(files)
+    before, _added[name] = added_to(name), tuple(files)
     if _added[name] == before:
         return False
-    load_folder.cache_clear()
+    load.cache_clear()
     return True
 
 
-def added_to_folder(name: str) -> tuple[Path, ...]:
-    """Return the added files."""
+def added_to(name: str) -> tuple[Path, ...]:
+    """Return the files added to shapes/NAME."""
     return _added.get(name, ())
 
 
 @cache
-def load_folder(name: str) -> dict[Node, list[Triple]]:
-    """Return the triples of all files in the folder shapes/NAME and of the added ones, parsed as one document."""
-    own = [each for each in (resources.files("linked_fleet_shapes") / name).iterdir() if each.name.endswith(".ttl")]
-    files: list[Traversable] = [*own, *added_to_folder(name)]
-    text = "\n".join(each.read_text(encoding="utf-8") for each in sorted(files, key=lambda each: each.name))
-    return _read(text, name)
+def load(name: str) -> dict[Node, list[Triple]]:
+    """Return the triples by subject of the file shapes/NAME, or of all files in that folder, and of the added ones.
+
+    They are parsed as one document, in the order of the files. Blank node labels are unique to the name.
+    """
+    found = resources.files("linked_fleet_shapes") / name
+    if name.endswith(".ttl"):
+        files = [found, *added_to(name)]
+    else:
+        own = [each for each in found.iterdir() if each.name.endswith(".ttl")]
+        files = sorted([*own, *added_to(name)], key=lambda each: each.name)
+    return _read("\n".join(each.read_text(encoding="utf-8") for each in files), name.removesuffix(".ttl"))
+
+
+@cache
+def load_file(file: Path) -> dict[Node, list[Triple]]:
+    """Return the triples of one Turtle file by subject."""
+    return _read(file.read_text(encoding="utf-8"), file.stem)
 
 
 def _read(text: str, prefix: str) -> dict[Node, list[Triple]]:
@@ -86,7 +94,7 @@ def copy(graph: Graph, shapes: Mapping[Node, list[Triple]], start: Node, complet
     return node
 
 
-def closure(graph: Graph, start: NamedNode, name: str = "blueprints.ttl") -> None:
+def closure(graph: Graph, start: NamedNode, name: str = BLUEPRINTS) -> None:
     """Add ``start`` and everything in the file that it refers to, so that the shape is complete."""
     by_subject = load(name)
     pending: list[Node] = [start]

@@ -2,7 +2,7 @@
 
 The namespaces are closed: a term that is not listed raises AttributeError, so that a typo cannot become data. Terms of
 ``ros`` and ``hybrit`` are those of the paper and its authors' implementation. Terms missing from all vocabularies are
-in ``lf`` and described in shapes/linked_fleet_shapes/vocabulary.ttl.
+in ``lf`` and described in shapes/linked_fleet_shapes/vocabulary.ttl. Extensions add terms of their own to ``lf``.
 """
 
 from linked_fleet_gateway.shacl.terms import Namespace
@@ -89,10 +89,9 @@ LF = Namespace(
     "Fleet Robot Joint ContinuousJoint PrismaticJoint FixedJoint FloatingJoint PlanarJoint Invocation Blueprint"
     " ScalarProperty Translation Limits Pose Twist Point Inertia Mimicry JointState JointSample FrameLayout FrameField"
     " Quaternion Problem Stream WebSocketStream EventStream ActionKind Rehearsal ControlLease TextProperty"
-    " SpeedScale Annotations NamedPose JointTargets JointTrajectory TargetPosition Model Mesh Rule Firing"
-    " RuleList FiringList"
+    " SpeedScale Annotations NamedPose JointTargets JointTrajectory TargetPosition Model Mesh"
     # kinds of actions
-    " Rotate RotateBy Translate TranslateBy Hold MoveJoints FollowTrajectory Reach AssumePose StopRobot StopAll"
+    " Rotate RotateBy Translate TranslateBy Hold MoveJoints FollowTrajectory AssumePose StopRobot StopAll"
     " CancelInvocation"
     # shapes
     " FleetShape RobotShape LinkShape ContinuousJointShape PrismaticJointShape FixedJointShape FloatingJointShape"
@@ -100,11 +99,11 @@ LF = Namespace(
     " MimicryShape JointStateShape InvocationShape RehearsalShape SubscriptionShape SubscriptionResourceShape"
     " ActionShape"
     " ControlLeaseShape ControlLeaseInput TextPropertyShape TextInput AnnotationsShape SpeedScaleShape SpeedScaleInput"
-    " TargetPositionShape ModelShape MeshShape FrameLayoutShape RuleShape RuleResourceShape FiringShape"
+    " TargetPositionShape ModelShape MeshShape FrameLayoutShape"
     # individuals
     " unknown online offline faulty accepted running succeeded failed cancelled preempted free held"
     " thisAlone withProperties wholeSubtree active"
-    " waiting awaitingConsent failing suspended disabled suppressed"
+    " waiting awaitingConsent failing suspended"
     # predicates: things
     " presence lastSeen lastFrame fault outOfLimits"
     " rootLink baseMobility parentJoint childJoint shape invocations state reason"
@@ -114,17 +113,14 @@ LF = Namespace(
     " capability completedBy anyNumber jointPosition jointDisplacement jointSpeed jointTarget"
     " jointExpectation ownLease ownLink ownPose dryRun"
     # predicates: what actions take and invocations tell
-    " speed speedScale precondition tolerance tiedTo waypoint atTime ofLink poseName namedPose input duration progress"
+    " speed speedScale precondition tolerance tiedTo waypoint atTime poseName namedPose input duration progress"
     " preempts preemptedBy positionResidual orientationResidual answer ofRobot currentTask"
-    " lastMoved modelName batteryCharge Audit Directory InvocationList"
+    " lastMoved modelName batteryCharge Audit InvocationList"
     # predicates: control and settings
-    " things lease holder expires leaseDuration targetRotation targetTranslation annotations maximumSpeedScale"
+    " lease holder expires leaseDuration targetRotation targetTranslation annotations maximumSpeedScale"
     # predicates: subscriptions and their messages
     " depth minimumInterval deadband secret signed deliveryState lastDelivery lastStatus failures"
     " version previousVersion"
-    # predicates: rules
-    " rules condition invokes body toldApartBy enabled firings lastFiring causedBy suppressions variable binding"
-    " invocation"
     # predicates: quantities
     " value translation displacement translationAxis velocity effort limits lowerLimit upperLimit velocityLimit"
     " effortLimit damping pose twist mass centreOfMass inertia mimic mimicsJoint multiplier offset jointState sample"
@@ -132,20 +128,10 @@ LF = Namespace(
     " ixx ixy ixz iyy iyz izz"
     # predicates: the binary frame (desideratum D5)
     " frameLayout fieldName fieldType byteOffset valueCount field byteOrder ofProperty valuePath"
-    # cameras (desideratum D5)
-    " Camera Cameras CameraShape CamerasShape cameras imageWidth imageHeight verticalFieldOfView nearest farthest"
-    " maximumRate picture"
     # predicates: geometry (desideratum D5)
     " model mesh byteSize sha256"
-    # queries
-    " query canReach poseIn distance example"
-    # the world: classes, shapes, predicates
-    " World Placement SceneObject SceneObjects Obstacle KeepOutZone Box Sphere Cylinder TriangleMesh"
-    " WorldShape PlacementShape PlacementInput SceneObjectShape SceneObjectsShape SceneObjectInput PoseInFrameShape"
-    " PoseInFrame world placement inFrame poseOf objects poses geometry size radius length stl collisionFree"
-    " Collisions Collision CollisionsShape collisions collision meets"
-    # histories
-    " History HistoryShape history historySpan samplingPeriod oldestSample newestSample sampleCount from to last limit",
+    # predicates: guards of motions
+    " collisionFree",
 )
 
 PREFIXES: dict[str, str] = {

@@ -7,10 +7,8 @@ from pathlib import Path
 
 from pyoxigraph import Literal, NamedNode
 
-from linked_fleet_gateway.rdf.shapes import add_to_folder, load_folder
+from linked_fleet_gateway.rdf.shapes import ACTIONS, add, load
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HTTP, HYBRIT, LF, RDF, RDFS
-
-FOLDER = "actions"
 
 
 @dataclass(frozen=True)
@@ -35,21 +33,21 @@ class Definition:
 
 def add_kinds(files: Iterable[Path]) -> None:
     """Add the kinds of actions in these Turtle files to this process, in place of files added earlier."""
-    if add_to_folder(FOLDER, files):
+    if add(ACTIONS, files):
         definitions.cache_clear()
 
 
 @cache
 def definitions() -> tuple[Definition, ...]:
     """Return all kinds, in the order of their files."""
-    shapes = load_folder(FOLDER)
+    shapes = load(ACTIONS)
     kinds = [node for node, triples in shapes.items() if any(t.object == LF.ActionKind for t in triples)]
     return tuple(_read(kind) for kind in kinds if isinstance(kind, NamedNode))
 
 
 def _read(kind: NamedNode) -> Definition:
     said: dict[NamedNode, list[NamedNode | Literal]] = {}
-    for triple in load_folder(FOLDER)[kind]:
+    for triple in load(ACTIONS)[kind]:
         said.setdefault(triple.predicate, []).append(triple.object)  # type: ignore[arg-type]
 
     def text(predicate: NamedNode) -> str:

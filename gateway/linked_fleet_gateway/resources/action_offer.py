@@ -8,10 +8,10 @@ from pyoxigraph import Literal, NamedNode
 from linked_fleet_gateway.fleet.model import Joint
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.rdf.graph import Graph, Node
-from linked_fleet_gateway.rdf.shapes import closure, copy, load_folder
+from linked_fleet_gateway.rdf.shapes import ACTIONS, closure, copy, load
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HTTP, HYBRIT, LF, METHODS, RDFS, SH
 from linked_fleet_gateway.resources.action_conditions import CONDITIONS
-from linked_fleet_gateway.resources.action_definition import FOLDER, Definition, definitions
+from linked_fleet_gateway.resources.action_definition import Definition, definitions
 from linked_fleet_gateway.resources.joint_kinds import kind_of
 from linked_fleet_gateway.resources.paths import joint_path, robot_path
 from linked_fleet_gateway.resources.shape_parameters import Scope, complete
@@ -69,7 +69,7 @@ class Offer:
         """Add the shape of the body, with the limits of this thing."""
         assert self.definition.consumes is not None
         scope = Scope(base, self.robot, self.joint)
-        return copy(graph, load_folder(FOLDER), self.definition.consumes, complete(scope))
+        return copy(graph, load(ACTIONS), self.definition.consumes, complete(scope))
 
     def describe_result(self, graph: Graph, base: str) -> None:
         """Describe ``hybrit:produces``: the shape of the invocation resource that is created."""

@@ -9,7 +9,7 @@ from functools import partial
 
 from pyoxigraph import NamedNode, Triple
 
-from linked_fleet_gateway.fleet.model import Joint, Link
+from linked_fleet_gateway.fleet.model import Joint, Link, Pose
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.identity.rights import View
 from linked_fleet_gateway.resources.access_filter import InvocationsInView
@@ -49,6 +49,8 @@ class FleetBranch:
     """True if later segments may contain encoded slashes."""
     graphs: Callable[[RequestView], Iterable[tuple[str, Sequence[Triple]]]] | None = None
     """All statements of its resources by path, for copies of the whole fleet."""
+    poses: Callable[[], Mapping[str, Pose]] | None = None
+    """Poses of its resources in the common frame of robots, by path."""
     link: tuple[str, str] | None = None
     """Relation and media type of a link from ``/`` to ``/{segment}`` in its Link field and link set."""
 
@@ -132,6 +134,10 @@ class Branches:
         for branch in self.of_fleet:
             if branch.graphs is not None:
                 yield from branch.graphs(view)
+
+    def poses(self) -> dict[str, Pose]:
+        """Poses of resources of branches in the frame that robots have in common, by path."""
+        return {path: pose for each in self.of_fleet if each.poses for path, pose in each.poses().items()}
 
     def at_root(self, segment: str) -> FleetBranch | None:
         return next((each for each in self.of_fleet if each.segment == segment), None)

@@ -7,8 +7,8 @@ from itertools import chain
 
 from pyoxigraph import Literal, NamedNode, Triple
 
+from linked_fleet_gateway.rdf import shapes
 from linked_fleet_gateway.rdf.graph import Graph
-from linked_fleet_gateway.rdf.shapes import closure, load
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, LDP, OWL, PREFIXES, RDF, RDFS
 from linked_fleet_gateway.resources.resource import Resource
 
@@ -32,8 +32,8 @@ def describe_terms(base: str, graph: Graph) -> None:
     graph.a(iri, OWL.Ontology, LDP.RDFSource)
     graph.add(iri, DCTERMS.title, Literal("Terms and shapes of Linked Fleet"))
     graph.add(iri, RDFS.seeAlso, NamedNode(base + "/"))
-    for name in ("vocabulary.ttl", "rules.ttl", "subscriptions.ttl"):
-        _add(graph, chain.from_iterable(load(name).values()))
+    for name in (shapes.VOCABULARY, shapes.SUBSCRIPTIONS):
+        _add(graph, chain.from_iterable(shapes.load(name).values()))
 
 
 def _vocabulary(base: str, graph: Graph) -> None:
@@ -44,11 +44,11 @@ def _vocabulary(base: str, graph: Graph) -> None:
     document only mentions.
     """
     describe_terms(base, graph)
-    for node, triples in load("blueprints.ttl").items():
+    for node, triples in shapes.load(shapes.BLUEPRINTS).items():
         if isinstance(node, NamedNode):
             _add(graph, (triple for triple in triples if triple.predicate in _DESCRIBES))
             if node.value.endswith("Input"):
-                closure(graph, node)
+                shapes.closure(graph, node)
 
 
 def _add(graph: Graph, triples: Iterable[Triple]) -> None:

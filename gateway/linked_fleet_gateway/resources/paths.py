@@ -15,7 +15,6 @@ _CORE_IN_ROBOT = frozenset(
     {"actions", "annotations", "blueprint", "invocations", "jointState", "lease", "linkset", "maximumSpeedScale"}
     | {"meshes", "model", "pose", "subscriptions", "title", "twist"}
 )
-RESERVED_IN_CAMERAS = frozenset({"blueprint"})
 _LINK_MARK = "~link"  # no escape, because "~l" is not followed by hexadecimal digits; so it cannot be part of a name
 
 # A robot has over a hundred parts, each named in every description of it, and a fleet names all robots in turn. A cache
@@ -79,19 +78,6 @@ def lease_path(robot: str) -> str:
 
 def model_path(robot: str) -> str:
     return robot_path(robot) + "model"
-
-
-def cameras_path(robot: str) -> str:
-    return robot_path(robot) + "cameras"
-
-
-def camera_path(robot: str, camera: str) -> str:
-    return f"{cameras_path(robot)}/{_segment(camera, RESERVED_IN_CAMERAS)}"
-
-
-def is_in_cameras(path: str) -> bool:
-    """Return True if ``path`` is that of a camera or below."""
-    return robot_of(path) is not None and path.split("/")[2:3] == ["cameras"]
 
 
 def mesh_path(robot: str, file_name: str) -> str:

@@ -1,25 +1,23 @@
-"""Poses of things in the world relative to each other. Pure; metre."""
+"""Poses of robots, links and other things relative to each other. Pure; metre.
+
+Robots have a common frame if an extension places them in one.
+"""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Protocol
 
-from linked_fleet_gateway.fleet.kinematics import ORIGIN, compose, inverse
+from linked_fleet_gateway.base.contributed import Contributed
+from linked_fleet_gateway.fleet.kinematics import compose, inverse
 from linked_fleet_gateway.fleet.model import Pose
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.resources.joint_kinds import POSE_RESOLUTION
 from linked_fleet_gateway.resources.paths import part_of, robot_name
-from linked_fleet_gateway.resources.placement import WORLD, placement_of
 
 _DECIMALS = round(-math.log10(POSE_RESOLUTION))
 
-
-class FramedThing(Protocol):
-    """An object with a pose in the world."""
-
-    @property
-    def pose(self) -> Pose: ...
+PLACEMENTS = Contributed[Callable[[Robot], Pose | None]]()
+"""Functions of extensions that return the pose of a robot's own frame in the common frame, None if it is unknown."""
 
 
 @dataclass(frozen=True)
@@ -33,28 +31,29 @@ class Posed:
 
 @dataclass(frozen=True)
 class _Place:
-    """A thing with a frame: its pose in the frame of its robot, or in the world if it has none."""
+    """A thing with a frame: its pose in the frame of its robot, or in the common frame if it has none."""
 
     robot: Robot | None
     pose: Pose | None
 
     @property
-    def in_world(self) -> Pose | None:
+    def in_common(self) -> Pose | None:
         if self.robot is None or self.pose is None:
             return self.pose
-        placement = placement_of(self.robot)
+        found = (each(self.robot) for each in PLACEMENTS)
+        placement = next((each for each in found if each is not None), None)
         return None if placement is None else compose(placement, self.pose)
 
 
-def seen_from(of: str, frame: str, robots: Mapping[str, Robot], objects: Mapping[str, FramedThing]) -> Posed:
-    """Return the pose of ``of`` in ``frame``, paths of the world, a robot, a link or an object.
+def seen_from(of: str, frame: str, robots: Mapping[str, Robot], common: Mapping[str, Pose]) -> Posed:
+    """Return the pose of ``of`` in ``frame``, paths of a robot, a link or a thing in ``common``.
 
-    Parts of one robot need no placement. The time is that of the older frame. Raises LookupError naming an unknown
-    path.
+    ``common``: poses of other things in the common frame, by path. Parts of one robot need no placement. The time is
+    that of the older frame. Raises LookupError naming an unknown path.
     """
-    what, where = _place(of, robots, objects), _place(frame, robots, objects)
+    what, where = _place(of, robots, common), _place(frame, robots, common)
     same = what.robot is not None and what.robot is where.robot
-    poses = (what.pose, where.pose) if same else (what.in_world, where.in_world)
+    poses = (what.pose, where.pose) if same else (what.in_common, where.in_common)
     frames = [each.robot.frame for each in (what, where) if each.robot is not None]
     times = [None if each is None else each.wall_ns for each in frames]
     wall_ns = min((each for each in times if each is not None), default=None) if None not in times else None
@@ -63,11 +62,9 @@ def seen_from(of: str, frame: str, robots: Mapping[str, Robot], objects: Mapping
     return Posed(_rounded(compose(inverse(poses[1]), poses[0])), bool(times), wall_ns)
 
 
-def _place(path: str, robots: Mapping[str, Robot], objects: Mapping[str, FramedThing]) -> _Place:
-    if path == WORLD:
-        return _Place(None, ORIGIN)
-    if path.startswith(f"{WORLD}/objects/"):
-        return _Place(None, objects[path.removeprefix(f"{WORLD}/objects/")].pose)
+def _place(path: str, robots: Mapping[str, Robot], common: Mapping[str, Pose]) -> _Place:
+    if path in common:
+        return _Place(None, common[path])
     head, _, part = path[1:].partition("/")
     try:
         robot = robots[robot_name(head)]

@@ -10,7 +10,7 @@ from pyoxigraph import NamedNode, Triple
 from linked_fleet_gateway.base.errors import UnprocessableContent
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.rdf.shacl_validator import ShaclValidator
-from linked_fleet_gateway.rdf.shapes import load
+from linked_fleet_gateway.rdf.shapes import BLUEPRINTS, load
 from linked_fleet_gateway.rdf.unused import TYPES_OF_ALL, Terms, refuse, unused
 from linked_fleet_gateway.rdf.validation import root
 from linked_fleet_gateway.rdf.vocabulary import LF, RDF, VOM
@@ -86,7 +86,7 @@ def settings(robot: Robot) -> dict[str, Setting]:
 
 @cache
 def _validator(shape: NamedNode) -> tuple[ShaclValidator, Terms]:
-    shapes = load("blueprints.ttl")
+    shapes = load(BLUEPRINTS)
     return ShaclValidator(chain.from_iterable(shapes.values()), shape), Terms.of(shapes, shape)
 
 

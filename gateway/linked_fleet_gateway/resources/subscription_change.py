@@ -7,7 +7,7 @@ from functools import cache
 from pyoxigraph import NamedNode, Triple
 
 from linked_fleet_gateway.base.errors import UnprocessableContent
-from linked_fleet_gateway.rdf.shapes import load
+from linked_fleet_gateway.rdf.shapes import SUBSCRIPTIONS, load
 from linked_fleet_gateway.rdf.unused import Terms, refuse, unused
 from linked_fleet_gateway.rdf.vocabulary import HYBRIT, LF, RDF
 from linked_fleet_gateway.resources.subscription import Changeable, Subscription
@@ -69,4 +69,4 @@ def _stated(triples: Sequence[Triple], iri: NamedNode, predicates: Sequence[Name
 
 @cache
 def _terms() -> Terms:
-    return Terms.of(load("subscriptions.ttl"), LF.SubscriptionShape)
+    return Terms.of(load(SUBSCRIPTIONS), LF.SubscriptionShape)

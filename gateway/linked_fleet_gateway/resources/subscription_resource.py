@@ -9,7 +9,7 @@ from pyoxigraph import Literal, NamedNode, Triple
 
 from linked_fleet_gateway.base.errors import UnprocessableContent
 from linked_fleet_gateway.rdf.graph import Graph, Node, integer, number, timestamp
-from linked_fleet_gateway.rdf.shapes import load
+from linked_fleet_gateway.rdf.shapes import SUBSCRIPTIONS, load
 from linked_fleet_gateway.rdf.unused import Terms, refuse, unused
 from linked_fleet_gateway.rdf.validation import check_lexical_forms, root
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HTTP, HYBRIT, LDP, LF, METHODS, PREFIXES, RDF, RDFS, XSD
@@ -155,7 +155,7 @@ def describe_subscriptions(graph: Graph, base: str, owner: str, records: Iterabl
 
 def describe_request_shape(graph: Graph) -> None:
     """Add the shapes that validate posted subscriptions to the vocabulary document."""
-    for triples in load("subscriptions.ttl").values():
+    for triples in load(SUBSCRIPTIONS).values():
         for triple in triples:
             graph.add(triple.subject, triple.predicate, triple.object)  # type: ignore[arg-type]
 
@@ -224,7 +224,7 @@ def _left(body: Sequence[Triple], focus: Node, container: NamedNode) -> list[Tri
 @cache
 def _terms() -> Terms:
     """Return the terms of the shape and of descriptions, so that a description can be posted to create another one."""
-    return Terms.of(load("subscriptions.ttl"), LF.SubscriptionShape).also(*_SHOWN, types=_READ_TYPES)
+    return Terms.of(load(SUBSCRIPTIONS), LF.SubscriptionShape).also(*_SHOWN, types=_READ_TYPES)
 
 
 def _about(body: Sequence[Triple], focus: Node) -> list[Triple]:
@@ -251,7 +251,7 @@ def _violations(about: Sequence[Triple], focus: Node) -> list[Violation]:
 
 @cache
 def validators() -> tuple[CompiledShape, CompiledGraph]:
-    shapes = load("subscriptions.ttl")
+    shapes = load(SUBSCRIPTIONS)
     return compile_shape(shapes, LF.SubscriptionShape, PREFIXES), compile_graph(shapes, PREFIXES)
 
 

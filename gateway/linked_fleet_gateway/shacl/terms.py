@@ -13,6 +13,10 @@ class Namespace:
         self.iri = iri
         self.terms = {term: NamedNode(iri + term) for term in terms.split()}
 
+    def extended(self, terms: str) -> "Namespace":
+        """Return the same namespace with further terms."""
+        return Namespace(self.iri, " ".join((*self.terms, terms)))
+
     def __getattr__(self, term: str) -> NamedNode:
         try:
             return self.terms[term.rstrip("_")]

@@ -4,7 +4,7 @@ import asyncio
 import logging
 import time
 from collections import Counter
-from collections.abc import Awaitable, Callable, Collection, Iterator, Mapping
+from collections.abc import Awaitable, Callable, Collection, Iterator
 from contextlib import suppress
 from types import TracebackType
 
@@ -22,7 +22,6 @@ from linked_fleet_gateway.link.transport import Session
 from linked_fleet_gateway.resources.branches import Branch, Branches
 from linked_fleet_gateway.resources.invocation import invocation_path, invocations_path
 from linked_fleet_gateway.resources.paths import joint_path, robot_path
-from linked_fleet_gateway.resources.relative_poses import FramedThing
 from linked_fleet_gateway.resources.tree import EMPTY, Shelf, Tree
 from linked_fleet_gateway.subscriptions.fan_out import FanOut
 
@@ -46,8 +45,6 @@ class Live:
         self.invocations = Invocations()
         self.fan_out = FanOut(self.tree)
         self.fleet.frames.watched = self.fan_out.watched
-        self.objects: Callable[[], Mapping[str, FramedThing]] = dict
-        """Objects of the world besides robots, by id."""
         self._listeners: dict[Callable[[str | None], None], None] = {}
         self._invocation_listeners: dict[Callable[[Invocation], None], None] = {}
         self.fan_out.heard = self._tell_listeners

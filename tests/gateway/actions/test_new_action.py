@@ -37,7 +37,7 @@ def _blocks(language: str) -> list[str]:
 
 
 def _forget() -> None:
-    for each in (shapes.load, shapes.load_folder, definitions):
+    for each in (shapes.load, shapes.load_file, definitions):
         each.cache_clear()
 
 

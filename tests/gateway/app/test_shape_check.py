@@ -9,8 +9,10 @@ from types import SimpleNamespace
 import pytest
 
 from linked_fleet_gateway.app.application import create_app
+from linked_fleet_gateway.app.extensions import BUILT_IN, install
 from linked_fleet_gateway.app.settings import GatewaySettings
-from linked_fleet_gateway.app.shape_check import check_shapes
+from linked_fleet_gateway.app.shape_check import _check_all, check_shapes
+from linked_fleet_gateway.http.extension import Extension
 from linked_fleet_gateway.rdf import shapes
 from linked_fleet_gateway.resources.action_definition import definitions
 from linked_fleet_gateway.shacl import Unsupported
@@ -25,7 +27,7 @@ def change(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Change]:
     folder = Path(shutil.copytree(_SHAPES, tmp_path / "linked_fleet_shapes"))
 
     def forget() -> None:
-        for each in (shapes.load, shapes.load_folder, definitions, check_shapes):
+        for each in (shapes.load, shapes.load_file, definitions, _check_all):
             each.cache_clear()
 
     def changed(name: str, old: str, new: str) -> None:
@@ -46,8 +48,6 @@ def change(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Change]:
     [
         ("blueprints.ttl", "lf:TextInput a sh:NodeShape ;", "lf:TextInput a sh:NodeShape ; sh:lessThan lf:value ;",
          "shapes/blueprints.ttl: <https://w3id.org/linked-fleet#TextPropertyShape> cannot be compiled: sh:lessThan"),
-        ("rules.ttl", "sh:targetClass lf:Rule ;", "sh:targetClass lf:Rule ; sh:sparql [ ] ;",
-         "linked_fleet_shapes/rules.ttl: <https://w3id.org/linked-fleet#RuleShape> cannot be compiled: sh:sparql"),
         ("subscriptions.ttl", "sh:targetClass hybrit:WebCallback ;", "sh:node lf:WebCallbackShape ;",
          "WebCallbackShape> cannot be compiled: <https://w3id.org/linked-fleet#WebCallbackShape> refers to itself"),
         ("actions/rotate.ttl", "sh:NodeShape", "sh:NodeShape ; sh:minInclusive 'low'",
@@ -65,5 +65,22 @@ def test_a_shape_that_cannot_be_compiled_is_refused_at_the_start(
 
 
 def test_the_shapes_that_there_are_are_compiled() -> None:
-    check_shapes.cache_clear()
+    _check_all.cache_clear()
     check_shapes()
+
+
+def test_a_shape_of_an_extension_that_cannot_be_compiled_is_refused_with_its_reason(tmp_path: Path) -> None:
+    file = tmp_path / "shapes.ttl"
+    file.write_text(
+        "@prefix sh: <http://www.w3.org/ns/shacl#> . <http://e.example/Bad> a sh:NodeShape ; sh:sparql [ ] ."
+    )
+
+    class Gripper(Extension):
+        name, shapes = "gripper", (file,)
+
+    try:
+        install([*BUILT_IN, Gripper()])
+        with pytest.raises(Unsupported, match=re.escape("<http://e.example/Bad> cannot be compiled: sh:sparql")):
+            check_shapes()
+    finally:
+        install(BUILT_IN)

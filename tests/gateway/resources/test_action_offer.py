@@ -6,8 +6,9 @@ import pytest
 from pyoxigraph import Literal, NamedNode
 
 from linked_fleet_gateway.actions.handler_table import HANDLERS
+from linked_fleet_gateway.extensions.reach.terms import LF
 from linked_fleet_gateway.rdf.turtle import write
-from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HTTP, HYBRIT, LF, METHODS, PREFIXES, RDF
+from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HTTP, HYBRIT, METHODS, PREFIXES, RDF
 from linked_fleet_gateway.resources.action_definition import definitions
 from linked_fleet_gateway.resources.action_offer import fleet_offers, joint_offers, robot_offers
 

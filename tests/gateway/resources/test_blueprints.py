@@ -10,8 +10,9 @@ import rdflib
 from pyoxigraph import NamedNode, Triple
 
 from every_kind import BASE, blueprint_path, described, described_paths, tree
+from every_term import LF
 from graphs import graph_of
-from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, LDP, LF, PROV, RDF, ROS, SH, SOSA, XHV, Namespace
+from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, LDP, PROV, RDF, ROS, SH, SOSA, XHV, Namespace
 from linked_fleet_gateway.shacl import CompiledShape, Data, compile_shape
 
 _SH = rdflib.SH

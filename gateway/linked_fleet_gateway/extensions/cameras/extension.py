@@ -3,6 +3,7 @@
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from functools import partial
+from pathlib import Path
 
 from linked_fleet_gateway.extensions.cameras.http import read_camera
 from linked_fleet_gateway.extensions.cameras.pictures import Pictures
@@ -12,6 +13,8 @@ from linked_fleet_gateway.http.extension import Core, Extension, Mount
 
 class CamerasExtension(Extension):
     name = "cameras"
+    vocabulary = (Path(__file__).with_name("vocabulary.ttl"),)
+    shapes = (Path(__file__).with_name("shapes.ttl"),)
     in_robot = ("cameras",)
     link_statements = ("linked_fleet_gateway.extensions.cameras.resources:hosted",)
     operations = ("linked_fleet_gateway.extensions.cameras.operations:operations",)

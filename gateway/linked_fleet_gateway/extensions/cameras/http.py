@@ -5,9 +5,9 @@ from email.utils import formatdate
 from starlette.responses import Response
 
 from linked_fleet_gateway.base.errors import NotAcceptable
+from linked_fleet_gateway.extensions.cameras.cameras import FORMATS
 from linked_fleet_gateway.extensions.cameras.pictures import Pictures
 from linked_fleet_gateway.extensions.cameras.resources import RobotCamera
-from linked_fleet_gateway.fleet.cameras import FORMATS
 from linked_fleet_gateway.http.conditional import not_modified
 from linked_fleet_gateway.http.fields import field
 from linked_fleet_gateway.http.negotiation import choose

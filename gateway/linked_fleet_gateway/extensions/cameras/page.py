@@ -4,10 +4,10 @@ from pathlib import Path
 
 from pyoxigraph import NamedNode
 
+from linked_fleet_gateway.extensions.cameras.terms import LF
 from linked_fleet_gateway.extensions.pages.thing_views import AROUND, PRESENCE, presence
 from linked_fleet_gateway.extensions.pages.values import Facts
 from linked_fleet_gateway.extensions.pages.views import PageView, Part
-from linked_fleet_gateway.rdf.vocabulary import LF
 
 
 def camera(facts: Facts, iri: NamedNode) -> Part:

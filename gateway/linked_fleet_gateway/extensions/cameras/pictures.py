@@ -9,12 +9,14 @@ from functools import partial
 from types import TracebackType
 from typing import Self
 
-from linked_fleet_agent.wire.messages import PictureFormat
+from linked_fleet_agent.wire.codec import encode
+from linked_fleet_agent.wire.messages import WIRE_VERSION, Camera, Glance, PictureFormat
 from linked_fleet_gateway.base.errors import AgentSilent, Busy, Offline
+from linked_fleet_gateway.extensions.cameras.cameras import FORMATS, Picture, read_picture, size_limit
+from linked_fleet_gateway.extensions.cameras.paths import camera_path, is_in_cameras
 from linked_fleet_gateway.extensions.cameras.resources import MAX_RATE_HZ, RobotCamera
-from linked_fleet_gateway.fleet.cameras import FORMATS, Picture
+from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.link.fleet_link import NoAnswer
-from linked_fleet_gateway.resources.paths import camera_path, is_in_cameras
 from linked_fleet_gateway.resources.resource import Resource
 from linked_fleet_gateway.runtime.background import supervised
 from linked_fleet_gateway.runtime.cancellation import end
@@ -153,12 +155,24 @@ class Pictures:
     async def _fetch(self, key: _Key, source: RobotCamera) -> Picture:
         async with self._room_of[key[0]], self._room:
             try:
-                picture = await self._live.link.picture(source.robot, source.camera, key[2], _TIMEOUT_S)
+                picture = await self._ask(source.robot, source.camera, key[2])
             except NoAnswer as silence:
                 raise AgentSilent(f"The picture could not be had: {silence.reason}.") from silence
         self._fresh[key] = picture
         asyncio.get_running_loop().call_later(_PERIOD_S, self._forget, key, picture)
         return picture
+
+    async def _ask(self, robot: Robot, camera: Camera, format: PictureFormat) -> Picture:
+        """One picture, from the agent of the robot. Raises NoAnswer."""
+        glance = encode(Glance(version=WIRE_VERSION, camera=camera.name, format=format))
+
+        def read(answer: bytes | str) -> tuple[Picture | None, str]:
+            return read_picture(answer, camera, format, robot.incarnation)
+
+        none = f"no agent shows what robot {robot.name!r} sees"
+        return await self._live.link.ask_agent(
+            robot.name, "picture", glance, size_limit(camera), _TIMEOUT_S, read, none
+        )
 
     def _forget(self, key: _Key, picture: Picture) -> None:
         if self._fresh.get(key) is picture:

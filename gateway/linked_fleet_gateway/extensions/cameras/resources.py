@@ -11,24 +11,25 @@ from functools import partial
 from pyoxigraph import Literal, NamedNode
 
 from linked_fleet_agent.wire.messages import Camera
-from linked_fleet_gateway.fleet.cameras import FORMATS, Picture, cameras_of, types_of
+from linked_fleet_gateway.extensions.cameras.cameras import FORMATS, Picture, cameras_of, types_of
+from linked_fleet_gateway.extensions.cameras.paths import SEGMENT, camera_path, cameras_path
+from linked_fleet_gateway.extensions.cameras.terms import LF
 from linked_fleet_gateway.fleet.model import Link
 from linked_fleet_gateway.fleet.observation import Observation
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.rdf.graph import Graph, integer
 from linked_fleet_gateway.rdf.serialise import NothingYet
 from linked_fleet_gateway.rdf.units import HERTZ, METRE, RADIAN
-from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, LDP, LF, QUDT, RDFS, SOSA
+from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, LDP, QUDT, RDFS, SOSA
 from linked_fleet_gateway.resources.binary_frames import FRAME_TYPES, Field, add_field, begin_layout, layout_path
 from linked_fleet_gateway.resources.branches import RequestView, RobotBranch
 from linked_fleet_gateway.resources.describe import Describer
-from linked_fleet_gateway.resources.paths import camera_path, cameras_path, link_path, robot_path
+from linked_fleet_gateway.resources.paths import link_path, robot_path
 from linked_fleet_gateway.resources.resource import CONTAINER, Resource, blueprint_of
 from linked_fleet_gateway.resources.versioning import Source, presence
 
 MAX_RATE_HZ = 10.0
 """Highest rate of queries to one camera, however many clients want its pictures."""
-_SEGMENT = "cameras"
 _DEPTH_HEADER = (
     Field("magic", "char2", 0, "The letters LD."),
     Field("version", "uint16", 2, "Of this form of frames: 1."),
@@ -70,7 +71,7 @@ def cameras_branch(held: Held) -> RobotBranch:
     def resolve(view: RequestView, robot: Robot, rest: list[str]) -> Resource | None:
         return _resolve(held, view, robot, rest)
 
-    return RobotBranch(_SEGMENT, LF.cameras, resolve, lambda robot: bool(cameras_of(robot)))
+    return RobotBranch(SEGMENT, LF.cameras, resolve, lambda robot: bool(cameras_of(robot)))
 
 
 def _resolve(held: Held, view: RequestView, robot: Robot, rest: list[str]) -> Resource | None:

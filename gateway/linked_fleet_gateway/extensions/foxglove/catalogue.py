@@ -4,14 +4,15 @@ import itertools
 from collections.abc import Hashable, Iterable, Iterator
 
 from linked_fleet_agent.wire.messages import PictureFormat
+from linked_fleet_gateway.extensions.cameras.cameras import cameras_of
+from linked_fleet_gateway.extensions.cameras.paths import camera_path
 from linked_fleet_gateway.extensions.foxglove.messages import OF_ROBOT, PICTURES, SCENE, schemas
 from linked_fleet_gateway.extensions.foxglove.protocol import Channel, Parameter, Service
-from linked_fleet_gateway.fleet.cameras import cameras_of
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.identity.rights import Identity, Right
 from linked_fleet_gateway.resources.action_offer import fleet_offers, robot_offers
 from linked_fleet_gateway.resources.named_poses import poses
-from linked_fleet_gateway.resources.paths import camera_path, robot_path
+from linked_fleet_gateway.resources.paths import robot_path
 from linked_fleet_gateway.subscriptions.live import Live
 
 SPEED = "maximumSpeedScale"

@@ -8,6 +8,7 @@ from starlette.responses import Response
 
 from linked_fleet_gateway.extensions.cameras.pictures import Pictures
 from linked_fleet_gateway.extensions.foxglove.protocol import SUBPROTOCOLS
+from linked_fleet_gateway.extensions.world.service import World
 from linked_fleet_gateway.http.conversation import Speaker
 from linked_fleet_gateway.http.extension import Core, Extension, Mount
 from linked_fleet_gateway.http.request import Request
@@ -32,7 +33,7 @@ class FoxgloveExtension(Extension):
     async def start(self, core: Core) -> AsyncIterator[Mount]:
         from linked_fleet_gateway.extensions.foxglove.hub import Hub
 
-        hub = Hub(core.live, core.optional_service(Pictures))
+        hub = Hub(core.live, core.optional_service(Pictures), core.optional_service(World))
         yield Mount(
             branches=(FleetBranch(_PATH[1:], None, _resolve),),
             readers={FoxgloveEndpoint: _read},

@@ -10,7 +10,6 @@ import time
 from collections import defaultdict
 from collections.abc import Awaitable, Callable, Iterator, Mapping, Set
 from functools import partial
-from typing import cast
 
 from linked_fleet_gateway.base.errors import FleetError
 from linked_fleet_gateway.extensions.cameras.pictures import Pictures
@@ -19,11 +18,12 @@ from linked_fleet_gateway.extensions.foxglove import messages, protocol
 from linked_fleet_gateway.extensions.foxglove.catalogue import Catalogue, picture_format, topic
 from linked_fleet_gateway.extensions.foxglove.protocol import Channel
 from linked_fleet_gateway.extensions.foxglove.session import ERROR, Session
+from linked_fleet_gateway.extensions.world.placement import placement_of
 from linked_fleet_gateway.extensions.world.scene import SceneObject
+from linked_fleet_gateway.extensions.world.service import World
 from linked_fleet_gateway.fleet.invocation import Invocation
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.http.conversation import Conversation
-from linked_fleet_gateway.resources.placement import placement_of
 from linked_fleet_gateway.runtime.background import supervised
 from linked_fleet_gateway.runtime.time_slices import sliced
 from linked_fleet_gateway.subscriptions.live import Live
@@ -42,9 +42,9 @@ _Run = tuple[Callable[[], Awaitable[None]], float]
 class Hub:
     """The tasks run while at least one client is connected."""
 
-    def __init__(self, live: Live, pictures: Pictures | None) -> None:
+    def __init__(self, live: Live, pictures: Pictures | None, world: World | None) -> None:
         self._catalogue = Catalogue(live, pictures is not None)
-        self._live, self._pictures = live, pictures
+        self._live, self._pictures, self._world = live, pictures, world
         self._sessions: list[Session] = []
         live.add_invocation_listener(self._hear)
         self._subscribers: dict[int, list[tuple[Session, int]]] = {}
@@ -158,7 +158,7 @@ class Hub:
                 session.told[channel.id] = state
 
     def _scene_content(self) -> bytes:
-        objects = cast(Mapping[str, SceneObject], self._live.objects())
+        objects = self._world.objects.known if self._world is not None else {}
         if not self._scene[1] or self._scene[0] != objects:
             self._scene = dict(objects), messages.scene(objects, time.time_ns())
         return self._scene[1]

@@ -13,10 +13,11 @@ from linked_fleet_gateway.extensions.history.files import CSV, MCAP
 from linked_fleet_gateway.extensions.history.recorder import History
 from linked_fleet_gateway.extensions.history.series import Numbers, Series
 from linked_fleet_gateway.extensions.history.span import Span, moment, query
+from linked_fleet_gateway.extensions.history.terms import LF
 from linked_fleet_gateway.extensions.history.track import Excerpt, Track
 from linked_fleet_gateway.rdf.graph import Graph, integer, number, timestamp
 from linked_fleet_gateway.rdf.units import METRE, METRE_PER_SECOND, RADIAN_PER_SECOND, SECOND
-from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, HYDRA, LF, QUDT, RDFS, SOSA
+from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, HYDRA, QUDT, RDFS, SOSA
 from linked_fleet_gateway.resources.property import Property
 
 _READY = {"the last 10 s": "PT10S", "the last minute": "PT1M"}

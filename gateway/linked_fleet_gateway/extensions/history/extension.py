@@ -2,6 +2,7 @@
 
 from collections.abc import AsyncIterator, Iterator
 from contextlib import asynccontextmanager
+from pathlib import Path
 
 from prometheus_client.metrics_core import Metric
 
@@ -15,6 +16,8 @@ from linked_fleet_gateway.runtime.metrics import gauge
 
 class HistoryExtension(Extension):
     name = "history"
+    vocabulary = (Path(__file__).with_name("vocabulary.ttl"),)
+    shapes = (Path(__file__).with_name("shapes.ttl"),)
     in_robot = ("history",)
     operations = ("linked_fleet_gateway.extensions.history.operations:operations",)
     settings = HistorySettings

@@ -17,12 +17,12 @@ from linked_fleet_gateway.extensions.history.series import (
     samples,
 )
 from linked_fleet_gateway.extensions.history.span import Span
+from linked_fleet_gateway.extensions.history.terms import LF
 from linked_fleet_gateway.extensions.history.track import Excerpt, Joints, Track, joints_of
 from linked_fleet_gateway.fleet.geometry import SUFFIXES, drawable, file_name
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.rdf.graph import Graph
 from linked_fleet_gateway.rdf.serialise import WriteError
-from linked_fleet_gateway.rdf.vocabulary import LF
 from linked_fleet_gateway.resources.branches import Found, PropertyBranch, RequestView, RobotBranch
 from linked_fleet_gateway.resources.joint_kinds import kind_of
 from linked_fleet_gateway.resources.paths import joint_path, link_path, mesh_path, part_of, robot_path

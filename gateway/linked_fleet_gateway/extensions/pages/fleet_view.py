@@ -8,10 +8,11 @@ from pyoxigraph import NamedNode
 
 from linked_fleet_gateway.extensions.pages import labels, sentences
 from linked_fleet_gateway.extensions.pages.resources import THUMBNAIL
+from linked_fleet_gateway.extensions.pages.terms import LF
 from linked_fleet_gateway.extensions.pages.thing_views import Presence, actions, path_below, presence
 from linked_fleet_gateway.extensions.pages.values import Facts, Link, Time
 from linked_fleet_gateway.extensions.pages.views import Part, constant
-from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, LDP, LF
+from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, LDP
 
 LOW_PERCENT = 20.0
 """Charge in percent below which a card says that the battery is low; also in `face/src/fleet.js`."""

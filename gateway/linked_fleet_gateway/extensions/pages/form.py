@@ -17,7 +17,7 @@ from linked_fleet_gateway.extensions.pages import labels
 from linked_fleet_gateway.extensions.pages.form_parts import Form, Group, Leaf
 from linked_fleet_gateway.extensions.pages.values import Facts
 from linked_fleet_gateway.rdf.graph import Graph
-from linked_fleet_gateway.rdf.shapes import closure, load
+from linked_fleet_gateway.rdf.shapes import BLUEPRINTS, closure, load
 from linked_fleet_gateway.rdf.turtle_layout import Term
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HTTP, HYBRIT, LF, NUMERIC, VOM, XSD
 from linked_fleet_gateway.resources.subscription_resource import describe_request_shape
@@ -47,7 +47,7 @@ def form_of_action(facts: Facts, iri: NamedNode) -> Form:
 def form_of_setting(facts: Facts, iri: NamedNode) -> Form | None:
     """Return the form of a setting; None if what may be put is described elsewhere."""
     consumed = facts.one(iri, HYBRIT.consumes)
-    if not isinstance(consumed, NamedNode) or consumed not in load("blueprints.ttl"):
+    if not isinstance(consumed, NamedNode) or consumed not in load(BLUEPRINTS):
         return None
     classes, fields = _fields(_blueprint(consumed), str(consumed))
     value = facts.one(iri, LF.value)

@@ -4,6 +4,7 @@ import math
 import re
 from collections.abc import Sequence
 from functools import lru_cache
+from pathlib import Path
 from typing import TYPE_CHECKING
 from zlib import crc32
 
@@ -11,7 +12,7 @@ from pyoxigraph import Literal, NamedNode
 
 from linked_fleet_agent.wire.names import unescape
 from linked_fleet_gateway.base.lazy_imports import Lazily
-from linked_fleet_gateway.rdf.shapes import load
+from linked_fleet_gateway.rdf.shapes import VOCABULARY, added_to, load
 from linked_fleet_gateway.rdf.vocabulary import LF, RDFS, ROS, XHV
 from linked_fleet_gateway.resources.paths import reserved_at_root, reserved_in_robot
 
@@ -92,9 +93,10 @@ def words(iri: str) -> str:
 
 
 @lru_cache(maxsize=1)
-def _described() -> dict[str, tuple[str, str]]:
+def _described(added: tuple[Path, ...]) -> dict[str, tuple[str, str]]:
+    """Label and comment by term. ``added``: the files of extensions; other ones have other terms."""
     found = {}
-    for subject, triples in load("vocabulary.ttl").items():
+    for subject, triples in load(VOCABULARY).items():
         if isinstance(subject, NamedNode):
             said = {each.predicate: each.object.value for each in triples if isinstance(each.object, Literal)}
             found[subject.value] = _inside(said.get(RDFS.label, "")), sentence(said.get(RDFS.comment, ""))
@@ -103,7 +105,7 @@ def _described() -> dict[str, tuple[str, str]]:
 
 def described(iri: str) -> tuple[str, str]:
     """Return the label and the comment of a term of this project's vocabulary; empty for any other."""
-    return _described().get(iri, ("", "")) if iri.startswith(LF.iri) else ("", "")
+    return _described(added_to(VOCABULARY)).get(iri, ("", "")) if iri.startswith(LF.iri) else ("", "")
 
 
 def _inside(label: str) -> str:

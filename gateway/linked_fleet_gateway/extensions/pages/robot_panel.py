@@ -6,8 +6,9 @@ from dataclasses import dataclass
 
 from pyoxigraph import BlankNode, NamedNode
 
+from linked_fleet_gateway.extensions.pages.terms import LF
 from linked_fleet_gateway.extensions.pages.values import Facts, Link
-from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, LF
+from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT
 
 _MOVE, _REACH = "/moveJoints", "/reach"
 _UNITS_OF_POSITION = frozenset({"rad", "m"})

@@ -8,10 +8,11 @@ from pyoxigraph import BlankNode, NamedNode
 
 from linked_fleet_gateway.base.lazy_imports import Lazily
 from linked_fleet_gateway.extensions.pages import labels, robot_panel
+from linked_fleet_gateway.extensions.pages.terms import LF
 from linked_fleet_gateway.extensions.pages.values import Address, Facts, Link, Number, Row, State, Time, Value, Vector
 from linked_fleet_gateway.extensions.pages.views import Part, constant
 from linked_fleet_gateway.rdf.turtle_layout import Subject, Term
-from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, LF, RDF, RDFS, ROS, SOSA
+from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, RDF, RDFS, ROS, SOSA
 
 if TYPE_CHECKING:
     from linked_fleet_gateway.extensions.pages import form

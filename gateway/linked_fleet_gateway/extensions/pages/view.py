@@ -13,13 +13,14 @@ from linked_fleet_gateway.extensions.pages import thing_views as things
 from linked_fleet_gateway.extensions.pages.audit_view import audit
 from linked_fleet_gateway.extensions.pages.fleet_view import fleet
 from linked_fleet_gateway.extensions.pages.navigation import Place, places
+from linked_fleet_gateway.extensions.pages.terms import LF
 from linked_fleet_gateway.extensions.pages.thing_views import Described, described
 from linked_fleet_gateway.extensions.pages.values import Facts, Link, Row
 from linked_fleet_gateway.extensions.pages.views import Part, added_views
 from linked_fleet_gateway.extensions.pages.vocabulary_view import vocabulary
 from linked_fleet_gateway.http.html import Formats
 from linked_fleet_gateway.rdf.serialise import RDF_TYPES
-from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, LDP, LF, OWL, PROV, RDF, ROS, SOSA, XHV
+from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, LDP, OWL, PROV, RDF, ROS, SOSA, XHV
 from linked_fleet_gateway.resources.action_offer import robot_offers
 from linked_fleet_gateway.resources.paths import reserved_at_root
 from linked_fleet_gateway.resources.resource import Resource

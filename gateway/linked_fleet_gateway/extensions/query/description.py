@@ -11,9 +11,10 @@ from linked_fleet_gateway.extensions.query.examples import EXAMPLES
 from linked_fleet_gateway.extensions.query.functions import FUNCTIONS
 from linked_fleet_gateway.extensions.query.rdf_mirror import SHAPES
 from linked_fleet_gateway.extensions.query.service import Queries
+from linked_fleet_gateway.extensions.query.terms import LF
 from linked_fleet_gateway.identity.rights import Right
 from linked_fleet_gateway.rdf.graph import Graph, integer
-from linked_fleet_gateway.rdf.vocabulary import DCTERMS, FORMAT, LF, PREFIXES, RDFS, SD, SH, VOID
+from linked_fleet_gateway.rdf.vocabulary import DCTERMS, FORMAT, PREFIXES, RDFS, SD, SH, VOID
 from linked_fleet_gateway.resources.branches import FleetBranch, Found, RequestView
 from linked_fleet_gateway.resources.documents import VOCABULARY
 from linked_fleet_gateway.resources.fleet_functions import FUNCTIONS as FURTHER

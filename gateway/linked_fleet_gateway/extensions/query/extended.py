@@ -4,35 +4,37 @@ from pathlib import Path
 
 import msgspec
 
-from linked_fleet_gateway.rdf.shapes import added_to_folder
-from linked_fleet_gateway.resources.action_definition import FOLDER, add_kinds
+from linked_fleet_gateway.rdf.shapes import ACTIONS, BLUEPRINTS, VOCABULARY, add, added_to
+from linked_fleet_gateway.resources.action_definition import add_kinds
 from linked_fleet_gateway.resources.fleet_functions import FUNCTIONS
 from linked_fleet_gateway.resources.link_statements import LINK_STATEMENTS
 from linked_fleet_gateway.resources.paths import reserve, reserved_at_root, reserved_in_robot
 from linked_fleet_gateway.resources.property import ROBOT_PROPERTIES
+from linked_fleet_gateway.resources.relative_poses import PLACEMENTS
 
 
 class Extended(msgspec.Struct):
-    """Reserved segments, files of kinds of actions, and ``module:attribute`` names of other contributions."""
+    """Reserved segments, Turtle files, and ``module:attribute`` names of other contributions."""
 
     at_root: list[str]
     in_robot: list[str]
-    kinds: list[str]
+    files: dict[str, list[str]]
     robot_properties: list[str]
     link_statements: list[str]
     functions: list[str]
+    placements: list[str]
 
 
 def extended() -> str:
     """Return the contributions in this process as an argument of the query process."""
-    kinds = [str(each) for each in added_to_folder(FOLDER)]
     known = Extended(
         sorted(reserved_at_root()),
         sorted(reserved_in_robot()),
-        kinds,
+        {name: [str(each) for each in added_to(name)] for name in (ACTIONS, VOCABULARY, BLUEPRINTS)},
         list(ROBOT_PROPERTIES.names),
         list(LINK_STATEMENTS.names),
         list(FUNCTIONS.names),
+        list(PLACEMENTS.names),
     )
     return msgspec.json.encode(known).decode()
 
@@ -44,7 +46,10 @@ def decode_extended(text: str) -> Extended:
 def extend(said: Extended) -> None:
     """Register the same contributions in this process."""
     reserve(said.at_root, said.in_robot)
-    add_kinds(map(Path, said.kinds))
+    add_kinds(map(Path, said.files[ACTIONS]))
+    for name in (VOCABULARY, BLUEPRINTS):
+        add(name, map(Path, said.files[name]))
     ROBOT_PROPERTIES.replace(said.robot_properties)
     LINK_STATEMENTS.replace(said.link_statements)
     FUNCTIONS.replace(said.functions)
+    PLACEMENTS.replace(said.placements)

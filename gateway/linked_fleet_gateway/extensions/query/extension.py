@@ -2,6 +2,7 @@
 
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
+from pathlib import Path
 
 from linked_fleet_gateway.extensions.query.description import Endpoint, PostQuery, branch
 from linked_fleet_gateway.extensions.query.http import post_query, read_query
@@ -12,6 +13,7 @@ from linked_fleet_gateway.http.html import NavigationEntry
 
 class QueryExtension(Extension):
     name = "query"
+    vocabulary = (Path(__file__).with_name("vocabulary.ttl"),)
     at_root = ("query",)
     views = ("linked_fleet_gateway.extensions.query.page:VIEW",)
     operations = ("linked_fleet_gateway.extensions.query.operations:operations",)

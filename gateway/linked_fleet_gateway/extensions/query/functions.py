@@ -5,11 +5,10 @@ from collections.abc import Collection, Mapping
 
 from pyoxigraph import Literal, NamedNode
 
-from linked_fleet_gateway.extensions.query.messages import Placed
+from linked_fleet_gateway.extensions.query.terms import LF
 from linked_fleet_gateway.fleet.model import Pose
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.rdf.graph import number
-from linked_fleet_gateway.rdf.vocabulary import LF
 from linked_fleet_gateway.resources.fleet_functions import Function, Term, path_of
 from linked_fleet_gateway.resources.relative_poses import rounded, seen_from
 
@@ -18,14 +17,15 @@ COMPONENTS = ("x", "y", "z", "qx", "qy", "qz", "qw")
 """The components of a pose: position (m) and unit quaternion."""
 
 
-def functions_of(base: str, robots: Mapping[str, Robot], objects: Mapping[str, Placed]) -> dict[NamedNode, Function]:
-    """Return the functions for these robots and objects only. They return None for an expression error."""
+def functions_of(base: str, robots: Mapping[str, Robot], common: Mapping[str, Pose]) -> dict[NamedNode, Function]:
+    """Return the functions for these robots and the poses of other things in the common frame, by path.
+
+    They return None for an expression error.
+    """
 
     def pose_in(*said: Term) -> Term | None:
-        """Return one component of the pose of a robot's root, a link, an object or the world, relative to another of
-        these.
-        """
-        pose = _seen(base, robots, objects, said[:2]) if len(said) == 3 else None
+        """Return one component of the pose of a robot's root, a link or another thing, relative to another of these."""
+        pose = _seen(base, robots, common, said[:2]) if len(said) == 3 else None
         component = said[2].value if len(said) == 3 and isinstance(said[2], Literal) else ""
         if pose is None or component not in COMPONENTS:
             return None
@@ -33,16 +33,16 @@ def functions_of(base: str, robots: Mapping[str, Robot], objects: Mapping[str, P
 
     def distance(*said: Term) -> Term | None:
         """Return the distance between the origins of two of these (m)."""
-        pose = _seen(base, robots, objects, said) if len(said) == 2 else None
+        pose = _seen(base, robots, common, said) if len(said) == 2 else None
         return None if pose is None else number(rounded(math.hypot(*pose.position_m)))
 
     return {LF.poseIn: pose_in, LF.distance: distance}
 
 
-def _seen(base: str, robots: Mapping[str, Robot], objects: Mapping[str, Placed], said: Collection[Term]) -> Pose | None:
+def _seen(base: str, robots: Mapping[str, Robot], common: Mapping[str, Pose], said: Collection[Term]) -> Pose | None:
     """Return the pose of the first relative to the second; None if it is unknown or does not exist."""
     paths = [path_of(base, each) for each in said]
     try:
-        return seen_from(paths[0], paths[1], robots, objects).pose
+        return seen_from(paths[0], paths[1], robots, common).pose
     except LookupError:
         return None

@@ -48,12 +48,6 @@ class Instead(Struct, frozen=True, kw_only=True):
     motions: dict[str, Invocation | None]
 
 
-class Placed(Struct, frozen=True):
-    """An object in the world with its pose."""
-
-    pose: Pose
-
-
 class News(Struct, frozen=True, kw_only=True):
     """Changes since the previous query: robots, and frames by robot (None for a robot without one).
 
@@ -71,8 +65,8 @@ class Ask(Struct, frozen=True, kw_only=True):
     ``base`` is scheme and authority of all IRIs, ``base_iri`` the base of relative ones in the query. ``default`` and
     ``named`` are the requested graphs, None for all. ``invocations`` are those of the whole fleet. ``graphs`` are
     N-Triples by the path of the graph that they are added to. ``bindings`` is a solution in JSON results form,
-    ``media_type`` that of the answer. ``objects`` are those in the world, by id. ``instead`` are robots in a
-    hypothetical state.
+    ``media_type`` that of the answer. ``poses`` are those of things besides robots in the common frame, by path.
+    ``instead`` are robots in a hypothetical state.
     """
 
     news: News
@@ -93,7 +87,7 @@ class Ask(Struct, frozen=True, kw_only=True):
     most_bytes: int
     limit_s: float
     bindings: dict[str, dict[str, str]] = {}
-    objects: dict[str, Placed] = {}
+    poses: dict[str, Pose] = {}
     instead: tuple[Instead, ...] = ()
     only_check: bool = False
 

@@ -16,8 +16,9 @@ from linked_fleet_gateway.extensions.pages.values import Facts
 from linked_fleet_gateway.extensions.pages.views import PageView, Part, add_view
 from linked_fleet_gateway.extensions.query.examples import EXAMPLES
 from linked_fleet_gateway.extensions.query.messages import Ask, Refused, too_large
+from linked_fleet_gateway.extensions.query.terms import LF
 from linked_fleet_gateway.http.html import NavigationEntry
-from linked_fleet_gateway.rdf.vocabulary import DCTERMS, LF, NUMERIC, PREFIXES, RDFS, SD, SH
+from linked_fleet_gateway.rdf.vocabulary import DCTERMS, NUMERIC, PREFIXES, RDFS, SD, SH
 
 _CELL_BYTES = 64
 _NUMERIC = frozenset(NUMERIC)

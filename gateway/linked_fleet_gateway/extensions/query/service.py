@@ -14,7 +14,7 @@ from pyoxigraph import (
     serialize,
 )
 
-from linked_fleet_gateway.extensions.query.messages import Ask, Instead, Placed
+from linked_fleet_gateway.extensions.query.messages import Ask, Instead
 from linked_fleet_gateway.extensions.query.process import QueryProcess
 from linked_fleet_gateway.extensions.query.snapshot import Feed
 from linked_fleet_gateway.extensions.query.turns import FairTurns
@@ -134,7 +134,7 @@ class Queries:
                 most_bytes=most,
                 limit_s=self._limit_s,
                 bindings={name: _json(term) for name, term in bindings.items()},
-                objects={id: Placed(each.pose) for id, each in self._live.objects().items()},
+                poses=self._live.branches.poses(),
                 instead=tuple(instead),
                 only_check=only_check,
                 audited=audited,

@@ -102,7 +102,7 @@ class Worker:
             twin.bring(self._mirror)
         try:
             seen = _complete(ask, twin, self._mirror, sees)
-            functions = functions_of(ask.base, robots, ask.objects)
+            functions = functions_of(ask.base, robots, ask.poses)
             for one in self._functions:
                 functions |= one.bind(ask.base, robots)
             return evaluate(twin.store, ask, seen, functions) + DONE

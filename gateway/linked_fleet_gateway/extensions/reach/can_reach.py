@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING
 from pyoxigraph import Literal, NamedNode
 
 from linked_fleet_gateway.base.lazy_imports import Lazily
+from linked_fleet_gateway.extensions.reach.terms import LF
 from linked_fleet_gateway.fleet.envelope import envelope
 from linked_fleet_gateway.fleet.kinematics import ORIGIN, compose, inverse, placed
 from linked_fleet_gateway.fleet.model import JointKind, ModelError, Pose
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.fleet.xml import Vector
-from linked_fleet_gateway.rdf.vocabulary import LF
 from linked_fleet_gateway.resources.fleet_functions import Function, Term, path_of
 from linked_fleet_gateway.resources.paths import part_of, robot_name
 from linked_fleet_gateway.resources.shape_parameters import commandable

@@ -5,12 +5,13 @@ from contextlib import asynccontextmanager
 from pathlib import Path
 
 from linked_fleet_gateway.extensions.reach.handler import reach
+from linked_fleet_gateway.extensions.reach.terms import LF
 from linked_fleet_gateway.http.extension import Core, Extension, Mount
-from linked_fleet_gateway.rdf.vocabulary import LF
 
 
 class ReachExtension(Extension):
     name = "reach"
+    vocabulary = (Path(__file__).with_name("vocabulary.ttl"),)
     kinds = (Path(__file__).with_name("reach.ttl"),)
     functions = ("linked_fleet_gateway.extensions.reach.can_reach:CanReach",)
 

@@ -14,9 +14,10 @@ from linked_fleet_gateway.actions.plan import Later, Motion
 from linked_fleet_gateway.base.errors import Conflict, Offline, UnprocessableContent
 from linked_fleet_gateway.base.lazy_imports import Lazily
 from linked_fleet_gateway.extensions.reach.errors import OutOfReach
+from linked_fleet_gateway.extensions.reach.terms import LF
 from linked_fleet_gateway.fleet.model import JointKind, ModelError
 from linked_fleet_gateway.rdf.graph import Node
-from linked_fleet_gateway.rdf.vocabulary import LF, MATHS
+from linked_fleet_gateway.rdf.vocabulary import MATHS
 from linked_fleet_gateway.resources.shape_parameters import commandable
 
 if TYPE_CHECKING:

@@ -4,6 +4,7 @@ from collections import Counter
 from collections.abc import AsyncIterator, Iterator
 from contextlib import asynccontextmanager
 from functools import partial
+from pathlib import Path
 
 from prometheus_client.metrics_core import Metric
 
@@ -11,6 +12,7 @@ from linked_fleet_gateway.extensions.query.service import Queries
 from linked_fleet_gateway.extensions.rules.creators import creator_of
 from linked_fleet_gateway.extensions.rules.description import ChangeRule, MakeRule, branch, rule_state
 from linked_fleet_gateway.extensions.rules.http import change_rule, post_rule
+from linked_fleet_gateway.extensions.rules.request import RULE_SHAPE
 from linked_fleet_gateway.extensions.rules.service import Rules
 from linked_fleet_gateway.extensions.rules.settings import RuleSettings
 from linked_fleet_gateway.extensions.rules.store import RuleStore
@@ -21,6 +23,8 @@ from linked_fleet_gateway.runtime.metrics import counter, gauges
 
 class RulesExtension(Extension):
     name = "rules"
+    vocabulary = (Path(__file__).with_name("vocabulary.ttl"), RULE_SHAPE)
+    shapes = (Path(__file__).with_name("shapes.ttl"),)
     at_root = ("rules",)
     needs = ("query",)
     settings = RuleSettings

@@ -14,7 +14,8 @@ from linked_fleet_gateway.extensions.pages.values import Facts, Link, Value
 from linked_fleet_gateway.extensions.pages.views import PageView, Part
 from linked_fleet_gateway.extensions.rules.examples import EXAMPLES
 from linked_fleet_gateway.extensions.rules.template import as_turtle
-from linked_fleet_gateway.rdf.vocabulary import DCTERMS, LDP, LF
+from linked_fleet_gateway.extensions.rules.terms import LF
+from linked_fleet_gateway.rdf.vocabulary import DCTERMS, LDP
 
 if TYPE_CHECKING:
     from linked_fleet_gateway.extensions.pages import form

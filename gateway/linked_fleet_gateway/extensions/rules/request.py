@@ -4,18 +4,22 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from functools import cache
 from itertools import chain
+from pathlib import Path
 
 from pyoxigraph import BlankNode, Literal, NamedNode, Triple
 
 from linked_fleet_gateway.base.errors import UnprocessableContent
 from linked_fleet_gateway.extensions.rules.template import below, template, variables
+from linked_fleet_gateway.extensions.rules.terms import LF
 from linked_fleet_gateway.rdf.graph import Node
 from linked_fleet_gateway.rdf.shacl_validator import ShaclValidator
-from linked_fleet_gateway.rdf.shapes import load
+from linked_fleet_gateway.rdf.shapes import load_file
 from linked_fleet_gateway.rdf.unused import Terms, refuse, unused
 from linked_fleet_gateway.rdf.validation import check_lexical_forms, root
-from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, LF, PROV, RDF, RDFS
+from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, PROV, RDF, RDFS
 
+RULE_SHAPE = Path(__file__).with_name("rules.ttl")
+"""The shape of a rule that is posted."""
 CONTAINER = "/rules"
 _SHOWN = (
     DCTERMS.identifier, DCTERMS.created, RDFS.seeAlso, HYBRIT.blueprint, PROV.wasAssociatedWith,
@@ -87,7 +91,7 @@ def _present(triples: Sequence[Triple], focus: Node) -> frozenset[Triple]:
 @cache
 def _terms() -> Terms:
     """Return the terms of the shape and of a rule's description, which can be sent back unchanged."""
-    return Terms.of(load("rules.ttl"), LF.RuleShape).also(*_SHOWN)
+    return Terms.of(load_file(RULE_SHAPE), LF.RuleShape).also(*_SHOWN)
 
 
 def _text(said: dict[NamedNode, list[Node | Literal]], predicate: NamedNode) -> str:
@@ -125,7 +129,7 @@ def check_variables(wanted: RuleRequest, selected: Collection[str], base: str) -
 
 @cache
 def _validator() -> ShaclValidator:
-    return ShaclValidator(chain.from_iterable(load("rules.ttl").values()), LF.RuleShape)
+    return ShaclValidator(chain.from_iterable(load_file(RULE_SHAPE).values()), LF.RuleShape)
 
 
 def _refusal(detail: str, container: str, report: list[Triple] | None = None) -> UnprocessableContent:

@@ -9,8 +9,9 @@ from pyoxigraph import BlankNode, Literal, NamedNode, RdfFormat, Triple, parse, 
 
 from linked_fleet_gateway.base.errors import UnprocessableContent
 from linked_fleet_gateway.extensions.rules.edges import Row
+from linked_fleet_gateway.extensions.rules.terms import LF
 from linked_fleet_gateway.rdf.graph import Node
-from linked_fleet_gateway.rdf.vocabulary import LF, PREFIXES
+from linked_fleet_gateway.rdf.vocabulary import PREFIXES
 
 ROOT = BlankNode("body")
 MOST_TRIPLES = 200

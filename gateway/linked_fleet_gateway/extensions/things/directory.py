@@ -5,9 +5,10 @@ from dataclasses import dataclass
 from functools import partial
 
 from linked_fleet_gateway.extensions.things.td import DIRECTORY, TD, write_description
+from linked_fleet_gateway.extensions.things.terms import LF
 from linked_fleet_gateway.fleet.model import Joint, Link
 from linked_fleet_gateway.fleet.robot import Robot
-from linked_fleet_gateway.rdf.vocabulary import LDP, LF
+from linked_fleet_gateway.rdf.vocabulary import LDP
 from linked_fleet_gateway.resources.branches import FleetBranch, Found, RequestView, ThingDocument
 from linked_fleet_gateway.resources.paths import joint_path, link_path, part_of, robot_name, robot_path
 from linked_fleet_gateway.resources.resource import Resource

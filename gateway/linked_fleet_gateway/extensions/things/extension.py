@@ -2,6 +2,7 @@
 
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
+from pathlib import Path
 
 from linked_fleet_gateway.extensions.things.directory import BRANCHES, Listing
 from linked_fleet_gateway.extensions.things.http import read_listing
@@ -12,6 +13,7 @@ from linked_fleet_gateway.http.html import NavigationEntry
 
 class ThingsExtension(Extension):
     name = "things"
+    vocabulary = (Path(__file__).with_name("vocabulary.ttl"),)
     at_root = (".well-known", "things")
     views = ("linked_fleet_gateway.extensions.things.page:VIEW",)
     navigation = (NavigationEntry("Things", "/things", 60),)

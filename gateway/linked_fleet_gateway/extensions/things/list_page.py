@@ -6,9 +6,10 @@ from pyoxigraph import Literal, NamedNode
 
 from linked_fleet_gateway.extensions.things.directory import Place
 from linked_fleet_gateway.extensions.things.td import DIRECTORY
+from linked_fleet_gateway.extensions.things.terms import LF
 from linked_fleet_gateway.fleet.model import Joint
 from linked_fleet_gateway.rdf.graph import Graph
-from linked_fleet_gateway.rdf.vocabulary import DCTERMS, LDP, LF, RDFS, ROS, XHV
+from linked_fleet_gateway.rdf.vocabulary import DCTERMS, LDP, RDFS, ROS, XHV
 from linked_fleet_gateway.resources.branches import RequestView
 from linked_fleet_gateway.resources.joint_kinds import kind_of
 

@@ -8,7 +8,8 @@ from pyoxigraph import NamedNode
 from linked_fleet_gateway.extensions.pages import labels, sentences
 from linked_fleet_gateway.extensions.pages.values import Facts, Link
 from linked_fleet_gateway.extensions.pages.views import PageView, Part
-from linked_fleet_gateway.rdf.vocabulary import LDP, LF
+from linked_fleet_gateway.extensions.things.terms import LF
+from linked_fleet_gateway.rdf.vocabulary import LDP
 
 
 @dataclass(frozen=True)

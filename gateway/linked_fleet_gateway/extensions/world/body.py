@@ -8,6 +8,7 @@ from functools import cache
 from pyoxigraph import NamedNode, Triple
 
 from linked_fleet_gateway.base.errors import UnprocessableContent
+from linked_fleet_gateway.extensions.world.placement import read_pose, read_vector
 from linked_fleet_gateway.extensions.world.scene import (
     FARTHEST_M,
     Box,
@@ -19,13 +20,13 @@ from linked_fleet_gateway.extensions.world.scene import (
     TriangleMesh,
     read_stl,
 )
+from linked_fleet_gateway.extensions.world.terms import LF
 from linked_fleet_gateway.fleet.model import Pose
 from linked_fleet_gateway.rdf.graph import Node
 from linked_fleet_gateway.rdf.unused import refuse
-from linked_fleet_gateway.rdf.vocabulary import DCTERMS, LF, RDF
+from linked_fleet_gateway.rdf.vocabulary import DCTERMS, RDF
 from linked_fleet_gateway.resources.action_body import Body
 from linked_fleet_gateway.resources.json_form import Field, Form, Value, form_of
-from linked_fleet_gateway.resources.placement import read_pose, read_vector
 from linked_fleet_gateway.resources.setting import judged
 
 PREDICATES_OF_GEOMETRY: dict[Node, tuple[NamedNode, ...]] = {

@@ -16,6 +16,7 @@ from linked_fleet_gateway.extensions.world.collisions import Collisions
 from linked_fleet_gateway.extensions.world.describe import object_path
 from linked_fleet_gateway.extensions.world.errors import Collides, Unchecked
 from linked_fleet_gateway.extensions.world.messages import Check, Meets, Positions, Stood, Unable
+from linked_fleet_gateway.extensions.world.placement import placement_of, pose_in_world
 from linked_fleet_gateway.extensions.world.preparation import Preparation, is_placed, key_of
 from linked_fleet_gateway.extensions.world.process import Checker
 from linked_fleet_gateway.extensions.world.scene import SceneObject
@@ -24,7 +25,6 @@ from linked_fleet_gateway.fleet.model import Pose
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.identity.rights import View
 from linked_fleet_gateway.resources.paths import link_path
-from linked_fleet_gateway.resources.placement import placement_of, pose_in_world
 from linked_fleet_gateway.subscriptions.live import Live
 
 WITHIN_S = 1.0

@@ -11,13 +11,14 @@ from types import MappingProxyType
 from pyoxigraph import Literal, NamedNode
 
 from linked_fleet_gateway.extensions.world.errors import Collides
+from linked_fleet_gateway.extensions.world.placement import WORLD
+from linked_fleet_gateway.extensions.world.terms import LF
 from linked_fleet_gateway.fleet.xml import Vector
 from linked_fleet_gateway.rdf.graph import Graph, timestamp
 from linked_fleet_gateway.rdf.units import METRE
-from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, LF, RDFS
+from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, RDFS
 from linked_fleet_gateway.resources.branches import RequestView
 from linked_fleet_gateway.resources.paths import robot_of, robot_path
-from linked_fleet_gateway.resources.placement import WORLD
 from linked_fleet_gateway.resources.resource import Resource, blueprint_of
 from linked_fleet_gateway.resources.versioning import Source
 

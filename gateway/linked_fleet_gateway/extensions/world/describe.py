@@ -4,13 +4,14 @@ from collections.abc import Iterable, Mapping
 
 from pyoxigraph import Literal, NamedNode
 
+from linked_fleet_gateway.extensions.world.placement import PLACEMENT, WORLD, describe_pose, placement_of
 from linked_fleet_gateway.extensions.world.scene import Box, Cylinder, Geometry, SceneObject, Sphere
+from linked_fleet_gateway.extensions.world.terms import LF
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.rdf.graph import Graph, Node
 from linked_fleet_gateway.rdf.units import METRE
-from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, HYDRA, LDP, LF, RDFS
+from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, HYDRA, LDP, RDFS
 from linked_fleet_gateway.resources.paths import link_path, model_path, robot_path
-from linked_fleet_gateway.resources.placement import PLACEMENT, WORLD, describe_pose, placement_of
 from linked_fleet_gateway.resources.relative_poses import Posed
 
 OBJECTS, POSES = f"{WORLD}/objects", f"{WORLD}/pose"

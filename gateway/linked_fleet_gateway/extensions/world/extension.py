@@ -3,6 +3,7 @@
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from functools import partial
+from pathlib import Path
 
 from linked_fleet_gateway.extensions.world.http import post_object, put_object, read_pose
 from linked_fleet_gateway.extensions.world.resources import AskPose, PostObject, PutObject
@@ -18,6 +19,9 @@ class WorldExtension(Extension):
     at_root = ("world",)
     in_robot = ("placement",)
     robot_properties = ("linked_fleet_gateway.extensions.world.placement_property:placement",)
+    vocabulary = (Path(__file__).with_name("vocabulary.ttl"),)
+    shapes = (Path(__file__).with_name("shapes.ttl"),)
+    placements = ("linked_fleet_gateway.extensions.world.placement:placement_of",)
     views = (
         "linked_fleet_gateway.extensions.world.page:VIEW",
         "linked_fleet_gateway.extensions.world.page:COLLISIONS_VIEW",
@@ -35,5 +39,6 @@ class WorldExtension(Extension):
                 readers={AskPose: partial(read_pose, world)},
                 writers={PostObject: partial(post_object, world), PutObject: partial(put_object, world)},
                 guard=world.checks,
+                services=(world,),
                 not_ready=lambda: "" if world.checks.prepared else PREPARING,
             )

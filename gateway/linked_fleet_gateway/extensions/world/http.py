@@ -11,9 +11,11 @@ from starlette.responses import Response
 from linked_fleet_gateway.base.errors import BadRequest, NotFound
 from linked_fleet_gateway.extensions.world.body import object_form, read_object
 from linked_fleet_gateway.extensions.world.describe import OBJECTS, POSES, describe_posed, object_path
+from linked_fleet_gateway.extensions.world.placement import WORLD
 from linked_fleet_gateway.extensions.world.resources import AskPose, PostObject, PutObject
 from linked_fleet_gateway.extensions.world.scene import SceneObject
 from linked_fleet_gateway.extensions.world.service import World
+from linked_fleet_gateway.extensions.world.terms import LF
 from linked_fleet_gateway.http.body import body_type, parse_body, parse_form, read_as
 from linked_fleet_gateway.http.invoke import refuse_rehearsal
 from linked_fleet_gateway.http.offload import Offload
@@ -23,8 +25,6 @@ from linked_fleet_gateway.http.read import read
 from linked_fleet_gateway.http.request import Request
 from linked_fleet_gateway.rdf.serialise import JSON
 from linked_fleet_gateway.rdf.unused import shown
-from linked_fleet_gateway.rdf.vocabulary import LF
-from linked_fleet_gateway.resources.placement import WORLD
 from linked_fleet_gateway.resources.relative_poses import seen_from
 from linked_fleet_gateway.resources.resource import Resource
 from linked_fleet_gateway.resources.setting import managed
@@ -105,7 +105,7 @@ async def read_pose(world: World, request: Request, resource: Resource, asked: A
 def _posed(world: World, request: Request, resource: Resource, asked: AskPose) -> Resource:
     of, frame = _path(request, "of"), _path(request, "in")
     try:
-        found = seen_from(of, frame, asked.view.robots, world.objects.known)
+        found = seen_from(of, frame, asked.view.robots, world.poses())
     except LookupError as error:
         named = str(error.args[0])[:_LONGEST_NAMED]
         raise NotFound(f"{named} is no place in the world: that is itself, robots, links and objects.") from error

@@ -17,10 +17,11 @@ from linked_fleet_gateway.extensions.pages.views import PageView, Part
 from linked_fleet_gateway.extensions.world.body import PREDICATES_OF_GEOMETRY
 from linked_fleet_gateway.extensions.world.describe import OBJECTS, describe_object, object_path
 from linked_fleet_gateway.extensions.world.scene import Box, SceneObject
+from linked_fleet_gateway.extensions.world.terms import LF
 from linked_fleet_gateway.fleet.model import Pose
 from linked_fleet_gateway.rdf.graph import Graph
 from linked_fleet_gateway.rdf.turtle_layout import Term
-from linked_fleet_gateway.rdf.vocabulary import DCTERMS, LDP, LF, MATHS, RDF, RDFS
+from linked_fleet_gateway.rdf.vocabulary import DCTERMS, LDP, MATHS, RDF, RDFS
 
 if TYPE_CHECKING:
     from linked_fleet_gateway.extensions.pages import form

@@ -2,11 +2,18 @@
 
 from pyoxigraph import NamedNode
 
+from linked_fleet_gateway.extensions.world.placement import (
+    PLACEMENT,
+    WORLD,
+    describe_pose,
+    placement_of,
+    read_placement,
+)
+from linked_fleet_gateway.extensions.world.terms import LF
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.rdf.graph import Graph
-from linked_fleet_gateway.rdf.vocabulary import HYBRIT, LF
+from linked_fleet_gateway.rdf.vocabulary import HYBRIT
 from linked_fleet_gateway.resources.paths import robot_path
-from linked_fleet_gateway.resources.placement import PLACEMENT, WORLD, describe_pose, placement_of, read_placement
 from linked_fleet_gateway.resources.property import Property, Seen
 from linked_fleet_gateway.resources.setting import Setting
 

@@ -12,11 +12,11 @@ import msgspec
 from linked_fleet_agent.wire.messages import Description
 from linked_fleet_gateway.base.errors import FleetError
 from linked_fleet_gateway.extensions.world.messages import Answer, Lacks, Prepare, PrepareMesh, PrepareObject, Unable
+from linked_fleet_gateway.extensions.world.placement import placement_of
 from linked_fleet_gateway.extensions.world.process import NO_ANSWER, Checker
 from linked_fleet_gateway.extensions.world.scene import MAX_OBJECTS, SceneObject
 from linked_fleet_gateway.fleet.geometry import file_name, meshes_of
 from linked_fleet_gateway.fleet.robot import Robot
-from linked_fleet_gateway.resources.placement import placement_of
 from linked_fleet_gateway.runtime.background import supervised
 from linked_fleet_gateway.runtime.cancellation import end
 from linked_fleet_gateway.subscriptions.live import Live

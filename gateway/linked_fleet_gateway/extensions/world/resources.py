@@ -16,12 +16,13 @@ from linked_fleet_gateway.extensions.world.describe import (
     describe_world,
     object_path,
 )
+from linked_fleet_gateway.extensions.world.placement import PLACEMENT, WORLD
 from linked_fleet_gateway.extensions.world.scene import SceneObject, TriangleMesh
+from linked_fleet_gateway.extensions.world.terms import LF
 from linked_fleet_gateway.identity.rights import Right
-from linked_fleet_gateway.rdf.vocabulary import LDP, LF
+from linked_fleet_gateway.rdf.vocabulary import LDP
 from linked_fleet_gateway.resources.affordance import FORM_TYPES
 from linked_fleet_gateway.resources.branches import Found, RequestView
-from linked_fleet_gateway.resources.placement import PLACEMENT, WORLD
 from linked_fleet_gateway.resources.resource import CONTAINER, Resource, blueprint_of
 from linked_fleet_gateway.resources.versioning import Source
 

@@ -10,14 +10,16 @@ from pyoxigraph import Triple
 
 from linked_fleet_gateway.extensions.world.checks import Checks
 from linked_fleet_gateway.extensions.world.collisions import Collisions
-from linked_fleet_gateway.extensions.world.describe import OBJECTS, describe_frame, describe_objects
+from linked_fleet_gateway.extensions.world.describe import OBJECTS, describe_frame, describe_objects, object_path
+from linked_fleet_gateway.extensions.world.placement import WORLD
 from linked_fleet_gateway.extensions.world.replicated_objects import Objects
 from linked_fleet_gateway.extensions.world.resources import in_world
 from linked_fleet_gateway.extensions.world.store import ObjectStore
+from linked_fleet_gateway.extensions.world.terms import LF
+from linked_fleet_gateway.fleet.kinematics import ORIGIN
+from linked_fleet_gateway.fleet.model import Pose
 from linked_fleet_gateway.rdf.graph import Graph
-from linked_fleet_gateway.rdf.vocabulary import LF
 from linked_fleet_gateway.resources.branches import FleetBranch, Found, RequestView
-from linked_fleet_gateway.resources.placement import WORLD
 from linked_fleet_gateway.subscriptions.live import Live
 
 
@@ -25,7 +27,6 @@ class World:
     """An async context manager; meshes are cached in ``folder``."""
 
     def __init__(self, live: Live, url: str, namespace: str, folder: Path) -> None:
-        self._live = live
         self.objects = Objects(live, ObjectStore(url, namespace))
         self._described: tuple[tuple[str, int], Sequence[Triple]] = (("", 0), ())
         self.collisions = Collisions(live.fan_out.touched)
@@ -39,7 +40,11 @@ class World:
         def resolve(view: RequestView, rest: list[str]) -> Found:
             return in_world(view, rest, objects, collisions)
 
-        return FleetBranch(WORLD[1:], LF.world, resolve, graphs=self.triples)
+        return FleetBranch(WORLD[1:], LF.world, resolve, graphs=self.triples, poses=self.poses)
+
+    def poses(self) -> dict[str, Pose]:
+        """Poses of the frame itself and of the objects in it, by path."""
+        return {WORLD: ORIGIN} | {object_path(id): each.pose for id, each in self.objects.known.items()}
 
     def triples(self, view: RequestView) -> Iterator[tuple[str, Sequence[Triple]]]:
         """Yield all statements about the world, for copies of the fleet. Placements are described with their robots."""
@@ -55,7 +60,6 @@ class World:
     async def __aenter__(self) -> Self:
         await self._stack.enter_async_context(self.objects)
         await self._stack.enter_async_context(self.checks)
-        self._live.objects = lambda: self.objects.known
         return self
 
     async def __aexit__(

@@ -18,6 +18,7 @@ from linked_fleet_gateway.app.settings import GatewaySettings
 from linked_fleet_gateway.extensions.world import checks
 from linked_fleet_gateway.extensions.world.checks import Checks
 from linked_fleet_gateway.extensions.world.errors import Unchecked
+from linked_fleet_gateway.extensions.world.placement import PLACEMENT
 from linked_fleet_gateway.extensions.world.scene import SceneObject
 from linked_fleet_gateway.fleet.events import Appeared, Described, Framed
 from linked_fleet_gateway.fleet.model import Pose
@@ -25,7 +26,6 @@ from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.identity.rights import ALL
 from linked_fleet_gateway.link.fleet_link import NoAnswer
 from linked_fleet_gateway.link.meshes import Meshes
-from linked_fleet_gateway.resources.placement import PLACEMENT
 from meshes import channel, stl
 from virtual.zenoh_network import ZenohNetwork
 

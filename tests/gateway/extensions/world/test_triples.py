@@ -8,10 +8,11 @@ from linked_fleet_gateway.app.application import new_live
 from linked_fleet_gateway.app.settings import GatewaySettings
 from linked_fleet_gateway.extensions.world.scene import SceneObject, Sphere, encode
 from linked_fleet_gateway.extensions.world.service import World
+from linked_fleet_gateway.extensions.world.terms import LF
 from linked_fleet_gateway.fleet.invocations import Invocations
 from linked_fleet_gateway.fleet.model import Pose
 from linked_fleet_gateway.identity.rights import ALL
-from linked_fleet_gateway.rdf.vocabulary import DCTERMS, LDP, LF, RDF
+from linked_fleet_gateway.rdf.vocabulary import DCTERMS, LDP, RDF
 from linked_fleet_gateway.resources.access_filter import InvocationsInView
 from linked_fleet_gateway.resources.branches import RequestView
 from virtual.zenoh_network import ZenohNetwork
