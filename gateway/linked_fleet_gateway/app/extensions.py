@@ -46,7 +46,7 @@ class ExtensionSettings(Section):
 def _built_in() -> Iterator[Extension]:
     for folder in pkgutil.iter_modules(linked_fleet_gateway.extensions.__path__):
         module = f"{linked_fleet_gateway.extensions.__name__}.{folder.name}.extension"
-        if find_spec(module):
+        if folder.ispkg and find_spec(module):
             (kind,) = (each for each in vars(import_module(module)).values() if _is_extension(each))
             yield kind()
 
