@@ -10,13 +10,14 @@ import msgspec
 from pyoxigraph import NamedNode
 
 from linked_fleet_gateway.base.errors import UnprocessableContent
+from linked_fleet_gateway.extensions.world.terms import LF
 from linked_fleet_gateway.fleet.kinematics import compose
 from linked_fleet_gateway.fleet.model import Pose
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.fleet.xml import Quaternion, Vector
 from linked_fleet_gateway.rdf.graph import Graph, Node
 from linked_fleet_gateway.rdf.units import METRE
-from linked_fleet_gateway.rdf.vocabulary import LF, MATHS
+from linked_fleet_gateway.rdf.vocabulary import MATHS
 from linked_fleet_gateway.resources.action_body import Body
 
 PLACEMENT = "placement"
