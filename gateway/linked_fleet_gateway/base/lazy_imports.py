@@ -1,8 +1,29 @@
-"""Lazy imports of modules that take much memory and that most gateways never use."""
+"""Modules and objects that are imported when they are first used."""
 
+from collections.abc import Iterable, Iterator
 from importlib import import_module
 from importlib.util import find_spec
-from typing import Any
+from pkgutil import resolve_name
+from typing import Any, Generic, TypeVar
+
+T = TypeVar("T")
+
+
+class Contributed(Generic[T]):
+    """The objects of one kind, imported on first use."""
+
+    def __init__(self) -> None:
+        self.names: tuple[str, ...] = ()
+        self._objects: tuple[Any, ...] | None = None
+
+    def replace(self, names: Iterable[str]) -> None:
+        """Replace the names known to this process."""
+        self.names, self._objects = tuple(names), None
+
+    def __iter__(self) -> Iterator[T]:
+        if self._objects is None:
+            self._objects = tuple(map(resolve_name, self.names))
+        return iter(self._objects)
 
 
 class Lazily:

@@ -5,7 +5,7 @@ from typing import Protocol
 
 from pyoxigraph import BlankNode, Literal, NamedNode, Triple
 
-from linked_fleet_gateway.base.contributed import Contributed
+from linked_fleet_gateway.base.lazy_imports import Contributed
 from linked_fleet_gateway.fleet.robot import Robot
 
 Term = NamedNode | BlankNode | Literal | Triple

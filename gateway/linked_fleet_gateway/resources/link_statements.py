@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterable
 
 from pyoxigraph import NamedNode
 
-from linked_fleet_gateway.base.contributed import Contributed
+from linked_fleet_gateway.base.lazy_imports import Contributed
 from linked_fleet_gateway.fleet.model import Link
 from linked_fleet_gateway.fleet.robot import Robot
 

@@ -7,7 +7,7 @@ from typing import NamedTuple, Self
 
 from pyoxigraph import NamedNode
 
-from linked_fleet_gateway.base.contributed import Contributed
+from linked_fleet_gateway.base.lazy_imports import Contributed
 from linked_fleet_gateway.fleet.observation import Observation
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.rdf.graph import Graph
