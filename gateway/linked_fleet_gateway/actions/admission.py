@@ -10,9 +10,8 @@ from linked_fleet_gateway.base.errors import UnprocessableContent
 from linked_fleet_gateway.fleet.model import Joint, RobotModel
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.rdf.graph import Graph, Node
-from linked_fleet_gateway.rdf.shacl_validator import ShaclValidator
 from linked_fleet_gateway.rdf.unused import Terms, refuse, subjects, unused
-from linked_fleet_gateway.rdf.validation import check_writable, root
+from linked_fleet_gateway.rdf.validation import ShaclValidator, check_writable, root
 from linked_fleet_gateway.rdf.vocabulary import HYBRIT, LF, MATHS, QUDT, RDF, ROS, SPATIAL, VOM
 from linked_fleet_gateway.resources.action_body import Body, own_part
 from linked_fleet_gateway.resources.action_definition import Definition

@@ -12,9 +12,8 @@ from typing import Any
 from pyoxigraph import BlankNode, Literal, NamedNode, RdfFormat, Triple
 from pyoxigraph import parse as oxigraph_parse
 
-from linked_fleet_gateway.rdf.jsonld_input import check_jsonld
-from linked_fleet_gateway.rdf.parse_error import ParseError, TooMuchError
-from linked_fleet_gateway.rdf.turtle_layout import REST
+from linked_fleet_gateway.rdf.json_input import ParseError, TooMuchError, check_jsonld
+from linked_fleet_gateway.rdf.turtle import REST
 
 __all__ = ["MAX_LENGTH", "PARSEABLE", "ParseError", "parse"]
 

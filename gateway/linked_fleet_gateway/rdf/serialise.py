@@ -11,7 +11,7 @@ from pyoxigraph import BlankNode, Literal, NamedNode, RdfFormat, Triple, seriali
 
 from linked_fleet_gateway.rdf import jsonld, turtle
 from linked_fleet_gateway.rdf.parsing import ParseError, parse
-from linked_fleet_gateway.rdf.turtle_layout import TYPE, Outline, Term
+from linked_fleet_gateway.rdf.turtle import TYPE, Outline, Term
 
 __all__ = ["JELLY", "JSON", "RDF_TYPES", "TEXT_TYPES", "ParseError", "WriteError", "parse", "render"]
 

@@ -1,14 +1,15 @@
-"""Checks of request bodies that shapes do not cover: the root node, and lexical forms of numbers and predicates."""
+"""Bodies from clients, judged: by a published shape, and as far as no shape judges them."""
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 from pyoxigraph import Literal, NamedNode, Triple
 
 from linked_fleet_gateway.base.errors import UnprocessableContent
 from linked_fleet_gateway.rdf.graph import Node
-from linked_fleet_gateway.rdf.vocabulary import NUMERIC, XSD
+from linked_fleet_gateway.rdf.vocabulary import NUMERIC, PREFIXES, XSD
+from linked_fleet_gateway.shacl import Data, Violation, compile_shape, report
 
 # The lexical spaces of XML Schema 2, 3.2 and 3.3 (RDF 1.1 Concepts, 5.1), without white space, which only XML
 # collapses. Python's float accepts more, such as 1_0.
@@ -56,3 +57,34 @@ def check_lexical_forms(body: Sequence[Triple], constraint: str) -> None:
                     f"{literal.value[:80]!r} is no finite number of type {literal.datatype.value}; write e.g. 43.6.",
                     constraint=constraint,
                 )
+
+
+_MOST_TOLD = 5  # the report contains all of them
+
+
+class ShaclValidator:
+    """Validates with ``shape`` among ``triples``. Raises Unsupported, with the reason, if it cannot be compiled."""
+
+    def __init__(self, triples: Iterable[Triple], shape: Node) -> None:
+        self._shape = compile_shape(triples, shape, PREFIXES)
+
+    def report(self, body: Sequence[Triple], focus: Node) -> tuple[str, list[Triple]] | None:
+        """Return None if the body conforms, else a sentence about the violations and the validation report (SHACL,
+        3.6).
+        """
+        violations = self._shape.check(Data(body), focus)
+        if not violations:
+            return None
+        messages = list(dict.fromkeys(each.message for each in _direct(violations)))
+        return _sentence(messages), report(violations, self._shape.triples)
+
+
+def _direct(violations: Sequence[Violation]) -> list[Violation]:
+    """Drop violations that others explain: with two units, or an unknown one, no branch of an ``sh:or`` holds."""
+    said = {(each.focus, each.path) for each in violations if not each.detail}
+    return [each for each in violations if not any((inner.focus, inner.path) in said for inner in each.detail)]
+
+
+def _sentence(messages: Sequence[str]) -> str:
+    more = [f"and {len(messages) - _MOST_TOLD} more"] if len(messages) > _MOST_TOLD else []
+    return "; ".join([*messages[:_MOST_TOLD], *more])

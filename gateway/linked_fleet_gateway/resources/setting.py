@@ -9,10 +9,9 @@ from pyoxigraph import NamedNode, Triple
 
 from linked_fleet_gateway.base.errors import UnprocessableContent
 from linked_fleet_gateway.fleet.robot import Robot
-from linked_fleet_gateway.rdf.shacl_validator import ShaclValidator
 from linked_fleet_gateway.rdf.shapes import BLUEPRINTS, load
 from linked_fleet_gateway.rdf.unused import TYPES_OF_ALL, Terms, refuse, unused
-from linked_fleet_gateway.rdf.validation import root
+from linked_fleet_gateway.rdf.validation import ShaclValidator, root
 from linked_fleet_gateway.rdf.vocabulary import LF, RDF, VOM
 from linked_fleet_gateway.resources.action_body import Body
 from linked_fleet_gateway.resources.annotation_body import agents_part, read_annotations

@@ -8,7 +8,7 @@ from pyoxigraph import NamedNode
 from linked_fleet_gateway.actions.admission import admit
 from linked_fleet_gateway.base.errors import UnprocessableContent
 from linked_fleet_gateway.rdf.serialise import parse
-from linked_fleet_gateway.rdf.shacl_validator import ShaclValidator
+from linked_fleet_gateway.rdf.validation import ShaclValidator
 from linked_fleet_gateway.rdf.vocabulary import HYBRIT, SH, VOM
 from linked_fleet_gateway.resources.action_body import written
 from linked_fleet_gateway.shacl import Data, compile_shape

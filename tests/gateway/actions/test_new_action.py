@@ -14,7 +14,7 @@ from linked_fleet_agent.wire.messages import Move
 from linked_fleet_gateway.actions import handler_table as handlers
 from linked_fleet_gateway.base.errors import UnprocessableContent
 from linked_fleet_gateway.rdf import shapes
-from linked_fleet_gateway.rdf.shacl_validator import ShaclValidator
+from linked_fleet_gateway.rdf.validation import ShaclValidator
 from linked_fleet_gateway.rdf.vocabulary import HYBRIT, LF
 from linked_fleet_gateway.resources.action_definition import definitions
 from linked_fleet_gateway.resources.shape_parameters import COMPLETIONS

@@ -18,8 +18,7 @@ from linked_fleet_gateway.http.pace import in_turn
 from linked_fleet_gateway.http.read import read
 from linked_fleet_gateway.http.request import Request
 from linked_fleet_gateway.http.streams import wants_events
-from linked_fleet_gateway.rdf.json_input import load_json
-from linked_fleet_gateway.rdf.parse_error import ParseError
+from linked_fleet_gateway.rdf.json_input import ParseError, load_json
 from linked_fleet_gateway.resources.resource import Resource
 
 MAX_MESSAGE_BYTES = 272 * 1024

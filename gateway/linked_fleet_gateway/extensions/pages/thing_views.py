@@ -11,7 +11,7 @@ from linked_fleet_gateway.extensions.pages import labels, robot_panel
 from linked_fleet_gateway.extensions.pages.terms import LF
 from linked_fleet_gateway.extensions.pages.values import Address, Facts, Link, Number, Row, State, Time, Value, Vector
 from linked_fleet_gateway.extensions.pages.views import Part, constant
-from linked_fleet_gateway.rdf.turtle_layout import Subject, Term
+from linked_fleet_gateway.rdf.turtle import Subject, Term
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, RDF, RDFS, ROS, SOSA
 
 if TYPE_CHECKING:

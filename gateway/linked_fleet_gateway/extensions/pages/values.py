@@ -9,7 +9,7 @@ from pyoxigraph import BlankNode, Literal, NamedNode, Triple
 
 from linked_fleet_gateway.base.lazy_imports import Lazily
 from linked_fleet_gateway.extensions.pages import labels, sentences
-from linked_fleet_gateway.rdf.turtle_layout import Outline, Subject, Term
+from linked_fleet_gateway.rdf.turtle import Outline, Subject, Term
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, LF, MATHS, NUMERIC, PREFIXES, QUDT, RDF, SOSA, VOM, XSD
 
 if TYPE_CHECKING:

@@ -8,7 +8,7 @@ from typing import Any
 from pyoxigraph import NamedNode
 
 from linked_fleet_gateway.extensions.pages.values import Facts
-from linked_fleet_gateway.rdf.turtle_layout import Subject
+from linked_fleet_gateway.rdf.turtle import Subject
 
 
 @dataclass(frozen=True)

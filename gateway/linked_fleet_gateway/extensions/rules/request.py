@@ -12,10 +12,9 @@ from linked_fleet_gateway.base.errors import UnprocessableContent
 from linked_fleet_gateway.extensions.rules.template import below, template, variables
 from linked_fleet_gateway.extensions.rules.terms import LF
 from linked_fleet_gateway.rdf.graph import Node
-from linked_fleet_gateway.rdf.shacl_validator import ShaclValidator
 from linked_fleet_gateway.rdf.shapes import load_file
 from linked_fleet_gateway.rdf.unused import Terms, refuse, unused
-from linked_fleet_gateway.rdf.validation import check_lexical_forms, root
+from linked_fleet_gateway.rdf.validation import ShaclValidator, check_lexical_forms, root
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, PROV, RDF, RDFS
 
 RULE_SHAPE = Path(__file__).with_name("rules.ttl")

@@ -20,7 +20,7 @@ from linked_fleet_gateway.extensions.world.scene import Box, SceneObject
 from linked_fleet_gateway.extensions.world.terms import LF
 from linked_fleet_gateway.fleet.model import Pose
 from linked_fleet_gateway.rdf.graph import Graph
-from linked_fleet_gateway.rdf.turtle_layout import Term
+from linked_fleet_gateway.rdf.turtle import Term
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, LDP, MATHS, RDF, RDFS
 
 if TYPE_CHECKING:
