@@ -22,9 +22,8 @@ from linked_fleet_gateway.extensions.world.scene import Box, Cylinder, SceneObje
 from linked_fleet_gateway.extensions.world.terms import LF
 from linked_fleet_gateway.fleet.events import Appeared, Described, Undescribed
 from linked_fleet_gateway.fleet.fleet import Fleet
-from linked_fleet_gateway.fleet.invocation import FLEET, Invocation, InvocationState
+from linked_fleet_gateway.fleet.invocation import FLEET, Invocation, InvocationState, Lease
 from linked_fleet_gateway.fleet.invocations import Invocations
-from linked_fleet_gateway.fleet.lease import Lease
 from linked_fleet_gateway.fleet.model import Pose
 from linked_fleet_gateway.rdf.graph import Graph
 from linked_fleet_gateway.rdf.vocabulary import HYBRIT

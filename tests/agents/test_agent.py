@@ -26,7 +26,7 @@ from linked_fleet_agent.wire.messages import (
     Stop,
 )
 from linked_fleet_agent.wire.transport import HEARTBEAT_S
-from linked_fleet_gateway.fleet.inbox import Payload
+from linked_fleet_gateway.fleet.events import Payload
 from linked_fleet_gateway.link.transport import Answer, Question, Session
 from running import Process, free_port, process
 from serving import until

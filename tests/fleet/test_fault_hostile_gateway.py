@@ -13,7 +13,7 @@ from linked_fleet_agent.pace import every
 from linked_fleet_agent.wire import codec
 from linked_fleet_agent.wire.messages import Accepted, Refused, Reply, Stop
 from linked_fleet_agent.wire.transport import HEARTBEAT_S
-from linked_fleet_gateway.fleet.inbox import Payload
+from linked_fleet_gateway.fleet.events import Payload
 from linked_fleet_gateway.link.transport import Answer, Question
 from running import eventually, free_port
 from simulated import RESTING_RAD_S, Simulated, simulated

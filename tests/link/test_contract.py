@@ -14,7 +14,7 @@ import linked_fleet_gateway.link.transport as gateway_side
 from link.parts import Network, contract
 from linked_fleet_agent.wire.keys import Keys
 from linked_fleet_agent.wire.traceparent import MAX_BYTES
-from linked_fleet_gateway.fleet.inbox import Payload
+from linked_fleet_gateway.fleet.events import Payload
 from linked_fleet_gateway.link.transport import Answer, Question
 from serving import until
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import TypeVar
 
-from linked_fleet_gateway.fleet.inbox import Payload
+from linked_fleet_gateway.fleet.events import Payload
 from linked_fleet_gateway.link.transport import Answer, Question, TransportError
 from virtual.zenoh_connection import Connection
 from virtual.zenoh_sessions import Session, bounded, peer_of

@@ -12,8 +12,8 @@ from typing import Self
 from linked_fleet_agent.wire.messages import Progress
 from linked_fleet_gateway.actions.refusals import refusals
 from linked_fleet_gateway.actions.store import ActionStore, News, StoreUnavailable
+from linked_fleet_gateway.fleet.invocation import Lease
 from linked_fleet_gateway.fleet.invocations import Invocation
-from linked_fleet_gateway.fleet.lease import Lease
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.resources.invocation import invocation_path
 from linked_fleet_gateway.resources.paths import lease_path

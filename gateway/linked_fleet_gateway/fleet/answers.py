@@ -1,5 +1,7 @@
-"""Validation of agents' replies: each function returns a message, or None and a sentence about the error."""
+"""Answers of agents, judged, and the count of messages that are refused."""
 
+import logging
+from collections import Counter
 from collections.abc import Collection
 
 from linked_fleet_agent.wire.codec import WireError, decode, decode_reply
@@ -39,3 +41,30 @@ def read_description(answer: bytes | str, robot: str, runs: Collection[int]) -> 
         f"the description is of robot {said.robot!r} in run {said.incarnation}, "
         f"but the presence token is of {robot!r} in run {max(runs, default=0)}"
     )
+
+
+MAX_SENDERS = 1000
+MAX_SENDER = 400
+_OTHERS = "(others)"
+
+
+class Complaints:
+    """Counts by sender. Senders beyond the bound share one entry, so that invented names cannot fill memory."""
+
+    def __init__(self, log: logging.Logger) -> None:
+        self.counts: Counter[str] = Counter()
+        self._log = log
+
+    def add(self, sender: str, reason: object) -> None:
+        sender = sender[:MAX_SENDER]  # for a sender that is no robot, this is a key
+        if sender not in self.counts and len(self.counts) >= MAX_SENDERS:
+            sender = _OTHERS
+        self.counts[sender] += 1
+        if self.counts[sender] == 1:
+            self._log.warning("%.200r sent something that is refused (logged once): %.500s", sender, reason)
+
+    def forget(self, sender: str) -> None:
+        """Free the entry of a sender; the sum of all counts stays."""
+        count = self.counts.pop(sender, 0)
+        if count:
+            self.counts[_OTHERS] += count

@@ -1,6 +1,9 @@
-"""Events of the fleet: created by the link, consumed by ``Fleet.apply``."""
+"""Events of the fleet, and their hand-over from the threads of the transport to the event loop."""
 
-from dataclasses import dataclass
+import threading
+from collections import Counter, deque
+from collections.abc import Callable
+from dataclasses import dataclass, field
 
 from linked_fleet_agent.wire import messages
 
@@ -53,3 +56,92 @@ class Moved:
 
 
 Event = Appeared | Vanished | Described | Undescribed | Framed | Moved
+
+
+MAX_KEYS = 20_000
+MAX_TOKENS_OF_ONE = 64
+"""Several times the number of runs that a robot has at once."""
+MAX_PROGRESS_OF_ONE = 512
+"""Twice what a correct agent repeats at once to a new gateway."""
+MAX_PROGRESS = 10_000
+
+Payload = bytes | int  # of a payload that is too large only its size is kept
+
+
+@dataclass
+class Batch:
+    """Messages since the last batch.
+
+    ``presence`` by key (True: present), ``states``: the latest state by key of frames that need a full check,
+    ``moved``: watched robots with newer frames, ``progress`` in order. ``told`` counts progress by key, ``tokens`` the
+    entries of ``presence`` by robot. ``presence_lost`` says that some presence did not fit.
+    """
+
+    presence: dict[str, bool] = field(default_factory=dict)
+    states: dict[str, Payload] = field(default_factory=dict)
+    moved: dict[str, None] = field(default_factory=dict)
+    progress: deque[tuple[str, Payload]] = field(default_factory=lambda: deque(maxlen=MAX_PROGRESS))
+    told: Counter[str] = field(default_factory=Counter)
+    tokens: Counter[str] = field(default_factory=Counter)
+    presence_lost: bool = False
+
+
+class Inbox:
+    """Filled by any thread and emptied by one reader, who is woken once per batch.
+
+    Overflow policy: one presence and one state per key, the latest wins. New keys beyond ``MAX_KEYS`` are refused, and
+    so is presence of one robot beyond ``MAX_TOKENS_OF_ONE``; the reader is then told to list all tokens. Progress of
+    one key is dropped beyond ``MAX_PROGRESS_OF_ONE``, and the oldest beyond ``MAX_PROGRESS``. So no robot can suppress
+    others, and a batch is read in bounded time.
+    """
+
+    def __init__(self, wake: Callable[[], object]) -> None:
+        self._lock = threading.Lock()
+        self._wake: Callable[[], object] | None = wake
+        self._batch = Batch()
+        self._woken = False
+
+    def put_presence(self, key: str, present: bool) -> None:
+        with self._lock:
+            batch, robot = self._batch, key.rpartition("/")[0]
+            # removed first, so that the order is that of the latest change
+            known = batch.presence.pop(key, None) is not None
+            if known or (len(batch.presence) < MAX_KEYS and batch.tokens[robot] < MAX_TOKENS_OF_ONE):
+                batch.presence[key] = present
+                batch.tokens[robot] += not known
+            else:
+                batch.presence_lost = True
+            self._ring()
+
+    def put_state(self, key: str, payload: Payload) -> None:
+        with self._lock:
+            if len(self._batch.states) < MAX_KEYS or key in self._batch.states:
+                self._batch.states[key] = payload
+            self._ring()
+
+    def put_moved(self, robot: str) -> None:
+        with self._lock:
+            self._batch.moved[robot] = None
+            self._ring()
+
+    def put_progress(self, key: str, payload: Payload) -> None:
+        with self._lock:
+            if self._batch.told[key] < MAX_PROGRESS_OF_ONE:
+                self._batch.told[key] += 1
+                self._batch.progress.append((key, payload))
+            self._ring()
+
+    def take(self) -> Batch:
+        with self._lock:
+            batch, self._batch, self._woken = self._batch, Batch(), False
+            return batch
+
+    def close(self) -> None:
+        """Stop waking the reader."""
+        with self._lock:
+            self._wake = None
+
+    def _ring(self) -> None:
+        if not self._woken and self._wake is not None:
+            self._woken = True
+            self._wake()

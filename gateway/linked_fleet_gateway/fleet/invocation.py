@@ -1,8 +1,25 @@
-"""One invocation of an action, and the merge of two copies of it."""
+"""One invocation of an action, and the control lease of a robot. Wall nanoseconds."""
 
 import re
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
+
+
+@dataclass(frozen=True)
+class Lease:
+    """The control lease of one robot, without the secret that proves it.
+
+    ``left_s`` is the remaining time when Redis was asked, independent of the gateway's clock.
+    """
+
+    id: str
+    robot: str
+    holder: str
+    taken_ns: int
+    expires_ns: int
+    duration_s: float
+    left_s: float = field(default=0.0, compare=False)
+
 
 FLEET = ""  # stands for the robot of an invocation of the whole fleet
 

@@ -1,14 +1,20 @@
-"""Forward kinematics of one robot. Metre and radian; an unknown pose is None.
+"""Forward kinematics of one robot. Metre and radian; a pose that cannot be known is None.
 
 Implemented here because only the joints above a watched link are computed, and a gateway without planning need not load
 Pinocchio (60 MB).
+
+It is computed in microseconds and excludes most unreachable positions. A failing inverse kinematics takes a tenth of a
+second.
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
+from typing import NamedTuple
+
+import pinocchio as pin
 
 from linked_fleet_agent.wire.messages import Base
-from linked_fleet_gateway.fleet.model import Joint, JointKind, Pose, RobotModel
+from linked_fleet_gateway.fleet.model import Joint, JointKind, ModelError, Pose, RobotModel
 from linked_fleet_gateway.fleet.xml import Quaternion, Vector
 
 ORIGIN = Pose((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
@@ -116,3 +122,101 @@ def _signed(q: Quaternion) -> Quaternion:
     x, y, z, w = q
     lead = w if abs(w) > _HALF_TURN else max(x, y, z, key=abs)
     return (-x, -y, -z, -w) if lead < 0 else q
+
+
+# Pinocchio's Data holds tensors of nv³: 128 take 0.3 s and 150 MB, 512 take 20 s and 9 GB, and a URDF is untrusted.
+MAX_DEGREES = 128
+
+
+def build_model(urdf: str, floating: bool) -> pin.Model:
+    """Return Pinocchio's model.
+
+    Raises ModelError if the URDF is invalid or has more than ``MAX_DEGREES`` of freedom.
+    """
+    try:
+        model = pin.buildModelFromXML(urdf, pin.JointModelFreeFlyer()) if floating else pin.buildModelFromXML(urdf)
+    except (ValueError, RuntimeError) as error:
+        raise ModelError(f"Pinocchio refuses the URDF: {error}") from error
+    if model.nv > MAX_DEGREES:
+        raise ModelError(f"{model.nv} degrees of freedom are too many to plan with; {MAX_DEGREES} are not")
+    return model
+
+
+_UNTURNED = (0.0, 0.0, 0.0, 1.0)
+_ANYWHERE = (-math.inf, math.inf)
+
+
+class Ball(NamedTuple):
+    centre: Vector
+    radius: float
+
+    def contains(self, place: Vector, slack: float) -> bool:
+        return not math.dist(self.centre, place) > self.radius + slack
+
+
+def envelope(model: RobotModel, link: str, movable: Collection[str]) -> Ball:
+    """Return the sphere in the frame of the root link. Joints that are not ``movable`` may have any position.
+
+    The radius is infinite if a joint has several degrees of freedom, or is prismatic without limits.
+    """
+    ball = Ball((0.0, 0.0, 0.0), 0.0)
+    while (parent := model.links[link].parent_joint) is not None:
+        joint = model.joints[parent]
+        ball = _placed(joint.origin, _moved(ball, joint, _range(model, joint, movable)))
+        link = joint.parent
+    return ball
+
+
+def _moved(ball: Ball, joint: Joint, between: tuple[float, float]) -> Ball:
+    """Return a sphere around ``ball`` in all positions of the joint."""
+    if joint.kind is JointKind.FIXED:
+        return ball
+    if not joint.movable:
+        return Ball(ball.centre, math.inf)
+    lower, upper = between
+    half = (upper - lower) / 2
+    if joint.kind is JointKind.PRISMATIC:
+        if not math.isfinite(half):
+            return Ball(ball.centre, math.inf)
+        return Ball(_along(ball.centre, joint.axis, (lower + upper) / 2), ball.radius + half)
+    onto = sum(c * a for c, a in zip(ball.centre, joint.axis, strict=True))
+    foot = _along((0.0, 0.0, 0.0), joint.axis, onto)
+    arm = _along(ball.centre, joint.axis, -onto)
+    length = math.hypot(*arm)
+    if not half < math.pi / 2 or not math.isfinite(lower + upper):
+        return Ball(foot, ball.radius + length)
+    middle = _along(foot, _rotated(arm, joint.axis, (lower + upper) / 2), math.cos(half))
+    return Ball(middle, ball.radius + length * math.sin(half))
+
+
+def _range(model: RobotModel, joint: Joint, movable: Collection[str]) -> tuple[float, float]:
+    """Return the range of positions of the joint."""
+    factor, offset = 1.0, 0.0
+    for _ in model.joints:  # mimic joints may form chains and, in a hostile URDF, cycles
+        if joint.mimic is None:
+            break
+        offset += factor * joint.mimic.offset
+        factor *= joint.mimic.multiplier
+        joint = model.joints[joint.mimic.joint]
+    lower, upper = joint.limits.lower, joint.limits.upper
+    bounded = joint.name in movable and joint.kind is not JointKind.CONTINUOUS
+    if not bounded or lower is None or upper is None or joint.mimic is not None:
+        return _ANYWHERE
+    ends = factor * lower + offset, factor * upper + offset
+    return min(ends), max(ends)
+
+
+def _placed(origin: Pose, ball: Ball) -> Ball:
+    return Ball(compose(origin, Pose(ball.centre, _UNTURNED)).position_m, ball.radius)
+
+
+def _rotated(arm: Vector, axis: Vector, angle: float) -> Vector:
+    x, y, z = axis
+    sine = math.sin(angle / 2)
+    turn = Pose((0.0, 0.0, 0.0), (sine * x, sine * y, sine * z, math.cos(angle / 2)))
+    return compose(turn, Pose(arm, _UNTURNED)).position_m
+
+
+def _along(start: Vector, direction: Vector, by: float) -> Vector:
+    x, y, z = (s + by * d for s, d in zip(start, direction, strict=True))
+    return x, y, z

@@ -8,8 +8,8 @@ from typing import Literal
 from linked_fleet_agent.wire.codec import MAX_JOINTS, Header, WireError, decode_state, layout, read_header
 from linked_fleet_agent.wire.messages import Description, State
 from linked_fleet_gateway.fleet.frames import Frames, Latest
+from linked_fleet_gateway.fleet.invocation import Lease
 from linked_fleet_gateway.fleet.kinematics import ORIGIN, LinkPoses, placed
-from linked_fleet_gateway.fleet.lease import Lease
 from linked_fleet_gateway.fleet.limits import Bounds, bounds_of, joints_outside
 from linked_fleet_gateway.fleet.model import ModelError, Pose, RobotModel
 from linked_fleet_gateway.fleet.observation import Observation, Observations

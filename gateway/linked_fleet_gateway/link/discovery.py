@@ -15,8 +15,7 @@ from linked_fleet_agent.wire.messages import Description
 from linked_fleet_gateway.fleet.answers import read_description
 from linked_fleet_gateway.fleet.description_queue import Bounds, DescriptionQueue
 from linked_fleet_gateway.fleet.events import Appeared, Described, Event, Undescribed, Vanished
-from linked_fleet_gateway.fleet.presence import Presence, Token
-from linked_fleet_gateway.fleet.silences import Doubt
+from linked_fleet_gateway.fleet.presence import Doubt, Presence, Token
 from linked_fleet_gateway.runtime.cancellation import end
 
 _log = logging.getLogger(__name__)

@@ -23,8 +23,7 @@ from linked_fleet_agent.wire.messages import (
 from linked_fleet_gateway.fleet.answers import read_mesh, read_reply
 from linked_fleet_gateway.fleet.events import Event
 from linked_fleet_gateway.fleet.frames import Frames
-from linked_fleet_gateway.fleet.presence import Token
-from linked_fleet_gateway.fleet.silences import Doubt
+from linked_fleet_gateway.fleet.presence import Doubt, Token
 from linked_fleet_gateway.link.discovery import Discovery, Judge
 from linked_fleet_gateway.link.heartbeat import Heartbeat
 from linked_fleet_gateway.link.incoming import Incoming

@@ -8,10 +8,9 @@ from collections.abc import Callable, Iterator
 from linked_fleet_agent.wire.codec import WireError, decode
 from linked_fleet_agent.wire.keys import Keys, RobotKey
 from linked_fleet_agent.wire.messages import Progress
-from linked_fleet_gateway.fleet.events import Event, Framed, Moved
+from linked_fleet_gateway.fleet.answers import Complaints
+from linked_fleet_gateway.fleet.events import Batch, Event, Framed, Inbox, Moved, Payload
 from linked_fleet_gateway.fleet.frames import Frames
-from linked_fleet_gateway.fleet.inbox import Batch, Inbox, Payload
-from linked_fleet_gateway.fleet.rejected_messages import Complaints
 from linked_fleet_gateway.link.discovery import Discovery
 from linked_fleet_gateway.link.transport import Session
 

@@ -6,7 +6,7 @@
 from collections.abc import Callable, Iterable, Mapping
 from typing import Literal, NamedTuple, Protocol, TypeVar
 
-from linked_fleet_gateway.fleet.inbox import Payload
+from linked_fleet_gateway.fleet.events import Payload
 
 _T = TypeVar("_T")
 

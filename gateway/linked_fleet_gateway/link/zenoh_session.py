@@ -15,7 +15,7 @@ from typing import Any, TypeVar
 
 import zenoh
 
-from linked_fleet_gateway.fleet.inbox import MAX_KEYS, Payload
+from linked_fleet_gateway.fleet.events import MAX_KEYS, Payload
 from linked_fleet_gateway.link.session_settings import open_failure, port_is_taken, settings
 from linked_fleet_gateway.link.transport import Answer, LinkError, Question, TransportError
 

@@ -14,7 +14,7 @@ from linked_fleet_gateway.fleet.events import Event, Moved
 from linked_fleet_gateway.fleet.fleet import Change, Fleet
 from linked_fleet_gateway.fleet.frames import Frames
 from linked_fleet_gateway.fleet.invocations import Invocation, Invocations
-from linked_fleet_gateway.fleet.silences import Run, Silences
+from linked_fleet_gateway.fleet.presence import Run, Silences
 from linked_fleet_gateway.identity.rights import ALL, View
 from linked_fleet_gateway.link.fleet_link import FleetLink
 from linked_fleet_gateway.link.meshes import Meshes

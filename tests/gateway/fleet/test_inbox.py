@@ -1,6 +1,6 @@
 """The hand-over to the event loop is bounded, and one sender's flood costs no other its place."""
 
-from linked_fleet_gateway.fleet.inbox import MAX_KEYS, MAX_PROGRESS, MAX_PROGRESS_OF_ONE, MAX_TOKENS_OF_ONE, Inbox
+from linked_fleet_gateway.fleet.events import MAX_KEYS, MAX_PROGRESS, MAX_PROGRESS_OF_ONE, MAX_TOKENS_OF_ONE, Inbox
 
 
 def test_the_progress_of_one_is_bounded_and_that_of_others_heard() -> None:

@@ -1,6 +1,6 @@
 """Runs that send no frames, on the test's own clock."""
 
-from linked_fleet_gateway.fleet.silences import PERIOD_S, RENEWALS, SILENT_S, Doubt, Run, Silences
+from linked_fleet_gateway.fleet.presence import PERIOD_S, RENEWALS, SILENT_S, Doubt, Run, Silences
 
 
 class Gateway:

@@ -4,8 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from linked_fleet_gateway.fleet.invocation import FLEET, Invocation, InvocationState, word
-from linked_fleet_gateway.fleet.invocations import Invocations
-from linked_fleet_gateway.fleet.target_index import joints_of
+from linked_fleet_gateway.fleet.invocations import Invocations, joints_of
 from properties import examples
 
 _TOOK = ("accepted", "running", "succeeded", "failed", "cancelled", "preempted")

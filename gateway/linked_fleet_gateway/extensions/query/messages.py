@@ -6,8 +6,7 @@ import msgspec
 from msgspec import Struct
 
 from linked_fleet_agent.wire.messages import Description
-from linked_fleet_gateway.fleet.invocation import Invocation
-from linked_fleet_gateway.fleet.lease import Lease
+from linked_fleet_gateway.fleet.invocation import Invocation, Lease
 from linked_fleet_gateway.fleet.model import Pose
 
 Member = tuple[str, str]

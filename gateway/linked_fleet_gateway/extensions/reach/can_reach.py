@@ -10,8 +10,7 @@ from pyoxigraph import Literal, NamedNode
 
 from linked_fleet_gateway.base.lazy_imports import Lazily
 from linked_fleet_gateway.extensions.reach.terms import LF
-from linked_fleet_gateway.fleet.envelope import envelope
-from linked_fleet_gateway.fleet.kinematics import ORIGIN, compose, inverse, placed
+from linked_fleet_gateway.fleet.kinematics import ORIGIN, compose, envelope, inverse, placed
 from linked_fleet_gateway.fleet.model import JointKind, ModelError, Pose
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.fleet.xml import Vector

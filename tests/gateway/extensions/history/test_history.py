@@ -19,7 +19,7 @@ from browser import HYBRIT, LF, ROS, SOSA, Browser, Page, links
 from linked_fleet_agent.wire.codec import decode_state
 from linked_fleet_agent.wire.messages import State
 from linked_fleet_gateway.extensions.history.span import moment
-from linked_fleet_gateway.fleet.inbox import Payload
+from linked_fleet_gateway.fleet.events import Payload
 from running import eventually
 from small_fleet import Place, live, presence
 from virtual.processes import gateway_session

@@ -7,8 +7,8 @@ from pyoxigraph import BlankNode, CanonicalizationAlgorithm, Dataset, NamedNode,
 
 from linked_fleet_agent.wire.messages import Base
 from linked_fleet_gateway.extensions.query.rdf_mirror import Twin
+from linked_fleet_gateway.fleet.invocation import Lease
 from linked_fleet_gateway.fleet.invocations import Invocation, InvocationState
-from linked_fleet_gateway.fleet.lease import Lease
 from linked_fleet_gateway.rdf.graph import Graph
 from linked_fleet_gateway.resources.invocation import invocation_path
 from linked_fleet_gateway.resources.paths import lease_path, robot_path
