@@ -12,10 +12,9 @@ import jwt
 import pytest
 from cryptography.hazmat.primitives.serialization import Encoding, PublicFormat
 
-import linked_fleet_gateway.identity.keys as identity_keys
+import linked_fleet_gateway.identity.jwts as identity_keys
 from issuer import AUDIENCE, Issuer, Key, issuing
-from linked_fleet_gateway.identity.jwts import BadToken, expiry_ns, issuer_named, verified
-from linked_fleet_gateway.identity.keys import IssuerKeys
+from linked_fleet_gateway.identity.jwts import BadToken, IssuerKeys, expiry_ns, issuer_named, verified
 from linked_fleet_gateway.identity.roster import parse_roster
 from linked_fleet_gateway.identity.web import IssuerSilent, Web
 

@@ -1,15 +1,130 @@
-"""Verification of tokens of issuers, before any of their claims is used (RFC 8725)."""
+"""Tokens of issuers (RFC 8725), and the keys that verify them (OpenID Connect Discovery 1.0, RFC 7517)."""
 
+import asyncio
+import time
 from typing import TYPE_CHECKING, Any
+from urllib.parse import urlsplit
 
 from linked_fleet_gateway.base.lazy_imports import Lazily
-from linked_fleet_gateway.identity.keys import IssuerKeys
 from linked_fleet_gateway.identity.roster import Issuer
+from linked_fleet_gateway.identity.web import IssuerSilent, Web
+from linked_fleet_gateway.runtime.cancellation import end
 
 if TYPE_CHECKING:
     import jwt
 else:
     jwt = Lazily("jwt")
+
+
+STALE_S = 600.0  # age at which keys are fetched again, to notice a withdrawn one
+RETRY_S = 30.0
+FIRST_S = 2.0  # between two attempts while no key is known
+# Determined by the key and never by the token, so that a public key cannot be used as a shared secret.
+_ALGORITHMS = {("RSA", None): "RS256", ("EC", "P-256"): "ES256", ("OKP", "Ed25519"): "EdDSA"}
+_LEAST_RSA_BITS = 2048
+
+
+class IssuerKeys:
+    """Cached keys; ``metadata`` is the discovery document of the issuer at ``url``, empty before the first fetch."""
+
+    def __init__(self, web: Web, url: str) -> None:
+        self._web, self._url = web, url
+        self.metadata: dict[str, Any] = {}
+        self._keys: dict[str, tuple[jwt.PyJWK, str]] = {}
+        self._fetched_s = self._tried_s = self._asked_s = float("-inf")
+        self._turn = asyncio.Lock()
+        self._refreshing: asyncio.Task[None] | None = None
+
+    async def find(self, kid: str) -> "tuple[jwt.PyJWK, str] | None":
+        """Return a key and its only algorithm; None if the issuer has no such id. Raises IssuerSilent if no keys are
+        known.
+
+        An unknown id causes a new fetch, at most every 30 s. Known keys stay valid while the issuer is unreachable.
+        """
+        if kid not in self._keys:
+            await self._fetch_again(kid)
+        elif self._stale and (self._refreshing is None or self._refreshing.done()):
+            # In the background, because the request may be a stop.
+            self._refreshing = asyncio.create_task(self._fetch_again(kid), name=f"keys of {self._url}")
+        if not self._keys:
+            raise IssuerSilent(f"the keys of {self._url} could not be fetched")
+        return self._keys.get(kid)
+
+    async def aclose(self) -> None:
+        if self._refreshing is not None:
+            await end([self._refreshing])
+
+    @property
+    def _stale(self) -> bool:
+        return time.monotonic() - self._fetched_s > STALE_S
+
+    async def described(self) -> dict[str, Any]:
+        """Return the discovery document. Raises IssuerSilent."""
+        async with self._turn:
+            if not self.metadata:
+                if time.monotonic() - self._asked_s < FIRST_S:
+                    raise IssuerSilent(f"{self._url} did not answer a moment ago")
+                self._asked_s = time.monotonic()
+                self.metadata = await self._discover()
+        return self.metadata
+
+    async def _fetch_again(self, kid: str) -> None:
+        async with self._turn:
+            now_s = time.monotonic()
+            pause_s = RETRY_S if self._keys else FIRST_S
+            if now_s - self._tried_s < pause_s or (kid in self._keys and not self._stale):
+                return
+            self._tried_s = now_s
+            try:
+                self.metadata = await self._discover()
+                said = await self._web.get(endpoint(self.metadata, "jwks_uri", self._url))
+            except IssuerSilent:
+                if not self._keys:
+                    raise
+                return
+            self._keys = _usable(said)
+            self._fetched_s = now_s
+
+    async def _discover(self) -> dict[str, Any]:
+        found = await self._web.get(self._url.rstrip("/") + "/.well-known/openid-configuration")
+        if found.get("issuer") != self._url:
+            raise IssuerSilent(f"{self._url} says that it is the issuer {found.get('issuer')!r}")
+        return found
+
+
+def endpoint(metadata: dict[str, Any], name: str, issuer: str) -> str:
+    """Return an endpoint of the issuer, with a scheme as safe as the issuer's. Raises IssuerSilent."""
+    url = metadata.get(name)
+    if not isinstance(url, str) or urlsplit(url).scheme not in ("https", urlsplit(issuer).scheme):
+        raise IssuerSilent(f"{issuer} names no usable {name}")
+    return url
+
+
+def _usable(said: dict[str, Any]) -> "dict[str, tuple[jwt.PyJWK, str]]":
+    """Return usable keys by id, without those for other purposes, of other types or without id."""
+    found = {}
+    listed = said.get("keys")
+    for each in listed if isinstance(listed, list) else ():
+        algorithm = _algorithm(each) if isinstance(each, dict) else None
+        if algorithm is None:
+            continue
+        try:
+            found[each["kid"]] = (jwt.PyJWK(each, algorithm), algorithm)
+        except (jwt.PyJWTError, ValueError, TypeError):
+            continue  # skips a broken key among good ones
+    return found
+
+
+def _algorithm(key: dict[str, Any]) -> str | None:
+    kind, curve = key.get("kty"), key.get("crv")
+    if not isinstance(kind, str) or not isinstance(curve, str | None):
+        return None
+    algorithm = _ALGORITHMS.get((kind, curve))
+    fits = key.get("use", "sig") == "sig" and key.get("alg", algorithm) == algorithm and isinstance(key.get("kid"), str)
+    if kind == "RSA" and len(str(key.get("n"))) * 6 < _LEAST_RSA_BITS - 8:
+        return None
+    return algorithm if fits else None
+
 
 LEEWAY_S = 30
 MOST_CHARACTERS = 16_384

@@ -11,8 +11,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
-from linked_fleet_gateway.identity.jwts import BadToken, expiry_ns, issuer_named, verified
-from linked_fleet_gateway.identity.keys import IssuerKeys
+from linked_fleet_gateway.identity.jwts import BadToken, IssuerKeys, expiry_ns, issuer_named, verified
 from linked_fleet_gateway.identity.rights import Credential, Identity, Right, View
 from linked_fleet_gateway.identity.roster import BadRoster, Issuer, Roster, read_roster
 from linked_fleet_gateway.identity.web import Web

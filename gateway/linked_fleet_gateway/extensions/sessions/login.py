@@ -33,8 +33,7 @@ from linked_fleet_gateway.http.arrival import arrival_of
 from linked_fleet_gateway.http.body import read_body
 from linked_fleet_gateway.http.rates import Rates
 from linked_fleet_gateway.http.request import Request
-from linked_fleet_gateway.identity.jwts import BadToken, verified
-from linked_fleet_gateway.identity.keys import endpoint
+from linked_fleet_gateway.identity.jwts import BadToken, endpoint, verified
 from linked_fleet_gateway.identity.rights import Claims, Credential, Identity, Right
 from linked_fleet_gateway.identity.roster import Issuer
 from linked_fleet_gateway.identity.web import IssuerSilent
