@@ -21,7 +21,7 @@ from linked_fleet_gateway.extensions.rules.store import RuleStore
 from linked_fleet_gateway.extensions.world.store import ObjectStore
 from linked_fleet_gateway.resources.resource import Resource
 from linked_fleet_gateway.resources.versioning import Source
-from linked_fleet_gateway.runtime.cancellation import end
+from linked_fleet_gateway.runtime.background import end
 from linked_fleet_gateway.subscriptions import callbacks as callbacks_module
 from linked_fleet_gateway.subscriptions import courier as courier_module
 from linked_fleet_gateway.subscriptions import service as subscriptions_module

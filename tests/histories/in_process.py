@@ -14,7 +14,7 @@ from histories.registers import Objects, RegisterClients, Rules, Settings
 from histories.requests import MotionClients
 from histories.robots import Toy
 from histories.workload import Clients, another
-from linked_fleet_gateway.runtime.cancellation import end
+from linked_fleet_gateway.runtime.background import end
 
 GATEWAYS = 3
 _USES = 60  # of each key

@@ -20,7 +20,7 @@ from histories.workload import Clients, another
 from linked_fleet_agent.link import RobotLink
 from linked_fleet_agent.wire.keys import Keys as ZenohKeys
 from linked_fleet_agent.zenoh_session import open_session
-from linked_fleet_gateway.runtime.cancellation import end
+from linked_fleet_gateway.runtime.background import end
 from running import eventually, free_port
 from several import Gateway as Seen
 from several import Hub, hub

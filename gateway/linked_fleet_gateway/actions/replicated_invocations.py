@@ -17,8 +17,7 @@ from linked_fleet_gateway.fleet.invocations import Invocation
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.resources.invocation import invocation_path
 from linked_fleet_gateway.resources.paths import lease_path
-from linked_fleet_gateway.runtime.background import finish, supervised
-from linked_fleet_gateway.runtime.cancellation import end
+from linked_fleet_gateway.runtime.background import end, finish, supervised
 from linked_fleet_gateway.runtime.redis import GATHER_S
 from linked_fleet_gateway.runtime.replica import Replica, follow
 from linked_fleet_gateway.subscriptions.live import Live

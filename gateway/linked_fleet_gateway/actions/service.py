@@ -30,9 +30,8 @@ from linked_fleet_gateway.identity.rights import ALL, View
 from linked_fleet_gateway.link.fleet_link import NoAnswer
 from linked_fleet_gateway.resources.action_offer import Offer
 from linked_fleet_gateway.resources.invocation import invocation_path
-from linked_fleet_gateway.runtime.background import supervised
-from linked_fleet_gateway.runtime.cancellation import end
-from linked_fleet_gateway.runtime.counters import Commands
+from linked_fleet_gateway.runtime.background import end, supervised
+from linked_fleet_gateway.runtime.metrics import Commands
 from linked_fleet_gateway.subscriptions.live import Live
 
 log = logging.getLogger(__name__)

@@ -19,8 +19,7 @@ from linked_fleet_gateway.actions import redis_scripts as scripts
 from linked_fleet_gateway.actions.redis_keys import Keys, hashed, robot_of, tag
 from linked_fleet_gateway.fleet.invocation import Lease
 from linked_fleet_gateway.fleet.invocations import MAX_TERMINAL, Invocation
-from linked_fleet_gateway.runtime.background import finish, supervised
-from linked_fleet_gateway.runtime.cancellation import end
+from linked_fleet_gateway.runtime.background import end, finish, supervised
 from linked_fleet_gateway.runtime.redis import GATHER_S, Connection, StoreUnavailable, heed_cancellation
 
 __all__ = ["KEPT_S", "ActionStore", "Full", "KeyReused", "Lease", "LeaseHeld", "LeaseOver", "News", "StoreUnavailable"]

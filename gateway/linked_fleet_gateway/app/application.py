@@ -25,8 +25,8 @@ from linked_fleet_gateway.identity.service import Identities
 from linked_fleet_gateway.link.transport import Opener
 from linked_fleet_gateway.link.zenoh_session import open_session as open_zenoh
 from linked_fleet_gateway.runtime.audit_log import Audit
-from linked_fleet_gateway.runtime.counters import Requests
 from linked_fleet_gateway.runtime.embedded_redis import Embedded
+from linked_fleet_gateway.runtime.metrics import Requests
 from linked_fleet_gateway.runtime.tracing import Tracing
 from linked_fleet_gateway.subscriptions.live import Live
 from linked_fleet_gateway.subscriptions.network import Network

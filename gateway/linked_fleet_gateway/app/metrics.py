@@ -11,9 +11,8 @@ from prometheus_client.registry import Collector
 
 from linked_fleet_gateway.actions.service import Actions
 from linked_fleet_gateway.app.sampler import Sampler
-from linked_fleet_gateway.runtime.counters import Requests
 from linked_fleet_gateway.runtime.embedded_redis import Embedded
-from linked_fleet_gateway.runtime.metrics import PREFIX, counter, gauge, gauges, histogram
+from linked_fleet_gateway.runtime.metrics import PREFIX, Requests, counter, gauge, gauges, histogram
 from linked_fleet_gateway.subscriptions.live import Live
 from linked_fleet_gateway.subscriptions.service import Subscriptions
 

@@ -7,10 +7,8 @@ from types import TracebackType
 from typing import Self
 
 from linked_fleet_gateway.fleet.fleet import Fleet
-from linked_fleet_gateway.runtime.background import supervised
-from linked_fleet_gateway.runtime.cancellation import end
-from linked_fleet_gateway.runtime.counters import Histogram
-from linked_fleet_gateway.runtime.time_slices import sliced
+from linked_fleet_gateway.runtime.background import end, sliced, supervised
+from linked_fleet_gateway.runtime.metrics import Histogram
 
 log = logging.getLogger(__name__)
 

@@ -25,7 +25,7 @@ from linked_fleet_gateway.http.operator_endpoints import PAGES
 from linked_fleet_gateway.http.pace import Pace
 from linked_fleet_gateway.http.rates import Rates
 from linked_fleet_gateway.http.request import gateway_of
-from linked_fleet_gateway.runtime.counters import Requests
+from linked_fleet_gateway.runtime.metrics import Requests
 from linked_fleet_gateway.runtime.request_context import RequestContext, begin, request_id
 from linked_fleet_gateway.runtime.tracing import Tracing
 

@@ -8,7 +8,7 @@ from linked_fleet_gateway.http.fields import field
 from linked_fleet_gateway.http.request import Request
 from linked_fleet_gateway.resources.affordance import EndInvocation, Invoke
 from linked_fleet_gateway.resources.resource import Redirect, Resource
-from linked_fleet_gateway.runtime.time_slices import sliced
+from linked_fleet_gateway.runtime.background import sliced
 
 
 def check_preconditions(request: Request, resource: Resource) -> None:

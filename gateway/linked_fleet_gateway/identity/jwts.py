@@ -8,7 +8,7 @@ from urllib.parse import urlsplit
 from linked_fleet_gateway.base.lazy_imports import Lazily
 from linked_fleet_gateway.identity.roster import Issuer
 from linked_fleet_gateway.identity.web import IssuerSilent, Web
-from linked_fleet_gateway.runtime.cancellation import end
+from linked_fleet_gateway.runtime.background import end
 
 if TYPE_CHECKING:
     import jwt

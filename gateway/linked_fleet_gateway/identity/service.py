@@ -15,8 +15,7 @@ from linked_fleet_gateway.identity.jwts import BadToken, IssuerKeys, expiry_ns, 
 from linked_fleet_gateway.identity.rights import Credential, Identity, Right, View
 from linked_fleet_gateway.identity.roster import BadRoster, Issuer, Roster, read_roster
 from linked_fleet_gateway.identity.web import Web
-from linked_fleet_gateway.runtime.background import supervised
-from linked_fleet_gateway.runtime.cancellation import end
+from linked_fleet_gateway.runtime.background import end, supervised
 
 log = logging.getLogger(__name__)
 

@@ -16,7 +16,7 @@ from linked_fleet_gateway.fleet.answers import read_description
 from linked_fleet_gateway.fleet.description_queue import Bounds, DescriptionQueue
 from linked_fleet_gateway.fleet.events import Appeared, Described, Event, Undescribed, Vanished
 from linked_fleet_gateway.fleet.presence import Doubt, Presence, Token
-from linked_fleet_gateway.runtime.cancellation import end
+from linked_fleet_gateway.runtime.background import end
 
 _log = logging.getLogger(__name__)
 

@@ -13,8 +13,7 @@ from dataclasses import dataclass, fields
 from types import TracebackType
 from typing import Self
 
-from linked_fleet_gateway.runtime.background import finish, supervised
-from linked_fleet_gateway.runtime.cancellation import end
+from linked_fleet_gateway.runtime.background import end, finish, supervised
 from linked_fleet_gateway.runtime.redis import GATHER_S, Connection
 
 log = logging.getLogger("gateway.audit")

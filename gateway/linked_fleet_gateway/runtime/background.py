@@ -1,10 +1,28 @@
-"""Background tasks that restart after errors, and last steps at shutdown."""
+"""Tasks: ended for certain, repeated in the background, and long work in slices."""
 
 import asyncio
-from collections.abc import Awaitable, Callable
+import time
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterable
 from logging import Logger
+from typing import TypeVar
 
 from linked_fleet_gateway.runtime.redis import BACKOFF_S, StoreUnavailable
+
+_PAUSE_S = 0.1
+
+
+async def end(tasks: Iterable[asyncio.Task[None]]) -> None:
+    """Cancel tasks until all of them are done.
+
+    Once is not enough: a request that completes at the moment of cancellation can swallow it, and a loop then
+    continues. Unlike the tasks, this call is interrupted when its own caller is cancelled.
+    """
+    pending = {task for task in tasks if not task.done()}
+    while pending:
+        for task in pending:
+            task.cancel()
+        _, pending = await asyncio.wait(pending, timeout=_PAUSE_S)
+
 
 RETRY_S, MOST_S = 0.5, 10.0
 """The shortest pause after an unexpected error; it doubles with each further one, up to the longest."""
@@ -46,3 +64,17 @@ async def finish(step: Awaitable[object], log: Logger, failed: str, limit_s: flo
             await step
     except (StoreUnavailable, TimeoutError) as outage:
         log.info("%s: %s", failed, str(outage) or "no answer in time")
+
+
+_T = TypeVar("_T")
+SLICE_S = 0.002
+
+
+async def sliced(items: Iterable[_T]) -> AsyncIterator[_T]:
+    """Yield the items, giving other tasks a turn whenever ``SLICE_S`` has passed."""
+    until_s = time.monotonic() + SLICE_S
+    for item in items:
+        yield item
+        if time.monotonic() > until_s:
+            await asyncio.sleep(0)
+            until_s = time.monotonic() + SLICE_S

@@ -28,8 +28,7 @@ from typing import Self
 from urllib.parse import quote
 
 from linked_fleet_gateway.runtime import damaged_data as damage
-from linked_fleet_gateway.runtime.background import supervised
-from linked_fleet_gateway.runtime.cancellation import end
+from linked_fleet_gateway.runtime.background import end, supervised
 
 _log = logging.getLogger(__name__)
 

@@ -1,10 +1,88 @@
-"""Constructors of Prometheus metric families with the product's prefix."""
+"""Counters, and families of Prometheus metrics named after the product."""
 
+import logging
+import time
+from bisect import bisect_left
+from collections import Counter
 from collections.abc import Iterable
+from dataclasses import dataclass, field
+from itertools import accumulate
 
 from prometheus_client.metrics_core import CounterMetricFamily, GaugeMetricFamily, HistogramMetricFamily, Metric
 
-from linked_fleet_gateway.runtime.counters import Histogram
+from linked_fleet_agent.wire.messages import Accepted, Refused, Reply
+from linked_fleet_gateway.runtime.request_context import present
+
+log = logging.getLogger(__name__)
+
+LATENCY_S = (0.001, 0.0025, 0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0, 2.5, 5.0)
+_CLASSES = tuple(f"{first}xx" for first in range(10))
+_METHODS = frozenset(("GET", "HEAD", "OPTIONS", "POST", "PUT", "PATCH", "DELETE"))
+
+
+class Histogram:
+    """Counts of durations by upper bound, in seconds."""
+
+    def __init__(self, bounds_s: tuple[float, ...] = LATENCY_S) -> None:
+        self._bounds_s = bounds_s
+        self._counts = [0] * (len(bounds_s) + 1)
+        self.sum_s = 0.0
+
+    def add(self, duration_s: float) -> None:
+        """Add a duration. Negative values, possible with two clocks, count as zero."""
+        self._counts[bisect_left(self._bounds_s, duration_s)] += 1
+        self.sum_s += max(0.0, duration_s)
+
+    def buckets(self) -> list[tuple[str, float]]:
+        """Return Prometheus buckets: each upper bound with its cumulative count."""
+        return list(zip([*map(str, self._bounds_s), "+Inf"], accumulate(self._counts), strict=True))
+
+
+@dataclass
+class Requests:
+    """Requests by method and status class, and the time to the start of the response by method (streams never end)."""
+
+    answered: Counter[tuple[str, str]] = field(default_factory=Counter)
+    latency: dict[str, Histogram] = field(default_factory=dict)
+
+    def add(self, method: str, status: int, duration_s: float) -> None:
+        if method not in _METHODS:
+            method = "other"
+        self.answered[method, _CLASSES[status // 100]] += 1
+        latency = self.latency.get(method)
+        if latency is None:
+            latency = self.latency[method] = Histogram()
+        latency.add(duration_s)
+
+
+@dataclass
+class Commands:
+    """Replies of agents to commands and stops, by outcome and refusal code."""
+
+    outcomes: Counter[tuple[str, str]] = field(default_factory=Counter)
+    acceptance: Histogram = field(default_factory=Histogram)
+
+    def replied(self, robot: str, reply: Reply | None) -> None:
+        """Count a reply; None means no reply. Acceptances are timed from the start of the current request."""
+        outcome, code = ("silent", "") if reply is None else ("accepted", "")
+        if isinstance(reply, Refused):
+            outcome, code = "refused", reply.code
+        self.outcomes[outcome, code] += 1
+        if isinstance(reply, Accepted) and (asked := present()) is not None:
+            self.acceptance.add(time.monotonic() - asked.begun_s)
+        level = logging.DEBUG if outcome == "accepted" else logging.INFO
+        log.log(
+            level, "robot %s: command %s", robot, f"{outcome} ({code})" if code else outcome, extra={"robot": robot}
+        )
+
+
+@dataclass
+class Deliveries:
+    """Deliveries to callbacks: successful ones, and failed attempts."""
+
+    taken: int = 0
+    failed: int = 0
+
 
 PREFIX = "linked_fleet_"
 

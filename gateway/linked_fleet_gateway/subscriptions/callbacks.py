@@ -8,7 +8,7 @@ from functools import cache
 from linked_fleet_gateway.identity.rights import View
 from linked_fleet_gateway.resources.paths import robot_of
 from linked_fleet_gateway.resources.subscription import Delivery, DeliveryState, Kind, Record, Subscription
-from linked_fleet_gateway.runtime.counters import Deliveries
+from linked_fleet_gateway.runtime.metrics import Deliveries
 from linked_fleet_gateway.subscriptions.courier import Courier
 from linked_fleet_gateway.subscriptions.fan_out import FanOut
 from linked_fleet_gateway.subscriptions.handshakes import Handshakes

@@ -18,8 +18,8 @@ from linked_fleet_gateway.resources import signature
 from linked_fleet_gateway.resources.binary_frames import FRAME_TYPES, layout_path
 from linked_fleet_gateway.resources.subscription import DeliveryState, Record, Subscription
 from linked_fleet_gateway.resources.subscription_resource import subscription_path
-from linked_fleet_gateway.runtime.cancellation import end
-from linked_fleet_gateway.runtime.counters import Deliveries
+from linked_fleet_gateway.runtime.background import end
+from linked_fleet_gateway.runtime.metrics import Deliveries
 from linked_fleet_gateway.subscriptions.fan_out import FanOut
 from linked_fleet_gateway.subscriptions.message import Ending, Message
 from linked_fleet_gateway.subscriptions.network import Forbidden, Unresolvable

@@ -8,8 +8,7 @@ from contextlib import suppress
 from types import TracebackType
 
 from linked_fleet_gateway.resources.subscription import Changeable, Record, Subscription
-from linked_fleet_gateway.runtime.background import finish, supervised
-from linked_fleet_gateway.runtime.cancellation import end
+from linked_fleet_gateway.runtime.background import end, finish, supervised
 from linked_fleet_gateway.subscriptions.callbacks import Callbacks, Vouches
 from linked_fleet_gateway.subscriptions.fan_out import FanOut
 from linked_fleet_gateway.subscriptions.message import Ending

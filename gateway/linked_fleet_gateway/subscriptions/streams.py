@@ -12,7 +12,7 @@ from contextlib import suppress
 from dataclasses import replace
 
 from linked_fleet_gateway.resources.subscription import Delivery, DeliveryState, Depth, Kind, Record, Subscription
-from linked_fleet_gateway.runtime.cancellation import end
+from linked_fleet_gateway.runtime.background import end
 from linked_fleet_gateway.subscriptions.fan_out import FanOut
 from linked_fleet_gateway.subscriptions.message import Ending, Outlet
 from linked_fleet_gateway.subscriptions.store import Lost, Store, StoreUnavailable, TooMany

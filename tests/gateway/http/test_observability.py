@@ -350,7 +350,7 @@ def test_lines_about_a_request_bear_its_id_and_its_robot(tmp_path: Path) -> None
             lines = [each for each in log(child) if each.get("request") == "from-the-front.1"]
             return [each for each in lines if each["logger"] == logger]
 
-        (line,) = eventually(lambda: said("linked_fleet_gateway.runtime.counters"), "a line about it")
+        (line,) = eventually(lambda: said("linked_fleet_gateway.runtime.metrics"), "a line about it")
         assert (line["robot"], line["level"]) == (robot.name, "info")
         (noted,) = eventually(lambda: said("gateway.audit"), "a line of the audit")
         assert (noted["what"], noted["target"], noted["outcome"]) == ("POST", "/actions/stopAll", "204")

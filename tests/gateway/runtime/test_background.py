@@ -8,8 +8,7 @@ from contextlib import asynccontextmanager
 
 import pytest
 
-from linked_fleet_gateway.runtime.background import FINISH_S, MOST_S, RETRY_S, finish, supervised
-from linked_fleet_gateway.runtime.cancellation import end
+from linked_fleet_gateway.runtime.background import FINISH_S, MOST_S, RETRY_S, end, finish, supervised
 from linked_fleet_gateway.runtime.redis import BACKOFF_S, StoreUnavailable
 from virtual.loop import on_virtual_time
 

@@ -4,7 +4,7 @@ import asyncio
 
 import pytest
 
-from linked_fleet_gateway.runtime.cancellation import end
+from linked_fleet_gateway.runtime.background import end
 
 
 class _Stubborn:

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from linked_fleet_gateway.runtime.cancellation import end
+from linked_fleet_gateway.runtime.background import end
 from linked_fleet_gateway.runtime.redis import StoreUnavailable
 from linked_fleet_gateway.runtime.replica import Replica, follow
 from virtual.loop import on_virtual_time

@@ -5,7 +5,7 @@ import time
 
 import pytest
 
-from linked_fleet_gateway.runtime.time_slices import SLICE_S, sliced
+from linked_fleet_gateway.runtime.background import SLICE_S, sliced
 
 
 def test_others_go_on_each_time_that_a_slice_is_over(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -100,7 +100,7 @@ def test_a_refused_command_is_marked_and_its_line_in_the_log_names_the_trace(tra
 
     def lines() -> list[dict[str, str]]:
         said = [json.loads(line) for line in traced.gateway.output.splitlines() if line.startswith("{")]
-        commands = [line for line in said if line["logger"] == "linked_fleet_gateway.runtime.counters"]
+        commands = [line for line in said if line["logger"] == "linked_fleet_gateway.runtime.metrics"]
         return [line for line in commands if line.get("trace_id") == trace]
 
     (line,) = eventually(lines, "a line about it")

@@ -18,8 +18,7 @@ from linked_fleet_gateway.extensions.cameras.resources import MAX_RATE_HZ, Robot
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.link.fleet_link import NoAnswer
 from linked_fleet_gateway.resources.resource import Resource
-from linked_fleet_gateway.runtime.background import supervised
-from linked_fleet_gateway.runtime.cancellation import end
+from linked_fleet_gateway.runtime.background import end, supervised
 from linked_fleet_gateway.subscriptions.live import Live
 from linked_fleet_gateway.subscriptions.watcher import Watcher
 

@@ -24,8 +24,7 @@ from linked_fleet_gateway.extensions.world.service import World
 from linked_fleet_gateway.fleet.invocation import Invocation
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.http.conversation import Conversation
-from linked_fleet_gateway.runtime.background import supervised
-from linked_fleet_gateway.runtime.time_slices import sliced
+from linked_fleet_gateway.runtime.background import sliced, supervised
 from linked_fleet_gateway.subscriptions.live import Live
 
 log = logging.getLogger(__name__)

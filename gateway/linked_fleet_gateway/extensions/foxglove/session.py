@@ -13,8 +13,7 @@ from linked_fleet_gateway.extensions.foxglove.catalogue import SPEED, Catalogue,
 from linked_fleet_gateway.extensions.foxglove.protocol import Call, Channel, NotUnderstood, Parameter, Request, Service
 from linked_fleet_gateway.http.conversation import Conversation, Ended
 from linked_fleet_gateway.http.internal_request import Reply, ReplyTooLong, ask
-from linked_fleet_gateway.runtime.cancellation import end
-from linked_fleet_gateway.runtime.time_slices import sliced
+from linked_fleet_gateway.runtime.background import end, sliced
 
 MOST_CALLS = 8
 """Calls of one client in progress, not counting the same number of calls that stop."""

@@ -14,9 +14,7 @@ from linked_fleet_gateway.extensions.history.track import Track, joints_of
 from linked_fleet_gateway.fleet.fleet import Fleet
 from linked_fleet_gateway.fleet.frames import Latest
 from linked_fleet_gateway.fleet.robot import Robot
-from linked_fleet_gateway.runtime.background import supervised
-from linked_fleet_gateway.runtime.cancellation import end
-from linked_fleet_gateway.runtime.time_slices import sliced
+from linked_fleet_gateway.runtime.background import end, sliced, supervised
 
 log = logging.getLogger(__name__)
 

@@ -20,7 +20,7 @@ from linked_fleet_gateway.resources.joint_kinds import kind_of
 from linked_fleet_gateway.resources.json_form import form_of_input
 from linked_fleet_gateway.resources.paths import joint_path, link_path, robot_path
 from linked_fleet_gateway.resources.properties import joint_properties
-from linked_fleet_gateway.runtime.time_slices import sliced
+from linked_fleet_gateway.runtime.background import sliced
 
 
 @dataclass(frozen=True)

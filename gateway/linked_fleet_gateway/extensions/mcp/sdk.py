@@ -9,7 +9,7 @@ from starlette.types import ASGIApp
 
 from linked_fleet_gateway.extensions.mcp.settings import McpSettings
 from linked_fleet_gateway.http.extension import Core
-from linked_fleet_gateway.runtime.cancellation import end
+from linked_fleet_gateway.runtime.background import end
 
 _SERVER = "linked_fleet_gateway.extensions.mcp.server"
 

@@ -16,7 +16,7 @@ from linked_fleet_gateway.http.operations import document, errors, path_item, re
 from linked_fleet_gateway.rdf.serialise import JSON
 from linked_fleet_gateway.resources.branches import RequestView
 from linked_fleet_gateway.resources.json_form import Json
-from linked_fleet_gateway.runtime.time_slices import sliced
+from linked_fleet_gateway.runtime.background import sliced
 
 PATH = "/openapi.json"
 TYPE = "application/vnd.oai.openapi+json;version=3.1"

@@ -25,8 +25,7 @@ from linked_fleet_gateway.resources.branches import Found, RequestView, RobotBra
 from linked_fleet_gateway.resources.paths import robot_path
 from linked_fleet_gateway.resources.resource import CONTAINER, Resource
 from linked_fleet_gateway.resources.versioning import Source
-from linked_fleet_gateway.runtime.background import supervised
-from linked_fleet_gateway.runtime.cancellation import end
+from linked_fleet_gateway.runtime.background import end, supervised
 from linked_fleet_gateway.subscriptions.live import Live
 
 log = logging.getLogger(__name__)

@@ -23,8 +23,7 @@ from linked_fleet_gateway.extensions.rules.store import Changed, Lost, RuleStore
 from linked_fleet_gateway.identity.rights import Identity, View
 from linked_fleet_gateway.resources.invocation import invocation_path
 from linked_fleet_gateway.resources.paths import robot_of
-from linked_fleet_gateway.runtime.background import supervised
-from linked_fleet_gateway.runtime.cancellation import end
+from linked_fleet_gateway.runtime.background import end, supervised
 from linked_fleet_gateway.subscriptions.live import Live
 
 log = logging.getLogger(__name__)

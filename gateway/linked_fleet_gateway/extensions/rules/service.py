@@ -21,8 +21,7 @@ from linked_fleet_gateway.identity.rights import Identity
 from linked_fleet_gateway.resources.affordance import Invoke
 from linked_fleet_gateway.resources.resource import Resource
 from linked_fleet_gateway.runtime.audit_log import Audit
-from linked_fleet_gateway.runtime.background import finish, supervised
-from linked_fleet_gateway.runtime.cancellation import end
+from linked_fleet_gateway.runtime.background import end, finish, supervised
 from linked_fleet_gateway.runtime.replica import Replica, follow
 from linked_fleet_gateway.subscriptions.live import Live
 

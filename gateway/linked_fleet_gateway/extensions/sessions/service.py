@@ -13,8 +13,7 @@ from linked_fleet_gateway.extensions.sessions.sealed_cookie import Session, new_
 from linked_fleet_gateway.extensions.sessions.session_key import SessionKey, StoreUnavailable
 from linked_fleet_gateway.identity.rights import Credential, Identity
 from linked_fleet_gateway.identity.service import Identities
-from linked_fleet_gateway.runtime.background import supervised
-from linked_fleet_gateway.runtime.cancellation import end
+from linked_fleet_gateway.runtime.background import end, supervised
 
 log = logging.getLogger(__name__)
 

@@ -19,7 +19,7 @@ from linked_fleet_gateway.http.read import read
 from linked_fleet_gateway.http.request import Request
 from linked_fleet_gateway.rdf.serialise import JSON
 from linked_fleet_gateway.resources.resource import Resource
-from linked_fleet_gateway.runtime.time_slices import sliced
+from linked_fleet_gateway.runtime.background import sliced
 
 TYPES = ("application/ld+json", JSON)
 _SORTING = ("sort_by", "sort_order")

@@ -17,8 +17,7 @@ from linked_fleet_gateway.extensions.world.process import NO_ANSWER, Checker
 from linked_fleet_gateway.extensions.world.scene import MAX_OBJECTS, SceneObject
 from linked_fleet_gateway.fleet.geometry import file_name, meshes_of
 from linked_fleet_gateway.fleet.robot import Robot
-from linked_fleet_gateway.runtime.background import supervised
-from linked_fleet_gateway.runtime.cancellation import end
+from linked_fleet_gateway.runtime.background import end, supervised
 from linked_fleet_gateway.subscriptions.live import Live
 
 log = logging.getLogger(__name__)

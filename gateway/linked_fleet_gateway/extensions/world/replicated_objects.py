@@ -12,7 +12,7 @@ from linked_fleet_gateway.base.errors import NoRoom, StoreAway
 from linked_fleet_gateway.extensions.world.describe import OBJECTS, object_path
 from linked_fleet_gateway.extensions.world.scene import MAX_OBJECTS, SceneObject, decode, encode
 from linked_fleet_gateway.extensions.world.store import MAX_BYTES, Changed, Full, ObjectStore, digest
-from linked_fleet_gateway.runtime.cancellation import end
+from linked_fleet_gateway.runtime.background import end
 from linked_fleet_gateway.runtime.redis import StoreUnavailable
 from linked_fleet_gateway.runtime.replica import Replica, follow
 from linked_fleet_gateway.subscriptions.live import Live
