@@ -30,7 +30,7 @@ from linked_fleet_gateway.base.settings import (
     several,
     whole_number,
 )
-from linked_fleet_gateway.link.session_settings import trust
+from linked_fleet_gateway.link.zenoh_session import trust
 from linked_fleet_gateway.runtime.log import FORMS
 from linked_fleet_gateway.subscriptions.redis_keys import Keys
 

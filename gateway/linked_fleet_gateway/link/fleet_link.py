@@ -27,8 +27,7 @@ from linked_fleet_gateway.fleet.presence import Doubt, Token
 from linked_fleet_gateway.link.discovery import Discovery, Judge
 from linked_fleet_gateway.link.heartbeat import Heartbeat
 from linked_fleet_gateway.link.incoming import Incoming
-from linked_fleet_gateway.link.questions import ask
-from linked_fleet_gateway.link.transport import Question, Session, TransportError
+from linked_fleet_gateway.link.transport import Question, Session, TransportError, ask
 from linked_fleet_gateway.runtime.request_context import step
 
 _log = logging.getLogger(__name__)
