@@ -21,9 +21,8 @@ from linked_fleet_gateway.http.representation import Representations
 from linked_fleet_gateway.rdf.shapes import BLUEPRINTS, VOCABULARY, add
 from linked_fleet_gateway.resources.action_definition import add_kinds
 from linked_fleet_gateway.resources.fleet_functions import FUNCTIONS
-from linked_fleet_gateway.resources.link_statements import LINK_STATEMENTS
 from linked_fleet_gateway.resources.paths import reserve
-from linked_fleet_gateway.resources.property import ROBOT_PROPERTIES
+from linked_fleet_gateway.resources.property import LINK_STATEMENTS, ROBOT_PROPERTIES
 from linked_fleet_gateway.resources.relative_poses import PLACEMENTS
 
 log = logging.getLogger(__name__)

@@ -18,8 +18,8 @@ from linked_fleet_gateway.http.conditional import etag, not_modified
 from linked_fleet_gateway.http.encoding import GZIP, compressed, expanded, pays, tag_of, takes_gzip
 from linked_fleet_gateway.http.head import Fields, block
 from linked_fleet_gateway.identity.rights import View
+from linked_fleet_gateway.resources.renderings import Rendering
 from linked_fleet_gateway.resources.resource import Resource
-from linked_fleet_gateway.resources.template import Rendering
 from linked_fleet_gateway.subscriptions.live import Live
 
 MAX_KEPT = 16_384

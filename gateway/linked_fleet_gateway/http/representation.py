@@ -11,10 +11,8 @@ from linked_fleet_gateway.http.links import LINKSET_TYPES, Link, linkset_json, l
 from linked_fleet_gateway.http.negotiation import choose
 from linked_fleet_gateway.rdf.serialise import JSON, RDF_TYPES, WriteError, render
 from linked_fleet_gateway.rdf.vocabulary import PREFIXES
-from linked_fleet_gateway.resources.copies import Copies
-from linked_fleet_gateway.resources.renderings import Renderings
+from linked_fleet_gateway.resources.renderings import Copies, Rendering, Renderings, compiles
 from linked_fleet_gateway.resources.resource import Resource
-from linked_fleet_gateway.resources.template import Rendering, compiles
 
 FORMATS: Formats = {
     "turtle": ("Turtle", "text/turtle"),

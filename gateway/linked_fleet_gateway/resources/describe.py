@@ -15,10 +15,9 @@ from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, LDP, LF, RDFS, 
 from linked_fleet_gateway.resources.action_offer import Offer, fleet_offers, joint_offers, robot_offers
 from linked_fleet_gateway.resources.annotations import annotate
 from linked_fleet_gateway.resources.joint_kinds import kind_of
-from linked_fleet_gateway.resources.link_statements import LINK_STATEMENTS
 from linked_fleet_gateway.resources.paths import joint_path, lease_path, link_path, model_path, robot_path
 from linked_fleet_gateway.resources.properties import joint_properties, link_properties, robot_properties
-from linked_fleet_gateway.resources.property import Property, Seen
+from linked_fleet_gateway.resources.property import LINK_STATEMENTS, Property, Seen
 
 _SECOND_NS = 1_000_000_000
 Links = Iterable[tuple[NamedNode, str]]

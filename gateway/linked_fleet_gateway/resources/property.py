@@ -1,6 +1,6 @@
-"""One property of a thing (paper 5.2)."""
+"""One property of one thing (paper 5.2), and what extensions add to robots and links."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from itertools import chain
 from typing import NamedTuple, Self
@@ -8,6 +8,7 @@ from typing import NamedTuple, Self
 from pyoxigraph import NamedNode
 
 from linked_fleet_gateway.base.lazy_imports import Contributed
+from linked_fleet_gateway.fleet.model import Link
 from linked_fleet_gateway.fleet.observation import Observation
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.rdf.graph import Graph
@@ -62,3 +63,6 @@ class Property:
 
 ROBOT_PROPERTIES = Contributed[Callable[[Robot], Property]]()
 """Factories of further properties of robots."""
+
+
+LINK_STATEMENTS = Contributed[Callable[[Robot, Link], Iterable[tuple[NamedNode, str]]]]()

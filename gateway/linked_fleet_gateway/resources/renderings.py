@@ -1,15 +1,167 @@
-"""A cache of compiled renderings of measured values, by resource, media type and base URL."""
+"""Compiled renderings: of measured values, and of documents that differ in their path alone.
 
-from linked_fleet_gateway.resources.resource import Resource
-from linked_fleet_gateway.resources.template import Rendering
+A description is rendered once by ``Resource.measured`` with random marker values; their positions in the document are
+the places. So both ways of rendering always give the same document.
 
-MAX_KEPT = 4096
+A fleet has thousands of blueprints of a few dozen kinds. A copy equals the rendered document byte for byte, because
+names of things are written unescaped in every text syntax.
+"""
+
+import math
+import random
+import re
+import secrets
+from collections.abc import Sequence
+from functools import lru_cache
+from itertools import accumulate, count, pairwise
+from typing import NamedTuple
+
+from pyoxigraph import NamedNode
+
+from linked_fleet_gateway.fleet.observation import Observation
+from linked_fleet_gateway.rdf.graph import Graph, lexical, timestamp
+from linked_fleet_gateway.rdf.serialise import TEXT_TYPES, render
+from linked_fleet_gateway.rdf.vocabulary import PREFIXES
+from linked_fleet_gateway.resources.property import Seen
+from linked_fleet_gateway.resources.resource import Alike, Resource
+from linked_fleet_gateway.resources.subscription_resource import describe_version
+
+_MILLISECOND_NS = 1_000_000
+_FAR_NS = 189_000_000_000 * 1_000_000_000  # a time in the year 7959
+_UNKNOWN = lexical(math.nan)  # never written, because ``lf:unknown`` stands for it, which is part of the form
+_random = random.SystemRandom()  # unpredictable, so that a robot cannot describe itself with the marker values
+
+
+class Versions(NamedTuple):
+    """The versions that a message states (``describe_version``)."""
+
+    version: str
+    previous: str | None
+
+
+class _Form(NamedTuple):
+    """The state that determines the constant text: unknown values, values outside limits, and optional statements.
+
+    Each field has one tuple for each of ``Resource.looks`` and ``Resource.quiet``.
+    """
+
+    unknown: tuple[tuple[bool, ...], ...]
+    outside: tuple[tuple[bool, ...], ...]
+    timed: tuple[bool, ...]
+    versions: int
+
+
+class _Template(NamedTuple):
+    text: str
+    places: tuple[int, ...]
+    """Index of the value, time or version text at each place; an index may occur any number of times."""
+
+
+class Rendering:
+    """A measured resource in one media type under one base URL, valid while its facts do not change."""
+
+    def __init__(self, resource: Resource, media_type: str, base: str) -> None:
+        self._resource, self._media_type, self._base = resource, media_type, base
+        self._counts: tuple[int, ...] = ()
+        self._form: _Form | None = None
+        self._template = _Template("", ())
+
+    def present(self) -> bytes:
+        """Return the document with the present values. Raises WriteError if the syntax cannot express it."""
+        return self.body([Seen.of(look()) for look in (*self._resource.looks, *self._resource.quiet)])
+
+    def of(self, observations: Sequence[Observation], versions: Versions | None = None) -> bytes:
+        """Return the document with the observations of a reading: those of all ``looks``, in their order.
+
+        A reading has no observations of ``quiet``; they are read here.
+        """
+        quiet = self._resource.quiet
+        if len(self._resource.looks) == 1 and not quiet:
+            return self.body([Seen.of(observations)], versions)
+        if sum(self._counts) != len(observations):
+            self._counts = tuple(len(look()) for look in self._resource.looks)
+        ends = tuple(accumulate(self._counts, initial=0))
+        seens = [Seen.of(observations[at:to]) for at, to in pairwise(ends)]
+        return self.body([*seens, *(Seen.of(look()) for look in quiet)], versions)
+
+    def body(self, seens: Sequence[Seen], versions: Versions | None = None) -> bytes:
+        """Return the document with these values, one for each of ``looks`` and ``quiet``.
+
+        Raises WriteError as ``present``.
+        """
+        said = 0 if versions is None else 1 if versions.previous is None else 2
+        form = _Form(
+            tuple([tuple([value != value for value in seen.values]) for seen in seens]),
+            tuple([seen.outside for seen in seens]),
+            tuple([seen.wall_ns is not None for seen in seens]),
+            said,
+        )
+        if form != self._form:
+            self._template, self._form = self._compile(form), form
+        texts = [lexical(value) for seen in seens for value in seen.values]
+        texts += [_stamp(seen.wall_ns) if seen.wall_ns is not None else "" for seen in seens]
+        if versions is not None:
+            texts += (versions.version, versions.previous or "")
+        return (self._template.text % tuple([texts[place] for place in self._template.places])).encode()
+
+    def _compile(self, form: _Form) -> _Template:
+        marks, document = self._marked(form)
+        document = document.replace("%", "%%")
+        for mark, place in marks.items():  # no document contains a NUL
+            document = document.replace(mark, f"\0{place}\0")
+        pieces = document.split("\0")
+        return _Template("%s".join(pieces[::2]), tuple(map(int, pieces[1::2])))
+
+    def _marked(self, form: _Form) -> tuple[dict[str, int], str]:
+        """Return the document with unique marker values, and the places by marker text."""
+        first = _random.randrange(100_000, 900_000)
+        numbers = count(first)
+        seens = [
+            Seen(
+                tuple([math.nan if unknown else float(f"8.{next(numbers)}7e211") for unknown in of_look]),
+                _FAR_NS + _random.randrange(1_000_000_000) * _MILLISECOND_NS if timed else None,
+                outside,
+            )
+            for of_look, outside, timed in zip(form.unknown, form.outside, form.timed, strict=True)
+        ]
+        versions = Versions(f"{_random.getrandbits(64):016x}", f"{_random.getrandbits(64):016x}")
+        graph = Graph()
+        assert self._resource.measured is not None
+        self._resource.measured(graph, seens)
+        self._resource.state_model(graph, self._base)
+        if form.versions:
+            iri = NamedNode(self._base + self._resource.path)
+            describe_version(graph, iri, versions.version, versions.previous if form.versions == 2 else None)
+        body = render(graph.triples, self._media_type, PREFIXES, base=self._base + self._resource.path)
+        texts = [lexical(value) for seen in seens for value in seen.values]
+        texts += ["" if seen.wall_ns is None else timestamp(seen.wall_ns).value for seen in seens]
+        texts += [versions.version, versions.previous or ""]
+        return {text: place for place, text in enumerate(texts) if text and text != _UNKNOWN}, body.decode()
+
+
+def compiles(resource: Resource, media_type: str) -> bool:
+    """Return True if a ``Rendering`` is possible. Binary syntaxes are excluded, because they store text lengths."""
+    return resource.measured is not None and bool(resource.looks) and media_type in TEXT_TYPES
+
+
+@lru_cache(maxsize=64)
+def _second(second: int) -> str:
+    return timestamp(second * 1_000_000_000).value[:-4]
+
+
+def _stamp(wall_ns: int) -> str:
+    """Format a time as ``timestamp`` does, with a cached part per second."""
+    second, rest_ns = divmod(wall_ns, 1_000_000_000)
+    return f"{_second(second)}{rest_ns // _MILLISECOND_NS:03d}Z"
+
+
+MAX_RENDERINGS = 4096
 
 
 class Renderings:
     """Bounded, oldest dropped first. A rendering is compiled again when the facts of its resource change."""
 
-    def __init__(self, most: int = MAX_KEPT) -> None:
+    def __init__(self, most: int = MAX_RENDERINGS) -> None:
         self._most = most
         self._kept: dict[tuple[str, str, str], tuple[object, Rendering]] = {}
 
@@ -26,3 +178,40 @@ class Renderings:
 
     def __len__(self) -> int:
         return len(self._kept)
+
+
+MAX_COPIES = 512
+# Excludes characters that some syntax escapes, and segments that look like a prefix or a relative reference.
+_PLAIN = re.compile(r"(/[A-Za-z0-9_~][A-Za-z0-9_~-]*)+/?", re.ASCII)
+
+
+class Copies:
+    """Cached texts by kind, media type and base URL. The oldest is dropped first."""
+
+    def __init__(self, most: int = MAX_COPIES) -> None:
+        self._most = most
+        self._kept: dict[tuple[object, str, str], list[str]] = {}
+
+    def body(self, resource: Resource, media_type: str, base: str) -> bytes | None:
+        """Return the document; None if the resource has no kind or must be rendered. Raises WriteError."""
+        alike = resource.alike
+        if alike is None or media_type not in TEXT_TYPES or not _PLAIN.fullmatch(alike.owner):
+            return None
+        key = (alike.key, media_type, base)
+        pieces = self._kept.get(key)
+        if pieces is None:
+            pieces = self._kept[key] = _pieces(resource, alike, media_type, base)
+            if len(self._kept) > self._most:
+                del self._kept[next(iter(self._kept))]
+        return alike.owner.rstrip("/").join(pieces).encode()
+
+
+def _pieces(resource: Resource, alike: Alike, media_type: str, base: str) -> list[str]:
+    """Return the text of one resource of the kind, split at the path of its owner."""
+    mark = f"/x{secrets.token_hex(8)}"
+    slash = "/" if alike.owner.endswith("/") else ""
+    path = mark + resource.path[len(alike.owner.rstrip("/")) :]
+    graph = Graph()
+    alike.describe(graph, mark + slash)
+    resource.state_model(graph, base, path)
+    return render(graph.triples, media_type, PREFIXES, base=base + path).decode().split(mark)

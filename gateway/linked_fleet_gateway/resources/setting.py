@@ -14,7 +14,7 @@ from linked_fleet_gateway.rdf.unused import TYPES_OF_ALL, Terms, refuse, unused
 from linked_fleet_gateway.rdf.validation import ShaclValidator, root
 from linked_fleet_gateway.rdf.vocabulary import LF, RDF, VOM
 from linked_fleet_gateway.resources.action_body import Body
-from linked_fleet_gateway.resources.annotation_body import agents_part, read_annotations
+from linked_fleet_gateway.resources.annotations import agents_part, read_annotations
 from linked_fleet_gateway.resources.paths import robot_path
 
 

@@ -1,4 +1,4 @@
-"""Subscriptions as resources, and the parsing of requests for them (paper 5.3, figure 4; R1.8)."""
+"""Subscriptions as resources, and the request for one (paper 5.3, figure 4; R1.8)."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -13,6 +13,8 @@ from linked_fleet_gateway.rdf.shapes import SUBSCRIPTIONS, load
 from linked_fleet_gateway.rdf.unused import Terms, refuse, unused
 from linked_fleet_gateway.rdf.validation import check_lexical_forms, root
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HTTP, HYBRIT, LDP, LF, METHODS, PREFIXES, RDF, RDFS, XSD
+from linked_fleet_gateway.resources.affordance import ChangeSubscription, ResumeSubscription, Subscribe
+from linked_fleet_gateway.resources.resource import CONTAINER, Resource, blueprint_of
 from linked_fleet_gateway.resources.signature import key
 from linked_fleet_gateway.resources.subscription import DeliveryState, Depth, Kind, Record, Subscription
 from linked_fleet_gateway.shacl import (
@@ -270,3 +272,39 @@ def _check_secret(secret: str, container_iri: str) -> None:
             key(secret)
     except ValueError as error:
         raise UnprocessableContent(f"lf:secret: {error}", constraint=container_iri) from None
+
+
+def in_subscriptions(thing: Resource, rest: list[str], records: Sequence[Record], base: str) -> Resource | None:
+    """Return the container of ``thing``, a subscription in it, or its action; ``records`` are the visible ones."""
+    if not rest:
+        return Resource(
+            container_path(thing.path),
+            f"Subscriptions of {thing.title}",
+            lambda graph: describe_subscriptions(graph, base, thing.path, records),
+            CONTAINER,
+            own=tuple(subscription_path(each.subscription) for each in records),
+            affords=Subscribe(thing.path),
+        )
+    record = next((each for each in records if each.subscription.id == rest[0]), None)
+    if record is None:
+        return None
+    path, resume = subscription_path(record.subscription), resume_path(record.subscription)
+    title = f"Subscription {record.subscription.id}"
+    if rest[1:] == ["actions", "resume"] and resumable(record):
+        return Resource(
+            resume,
+            f"Resume {title}",
+            lambda graph: describe_resume(graph, base, record),
+            (),
+            affords=ResumeSubscription(record),
+        )
+    whole = Resource(
+        path,
+        title,
+        lambda graph: describe_subscription(graph, base, record),
+        own=(path + "/blueprint", *((resume,) if resumable(record) else ())),
+        affords=ChangeSubscription(record),
+    )
+    if rest[1:] == ["blueprint"]:
+        return blueprint_of(whole, base, (LF.SubscriptionResourceShape,))
+    return None if rest[1:] else whole

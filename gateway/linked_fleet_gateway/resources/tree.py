@@ -23,8 +23,7 @@ from linked_fleet_gateway.resources.battery import battery_charge
 from linked_fleet_gateway.resources.binary_frames import frames_of, in_layout, is_framed, layout_path, related_layouts
 from linked_fleet_gateway.resources.branches import NONE, Branches, Found, RequestView
 from linked_fleet_gateway.resources.describe import Describer, Doing, last_frame, part_paths
-from linked_fleet_gateway.resources.documents import context, vocabulary
-from linked_fleet_gateway.resources.geometry import in_geometry
+from linked_fleet_gateway.resources.documents import context, in_geometry, vocabulary
 from linked_fleet_gateway.resources.invocation import invocation_path
 from linked_fleet_gateway.resources.joint_kinds import kind_of
 from linked_fleet_gateway.resources.lease import describe_lease
@@ -46,7 +45,7 @@ from linked_fleet_gateway.resources.property import Look, Property, Seen
 from linked_fleet_gateway.resources.resource import CONTAINER, Redirect, Resource, blueprint_of
 from linked_fleet_gateway.resources.settable import affordance, describe_target_blueprint
 from linked_fleet_gateway.resources.subscription import Record
-from linked_fleet_gateway.resources.subscription_tree import in_subscriptions
+from linked_fleet_gateway.resources.subscription_resource import in_subscriptions
 from linked_fleet_gateway.resources.versioning import Source, presence
 
 Shelf = Mapping[str, Sequence[Record]]

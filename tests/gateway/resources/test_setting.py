@@ -22,8 +22,7 @@ from linked_fleet_gateway.rdf.serialise import parse, render
 from linked_fleet_gateway.rdf.turtle import write
 from linked_fleet_gateway.rdf.unused import shown
 from linked_fleet_gateway.rdf.vocabulary import PREFIXES
-from linked_fleet_gateway.resources.annotation_body import MAX_ANNOTATIONS
-from linked_fleet_gateway.resources.annotations import annotate
+from linked_fleet_gateway.resources.annotations import MAX_ANNOTATIONS, annotate
 from linked_fleet_gateway.resources.describe import Describer
 from linked_fleet_gateway.resources.property import Property, Seen
 from linked_fleet_gateway.resources.settable import settable

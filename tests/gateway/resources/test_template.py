@@ -18,9 +18,9 @@ from linked_fleet_gateway.rdf.graph import Graph
 from linked_fleet_gateway.rdf.serialise import TEXT_TYPES, render
 from linked_fleet_gateway.rdf.vocabulary import PREFIXES
 from linked_fleet_gateway.resources.property import Seen
+from linked_fleet_gateway.resources.renderings import Rendering, Versions, compiles
 from linked_fleet_gateway.resources.resource import Resource
 from linked_fleet_gateway.resources.subscription_resource import describe_version
-from linked_fleet_gateway.resources.template import Rendering, Versions, compiles
 from linked_fleet_gateway.resources.tree import Tree
 from properties import examples
 

@@ -7,9 +7,8 @@ import msgspec
 from linked_fleet_gateway.rdf.shapes import ACTIONS, BLUEPRINTS, VOCABULARY, add, added_to
 from linked_fleet_gateway.resources.action_definition import add_kinds
 from linked_fleet_gateway.resources.fleet_functions import FUNCTIONS
-from linked_fleet_gateway.resources.link_statements import LINK_STATEMENTS
 from linked_fleet_gateway.resources.paths import reserve, reserved_at_root, reserved_in_robot
-from linked_fleet_gateway.resources.property import ROBOT_PROPERTIES
+from linked_fleet_gateway.resources.property import LINK_STATEMENTS, ROBOT_PROPERTIES
 from linked_fleet_gateway.resources.relative_poses import PLACEMENTS
 
 
