@@ -16,10 +16,9 @@ from fuzz.findings import Tally, in_process
 from fuzz.good import BODIES, JOINTS, TERMS, TURTLE_PREFIXES, able_arm
 from linked_fleet_agent.wire.codec import encode_state
 from linked_fleet_agent.wire.messages import State
-from linked_fleet_gateway.actions.action_request import ActionRequest, moment_of
 from linked_fleet_gateway.actions.admission import admit
 from linked_fleet_gateway.actions.handler_table import HANDLERS
-from linked_fleet_gateway.actions.plan import Later, Motion
+from linked_fleet_gateway.actions.plan import ActionRequest, Later, Motion, moment_of
 from linked_fleet_gateway.app.extensions import BUILT_IN, install
 from linked_fleet_gateway.base.errors import FleetError, UnprocessableContent
 from linked_fleet_gateway.extensions.reach.handler import reach

@@ -8,10 +8,9 @@ import pytest
 from actor import link, robot
 from linked_fleet_agent.wire.codec import encode_state, layout
 from linked_fleet_agent.wire.messages import Description, State
-from linked_fleet_gateway.actions.action_request import ActionRequest, moment_of
 from linked_fleet_gateway.actions.admission import admit
 from linked_fleet_gateway.actions.handler_table import HANDLERS
-from linked_fleet_gateway.actions.plan import Plan
+from linked_fleet_gateway.actions.plan import ActionRequest, Plan, moment_of
 from linked_fleet_gateway.app.extensions import BUILT_IN, install
 from linked_fleet_gateway.extensions.reach.handler import reach
 from linked_fleet_gateway.extensions.reach.terms import LF

@@ -7,9 +7,7 @@ from histories.history import History
 from histories.keys import Keys
 from histories.robots import JOINT
 from linked_fleet_agent.wire.messages import Move
-from linked_fleet_gateway.actions.action_request import moment_of
-from linked_fleet_gateway.actions.caller import Caller
-from linked_fleet_gateway.actions.plan import Motion
+from linked_fleet_gateway.actions.plan import Caller, Motion, moment_of
 from linked_fleet_gateway.base.errors import AgentSilent, Busy, KeyReused, RefusedByAgent
 
 _MODEL = "key"

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 
-from linked_fleet_gateway.actions.redis_keys import Keys
+from linked_fleet_gateway.actions.redis_scripts import Keys
 from linked_fleet_gateway.actions.store import KEPT_S, ActionStore
 from linked_fleet_gateway.fleet.invocations import InvocationState
 from redis_backends import Backend, opened

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from hypothesis.stateful import Bundle, RuleBasedStateMachine, invariant, precondition, rule
 
 from linked_fleet_gateway.actions import store as store_module
-from linked_fleet_gateway.actions.redis_keys import Keys
+from linked_fleet_gateway.actions.redis_scripts import Keys
 from linked_fleet_gateway.actions.store import (
     ActionStore,
     Full,

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from linked_fleet_gateway.actions.redis_keys import Keys
+from linked_fleet_gateway.actions.redis_scripts import Keys
 from linked_fleet_gateway.actions.store import ActionStore, LeaseHeld, News, StoreUnavailable
 from linked_fleet_gateway.fleet.invocations import FLEET
 from redis_backends import Backend, opened

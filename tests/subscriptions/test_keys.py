@@ -5,7 +5,7 @@ import uuid
 
 import pytest
 
-from linked_fleet_gateway.actions.redis_keys import Keys as ActionKeys
+from linked_fleet_gateway.actions.redis_scripts import Keys as ActionKeys
 from linked_fleet_gateway.subscriptions.redis_keys import Key, Keys
 
 

@@ -4,8 +4,7 @@ import math
 from collections.abc import Mapping
 
 from linked_fleet_agent.wire.messages import Expectation, Follow, Move
-from linked_fleet_gateway.actions.action_request import ActionRequest
-from linked_fleet_gateway.actions.plan import Halt, Motion
+from linked_fleet_gateway.actions.plan import ActionRequest, Halt, Motion
 from linked_fleet_gateway.base.errors import Conflict, UnprocessableContent
 from linked_fleet_gateway.fleet.model import Joint, JointKind
 from linked_fleet_gateway.rdf.graph import Node

@@ -5,8 +5,7 @@ from collections.abc import Callable
 from pyoxigraph import NamedNode
 
 from linked_fleet_gateway.actions import action_handlers as handlers
-from linked_fleet_gateway.actions.action_request import ActionRequest
-from linked_fleet_gateway.actions.plan import Plan
+from linked_fleet_gateway.actions.plan import ActionRequest, Plan
 from linked_fleet_gateway.rdf.vocabulary import LF
 
 Handler = Callable[[ActionRequest], Plan]

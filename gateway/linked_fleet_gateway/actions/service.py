@@ -12,11 +12,8 @@ from typing import Protocol, Self
 from pyoxigraph import NamedNode
 
 from linked_fleet_agent.wire.messages import WIRE_VERSION, Accepted, Command, Progress, Refused, Reply, Stop
-from linked_fleet_gateway.actions.action_request import ActionRequest
-from linked_fleet_gateway.actions.caller import Caller
-from linked_fleet_gateway.actions.commands import command_of
 from linked_fleet_gateway.actions.handler_table import HANDLERS, Handler
-from linked_fleet_gateway.actions.plan import Halt, Later, Motion, Plan
+from linked_fleet_gateway.actions.plan import ActionRequest, Caller, Halt, Later, Motion, Plan, command_of
 from linked_fleet_gateway.actions.quota import Quota
 from linked_fleet_gateway.actions.refusals import lease_of, refusal, refusals, repeated, silence
 from linked_fleet_gateway.actions.replicated_invocations import Memory

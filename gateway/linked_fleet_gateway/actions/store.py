@@ -16,7 +16,7 @@ from typing import Literal, Self, cast, get_args
 import msgspec
 
 from linked_fleet_gateway.actions import redis_scripts as scripts
-from linked_fleet_gateway.actions.redis_keys import Keys, hashed, robot_of, tag
+from linked_fleet_gateway.actions.redis_scripts import Keys, hashed, robot_of, tag
 from linked_fleet_gateway.fleet.invocation import Lease
 from linked_fleet_gateway.fleet.invocations import MAX_TERMINAL, Invocation
 from linked_fleet_gateway.runtime.background import end, finish, supervised

@@ -14,10 +14,8 @@ from typing import TYPE_CHECKING
 from pyoxigraph import NamedNode, Triple
 from starlette.responses import Response
 
-from linked_fleet_gateway.actions.action_request import ActionRequest, moment_of
 from linked_fleet_gateway.actions.admission import admit
-from linked_fleet_gateway.actions.caller import Caller
-from linked_fleet_gateway.actions.plan import Halt, Later, Moment, Motion
+from linked_fleet_gateway.actions.plan import ActionRequest, Caller, Halt, Later, Moment, Motion, moment_of
 from linked_fleet_gateway.actions.service import Actions, Rehearsed
 from linked_fleet_gateway.base.errors import AgentSilent, BadRequest, MotionRefused, NotAcceptable, UnprocessableContent
 from linked_fleet_gateway.fleet.invocations import Invocation

@@ -6,8 +6,7 @@ import math
 import pytest
 from pyoxigraph import Literal, NamedNode
 
-from linked_fleet_gateway.actions.action_request import ActionRequest, moment_of
-from linked_fleet_gateway.actions.plan import Moment
+from linked_fleet_gateway.actions.plan import ActionRequest, Moment, moment_of
 from linked_fleet_gateway.base.errors import Faulty
 from linked_fleet_gateway.fleet.fleet import Change, Fleet
 from linked_fleet_gateway.fleet.invocations import Invocations

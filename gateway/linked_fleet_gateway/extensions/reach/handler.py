@@ -9,8 +9,7 @@ from pyoxigraph import NamedNode
 
 from linked_fleet_agent.wire.messages import Move
 from linked_fleet_gateway.actions.action_handlers import motion_to
-from linked_fleet_gateway.actions.action_request import ActionRequest
-from linked_fleet_gateway.actions.plan import Later, Motion
+from linked_fleet_gateway.actions.plan import ActionRequest, Later, Motion
 from linked_fleet_gateway.base.errors import Conflict, Offline, UnprocessableContent
 from linked_fleet_gateway.base.lazy_imports import Lazily
 from linked_fleet_gateway.extensions.reach.errors import OutOfReach

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import Protocol
 
-from linked_fleet_gateway.actions.action_request import moment_of
+from linked_fleet_gateway.actions.plan import moment_of
 from linked_fleet_gateway.actions.service import Actions
 from linked_fleet_gateway.base.errors import AgentSilent, Busy, FleetError
 from linked_fleet_gateway.extensions.query.messages import Instead

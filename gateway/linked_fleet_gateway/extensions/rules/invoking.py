@@ -6,10 +6,8 @@ from urllib.parse import unquote
 
 from pyoxigraph import NamedNode
 
-from linked_fleet_gateway.actions.action_request import ActionRequest
 from linked_fleet_gateway.actions.admission import admit
-from linked_fleet_gateway.actions.caller import Caller
-from linked_fleet_gateway.actions.plan import Halt, Later, Moment, Motion
+from linked_fleet_gateway.actions.plan import ActionRequest, Caller, Halt, Later, Moment, Motion
 from linked_fleet_gateway.actions.service import Actions
 from linked_fleet_gateway.base.errors import InsufficientScope, UnprocessableContent
 from linked_fleet_gateway.extensions.rules.edges import Row

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from linked_fleet_gateway.actions.redis_keys import hashed
+from linked_fleet_gateway.actions.redis_scripts import hashed
 
 
 @dataclass(frozen=True)

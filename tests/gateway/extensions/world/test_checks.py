@@ -11,8 +11,7 @@ import pytest
 
 from linked_fleet_agent.wire.codec import encode_state, layout
 from linked_fleet_agent.wire.messages import Description, Mesh, Move, State
-from linked_fleet_gateway.actions.commands import TIME_TO_LIVE_NS, command_of
-from linked_fleet_gateway.actions.plan import Moment, Motion
+from linked_fleet_gateway.actions.plan import TIME_TO_LIVE_NS, Moment, Motion, command_of
 from linked_fleet_gateway.app.application import new_live
 from linked_fleet_gateway.app.settings import GatewaySettings
 from linked_fleet_gateway.extensions.world import checks
