@@ -14,7 +14,7 @@ from websockets.frames import Frame, Opcode
 
 from actor import Actor, stage
 from browser import HYBRIT, LDP, ROS, Browser
-from linked_fleet_gateway.subscriptions.redis_keys import Keys
+from linked_fleet_gateway.subscriptions.redis_scripts import Keys
 from running import eventually
 from small_fleet import Place, live
 

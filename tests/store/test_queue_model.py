@@ -15,7 +15,7 @@ from hypothesis.stateful import Bundle, RuleBasedStateMachine, initialize, invar
 
 from linked_fleet_gateway.resources.subscription import Delivery, DeliveryState, Kind, Subscription
 from linked_fleet_gateway.subscriptions.records import read_entry
-from linked_fleet_gateway.subscriptions.redis_keys import Keys
+from linked_fleet_gateway.subscriptions.redis_scripts import Keys
 from linked_fleet_gateway.subscriptions.store import Backlog, Entry, Lost, Outgoing, Store, StoreUnavailable
 from redis_backends import Backend, Memory, hold_to
 from stored import LEASE_S, LIMIT, CrashedError, a_subscription, adopted, crash_after, held, listed

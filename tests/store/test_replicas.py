@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from linked_fleet_gateway.resources.subscription import Delivery, Kind
-from linked_fleet_gateway.subscriptions.redis_keys import Keys
+from linked_fleet_gateway.subscriptions.redis_scripts import Keys
 from linked_fleet_gateway.subscriptions.store import Store, StoreUnavailable
 from redis_backends import Memory, Real, opened
 from redis_servers import Server, Servers, cluster_replicated, single_replicated

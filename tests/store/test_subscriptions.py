@@ -7,7 +7,7 @@ from contextlib import aclosing
 import pytest
 
 from linked_fleet_gateway.resources.subscription import Delivery, DeliveryState, Depth, Kind
-from linked_fleet_gateway.subscriptions.redis_keys import Keys
+from linked_fleet_gateway.subscriptions.redis_scripts import Keys
 from linked_fleet_gateway.subscriptions.store import Backlog, Lost, News, Store, TooMany
 from redis_backends import Backend, opened
 from stored import (

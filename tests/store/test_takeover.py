@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from linked_fleet_gateway.resources.subscription import Delivery, DeliveryState, Kind, Record, Subscription
-from linked_fleet_gateway.subscriptions.redis_keys import Keys
+from linked_fleet_gateway.subscriptions.redis_scripts import Keys
 from linked_fleet_gateway.subscriptions.store import Lost, News, Store, TooMany
 from redis_backends import Backend, opened
 from stored import (

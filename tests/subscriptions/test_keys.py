@@ -6,7 +6,7 @@ import uuid
 import pytest
 
 from linked_fleet_gateway.actions.redis_scripts import Keys as ActionKeys
-from linked_fleet_gateway.subscriptions.redis_keys import Key, Keys
+from linked_fleet_gateway.subscriptions.redis_scripts import Key, Keys
 
 
 def test_every_key_is_parsed_as_it_was_built() -> None:

@@ -32,7 +32,7 @@ from linked_fleet_gateway.base.settings import (
 )
 from linked_fleet_gateway.link.zenoh_session import trust
 from linked_fleet_gateway.runtime.log import FORMS
-from linked_fleet_gateway.subscriptions.redis_keys import Keys
+from linked_fleet_gateway.subscriptions.redis_scripts import Keys
 
 _PROGRAM = "python -m linked_fleet_gateway"
 

@@ -26,6 +26,7 @@ from linked_fleet_gateway.subscriptions.records import (
     Held,
     News,
     Outgoing,
+    Runs,
     What,
     read_entry,
     read_news,
@@ -36,8 +37,7 @@ from linked_fleet_gateway.subscriptions.records import (
     write_options,
     write_spec,
 )
-from linked_fleet_gateway.subscriptions.redis_keys import Keys
-from linked_fleet_gateway.subscriptions.runs import Runs
+from linked_fleet_gateway.subscriptions.redis_scripts import Keys
 
 __all__ = ["LEASE_S", "Backlog", "Entry", "Lost", "News", "Outgoing", "Store", "StoreUnavailable", "TooMany"]
 _log = logging.getLogger(__name__)

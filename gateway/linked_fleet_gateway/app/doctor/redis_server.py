@@ -10,7 +10,7 @@ from typing import Any
 
 from linked_fleet_gateway.app.doctor.finding import Finding
 from linked_fleet_gateway.runtime.redis import BadUrl, Connection, StoreUnavailable
-from linked_fleet_gateway.subscriptions.redis_keys import Keys
+from linked_fleet_gateway.subscriptions.redis_scripts import Keys
 
 _PASSWORD = re.compile(r"(?<=://)[^@/]*@")
 _MOST_APART_S = 1.0
