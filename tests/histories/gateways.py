@@ -18,7 +18,7 @@ from linked_fleet_gateway.actions.store import ActionStore
 from linked_fleet_gateway.app.application import new_live
 from linked_fleet_gateway.app.settings import GatewaySettings
 from linked_fleet_gateway.extensions.rules.store import RuleStore
-from linked_fleet_gateway.extensions.world.store import ObjectStore
+from linked_fleet_gateway.extensions.world.replicated_objects import ObjectStore
 from linked_fleet_gateway.resources.resource import Resource
 from linked_fleet_gateway.resources.versioning import Source
 from linked_fleet_gateway.runtime.background import end

@@ -9,10 +9,9 @@ import pytest
 
 from linked_fleet_gateway.app.application import new_live
 from linked_fleet_gateway.app.settings import GatewaySettings
-from linked_fleet_gateway.extensions.world import store as store_module
-from linked_fleet_gateway.extensions.world.replicated_objects import Objects
+from linked_fleet_gateway.extensions.world import replicated_objects as store_module
+from linked_fleet_gateway.extensions.world.replicated_objects import Changed, Full, Objects, ObjectStore, digest
 from linked_fleet_gateway.extensions.world.scene import SceneObject, Sphere
-from linked_fleet_gateway.extensions.world.store import Changed, Full, ObjectStore, digest
 from linked_fleet_gateway.fleet.model import Pose
 from redis_backends import Backend
 from stored import until

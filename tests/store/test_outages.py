@@ -14,7 +14,7 @@ from linked_fleet_gateway.extensions.rules.rule import Known
 from linked_fleet_gateway.extensions.rules.store import RuleStore
 from linked_fleet_gateway.extensions.sessions.ended_sessions import EndedSessions
 from linked_fleet_gateway.extensions.sessions.session_key import SessionKey
-from linked_fleet_gateway.extensions.world.store import ObjectStore
+from linked_fleet_gateway.extensions.world.replicated_objects import ObjectStore
 from linked_fleet_gateway.resources.subscription import Delivery
 from linked_fleet_gateway.runtime.redis import StoreUnavailable
 from linked_fleet_gateway.subscriptions.store import LEASE_S, Store

@@ -12,7 +12,7 @@ from pyoxigraph import NamedNode
 from linked_fleet_agent.wire.codec import layout
 from linked_fleet_agent.wire.messages import Description
 from linked_fleet_gateway.base.errors import UnprocessableContent
-from linked_fleet_gateway.extensions.world.placement_property import placement
+from linked_fleet_gateway.extensions.world.placement import placement
 from linked_fleet_gateway.fleet.events import Appeared, Described
 from linked_fleet_gateway.fleet.fleet import Fleet
 from linked_fleet_gateway.fleet.robot import Robot

@@ -18,7 +18,7 @@ class WorldExtension(Extension):
     name = "world"
     at_root = ("world",)
     in_robot = ("placement",)
-    robot_properties = ("linked_fleet_gateway.extensions.world.placement_property:placement",)
+    robot_properties = ("linked_fleet_gateway.extensions.world.placement:placement",)
     vocabulary = (Path(__file__).with_name("vocabulary.ttl"),)
     shapes = (Path(__file__).with_name("shapes.ttl"),)
     placements = ("linked_fleet_gateway.extensions.world.placement:placement_of",)

@@ -1,4 +1,4 @@
-"""The placement of a robot in the world: its body, its record, its description. Pure; metre.
+"""The placement of a robot in the world: its body, its record, its description, its property. Metre.
 
 Without a placement the position of a robot is unknown; there is no default. For a floating base the placement is that
 of the odometry frame, in which its agent reports the base.
@@ -17,8 +17,11 @@ from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.fleet.xml import Quaternion, Vector
 from linked_fleet_gateway.rdf.graph import Graph, Node
 from linked_fleet_gateway.rdf.units import METRE
-from linked_fleet_gateway.rdf.vocabulary import MATHS
+from linked_fleet_gateway.rdf.vocabulary import HYBRIT, MATHS
 from linked_fleet_gateway.resources.action_body import Body
+from linked_fleet_gateway.resources.paths import robot_path
+from linked_fleet_gateway.resources.property import Property, Seen
+from linked_fleet_gateway.resources.setting import Setting
 
 PLACEMENT = "placement"
 WORLD = "/world"
@@ -72,3 +75,15 @@ def _number(body: Body, node: Node, axis: NamedNode) -> float:
     value = body.number(node, axis)
     assert value is not None
     return value
+
+
+def placement(robot: Robot) -> Property:
+    def describe(graph: Graph, iri: NamedNode, _: Seen) -> None:
+        describe_pose(graph, iri, placement_of(robot))
+        root = iri.value.removesuffix(robot_path(robot.name) + PLACEMENT)
+        graph.add(iri, LF.inFrame, NamedNode(root + WORLD))
+        graph.add(iri, HYBRIT.consumes, LF.PlacementInput)
+
+    setting = Setting(robot, PLACEMENT, LF.PlacementInput, read_placement, removable=True)
+    title = f"placement of {robot.name}"
+    return Property(PLACEMENT, LF.placement, (LF.Placement,), LF.PlacementShape, title, describe, put=setting)

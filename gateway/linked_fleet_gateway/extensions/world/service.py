@@ -12,9 +12,8 @@ from linked_fleet_gateway.extensions.world.checks import Checks
 from linked_fleet_gateway.extensions.world.collisions import Collisions
 from linked_fleet_gateway.extensions.world.describe import OBJECTS, describe_frame, describe_objects, object_path
 from linked_fleet_gateway.extensions.world.placement import WORLD
-from linked_fleet_gateway.extensions.world.replicated_objects import Objects
+from linked_fleet_gateway.extensions.world.replicated_objects import Objects, ObjectStore
 from linked_fleet_gateway.extensions.world.resources import in_world
-from linked_fleet_gateway.extensions.world.store import ObjectStore
 from linked_fleet_gateway.extensions.world.terms import LF
 from linked_fleet_gateway.fleet.kinematics import ORIGIN
 from linked_fleet_gateway.fleet.model import Pose
