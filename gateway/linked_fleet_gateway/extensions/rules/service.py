@@ -10,9 +10,9 @@ from types import TracebackType
 from typing import Self
 
 from linked_fleet_gateway.actions.service import Actions
-from linked_fleet_gateway.extensions.rules.changes import Changes
 from linked_fleet_gateway.extensions.rules.creators import Ended
 from linked_fleet_gateway.extensions.rules.description import firings_path, rule_path
+from linked_fleet_gateway.extensions.rules.edges import Changes
 from linked_fleet_gateway.extensions.rules.engine import Engine, Select, robot_invoked
 from linked_fleet_gateway.extensions.rules.request import CONTAINER
 from linked_fleet_gateway.extensions.rules.rule import Firing, FiringState, Known, Rule

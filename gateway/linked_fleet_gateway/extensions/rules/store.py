@@ -14,7 +14,7 @@ from typing import Any
 import msgspec
 
 from linked_fleet_gateway.extensions.rules import redis_scripts as scripts
-from linked_fleet_gateway.extensions.rules.redis_keys import Keys
+from linked_fleet_gateway.extensions.rules.redis_scripts import Keys
 from linked_fleet_gateway.extensions.rules.rule import Firing, FiringState, Known, Rule
 from linked_fleet_gateway.runtime.redis import Connection, StoreUnavailable
 
