@@ -1,14 +1,16 @@
-"""Valid cameras in the description of a robot, and the pictures from its agent. Pure."""
+"""The cameras that a robot says it has, their paths, and the pictures that they give. Pure."""
 
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 
 from linked_fleet_agent.wire.codec import WireError
 from linked_fleet_agent.wire.messages import MAX_PIXELS, Camera, PictureFormat
-from linked_fleet_agent.wire.names import MAX_NAME_BYTES
+from linked_fleet_agent.wire.names import MAX_NAME_BYTES, escape
 from linked_fleet_agent.wire.pictures import HEADER, Moment, decode_picture
 from linked_fleet_gateway.fleet.robot import Robot
+from linked_fleet_gateway.resources.paths import robot_of, robot_path
 
 FRAME_MEDIA_TYPE = "application/vnd.linked-fleet.frame"
 _FARTHEST_M, _AROUND_BYTES = 1e6, 4096
@@ -79,3 +81,21 @@ def _sound(camera: Camera) -> bool:
         and camera.width * camera.height <= MAX_PIXELS
         and camera.near_m < camera.far_m
     )
+
+
+SEGMENT = "cameras"
+_RESERVED = frozenset({"blueprint"})
+_segment = lru_cache(maxsize=4096)(escape)
+
+
+def cameras_path(robot: str) -> str:
+    return robot_path(robot) + SEGMENT
+
+
+def camera_path(robot: str, camera: str) -> str:
+    return f"{cameras_path(robot)}/{_segment(camera, _RESERVED)}"
+
+
+def is_in_cameras(path: str) -> bool:
+    """Return True if the resource at ``path`` is a camera, if it is any, or below one."""
+    return robot_of(path) is not None and path.split("/")[2:3] == [SEGMENT]

@@ -1,7 +1,6 @@
 """Operations on cameras, for descriptions of the whole gateway."""
 
-from linked_fleet_gateway.extensions.cameras.cameras import cameras_of, types_of
-from linked_fleet_gateway.extensions.cameras.paths import camera_path
+from linked_fleet_gateway.extensions.cameras.cameras import camera_path, cameras_of, types_of
 from linked_fleet_gateway.http.operations import described, names, reading, segment
 from linked_fleet_gateway.resources.branches import RequestView
 from linked_fleet_gateway.resources.json_form import Json

@@ -12,8 +12,14 @@ from typing import Self
 from linked_fleet_agent.wire.codec import encode
 from linked_fleet_agent.wire.messages import WIRE_VERSION, Camera, Glance, PictureFormat
 from linked_fleet_gateway.base.errors import AgentSilent, Busy, Offline
-from linked_fleet_gateway.extensions.cameras.cameras import FORMATS, Picture, read_picture, size_limit
-from linked_fleet_gateway.extensions.cameras.paths import camera_path, is_in_cameras
+from linked_fleet_gateway.extensions.cameras.cameras import (
+    FORMATS,
+    Picture,
+    camera_path,
+    is_in_cameras,
+    read_picture,
+    size_limit,
+)
 from linked_fleet_gateway.extensions.cameras.resources import MAX_RATE_HZ, RobotCamera
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.link.fleet_link import NoAnswer

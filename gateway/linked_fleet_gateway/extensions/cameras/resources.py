@@ -11,8 +11,15 @@ from functools import partial
 from pyoxigraph import Literal, NamedNode
 
 from linked_fleet_agent.wire.messages import Camera
-from linked_fleet_gateway.extensions.cameras.cameras import FORMATS, Picture, cameras_of, types_of
-from linked_fleet_gateway.extensions.cameras.paths import SEGMENT, camera_path, cameras_path
+from linked_fleet_gateway.extensions.cameras.cameras import (
+    FORMATS,
+    SEGMENT,
+    Picture,
+    camera_path,
+    cameras_of,
+    cameras_path,
+    types_of,
+)
 from linked_fleet_gateway.extensions.cameras.terms import LF
 from linked_fleet_gateway.fleet.model import Link
 from linked_fleet_gateway.fleet.observation import Observation

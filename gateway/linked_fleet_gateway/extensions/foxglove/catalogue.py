@@ -4,8 +4,7 @@ import itertools
 from collections.abc import Hashable, Iterable, Iterator
 
 from linked_fleet_agent.wire.messages import PictureFormat
-from linked_fleet_gateway.extensions.cameras.cameras import cameras_of
-from linked_fleet_gateway.extensions.cameras.paths import camera_path
+from linked_fleet_gateway.extensions.cameras.cameras import camera_path, cameras_of
 from linked_fleet_gateway.extensions.foxglove.messages import OF_ROBOT, PICTURES, SCENE, schemas
 from linked_fleet_gateway.extensions.foxglove.protocol import Channel, Parameter, Service
 from linked_fleet_gateway.fleet.robot import Robot
