@@ -1,8 +1,8 @@
-"""Actions: execution of plans (protocol: PROTOCOL.md beside this file).
+"""Actions: plans carried out (protocol: PROTOCOL.md beside this file).
 
-``admission``: validation of a body by the shape that the action's description links. ``handler_table``,
-``action_handlers``: conversion of a validated body (``action_request``) into a ``plan``, without side effects.
-``service``: plan → invocation in Redis → command → agent's reply → progress → end, after the guards of motions.
+``admission``: the guard of a body, which is the shape that the action's description links. ``handler_table``,
+``action_handlers``: from an admitted body to a ``plan``, in which nothing has happened yet. ``service``: plan →
+invocation in Redis → command → word of the agent → progress → end; guards of motions come before.
 ``replicated_invocations``: this gateway's copy of invocations, leases and settings. ``quota``, ``stall_detector``,
-``waiting``, ``refusals``: limits, and errors for refusals. ``store``, ``redis_keys``, ``redis_scripts``: Redis.
+``waiting``, ``refusals``: bounds, and how refusals are answered. ``store``, ``redis_scripts``: Redis.
 """

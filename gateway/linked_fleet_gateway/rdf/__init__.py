@@ -1,8 +1,8 @@
 """RDF: terms, graphs, parsers and writers. Pure; knows no robot.
 
 ``vocabulary``: every IRI, spelt once (``vocabulary.ttl`` describes our own). ``units``: units and their IRIs.
-``graph``: building blocks of a description. ``parsing``, ``jsonld_input``, ``json_input``: documents from clients,
-bounded and offline. ``serialise``: every media type; ``turtle``, ``jsonld``, ``jelly`` write theirs. ``shapes``: the
-Turtle of ``shapes/``. ``shacl_validator``: validates request bodies with a published shape. ``unused``: statements of a
-body that a write would lose. ``sparql_syntax``, ``sparql_update``: lexical checks of queries, and updates of one graph.
+``graph``: building blocks of a description. ``parsing``, ``json_input``: documents from clients, bounded and offline.
+``serialise``: every media type; ``turtle``, ``jsonld``, ``jelly`` write theirs. ``shapes``: the Turtle of ``shapes/``
+and of extensions. ``validation``: validates request bodies with a published shape. ``unused``: statements of a body
+that a write would lose. ``sparql_syntax``, ``sparql_update``: lexical checks of queries, and updates of one graph.
 """

@@ -3,6 +3,10 @@
 A property of a shape becomes a member named by its ``sh:name``. A property without a name is skipped, but the named
 properties of its value node become members in its place. ``sh:or`` between nodes becomes ``oneOf``, limits ``minimum``
 and ``maximum``, ``sh:minCount`` ``required``, and ``lf:unknown`` beside a number ``null``.
+
+``linked_fleet_client.shape`` reads shapes too, for the forms of pages and for the client. It is another model: what
+can be filled in, with units and the bounds of several shapes merged, of an rdflib graph fetched from any server. This
+one says how values are served and accepted as JSON, in a package that must not load rdflib, which the client needs.
 """
 
 from collections.abc import Iterable, Iterator, Mapping

@@ -1,8 +1,8 @@
 """Subscriptions: watched resources and their subscribers (protocol: PROTOCOL.md beside this file).
 
-``live`` connects the fleet, its link and its subscribers. ``fan_out`` carries changes: changed resource (``topic``) →
-``broadcast`` or ``watcher`` → outlet, in turns of a few milliseconds. ``service`` manages all subscriptions,
-``streams`` the streams of this gateway, ``callbacks`` its callbacks (created here or taken over). ``courier`` delivers
-one callback, ``receiver`` makes its HTTP requests, and ``network`` decides which addresses it may reach. ``store``,
-``runs``, ``records``, ``redis_keys`` and ``redis_scripts`` hold the state in Redis.
+``live``: the fleet joined to its link and to those who watch it. ``fan_out``: change → watched resource (``topic``) →
+``broadcast`` or ``watcher`` → outlet, in turns of a few milliseconds. ``service``: all subscriptions; ``streams`` are
+those open here, ``callbacks`` those served here and taken over, ``courier`` delivers those of one, ``receiver`` alone
+speaks to receivers, ``network`` says which addresses it may reach. ``store``, ``records``, ``redis_scripts``: what is
+in Redis.
 """
