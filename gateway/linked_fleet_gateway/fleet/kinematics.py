@@ -11,10 +11,8 @@ import math
 from collections.abc import Collection, Mapping
 from typing import NamedTuple
 
-import pinocchio as pin
-
 from linked_fleet_agent.wire.messages import Base
-from linked_fleet_gateway.fleet.model import Joint, JointKind, ModelError, Pose, RobotModel
+from linked_fleet_gateway.fleet.model import Joint, JointKind, Pose, RobotModel
 from linked_fleet_gateway.fleet.xml import Quaternion, Vector
 
 ORIGIN = Pose((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
@@ -122,28 +120,6 @@ def _signed(q: Quaternion) -> Quaternion:
     x, y, z, w = q
     lead = w if abs(w) > _HALF_TURN else max(x, y, z, key=abs)
     return (-x, -y, -z, -w) if lead < 0 else q
-
-
-# Pinocchio's Data holds tensors of nv³: 128 take 0.3 s and 150 MB, 512 take 20 s and 9 GB, and a URDF is untrusted.
-MAX_DEGREES = 128
-
-
-def build_model(urdf: str, floating: bool) -> pin.Model:
-    """Return Pinocchio's model.
-
-    Raises ModelError if the URDF is invalid or has more than ``MAX_DEGREES`` of freedom.
-    """
-    try:
-        model = pin.buildModelFromXML(urdf, pin.JointModelFreeFlyer()) if floating else pin.buildModelFromXML(urdf)
-    except (ValueError, RuntimeError) as error:
-        raise ModelError(f"Pinocchio refuses the URDF: {error}") from error
-    if model.nv > MAX_DEGREES:
-        raise ModelError(f"{model.nv} degrees of freedom are too many to plan with; {MAX_DEGREES} are not")
-    return model
-
-
-_UNTURNED = (0.0, 0.0, 0.0, 1.0)
-_ANYWHERE = (-math.inf, math.inf)
 
 
 class Ball(NamedTuple):

@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 
 from linked_fleet_agent.wire.messages import Base
-from linked_fleet_gateway.fleet.kinematics import ORIGIN, LinkPoses, build_model, placed
+from linked_fleet_gateway.fleet.kinematics import ORIGIN, LinkPoses, placed
 from linked_fleet_gateway.fleet.model import ModelError, Pose, RobotModel
+from linked_fleet_gateway.fleet.pinocchio_model import build_model
 
 ROBOTS = Path(site.getsitepackages()[0]) / "cmeel.prefix/share/example-robot-data/robots"
 FILES = [

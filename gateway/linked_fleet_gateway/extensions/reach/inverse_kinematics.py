@@ -16,8 +16,8 @@ import numpy.typing as npt
 import pinocchio as pin
 
 from linked_fleet_agent.wire.messages import Base
-from linked_fleet_gateway.fleet.kinematics import build_model
 from linked_fleet_gateway.fleet.model import Joint, JointKind, ModelError, RobotModel
+from linked_fleet_gateway.fleet.pinocchio_model import build_model
 from linked_fleet_gateway.fleet.xml import Quaternion, Vector, rotation
 
 Array = npt.NDArray[np.float64]

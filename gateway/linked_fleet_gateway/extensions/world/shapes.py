@@ -17,8 +17,8 @@ from linked_fleet_gateway.extensions.world.pairs import own_pairs
 from linked_fleet_gateway.extensions.world.robot import Body, Robot
 from linked_fleet_gateway.extensions.world.scene import Box, Cylinder, Geometry, Sphere
 from linked_fleet_gateway.extensions.world.surfaces import Array, Surface
-from linked_fleet_gateway.fleet.kinematics import build_model
 from linked_fleet_gateway.fleet.model import Joint, JointKind, RobotModel
+from linked_fleet_gateway.fleet.pinocchio_model import build_model
 from linked_fleet_gateway.fleet.xml import ModelError, parse_xml, quaternion, required_number, rotation, vector
 
 Surfaces = Callable[[str], Surface]
