@@ -25,6 +25,7 @@ from linked_fleet_gateway.extensions.rules.request import CONTAINER, RuleRequest
 from linked_fleet_gateway.extensions.rules.rule import Known, Rule
 from linked_fleet_gateway.extensions.rules.service import Rules
 from linked_fleet_gateway.extensions.rules.store import Changed, Crowded, Full, StoreUnavailable
+from linked_fleet_gateway.extensions.rules.terms import LF
 from linked_fleet_gateway.http.body import body_type, parse_body, read_as
 from linked_fleet_gateway.http.created import check_accepted, created
 from linked_fleet_gateway.http.fields import field
@@ -32,7 +33,6 @@ from linked_fleet_gateway.http.invoke import refuse_rehearsal
 from linked_fleet_gateway.http.request import Request
 from linked_fleet_gateway.identity.rights import Claims, Identity, Right
 from linked_fleet_gateway.rdf.sparql_syntax import MAX_QUERY_BYTES, bound_to
-from linked_fleet_gateway.rdf.vocabulary import LF
 from linked_fleet_gateway.resources.resource import Resource
 
 _LENGTHS = {LF.condition: MAX_QUERY_BYTES}

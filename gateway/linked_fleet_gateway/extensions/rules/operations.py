@@ -7,6 +7,7 @@ from functools import cache
 from itertools import chain
 
 from linked_fleet_gateway.extensions.rules.request import CONTAINER
+from linked_fleet_gateway.extensions.rules.terms import LF
 from linked_fleet_gateway.http.operations import (
     CHANGED,
     ID,
@@ -19,7 +20,7 @@ from linked_fleet_gateway.http.operations import (
     writing,
 )
 from linked_fleet_gateway.rdf.shapes import load
-from linked_fleet_gateway.rdf.vocabulary import DCTERMS, LF
+from linked_fleet_gateway.rdf.vocabulary import DCTERMS
 from linked_fleet_gateway.resources.branches import RequestView
 from linked_fleet_gateway.resources.json_form import Json, form_in
 

@@ -5,6 +5,7 @@ import re
 from linked_fleet_gateway.extensions.world.body import object_form
 from linked_fleet_gateway.extensions.world.describe import OBJECTS, POSES
 from linked_fleet_gateway.extensions.world.placement import WORLD
+from linked_fleet_gateway.extensions.world.terms import LF
 from linked_fleet_gateway.http.operations import (
     CHANGED,
     ID,
@@ -19,7 +20,6 @@ from linked_fleet_gateway.http.operations import (
 )
 from linked_fleet_gateway.rdf.serialise import JSON
 from linked_fleet_gateway.rdf.units import METRE
-from linked_fleet_gateway.rdf.vocabulary import LF
 from linked_fleet_gateway.resources.branches import RequestView
 from linked_fleet_gateway.resources.json_form import Json
 from linked_fleet_gateway.resources.paths import robot_path
