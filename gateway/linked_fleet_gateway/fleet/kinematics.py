@@ -122,6 +122,10 @@ def _signed(q: Quaternion) -> Quaternion:
     return (-x, -y, -z, -w) if lead < 0 else q
 
 
+_UNTURNED = (0.0, 0.0, 0.0, 1.0)
+_ANYWHERE = (-math.inf, math.inf)
+
+
 class Ball(NamedTuple):
     centre: Vector
     radius: float

@@ -16,11 +16,11 @@ from linked_fleet_gateway.extensions.world.collisions import Collisions
 from linked_fleet_gateway.extensions.world.describe import object_path
 from linked_fleet_gateway.extensions.world.errors import Collides, Unchecked
 from linked_fleet_gateway.extensions.world.messages import Check, Meets, Positions, Stood, Unable
-from linked_fleet_gateway.extensions.world.path import stances_of, ways_of
 from linked_fleet_gateway.extensions.world.placement import placement_of, pose_in_world
 from linked_fleet_gateway.extensions.world.preparation import Preparation, is_placed, key_of
 from linked_fleet_gateway.extensions.world.process import Checker
 from linked_fleet_gateway.extensions.world.scene import SceneObject
+from linked_fleet_gateway.extensions.world.swept_path import stances_of, ways_of
 from linked_fleet_gateway.fleet.model import Pose
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.identity.rights import View

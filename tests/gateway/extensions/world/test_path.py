@@ -6,8 +6,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from linked_fleet_agent.wire.messages import Follow, Move
-from linked_fleet_gateway.extensions.world.path import FINEST_M, STEP_M, Path, path_of, ways_of
+from linked_fleet_gateway.extensions.world.path import FINEST_M, STEP_M, Path, path_of
 from linked_fleet_gateway.extensions.world.shapes import robot_of
+from linked_fleet_gateway.extensions.world.swept_path import ways_of
 
 MIMIC = "<mimic joint='a' multiplier='-2'/>"
 ROBOT = robot_of(

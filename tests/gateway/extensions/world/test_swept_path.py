@@ -6,7 +6,8 @@ from hypothesis import strategies as st
 
 from linked_fleet_agent.trajectory import through
 from linked_fleet_agent.wire.messages import Follow, Move
-from linked_fleet_gateway.extensions.world.path import MOST_STANCES, on_leg, stances_of, ways_of
+from linked_fleet_gateway.extensions.world.path import on_leg
+from linked_fleet_gateway.extensions.world.swept_path import MOST_STANCES, stances_of, ways_of
 
 values = st.floats(-3, 3)
 
