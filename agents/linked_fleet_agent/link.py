@@ -59,7 +59,7 @@ class RobotLink:
         self._answers = {"command": on_command, "stop": on_stop}
         self._tracing = tracing
         slow: dict[_Slow, Callable[[bytes], bytes] | None] = {"mesh": on_mesh, "picture": on_picture}
-        self._slow = {kind: _Slowly(read) for kind, read in slow.items() if read is not None}
+        self._slow = {kind: _SlowQueries(read) for kind, read in slow.items() if read is not None}
         self._gateways = GatewayWatch(session, keys, robot, self._declare_visible)
         self._dropping = False
         self._declared = ExitStack()
@@ -170,7 +170,7 @@ class RobotLink:
         slowly.waiting.add(task)
         task.add_done_callback(slowly.waiting.discard)
 
-    async def _send_slowly(self, kind: _Slow, slowly: "_Slowly", query: Query) -> None:
+    async def _send_slowly(self, kind: _Slow, slowly: "_SlowQueries", query: Query) -> None:
         async with slowly.one:
             await asyncio.to_thread(self._read_and_reply, kind, slowly.read, query)
 
@@ -222,7 +222,7 @@ class _Refusal(NamedTuple):
 
 
 @dataclass
-class _Slowly:
+class _SlowQueries:
     """Queries that are answered in threads, one at a time."""
 
     read: Callable[[bytes], bytes]

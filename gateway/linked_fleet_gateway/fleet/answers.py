@@ -48,7 +48,7 @@ MAX_SENDER = 400
 _OTHERS = "(others)"
 
 
-class Complaints:
+class RejectedMessages:
     """Counts by sender. Senders beyond the bound share one entry, so that invented names cannot fill memory."""
 
     def __init__(self, log: logging.Logger) -> None:

@@ -18,7 +18,7 @@ from typing import Any, Literal
 
 from linked_fleet_agent.wire.codec import WireError, read_header
 from linked_fleet_agent.wire.messages import Description
-from linked_fleet_gateway.fleet.answers import Complaints
+from linked_fleet_gateway.fleet.answers import RejectedMessages
 from linked_fleet_gateway.fleet.events import Appeared, Described, Event, Framed, Moved, Undescribed, Vanished
 from linked_fleet_gateway.fleet.frames import Frames
 from linked_fleet_gateway.fleet.invocation import Lease
@@ -111,7 +111,7 @@ class Fleet:
         self._undescribed: set[str] = set()
         self._hidden: dict[str, set[int]] = {}
         self._robots = _ByName()
-        self._complaints = Complaints(_log)
+        self._rejected = RejectedMessages(_log)
         self._settings: dict[str, Mapping[str, str]] = {}
         self._leases: dict[str, Lease] = {}
         self.dropped: Counter[str] = Counter()
@@ -131,7 +131,7 @@ class Fleet:
 
     @property
     def malformed(self) -> Counter[str]:
-        return self._complaints.counts
+        return self._rejected.counts
 
     def configure(self, robot: str, settings: Mapping[str, str]) -> list[Change]:
         """Store settings made by clients, also for a robot that is not known yet. Unknown names have no effect."""
@@ -171,7 +171,7 @@ class Fleet:
 
     def judge_limits(self, now_ns: int) -> list[Change]:
         """Compare the latest frame of each robot with the limits in its URDF."""
-        complain, entries = self._complaints.add, self._entries.values()
+        complain, entries = self._rejected.add, self._entries.values()
         judged = [(each.robot.name, each.limits.judge(each.robot, now_ns, complain)) for each in entries]
         return [Change(name, what) for name, what in judged if what is not None]
 
@@ -183,7 +183,7 @@ class Fleet:
         if entry is None:
             entry, changes = self._enter(event.robot)
         if entry is None or (len(entry.runs) >= MAX_RUNS and event.incarnation not in entry.runs):
-            self._complaints.add(event.robot, f"more than {MAX_ROBOTS} robots or {MAX_RUNS} runs of one")
+            self._rejected.add(event.robot, f"more than {MAX_ROBOTS} robots or {MAX_RUNS} runs of one")
             return changes
         entry.runs.setdefault(event.incarnation, None)
         entry.robot.heard_ns = now_ns
@@ -235,7 +235,7 @@ class Fleet:
         return self._said(event.description.robot, event.description.incarnation, event.description, now_ns)
 
     def _not_described(self, event: Undescribed, now_ns: int) -> list[Change]:
-        self._complaints.add(event.robot if event.robot in self._entries else _HIDDEN, event.reason)
+        self._rejected.add(event.robot if event.robot in self._entries else _HIDDEN, event.reason)
         return self._said(event.robot, event.incarnation, event.reason, now_ns)
 
     def _said(self, robot: str, incarnation: int, said: Description | str, now_ns: int) -> list[Change]:
@@ -278,7 +278,7 @@ class Fleet:
             return [Change(robot.name, "faulty")]
         robot.describe(said)
         if robot.fault:
-            self._complaints.add(robot.name, robot.fault)
+            self._rejected.add(robot.name, robot.fault)
             return [Change(robot.name, "faulty")]
         return [Change(robot.name, "described"), *self._early_frame(robot)]
 
@@ -290,7 +290,7 @@ class Fleet:
         if reason is None:
             robot.trust()
             return [Change(robot.name, "frame")]
-        self._complaints.add(robot.name, reason)
+        self._rejected.add(robot.name, reason)
         robot.drop_frame()
         return []
 
@@ -299,7 +299,7 @@ class Fleet:
         try:
             header = read_header(event.payload)
         except WireError as error:
-            self._complaints.add(event.robot, error)
+            self._rejected.add(event.robot, error)
             return []
         if entry is None or entry.robot.incarnation != header.incarnation:
             self.dropped[event.robot if entry else "(unknown)"] += 1
@@ -308,7 +308,7 @@ class Fleet:
         robot.look()
         reason = robot.refusal(header)
         if reason is not None:
-            self._complaints.add(event.robot, reason)
+            self._rejected.add(event.robot, reason)
             return []
         if header.sequence <= robot.last_sequence():
             self.dropped[event.robot] += 1
@@ -333,7 +333,7 @@ class Fleet:
             oldest = min(offline, key=lambda each: each.robot.last_seen_ns or 0)
             self._remove(oldest)
             changes.append(Change(oldest.robot.name, "vanished"))
-        entry = self._entries[name] = _Entry(Robot(name, self._complaints.add, self.frames))
+        entry = self._entries[name] = _Entry(Robot(name, self._rejected.add, self.frames))
         entry.robot.settings, entry.robot.lease = self._settings.get(name, {}), self._leases.get(name)
         self._undescribed.add(name)
         self._robots.add(entry.robot)
@@ -345,5 +345,5 @@ class Fleet:
         del self._entries[name]
         self._undescribed.discard(name)
         self._robots.remove(name)
-        self._complaints.forget(name)
+        self._rejected.forget(name)
         self.dropped["(unknown)"] += self.dropped.pop(name, 0)

@@ -17,7 +17,7 @@ _STOPPED = ("accepted", "running", "succeeded", "failed", "cancelled", "preempte
 _Held = dict[tuple[str, int], dict[str, list[Invocation]]]
 
 
-class Commanded:
+class TargetIndex:
     """Stored motions and stops by robot, run of its agent and joint, in order of creation.
 
     Only constant fields of an invocation are copied when it is added; its state is read on access.
@@ -121,7 +121,7 @@ class Invocations:
         self._of_robot: dict[str, list[Invocation]] = {}  # oldest first
         self._open: dict[str, dict[str, Invocation]] = {}  # by robot; may contain ended ones until the next access
         self._open_by: dict[str, dict[str, Invocation]] = {}  # motions by client, likewise
-        self._commanded = Commanded()
+        self._target_index = TargetIndex()
 
     def add(self, invocation: Invocation) -> None:
         """Add an invocation. Raises ValueError if its id exists."""
@@ -131,7 +131,7 @@ class Invocations:
         for index, key in self._places(invocation):
             index.setdefault(key, {})[invocation.id] = invocation
         insort_right(self._of_robot.setdefault(invocation.robot, []), invocation, key=_begun)
-        self._commanded.add(invocation)
+        self._target_index.add(invocation)
         self._forget(invocation.robot)
 
     def put(self, invocation: Invocation) -> Invocation | None:
@@ -165,7 +165,7 @@ class Invocations:
         """Remove an invocation; return None if there is none of that id."""
         invocation = self._all.pop(id, None)
         if invocation is not None:
-            self._commanded.remove(invocation)
+            self._target_index.remove(invocation)
             self._drop_of_robot(invocation)
             for index, key in self._places(invocation):
                 held = index.get(key, {})
@@ -267,7 +267,7 @@ class Invocations:
 
     def targets(self, robot: str, incarnation: int | None) -> dict[str, float]:
         """Return the valid target positions of a robot's joints (rad or m) in its present run."""
-        return {} if incarnation is None else self._commanded.targets(robot, incarnation, self._all)
+        return {} if incarnation is None else self._target_index.targets(robot, incarnation, self._all)
 
     def _reopen(self, invocation: Invocation) -> None:
         if not invocation.state.terminal:

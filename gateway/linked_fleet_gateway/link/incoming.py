@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 from linked_fleet_agent.wire.codec import WireError, decode
 from linked_fleet_agent.wire.keys import Keys, RobotKey
 from linked_fleet_agent.wire.messages import Progress
-from linked_fleet_gateway.fleet.answers import Complaints
+from linked_fleet_gateway.fleet.answers import RejectedMessages
 from linked_fleet_gateway.fleet.events import Batch, Event, Framed, Inbox, Moved, Payload
 from linked_fleet_gateway.fleet.frames import Frames
 from linked_fleet_gateway.link.discovery import Discovery
@@ -43,7 +43,7 @@ class Incoming:
         self._inbox = Inbox(lambda: self._loop.call_soon_threadsafe(self._drain))
         self._work: Iterator[None] | None = None
         self._more = False
-        self.complaints = Complaints(_log)
+        self.complaints = RejectedMessages(_log)
 
     async def declare(self, session: Session) -> None:
         """Subscribe to frames first and to tokens last, so that no frame of a visible robot is missed."""

@@ -2,7 +2,7 @@
 
 import pytest
 
-from linked_fleet_agent.robots.ros2.address import Address, AddressError, Commanded, parse_address
+from linked_fleet_agent.robots.ros2.address import Address, AddressError, Controller, parse_address
 
 AT = "ros2:tcp/192.0.2.1:7447"
 
@@ -19,7 +19,7 @@ AT = "ros2:tcp/192.0.2.1:7447"
                 42,
                 "/left/arm/joint_states",
                 "/left/arm/robot_description",
-                (Commanded("/left/arm/joint_trajectory_controller/joint_trajectory"),),
+                (Controller("/left/arm/joint_trajectory_controller/joint_trajectory"),),
                 1.5,
             ),
         ),
@@ -29,7 +29,7 @@ AT = "ros2:tcp/192.0.2.1:7447"
                 "tcp/192.0.2.1:7447",
                 states="/joint_states",
                 description="/a/robot_description",
-                controllers=(Commanded("/a/c/joint_trajectory", ("j 1", "k")), Commanded("/d/t", ("l",))),
+                controllers=(Controller("/a/c/joint_trajectory", ("j 1", "k")), Controller("/d/t", ("l",))),
             ),
         ),
     ],

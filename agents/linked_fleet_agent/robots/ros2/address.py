@@ -19,7 +19,7 @@ class AddressError(ValueError):
 
 
 @dataclass(frozen=True)
-class Commanded:
+class Controller:
     """A controller: the topic on which it takes trajectories, and its joints. No joints means all of the robot."""
 
     topic: str
@@ -37,7 +37,7 @@ class Address:
     domain: int = 0
     states: str = "/joint_states"
     description: str = "/robot_description"
-    controllers: tuple[Commanded, ...] = (Commanded("/joint_trajectory_controller/joint_trajectory"),)
+    controllers: tuple[Controller, ...] = (Controller("/joint_trajectory_controller/joint_trajectory"),)
     stale_s: float = 0.5
 
 
@@ -114,7 +114,7 @@ def _topic(text: str, namespace: str) -> str:
     return full
 
 
-def _controllers(values: Sequence[str], namespace: str) -> tuple[Commanded, ...]:
+def _controllers(values: Sequence[str], namespace: str) -> tuple[Controller, ...]:
     found = tuple(_controller(value, namespace) for value in values)
     topics = [controller.topic for controller in found]
     joints = [joint for controller in found for joint in controller.joints]
@@ -125,9 +125,9 @@ def _controllers(values: Sequence[str], namespace: str) -> tuple[Commanded, ...]
     return found
 
 
-def _controller(value: str, namespace: str) -> Commanded:
+def _controller(value: str, namespace: str) -> Controller:
     topic, separator, joints = value.partition(":")
     names = tuple(joints.split(";")) if separator else ()
     if not all(names):
         raise AddressError(f"commands={value!r} is not TOPIC or TOPIC:JOINT;JOINT")
-    return Commanded(_topic(topic, namespace), names)
+    return Controller(_topic(topic, namespace), names)

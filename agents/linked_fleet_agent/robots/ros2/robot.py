@@ -8,7 +8,7 @@ from dataclasses import replace
 
 from linked_fleet_agent.robot import Facts, JointFacts, Reading, RobotFaultError
 from linked_fleet_agent.robots.ros2 import cdr
-from linked_fleet_agent.robots.ros2.address import Address, AddressError, Commanded
+from linked_fleet_agent.robots.ros2.address import Address, AddressError, Controller
 from linked_fleet_agent.robots.ros2.following import Follower, reached_in_s
 from linked_fleet_agent.robots.ros2.keys import Topic
 from linked_fleet_agent.robots.ros2.session import Arrived, Mailbox, Outlet, RosSession
@@ -153,11 +153,11 @@ def _topic(address: Address, name: str, message: str) -> Topic:
     return Topic(address.domain, name, message, cdr.type_hash(message))
 
 
-def _outlet(session: RosSession, address: Address, controller: Commanded) -> Outlet:
+def _outlet(session: RosSession, address: Address, controller: Controller) -> Outlet:
     return session.outlet(_topic(address, controller.topic, cdr.JOINT_TRAJECTORY))
 
 
-def _joints_of(controller: Commanded, joints: Iterable[JointFacts]) -> Sequence[str]:
+def _joints_of(controller: Controller, joints: Iterable[JointFacts]) -> Sequence[str]:
     return controller.joints or [joint.name for joint in joints if joint.mimics is None]
 
 
@@ -207,7 +207,7 @@ def facts_of(name: str, arrived: Arrived) -> Facts:
     return Facts((parse(urdf).get("name") or name)[:_LONGEST_TITLE], urdf, joints)
 
 
-def _with_controllers(facts: Facts, controllers: Sequence[Commanded]) -> Facts:
+def _with_controllers(facts: Facts, controllers: Sequence[Controller]) -> Facts:
     """Return the facts with joints outside all controllers marked as passive."""
     free = {joint.name for joint in facts.joints if joint.mimics is None}
     for controller in controllers:

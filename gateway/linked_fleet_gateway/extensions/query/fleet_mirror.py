@@ -13,7 +13,7 @@ from linked_fleet_gateway.fleet.robot import Robot
 log = logging.getLogger(__name__)
 
 
-class Mirrored:
+class MirroredRobot:
     """One robot with its invocations. ``said`` counts changes without a frame, ``seen`` its frames."""
 
     def __init__(self, robot: Robot) -> None:
@@ -32,7 +32,7 @@ class Mirror:
     """All robots by name."""
 
     def __init__(self) -> None:
-        self.robots: dict[str, Mirrored] = {}
+        self.robots: dict[str, MirroredRobot] = {}
         self._frames = Frames()
 
     def take(self, news: News) -> None:
@@ -40,7 +40,7 @@ class Mirror:
         for said in news.robots:
             held = self.robots.get(said.name)
             if held is None:
-                held = self.robots[said.name] = Mirrored(Robot(said.name, _complain, self._frames))
+                held = self.robots[said.name] = MirroredRobot(Robot(said.name, _complain, self._frames))
             _tell(held, said)
         for name in news.forgotten:
             self.robots.pop(name, None)
@@ -67,7 +67,7 @@ class Mirror:
         held.said += 1
 
 
-def _tell(held: Mirrored, said: RobotFacts) -> None:
+def _tell(held: MirroredRobot, said: RobotFacts) -> None:
     robot = held.robot
     if said.incarnation is not None and said.incarnation != robot.incarnation:
         robot.run(said.incarnation)
@@ -83,7 +83,7 @@ def _tell(held: Mirrored, said: RobotFacts) -> None:
     held.said += 1
 
 
-def _show(held: Mirrored, frame: bytes | None) -> None:
+def _show(held: MirroredRobot, frame: bytes | None) -> None:
     held.seen += 1
     if frame is None:
         held.robot.drop_frame()

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 from pyoxigraph import BlankNode, NamedNode, Quad, Store, Triple
 
-from linked_fleet_gateway.extensions.query.fleet_mirror import Mirror, Mirrored
+from linked_fleet_gateway.extensions.query.fleet_mirror import Mirror, MirroredRobot
 from linked_fleet_gateway.fleet.invocation import Invocation
 from linked_fleet_gateway.fleet.model import Joint, Link
 from linked_fleet_gateway.fleet.robot import Robot
@@ -90,7 +90,7 @@ class _Of(NamedTuple):
 class _Robot:
     """The part of the store that belongs to one robot."""
 
-    def __init__(self, graph: NamedNode, held: Mirrored) -> None:
+    def __init__(self, graph: NamedNode, held: MirroredRobot) -> None:
         self.graph, self.held = graph, held
         self.basis: object = None
         self.said = self.seen = -1
@@ -98,7 +98,7 @@ class _Robot:
         self.values: dict[str, list[_Value]] = {}
 
 
-class Twin:
+class RdfMirror:
     """The store under one base URL (scheme and authority). ``bring`` updates it from the mirror."""
 
     def __init__(self, base: str) -> None:
@@ -135,7 +135,7 @@ class Twin:
 
     # -- what is said -------------------------------------------------------------------------------------------------
 
-    def _tell(self, known: _Robot, held: Mirrored) -> None:
+    def _tell(self, known: _Robot, held: MirroredRobot) -> None:
         robot = held.robot
         # Documents overlap in their statements about parts, so none is removed while the parts are the same.
         basis = (robot.description, robot.model is None, robot.title)
@@ -147,7 +147,7 @@ class Twin:
             self._write_parts(known, robot)
         self._measure(known, held)
 
-    def _write_robot(self, known: _Robot, held: Mirrored) -> None:
+    def _write_robot(self, known: _Robot, held: MirroredRobot) -> None:
         robot, path = held.robot, robot_path(held.robot.name)
         branches = [(NamedNode(term), other) for term, other in held.branches]
         tasks = [invocation_path(each) for each in held.tasks]
@@ -196,7 +196,7 @@ class Twin:
 
     # -- what is measured ---------------------------------------------------------------------------------------------
 
-    def _measure(self, known: _Robot, held: Mirrored) -> None:
+    def _measure(self, known: _Robot, held: MirroredRobot) -> None:
         graph = Graph()
         self._say.last_frame(graph, known.graph, held.robot)
         self._replace(known, "/lastFrame", _Of(None, "", graph.triples))

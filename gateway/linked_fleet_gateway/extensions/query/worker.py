@@ -30,7 +30,7 @@ from linked_fleet_gateway.extensions.query.messages import (
     decode_ask,
     encode,
 )
-from linked_fleet_gateway.extensions.query.rdf_mirror import SHAPES, Twin
+from linked_fleet_gateway.extensions.query.rdf_mirror import SHAPES, RdfMirror
 from linked_fleet_gateway.identity.rights import View
 from linked_fleet_gateway.rdf.graph import Graph
 from linked_fleet_gateway.resources.describe import Describer
@@ -51,7 +51,7 @@ class Worker:
 
     def __init__(self) -> None:
         self._mirror = Mirror()
-        self._twins: OrderedDict[str, Twin] = OrderedDict()
+        self._rdf_mirrors: OrderedDict[str, RdfMirror] = OrderedDict()
         self._functions = [make() for make in FUNCTIONS]
         # Loads the shapes now, because a query cannot open files.
         Describer("http://localhost").fleet({}, (), Graph())
@@ -65,8 +65,8 @@ class Worker:
 
     def _answer(self, ask: Ask, to: socket.socket, control: socket.socket) -> None:
         self._mirror.take(ask.news)
-        twin = self._twin(ask.base)
-        twin.bring(self._mirror)
+        rdf_mirror = self._rdf_mirror(ask.base)
+        rdf_mirror.bring(self._mirror)
         for each in self._functions:
             if any(name.value.rpartition("#")[2] in ask.query for name in each.names):
                 each.prepare()
@@ -76,7 +76,7 @@ class Worker:
                 control.close()
                 limit(ask.limit_s)
                 to.sendall(FORKED)
-                to.sendall(self._result(ask, twin))
+                to.sendall(self._result(ask, rdf_mirror))
             except ConnectionError:
                 log.debug("nobody waits for the answer any more")
             except Exception:
@@ -85,46 +85,46 @@ class Worker:
             finally:
                 os._exit(0)
 
-    def _twin(self, base: str) -> Twin:
-        twin = self._twins.get(base) or Twin(base)
-        self._twins[base] = twin
-        self._twins.move_to_end(base)
-        while len(self._twins) > MAX_BASES:
-            self._twins.popitem(last=False)
-        return twin
+    def _rdf_mirror(self, base: str) -> RdfMirror:
+        rdf_mirror = self._rdf_mirrors.get(base) or RdfMirror(base)
+        self._rdf_mirrors[base] = rdf_mirror
+        self._rdf_mirrors.move_to_end(base)
+        while len(self._rdf_mirrors) > MAX_BASES:
+            self._rdf_mirrors.popitem(last=False)
+        return rdf_mirror
 
-    def _result(self, ask: Ask, twin: Twin) -> bytes:
+    def _result(self, ask: Ask, rdf_mirror: RdfMirror) -> bytes:
         sees = View(ask.patterns, ask.caller)
         robots = {name: held.robot for name, held in self._mirror.robots.items() if sees.sees(name)}
         if ask.instead:
             for each in ask.instead:
                 self._mirror.suppose(each)
-            twin.bring(self._mirror)
+            rdf_mirror.bring(self._mirror)
         try:
-            seen = _complete(ask, twin, self._mirror, sees)
+            seen = _complete(ask, rdf_mirror, self._mirror, sees)
             functions = functions_of(ask.base, robots, ask.poses)
             for one in self._functions:
                 functions |= one.bind(ask.base, robots)
-            return evaluate(twin.store, ask, seen, functions) + DONE
+            return evaluate(rdf_mirror.store, ask, seen, functions) + DONE
         except Refused as refused:
             return encode(refused.refusal) + REFUSED
 
 
-def _complete(ask: Ask, twin: Twin, mirror: Mirror, sees: View) -> Seen:
+def _complete(ask: Ask, rdf_mirror: RdfMirror, mirror: Mirror, sees: View) -> Seen:
     """Add the statements that depend on the caller. Return the visible graphs."""
     robots = {name: held.robot for name, held in sorted(mirror.robots.items()) if sees.sees(name)}
     graph = Graph()
     Describer(ask.base).fleet(robots, [(NamedNode(term), path) for term, path in ask.branches], graph)
     root = NamedNode(ask.base + "/")
     # Statements about robots are in the graphs of the robots, so they are left out here.
-    twin.add("/", [triple for triple in graph.triples if triple.subject == root], "f")
+    rdf_mirror.add("/", [triple for triple in graph.triples if triple.subject == root], "f")
     others = {each.id: each for held in robots for each in mirror.robots[held].invocations}
     for one in ask.invocations:
-        twin.add("/", twin.invocation(one, others, sees.sees), "f" + one.id)
+        rdf_mirror.add("/", rdf_mirror.invocation(one, others, sees.sees), "f" + one.id)
     for count, (path, content) in enumerate(ask.graphs):
-        twin.add(path, [quad.triple for quad in parse(content, format=RdfFormat.N_TRIPLES)], f"c{count}x")
+        rdf_mirror.add(path, [quad.triple for quad in parse(content, format=RdfFormat.N_TRIPLES)], f"c{count}x")
     more = {path for path, _ in ask.graphs} | {"/", VOCABULARY, SHAPES}
-    names = {NamedNode(ask.base + path) for path in more} | {twin.graph_of(name) for name in robots}
+    names = {NamedNode(ask.base + path) for path in more} | {rdf_mirror.graph_of(name) for name in robots}
     return Seen(sorted(names, key=lambda each: each.value), len(robots) == len(mirror.robots))
 
 

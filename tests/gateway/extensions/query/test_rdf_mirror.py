@@ -6,7 +6,7 @@ import pytest
 from pyoxigraph import BlankNode, CanonicalizationAlgorithm, Dataset, NamedNode, Quad, Store, Triple
 
 from linked_fleet_agent.wire.messages import Base
-from linked_fleet_gateway.extensions.query.rdf_mirror import Twin
+from linked_fleet_gateway.extensions.query.rdf_mirror import RdfMirror
 from linked_fleet_gateway.fleet.invocation import Lease
 from linked_fleet_gateway.fleet.invocations import Invocation, InvocationState
 from linked_fleet_gateway.rdf.graph import Graph
@@ -48,8 +48,8 @@ def _own(triple: Triple, prefix: str) -> Iterator[object]:
     return (BlankNode(prefix + term.value) if isinstance(term, BlankNode) else term for term in triple)
 
 
-def held(twin: Twin, name: str) -> Dataset:
-    quads = twin.store.quads_for_pattern(None, None, None, NamedNode(BASE + robot_path(name)))
+def held(rdf_mirror: RdfMirror, name: str) -> Dataset:
+    quads = rdf_mirror.store.quads_for_pattern(None, None, None, NamedNode(BASE + robot_path(name)))
     return Dataset(Quad(quad.subject, quad.predicate, quad.object) for quad in quads)
 
 
@@ -66,12 +66,12 @@ def invocation(id: str, robot: str, state: InvocationState = InvocationState.RUN
 
 
 def test_it_stays_what_is_served(pictured: Pictured) -> None:
-    twin = Twin(BASE)
+    rdf_mirror = RdfMirror(BASE)
 
     def same(*names: str) -> None:
-        twin.bring(pictured.bring())
+        rdf_mirror.bring(pictured.bring())
         for name in names:
-            assert canonical(held(twin, name)) == canonical(served(pictured, name)), name
+            assert canonical(held(rdf_mirror, name)) == canonical(served(pictured, name)), name
 
     pictured.describe("a", annotations='<> <http://x/made> [ <http://x/by> "somebody" ] .')
     pictured.describe("b", floating=True)
@@ -103,22 +103,22 @@ def test_it_stays_what_is_served(pictured: Pictured) -> None:
 
 @pytest.mark.parametrize("moved", [(0.1, 0.2), (0.1000001, 0.2)])
 def test_what_has_not_moved_is_not_written_again(pictured: Pictured, moved: tuple[float, float]) -> None:
-    twin = Twin(BASE)
+    rdf_mirror = RdfMirror(BASE)
     pictured.describe("a")
     pictured.stand("a", (0.1, 0.2))
-    twin.bring(pictured.bring())
-    before = set(twin.store)
+    rdf_mirror.bring(pictured.bring())
+    before = set(rdf_mirror.store)
     pictured.stand("a", moved)
-    twin.bring(pictured.bring())
-    changed = before ^ set(twin.store)
+    rdf_mirror.bring(pictured.bring())
+    changed = before ^ set(rdf_mirror.store)
     assert {quad.predicate.value for quad in changed} == {"https://w3id.org/linked-fleet#lastFrame"}
 
 
 def test_what_becomes_unusable_is_taken_back(pictured: Pictured) -> None:
-    twin = Twin(BASE)
+    rdf_mirror = RdfMirror(BASE)
     pictured.describe("a")
     pictured.stand("a", (0.1, 0.2))
-    twin.bring(pictured.bring())
+    rdf_mirror.bring(pictured.bring())
     pictured.fleet.robots["a"].undescribe("it makes no sense")
-    twin.bring(pictured.bring())
-    assert canonical(held(twin, "a")) == canonical(served(pictured, "a"))
+    rdf_mirror.bring(pictured.bring())
+    assert canonical(held(rdf_mirror, "a")) == canonical(served(pictured, "a"))
