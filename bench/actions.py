@@ -11,8 +11,8 @@ import httpx
 from bench.scene import browsing, scene
 from bench.table import Row, known, percentile
 from browser import HYBRIT, LF, Browser
-from conftest import ROBOTS
 from running import eventually, process
+from shared_fixtures import ROBOTS
 from small_fleet import live
 
 _PREFIXES = """@prefix maths: <http://vocab.arvida.de/2015/06/maths/vocab#> .

@@ -22,8 +22,8 @@ from bench.beside import BARE, bare
 from bench.scene import browsing, cpu_s, scene
 from bench.table import Row, UnavailableError, at_least, at_most, known
 from browser import HYBRIT, LF
-from conftest import ROBOTS
 from running import process
+from shared_fixtures import ROBOTS
 from small_fleet import live
 
 CONNECTIONS = 32

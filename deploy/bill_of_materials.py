@@ -41,7 +41,7 @@ def python_parts() -> Iterator[Part]:
 
 
 def npm_parts(face: Path) -> Iterator[Part]:
-    """Yield the runtime dependencies of ``face/package.json``, transitively; build tools are left out."""
+    """Yield the runtime dependencies of ``pages/scripts/package.json``, transitively; build tools are left out."""
     waiting, seen = list(_json(face / "package.json").get("dependencies", {})), set[str]()
     while waiting:
         name = waiting.pop()

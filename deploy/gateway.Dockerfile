@@ -23,8 +23,8 @@ ARG NPM_CONFIG_REGISTRY
 ENV NODE_EXTRA_CA_CERTS=/etc/ssl/certs/ca-certificates.crt NPM_CONFIG_CAFILE=/etc/ssl/certs/ca-certificates.crt
 COPY deploy/requirements-pages.txt deploy/
 RUN pip install -q --require-hashes -r deploy/requirements-pages.txt
-COPY face face
-RUN mkdir -p gateway/linked_fleet_gateway/extensions/pages && face/build "$(command -v python)"
+COPY gateway/linked_fleet_gateway/extensions/pages/scripts gateway/linked_fleet_gateway/extensions/pages/scripts
+RUN gateway/linked_fleet_gateway/extensions/pages/scripts/build "$(command -v python)"
 
 FROM packages AS built
 COPY pyproject.toml README.md LICENSE ./
@@ -34,11 +34,10 @@ COPY gateway gateway
 COPY shapes shapes
 COPY --from=pages /build/gateway/linked_fleet_gateway/extensions/pages/assets gateway/linked_fleet_gateway/extensions/pages/assets
 COPY deploy/bill_of_materials.py deploy/
-COPY face/package.json face/
-RUN --mount=from=pages,source=/build/face/node_modules,target=/build/face/node_modules \
+RUN --mount=from=pages,source=/build/gateway/linked_fleet_gateway/extensions/pages/scripts/node_modules,target=/build/gateway/linked_fleet_gateway/extensions/pages/scripts/node_modules \
     pip wheel -q --no-index --no-deps --no-build-isolation -w /build/wheels ./agents . \
  && pip --python /opt/linked-fleet/bin/python install -q --no-index --no-deps /build/wheels/*.whl \
- && /opt/linked-fleet/bin/python deploy/bill_of_materials.py /opt/doc face
+ && /opt/linked-fleet/bin/python deploy/bill_of_materials.py /opt/doc gateway/linked_fleet_gateway/extensions/pages/scripts
 
 FROM python:${PYTHON_TAG} AS gateway
 LABEL org.opencontainers.image.title="Linked Fleet gateway" \

@@ -19,7 +19,10 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
 MACHINES = ("x86_64", "aarch64")
-NPM_FOLDERS = ("face", "tests/things")
+NPM_FOLDERS = (
+    "gateway/linked_fleet_gateway/extensions/pages/scripts",
+    "gateway/linked_fleet_gateway/extensions/things/tests",
+)
 _ADDRESSES = ("resolved", "funding")
 """Fields of a package in package-lock.json that are URLs."""
 _GLIBC = 36  # 2.36

@@ -31,6 +31,7 @@ from installer.records import parse_record_file
 from installer.sources import WheelFile
 
 ROOT = Path(__file__).parents[1]
+SCRIPTS = ROOT / "gateway/linked_fleet_gateway/extensions/pages/scripts"
 PROJECTS = {"linked-fleet-agent": ROOT / "agents", "linked-fleet": ROOT}
 SUMS = "SHA256SUMS"
 _REQUIREMENTS = {"linked-fleet-agent": "requirements-agent.txt", "linked-fleet": "requirements.txt"}
@@ -87,7 +88,7 @@ def bill_of_materials(name: str) -> str:
     command = ("-m", "cyclonedx_py", "requirements", str(requirements), "--pyproject", str(project / "pyproject.toml"))
     bill = json.loads(_run(sys.executable, *command, *flags))
     if project == ROOT:
-        bill["components"] += [{"type": "library", **component(part)} for part in sorted(npm_parts(ROOT / "face"))]
+        bill["components"] += [{"type": "library", **component(part)} for part in sorted(npm_parts(SCRIPTS))]
     text = json.dumps(bill, indent=1) + "\n"
     error = JsonStrictValidator(SchemaVersion.V1_6).validate_str(text)
     if error is not None:

@@ -1,4 +1,4 @@
-"""A page as a tree of elements, and what the scripts read from its forms, repeated in Python (face/src/form.js)."""
+"""A page as a tree of elements, and in Python what its scripts read from forms (pages/scripts/src/form.js)."""
 
 import json
 from collections.abc import Iterator

@@ -1,4 +1,4 @@
-"""The requirements on a Thing Description: its JSON Schema, from npm (tests/things/package.json)."""
+"""The requirements on a Thing Description: its JSON Schema, from npm (things/tests/package.json)."""
 
 import functools
 import json
@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from jsonschema import Draft7Validator, FormatChecker
 
-HERE = Path(__file__).parent / "things"
+HERE = Path(__file__).parents[1] / "gateway/linked_fleet_gateway/extensions/things/tests"
 _SCHEMA = HERE / "node_modules/wot-thing-description-types/schema/td-json-schema-validation.json"
 
 

@@ -20,6 +20,7 @@ from running import ROOT
 
 pytestmark = [pytest.mark.processes, pytest.mark.test_all]
 
+SCRIPTS = ROOT / "gateway/linked_fleet_gateway/extensions/pages/scripts"
 VERSION = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["version"]
 GATEWAY, AGENT = (f"{name}-{VERSION}-py3-none-any.whl" for name in ("linked_fleet", "linked_fleet_agent"))
 
@@ -117,7 +118,7 @@ def test_the_bill_has_each_pinned_requirement_with_its_hash_and_what_pages_are_m
     pinned = [line.split(" ")[0] for line in (ROOT / "deploy/requirements.txt").read_text().splitlines()[1:]]
     assert {part["name"] + "==" + part["version"] for url, part in parts.items() if "pkg:pypi/" in url} == set(pinned)
     assert "SHA-256" in json.dumps(next(part for url, part in parts.items() if url.startswith("pkg:pypi/msgspec@")))
-    wanted = json.loads((ROOT / "face/package.json").read_text())["dependencies"]
+    wanted = json.loads((SCRIPTS / "package.json").read_text())["dependencies"]
     assert {part["name"] for url, part in parts.items() if url.startswith("pkg:npm/")} >= set(wanted)
     assert bill["metadata"]["component"]["name"] == "linked-fleet"
 

@@ -19,8 +19,8 @@ import httpx
 import pytest
 
 from actor import Actor, stage
-from fuzz.good import able_arm
-from fuzz.hostile import (
+from fuzzing.good import able_arm
+from fuzzing.hostile import (
     ACCEPTED,
     ENDPOINTS,
     JSON_LD,
@@ -32,9 +32,9 @@ from fuzz.hostile import (
     Endpoint,
     attacks,
 )
-from fuzz.living import obey
-from fuzz.watched import MOST_S as FUZZ_MOST_S
-from fuzz.watched import timed_callbacks
+from fuzzing.living import obey
+from fuzzing.watched import MOST_S as FUZZ_MOST_S
+from fuzzing.watched import timed_callbacks
 from linked_fleet_agent.wire.codec import encode
 from linked_fleet_gateway.app.application import create_app
 from linked_fleet_gateway.app.settings import GatewaySettings

@@ -5,9 +5,9 @@ from collections.abc import Iterator
 
 import pytest
 
-from fuzz.bodies import path_of
-from fuzz.findings import Tally
-from fuzz.living import Living, living
+from fuzzing.bodies import path_of
+from fuzzing.findings import Tally
+from fuzzing.living import Living, living
 
 pytestmark = [pytest.mark.processes, pytest.mark.test_all]
 

@@ -7,13 +7,13 @@ from random import Random
 
 import pytest
 
-from fuzz import bodies, good, mutation
-from fuzz.__main__ import SHARES, report, run
-from fuzz.body import BrokenPromiseError, Patient
-from fuzz.findings import EPISODE, Tally, in_process, random_of
-from fuzz.living import in_batches
-from fuzz.stops import LATE_S, Stops
-from fuzz.watched import MOST_S, timed_callbacks
+from fuzzing import bodies, good, mutation
+from fuzzing.__main__ import SHARES, report, run
+from fuzzing.body import BrokenPromiseError, Patient
+from fuzzing.findings import EPISODE, Tally, in_process, random_of
+from fuzzing.living import in_batches
+from fuzzing.stops import LATE_S, Stops
+from fuzzing.watched import MOST_S, timed_callbacks
 from linked_fleet_agent.wire.codec import decode, decode_reply
 from linked_fleet_agent.wire.messages import Accepted, Command, Description, Progress, Stop
 from linked_fleet_gateway.fleet.answers import read_description

@@ -2,7 +2,7 @@
 
 import pytest
 
-from fuzz.soak import run
+from fuzzing.soak import run
 
 pytestmark = [pytest.mark.processes, pytest.mark.test_all]
 

@@ -12,9 +12,9 @@ from rdflib import URIRef
 from rdflib.compare import isomorphic
 
 from browser import DCTERMS, HYBRIT, LF, ROS, Browser
-from conftest import RunningFleet
 from linked_fleet_agent.wire.codec import decode_state
 from running import eventually
+from shared_fixtures import RunningFleet
 from small_fleet import Place, move
 from subscribers import (
     ARM,

@@ -16,7 +16,6 @@ from pyoxigraph import NamedNode
 from rdflib import RDF, URIRef
 
 from browser import HYBRIT, LF, Browser
-from conftest import RunningFleet
 from linked_fleet_gateway.app.application import create_app
 from linked_fleet_gateway.app.settings import GatewaySettings
 from linked_fleet_gateway.base.errors import NotAcceptable
@@ -28,6 +27,7 @@ from linked_fleet_gateway.http.stop_priority import Turns
 from linked_fleet_gateway.rdf.graph import Graph
 from linked_fleet_gateway.rdf.serialise import RDF_TYPES
 from linked_fleet_gateway.resources.resource import Resource
+from shared_fixtures import RunningFleet
 
 pytestmark = pytest.mark.virtual
 

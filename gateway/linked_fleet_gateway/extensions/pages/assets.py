@@ -1,4 +1,4 @@
-"""The scripts and styles of the pages, as built by `face/build`: each is named by its content and never changes."""
+"""The scripts and styles of the pages, as built by `scripts/build`: each is named by its content and never changes."""
 
 import json
 import logging

@@ -15,7 +15,7 @@ from linked_fleet_gateway.extensions.pages.views import Part, constant
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, LDP
 
 LOW_PERCENT = 20.0
-"""Charge in percent below which a card says that the battery is low; also in `face/src/fleet.js`."""
+"""Charge in percent below which a card says that the battery is low; also in `scripts/src/fleet.js`."""
 _PRESENCES = ("online", "faulty", "offline")
 
 

@@ -1,4 +1,4 @@
-"""Forms generated from SHACL shapes, from which `face/src/form.js` composes a body."""
+"""Forms generated from SHACL shapes, from which `scripts/src/form.js` composes a body."""
 
 import json
 from collections.abc import Iterable, Mapping, Sequence

@@ -9,10 +9,10 @@ _GRAPHS = frozenset({"turtle"})
 
 @dataclass(frozen=True)
 class Leaf:
-    """One value. ``input``: the type of its element. ``limits``: JSON for `face/src/limits.js`, or empty.
+    """One value. ``input``: the type of its element. ``limits``: JSON for `scripts/src/limits.js`, or empty.
 
     ``when``: the types of its node to which it applies, empty for all. ``editor``: the language of a text, for
-    `face/src/editor.js`. ``variable``: whether ``?name`` stands for a node that names a variable. ``further``: the
+    `scripts/src/editor.js`. ``variable``: whether ``?name`` stands for a node that names a variable. ``further``: the
     values after the first.
     """
 
@@ -36,7 +36,7 @@ class Leaf:
 
     @property
     def says(self) -> str:
-        """The kind of term that `face/src/form.js` makes of the value."""
+        """The kind of term that `scripts/src/form.js` makes of the value."""
         return (
             self.editor if self.editor in _GRAPHS else "variable" if self.variable else "iri" if self.iri else "literal"
         )

@@ -41,7 +41,7 @@ def clean(text: str) -> str:
 
 
 def number(value: float, unit: str = "") -> str:
-    """Format with the decimals that suit ``unit``, never in e-notation; face/src/format.js does the same."""
+    """Format with the decimals that suit ``unit``, never in e-notation; scripts/src/format.js does the same."""
     size = abs(value)
     if not math.isfinite(value) or size >= _LARGE or 0 < size < _SMALL:
         return _power(value)

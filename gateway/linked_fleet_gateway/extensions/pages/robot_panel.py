@@ -16,7 +16,7 @@ _UNITS_OF_POSITION = frozenset({"rad", "m"})
 
 @dataclass(frozen=True)
 class Pose:
-    """``targets`` is JSON for `face/src/poses.js`: the position of each joint, in rad or m, by its IRI."""
+    """``targets`` is JSON for `scripts/src/poses.js`: the position of each joint, in rad or m, by its IRI."""
 
     name: str
     targets: str

@@ -1,0 +1,58 @@
+"""A Foxglove client as a black box: it lists channels, decodes messages, calls a service, and is refused."""
+
+import contextlib
+import json
+import os
+import subprocess
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from guarded import SEEN, Guarded, guarded
+from linked_fleet_gateway.extensions.foxglove.protocol import SUBPROTOCOLS
+from running import PATIENCE_S
+from wot import HERE, node
+
+pytestmark = [pytest.mark.processes, pytest.mark.test_all]
+
+
+@pytest.fixture(scope="module")
+def here(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Guarded]:
+    with guarded(tmp_path_factory.mktemp("guarded")) as one:
+        one.add("watcher", "read", "subscribe", robots=("lab-*",))
+        one.known("watcher")
+        yield one
+
+
+def said_by(here: Guarded, name: str, subprotocol: str, messages: int) -> dict[str, object]:
+    """Return the client's output, by its words."""
+    url = here.root.replace("http", "ws", 1) + "foxglove"
+    script = Path(__file__).with_name("foxglove.cjs")
+    command = [node(), script, url, here.tokens[name], SEEN, subprotocol, str(messages)]
+    found = os.environ | {"NODE_PATH": str(HERE / "node_modules")}
+    done = subprocess.run(command, env=found, capture_output=True, text=True, timeout=PATIENCE_S, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+    said: dict[str, object] = {}
+    for line in done.stdout.splitlines():
+        with contextlib.suppress(json.JSONDecodeError):
+            said |= json.loads(line)
+    return said
+
+
+@pytest.mark.parametrize(("subprotocol", "messages"), [(SUBPROTOCOLS[0], 1000), (SUBPROTOCOLS[1], 50)])
+def test_it_lists_channels_decodes_messages_of_five_schemas_and_calls_a_service(
+    here: Guarded, subprotocol: str, messages: int
+) -> None:
+    said = said_by(here, "root", subprotocol, messages)
+    assert {f"/{SEEN}/joint_states", "/hall-1/tf", "/world/objects"} <= set(said["channels"])
+    assert said["count"] >= messages and len(said["decoded"]) == 5
+    states = said["decoded"]["foxglove.JointStates"]
+    assert states["joints"][0]["name"] == "shoulder_pan_joint"
+    assert said["response"]["status"] == 204
+
+
+def test_it_is_refused_without_the_right_and_sees_no_other_robots(here: Guarded) -> None:
+    said = said_by(here, "watcher", SUBPROTOCOLS[0], 1000)
+    assert str(said["failure"]).startswith("403")
+    assert not [topic for topic in said["channels"] if "hall-1" in topic]

@@ -1,0 +1,59 @@
+// Bundles what pages need into ../assets, each file named by its content, and writes down the licences.
+
+import { mkdir, readdir, readFile, rm, writeFile } from "node:fs/promises";
+import path from "node:path";
+import { fileURLToPath } from "node:url";
+import { brotliCompressSync, gzipSync } from "node:zlib";
+
+import { build } from "esbuild";
+
+const LEAST_BYTES = 1024; // shorter ones gain nothing
+const here = path.dirname(fileURLToPath(import.meta.url));
+const assets = path.join(here, "..", "assets");
+
+await rm(assets, { recursive: true, force: true });
+await mkdir(assets, { recursive: true });
+
+const result = await build({
+  absWorkingDir: here,
+  entryPoints: { page: "src/page.js", style: "src/style.css", icon: "src/icon.svg" },
+  loader: { ".svg": "copy" },
+  bundle: true,
+  splitting: true,
+  format: "esm",
+  target: ["es2022"],
+  minify: true,
+  legalComments: "none",
+  metafile: true,
+  outdir: assets,
+  entryNames: "[name]-[hash]",
+  chunkNames: "[name]-[hash]",
+  logLevel: "warning",
+});
+
+const manifest = {};
+for (const [output, { entryPoint }] of Object.entries(result.metafile.outputs)) {
+  if (entryPoint) manifest[path.basename(entryPoint)] = path.basename(output);
+}
+await writeFile(path.join(assets, "manifest.json"), JSON.stringify(manifest, null, 1));
+
+// All that is in the bundles, what the packages themselves need among it.
+const bundled = Object.keys(result.metafile.inputs).map((each) => /node_modules\/((?:@[^/]+\/)?[^/]+)\/(?!.*node_modules)/.exec(each)?.[1]);
+const notices = await Promise.all([...new Set(bundled.filter(Boolean))].sort().map(notice));
+await writeFile(path.join(assets, "LICENSES.txt"), notices.join(`\n${"-".repeat(80)}\n\n`));
+
+// Compressed once, as small as can be: these files never change.
+for (const file of await readdir(assets)) {
+  const content = await readFile(path.join(assets, file));
+  if (file === "manifest.json" || content.length < LEAST_BYTES) continue;
+  await writeFile(path.join(assets, `${file}.br`), brotliCompressSync(content));
+  await writeFile(path.join(assets, `${file}.gz`), gzipSync(content, { level: 9 }));
+}
+
+async function notice(name) {
+  const folder = path.join(here, "node_modules", name);
+  const { version, license, homepage } = JSON.parse(await readFile(path.join(folder, "package.json"), "utf8"));
+  const file = (await readdir(folder)).find((each) => /^licen[cs]e/i.test(each));
+  const text = file ? await readFile(path.join(folder, file), "utf8") : "";
+  return `${[`${name} ${version}`, license, homepage].filter(Boolean).join(", ")}\n\n${text.trim()}\n`;
+}

@@ -1,0 +1,128 @@
+"""A real Chromium on real pages. A test fails if its page logs an error or contacts another origin."""
+
+import os
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+from urllib.parse import urlsplit
+
+import pytest
+from playwright.sync_api import Browser, ConsoleMessage, Page, Request, ViewportSize, expect, sync_playwright
+
+from browser import Browser as Client
+from running import PATIENCE_S
+from several import Gateway, Hub, gateway, hub
+from small_fleet import Place, live
+
+CHROMIUM = os.environ.get("CHROMIUM") or shutil.which("chromium") or shutil.which("chromium-browser")
+_CALMLY = Path(__file__).with_name("calmly")
+# Containers have no sandbox for root and no graphics card; WebGL is rendered in software.
+ARGUMENTS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist"]
+QUIET = ["--disable-background-networking", "--disable-component-update", "--disable-sync", "--no-first-run"]
+# a folder for the pictures of README.md, which are then taken in high resolution
+PICTURES = os.environ.get("LINKED_FLEET_PICTURES")
+DESK: ViewportSize = {"width": 1280, "height": 900}
+NO_WEBGL = """
+    const own = HTMLCanvasElement.prototype.getContext;
+    HTMLCanvasElement.prototype.getContext = function (kind, ...more) {
+        return kind.startsWith("webgl") ? null : own.call(this, kind, ...more);
+    };
+"""
+
+
+@pytest.fixture(scope="module")
+def chromium() -> Iterator[Browser]:
+    if CHROMIUM is None:
+        pytest.fail("the tests of the pages need Chromium, which is not there: apt install chromium", pytrace=False)
+    expect.set_options(timeout=PATIENCE_S * 1000)
+    calmly = os.geteuid() == 0 and shutil.which("setpriv") is not None
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(
+            executable_path=_CALMLY if calmly else CHROMIUM,
+            args=[*ARGUMENTS, *QUIET],
+            env={**os.environ, "CHROMIUM": CHROMIUM},
+        )
+        yield browser
+        browser.close()
+
+
+class Watched:
+    """Console messages and requests of a page."""
+
+    def __init__(self, page: Page) -> None:
+        self._page = page
+        self._said: list[str] = []
+        self._asked: set[str] = set()
+        page.on("console", self._console)
+        page.on("pageerror", lambda error: self._said.append(str(error)))
+        page.on("request", self._request)
+
+    def _console(self, message: ConsoleMessage) -> None:
+        # A page that is left while connecting is not at fault.
+        if message.type in ("error", "warning") and "closed before the connection is established" not in message.text:
+            self._said.append(f"{message.text} ({message.location.get('url')})")
+
+    def _request(self, request: Request) -> None:
+        self._asked.add(request.url)
+
+    def forgive(self, *texts: str) -> None:
+        """Accept console messages of the browser about failed requests that the test caused."""
+        self._said = [each for each in self._said if not any(text in each for text in texts)]
+
+    def check(self) -> None:
+        assert not self._said, self._said
+        home = urlsplit(self._page.url).netloc
+        foreign = [each for each in self._asked if urlsplit(each).scheme in ("http", "https", "ws", "wss")]
+        assert {urlsplit(each).netloc for each in foreign} <= {home}, foreign
+
+
+@pytest.fixture(scope="module")
+def client(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Client]:
+    """Yield a client of a gateway with one robot, a live UR5."""
+    place = Place(tmp_path_factory.mktemp("state"))
+    with place.gateway() as (_, client), place.ur5():
+        live(client, "ur5")
+        yield client
+
+
+@pytest.fixture(scope="session")
+def no_webgl() -> str:
+    """The script with which a page has no WebGL, for contexts other than that of ``page``."""
+    return NO_WEBGL
+
+
+@pytest.fixture
+def page(chromium: Browser, request: pytest.FixtureRequest) -> Iterator[Page]:
+    """Open an empty page in a context of its own, with few pixels.
+
+    Without a graphics card the processor draws 3D, which takes most of the time of a test. So a page has WebGL only in
+    a test that is marked ``webgl``.
+    """
+    context = chromium.new_context(viewport=DESK, reduced_motion="reduce", device_scale_factor=1 if PICTURES else 0.5)
+    context.set_default_timeout(PATIENCE_S * 1000)
+    if request.node.get_closest_marker("webgl") is None:
+        context.add_init_script(NO_WEBGL)
+    yield context.new_page()
+    context.close()
+
+
+@pytest.fixture
+def watched(page: Page) -> Iterator[Watched]:
+    """Record all console messages and requests of ``page``; checked at the end of the test."""
+    found = Watched(page)
+    yield found
+    found.check()
+
+
+@pytest.fixture(scope="session")
+def axe() -> str:
+    """The source of axe-core, to be evaluated in a page."""
+    source = Path(__file__).parents[1] / "scripts" / "node_modules" / "axe-core" / "axe.min.js"
+    return source.read_text(encoding="utf-8")
+
+
+@pytest.fixture
+def toy() -> Iterator[tuple[Hub, Gateway]]:
+    """Yield a robot with one joint, played by the test, and a gateway."""
+    with hub() as there, gateway(there) as one:
+        yield there, one

@@ -1,0 +1,118 @@
+"""Messages from the ROS side of a robot, passed to the functions of its driver, without a session or threads."""
+
+import math
+import struct
+from collections.abc import Callable
+from random import Random
+from typing import Any
+
+from fuzzing import mutation
+from fuzzing.findings import Tally, in_process
+from linked_fleet_agent.robot import Facts, RobotFaultError
+from linked_fleet_agent.robots.ros2 import cdr
+from linked_fleet_agent.robots.ros2.address import AddressError, parse_address
+from linked_fleet_agent.robots.ros2.following import Follower
+from linked_fleet_agent.robots.ros2.robot import facts_of
+from linked_fleet_agent.robots.ros2.session import Arrived
+from linked_fleet_agent.robots.ros2.states import JointStates
+from linked_fleet_agent.urdf import UrdfError
+from ros2_robot import STORE, URDF, joint_state, text
+
+_JOINTS = ("pan", "lift", "grip", "thumb_grip")
+_WORDS = (0, 1, 2, 3, 4, 5, 7, 8, 1024, 1025, 65_536, 2**31 - 1, 2**31, 2**32 - 8, 2**32 - 1)
+_HEADS = (b"\0\0\0\0", b"\0\1\0\0", b"\0\1\0\3", b"\0\2\0\0", b"\0\3\0\0", b"\0\7\0\0", b"\0\x0b\0\0", b"\1\0\0\0", b"")
+_ADDRESS = "ros2:tcp/192.0.2.1:7447?domain=1&namespace=/a&states=b&commands=c:pan;lift&commands=/d/t:grip&stale=1.5"
+
+
+def run(count: int, seed: int, first: int = 0) -> Tally:
+    return in_process("ros2", count, seed, first, lambda: RosSide().take)
+
+
+class RosSide:
+    """The state of one robot's driver for one episode; its clock advances by 10 ms each time."""
+
+    def __init__(self) -> None:
+        self._states = JointStates("arm", _JOINTS, "/joint_states", 0.5)
+        self._follower = Follower("/c/joint_trajectory", _JOINTS[:3])
+        self._now_s = 0.0
+
+    def take(self, random: Random) -> None:
+        self._now_s += 0.01
+        take: Callable[[RosSide, Random], None] = random.choices(_CASES, _WEIGHTS)[0]
+        take(self, random)
+
+    def state(self, random: Random) -> None:
+        """Check that every reading has a value for each joint, and that ROS can read what is sent on."""
+        try:
+            said = cdr.read_joint_state(torn(random, _good_state(random)))
+        except cdr.CdrError:
+            return
+        rows = (said.positions, said.velocities, said.efforts)
+        assert all(len(row) == len(said.names) <= cdr.MAX_JOINTS for row in rows)
+        self._states.take(said, self._now_s)
+        try:
+            reading = self._states.reading(self._now_s)
+        except RobotFaultError:
+            return
+        for row in (reading.positions, reading.velocities, reading.efforts):
+            assert len(row) == len(_JOINTS)
+            assert not any(math.isinf(value) for value in row), "infinite is unknown"
+        self._send(random)
+
+    def description(self, random: Random) -> None:
+        """Pass a description of the robot's joints, or an invalid one."""
+        urdf = URDF if random.random() < 0.5 else mutation.raw(random, URDF.encode()).decode("utf-8", "replace")
+        payload = torn(random, text(urdf)) if random.random() < 0.3 else text(urdf)
+        try:
+            facts = facts_of("arm", Arrived(payload, 0.0))
+        except (cdr.CdrError, UrdfError):
+            return
+        assert isinstance(facts, Facts) and 0 < len(facts.joints) <= cdr.MAX_JOINTS and len(facts.title) <= 256
+
+    def address(self, random: Random) -> None:
+        """Check that topic names with a special meaning in Zenoh are rejected."""
+        said = mutation.raw(random, _ADDRESS.encode()).decode("utf-8", "replace")
+        try:
+            address = parse_address(said)
+        except AddressError:
+            return
+        for name in (address.states, address.description, *(one.topic for one in address.controllers)):
+            assert name.startswith("/") and not set(name) & set("*$?#% ") and "//" not in name, name
+
+    def _send(self, random: Random) -> None:
+        measured = {name: self._states.position(name, self._now_s) for name in _JOINTS}
+        sent = self._follower.next({random.choice(_JOINTS[:3]): random.uniform(-2, 2)}, measured, self._now_s)
+        payload = cdr.write_trajectory(list(sent), list(sent.values()), random.choice((0.05, 0.5)))
+        read: Any = STORE.deserialize_cdr(payload, "trajectory_msgs/msg/JointTrajectory")
+        assert read.joint_names == list(sent)
+        assert all(math.isfinite(position) for position in read.points[0].positions)
+
+
+def torn(random: Random, payload: bytes) -> bytes:
+    """Return one in six unchanged; else with other lengths, encapsulation or bytes, or truncated."""
+    how = random.randrange(6)
+    if how == 0:
+        return payload
+    if how < 3:
+        changed = bytearray(payload)
+        at = 4 + 4 * random.randrange(max(1, len(payload) // 4 - 1))
+        if at + 4 <= len(changed):
+            struct.pack_into(random.choice("<>") + "I", changed, at, random.choice(_WORDS))
+        return bytes(changed)
+    if how == 3:
+        return random.choice(_HEADS) + payload[4:]
+    return payload[: random.randrange(len(payload) + 1)] if how == 4 else mutation.raw(random, payload)
+
+
+def _good_state(random: Random) -> bytes:
+    names = random.sample((*_JOINTS, "wheel", "é", ""), random.randint(0, 7)) or [str(n) for n in range(1200)]
+    rows = ([_number(random) for _ in names] if random.random() < 0.8 else [] for _ in range(3))
+    return joint_state(names, *rows, random.choice((0, 1, random.getrandbits(50))), random.random() < 0.5)
+
+
+def _number(random: Random) -> float:
+    return random.choice((random.uniform(-2, 2), 0.0, -0.0, math.nan, math.inf, -math.inf, 1e308, 5e-324))
+
+
+_CASES: tuple[Callable[[RosSide, Random], None], ...] = (RosSide.state, RosSide.description, RosSide.address)
+_WEIGHTS = (80, 10, 10)
