@@ -75,7 +75,7 @@ class ActionStore:
         self._run = run
         self._kept_s = kept_s
         self._redis = Connection(url, self._keys.news)
-        self._untold: dict[News, None] = {}
+        self._untold: list[News] = []
         """In the order of the latest change: several changes of one thing are reported once."""
         self._to_tell = asyncio.Event()
         self._noted: dict[str, tuple[int, int]] = {}
@@ -245,9 +245,7 @@ class ActionStore:
 
     def _tell(self, what: What, robot: str, id: str) -> None:
         """Notify the other gateways as soon as possible; the change itself does not depend on it."""
-        news = News(what, robot, id)
-        self._untold.pop(news, None)
-        self._untold[news] = None
+        self._untold.append(News(what, robot, id))
         self._to_tell.set()
 
     async def _tell_others(self) -> None:
@@ -257,15 +255,13 @@ class ActionStore:
         await self._tell_rest()
 
     async def _tell_rest(self) -> None:
-        telling, self._untold = self._untold, {}
+        telling, self._untold = self._untold, []
         if not telling:
             return
         try:
             await self._redis.all([self._entry(news) for news in telling])
         except BaseException:  # cancelled as well
-            self._untold = dict.fromkeys(
-                [*(each for each in telling if each not in self._untold), *self._untold][-_NEWS:]
-            )
+            self._untold = [*telling, *self._untold][-_NEWS:]
             self._to_tell.set()
             raise
 
