@@ -78,7 +78,7 @@ class Rendering:
         quiet = self._resource.quiet
         if len(self._resource.looks) == 1 and not quiet:
             return self.body([Seen.of(observations)], versions)
-        if sum(self._counts) != len(observations):
+        if len(self._counts) != len(self._resource.looks) or sum(self._counts) != len(observations):
             self._counts = tuple(len(look()) for look in self._resource.looks)
         ends = tuple(accumulate(self._counts, initial=0))
         seens = [Seen.of(observations[at:to]) for at, to in pairwise(ends)]

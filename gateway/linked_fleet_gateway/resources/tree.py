@@ -204,7 +204,7 @@ class Tree:
             measured=lambda graph, seens: self._say.robot(robot, self._tasks(robot), branches, graph, seens),
             looks=_looks(properties),
             quiet=(lambda: last_frame(robot),),
-            source=_thing(robot, properties, lambda: self._tasks(robot)),
+            source=_thing(robot, properties, lambda: (self._tasks(robot), self._branches.linked_from(robot, path))),
             own=_own(path, properties, actions),
             parts=tuple(part_paths(robot)),
             documents=self._branches.of_thing(self._view, robot),
