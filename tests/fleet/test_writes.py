@@ -78,13 +78,20 @@ def _value(page: Page, predicate: URIRef) -> Node | None:
 
 
 def test_what_was_read_can_be_put_back(browser: Browser, crate: str) -> None:
-    """Each writable resource accepts its own representation, in every syntax; nothing changes."""
+    """Each writable resource accepts its own representation, in every syntax of it; nothing changes.
+
+    An object of the world is written in plain JSON too, in which it is not served.
+    """
     for name, url in _written(browser, crate).items():
         before = browser.page(url)
         taken = before.response.headers["accept-put"].split(", ")
         assert set(_SYNTAXES) <= set(taken)
         for media_type in taken:
             read = browser.http.get(url, headers={"accept": media_type})
+            if (name, media_type) == ("crate", "application/json"):
+                assert read.status_code == 406
+                continue
+            assert read.status_code == 200
             answer = browser.http.put(url, content=read.content, headers={"content-type": media_type})
             assert answer.status_code == 204, f"{name} {media_type} {answer.text} {read.text}"
             assert browser.page(url).response.text == before.response.text

@@ -94,9 +94,12 @@ def copy(graph: Graph, shapes: Mapping[Node, list[Triple]], start: Node, complet
     return node
 
 
-def closure(graph: Graph, start: NamedNode, name: str = BLUEPRINTS) -> None:
-    """Add ``start`` and everything in the file that it refers to, so that the shape is complete."""
-    by_subject = load(name)
+def closure(graph: Graph, start: NamedNode, file: Path | None = None) -> None:
+    """Add ``start`` and everything in the file that it refers to, so that the shape is complete.
+
+    Without a file, the shapes are the blueprints.
+    """
+    by_subject = load(BLUEPRINTS) if file is None else load_file(file)
     pending: list[Node] = [start]
     done: set[Node] = set()
     while pending:

@@ -4,6 +4,7 @@ import json
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache
+from pathlib import Path
 
 import rdflib
 from pyoxigraph import BlankNode, Literal, NamedNode, RdfFormat, parse, serialize
@@ -57,9 +58,9 @@ def form_of_setting(facts: Facts, iri: NamedNode) -> Form | None:
 
 
 def form_of_shape(
-    shape: NamedNode, action: str, method: str, name: str, facts: Facts, subject: Term, file: str = "blueprints.ttl"
+    shape: NamedNode, action: str, method: str, name: str, facts: Facts, subject: Term, file: Path | None = None
 ) -> Form:
-    """Return the form of a shape published in ``file``, filled with what ``facts`` say about ``subject``."""
+    """Return the form of a shape in ``file``, or of a blueprint, filled with what ``facts`` say about ``subject``."""
     classes, fields = _fields(_blueprint(shape, file), str(shape))
     return _form(action, [method], name, classes, _filled(fields, facts, subject))
 
@@ -124,7 +125,7 @@ def _written(facts: Facts) -> bytes:
 
 
 @lru_cache(maxsize=16)
-def _blueprint(shape: NamedNode, file: str = "blueprints.ttl") -> bytes:
+def _blueprint(shape: NamedNode, file: Path | None = None) -> bytes:
     graph = Graph()
     closure(graph, shape, file)
     return serialize(graph.triples, format=RdfFormat.N_TRIPLES) or b""

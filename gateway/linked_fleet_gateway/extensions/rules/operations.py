@@ -6,7 +6,7 @@ Bodies are JSON-LD, because a rule may give its action any RDF.
 from functools import cache
 from itertools import chain
 
-from linked_fleet_gateway.extensions.rules.request import CONTAINER
+from linked_fleet_gateway.extensions.rules.request import CONTAINER, RULE_SHAPE
 from linked_fleet_gateway.extensions.rules.terms import LF
 from linked_fleet_gateway.http.operations import (
     CHANGED,
@@ -19,7 +19,7 @@ from linked_fleet_gateway.http.operations import (
     reading,
     writing,
 )
-from linked_fleet_gateway.rdf.shapes import load
+from linked_fleet_gateway.rdf.shapes import load_file
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS
 from linked_fleet_gateway.resources.branches import RequestView
 from linked_fleet_gateway.resources.json_form import Json, form_in
@@ -35,7 +35,7 @@ _MEMBERS = {
 
 @cache
 def _schema() -> Json:
-    form = form_in(chain.from_iterable(load("rules.ttl").values()), LF.RuleShape)
+    form = form_in(chain.from_iterable(load_file(RULE_SHAPE).values()), LF.RuleShape)
     of_path = {each.path: each.schema() for each in form.fields}  # the shape names them for people
     action: Json = {"type": "object", "properties": {"@id": {"type": "string", "format": "uri"}}, "required": ["@id"]}
     return {

@@ -13,6 +13,7 @@ from linked_fleet_gateway.extensions.pages.form_parts import Form, Group, Leaf
 from linked_fleet_gateway.extensions.pages.values import Facts, Link, Value
 from linked_fleet_gateway.extensions.pages.views import PageView, Part
 from linked_fleet_gateway.extensions.rules.examples import EXAMPLES
+from linked_fleet_gateway.extensions.rules.request import RULE_SHAPE
 from linked_fleet_gateway.extensions.rules.template import as_turtle
 from linked_fleet_gateway.extensions.rules.terms import LF
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, LDP
@@ -22,7 +23,6 @@ if TYPE_CHECKING:
 else:
     form = Lazily("linked_fleet_gateway.extensions.pages.form")
 
-_SHAPES = "rules.ttl"
 _TEMPLATES = Path(__file__).parent / "templates"
 
 
@@ -62,7 +62,7 @@ def rules(facts: Facts, iri: NamedNode) -> Part:
         LF.minimumInterval: "1",
         LF.enabled: "true",
     }
-    blank = form.form_of_shape(LF.RuleShape, iri.value, "POST", "Save the rule", facts, iri, _SHAPES)
+    blank = form.form_of_shape(LF.RuleShape, iri.value, "POST", "Save the rule", facts, iri, RULE_SHAPE)
     more = {
         "listed": [_listed(facts, each) for each in members],
         "examples": EXAMPLES,
@@ -79,7 +79,7 @@ def rule(facts: Facts, iri: NamedNode) -> Part:
         LF.invokes: f"?{facts.text(node, LF.variable)}" if isinstance(node, BlankNode) else getattr(node, "value", ""),
         LF.condition: getattr(facts.one(iri, LF.condition), "value", ""),
     }
-    own = form.form_of_shape(LF.RuleShape, iri.value, "PUT", "Save the changes", facts, iri, _SHAPES)
+    own = form.form_of_shape(LF.RuleShape, iri.value, "PUT", "Save the changes", facts, iri, RULE_SHAPE)
     more = {
         "form": _form(own, values),
         "enabled": _enabled(facts, iri),
