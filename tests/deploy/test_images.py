@@ -138,7 +138,10 @@ def test_requirements_are_what_the_package_needs_and_nothing_else(monkeypatch: p
         assert asked <= set(_pins(ROOT / "deploy" / name)), name
 
 
-@pytest.mark.parametrize("folder", ["face", "gateway/linked_fleet_gateway/extensions/things/tests"])
+@pytest.mark.parametrize(
+    "folder",
+    ["gateway/linked_fleet_gateway/extensions/pages/scripts", "gateway/linked_fleet_gateway/extensions/things/tests"],
+)
 def test_npm_installs_pinned_packages_with_hashes_from_no_fixed_address(folder: str) -> None:
     """If not: make requirements."""
     wanted, lock = (json.loads((ROOT / folder / name).read_text()) for name in ("package.json", "package-lock.json"))

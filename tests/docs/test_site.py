@@ -10,6 +10,7 @@ import pytest
 
 from running import ROOT
 
+pytestmark = pytest.mark.test_all
 _WORDS_OF_README = 500
 _APART = re.compile(r"\.github/|CODE_OF_CONDUCT\.md")
 """Pages for developers, at the places where forges look for them."""

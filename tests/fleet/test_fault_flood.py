@@ -18,7 +18,7 @@ from running import eventually
 from small_fleet import Place, live
 from subscribers import Socket
 
-pytestmark = pytest.mark.processes
+pytestmark = [pytest.mark.processes, pytest.mark.test_all]
 
 
 @contextlib.contextmanager
@@ -42,10 +42,7 @@ def flooding(session: zenoh.Session, loud: Actor, kind: str) -> Iterator[None]:
         thread.join()
 
 
-@pytest.mark.parametrize(
-    "kind",
-    ["frames", *(pytest.param(name, marks=pytest.mark.test_all) for name in ("nonsense", "progress", "too much"))],
-)
+@pytest.mark.parametrize("kind", ["frames", "nonsense", "progress", "too much"])
 def test_a_flood_starves_nobody(tmp_path: Path, kind: str) -> None:
     """Meanwhile another robot can be moved, seen and stopped."""
     place = Place(tmp_path)

@@ -261,6 +261,7 @@ def test_it_hears_nothing_of_another(scene: Scene) -> None:
 # -- those who are nobody -------------------------------------------------------------------------------------------
 
 
+@pytest.mark.test_all
 def test_without_a_certificate_of_the_authority_there_is_no_link(scene: Scene, tmp_path: Path) -> None:
     """Without a certificate, with a foreign one, or without TLS, the agent hears nothing and its robot is missing."""
     foreign = made(tmp_path / "foreign", "--agent", "c")

@@ -24,7 +24,7 @@ SHARES = {
 
 def run(target: str, count: int, seed: int, first: int = 0) -> Tally:
     """Run the inputs ``first`` to ``first + count`` of a target."""
-    tally: Tally = importlib.import_module(f"fuzz.{target}").run(count, seed, first)
+    tally: Tally = importlib.import_module(f"fuzzing.{target}").run(count, seed, first)
     return tally
 
 

@@ -13,6 +13,7 @@ from playwright.sync_api import Page, Route
 from linked_fleet_gateway.extensions.pages import labels
 from properties import examples
 
+pytestmark = [pytest.mark.processes, pytest.mark.test_all]
 SOURCES = Path(__file__).parents[1] / "scripts" / "src"
 HOME = "http://face.test/"
 SLOWLY = settings(max_examples=examples(40), suppress_health_check=[HealthCheck.function_scoped_fixture])

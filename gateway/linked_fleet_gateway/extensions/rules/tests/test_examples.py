@@ -13,7 +13,7 @@ from linked_fleet_gateway.extensions.rules.examples import GREET, KEEP_AWAY, UPR
 from ruling import TURTLE, fired, firings, posted
 from running import eventually
 
-pytestmark = pytest.mark.virtual
+pytestmark = [pytest.mark.virtual, pytest.mark.test_all]
 
 
 def saved(browser: Browser, example: Example) -> str:
