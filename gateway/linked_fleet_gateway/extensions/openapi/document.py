@@ -51,7 +51,7 @@ class Documents:
         async for robot in sliced(list(view.robots.values())):
             fleet.add(robot)
         paths: dict[str, Mapping[str, Any]] = {}
-        for operations in self._operations:
+        async for operations in sliced(self._operations):  # the first time they read shapes, some milliseconds each
             paths |= operations(view)
         # Schemas of hundreds of joints take a second; their inputs are never modified in place, so a thread may read
         # them.
