@@ -132,7 +132,7 @@ class Shell:
             if not entry.name.startswith(".") or entry.name == ".venv":
                 (folder / entry.name).symlink_to(entry)
         # The Node.js packages that a page tells its reader to install.
-        (folder / "node_modules").symlink_to(ROOT / "tests" / "things" / "node_modules")
+        (folder / "node_modules").symlink_to(ROOT / "gateway/linked_fleet_gateway/extensions/things/tests/node_modules")
         # On a terminal, curl shows no progress of what it prints.
         (folder / ".curlrc").write_text("silent\nshow-error\n")
         bin = Path(sys.executable).parent

@@ -32,6 +32,8 @@ class Hosted:
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         http: HttpProtocol = scope["extensions"][HTTP]
         http.on_shutdown = self._end
+        # A client that was killed closes its side only. Its protocol may demand that this cancels the request.
+        http.ends_with_client = True
         if http.ending:
             self._end()
         try:
@@ -39,6 +41,7 @@ class Hosted:
             await self._app(within, partial(self._hear, receive), partial(self._say, send))
         finally:
             http.on_shutdown = None
+            http.ends_with_client = False
         if not self._started:
             await Response(status_code=HTTPStatus.SERVICE_UNAVAILABLE)(scope, receive, send)
         elif not self._complete:

@@ -44,6 +44,8 @@ class HttpProtocol(HttpToolsProtocol):
     on_drained: Callable[[], None] | None = None
     """Called when most of the buffered bytes have been sent."""
     on_shutdown: Callable[[], None] | None = None
+    ends_with_client = False
+    """True while a response is not worth completing for a client that has closed its side."""
     ending = False
     """True during shutdown: applications that start now have missed the notification."""
     reader: Reader
@@ -94,7 +96,7 @@ class HttpProtocol(HttpToolsProtocol):
         """Answer earlier requests after the client has closed its side of the connection. True keeps our side open."""
         # TLS has no such half-close, and a client that closes during a response, such as a stream, has gone.
         waits = self._phase is _WHOLE and self._is_answering() and (self.pipeline or not self.cycle.response_started)
-        if self.scheme == "https" or not waits:
+        if self.scheme == "https" or not waits or self.ends_with_client:
             return None
         self.cycle.keep_alive = False
         return True
