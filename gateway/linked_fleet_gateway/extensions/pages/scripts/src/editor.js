@@ -84,6 +84,7 @@ export function edit(area) {
       ],
     }),
   });
+  view.scrollDOM.tabIndex = 0; // a long text is scrolled by keyboard too (WCAG 2.1.1)
   views.set(area, view);
   area.hidden = true;
   area.after(host);

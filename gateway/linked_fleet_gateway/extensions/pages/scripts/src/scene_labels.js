@@ -79,7 +79,9 @@ export class Labels {
       if (outside) continue;
       const { width, height } = this.size(label);
       const x = Math.min(Math.max(((at.x + 1) / 2) * clientWidth, width / 2), clientWidth - width / 2);
-      const bottom = free({ left: x - width / 2, right: x + width / 2, bottom: ((1 - at.y) / 2) * clientHeight, height }, taken);
+      // A robot that fills the view has its label at the upper edge.
+      const above = Math.max(((1 - at.y) / 2) * clientHeight, height);
+      const bottom = free({ left: x - width / 2, right: x + width / 2, bottom: above, height }, taken);
       label.hidden = bottom < height;
       if (label.hidden) continue;
       taken.push({ left: x - width / 2, right: x + width / 2, top: bottom - height, bottom });
