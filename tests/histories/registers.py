@@ -9,7 +9,7 @@ from histories.keys import Keys
 from linked_fleet_gateway.extensions.rules.rule import Rule
 from linked_fleet_gateway.extensions.rules.store import Changed as RuleChanged
 from linked_fleet_gateway.extensions.world.replicated_objects import Changed as ObjectChanged
-from linked_fleet_gateway.extensions.world.replicated_objects import digest
+from linked_fleet_gateway.extensions.world.replicated_objects import Full, digest
 from linked_fleet_gateway.extensions.world.scene import SceneObject, Sphere, decode, encode
 from linked_fleet_gateway.fleet.model import Pose
 
@@ -123,7 +123,10 @@ class RegisterClients:
         removes = self._register.removable and present is not None and draws.random() < _REMOVES
         value = None if removes else self._register.next(present, self._history.label("v"))
         called = self._history.calls(client, "register", key, "swap", expect=present, value=value)
-        done = await self._register.swap(gateway, key, present, value)
+        try:
+            done = await self._register.swap(gateway, key, present, value)
+        except Full:
+            return  # by the objects of earlier keys; nothing was written, and the operation stays unanswered
         called.answered(is_="done" if done else "changed")
         if done:
             self._seen[client, key] = value
