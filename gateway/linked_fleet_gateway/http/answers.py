@@ -5,6 +5,7 @@ a robot. A response is valid while nothing but frames has changed the robot, and
 equal. Requests with fields that ask for more than a representation bypass the cache.
 """
 
+import logging
 from dataclasses import dataclass
 from itertools import chain
 from operator import is_not
@@ -21,6 +22,8 @@ from linked_fleet_gateway.identity.rights import View
 from linked_fleet_gateway.resources.renderings import Rendering
 from linked_fleet_gateway.resources.resource import Resource
 from linked_fleet_gateway.subscriptions.live import Live
+
+log = logging.getLogger(__name__)
 
 MAX_KEPT = 16_384
 MAX_BYTES = 24 * 1024 * 1024
@@ -139,7 +142,14 @@ class Answers:
         return len(self._kept)
 
     def find(self, scope: Scope, live: Live) -> Reply | None:
-        """Return the reply to a request if its response is cached and valid."""
+        """Return the reply to a request if its response is cached and valid. An error is logged, and gives None too."""
+        try:
+            return self._find(scope, live)
+        except Exception:  # one description that cannot be written must not fail the request
+            log.exception("unforeseen error in the kept answer of %s", scope["path"])
+            return None
+
+    def _find(self, scope: Scope, live: Live) -> Reply | None:
         key, known, coding = _asked(scope)
         if key is None or (answer := self._kept.get(key)) is None:
             return None

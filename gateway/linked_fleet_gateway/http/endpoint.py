@@ -86,11 +86,7 @@ class Endpoint:
             await self._upgrade(WebSocket(scope, receive, send))
             return
         services = gateway_of(scope).services
-        try:
-            reply = services.answers.find(scope, services.live)
-        except Exception:
-            log.exception("unforeseen error in the kept answer of %s", scope["path"])
-            reply = None  # handled without the cache
+        reply = services.answers.find(scope, services.live)
         if reply is not None:
             headers = [*reply.kept, *reply.more]
             await send({"type": "http.response.start", "status": reply.status, "headers": headers})

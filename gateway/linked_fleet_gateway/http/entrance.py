@@ -4,7 +4,6 @@ In this order: address of the client, request id, operator endpoints, pages of o
 limit, and modules to be loaded.
 """
 
-import logging
 import time
 from collections.abc import Collection, Sequence
 from functools import partial
@@ -28,8 +27,6 @@ from linked_fleet_gateway.http.request import gateway_of
 from linked_fleet_gateway.runtime.metrics import Requests
 from linked_fleet_gateway.runtime.request_context import RequestContext, begin, request_id
 from linked_fleet_gateway.runtime.tracing import Tracing
-
-log = logging.getLogger(__name__)
 
 REQUEST_ID = "X-Request-Id"
 _ID_FIELD = REQUEST_ID.lower().encode()
@@ -74,11 +71,7 @@ class Entrance:
             return None
         if services.identities is not None and not known_at_once(services.identities, arrival):
             return None
-        try:
-            reply = services.answers.find(scope, services.live)
-        except Exception:
-            log.exception("unforeseen error in the kept answer of %s", scope["path"])
-            return None  # the ordinary way answers
+        reply = services.answers.find(scope, services.live)
         if reply is None or self._pace.wait_s(scope):
             return None
         reply.more.append((_ID_FIELD, request_id(arrival.fields.get(_ID_FIELD)).encode()))
