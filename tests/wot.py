@@ -1,13 +1,18 @@
 """The requirements on a Thing Description: its JSON Schema, from npm (things/tests/package.json)."""
 
+import contextlib
 import functools
 import json
+import os
 import shutil
+import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 from jsonschema import Draft7Validator, FormatChecker
+
+from running import PATIENCE_S
 
 HERE = Path(__file__).parents[1] / "gateway/linked_fleet_gateway/extensions/things/tests"
 _SCHEMA = HERE / "node_modules/wot-thing-description-types/schema/td-json-schema-validation.json"
@@ -18,6 +23,20 @@ def node() -> str:
     found = shutil.which("node") or shutil.which("node", path=str(Path(sys.executable).parent))
     if found is None or not _SCHEMA.is_file():
         pytest.fail("node-wot is not there: make node-wot", pytrace=False)
+    return found
+
+
+def printed(script: Path, *arguments: str) -> dict[str, object]:
+    """Run a client in JavaScript, and return the members of all JSON objects that it prints, a line each."""
+    command, packages = [node(), script, *arguments], {"NODE_PATH": str(HERE / "node_modules")}
+    done = subprocess.run(
+        command, env=os.environ | packages, capture_output=True, text=True, timeout=PATIENCE_S, check=False
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    found: dict[str, object] = {}
+    for line in done.stdout.splitlines():
+        with contextlib.suppress(json.JSONDecodeError):
+            found |= json.loads(line)
     return found
 
 

@@ -1,9 +1,5 @@
 """A Foxglove client as a black box: it lists channels, decodes messages, calls a service, and is refused."""
 
-import contextlib
-import json
-import os
-import subprocess
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -11,8 +7,7 @@ import pytest
 
 from guarded import SEEN, Guarded, guarded
 from linked_fleet_gateway.extensions.foxglove.protocol import SUBPROTOCOLS
-from running import PATIENCE_S
-from wot import HERE, node
+from wot import printed
 
 pytestmark = [pytest.mark.processes, pytest.mark.test_all]
 
@@ -29,15 +24,7 @@ def said_by(here: Guarded, name: str, subprotocol: str, messages: int) -> dict[s
     """Return the client's output, by its words."""
     url = here.root.replace("http", "ws", 1) + "foxglove"
     script = Path(__file__).with_name("foxglove.cjs")
-    command = [node(), script, url, here.tokens[name], SEEN, subprotocol, str(messages)]
-    found = os.environ | {"NODE_PATH": str(HERE / "node_modules")}
-    done = subprocess.run(command, env=found, capture_output=True, text=True, timeout=PATIENCE_S, check=False)
-    assert done.returncode == 0, done.stdout + done.stderr
-    said: dict[str, object] = {}
-    for line in done.stdout.splitlines():
-        with contextlib.suppress(json.JSONDecodeError):
-            said |= json.loads(line)
-    return said
+    return printed(script, url, here.tokens[name], SEEN, subprotocol, str(messages))
 
 
 @pytest.mark.parametrize(("subprotocol", "messages"), [(SUBPROTOCOLS[0], 1000), (SUBPROTOCOLS[1], 50)])

@@ -1,36 +1,21 @@
 """A client of another standard as a black box: node-wot finds a joint, reads it, observes it, and rotates it."""
 
-import contextlib
-import json
-import subprocess
 from pathlib import Path
 
 import pytest
 
-from running import PATIENCE_S
 from small_fleet import Place, live
-from wot import HERE, node
+from wot import HERE, printed
 
 pytestmark = [pytest.mark.processes, pytest.mark.test_all]
 RAD = "http://qudt.org/vocab/unit/RAD"
-
-
-def _consume(root: str) -> dict[str, object]:
-    command = [node(), HERE / "consume.cjs", root]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE_S, check=False)
-    assert done.returncode == 0, done.stdout + done.stderr
-    said: dict[str, object] = {}
-    for line in done.stdout.splitlines():
-        with contextlib.suppress(json.JSONDecodeError):
-            said |= json.loads(line)
-    return said
 
 
 def test_node_wot_reads_observes_and_invokes(tmp_path: Path) -> None:
     place = Place(tmp_path)
     with place.gateway() as (_, browser), place.ur5():
         live(browser, "ur5")
-        said = _consume(place.root)
+        said = printed(HERE / "consume.cjs", place.root)
     assert said["thing"] == "shoulder_pan_joint of UR5, a six-axis arm"
     start, end, observed = said["read"], said["end"], said["observed"]
     assert start["unit"] == end["unit"] == RAD and end["value"] == pytest.approx(start["value"] + 0.2, abs=0.011)
