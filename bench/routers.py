@@ -31,7 +31,7 @@ from redis_servers import cluster_replicated
 from running import ROOT
 
 RATE_HZ = 0.25
-"""Of frames: more often than the 5 s of silence after which a gateway asks a robot whether it is there."""
+"""Frame rate: more frequent than the 5 s of silence after which a gateway queries a robot."""
 STAYS, LOST = AREAS
 SHOWN = (CORE, STAYS, AREAS[STAYS][0])
 """Routers whose figures are shown; others of their levels are like them."""

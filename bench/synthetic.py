@@ -36,7 +36,7 @@ from linked_fleet_agent.wire.messages import WIRE_VERSION, Accepted, Command, De
 Asked = Literal["description", "command", "stop"]
 Answer = Callable[[bytes], bytes]
 KEYS = Keys()
-"""Those of the first namespace."""
+"""The keys of the first namespace."""
 _TICK_S = 0.001
 _TIMES = struct.Struct("<Qqq")  # sequence, monotonic and wall time of a frame
 _LAYOUT = {each.name: each.offset for each in layout(1, False)}

@@ -38,7 +38,7 @@ _REQUIREMENTS = {"linked-fleet-agent": "requirements-agent.txt", "linked-fleet":
 _PAGES = "linked_fleet_gateway/extensions/pages/assets/manifest.json"
 _OURS = ("linked_fleet*", SUMS)
 _RELATIVE_LINK = re.compile(r"\]\((?!\w+:|#)([^)\s]+)")
-"""Of Markdown; its target is the group."""
+"""A link of Markdown; its target is the group."""
 _LONGEST_S = 600
 
 

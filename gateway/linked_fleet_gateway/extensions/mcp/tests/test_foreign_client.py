@@ -213,7 +213,7 @@ def _state(root: str, iri: str) -> str:
 
 
 def test_the_scenarios_of_the_conformance_suite_that_apply_hold(root: str, tmp_path: Path) -> None:
-    """Those that do not apply are listed in ``conformance.yml``: they fail, or the suite says that one is no more."""
+    """``conformance.yml`` lists the scenarios that do not apply. The suite fails if one of these passes."""
     program = HERE / "node_modules/@modelcontextprotocol/conformance/dist/index.js"
     baseline = Path(__file__).with_name("conformance.yml")
     command = [node(), program, "server", "--url", root + "mcp", "--suite", "all", "--expected-failures", baseline]

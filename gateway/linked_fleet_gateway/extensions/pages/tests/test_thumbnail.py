@@ -26,7 +26,7 @@ def _points(svg: bytes) -> list[list[float]]:
 
 
 def test_another_pose_is_another_drawing(bench: Any) -> None:
-    """What the robot is like decides, and nothing else: the same pose gives the same bytes."""
+    """The thumbnail depends on the robot alone: the same pose gives the same bytes."""
     straight, bent = bench.robot(_ARM, [0, 0, 0]), bench.robot(_ARM, [1, 0, 0], name="other")
     assert drawing(straight) == drawing(bench.robot(_ARM, [0, 0, 0], name="third")) != drawing(bent)
 
@@ -74,7 +74,7 @@ def _resolved(bench: Any, path: str) -> Any:
     ],
 )
 def test_a_battery_is_listed_as_its_robot_says(bench: Any, said: str, percent: float | None) -> None:
-    """What is no share of a hundred is none."""
+    """A value that is not a number from 0 to 100 is no charge."""
     robot = bench.robot(_ARM, annotations=f"<> lf:batteryCharge {said} .")
     expected = [] if percent is None else [percent]
     assert [charge for each in robot.annotations if (charge := read_charge(each)) is not None] == expected
