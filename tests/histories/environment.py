@@ -65,8 +65,11 @@ class OneServer:
         way.sever()
 
     async def revive(self, gateway: int) -> None:
-        way = faulty_way(self._server.port, random.Random(self._draws.random()), _SPLIT)
-        self._ways[gateway] = await self._stack.enter_async_context(way)
+        way = await self._stack.enter_async_context(
+            faulty_way(self._server.port, random.Random(self._draws.random()), _SPLIT)
+        )
+        way.target = self._server.port  # a replica may have been promoted meanwhile
+        self._ways[gateway] = way
 
     async def fail(self, draws: random.Random) -> None:
         way = draws.choice([way for way in self._ways if way is not None])
