@@ -10,7 +10,7 @@ from linked_fleet_agent.wire.codec import encode_state, layout
 from linked_fleet_agent.wire.messages import Description, State
 from linked_fleet_gateway.actions.admission import admit
 from linked_fleet_gateway.actions.handler_table import HANDLERS
-from linked_fleet_gateway.actions.plan import ActionRequest, Plan, moment_of
+from linked_fleet_gateway.actions.plan import ActionRequest, Plan, robot_time
 from linked_fleet_gateway.app.extensions import BUILT_IN, install
 from linked_fleet_gateway.extensions.reach.handler import reach
 from linked_fleet_gateway.extensions.reach.terms import LF
@@ -126,7 +126,7 @@ class Bench:
     def plan(self, path: str, turtle: str = "") -> Plan:
         offer = self.offer(path)
         body = self.body(path, turtle) if offer.takes_body else Body((), offer.definition.iri)
-        asked = ActionRequest(self.base, body, offer.robot, offer.joint, moment_of(offer.robot))
+        asked = ActionRequest(self.base, body, offer.robot, offer.joint, robot_time(offer.robot))
         return {**HANDLERS, LF.Reach: reach}[offer.definition.iri](asked)
 
     @staticmethod

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from linked_fleet_gateway.actions.replicated_invocations import Memory
+from linked_fleet_gateway.actions.replicated_invocations import ReplicatedInvocations
 from linked_fleet_gateway.actions.store import ActionStore
 from linked_fleet_gateway.app.application import new_live
 from linked_fleet_gateway.app.settings import GatewaySettings
@@ -56,7 +56,7 @@ def _live() -> Live:
 def test_what_cannot_be_remembered_is_bounded_and_what_is_open_is_given_up_last(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
-    memory = Memory(_live(), ActionStore("redis://127.0.0.1:1", "n", "run"), _stop, lambda _: None)
+    memory = ReplicatedInvocations(_live(), ActionStore("redis://127.0.0.1:1", "n", "run"), _stop, lambda _: None)
     states = [InvocationState.RUNNING] + [InvocationState.SUCCEEDED] * (MOST + 1)
     made = [
         Invocation(str(number), "r", "/r/actions/stop", {}, time.time_ns(), time.time_ns(), state=state)
@@ -76,7 +76,7 @@ def test_a_stop_that_ends_before_it_is_recorded_is_remembered(tmp_path: Path) ->
 
     async def scenario(url: str) -> None:
         store, other = (ActionStore(url, "n", run) for run in ("one", "other"))
-        async with store, other, Memory(_live(), store, _stop, lambda _: None) as memory:
+        async with store, other, ReplicatedInvocations(_live(), store, _stop, lambda _: None) as memory:
             await other.load()
             memory.begun(stopped)
             stopped.state = InvocationState.SUCCEEDED
@@ -97,7 +97,7 @@ def test_an_end_that_overtakes_the_answer_is_remembered_with_what_the_answer_say
 
     async def scenario(url: str) -> None:
         store, other = (ActionStore(url, "n", run) for run in ("one", "other"))
-        async with store, other, Memory(_live(), store, _stop, lambda _: None) as memory:
+        async with store, other, ReplicatedInvocations(_live(), store, _stop, lambda _: None) as memory:
             await other.load()
             for each in (moved, later):
                 await store.open(each)
@@ -124,7 +124,7 @@ def test_what_is_deleted_while_it_is_read_stays_deleted(tmp_path: Path) -> None:
 
     async def scenario(url: str) -> None:
         live = _live()
-        async with Slow(url, "read") as store, Memory(live, store, _stop, lambda _: None) as memory:
+        async with Slow(url, "read") as store, ReplicatedInvocations(live, store, _stop, lambda _: None) as memory:
             await store.open(invocation)
             reading = asyncio.create_task(memory.fetch("r", "i"))
             await store.answered.wait()
@@ -155,7 +155,7 @@ def test_what_is_taken_back_while_the_store_cannot_be_reached_is_no_longer_set(t
         live = _live()
         async with CutOff(url, "n", "one") as store, ActionStore(url, "n", "other") as other:
             await other.set_setting("r", "title", None, "x")
-            async with Memory(live, store, _stop, lambda _: None), asyncio.timeout(PATIENCE_S):
+            async with ReplicatedInvocations(live, store, _stop, lambda _: None), asyncio.timeout(PATIENCE_S):
                 assert live.fleet.settings == {"r": {"title": "x"}}
                 store.away = True
                 await other.set_setting("r", "title", "x", None)
@@ -170,7 +170,7 @@ def test_what_is_taken_back_while_the_store_cannot_be_reached_is_no_longer_set(t
 def test_an_answer_that_comes_late_is_not_taken_for_what_is_set_now(tmp_path: Path) -> None:
     async def scenario(url: str) -> None:
         live = _live()
-        async with Slow(url, "settings") as store, Memory(live, store, _stop, lambda _: None) as memory:
+        async with Slow(url, "settings") as store, ReplicatedInvocations(live, store, _stop, lambda _: None) as memory:
             await store.set_setting("r", "title", None, "old")
             first = asyncio.create_task(memory._settings.refresh("r"))
             await store.answered.wait()

@@ -18,7 +18,7 @@ from linked_fleet_agent.wire.codec import encode_state
 from linked_fleet_agent.wire.messages import State
 from linked_fleet_gateway.actions.admission import admit
 from linked_fleet_gateway.actions.handler_table import HANDLERS
-from linked_fleet_gateway.actions.plan import ActionRequest, Later, Motion, moment_of
+from linked_fleet_gateway.actions.plan import ActionRequest, DeferredPlan, Motion, robot_time
 from linked_fleet_gateway.app.extensions import BUILT_IN, install
 from linked_fleet_gateway.base.errors import FleetError, UnprocessableContent
 from linked_fleet_gateway.extensions.reach.handler import reach
@@ -160,9 +160,9 @@ def _plan(random: Random, offer: Offer, triples: list[Triple]) -> None:
         _compare(offer, triples)
     admitted = admit(offer, triples, BASE)
     plan = _HANDLERS[offer.definition.iri](
-        ActionRequest(BASE, admitted, offer.robot, offer.joint, moment_of(offer.robot))
+        ActionRequest(BASE, admitted, offer.robot, offer.joint, robot_time(offer.robot))
     )
-    if isinstance(plan, Later):
+    if isinstance(plan, DeferredPlan):
         plan = plan.compute() if random.random() < 0.1 else None  # a search takes milliseconds
     assert plan is None or isinstance(plan, Motion), "what takes a body moves"
 

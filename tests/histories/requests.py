@@ -7,7 +7,7 @@ from histories.history import History
 from histories.keys import Keys
 from histories.robots import JOINT
 from linked_fleet_agent.wire.messages import Move
-from linked_fleet_gateway.actions.plan import Caller, Motion, moment_of
+from linked_fleet_gateway.actions.plan import Caller, Motion, robot_time
 from linked_fleet_gateway.base.errors import AgentSilent, Busy, KeyReused, RefusedByAgent
 
 _MODEL = "key"
@@ -51,7 +51,7 @@ class MotionClients:
         target, name = number * _STEP, self._robots[number % len(self._robots)]
         self._of_target[target] = key
         robot = gateway.live.fleet.robots[name]
-        moment = moment_of(robot)
+        moment = robot_time(robot)
         assert moment is not None
         return Motion(robot, Move({JOINT: target}), {JOINT: target}, moment)
 

@@ -15,7 +15,7 @@ from linked_fleet_gateway.resources.paths import part_of, robot_path
 
 
 @dataclass(frozen=True)
-class Moment:
+class RobotTime:
     """The time of a request by the robot's own clock: its run, and the monotonic time of its latest frame.
 
     The command keeps this time whatever delays follow (a search, Redis, a turn), so it is refused as stale after too
@@ -39,7 +39,7 @@ class Motion:
     robot: Robot
     motion: Move | Follow
     targets: Mapping[str, float]
-    asked: "Moment"
+    requested_at: RobotTime
     scale: float = 1.0
     expects: Mapping[str, Expectation] = field(default_factory=dict)
     tied: bool = False
@@ -55,26 +55,26 @@ class Halt:
 
 
 @dataclass(frozen=True)
-class Later:
+class DeferredPlan:
     """A plan that takes milliseconds to compute. ``compute`` runs in a thread and uses immutable data only."""
 
     compute: Callable[[], Motion]
 
 
-Plan = Motion | Halt | Later
+Plan = Motion | Halt | DeferredPlan
 
 
 TIME_TO_LIVE_NS = 2_000_000_000
 
 
 def command_of(id: str, motion: Motion, *, rehearsal: bool = False) -> Command:
-    """Return the command, with the moment of the request, whatever time has passed since."""
+    """Return the command, with the time of the request, whatever time has passed since."""
     return Command(
         version=WIRE_VERSION,
         id=id,
-        incarnation=motion.asked.incarnation,
-        seen_ns=motion.asked.seen_ns,
-        time_to_live_ns=TIME_TO_LIVE_NS + motion.asked.waited_ns,
+        incarnation=motion.requested_at.incarnation,
+        seen_ns=motion.requested_at.seen_ns,
+        time_to_live_ns=TIME_TO_LIVE_NS + motion.requested_at.waited_ns,
         motion=motion.motion,
         scale=motion.scale,
         expects=dict(motion.expects),
@@ -101,12 +101,12 @@ class Caller:
     rule: str = ""
 
 
-def moment_of(robot: Robot | None) -> Moment | None:
-    """Return the present moment of a robot; None if it cannot be commanded now."""
+def robot_time(robot: Robot | None) -> RobotTime | None:
+    """Return the present time of a robot; None if it cannot be commanded now."""
     frame = None if robot is None or not robot.online else robot.frame
     if robot is None or frame is None or robot.incarnation is None or robot.limit_fault:
         return None
-    return Moment(robot.incarnation, frame.monotonic_ns)
+    return RobotTime(robot.incarnation, frame.monotonic_ns)
 
 
 @dataclass(frozen=True)
@@ -117,31 +117,31 @@ class ActionRequest:
     body: Body
     robot: Robot | None = None
     joint: Joint | None = None
-    moment: Moment | None = None
+    robot_time: RobotTime | None = None
     _parts: dict[str, tuple[str | None, str | None]] = field(default_factory=dict, compare=False)
 
-    def of_moment(self) -> Moment:
-        """Return the moment. Raises Offline or Faulty if the robot could not be commanded."""
-        if self.moment is None:
-            robot = self.of_robot()
+    def required_time(self) -> RobotTime:
+        """Return the time of the request. Raises Offline or Faulty if the robot could not be commanded."""
+        if self.robot_time is None:
+            robot = self.required_robot()
             if robot.online and robot.limit_fault:
                 raise Faulty(f"{robot.limit_fault}. {robot.name} moves again once they are within; it can be stopped.")
             since = "has not sent a frame yet" if robot.online else "is offline"
             raise Offline(f"Robot {robot.name} {since}; its actions answer again once it is back.")
-        return self.moment
+        return self.robot_time
 
-    def of_robot(self) -> Robot:
+    def required_robot(self) -> Robot:
         assert self.robot is not None
         return self.robot
 
-    def of_joint(self) -> Joint:
+    def required_joint(self) -> Joint:
         assert self.joint is not None
         return self.joint
 
     def model(self) -> RobotModel:
-        model = self.of_robot().model
+        model = self.required_robot().model
         if model is None:
-            raise Offline(f"Robot {self.of_robot().name} has no usable description at present.")
+            raise Offline(f"Robot {self.required_robot().name} has no usable description at present.")
         return model
 
     def joint_at(self, iri: object) -> Joint:
@@ -158,6 +158,6 @@ class ActionRequest:
     def _part(self, iri: object) -> tuple[str | None, str | None]:
         assert isinstance(iri, NamedNode)
         if iri.value not in self._parts:  # a trajectory names the same few joints thousands of times
-            local = iri.value.removeprefix(self.base + robot_path(self.of_robot().name))
+            local = iri.value.removeprefix(self.base + robot_path(self.required_robot().name))
             self._parts[iri.value] = part_of(local, self.model())
         return self._parts[iri.value]

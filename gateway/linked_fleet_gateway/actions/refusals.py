@@ -34,14 +34,14 @@ def refusal(robot: Robot, reply: Refused) -> Conflict:
     return RefusedByAgent(f"The agent of {robot.name} refused ({reply.code}): {reply.reason}")
 
 
-def repeated(robot: Robot, invocation: Invocation) -> None:
+def raise_first_refusal(robot: Robot, invocation: Invocation) -> None:
     """Raise the error that answered the original request, unless its agent accepted it."""
     if (guarded := MotionRefused.coded(invocation.refused)) is not None:
         raise guarded(f"The motion was not begun: {invocation.reason}.", reason=invocation.reason)
     if invocation.refused:
         raise refusal(robot, Refused(invocation.id, cast(RefusalCode, invocation.refused), invocation.reason))
     if not invocation.accepted and not invocation.state.terminal:
-        raise silence(invocation, "not to the first request with this Idempotency-Key either")
+        raise agent_silent(invocation, "not to the first request with this Idempotency-Key either")
     if not invocation.accepted:
         raise AgentSilent(
             f"The agent of {robot.name} did not answer the first request with this key; since: {invocation.reason}.",
@@ -49,7 +49,7 @@ def repeated(robot: Robot, invocation: Invocation) -> None:
         )
 
 
-def silence(invocation: Invocation, why: str) -> AgentSilent:
+def agent_silent(invocation: Invocation, why: str) -> AgentSilent:
     return AgentSilent(
         f"The agent of {invocation.robot} gave no answer: {why}. The invocation stays until that is settled.",
         headers={"location": invocation_path(invocation)},
@@ -57,7 +57,7 @@ def silence(invocation: Invocation, why: str) -> AgentSilent:
 
 
 @asynccontextmanager
-async def refusals() -> AsyncIterator[None]:
+async def store_errors() -> AsyncIterator[None]:
     """Translate errors of the store into HTTP errors."""
     try:
         yield

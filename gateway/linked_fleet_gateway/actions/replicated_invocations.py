@@ -10,7 +10,7 @@ from types import TracebackType
 from typing import Self
 
 from linked_fleet_agent.wire.messages import Progress
-from linked_fleet_gateway.actions.refusals import refusals
+from linked_fleet_gateway.actions.refusals import store_errors
 from linked_fleet_gateway.actions.store import ActionStore, News, StoreUnavailable
 from linked_fleet_gateway.fleet.invocation import Lease
 from linked_fleet_gateway.fleet.invocations import Invocation
@@ -34,7 +34,7 @@ _MAX_FORGOTTEN = 1000  # deletions remembered, because older reads may still arr
 StopOne = Callable[[Invocation, str], Awaitable[object]]
 
 
-class Memory:
+class ReplicatedInvocations:
     """The local copy, which all reads use; an async context manager."""
 
     def __init__(self, live: Live, store: ActionStore, stop: StopOne, changed: Callable[[Invocation], None]) -> None:
@@ -201,14 +201,14 @@ class Memory:
     async def take(self, robot: Robot, holder: str, duration_s: float, token: str) -> tuple[Lease, str]:
         """Take or renew control of a robot. Return the lease and its secret token. Raises Controlled, StoreAway."""
         asked_s = time.monotonic()
-        async with refusals():
+        async with store_errors():
             lease, proof = await self._store.take(robot.name, holder, duration_s, token)
         self.control(robot.name, lease, asked_s)
         return lease, proof
 
     async def release(self, robot: Robot, token: str) -> bool:
         """Release control. Return False if nobody has it. Raises Controlled, StoreAway."""
-        async with refusals():
+        async with store_errors():
             released = await self._store.release(robot.name, token)
         self.control(robot.name, None)
         return released
@@ -219,7 +219,7 @@ class Memory:
         Returns False, without a change, if another gateway has changed it; its value is then known.
         """
         present = self._live.fleet.settings.get(robot.name, {}).get(name)
-        async with refusals():
+        async with store_errors():
             await self._store.check(robot.name, token)
             step = self._store.set_setting(robot.name, name, present, value)
             return await self._settings.write(robot.name, step)

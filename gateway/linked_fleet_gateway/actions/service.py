@@ -4,42 +4,33 @@ import asyncio
 import logging
 import time
 import uuid
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from types import TracebackType
 from typing import Protocol, Self
 
 from pyoxigraph import NamedNode
 
-from linked_fleet_agent.wire.messages import WIRE_VERSION, Accepted, Command, Progress, Refused, Reply, Stop
+from linked_fleet_agent.wire.messages import WIRE_VERSION, Accepted, Command, Refused, Reply, Stop
 from linked_fleet_gateway.actions.handler_table import HANDLERS, Handler
-from linked_fleet_gateway.actions.plan import ActionRequest, Caller, Halt, Later, Motion, Plan, command_of
+from linked_fleet_gateway.actions.lifecycle import ANSWER_TIMEOUT_S, SETTLING_S, Lifecycle
+from linked_fleet_gateway.actions.plan import ActionRequest, Caller, DeferredPlan, Halt, Motion, Plan, command_of
 from linked_fleet_gateway.actions.quota import Quota
-from linked_fleet_gateway.actions.refusals import lease_of, refusal, refusals, repeated, silence
-from linked_fleet_gateway.actions.replicated_invocations import Memory
-from linked_fleet_gateway.actions.stall_detector import TICK_S, Alertness
+from linked_fleet_gateway.actions.refusals import agent_silent, lease_of, raise_first_refusal, refusal, store_errors
+from linked_fleet_gateway.actions.stall_detector import TICK_S, StallDetector
 from linked_fleet_gateway.actions.store import ActionStore, Full, StoreUnavailable
-from linked_fleet_gateway.actions.waiting import Waiting
 from linked_fleet_gateway.base.errors import AgentSilent, Busy, Conflict, MotionRefused
 from linked_fleet_gateway.fleet.invocations import FLEET, Invocation, InvocationState
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.identity.rights import ALL, View
 from linked_fleet_gateway.link.fleet_link import NoAnswer
 from linked_fleet_gateway.resources.action_offer import Offer
-from linked_fleet_gateway.resources.invocation import invocation_path
 from linked_fleet_gateway.runtime.background import end, supervised
-from linked_fleet_gateway.runtime.metrics import Commands
 from linked_fleet_gateway.subscriptions.live import Live
 
 log = logging.getLogger(__name__)
 
 MOST_PLANS = 16  # of at most 100 ms each
-_ANSWER_TIMEOUT_S = 2.0
-_SETTLING_S = 15.0
-_LAST_WORD_S = 1.0  # the end of a motion may arrive after the answer to a stop
-_EXPIRY_INTERVAL_S = 1.0
-_PATIENCE = 3.0  # factor of the duration stated by the agent, after which a motion is given up
-_SILENT = "unknown: no answer"
 
 
 class MotionGuard(Protocol):
@@ -56,7 +47,7 @@ class MotionGuard(Protocol):
 
 
 @dataclass(frozen=True)
-class Rehearsed:
+class Rehearsal:
     """The result of a rehearsal: duration, and ids of the invocations that it would end.
 
     ``free``: as reported by guards.
@@ -76,30 +67,24 @@ class Actions:
         self.handlers: dict[NamedNode, Handler] = dict(HANDLERS)
         """The handler of each kind of action."""
         self._quota = Quota(live.invocations, most_motions)
-        self.waiting = Waiting()
-        self.memory = Memory(live, store, self.stop_one, self.waiting.wake)
+        self.lifecycle = Lifecycle(live, store)
         self._tasks: list[asyncio.Task[None]] = []
-        self._alertness = Alertness()
+        self._stalls = StallDetector()
         self._computing = asyncio.Semaphore(1)
         self._planning = 0
-        self.commands = Commands()
         # Callback for stopped robots; None means every robot was stopped.
         self.on_stop: Callable[[tuple[str, ...] | None], None] = lambda robots: None
-        live.on_progress, live.on_lost = self._progressed, self._lost
 
     async def __aenter__(self) -> Self:
-        await self.memory.__aenter__()
-        self._tasks = [
-            supervised(self._expire, "expire invocations", log, "what is late stays open", 0.0),
-            supervised(self._alertness.tick, "tick", log, "a pause of this process may go unnoticed", TICK_S),
-        ]
+        await self.lifecycle.__aenter__()
+        self._tasks = [supervised(self._stalls.tick, "tick", log, "a pause of this process may go unnoticed", TICK_S)]
         return self
 
     async def __aexit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         await end(self._tasks)
-        await self.memory.__aexit__(kind, error, trace)
+        await self.lifecycle.__aexit__(kind, error, trace)
 
     def add_guard(self, guard: MotionGuard) -> None:
         """Add a guard, which checks every motion before it is accepted."""
@@ -115,7 +100,7 @@ class Actions:
         reply: the invocation is then "unknown" until progress or its deadline resolves it.
         """
         robot, motion = motion.robot, await self._once_ready(motion, caller)
-        if self._alertness.was_held_up():
+        if self._stalls.stalled_recently():
             raise Busy("The gateway was held up, and this may have been asked for before: ask again.")
         now_ns = time.time_ns()
         invocation = Invocation(
@@ -124,28 +109,28 @@ class Actions:
             action=action,
             targets=dict(motion.targets),
             created_ns=now_ns,
-            deadline_ns=now_ns + int((_ANSWER_TIMEOUT_S + _SETTLING_S) * 1e9),
+            deadline_ns=now_ns + int((ANSWER_TIMEOUT_S + SETTLING_S) * 1e9),
             client=caller.name,
             body=caller.body,
             facts=dict(motion.facts),
             lease=lease_of(robot) if motion.tied else "",
-            incarnation=motion.asked.incarnation,
+            incarnation=motion.requested_at.incarnation,
         )
         with self._quota.beginning(caller.name) as full:
-            async with refusals():
+            async with store_errors():
                 try:
                     first = await self._open(invocation, caller, full)
                 except StoreUnavailable:  # perhaps after it was executed
                     first = await self._open(invocation, caller, full)
                 if first is not None:
                     return await self._first(robot, first)
-            invocation = self._begin(invocation)
+            invocation = self.lifecycle.begin(invocation)
         motion = await self._check(invocation, motion, caller)
         reply = await self._send(invocation, command_of(invocation.id, motion))
         if isinstance(reply, Refused):
-            self._refuse(invocation, reply)
+            self.lifecycle.refuse(invocation, reply)
             raise refusal(robot, reply)
-        self._accept(invocation, reply)
+        self.lifecycle.accept(invocation, reply)
         return invocation
 
     async def _once_ready(self, motion: Motion, caller: Caller) -> Motion:
@@ -165,7 +150,7 @@ class Actions:
             await self._is_free(motion, caller, invocation.id)
         except MotionRefused as error:
             invocation.refused = error.code
-            self._fail(invocation, error.reason)
+            self.lifecycle.fail(invocation, error.reason)
             raise
         return _later(motion, began_ns)
 
@@ -186,7 +171,7 @@ class Actions:
         """Let the handler of an offered action create its plan. Raises the handler's errors."""
         return self.handlers[offer.definition.iri](asked)
 
-    async def compute(self, plan: Later) -> Motion:
+    async def compute(self, plan: DeferredPlan) -> Motion:
         """Compute a plan in a thread; one at a time, so that clients share the processor.
 
         Raises Busy if so many wait that the plan would be stale.
@@ -200,61 +185,44 @@ class Actions:
         finally:
             self._planning -= 1
 
-    async def rehearse(self, motion: Motion, caller: Caller) -> Rehearsed:
+    async def rehearse(self, motion: Motion, caller: Caller) -> Rehearsal:
         """Return the effect that ``start`` would have. Raises the same errors."""
         robot, motion = motion.robot, await self._once_ready(motion, caller)
         if self._quota.is_full(caller.name):
             raise self._quota.refusal(caller.name)
-        async with refusals():
+        async with store_errors():
             await self._store.check(robot.name, caller.token, lease_of(robot) if motion.tied else "")
         began_ns = time.monotonic_ns()
         free = await self._is_free(motion, caller, "")
         motion = _later(motion, began_ns)
         try:
             command = command_of(str(uuid.uuid4()), motion, rehearsal=True)
-            reply = await self._live.link.command(robot.name, command, _ANSWER_TIMEOUT_S)
+            reply = await self._live.link.command(robot.name, command, ANSWER_TIMEOUT_S)
         except NoAnswer as error:
             raise AgentSilent(f"The agent of {robot.name} gave no answer: {error}.") from error
         if isinstance(reply, Refused):
             raise refusal(robot, reply)
-        return Rehearsed(reply.duration_s, reply.preempts, free)
+        return Rehearsal(reply.duration_s, reply.preempts, free)
 
     async def _send(self, invocation: Invocation, command: Command) -> Reply:
         try:
-            with self.memory.asking(invocation):
-                reply = await self._live.link.command(invocation.robot, command, _ANSWER_TIMEOUT_S)
+            with self.lifecycle.replicated.asking(invocation):
+                reply = await self._live.link.command(invocation.robot, command, ANSWER_TIMEOUT_S)
         except NoAnswer as error:
-            self.commands.replied(invocation.robot, None)
-            self._unheard(invocation)
-            raise silence(invocation, str(error)) from error
-        self.commands.replied(invocation.robot, reply)
+            self.lifecycle.commands.replied(invocation.robot, None)
+            self.lifecycle.mark_unknown(invocation)
+            raise agent_silent(invocation, str(error)) from error
+        self.lifecycle.commands.replied(invocation.robot, reply)
         return reply
 
     async def _first(self, robot: Robot, id: str) -> Invocation:
         """Return the invocation of an earlier request with the same key, once it was answered."""
-        invocation = await self.memory.fetch(robot.name, id)
+        invocation = await self.lifecycle.replicated.fetch(robot.name, id)
         if invocation is None:
             raise Conflict("The first request with this Idempotency-Key has been answered, and its invocation deleted.")
-        await self.waiting.until(invocation, _is_answered, _ANSWER_TIMEOUT_S)
-        repeated(robot, invocation)
+        await self.lifecycle.waiters.until(invocation, _is_answered, ANSWER_TIMEOUT_S)
+        raise_first_refusal(robot, invocation)
         return invocation
-
-    def _accept(self, invocation: Invocation, accepted: Accepted) -> None:
-        invocation.duration_s = accepted.duration_s
-        invocation.preempts = accepted.preempts
-        if not invocation.state.terminal:
-            patience_s = accepted.duration_s * _PATIENCE + _SETTLING_S
-            invocation.deadline_ns = max(invocation.deadline_ns, invocation.created_ns + int(patience_s * 1e9))
-        self.memory.save(invocation)
-        self._news(invocation)
-
-    def _refuse(self, invocation: Invocation, reply: Refused) -> None:
-        invocation.refused = reply.code
-        self._fail(invocation, reply.reason)
-
-    def _fail(self, invocation: Invocation, reason: str) -> None:
-        invocation.state, invocation.reason, invocation.ended_ns = InvocationState.FAILED, reason, time.time_ns()
-        self._settle(invocation)
 
     # -- halts ------------------------------------------------------------------------------------------------------
 
@@ -275,29 +243,29 @@ class Actions:
             action=action,
             targets={},
             created_ns=now_ns,
-            deadline_ns=now_ns + int(_SETTLING_S * 1e9),
+            deadline_ns=now_ns + int(SETTLING_S * 1e9),
             client=caller.name,
             robots=dict.fromkeys(online, InvocationState.ACCEPTED.value),
             stops=halt.joints,
             incarnation=(fleet[robot].incarnation or 0) if robot in fleet else 0,
         )
-        self._begin(invocation)
+        self.lifecycle.begin(invocation)
         stop = Stop(version=WIRE_VERSION, id=invocation.id, joints=halt.joints, reason="stopped")
-        replies = await self._live.halt(asked, stop, _ANSWER_TIMEOUT_S)
+        replies = await self._live.halt(asked, stop, ANSWER_TIMEOUT_S)
         for name in {*(halt.robots or online), *replies}:
-            self.commands.replied(name, replies.get(name))
-        self.memory.record(invocation)
+            self.lifecycle.commands.replied(name, replies.get(name))
+        self.lifecycle.replicated.record(invocation)
         if robot == FLEET:
-            self._answered(invocation, online, replies)
+            self.lifecycle.accept_of_fleet(invocation, online, replies)
             return invocation
         reply = replies.get(robot)
         if reply is None:
-            self._unheard(invocation)
-            raise silence(invocation, "it did not say that it stops")
+            self.lifecycle.mark_unknown(invocation)
+            raise agent_silent(invocation, "it did not say that it stops")
         if isinstance(reply, Refused):
-            self._refuse(invocation, reply)
+            self.lifecycle.refuse(invocation, reply)
             raise refusal(fleet[robot], reply)
-        self._accept(invocation, reply)
+        self.lifecycle.accept(invocation, reply)
         return invocation
 
     def _reached(self, halt: Halt, stops: View) -> tuple[str, ...] | None:
@@ -306,138 +274,15 @@ class Actions:
             return halt.robots
         return tuple(name for name in self._live.fleet.robots if stops.sees(name))
 
-    async def rehearse_halt(self, halt: Halt, stops: View = ALL) -> Rehearsed:
+    async def rehearse_halt(self, halt: Halt, stops: View = ALL) -> Rehearsal:
         """Return the invocations that ``halt`` would end."""
         stop = Stop(version=WIRE_VERSION, id=str(uuid.uuid4()), joints=halt.joints, rehearsal=True)
-        replies = await self._live.link.stop(self._reached(halt, stops), stop, _ANSWER_TIMEOUT_S)
+        replies = await self._live.link.stop(self._reached(halt, stops), stop, ANSWER_TIMEOUT_S)
         accepted = [reply for reply in replies.values() if isinstance(reply, Accepted)]
         if halt.robots is not None and not accepted:
             raise AgentSilent(f"The agent of {halt.robots[0]} gave no answer.")
         ends = tuple(id for reply in accepted for id in reply.preempts)
-        return Rehearsed(max((reply.duration_s for reply in accepted), default=0.0), ends)
-
-    def _answered(self, invocation: Invocation, online: Iterable[str], replies: dict[str, Reply]) -> None:
-        """Record the replies of robots; one without reply stays unknown."""
-        for name in (*online, *(name for name in replies if name not in invocation.robots)):
-            reply = replies.get(name)
-            if isinstance(reply, Refused):
-                self._live.invocations.answer(invocation, name, f"refused: {reply.reason}")
-            elif reply is None and invocation.robots.get(name) == InvocationState.ACCEPTED.value:
-                self._live.invocations.answer(invocation, name, _SILENT)
-            elif reply is not None:
-                invocation.robots.setdefault(name, InvocationState.ACCEPTED.value)
-        accepted = [reply for reply in replies.values() if isinstance(reply, Accepted)]
-        invocation.preempts = tuple(id for reply in accepted for id in reply.preempts)
-        invocation.duration_s = max((reply.duration_s for reply in accepted), default=0.0)
-        if not invocation.robots:
-            invocation.state, invocation.progress = InvocationState.SUCCEEDED, 1.0
-            invocation.reason, invocation.ended_ns = "no robot is online", time.time_ns()
-        if invocation.state.terminal:
-            self._settle(invocation)
-        else:
-            self._news(invocation)
-
-    def _unheard(self, invocation: Invocation) -> None:
-        if invocation.state is InvocationState.ACCEPTED:
-            invocation.state = InvocationState.UNKNOWN
-            invocation.reason = "the agent gave no answer; progress or the deadline will settle it"
-            self.memory.save(invocation)
-            self._news(invocation)
-
-    # -- invocations ------------------------------------------------------------------------------------------------
-
-    async def cancel(self, invocation: Invocation, reason: str = "cancelled by a client") -> None:
-        """Stop the motion of an invocation. Raises Conflict if it is over, AgentSilent without a reply."""
-        if invocation.state.terminal:
-            raise Conflict(f"The invocation has ended already: it {invocation.state}.")
-        if invocation.robot == FLEET:
-            raise Conflict("Stopping cannot be cancelled; a new motion of a robot ends it.")
-        if await self.stop_one(invocation, reason) is None:
-            raise AgentSilent(f"The agent of {invocation.robot} gave no answer; whether it stops is unknown.")
-
-    async def remove(self, invocation: Invocation) -> None:
-        """Stop an invocation if it is not over, and delete it."""
-        if not invocation.state.terminal:
-            await self.cancel(invocation, "its invocation is deleted")
-            await self.ended(invocation, _ANSWER_TIMEOUT_S)
-        async with refusals():
-            await self._store.delete(invocation)
-        self.memory.forget(invocation.id)
-
-    async def ended(self, invocation: Invocation, timeout_s: float) -> bool:
-        """Wait until the invocation has ended. Return False after ``timeout_s``."""
-        return await self.waiting.until(invocation, lambda one: one.state.terminal, timeout_s)
-
-    async def stop_one(self, invocation: Invocation, reason: str) -> Reply | None:
-        """Stop the motion of an invocation. Return the agent's reply, if any.
-
-        An agent that does not know the motion will never start it; an end that has just happened is reported.
-        """
-        stop = Stop(version=WIRE_VERSION, id=str(uuid.uuid4()), command=invocation.id, reason=reason)
-        replies = await self._live.link.stop((invocation.robot,), stop, _ANSWER_TIMEOUT_S)
-        reply = replies.get(invocation.robot)
-        self.commands.replied(invocation.robot, reply)
-        unknown = isinstance(reply, Accepted) and invocation.id not in reply.preempts
-        if unknown and invocation.stops is None and not await self.ended(invocation, _LAST_WORD_S):
-            self._fail(invocation, "the agent knows no such motion")
-        return reply
-
-    # -- what the robots say ----------------------------------------------------------------------------------------
-
-    def _progressed(self, robot: str, progress: Progress) -> None:
-        invocation = self._live.invocations.get(progress.id)
-        if invocation is None:
-            self.memory.fetch_soon(robot, progress)
-            return
-        before, guessed = invocation.state, invocation.expired
-        if self._live.invocations.apply(robot, progress) is None:
-            return
-        if invocation.state.terminal:
-            self._settle(invocation)
-            return
-        # A motion that the robot reports as running is not over, however long it takes.
-        invocation.deadline_ns = max(invocation.deadline_ns, time.time_ns() + int(_SETTLING_S * 1e9))
-        if guessed:
-            self.memory.save(invocation)
-            self._news(invocation)
-        elif invocation.state is not before:
-            self._news(invocation)
-        else:
-            self._live.fan_out.touched(invocation_path(invocation))
-
-    def _lost(self, robot: str) -> None:
-        for invocation in self._live.invocations.lose(robot):
-            self._news(invocation)
-
-    async def _expire(self) -> None:
-        """Fail invocations without a reported end, and those of earlier runs of an agent."""
-        await asyncio.sleep(_EXPIRY_INTERVAL_S)
-        invocations, now_ns = self._live.invocations, time.time_ns()
-        for robot in self._live.fleet.robots.values():
-            for invocation in invocations.outlived(robot.name, robot.incarnation or 0, now_ns):
-                self._settle(invocation)
-        for invocation in sorted(invocations.late(now_ns), key=self.memory.owns, reverse=True):
-            if await self.memory.is_late(invocation):
-                invocations.expire(invocation, now_ns)
-                self._settle(invocation)
-
-    def _begin(self, invocation: Invocation) -> Invocation:
-        """Register an invocation, unless a repeated request has registered it meanwhile."""
-        self.memory.begun(invocation)
-        known = self._live.invocations.get(invocation.id)
-        if known is None:
-            self._live.invocations.add(invocation)
-            self._live.fan_out.appeared(invocation_path(invocation))
-        self._news(known or invocation)
-        return known or invocation
-
-    def _settle(self, invocation: Invocation) -> None:
-        self.memory.settle(invocation)
-        self._news(invocation)
-
-    def _news(self, invocation: Invocation) -> None:
-        self._live.tell(invocation)
-        self.waiting.wake(invocation)
+        return Rehearsal(max((reply.duration_s for reply in accepted), default=0.0), ends)
 
 
 def _is_answered(invocation: Invocation) -> bool:
@@ -447,5 +292,5 @@ def _is_answered(invocation: Invocation) -> bool:
 
 def _later(motion: Motion, began_ns: int) -> Motion:
     """Return the motion with the time since ``began_ns`` (monotonic) added to its permitted delay."""
-    waited_ns = motion.asked.waited_ns + time.monotonic_ns() - began_ns
-    return replace(motion, asked=replace(motion.asked, waited_ns=waited_ns))
+    waited_ns = motion.requested_at.waited_ns + time.monotonic_ns() - began_ns
+    return replace(motion, requested_at=replace(motion.requested_at, waited_ns=waited_ns))

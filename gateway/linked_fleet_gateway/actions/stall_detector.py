@@ -9,7 +9,7 @@ CATCH_UP_S = 0.25
 """Time in which messages buffered during a stall are read."""
 
 
-class Alertness:
+class StallDetector:
     """Detects stalls by the monotonic clock, which advances while a process is frozen."""
 
     def __init__(self) -> None:
@@ -20,7 +20,7 @@ class Alertness:
         """Record that this process runs; call it every ``TICK_S``."""
         self._tick()
 
-    def was_held_up(self) -> bool:
+    def stalled_recently(self) -> bool:
         """Return True during a stall, or so soon after one that a request may have arrived before its end."""
         self._tick()
         return time.monotonic() - self._resumed_s < CATCH_UP_S

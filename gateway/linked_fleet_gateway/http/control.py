@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from pyoxigraph import NamedNode, Triple
 from starlette.responses import Response
 
-from linked_fleet_gateway.actions.replicated_invocations import Memory
+from linked_fleet_gateway.actions.replicated_invocations import ReplicatedInvocations
 from linked_fleet_gateway.actions.service import Actions
 from linked_fleet_gateway.base.errors import BadRequest, NotFound
 from linked_fleet_gateway.http.body import body_type, parse_body, parse_form, read_as
@@ -32,13 +32,13 @@ MAX_ANNOTATION_TRIPLES = 256
 
 async def control(request: Request, afforded: Control) -> Response:
     """PUT takes or renews the lease and returns its ``Lock-Token``; DELETE releases it with that token."""
-    memory = _memory(request)
+    shared = _shared(request)
     refuse_rehearsal(request)
     robot, token = afforded.robot, lock_token(request)
     if request.method == "DELETE":
         if not token:
             raise BadRequest("Releasing control takes the Lock-Token that the lease came with.")
-        if not await memory.release(robot, token):
+        if not await shared.release(robot, token):
             raise NotFound("Nobody has control at present.")
         return Response(status_code=204)
     iri = request.base + lease_path(robot.name)
@@ -53,17 +53,17 @@ async def control(request: Request, afforded: Control) -> Response:
     body = await read_as(request, read)
     holder, duration_s = body.text(body.root, LF.holder), body.number(body.root, LF.leaseDuration)
     assert holder is not None and duration_s is not None
-    _, proof = await memory.take(robot, holder, duration_s, token)
+    _, proof = await shared.take(robot, holder, duration_s, token)
     return Response(status_code=204, headers={"lock-token": f"<{proof}>", "cache-control": "no-store"})
 
 
-def _memory(request: Request) -> Memory:
+def _shared(request: Request) -> ReplicatedInvocations:
     actions: Actions = request.services.actions
-    return actions.memory
+    return actions.lifecycle.replicated
 
 
 async def put_setting(request: Request, afforded: PutSetting) -> Response:
-    memory = _memory(request)
+    shared = _shared(request)
     refuse_rehearsal(request)
     setting = afforded.setting
     change = await _change(request, setting)
@@ -71,7 +71,7 @@ async def put_setting(request: Request, afforded: PutSetting) -> Response:
         # Evaluated in each attempt, because the value may change meanwhile, also at another gateway.
         present = await present_under_preconditions(request, lambda: request.tree().resolve(setting.path))
         assert present is not None  # no robot is forgotten while its settings are written
-        if await memory.configure(setting.robot, setting.name, change(present), lock_token(request)):
+        if await shared.configure(setting.robot, setting.name, change(present), lock_token(request)):
             return Response(status_code=204)
 
 

@@ -15,8 +15,8 @@ from pyoxigraph import NamedNode, Triple
 from starlette.responses import Response
 
 from linked_fleet_gateway.actions.admission import admit
-from linked_fleet_gateway.actions.plan import ActionRequest, Caller, Halt, Later, Moment, Motion, moment_of
-from linked_fleet_gateway.actions.service import Actions, Rehearsed
+from linked_fleet_gateway.actions.plan import ActionRequest, Caller, DeferredPlan, Halt, Motion, RobotTime, robot_time
+from linked_fleet_gateway.actions.service import Actions, Rehearsal
 from linked_fleet_gateway.base.errors import AgentSilent, BadRequest, MotionRefused, NotAcceptable, UnprocessableContent
 from linked_fleet_gateway.fleet.invocations import Invocation
 from linked_fleet_gateway.http.body import body_type, parse_form, read_as
@@ -57,7 +57,7 @@ async def invoke(request: Request, afforded: Invoke) -> Response:
     The response is 204 with Location, 201 with the invocation for Prefer: return=representation, or 202 for
     respond-async or wait.
     """
-    offer, moment = afforded.offer, moment_of(afforded.offer.robot)
+    offer, moment = afforded.offer, robot_time(afforded.offer.robot)
     _trace(offer, f"actions/{offer.definition.segment}")
     if not offer.takes_body:
         return await _halt(request, offer)
@@ -69,7 +69,7 @@ async def invoke(request: Request, afforded: Invoke) -> Response:
 
 async def put_target(request: Request, afforded: PutTarget) -> Response:
     """Set the target property of a joint: its ``lf:value`` is the input of the action (R0.5)."""
-    offer, moment = afforded.offer, moment_of(afforded.offer.robot)
+    offer, moment = afforded.offer, robot_time(afforded.offer.robot)
     iri = request.base + request.scope["path"]
     _trace(offer, iri.rpartition("/")[2])
     prefer = _prefer(request, offer)
@@ -85,9 +85,9 @@ async def end_invocation(request: Request, afforded: EndInvocation) -> Response:
     refuse_rehearsal(request)
     actions: Actions = request.services.actions
     if afforded.keep:
-        await actions.cancel(afforded.invocation)
+        await actions.lifecycle.cancel(afforded.invocation)
     else:
-        await actions.remove(afforded.invocation)
+        await actions.lifecycle.remove(afforded.invocation)
     return Response(status_code=204)
 
 
@@ -211,13 +211,13 @@ async def _halt(request: Request, offer: Offer) -> Response:
 
 
 async def _carry_out(
-    request: Request, offer: Offer, admitted: _Admitted, moment: Moment | None, prefer: Prefer
+    request: Request, offer: Offer, admitted: _Admitted, moment: RobotTime | None, prefer: Prefer
 ) -> Response:
     actions: Actions = request.services.actions
     asking = caller(request, admitted.written, _digest(request, admitted.content))
     with step("plan"):
         plan = actions.plan(ActionRequest(request.base, admitted.body, offer.robot, offer.joint, moment), offer)
-        if isinstance(plan, Later):
+        if isinstance(plan, DeferredPlan):
             plan = await actions.compute(plan)
     assert isinstance(plan, Motion)  # an action with a body is a motion
     with _located(request.base):
@@ -256,7 +256,7 @@ async def _answer(request: Request, invocation: Invocation, prefer: Prefer) -> R
     return Response(content, status, headers)
 
 
-def _rehearsal(request: Request, offer: Offer, plan: Motion | Halt, rehearsed: Rehearsed) -> Response:
+def _rehearsal(request: Request, offer: Offer, plan: Motion | Halt, rehearsed: Rehearsal) -> Response:
     live: Live = request.services.live
     seen = InvocationsInView(live.invocations, request.caller.sees)
     known = [each for each in map(seen.get, rehearsed.preempts) if each is not None]
@@ -295,7 +295,9 @@ def _accept(request: Request) -> str | None:
 async def _outcome(actions: Actions, invocation: Invocation, prefer: Prefer) -> tuple[int, list[str]]:
     """Return status and applied preferences; 202 if the motion may still be running."""
     if prefer.wait_s is not None:
-        ended = await actions.waiting.at_leisure(invocation, lambda one: one.state.terminal, prefer.wait_s)
+        ended = await actions.lifecycle.waiters.until_or_shutdown(
+            invocation, lambda one: one.state.terminal, prefer.wait_s
+        )
         return 204 if ended else 202, [f"wait={prefer.wait_s:g}"]
     if prefer.respond_async:
         return 202, ["respond-async"]

@@ -47,7 +47,7 @@ class Server(uvicorn.Server):
         self.handle_exit(number, None)
 
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
-        self._app.services.actions.waiting.hurry()
+        self._app.services.actions.lifecycle.waiters.shut_down()
         await super().shutdown(sockets)
 
     @contextmanager

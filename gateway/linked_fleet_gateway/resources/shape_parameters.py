@@ -33,12 +33,12 @@ class Scope:
     robot: Robot | None = None
     joint: Joint | None = None
 
-    def of_robot(self) -> Robot:
+    def required_robot(self) -> Robot:
         assert self.robot is not None
         return self.robot
 
     def joint_iri(self, joint: str) -> NamedNode:
-        return NamedNode(self.base + joint_path(self.of_robot().name, joint))
+        return NamedNode(self.base + joint_path(self.required_robot().name, joint))
 
 
 def complete(scope: Scope) -> Callable[[Graph, Node, NamedNode], None]:
@@ -129,7 +129,7 @@ def _joint_speed(graph: Graph, node: Node, scope: Scope) -> None:
 
 
 def _joint_target(graph: Graph, node: Node, scope: Scope) -> None:
-    joints = commandable(scope.of_robot())
+    joints = commandable(scope.required_robot())
     _which_joint(graph, node, [scope.joint_iri(joint.name) for joint in joints])
     _value_and_unit(graph, node, _units(joints), "the absolute position to reach")
     branches = []
@@ -143,7 +143,7 @@ def _joint_target(graph: Graph, node: Node, scope: Scope) -> None:
 
 
 def _joint_expectation(graph: Graph, node: Node, scope: Scope) -> None:
-    joints = commandable(scope.of_robot())
+    joints = commandable(scope.required_robot())
     _which_joint(graph, node, [scope.joint_iri(joint.name) for joint in joints])
     value, tolerance = _value_and_unit(graph, node, _units(joints), "where the joint must be"), _tolerance(graph, node)
     for each, low in ((value, -_FAR), (tolerance, 0)):
@@ -161,11 +161,11 @@ def _joint_expectation(graph: Graph, node: Node, scope: Scope) -> None:
 
 
 def _own_lease(graph: Graph, node: Node, scope: Scope) -> None:
-    graph.add(node, SH.in_, graph.collection([NamedNode(scope.base + lease_path(scope.of_robot().name))]))
+    graph.add(node, SH.in_, graph.collection([NamedNode(scope.base + lease_path(scope.required_robot().name))]))
 
 
 def _own_link(graph: Graph, node: Node, scope: Scope) -> None:
-    robot = scope.of_robot()
+    robot = scope.required_robot()
     assert robot.model is not None
     model = robot.model
     iris = [NamedNode(scope.base + link_path(robot.name, model, link)) for link in moved_links(robot)]
@@ -173,7 +173,7 @@ def _own_link(graph: Graph, node: Node, scope: Scope) -> None:
 
 
 def _own_pose(graph: Graph, node: Node, scope: Scope) -> None:
-    graph.add(node, SH.in_, graph.collection([Literal(name) for name in sorted(poses(scope.of_robot()))]))
+    graph.add(node, SH.in_, graph.collection([Literal(name) for name in sorted(poses(scope.required_robot()))]))
 
 
 def moved_links(robot: Robot) -> list[str]:

@@ -3,13 +3,13 @@
 import pytest
 
 from linked_fleet_gateway.actions import stall_detector as alertness
-from linked_fleet_gateway.actions.stall_detector import CATCH_UP_S, HELD_S, Alertness
+from linked_fleet_gateway.actions.stall_detector import CATCH_UP_S, HELD_S, StallDetector
 
 
 def test_who_was_held_up_is_for_a_while(monkeypatch: pytest.MonkeyPatch) -> None:
     now_s = 100.0
     monkeypatch.setattr(alertness.time, "monotonic", lambda: now_s)
-    one = Alertness()
+    one = StallDetector()
     for pause_s, held in (
         (0.3, False),
         (HELD_S + 0.1, True),
@@ -18,4 +18,4 @@ def test_who_was_held_up_is_for_a_while(monkeypatch: pytest.MonkeyPatch) -> None
         (0.3, False),
     ):
         now_s += pause_s
-        assert one.was_held_up() is held, pause_s
+        assert one.stalled_recently() is held, pause_s

@@ -6,7 +6,7 @@ import math
 import pytest
 from pyoxigraph import Literal, NamedNode
 
-from linked_fleet_gateway.actions.plan import ActionRequest, Moment, moment_of
+from linked_fleet_gateway.actions.plan import ActionRequest, RobotTime, robot_time
 from linked_fleet_gateway.base.errors import Faulty
 from linked_fleet_gateway.fleet.fleet import Change, Fleet
 from linked_fleet_gateway.fleet.invocations import Invocations
@@ -109,11 +109,11 @@ def test_one_bad_frame_is_a_complaint_and_no_fault(pictured: Pictured) -> None:
 
 def test_a_faulty_robot_takes_no_motion(pictured: Pictured) -> None:
     fleet, robot = pictured.fleet, robot_of(pictured)
-    assert isinstance(moment_of(robot), Moment)
+    assert isinstance(robot_time(robot), RobotTime)
     pictured.stand("r", (77.0, 0.0))
     for now_s in (1, 2):
         fleet.judge_limits(now_s * SECOND_NS)
-    assert moment_of(robot) is None
+    assert robot_time(robot) is None
     with pytest.raises(Faulty, match="elbow"):
         ActionRequest(BASE, Body((), NamedNode(BASE)), robot).of_moment()
 

@@ -121,7 +121,7 @@ async def _follow(asking: Asking, iri: str, wait_s: float, progress: Progress) -
                 if invocation.state.terminal:
                     return
                 before = invocation.state, invocation.progress
-                await asking.waiting.at_leisure(invocation, partial(_differs, before), _LOOK_S)
+                await asking.waiting.until_or_shutdown(invocation, partial(_differs, before), _LOOK_S)
                 await asyncio.sleep(_PAUSE_S)  # many changes may share one notification
 
 

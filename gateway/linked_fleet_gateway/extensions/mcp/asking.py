@@ -4,7 +4,7 @@ import asyncio
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from linked_fleet_gateway.actions.waiting import Waiting
+from linked_fleet_gateway.actions.waiters import Waiters
 from linked_fleet_gateway.http.internal_request import Reply, ask
 from linked_fleet_gateway.http.problem import PROBLEM_JSON
 from linked_fleet_gateway.http.request import Request
@@ -25,7 +25,7 @@ class Asking:
     request: Request
     view: RequestView
     branches: Branches
-    waiting: Waiting
+    waiting: Waiters
     ending: asyncio.Event
     """Set when the gateway ends."""
 

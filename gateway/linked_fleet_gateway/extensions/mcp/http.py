@@ -56,7 +56,7 @@ async def converse(sdk: Sdk, request: Request, affords: Converse) -> ASGIApp:
         if may_stop and not _stops(message):
             await in_turn(request)
     core = sdk.core
-    asking = Asking(request, affords.view, core.live.branches, core.actions.waiting, sdk.ending)
+    asking = Asking(request, affords.view, core.live.branches, core.actions.lifecycle.waiters, sdk.ending)
     return Hosted(await sdk.app(), content, {KEY: asking}, sdk.ending.set)
 
 

@@ -9,7 +9,7 @@ from pyoxigraph import NamedNode
 
 from linked_fleet_agent.wire.messages import Move
 from linked_fleet_gateway.actions.action_handlers import motion_to
-from linked_fleet_gateway.actions.plan import ActionRequest, Later, Motion
+from linked_fleet_gateway.actions.plan import ActionRequest, DeferredPlan, Motion
 from linked_fleet_gateway.base.errors import Conflict, Offline, UnprocessableContent
 from linked_fleet_gateway.base.lazy_imports import Lazily
 from linked_fleet_gateway.extensions.reach.errors import OutOfReach
@@ -29,29 +29,29 @@ _UNIT_LENGTH = 1e-3  # tolerance of a quaternion's length
 Search = Callable[[], tuple[Mapping[str, float], Mapping[str, float]]]
 
 
-def reach(asked: ActionRequest) -> Later:
+def reach(request: ActionRequest) -> DeferredPlan:
     """Bring a link to a pose. The search takes milliseconds, so it runs in a worker."""
-    plain, search = motion_to(asked, Move({"": 0.0}), {}), reaching(asked)
+    plain, search = motion_to(request, Move({"": 0.0}), {}), reaching(request)
 
     def compute() -> Motion:
         targets, facts = search()
         return replace(plain, motion=Move(dict(targets)), targets=targets, facts=facts)
 
-    return Later(compute)
+    return DeferredPlan(compute)
 
 
-def reaching(asked: ActionRequest) -> Search:
+def reaching(request: ActionRequest) -> Search:
     """Prepare the search, which returns targets (rad or m) and residuals (m, rad).
 
     The search raises OutOfReach with the best residual. Raises Offline or Conflict if the pose of the robot is unknown.
     """
-    robot, body, root = asked.of_robot(), asked.body, asked.body.root
+    robot, body, root = request.required_robot(), request.body, request.body.root
     description, frame = robot.description, robot.frame
     if description is None or frame is None:
         raise Offline(f"It is unknown where the joints of robot {robot.name} are; nothing can be planned from there.")
-    link = asked.link_at(body.node(root, LF.ofLink))
-    position = _vector(asked, body.node(root, LF.position))
-    orientation = _quaternion(asked, body.node(root, LF.orientation))
+    link = request.link_at(body.node(root, LF.ofLink))
+    position = _vector(request, body.node(root, LF.position))
+    orientation = _quaternion(request, body.node(root, LF.orientation))
     floating = description.base == "floating"
     said = body.text(root, LF.frame)
     in_frame: Literal["base", "world"] = "world" if said == "world" or (said is None and floating) else "base"
@@ -81,24 +81,24 @@ def reaching(asked: ActionRequest) -> Search:
     return search
 
 
-def _vector(asked: ActionRequest, node: Node | None) -> tuple[float, float, float]:
+def _vector(request: ActionRequest, node: Node | None) -> tuple[float, float, float]:
     assert node is not None
-    scale = asked.body.unit(node)
-    x, y, z = (_number(asked, node, axis) * scale for axis in (MATHS.x, MATHS.y, MATHS.z))
+    scale = request.body.unit(node)
+    x, y, z = (_number(request, node, axis) * scale for axis in (MATHS.x, MATHS.y, MATHS.z))
     return x, y, z
 
 
-def _quaternion(asked: ActionRequest, node: Node | None) -> tuple[float, float, float, float] | None:
+def _quaternion(request: ActionRequest, node: Node | None) -> tuple[float, float, float, float] | None:
     if node is None:
         return None
-    x, y, z, w = (_number(asked, node, axis) for axis in (MATHS.x, MATHS.y, MATHS.z, LF.w))
+    x, y, z, w = (_number(request, node, axis) for axis in (MATHS.x, MATHS.y, MATHS.z, LF.w))
     length = math.hypot(x, y, z, w)
     if abs(length - 1.0) > _UNIT_LENGTH:
         raise UnprocessableContent(f"The quaternion has length {length:.6g}; an orientation has length 1.")
     return x / length, y / length, z / length, w / length
 
 
-def _number(asked: ActionRequest, node: Node, axis: NamedNode) -> float:
-    value = asked.body.number(node, axis)
+def _number(request: ActionRequest, node: Node, axis: NamedNode) -> float:
+    value = request.body.number(node, axis)
     assert value is not None
     return value

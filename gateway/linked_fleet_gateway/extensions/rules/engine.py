@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import Protocol
 
-from linked_fleet_gateway.actions.plan import moment_of
+from linked_fleet_gateway.actions.plan import robot_time
 from linked_fleet_gateway.actions.service import Actions
 from linked_fleet_gateway.base.errors import AgentSilent, Busy, FleetError
 from linked_fleet_gateway.extensions.query.messages import Instead
@@ -205,7 +205,7 @@ class Engine:
 
     def _moments(self, sees: View) -> Moments:
         """Record the state of robots before the evaluation: a robot that is stopped later gets no command from it."""
-        return {name: moment_of(robot) for name, robot in self._live.fleet.robots.items() if sees.sees(name)}
+        return {name: robot_time(robot) for name, robot in self._live.fleet.robots.items() if sees.sees(name)}
 
     async def _note_seen(self) -> None:
         """Record the robots that are online, so that a gateway that takes over waits for them before evaluating."""

@@ -7,7 +7,7 @@ from urllib.parse import unquote
 from pyoxigraph import NamedNode
 
 from linked_fleet_gateway.actions.admission import admit
-from linked_fleet_gateway.actions.plan import ActionRequest, Caller, Halt, Later, Moment, Motion
+from linked_fleet_gateway.actions.plan import ActionRequest, Caller, DeferredPlan, Halt, Motion, RobotTime
 from linked_fleet_gateway.actions.service import Actions
 from linked_fleet_gateway.base.errors import InsufficientScope, UnprocessableContent
 from linked_fleet_gateway.extensions.rules.edges import Row
@@ -22,7 +22,7 @@ from linked_fleet_gateway.resources.paths import robot_of
 from linked_fleet_gateway.resources.resource import Resource
 from linked_fleet_gateway.resources.tree import Tree
 
-Moments = Mapping[str, Moment | None]
+Moments = Mapping[str, RobotTime | None]
 
 
 def offered(tree: Tree, path: str, creator: Identity) -> Offer:
@@ -55,7 +55,7 @@ async def invoked(
     body = admit(offer, filled(rule.body, row, action), rule.base)
     moment = None if offer.robot is None else moments.get(offer.robot.name)
     plan = actions.plan(ActionRequest(rule.base, body, offer.robot, offer.joint, moment), offer)
-    if isinstance(plan, Later):
+    if isinstance(plan, DeferredPlan):
         plan = await actions.compute(plan)
     assert isinstance(plan, Motion)  # an action with a body is a motion
     # Cannot equal a client's key, whose characters are all visible.

@@ -11,7 +11,7 @@ import pytest
 
 from linked_fleet_agent.wire.codec import encode_state, layout
 from linked_fleet_agent.wire.messages import Description, Mesh, Move, State
-from linked_fleet_gateway.actions.plan import TIME_TO_LIVE_NS, Moment, Motion, command_of
+from linked_fleet_gateway.actions.plan import TIME_TO_LIVE_NS, Motion, RobotTime, command_of
 from linked_fleet_gateway.app.application import new_live
 from linked_fleet_gateway.app.settings import GatewaySettings
 from linked_fleet_gateway.extensions.world import checks
@@ -81,7 +81,7 @@ class Scene:
         return robot
 
     async def is_free(self, robot: Robot) -> bool:
-        return await self.checks.free(Motion(robot, Move({"turn": 1.0}), {"turn": 1.0}, Moment(1, 1)), ALL, "")
+        return await self.checks.free(Motion(robot, Move({"turn": 1.0}), {"turn": 1.0}, RobotTime(1, 1)), ALL, "")
 
 
 def run(folder: Path, test: Callable[[Scene], Awaitable[None]]) -> None:
@@ -194,5 +194,5 @@ def test_what_a_motion_waited_does_not_make_it_late_and_a_stop_meanwhile_still_d
     """A command is dated to its request: a robot that was stopped afterwards refuses it."""
 
     robot = Scene(tmp_path).robot("arm")
-    command = command_of("id", Motion(robot, Move({"turn": 1.0}), {"turn": 1.0}, Moment(1, 17, waited_ns=3_000)))
+    command = command_of("id", Motion(robot, Move({"turn": 1.0}), {"turn": 1.0}, RobotTime(1, 17, waited_ns=3_000)))
     assert (command.seen_ns, command.time_to_live_ns) == (17, TIME_TO_LIVE_NS + 3_000)

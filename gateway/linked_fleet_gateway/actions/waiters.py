@@ -6,23 +6,25 @@ from collections.abc import Callable
 from linked_fleet_gateway.fleet.invocations import Invocation
 
 
-class Waiting:
+class Waiters:
     """Wakes waiters at every change of their invocation."""
 
     def __init__(self) -> None:
         self._events: dict[str, asyncio.Event] = {}
-        self._hurried = False
+        self._shutting_down = False
 
-    def hurry(self) -> None:
+    def shut_down(self) -> None:
         """Release all optional waits, because this gateway ends and others continue."""
-        self._hurried = True
+        self._shutting_down = True
         for event in self._events.values():
             event.set()
         self._events.clear()
 
-    async def at_leisure(self, invocation: Invocation, holds: Callable[[Invocation], bool], timeout_s: float) -> bool:
+    async def until_or_shutdown(
+        self, invocation: Invocation, holds: Callable[[Invocation], bool], timeout_s: float
+    ) -> bool:
         """Wait like ``until``, or until the gateway ends. Return True if the condition holds then."""
-        await self.until(invocation, lambda one: self._hurried or holds(one), timeout_s)
+        await self.until(invocation, lambda one: self._shutting_down or holds(one), timeout_s)
         return holds(invocation)
 
     async def until(self, invocation: Invocation, holds: Callable[[Invocation], bool], timeout_s: float) -> bool:

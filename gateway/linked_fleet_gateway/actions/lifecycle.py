@@ -1,0 +1,200 @@
+"""The life of an invocation, from its registration over the agent's reply and progress to its end."""
+
+import asyncio
+import logging
+import time
+import uuid
+from collections.abc import Iterable
+from types import TracebackType
+from typing import Self
+
+from linked_fleet_agent.wire.messages import WIRE_VERSION, Accepted, Progress, Refused, Reply, Stop
+from linked_fleet_gateway.actions.refusals import store_errors
+from linked_fleet_gateway.actions.replicated_invocations import ReplicatedInvocations
+from linked_fleet_gateway.actions.store import ActionStore
+from linked_fleet_gateway.actions.waiters import Waiters
+from linked_fleet_gateway.base.errors import AgentSilent, Conflict
+from linked_fleet_gateway.fleet.invocations import FLEET, Invocation, InvocationState
+from linked_fleet_gateway.resources.invocation import invocation_path
+from linked_fleet_gateway.runtime.background import end, supervised
+from linked_fleet_gateway.runtime.metrics import Commands
+from linked_fleet_gateway.subscriptions.live import Live
+
+log = logging.getLogger(__name__)
+
+ANSWER_TIMEOUT_S = 2.0
+SETTLING_S = 15.0
+"""Time after the answer, or after a report of progress, in which an invocation must be reported again."""
+_LAST_WORD_S = 1.0  # the end of a motion may arrive after the answer to a stop
+_EXPIRY_INTERVAL_S = 1.0
+_PATIENCE = 3.0  # factor of the duration stated by the agent, after which a motion is given up
+_SILENT = "unknown: no answer"
+
+
+class Lifecycle:
+    """Applies to invocations what agents report, stores each state and announces it; an async context manager."""
+
+    def __init__(self, live: Live, store: ActionStore) -> None:
+        self._live, self._store = live, store
+        self.waiters = Waiters()
+        self.replicated = ReplicatedInvocations(live, store, self.stop_one, self.waiters.wake)
+        self.commands = Commands()
+        self._tasks: list[asyncio.Task[None]] = []
+        live.on_progress, live.on_lost = self._progressed, self._lost
+
+    async def __aenter__(self) -> Self:
+        await self.replicated.__aenter__()
+        self._tasks = [supervised(self._expire, "expire invocations", log, "what is late stays open", 0.0)]
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        await end(self._tasks)
+        await self.replicated.__aexit__(kind, error, trace)
+
+    # -- states -----------------------------------------------------------------------------------------------------
+
+    def begin(self, invocation: Invocation) -> Invocation:
+        """Register an invocation, unless a repeated request has registered it meanwhile. Return the registered one."""
+        self.replicated.begun(invocation)
+        known = self._live.invocations.get(invocation.id)
+        if known is None:
+            self._live.invocations.add(invocation)
+            self._live.fan_out.appeared(invocation_path(invocation))
+        self._announce(known or invocation)
+        return known or invocation
+
+    def accept(self, invocation: Invocation, accepted: Accepted) -> None:
+        """Record that the agent has accepted the command, with the duration that it expects."""
+        invocation.duration_s = accepted.duration_s
+        invocation.preempts = accepted.preempts
+        if not invocation.state.terminal:
+            patience_s = accepted.duration_s * _PATIENCE + SETTLING_S
+            invocation.deadline_ns = max(invocation.deadline_ns, invocation.created_ns + int(patience_s * 1e9))
+        self.replicated.save(invocation)
+        self._announce(invocation)
+
+    def refuse(self, invocation: Invocation, reply: Refused) -> None:
+        """Record that the agent has refused the command."""
+        invocation.refused = reply.code
+        self.fail(invocation, reply.reason)
+
+    def fail(self, invocation: Invocation, reason: str) -> None:
+        """End an invocation as failed."""
+        invocation.state, invocation.reason, invocation.ended_ns = InvocationState.FAILED, reason, time.time_ns()
+        self._settle(invocation)
+
+    def mark_unknown(self, invocation: Invocation) -> None:
+        """Record that the agent has not replied, unless it has reported on the invocation meanwhile."""
+        if invocation.state is InvocationState.ACCEPTED:
+            invocation.state = InvocationState.UNKNOWN
+            invocation.reason = "the agent gave no answer; progress or the deadline will settle it"
+            self.replicated.save(invocation)
+            self._announce(invocation)
+
+    def accept_of_fleet(self, invocation: Invocation, online: Iterable[str], replies: dict[str, Reply]) -> None:
+        """Record the replies of robots to a stop of the fleet; a robot without reply stays unknown."""
+        for name in (*online, *(name for name in replies if name not in invocation.robots)):
+            reply = replies.get(name)
+            if isinstance(reply, Refused):
+                self._live.invocations.answer(invocation, name, f"refused: {reply.reason}")
+            elif reply is None and invocation.robots.get(name) == InvocationState.ACCEPTED.value:
+                self._live.invocations.answer(invocation, name, _SILENT)
+            elif reply is not None:
+                invocation.robots.setdefault(name, InvocationState.ACCEPTED.value)
+        accepted = [reply for reply in replies.values() if isinstance(reply, Accepted)]
+        invocation.preempts = tuple(id for reply in accepted for id in reply.preempts)
+        invocation.duration_s = max((reply.duration_s for reply in accepted), default=0.0)
+        if not invocation.robots:
+            invocation.state, invocation.progress = InvocationState.SUCCEEDED, 1.0
+            invocation.reason, invocation.ended_ns = "no robot is online", time.time_ns()
+        if invocation.state.terminal:
+            self._settle(invocation)
+        else:
+            self._announce(invocation)
+
+    def _settle(self, invocation: Invocation) -> None:
+        self.replicated.settle(invocation)
+        self._announce(invocation)
+
+    def _announce(self, invocation: Invocation) -> None:
+        self._live.tell(invocation)
+        self.waiters.wake(invocation)
+
+    # -- requests ---------------------------------------------------------------------------------------------------
+
+    async def cancel(self, invocation: Invocation, reason: str = "cancelled by a client") -> None:
+        """Stop the motion of an invocation. Raises Conflict if it is over, AgentSilent without a reply."""
+        if invocation.state.terminal:
+            raise Conflict(f"The invocation has ended already: it {invocation.state}.")
+        if invocation.robot == FLEET:
+            raise Conflict("Stopping cannot be cancelled; a new motion of a robot ends it.")
+        if await self.stop_one(invocation, reason) is None:
+            raise AgentSilent(f"The agent of {invocation.robot} gave no answer; whether it stops is unknown.")
+
+    async def remove(self, invocation: Invocation) -> None:
+        """Stop an invocation if it is not over, and delete it."""
+        if not invocation.state.terminal:
+            await self.cancel(invocation, "its invocation is deleted")
+            await self._ended(invocation, ANSWER_TIMEOUT_S)
+        async with store_errors():
+            await self._store.delete(invocation)
+        self.replicated.forget(invocation.id)
+
+    async def _ended(self, invocation: Invocation, timeout_s: float) -> bool:
+        """Wait until the invocation has ended. Return False after ``timeout_s``."""
+        return await self.waiters.until(invocation, lambda one: one.state.terminal, timeout_s)
+
+    async def stop_one(self, invocation: Invocation, reason: str) -> Reply | None:
+        """Stop the motion of an invocation. Return the agent's reply, if any.
+
+        An agent that does not know the motion will never start it; an end that has just happened is reported.
+        """
+        stop = Stop(version=WIRE_VERSION, id=str(uuid.uuid4()), command=invocation.id, reason=reason)
+        replies = await self._live.link.stop((invocation.robot,), stop, ANSWER_TIMEOUT_S)
+        reply = replies.get(invocation.robot)
+        self.commands.replied(invocation.robot, reply)
+        unknown = isinstance(reply, Accepted) and invocation.id not in reply.preempts
+        if unknown and invocation.stops is None and not await self._ended(invocation, _LAST_WORD_S):
+            self.fail(invocation, "the agent knows no such motion")
+        return reply
+
+    # -- reports ----------------------------------------------------------------------------------------------------
+
+    def _progressed(self, robot: str, progress: Progress) -> None:
+        invocation = self._live.invocations.get(progress.id)
+        if invocation is None:
+            self.replicated.fetch_soon(robot, progress)
+            return
+        before, guessed = invocation.state, invocation.expired
+        if self._live.invocations.apply(robot, progress) is None:
+            return
+        if invocation.state.terminal:
+            self._settle(invocation)
+            return
+        # A motion that the robot reports as running is not over, however long it takes.
+        invocation.deadline_ns = max(invocation.deadline_ns, time.time_ns() + int(SETTLING_S * 1e9))
+        if guessed:
+            self.replicated.save(invocation)
+            self._announce(invocation)
+        elif invocation.state is not before:
+            self._announce(invocation)
+        else:
+            self._live.fan_out.touched(invocation_path(invocation))
+
+    def _lost(self, robot: str) -> None:
+        for invocation in self._live.invocations.lose(robot):
+            self._announce(invocation)
+
+    async def _expire(self) -> None:
+        """Fail invocations without a reported end, and those of earlier runs of an agent."""
+        await asyncio.sleep(_EXPIRY_INTERVAL_S)
+        invocations, now_ns = self._live.invocations, time.time_ns()
+        for robot in self._live.fleet.robots.values():
+            for invocation in invocations.outlived(robot.name, robot.incarnation or 0, now_ns):
+                self._settle(invocation)
+        for invocation in sorted(invocations.late(now_ns), key=self.replicated.owns, reverse=True):
+            if await self.replicated.is_late(invocation):
+                invocations.expire(invocation, now_ns)
+                self._settle(invocation)
