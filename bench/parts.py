@@ -23,7 +23,8 @@ from linked_fleet_gateway.fleet.frames import Frames
 from linked_fleet_gateway.fleet.invocations import Invocations
 from linked_fleet_gateway.http.websocket import framed
 from linked_fleet_gateway.resources.subscription import Kind, Subscription
-from linked_fleet_gateway.resources.tree import EMPTY, Tree
+from linked_fleet_gateway.resources.things import NO_SUBSCRIPTIONS
+from linked_fleet_gateway.resources.tree import Tree
 from linked_fleet_gateway.runtime.redis import Connection
 from linked_fleet_gateway.subscriptions.fan_out import FanOut
 from linked_fleet_gateway.subscriptions.message import Ending, Message
@@ -83,7 +84,7 @@ class _Kept:
 async def _rendered_us(robots: int) -> float:
     """Return the time from received frames to framed messages in this process: the median of some rounds."""
     fleet, invocations = Fleet(Frames()), Invocations()
-    fan_out = FanOut(lambda base, sees: Tree(fleet, invocations, base, EMPTY, sees))
+    fan_out = FanOut(lambda base, sees: Tree(fleet, invocations, base, NO_SUBSCRIPTIONS, sees))
     fleet.frames.watched = fan_out.watched
     crowd = [_appeared(fleet, name_of(number)) for number in range(robots)]
     for each in crowd:

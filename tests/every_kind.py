@@ -130,7 +130,7 @@ def _collisions() -> dict[str, Collision]:
 def tree() -> Tree:
     """Return a tree with the same resources at each call."""
     fleet, rules, objects = _fleet(), _rules(), _objects()
-    shelf = {
+    subscriptions = {
         "/fixed/": [
             _record("s1", Kind.CALLBACK, DeliveryState.FAILING),
             _record("s2", Kind.STREAM, DeliveryState.WAITING),
@@ -146,7 +146,7 @@ def tree() -> Tree:
         cameras_branch(lambda robot, camera: {}),
         ASSETS,
     )
-    return Tree(fleet, _invocations(), BASE, shelf, branches=branches)
+    return Tree(fleet, _invocations(), BASE, subscriptions, branches=branches)
 
 
 def described(tree: Tree, path: str) -> list[Triple]:

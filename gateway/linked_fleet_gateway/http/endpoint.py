@@ -61,7 +61,7 @@ from linked_fleet_gateway.resources.branches import Found
 from linked_fleet_gateway.resources.paths import owner_path, robot_of
 from linked_fleet_gateway.resources.resource import Redirect, Remote, Resource
 from linked_fleet_gateway.resources.subscription_resource import container_path
-from linked_fleet_gateway.resources.tree import EMPTY, Shelf
+from linked_fleet_gateway.resources.things import NO_SUBSCRIPTIONS, SubscriptionsByOwner
 from linked_fleet_gateway.subscriptions.service import Subscriptions
 
 log = logging.getLogger(__name__)
@@ -212,7 +212,7 @@ async def _find(connection: Connection) -> Resource | Redirect:
     # An encoded slash is no separator (RFC 3986, 2.2). Names in the tree contain none, but ids of things do.
     encoded = b"%2f" in connection.scope["raw_path"].lower()
     lost = encoded and not connection.services.live.branches.takes_slashes(path)
-    found: Found = None if lost else connection.tree(await _shelf(connection, path)).resolve(path)
+    found: Found = None if lost else connection.tree(await _subscriptions_shown(connection, path)).resolve(path)
     if found is None:
         raise NotFound(f"There is no resource at {path[:_LONGEST_NAMED]}; browse from {connection.base}/.")
     if isinstance(found, Redirect):
@@ -235,13 +235,13 @@ def _read_by(connection: Connection, found: Resource) -> Resource:
     return replace(found, reader=reader, rights=rights, audited=caller.may_any(AUDIT_NEEDS, None))
 
 
-async def _shelf(connection: Connection, path: str) -> Shelf:
+async def _subscriptions_shown(connection: Connection, path: str) -> SubscriptionsByOwner:
     """Return the subscriptions that the resource at ``path`` shows, if any."""
     owner = owner_path(path)
     head, _, rest = path.removeprefix(container_path(owner)).partition("/")
     robot = robot_of(owner)
     if head or not path.startswith(container_path(owner)) or not connection.caller.may(Right.READ, robot):
-        return EMPTY
+        return NO_SUBSCRIPTIONS
     subscriptions: Subscriptions = connection.services.subscriptions
     async with refusals():
         if not rest:
@@ -249,7 +249,7 @@ async def _shelf(connection: Connection, path: str) -> Shelf:
         id = _uuid(rest.partition("/")[0])
         record = None if id is None else await subscriptions.record(id)
         if record is None or record.subscription.owner != owner:
-            return EMPTY
+            return NO_SUBSCRIPTIONS
         return {owner: shown(connection, [record], owner)}
 
 

@@ -71,7 +71,7 @@ def _codings(resource: Resource, representation: Representation) -> tuple[str, .
 def _keep(request: Request, resource: Resource, representation: Representation, headers: Mapping[str, str]) -> None:
     """Cache the response if it belongs to a robot and all its changes are known."""
     media_type, robot = representation.media_type, resource.source.robot
-    if robot is None and resource.alike is not None:  # a constant blueprint, while its robot exists
+    if robot is None and resource.template is not None:  # a constant blueprint, while its robot exists
         robot = request.services.live.fleet.robots.get(robot_of(resource.path) or "")
     rendering = request.services.representations.rendering(resource, media_type, request.base)
     still = rendering is None and not resource.source.measured and resource.followed

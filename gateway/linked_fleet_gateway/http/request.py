@@ -21,7 +21,8 @@ from linked_fleet_gateway.http.representation import Representations
 from linked_fleet_gateway.http.stop_priority import Turns
 from linked_fleet_gateway.identity.rights import Identity
 from linked_fleet_gateway.identity.service import Identities
-from linked_fleet_gateway.resources.tree import EMPTY, Shelf, Tree
+from linked_fleet_gateway.resources.things import NO_SUBSCRIPTIONS, SubscriptionsByOwner
+from linked_fleet_gateway.resources.tree import Tree
 from linked_fleet_gateway.runtime.audit_log import Audit
 from linked_fleet_gateway.runtime.embedded_redis import Embedded
 from linked_fleet_gateway.subscriptions.live import Live
@@ -125,9 +126,9 @@ class _Asked:
         client = self.scope.get("client")
         return self.caller.name or (client[0] if client else "")
 
-    def tree(self, shelf: Shelf = EMPTY) -> Tree:
-        """Return the tree as the caller may see it; ``shelf`` are subscriptions to show."""
-        return self.services.live.tree(self.base, self.caller.sees, shelf)
+    def tree(self, subscriptions: SubscriptionsByOwner = NO_SUBSCRIPTIONS) -> Tree:
+        """Return the tree as the caller may see it; ``subscriptions`` are those to show."""
+        return self.services.live.tree(self.base, self.caller.sees, subscriptions)
 
 
 class Request(_Asked, StarletteRequest):

@@ -24,7 +24,7 @@ Links = Iterable[tuple[NamedNode, str]]
 
 
 @dataclass(frozen=True)
-class Doing:
+class RobotActivity:
     """Paths of a robot's running invocations, the end of its last motion (wall ns), and the charge of its battery."""
 
     tasks: tuple[str, ...] = ()
@@ -48,7 +48,7 @@ class Describer:
         members: Mapping[str, Robot],
         links: Links,
         graph: Graph,
-        doing: Callable[[Robot], Doing] = lambda robot: Doing(),
+        doing: Callable[[Robot], RobotActivity] = lambda robot: RobotActivity(),
     ) -> None:
         """Describe the fleet; ``links`` are predicate and path of its further resources."""
         root = self.iri("/")

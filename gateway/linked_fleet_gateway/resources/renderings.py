@@ -23,7 +23,7 @@ from linked_fleet_gateway.rdf.graph import Graph, lexical, timestamp
 from linked_fleet_gateway.rdf.serialise import TEXT_TYPES, render
 from linked_fleet_gateway.rdf.vocabulary import PREFIXES
 from linked_fleet_gateway.resources.property import Seen
-from linked_fleet_gateway.resources.resource import Alike, Resource
+from linked_fleet_gateway.resources.resource import DescriptionTemplate, Resource
 from linked_fleet_gateway.resources.subscription_resource import describe_version
 
 _MILLISECOND_NS = 1_000_000
@@ -194,24 +194,24 @@ class Copies:
 
     def body(self, resource: Resource, media_type: str, base: str) -> bytes | None:
         """Return the document; None if the resource has no kind or must be rendered. Raises WriteError."""
-        alike = resource.alike
-        if alike is None or media_type not in TEXT_TYPES or not _PLAIN.fullmatch(alike.owner):
+        template = resource.template
+        if template is None or media_type not in TEXT_TYPES or not _PLAIN.fullmatch(template.owner):
             return None
-        key = (alike.key, media_type, base)
+        key = (template.key, media_type, base)
         pieces = self._kept.get(key)
         if pieces is None:
-            pieces = self._kept[key] = _pieces(resource, alike, media_type, base)
+            pieces = self._kept[key] = _pieces(resource, template, media_type, base)
             if len(self._kept) > self._most:
                 del self._kept[next(iter(self._kept))]
-        return alike.owner.rstrip("/").join(pieces).encode()
+        return template.owner.rstrip("/").join(pieces).encode()
 
 
-def _pieces(resource: Resource, alike: Alike, media_type: str, base: str) -> list[str]:
+def _pieces(resource: Resource, template: DescriptionTemplate, media_type: str, base: str) -> list[str]:
     """Return the text of one resource of the kind, split at the path of its owner."""
     mark = f"/x{secrets.token_hex(8)}"
-    slash = "/" if alike.owner.endswith("/") else ""
-    path = mark + resource.path[len(alike.owner.rstrip("/")) :]
+    slash = "/" if template.owner.endswith("/") else ""
+    path = mark + resource.path[len(template.owner.rstrip("/")) :]
     graph = Graph()
-    alike.describe(graph, mark + slash)
+    template.describe(graph, mark + slash)
     resource.state_model(graph, base, path)
     return render(graph.triples, media_type, PREFIXES, base=base + path).decode().split(mark)

@@ -29,7 +29,7 @@ class Remote:
 
 
 @dataclass(frozen=True)
-class Alike:
+class DescriptionTemplate:
     """A kind of resources whose descriptions differ only in the owner's path: one is rendered, the others are copied.
 
     ``key`` identifies the kind. ``describe`` describes the resource of the owner at the given path.
@@ -82,7 +82,7 @@ class Resource:
     """``describe`` with given values instead of the present ones, one for each of ``looks``; None if none is
     measured.
     """
-    alike: Alike | None = None
+    template: DescriptionTemplate | None = None
     """The kind of resources whose descriptions differ only in their path."""
     looks: tuple[Look, ...] = ()
     """Observations of the measured values that it shows, in the order of its properties."""
@@ -163,7 +163,7 @@ def blueprint_of(
         f"Blueprint of {resource.path}",
         lambda graph: describe(graph, resource.path),
         source=source or Source(),
-        alike=Alike((shapes, resource.path.endswith("/")), resource.path, describe),
+        template=DescriptionTemplate((shapes, resource.path.endswith("/")), resource.path, describe),
     )
 
 

@@ -22,7 +22,8 @@ from linked_fleet_gateway.link.transport import Session
 from linked_fleet_gateway.resources.branches import Branch, Branches
 from linked_fleet_gateway.resources.invocation import invocation_path, invocations_path
 from linked_fleet_gateway.resources.paths import joint_path, robot_path
-from linked_fleet_gateway.resources.tree import EMPTY, Shelf, Tree
+from linked_fleet_gateway.resources.things import NO_SUBSCRIPTIONS, SubscriptionsByOwner
+from linked_fleet_gateway.resources.tree import Tree
 from linked_fleet_gateway.subscriptions.fan_out import FanOut
 
 _SEEN_AGAIN_S = 0.3
@@ -121,9 +122,9 @@ class Live:
         self.meshes.close()
         await self.link.__aexit__(kind, error, trace)
 
-    def tree(self, base: str, sees: View = ALL, shelf: Shelf = EMPTY) -> Tree:
-        """Return the present resource tree under one base URL as seen by ``sees``; ``shelf``: subscriptions to show."""
-        return Tree(self.fleet, self.invocations, base, shelf, sees, self._branches, self._secured)
+    def tree(self, base: str, sees: View = ALL, subscriptions: SubscriptionsByOwner = NO_SUBSCRIPTIONS) -> Tree:
+        """Return the present resource tree under one base URL as seen by ``sees``; ``subscriptions``: those to show."""
+        return Tree(self.fleet, self.invocations, base, subscriptions, sees, self._branches, self._secured)
 
     @property
     def branches(self) -> Branches:

@@ -62,7 +62,7 @@ def test_a_copy_is_what_writing_gives(media_type: str) -> None:
 def test_what_is_like_nothing_else_is_not_copied() -> None:
     copies = Copies()
     resource = next(_blueprints())
-    assert copies.body(replace(resource, alike=None), "text/turtle", _BASE) is None
+    assert copies.body(replace(resource, template=None), "text/turtle", _BASE) is None
     assert copies.body(resource, "application/x-jelly-rdf", _BASE) is None
 
 

@@ -1,0 +1,206 @@
+"""The resources of the fleet, of robots, joints and links, of their properties, and those that each thing owns."""
+
+from collections.abc import Callable, Mapping, Sequence
+from itertools import chain
+from types import MappingProxyType
+
+from pyoxigraph import NamedNode
+
+from linked_fleet_gateway.fleet.model import Joint, Link
+from linked_fleet_gateway.fleet.robot import Robot
+from linked_fleet_gateway.rdf.graph import Graph
+from linked_fleet_gateway.rdf.vocabulary import LDP
+from linked_fleet_gateway.resources.action_offer import fleet_offers, joint_offers, robot_offers
+from linked_fleet_gateway.resources.affordance import Control
+from linked_fleet_gateway.resources.battery import battery_charge
+from linked_fleet_gateway.resources.binary_frames import frames_of, is_framed, layout_path, related_layouts
+from linked_fleet_gateway.resources.branches import Branches, RequestView
+from linked_fleet_gateway.resources.describe import Describer, RobotActivity, last_frame, part_paths
+from linked_fleet_gateway.resources.invocation import invocation_path
+from linked_fleet_gateway.resources.lease import describe_lease
+from linked_fleet_gateway.resources.paths import joint_path, lease_path, link_path, model_path, robot_path
+from linked_fleet_gateway.resources.plain_json import with_json
+from linked_fleet_gateway.resources.properties import joint_properties, link_properties
+from linked_fleet_gateway.resources.property import Look, Property, Seen
+from linked_fleet_gateway.resources.resource import CONTAINER, Resource, blueprint_of
+from linked_fleet_gateway.resources.settable import affordance
+from linked_fleet_gateway.resources.subscription import Record
+from linked_fleet_gateway.resources.subscription_resource import in_subscriptions
+from linked_fleet_gateway.resources.versioning import Source, presence
+
+SubscriptionsByOwner = Mapping[str, Sequence[Record]]
+"""Subscriptions by the path of their owner, as far as they have been fetched."""
+NO_SUBSCRIPTIONS: SubscriptionsByOwner = MappingProxyType({})
+
+
+class Things:
+    """Builds the resources of one view of the fleet."""
+
+    def __init__(self, view: RequestView, branches: Branches, subscriptions: SubscriptionsByOwner) -> None:
+        self.describer = Describer(view.base)
+        self._view, self._branches, self._subscriptions = view, branches, subscriptions
+
+    def fleet(self) -> Resource:
+        """Return the fleet, which links all robots."""
+        robots = tuple(robot_path(name) for name in sorted(self._view.robots))
+        return Resource(
+            "/",
+            "Linked Fleet",
+            lambda graph: self.describer.fleet(self._view.robots, self._branches.linked(), graph, self._activity),
+            CONTAINER,
+            # The last-seen time of a robot differs between gateways.
+            Source(
+                self._members, digest=lambda: [(*named, here, fault) for *named, (here, _, fault) in self._members()]
+            ),
+            own=(
+                *("/subscriptions", "/blueprint", *(each.path for each in fleet_offers()), "/vocabulary", "/context"),
+                *(path for _, path in self._branches.linked()),
+            ),
+            parts=robots,
+            links=self._branches.links(),
+            documents=self._branches.of_thing(self._view),
+            constant=self._branches.constant,
+            has_linkset=True,
+        )
+
+    def _members(self) -> list[tuple[str, str, str, RobotActivity, tuple[str, int | None, str | None]]]:
+        return [
+            (name, robot.title, robot.model.name if robot.model else "", self._activity(robot), presence(robot))
+            for name, robot in self._view.robots.items()
+        ]
+
+    def _activity(self, robot: Robot) -> RobotActivity:
+        moved_ns = self._view.invocations.last_motion_ns(robot.name)
+        return RobotActivity(tuple(self._tasks(robot)), moved_ns, battery_charge(robot))
+
+    def robot(self, robot: Robot) -> Resource:
+        """Return a robot, which links its parts, properties and actions."""
+        path = robot_path(robot.name)
+        properties = self.describer.robot_properties(robot) if robot.model else []
+        actions = (*(each.path for each in robot_offers(robot)), lease_path(robot.name))
+        actions += (model_path(robot.name),) if robot.model else ()
+        branches = self._branches.linked_from(robot, path)
+        actions += tuple(found for _, found in branches)
+        return Resource(
+            path,
+            robot.name,
+            lambda graph: self.describer.robot(robot, self._tasks(robot), branches, graph),
+            measured=lambda graph, seens: self.describer.robot(robot, self._tasks(robot), branches, graph, seens),
+            looks=_looks(properties),
+            quiet=(lambda: last_frame(robot),),
+            source=_thing(robot, properties, lambda: (self._tasks(robot), self._branches.linked_from(robot, path))),
+            own=_own(path, properties, actions),
+            parts=tuple(part_paths(robot)),
+            documents=self._branches.of_thing(self._view, robot),
+            constant=self._branches.constant,
+            has_linkset=True,
+        )
+
+    def _tasks(self, robot: Robot) -> list[str]:
+        """Return the paths of the robot's running invocations (D4)."""
+        return [invocation_path(each) for each in self._view.invocations.open_of(robot.name)]
+
+    def joint(self, robot: Robot, joint: Joint) -> Resource:
+        """Return a joint of the robot."""
+        path, properties = joint_path(robot.name, joint.name), joint_properties(robot, joint)
+        actions = tuple(each.path for each in joint_offers(robot, joint))
+        return Resource(
+            path,
+            joint.name,
+            lambda graph: self.describer.joint(robot, joint, graph),
+            measured=lambda graph, seens: self.describer.joint(robot, joint, graph, seens),
+            looks=_looks(properties),
+            source=_thing(robot, properties),
+            own=_own(path, properties, actions),
+            documents=self._branches.of_thing(self._view, robot, joint),
+            constant=self._branches.constant,
+            has_linkset=True,
+        )
+
+    def link(self, robot: Robot, link: Link) -> Resource:
+        """Return a link of the robot."""
+        assert robot.model is not None
+        path, properties = link_path(robot.name, robot.model, link.name), link_properties(robot, link)
+        return Resource(
+            path,
+            link.name,
+            lambda graph: self.describer.link(robot, link, graph),
+            measured=lambda graph, seens: self.describer.link(robot, link, graph, seens),
+            looks=_looks(properties),
+            source=_thing(robot, properties),
+            own=_own(path, properties),
+            documents=self._branches.of_thing(self._view, robot, link),
+            constant=self._branches.constant,
+            has_linkset=True,
+        )
+
+    def property(self, robot: Robot, owner: str, item: Property) -> Resource:
+        """Return a property of the thing at the path ``owner``."""
+        path = f"{owner.rstrip('/')}/{item.segment}"
+        # A new description is no change of a value unless its model differs, which holds the constants.
+        source = Source(lambda: (presence(robot), robot.model, item.facts(), robot.settings), item.look, robot)
+
+        def measured(graph: Graph, seens: Sequence[Seen]) -> None:
+            self.describer.property(robot, owner, item, graph, seens[0])
+
+        resource = Resource(
+            path,
+            item.title,
+            lambda graph: measured(graph, [Seen.of(item.look())]),
+            measured=measured if item.measured else None,
+            looks=(item.look,) if item.measured else (),
+            source=source,
+            own=(path + "/blueprint", *related_layouts(path, item), *self._branches.related_to(path, item)),
+            documents=frames_of(robot, item),
+            layout=layout_path(path) if is_framed(item) else None,
+            affords=affordance(item.put),
+        )
+        return with_json(resource, item.shape, self._view.base)
+
+    def lease(self, robot: Robot) -> Resource:
+        """Return the control lease of the robot."""
+        path = lease_path(robot.name)
+        return Resource(
+            path,
+            f"Control of {robot.name}",
+            lambda graph: describe_lease(graph, self._view.base, robot),
+            source=Source(lambda: robot.lease, robot=robot),
+            own=(path + "/blueprint",),
+            affords=Control(robot),
+        )
+
+    def owned(self, thing: Resource, rest: list[str], shapes: tuple[NamedNode, ...]) -> Resource | None:
+        """Return the resource at the segments ``rest`` below a thing: its subscriptions, blueprint or link set."""
+        path = f"{thing.path.rstrip('/')}/{rest[0]}"
+        if rest[0] == "subscriptions":
+            return in_subscriptions(thing, rest[1:], self._subscriptions.get(thing.path, ()), self._view.base)
+        if rest == ["blueprint"]:
+            return blueprint_of(thing, self._view.base, shapes, description_source(thing.source.robot))
+        if rest == ["linkset"]:
+            return Resource(path, f"Links of {thing.title}", None, (LDP.Resource,), linkset_of=thing)
+        return None
+
+
+def _thing(robot: Robot, properties: Sequence[Property], also: Callable[[], object] = tuple) -> Source:
+    """Return the source of a thing, which changes with its properties' values and with its robot's description."""
+    looks = _looks(properties)
+    look = (lambda: tuple(chain.from_iterable(look() for look in looks))) if looks else tuple
+    facts = [each.facts for each in properties if each.facts is not tuple]
+    return Source(
+        lambda: (presence(robot), robot.description, robot.settings, also(), [fact() for fact in facts]), look, robot
+    )
+
+
+def _looks(properties: Sequence[Property]) -> tuple[Look, ...]:
+    return tuple([each.look for each in properties if each.measured])
+
+
+def description_source(robot: Robot | None) -> Source:
+    """Return the source of a resource that depends on the description of a robot only; None for no robot."""
+    return Source() if robot is None else Source(lambda: (robot.description, robot.annotations), robot=robot)
+
+
+def _own(path: str, properties: list[Property], actions: tuple[str, ...] = ()) -> tuple[str, ...]:
+    """Return sub-resources in the order of the Link field: subscriptions, blueprint, actions, properties."""
+    stem = path.rstrip("/")
+    return (stem + "/subscriptions", stem + "/blueprint", *actions, *(f"{stem}/{each.segment}" for each in properties))
