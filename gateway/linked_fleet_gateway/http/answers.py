@@ -17,7 +17,7 @@ from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.http.arrival import arrival_of
 from linked_fleet_gateway.http.conditional import etag, not_modified
 from linked_fleet_gateway.http.encoding import GZIP, compressed, expanded, pays, tag_of, takes_gzip
-from linked_fleet_gateway.http.head import Fields, block
+from linked_fleet_gateway.http.response_head import Fields, block
 from linked_fleet_gateway.identity.rights import View
 from linked_fleet_gateway.resources.renderings import Rendering
 from linked_fleet_gateway.resources.resource import Resource

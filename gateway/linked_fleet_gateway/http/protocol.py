@@ -12,23 +12,23 @@ import httptools
 from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol
 
 from linked_fleet_gateway.base.addresses import network_of
+from linked_fleet_gateway.http import request_head
 from linked_fleet_gateway.http.answers import Reply
 from linked_fleet_gateway.http.arrival import fields_of
 from linked_fleet_gateway.http.backpressure import STALL_S, Reader
 from linked_fleet_gateway.http.exchange import Exchange, written
-from linked_fleet_gateway.http.request_line import RequestLineError, is_plain, read_line
+from linked_fleet_gateway.http.request_head import HeadError
+from linked_fleet_gateway.http.response_head import NO_PLACE, refusal
 from linked_fleet_gateway.http.sockets import Sockets
 from linked_fleet_gateway.http.timeouts import BODY_S, HEAD_S, MAX_HEAD_BYTES, Deadline
 from linked_fleet_gateway.http.websocket_protocol import FAREWELL_S, WebSocketProtocol
 
 HTTP = "linked-fleet.http"
 """Key in ``scope["extensions"]`` of the protocol that serves an application."""
-_FULL = b"HTTP/1.1 503 Service Unavailable\r\nretry-after: 1\r\ncontent-length: 0\r\nconnection: close\r\n\r\n"
 _MOST_UNREAD = 64
 """Most pieces of ``MAX_HEAD_BYTES`` that may wait for responses to earlier requests."""
 _IDLE, _HEAD, _BODY, _WHOLE = "idle", "head", "body", "whole"
 """Progress of the latest request: nothing, a part of its head, its head, all of it."""
-_FRAMING = (b"content-length", b"transfer-encoding")
 AtOnce = Callable[[Any], Reply | None]
 
 
@@ -49,6 +49,7 @@ class HttpProtocol(HttpToolsProtocol):
     ending = False
     """True during shutdown: applications that start now have missed the notification."""
     reader: Reader
+    scope: dict[str, Any]  # type: ignore[assignment]  # uvicorn's type has no further keys
 
     def __init__(
         self, *arguments: Any, sockets: Sockets | None = None, at_once: AtOnce = lambda _: None, **named: Any
@@ -63,15 +64,11 @@ class HttpProtocol(HttpToolsProtocol):
         self._sockets = Sockets(sys.maxsize, sys.maxsize) if sockets is None else sockets
         self._deadline = Deadline(self._give_up, self.loop)
         self._phase = _IDLE
-        self._line = b""
-        """The start of an incomplete request line."""
-        self._method = b""
-        self._target = b""
-        """Method and target of the latest request, if the parser was given substitutes."""
+        self._line = request_head.RequestLineReader()
         self._head_bytes = 0
         self._unread: list[bytes] = []
         """Bytes that arrived before earlier requests were answered."""
-        self._refusal: tuple[HTTPStatus, str] | None = None
+        self._refusal: HeadError | None = None
         self._again = False
         """True while a head is parsed again without its ignored Upgrade."""
 
@@ -82,7 +79,7 @@ class HttpProtocol(HttpToolsProtocol):
         if self._sockets.open(self, self._address):
             self._await_request()
         else:
-            transport.write(_FULL)
+            transport.write(NO_PLACE)
             transport.close()
 
     def connection_lost(self, exc: Exception | None) -> None:
@@ -101,10 +98,6 @@ class HttpProtocol(HttpToolsProtocol):
         self.cycle.keep_alive = False
         return True
 
-    @property
-    def _scope(self) -> dict[str, Any]:
-        return cast(dict[str, Any], self.scope)
-
     # -- what comes ---------------------------------------------------------------------------------------------------
 
     def data_received(self, data: bytes) -> None:
@@ -115,13 +108,13 @@ class HttpProtocol(HttpToolsProtocol):
         if len(data) <= MAX_HEAD_BYTES:
             self._feed(data)
         else:
-            self._feed_pieces([data[at : at + MAX_HEAD_BYTES] for at in range(0, len(data), MAX_HEAD_BYTES)])
+            self._feed_pieces(request_head.pieces_of(data))
         if self.transport.get_protocol() is self:
             self._await_request()
 
     def _hold(self, data: bytes) -> None:
         """Keep bytes until earlier requests are answered. An application that awaits a body reads on."""
-        self._unread += [data[at : at + MAX_HEAD_BYTES] for at in range(0, len(data), MAX_HEAD_BYTES)]
+        self._unread += request_head.pieces_of(data)
         self.flow.pause_reading()
         if len(self._unread) > _MOST_UNREAD:
             self.transport.abort()
@@ -145,7 +138,11 @@ class HttpProtocol(HttpToolsProtocol):
         if self.transport.is_closing():
             return
         if self._phase in (_IDLE, _WHOLE) and self._head_bytes == 0:
-            data = self._checked_line(data)
+            try:
+                data = self._line.read(data)
+            except HeadError as error:
+                self._refuse(error.status, error.reason)
+                return
             if not data:
                 return
         if self._phase is not _BODY:
@@ -160,34 +157,16 @@ class HttpProtocol(HttpToolsProtocol):
                 return
             self._ignore_upgrade(data[upgrade.args[0] :])
         except httptools.HttpParserError as error:
-            status, text = self._refusal or (HTTPStatus.BAD_REQUEST, f"The request is not HTTP/1.1: {error}.")
-            self._refuse(status, text)
+            found = self._refusal or HeadError(HTTPStatus.BAD_REQUEST, f"The request is not HTTP/1.1: {error}.")
+            self._refuse(found.status, found.reason)
             return
         if self._phase in (_IDLE, _HEAD) and self._head_bytes > MAX_HEAD_BYTES:
             self._refuse(HTTPStatus.REQUEST_HEADER_FIELDS_TOO_LARGE, f"A head has at most {MAX_HEAD_BYTES} bytes.")
 
-    def _checked_line(self, data: bytes) -> bytes:
-        """Return the bytes to parse once the request line is complete; none before that, and none after a refusal."""
-        if not self._line and is_plain(data):
-            return data
-        data = (self._line + data).lstrip(b"\r\n")  # RFC 9112, 2.2
-        if b"\n" not in data:
-            self._line = data
-            if len(data) > MAX_HEAD_BYTES:
-                self._refuse(HTTPStatus.REQUEST_URI_TOO_LONG, f"A head has at most {MAX_HEAD_BYTES} bytes.")
-            return b""
-        self._line = b""
-        try:
-            data, self._method, self._target = read_line(data)
-        except RequestLineError as error:
-            self._refuse(error.status, error.reason)
-            return b""
-        return data
-
     def _ignore_upgrade(self, rest: bytes) -> None:
         """Continue as after any other request. The parser skips a body after a head with Upgrade."""
         if self._phase is _BODY:
-            framing = [name + b": " + value for name, value in self.headers if name in _FRAMING]
+            framing = [name + b": " + value for name, value in self.headers if name in request_head.FRAMING]
             self.parser = httptools.HttpRequestParser(self)
             self._again = True
             self.parser.feed_data(b"\r\n".join([b"PUT / HTTP/1.1", *framing, b"", b""]))
@@ -201,7 +180,7 @@ class HttpProtocol(HttpToolsProtocol):
         if self._again:
             return
         super().on_message_begin()
-        self._scope["extensions"] = {HTTP: self}
+        self.scope["extensions"] = {HTTP: self}
         self._phase = _HEAD
 
     def on_url(self, url: bytes) -> None:
@@ -216,18 +195,20 @@ class HttpProtocol(HttpToolsProtocol):
         if self._again:
             return
         self._phase, self._head_bytes = _BODY, 0
-        fields = fields_of(self._scope)
+        fields = fields_of(self.scope)
         if b"transfer-encoding" in fields:
-            self._check_coding()
-            if self._refusal is not None:
-                raise ValueError(self._refusal[1])  # ends the parser
+            try:
+                request_head.check_coding(self.headers, self.parser.get_http_version())
+            except HeadError as error:
+                self._refusal = error
+                raise  # ends the parser
         self.expect_100_continue = fields.get(b"expect", b"").lower() == b"100-continue"
         # The target as it was sent: it may be * or a whole URL (RFC 9112, 3.2).
-        raw_path, _, query = (self._target or self.url).partition(b"?")
+        raw_path, _, query = (self._line.target or self.url).partition(b"?")
         path = raw_path.decode("ascii")
         version = self.parser.get_http_version()
-        method = self._method or self.parser.get_method()
-        self._method = self._target = b""
+        method = self._line.method or self.parser.get_method()
+        self._line.forget()
         self.scope["method"], self.scope["http_version"] = method.decode("ascii"), version
         self.scope["path"] = unquote(path) if "%" in path else path
         self.scope["raw_path"], self.scope["query_string"] = raw_path, query
@@ -253,15 +234,6 @@ class HttpProtocol(HttpToolsProtocol):
         else:
             self._start_asgi_task(self.cycle, self.app)
 
-    def _check_coding(self) -> None:
-        """Refuse framing that the server does not support, or that HTTP/1.0 does not have (RFC 9112, 6.1)."""
-        for name, value in self.headers:
-            if name == b"transfer-encoding":
-                if self.parser.get_http_version() == "1.0":
-                    self._refusal = HTTPStatus.BAD_REQUEST, "HTTP/1.0 has no Transfer-Encoding."
-                elif value.strip().lower() != b"chunked":
-                    self._refusal = HTTPStatus.NOT_IMPLEMENTED, "The one Transfer-Encoding known here is chunked."
-
     def on_message_complete(self) -> None:
         if self._reply is not None:
             self._write_reply(self._reply)
@@ -272,10 +244,8 @@ class HttpProtocol(HttpToolsProtocol):
         super().on_message_complete()
 
     def _has_body(self) -> bool:
-        fields = fields_of(self._scope)
-        if _FRAMING[0] not in fields and _FRAMING[1] not in fields:
-            return False
-        return any(name in _FRAMING and value.strip(b" 0") for name, value in self.headers)
+        fields = fields_of(self.scope)
+        return (b"content-length" in fields or b"transfer-encoding" in fields) and request_head.has_body(self.headers)
 
     # -- what goes ----------------------------------------------------------------------------------------------------
 
@@ -311,14 +281,9 @@ class HttpProtocol(HttpToolsProtocol):
         protocol.on_lost = lambda: self._sockets.close(self)
 
     def _should_upgrade(self) -> bool:
-        """Return True if the request opens a WebSocket (RFC 6455, 4.1).
-
-        Any other Upgrade is ignored (RFC 9110, 7.8).
-        """
-        if self._is_answering() or self.scope["method"] != "GET" or self.scope["http_version"] != "1.1":
-            return False
-        opening = any(name == b"sec-websocket-key" for name, _ in self.headers)
-        return opening and not self._has_body() and super()._should_upgrade()
+        """Return True if the request opens a WebSocket. Any other Upgrade is ignored (RFC 9110, 7.8)."""
+        opens = request_head.opens_websocket(self.scope["method"], self.scope["http_version"], self.headers)
+        return opens and not self._is_answering() and not self._has_body() and super()._should_upgrade()
 
     def _is_answering(self) -> bool:
         return self.cycle is not None and not self.cycle.response_complete
@@ -334,7 +299,7 @@ class HttpProtocol(HttpToolsProtocol):
             return
         self._sockets.idle(self, self._give_way)
         # Named by the requests before it, so that the deadline of one request is never that of the next.
-        begun = self._phase is _HEAD or bool(self._line)
+        begun = self._phase is _HEAD or self._line.begun
         in_body = self._phase is _BODY
         self._deadline.set((in_body, begun, self.cycle, self._answered), self.body_s if in_body else self.head_s)
 
@@ -349,7 +314,7 @@ class HttpProtocol(HttpToolsProtocol):
         if self.reader.is_behind():
             self._deadline.again(self.head_s)
             return
-        unsaid = self._phase is _HEAD or self._line or (self._phase is _BODY and self._is_answering())
+        unsaid = self._phase is _HEAD or self._line.begun or (self._phase is _BODY and self._is_answering())
         if not unsaid or self.transport.is_closing():
             self.transport.abort()
             return
@@ -364,11 +329,8 @@ class HttpProtocol(HttpToolsProtocol):
             self.cycle.disconnected = True
             self.cycle.message_event.set()
         if answerable:
-            content = b"" if self._phase is _BODY and self.parser.get_method() == b"HEAD" else text.encode()
-            self.transport.write(
-                b"HTTP/1.1 %d %b\r\ncontent-type: text/plain; charset=utf-8\r\ncontent-length: %d\r\n"
-                b"connection: close\r\n\r\n%b" % (status, status.phrase.encode(), len(text), content)
-            )
+            of_head = self._phase is _BODY and self.parser.get_method() == b"HEAD"
+            self.transport.write(refusal(status, text, has_content=not of_head))
         self.transport.close()
 
     def pause_writing(self) -> None:

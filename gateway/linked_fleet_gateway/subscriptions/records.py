@@ -1,4 +1,4 @@
-"""Records of the store besides subscriptions, and the runs of gateways that hold them.
+"""Records and errors of the store besides subscriptions, and the runs of gateways that hold them.
 
 The value of a lease changes with each renewal, and observers measure the age of a value with their own monotonic clock.
 So nobody seems dead or alive only because the clock of Redis was set.
@@ -17,6 +17,14 @@ from linked_fleet_gateway.subscriptions import redis_scripts as scripts
 from linked_fleet_gateway.subscriptions.redis_scripts import Keys
 
 What = Literal["removed", "woken", "replaced", "changed"]
+
+
+class TooMany(Exception):  # noqa: N818
+    """The client has reached its limit of subscriptions; nothing was stored."""
+
+
+class Lost(Exception):  # noqa: N818
+    """The subscription is gone, or another gateway run holds it now."""
 
 
 @dataclass(frozen=True)

@@ -5,9 +5,7 @@ and the owner's index, last the record, which is the acceptance. What a crash le
 the crashed run.
 
 "Accepted" means on disk if the server reports ``appendonly yes`` and ``appendfsync always`` (otherwise a warning is
-logged). It also means in the memory of one replica, if the record's master has a replica in step; its lists are then
-confirmed too where their masters have replicas. Nothing else waits for replicas: a failover can lose the last moment of
-deliveries.
+logged), and in the memory of a replica where there is one (``replication``).
 """
 
 import asyncio
@@ -24,9 +22,11 @@ from linked_fleet_gateway.subscriptions.records import (
     Backlog,
     Entry,
     Held,
+    Lost,
     News,
     Outgoing,
     Runs,
+    TooMany,
     What,
     read_entry,
     read_news,
@@ -38,6 +38,7 @@ from linked_fleet_gateway.subscriptions.records import (
     write_spec,
 )
 from linked_fleet_gateway.subscriptions.redis_scripts import Keys
+from linked_fleet_gateway.subscriptions.replication import confirm
 
 __all__ = ["LEASE_S", "Backlog", "Entry", "Lost", "News", "Outgoing", "Store", "StoreUnavailable", "TooMany"]
 _log = logging.getLogger(__name__)
@@ -48,14 +49,6 @@ _GONE_MS = 30_000  # longer than it takes to delete a subscription
 _ATTEMPTS, _CLEARING_S = 20, 0.05  # to add a subscription that other runs are deleting
 _NEWS = 1_000  # approximate number of entries kept
 _GROUP = "callback"
-
-
-class TooMany(Exception):  # noqa: N818
-    """The client has reached its limit of subscriptions; nothing was stored."""
-
-
-class Lost(Exception):  # noqa: N818
-    """The subscription is gone, or another gateway run holds it now."""
 
 
 class Store:
@@ -285,25 +278,12 @@ class Store:
         await self._redis.one("SADD", self._keys.owner(subscription.owner), id)
 
     async def _confirm(self, subscription: Subscription) -> None:
-        """Wait until a replica confirms a callback, and one of each other master its lists."""
-        id, keys = subscription.id, self._keys
-        lists = (keys.held(self._run), keys.owner(subscription.owner), keys.client(subscription.client))
+        """Wait until replicas have a callback; otherwise remove it and raise StoreUnavailable."""
         try:
-            others = await self._redis.elsewhere(keys.record(id), lists)
-            online = await self._redis.all([("EVAL", scripts.REPLICAS, 1, key) for key in others])
-            asked = [
-                (keys.record(id), "holder"),
-                *((key, id) for key, is_so in zip(others, online, strict=True) if is_so),
-            ]
-            for key, member in asked:
-                found, confirmed = await self._redis.replicated(scripts.REPEAT, key, member)
-                if not found:  # a failover lost it, or it has been removed already
-                    raise StoreUnavailable(f"subscription {id} was gone before a replica had it")
-                if not confirmed:
-                    raise StoreUnavailable(f"no replica of Redis confirmed subscription {id} in time")
+            await confirm(self._redis, self._keys, self._run, subscription)
         except StoreUnavailable:
             with suppress(StoreUnavailable):
-                await self.remove(id)
+                await self.remove(subscription.id)
             raise
 
     async def _part(self, subscription: Subscription, other: str, taken: bool) -> None:

@@ -1,4 +1,4 @@
-"""The bytes of a response head: status line and header fields (RFC 9112, 4 and 5)."""
+"""The bytes of response heads: status line and header fields (RFC 9112, 4 and 5), and whole responses of the server."""
 
 from collections.abc import Iterable, Sequence
 from http import HTTPStatus
@@ -24,3 +24,17 @@ def block(fields: Iterable[tuple[bytes, bytes]]) -> bytes:
     if found.count(b"\n") != ends or found.count(b"\r") != ends or b"\0" in found:
         raise RuntimeError("A header field has a line end inside.")
     return found
+
+
+NO_PLACE = b"HTTP/1.1 503 Service Unavailable\r\nretry-after: 1\r\ncontent-length: 0\r\nconnection: close\r\n\r\n"
+"""The response on a connection beyond the limit of connections."""
+
+
+def refusal(status: HTTPStatus, text: str, *, has_content: bool = True) -> bytes:
+    """Return the response to a request that no application sees; the connection is closed after it."""
+    fields = [
+        (b"content-type", b"text/plain; charset=utf-8"),
+        (b"content-length", b"%d" % len(text.encode())),
+        (b"connection", b"close"),
+    ]
+    return status_line(status) + block(fields) + b"\r\n" + (text.encode() if has_content else b"")
