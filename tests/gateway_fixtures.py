@@ -126,8 +126,8 @@ class Bench:
     def plan(self, path: str, turtle: str = "") -> Plan:
         offer = self.offer(path)
         body = self.body(path, turtle) if offer.takes_body else Body((), offer.definition.iri)
-        asked = ActionRequest(self.base, body, offer.robot, offer.joint, robot_time(offer.robot))
-        return {**HANDLERS, LF.Reach: reach}[offer.definition.iri](asked)
+        request = ActionRequest(self.base, body, offer.robot, offer.joint, robot_time(offer.robot))
+        return {**HANDLERS, LF.Reach: reach}[offer.definition.iri](request)
 
     @staticmethod
     def prefixed(turtle: str) -> str:

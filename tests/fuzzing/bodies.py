@@ -34,7 +34,7 @@ from linked_fleet_gateway.rdf.validation import root
 from linked_fleet_gateway.resources.action_offer import Offer
 from linked_fleet_gateway.resources.affordance import Control, Invoke, PutSetting, PutTarget
 from linked_fleet_gateway.resources.resource import Resource
-from linked_fleet_gateway.resources.setting import judged
+from linked_fleet_gateway.resources.setting import validated
 from linked_fleet_gateway.resources.subscription_resource import requested
 from linked_fleet_gateway.resources.tree import Tree
 from shacl_findings import pyshacl_finds
@@ -188,7 +188,7 @@ def _set(random: Random, afforded: PutSetting, triples: list[Triple], path: str)
 
 
 def _control(random: Random, afforded: Control, triples: list[Triple], path: str) -> None:
-    found = judged(triples, LF.ControlLeaseInput, BASE + path)
+    found = validated(triples, LF.ControlLeaseInput, BASE + path)
     assert found.number(found.root, LF.leaseDuration) is not None
 
 

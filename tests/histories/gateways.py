@@ -91,7 +91,7 @@ class Watched:
     def resolve(self, path: str) -> Resource | None:
         return Resource(path, "a counter", lambda graph: None, source=self._source(path))
 
-    def below(self, path: str) -> list[tuple[str, bool]]:
+    def subtree(self, path: str) -> list[tuple[str, bool]]:
         return [(path, True)]
 
 

@@ -58,7 +58,7 @@ class Toy:
         facts = Source(facts=lambda: self.fact)
         return Resource(PATH, "a toy", lambda graph: None, source=facts) if path == PATH else None
 
-    def below(self, path: str) -> list[tuple[str, bool]]:
+    def subtree(self, path: str) -> list[tuple[str, bool]]:
         return [(PATH, True)]
 
     def become(self, fact: int) -> None:

@@ -12,15 +12,15 @@ from linked_fleet_gateway.app.metrics import Numbers, registry
 from linked_fleet_gateway.app.sampler import Sampler
 from linked_fleet_gateway.app.settings import GatewaySettings
 from linked_fleet_gateway.app.shape_check import check_shapes
-from linked_fleet_gateway.http.cors import pages_elsewhere
+from linked_fleet_gateway.http.cors import cors_middleware
 from linked_fleet_gateway.http.endpoint import Endpoint
 from linked_fleet_gateway.http.entrance import Entrance
 from linked_fleet_gateway.http.extension import Core
 from linked_fleet_gateway.http.host import Authorities
-from linked_fleet_gateway.http.rates import Rates
+from linked_fleet_gateway.http.rates import TokenBuckets
 from linked_fleet_gateway.http.request import Gateway, Services
 from linked_fleet_gateway.http.sockets import Sockets, within_files
-from linked_fleet_gateway.http.stop_priority import Turns
+from linked_fleet_gateway.http.stop_priority import StopPriority
 from linked_fleet_gateway.identity.service import Identities
 from linked_fleet_gateway.link.transport import Opener
 from linked_fleet_gateway.link.zenoh_session import open_session as open_zenoh
@@ -91,7 +91,7 @@ def create_app(settings: GatewaySettings, tracing: Tracing | None = None, open_s
                 live, subscriptions, actions, requests, sampler, embedded, [each.metrics for each in mounts]
             )
             app.services = Services(
-                live, actions, subscriptions, audit, identities, embedded, turns=Turns(carriers), rates=rates,
+                live, actions, subscriptions, audit, identities, embedded, turns=StopPriority(carriers), rates=rates,
                 representations=representations(mounts), registry=registry(numbers),
                 schemes=[each.scheme for each in mounts if each.scheme is not None],
                 not_ready=[each.not_ready for each in mounts],
@@ -99,7 +99,7 @@ def create_app(settings: GatewaySettings, tracing: Tracing | None = None, open_s
             app.endpoint = Endpoint(mounts)
             yield
 
-    requests, rates = Requests(), Rates(settings.requests_per_client)
+    requests, rates = Requests(), TokenBuckets(settings.requests_per_client)
     carriers = [f"/{segment}" for each in extensions for segment in each.carriers]
     app = Gateway(
         Entrance(
@@ -108,7 +108,7 @@ def create_app(settings: GatewaySettings, tracing: Tracing | None = None, open_s
             rates,
             fronts=settings.fronts,
             tracing=tracing,
-            elsewhere=pages_elsewhere(
+            elsewhere=cors_middleware(
                 settings.cors_origins,
                 [name for each in extensions for name in each.request_fields],
                 [name for each in extensions for name in each.response_fields],

@@ -9,7 +9,7 @@ from typing import Any, Generic, TypeVar
 T = TypeVar("T")
 
 
-class Contributed(Generic[T]):
+class LazyObjects(Generic[T]):
     """The objects of one kind, imported on first use."""
 
     def __init__(self) -> None:
@@ -26,7 +26,7 @@ class Contributed(Generic[T]):
         return iter(self._objects)
 
 
-class Lazily:
+class LazyModule:
     """Imports the module ``name`` on first access.
 
     Raises ModuleNotFoundError at once if it or a need is not installed.

@@ -16,7 +16,7 @@ from linked_fleet_gateway.fleet.observation import Observation
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.http.arrival import arrival_of
 from linked_fleet_gateway.http.conditional import etag, not_modified
-from linked_fleet_gateway.http.encoding import GZIP, compressed, expanded, pays, tag_of, takes_gzip
+from linked_fleet_gateway.http.encoding import GZIP, coded_tag, compressed, expanded, is_compressible, takes_gzip
 from linked_fleet_gateway.http.response_head import Fields, block
 from linked_fleet_gateway.identity.rights import View
 from linked_fleet_gateway.resources.renderings import Rendering
@@ -84,7 +84,7 @@ class Answer:
         """
         self._source, self._robot, self._rendering = resource.source, robot, rendering
         self._tag = etag(content) if rendering is None else ""
-        self._packed = resource.compressible and pays(content)
+        self._packed = resource.compressible and is_compressible(content)
         self._content = compressed(content) if self._packed else content
         self.size = len(self._content)
         """Approximate size of the cached content in bytes."""
@@ -109,7 +109,7 @@ class Answer:
         if self._rendering is not None:
             self._write(self._rendering)
         content, coded = self._content, self._packed and takes_gzip
-        tag = tag_of(self._tag, "gzip" if coded else "")
+        tag = coded_tag(self._tag, "gzip" if coded else "")
         if known is not None and (known == tag or not_modified(known, tag)):
             return Reply(304, self._fields, self._block, [(b"etag", tag.encode())], b"")
         if self._packed and not coded:

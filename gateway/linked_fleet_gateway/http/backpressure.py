@@ -14,13 +14,12 @@ A channel buffers at most this and one message; over TLS as much again in encryp
 STALL_S = 30.0
 
 
-class Reader:
-    """The peer of a connection.
+class BoundedWriter:
+    """Sends to the peer of a connection, and disconnects it if it reads nothing while bytes wait.
 
-    It is disconnected if it reads nothing for ``stall_s`` (at most twice that) while bytes wait.
-
-    Streams send through this object. While nothing is buffered, bytes are written to the socket directly: uvloop's
-    bookkeeping of writes takes ten times as long as such a message.
+    The peer has ``stall_s`` (at most twice that) to read some of them. Streams send through this object. While nothing
+    is buffered, bytes are written to the socket directly: uvloop's bookkeeping of writes takes ten times as long as
+    such a message.
     """
 
     __slots__ = ("_file", "_stall_s", "_streaming", "_taken", "_timer", "_transport", "_waited", "_written")
@@ -33,7 +32,7 @@ class Reader:
         self._waited = False
         self._timer: asyncio.TimerHandle | None = None
 
-    # -- as a stream --------------------------------------------------------------------------------------------------
+    # -- streams -------------------------------------------------------------------------------------------------------
 
     def begin(self) -> None:
         """Start accepting messages, on an open connection."""
@@ -79,7 +78,7 @@ class Reader:
         self._written += len(data)
         return True
 
-    # -- whether it reads ---------------------------------------------------------------------------------------------
+    # -- slow readers ------------------------------------------------------------------------------------------------
 
     def watch(self) -> None:
         """Monitor the connection while bytes are buffered or a stream is open."""

@@ -97,7 +97,7 @@ async def by_token(identities: Identities, headers: Headers) -> Identity:
         raise IssuerAway("The keys of the issuer of this token are not known yet; try again in a moment.") from error
 
 
-def private(path: str, headers: MutableHeaders) -> None:
+def mark_private(path: str, headers: MutableHeaders) -> None:
     """Mark a response as private, so that no shared cache stores it (RFC 9111, 5.2.2.7). May be repeated."""
     if is_shared(path):
         return
@@ -111,7 +111,7 @@ def private(path: str, headers: MutableHeaders) -> None:
 def _private(scope: Scope, send: Send) -> Send:
     async def answer(message: Message) -> None:
         if message["type"] in _STARTS:
-            private(scope["path"], MutableHeaders(scope=message))
+            mark_private(scope["path"], MutableHeaders(scope=message))
         await send(message)
 
     return answer

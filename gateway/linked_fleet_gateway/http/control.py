@@ -12,7 +12,7 @@ from linked_fleet_gateway.actions.service import Actions
 from linked_fleet_gateway.base.errors import BadRequest, NotFound
 from linked_fleet_gateway.http.body import body_type, parse_body, parse_form, read_as
 from linked_fleet_gateway.http.invoke import lock_token, refuse_rehearsal
-from linked_fleet_gateway.http.patch import patched, read_patch
+from linked_fleet_gateway.http.patch import apply_patch, read_patch
 from linked_fleet_gateway.http.preconditions import present_under_preconditions
 from linked_fleet_gateway.http.request import Request
 from linked_fleet_gateway.rdf.unused import shown
@@ -21,7 +21,7 @@ from linked_fleet_gateway.resources.action_body import Body
 from linked_fleet_gateway.resources.affordance import FORM_TYPES, Control, PutSetting
 from linked_fleet_gateway.resources.paths import lease_path
 from linked_fleet_gateway.resources.resource import Resource
-from linked_fleet_gateway.resources.setting import Setting, judged
+from linked_fleet_gateway.resources.setting import Setting, validated
 
 if TYPE_CHECKING:
     from linked_fleet_gateway.resources.json_form import Form
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 MAX_ANNOTATION_TRIPLES = 256
 
 
-async def control(request: Request, afforded: Control) -> Response:
+async def control_lease(request: Request, afforded: Control) -> Response:
     """PUT takes or renews the lease and returns its ``Lock-Token``; DELETE releases it with that token."""
     shared = _shared(request)
     refuse_rehearsal(request)
@@ -48,7 +48,7 @@ async def control(request: Request, afforded: Control) -> Response:
     present = shown(lease.whole(request.base)) if isinstance(lease, Resource) else frozenset()
 
     def read(content: bytes) -> Body:
-        return judged(parse_form(content, media_type, iri, request.base, form), LF.ControlLeaseInput, iri, present)
+        return validated(parse_form(content, media_type, iri, request.base, form), LF.ControlLeaseInput, iri, present)
 
     body = await read_as(request, read)
     holder, duration_s = body.text(body.root, LF.holder), body.number(body.root, LF.leaseDuration)
@@ -86,7 +86,7 @@ async def _change(request: Request, setting: Setting) -> Callable[[Resource], st
     update = await read_patch(request, iri)
 
     def patch(present: Resource) -> str:
-        after = patched(update, present, request.base, lambda described: setting.managed(described, request.base))
+        after = apply_patch(update, present, request.base, lambda described: setting.managed(described, request.base))
         return setting.admit(after, request.base, shown(present.whole(request.base)))
 
     return patch

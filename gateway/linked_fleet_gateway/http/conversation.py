@@ -40,14 +40,14 @@ class Conversation:
     @property
     def writable(self) -> bool:
         """True if a message could be sent without much waiting."""
-        return self._protocol.reader.writable()
+        return self._protocol.writer.writable()
 
     def offer(self, frames: bytes) -> bool:
         """Send complete frames, created by ``frame``, if the connection is ``writable``.
 
         Return True if they were sent.
         """
-        return self._protocol.reader.send(frames)
+        return self._protocol.writer.send(frames)
 
     async def send(self, message: str | bytes) -> None:
         """Send a message that must not be dropped, as soon as the connection is ``writable``. Raises Ended."""
@@ -108,7 +108,7 @@ async def converse(websocket: WebSocket, resource: Resource, speaker: Speaker, v
     conversation = Conversation(websocket, protocol, named[0])
     try:
         await websocket.accept(named[0])
-        protocol.reader.begin()
+        protocol.writer.begin()
         with _guarded(websocket, resource, conversation):
             await speaker.speak(conversation, value)
     except (Ended, OSError):

@@ -16,7 +16,7 @@ _ANSWERED = (
 )  # fmt: skip
 
 
-def pages_elsewhere(
+def cors_middleware(
     origins: tuple[str, ...], asked: Iterable[str] = (), answered: Iterable[str] = ()
 ) -> list[Middleware]:
     """Return the middleware; none without ``origins``. Cookies are excluded, because these pages use tokens.

@@ -9,7 +9,7 @@ from linked_fleet_gateway.http.request import Request
 from linked_fleet_gateway.resources.resource import Resource
 
 
-def created(request: Request, resource: Resource, accept: str | None = None) -> Response:
+def created_response(request: Request, resource: Resource, accept: str | None = None) -> Response:
     """Return 201 with Location and the description (RFC 9110, 15.3.2); ``accept`` overrides the request's field."""
     accept = accept or field(request, "accept")
     representation = request.services.representations.negotiated(accept, resource, request.base)

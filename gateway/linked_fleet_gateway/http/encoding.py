@@ -14,7 +14,7 @@ _LEVEL = 3
 GZIP = (b"content-encoding", b"gzip")
 
 
-def pays(content: bytes) -> bool:
+def is_compressible(content: bytes) -> bool:
     """Return True if compressing the content is worthwhile."""
     return LEAST_BYTES <= len(content) <= MOST_BYTES
 
@@ -29,18 +29,18 @@ def expanded(content: bytes) -> bytes:
     return gzip.decompress(content)
 
 
-def tag_of(tag: str, coding: str) -> str:
+def coded_tag(tag: str, coding: str) -> str:
     """Return the entity tag of a representation in the coding, whose bytes differ (RFC 9110, 8.8.3.3)."""
     return f'{tag[:-1]}-{coding}"' if coding else tag
 
 
 def takes_gzip(accept_encoding: bytes) -> bool:
     """Return True if an Accept-Encoding field prefers gzip to no coding."""
-    return chosen(accept_encoding, ("gzip",)) == "gzip"
+    return preferred_coding(accept_encoding, ("gzip",)) == "gzip"
 
 
 @lru_cache(maxsize=256)
-def chosen(accept_encoding: bytes, offered: tuple[str, ...]) -> str:
+def preferred_coding(accept_encoding: bytes, offered: tuple[str, ...]) -> str:
     """Return the coding of ``offered`` that Accept-Encoding prefers, the first of equals; empty for none."""
     weights: dict[str, float] = {}
     for member in accept_encoding.decode("latin-1").lower().split(","):

@@ -24,7 +24,7 @@ from linked_fleet_gateway.base.errors import (
 from linked_fleet_gateway.http.audit import NEEDS as AUDIT_NEEDS
 from linked_fleet_gateway.http.audit import audit_resource, is_audit, note, with_audit
 from linked_fleet_gateway.http.containers import preferred_part, shown_part
-from linked_fleet_gateway.http.control import control, put_setting
+from linked_fleet_gateway.http.control import control_lease, put_setting
 from linked_fleet_gateway.http.conversation import Speaker, converse
 from linked_fleet_gateway.http.extension import Mount, Reader, Writer
 from linked_fleet_gateway.http.fields import field
@@ -35,13 +35,13 @@ from linked_fleet_gateway.http.preconditions import await_preconditions
 from linked_fleet_gateway.http.problem import problem
 from linked_fleet_gateway.http.read import READ, allowed, method_headers, read, read_mesh
 from linked_fleet_gateway.http.request import Connection, Request, WebSocket, gateway_of
-from linked_fleet_gateway.http.rights import SEES_SUBSCRIPTIONS, demand, shown
+from linked_fleet_gateway.http.rights import SEES_SUBSCRIPTIONS, require_right, visible_subscriptions
 from linked_fleet_gateway.http.streams import EventStream, is_over, open_websocket, wants_events
 from linked_fleet_gateway.http.subscribe import (
     check_handshake,
     post_subscription,
-    refusals,
     resume,
+    store_errors,
     subscribe_callback,
     wants_callback,
 )
@@ -129,7 +129,7 @@ class Endpoint:
             return _moved(request, found)
         allow = allowed(found)
         # Rights are checked before methods, so that a 405 never reveals what is possible to callers without rights.
-        demand(request, found.path, _needed(request, found))
+        require_right(request, found.path, _needed(request, found))
         if request.method not in allow:
             raise MethodNotAllowed(f"{request.method} is not possible here; {', '.join(allow)} are.", allow=allow)
         if request.method == "OPTIONS":
@@ -147,10 +147,10 @@ class Endpoint:
         if request.method not in READ:
             return await self._write(request, found)
         if wants_callback(request):
-            demand(request, found.path, (Right.SUBSCRIBE,))
+            require_right(request, found.path, (Right.SUBSCRIBE,))
             return await subscribe_callback(request, found)
         if (found.observable or found.subscription is not None) and wants_events(request):
-            demand(request, found.path, (Right.SUBSCRIBE,))
+            require_right(request, found.path, (Right.SUBSCRIBE,))
             stream = EventStream(request, found)
             await stream.register()
             return stream
@@ -175,8 +175,8 @@ class Endpoint:
         try:
             found = await _find(websocket)
             if isinstance(found, Resource):
-                demand(websocket, found.path, (Right.READ,))
-                demand(websocket, found.path, (Right.SUBSCRIBE,))
+                require_right(websocket, found.path, (Right.READ,))
+                require_right(websocket, found.path, (Right.SUBSCRIBE,))
                 await self._open(websocket, found)
             else:
                 await websocket.send_denial_response(_moved(websocket, found))
@@ -207,7 +207,7 @@ async def _find(connection: Connection) -> Resource | Redirect:
     if not path.startswith("/"):
         raise BadRequest(f"The request target is no path, such as /, and no URL below {connection.base}/.")
     if is_audit(path):
-        demand(connection, path, AUDIT_NEEDS)
+        require_right(connection, path, AUDIT_NEEDS)
         return _read_by(connection, await audit_resource(connection))
     # An encoded slash is no separator (RFC 3986, 2.2). Names in the tree contain none, but ids of things do.
     encoded = b"%2f" in connection.scope["raw_path"].lower()
@@ -243,14 +243,14 @@ async def _subscriptions_shown(connection: Connection, path: str) -> Subscriptio
     if head or not path.startswith(container_path(owner)) or not connection.caller.may(Right.READ, robot):
         return NO_SUBSCRIPTIONS
     subscriptions: Subscriptions = connection.services.subscriptions
-    async with refusals():
+    async with store_errors():
         if not rest:
-            return {owner: shown(connection, await subscriptions.of(owner), owner)}
+            return {owner: visible_subscriptions(connection, await subscriptions.of(owner), owner)}
         id = _uuid(rest.partition("/")[0])
         record = None if id is None else await subscriptions.record(id)
         if record is None or record.subscription.owner != owner:
             return NO_SUBSCRIPTIONS
-        return {owner: shown(connection, [record], owner)}
+        return {owner: visible_subscriptions(connection, [record], owner)}
 
 
 def _uuid(text: str) -> str | None:
@@ -277,7 +277,7 @@ _WRITERS: dict[type, Writer] = {
     EndInvocation: end_invocation,
     PutTarget: put_target,
     PutSetting: put_setting,
-    Control: control,
+    Control: control_lease,
     Subscribe: post_subscription,
     ChangeSubscription: change_subscription,
     ResumeSubscription: resume,

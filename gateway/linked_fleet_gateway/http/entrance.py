@@ -19,10 +19,10 @@ from linked_fleet_gateway.http.arrival import arrival_of
 from linked_fleet_gateway.http.callers import identify, known_at_once
 from linked_fleet_gateway.http.forwarded import Network, find_client
 from linked_fleet_gateway.http.host import Authorities, refuse
-from linked_fleet_gateway.http.lazy_imports import Loading
+from linked_fleet_gateway.http.lazy_imports import ModuleLoader
 from linked_fleet_gateway.http.operator_endpoints import PAGES
-from linked_fleet_gateway.http.pace import Pace
-from linked_fleet_gateway.http.rates import Rates
+from linked_fleet_gateway.http.pace import RateLimiter
+from linked_fleet_gateway.http.rates import TokenBuckets
 from linked_fleet_gateway.http.request import gateway_of
 from linked_fleet_gateway.runtime.metrics import Requests
 from linked_fleet_gateway.runtime.request_context import RequestContext, begin, request_id
@@ -42,7 +42,7 @@ class Entrance:
         self,
         authorities: Authorities,
         requests: Requests,
-        rates: Rates,
+        rates: TokenBuckets,
         *,
         fronts: Sequence[Network] = (),
         tracing: Tracing | None = None,
@@ -50,7 +50,7 @@ class Entrance:
         carriers: Collection[str] = (),
     ) -> None:
         self._authorities, self._requests, self._tracing = authorities, requests, tracing
-        self._fronts, self._pace, self._loading = tuple(fronts), Pace(rates, carriers), Loading()
+        self._fronts, self._pace, self._loading = tuple(fronts), RateLimiter(rates, carriers), ModuleLoader()
         self._inside: ASGIApp = self._admit
         for each, arguments, named in elsewhere:
             self._inside = each(self._inside, *arguments, **named)

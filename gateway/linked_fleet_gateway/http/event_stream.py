@@ -7,7 +7,7 @@ from collections.abc import Awaitable, Callable
 
 from starlette.types import Receive, Scope, Send
 
-from linked_fleet_gateway.http.backpressure import Reader
+from linked_fleet_gateway.http.backpressure import BoundedWriter
 from linked_fleet_gateway.http.protocol import HTTP, HttpProtocol
 from linked_fleet_gateway.subscriptions.message import Ending, Feed, Message, Outlet
 
@@ -53,13 +53,13 @@ class EventStreamOutlet:
     known length.
     """
 
-    def __init__(self, reader: Reader, *, chunked: bool) -> None:
+    def __init__(self, writer: BoundedWriter, *, chunked: bool) -> None:
         self.farewell = b""
         self.over = asyncio.Event()
         """Set when no more events follow."""
         self.framing = chunk if chunked else framed
-        self.send, self.writable = reader.send, reader.writable
-        self._reader, self._chunked = reader, chunked
+        self.send, self.writable = writer.send, writer.writable
+        self._writer, self._chunked = writer, chunked
         self._beat: asyncio.TimerHandle | None = None
 
     def write(self, message: Message) -> None:
@@ -78,13 +78,13 @@ class EventStreamOutlet:
     def stop(self) -> None:
         """Stop sending, because the client is gone or there is nothing to say."""
         self.over.set()
-        self._reader.finish()
+        self._writer.finish()
         if self._beat is not None:
             self._beat.cancel()
 
     def beat(self, every_s: float, written: int = -1) -> None:
         """Send a comment if nothing was written during the second half of ``every_s``."""
-        before = self._reader.written
+        before = self._writer.written
         if before == written:
             self.send(_in_chunk(_HEARTBEAT) if self._chunked else _HEARTBEAT)
         self._beat = asyncio.get_running_loop().call_later(every_s / 2, self.beat, every_s, before)
@@ -101,7 +101,7 @@ async def serve_event_stream(
 ) -> None:
     """Answer with the stream until it ends or the client is gone; the caller cleans up."""
     http: HttpProtocol = scope["extensions"][HTTP]
-    outlet = EventStreamOutlet(http.reader, chunked=scope["http_version"] == "1.1")
+    outlet = EventStreamOutlet(http.writer, chunked=scope["http_version"] == "1.1")
     http.on_shutdown = lambda: outlet.end(Ending.SHUTDOWN)
     if http.ending:
         outlet.end(Ending.SHUTDOWN)
@@ -123,7 +123,7 @@ def _follow(http: HttpProtocol, outlet: EventStreamOutlet, feed: Feed, heartbeat
     if outlet.over.is_set() or http.transport.is_closing():
         return
     http.on_drained = feed.ready
-    http.reader.begin()
+    http.writer.begin()
     outlet.beat(heartbeat_s)
     feed.ready()
 

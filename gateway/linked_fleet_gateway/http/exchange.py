@@ -12,7 +12,7 @@ _NO_CONTENT = (204, 304)
 CLOSE = (b"connection", b"close")
 
 
-def written(reply: Reply, defaults: Iterable[tuple[bytes, bytes]], method: str, keep_alive: bool) -> bytes:
+def response_bytes(reply: Reply, defaults: Iterable[tuple[bytes, bytes]], method: str, keep_alive: bool) -> bytes:
     """Return the bytes of a complete response; ``defaults``: the fields of all responses."""
     fields = [*defaults, *reply.more] if keep_alive else [*defaults, *reply.more, CLOSE]
     head = status_line(reply.status) + reply.block + block(fields)

@@ -127,7 +127,7 @@ class Extension:
     """Reserved segments whose requests carry other requests in their bodies, which may be stops.
 
     They are not rate-limited and do not wait for a turn until the extension, having read the body, calls
-    ``http.pace.in_turn``.
+    ``http.pace.await_turn``.
     """
     request_fields: ClassVar[tuple[str, ...]] = ()
     """Header fields, in lower case, that pages of other sites may send (CORS), if the operator permits them."""

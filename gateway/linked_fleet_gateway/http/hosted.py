@@ -11,7 +11,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from linked_fleet_gateway.http.protocol import HTTP, HttpProtocol
 
 
-class Hosted:
+class AsgiResponse:
     """A response by ``app``. The body was read before, within limits. A stream ends with the gateway.
 
     ``extensions`` are added to those of the scope. ``on_end`` is called first when the gateway ends.

@@ -32,7 +32,7 @@ from linked_fleet_gateway.rdf.unused import Terms, reachable, refuse, shown, unu
 from linked_fleet_gateway.rdf.validation import root
 from linked_fleet_gateway.rdf.vocabulary import LF
 from linked_fleet_gateway.resources.access_filter import InvocationsInView
-from linked_fleet_gateway.resources.action_body import Body, written
+from linked_fleet_gateway.resources.action_body import Body, as_ntriples
 from linked_fleet_gateway.resources.action_offer import Offer
 from linked_fleet_gateway.resources.affordance import FORM_TYPES, EndInvocation, Invoke, PutTarget
 from linked_fleet_gateway.resources.invocation import describe_rehearsal, invocation_path
@@ -178,7 +178,7 @@ def _read_target(
 def _admitted(offer: Offer, content: bytes, triples: Sequence[Triple], base: str) -> _Admitted:
     with step("guard"):
         body = admit(offer, triples, base)
-    return _Admitted(content, body, written(body))
+    return _Admitted(content, body, as_ntriples(body))
 
 
 def _input_form(offer: Offer, base: str) -> "Form":
@@ -269,11 +269,11 @@ def _rehearsal(request: Request, offer: Offer, plan: Motion | Halt, rehearsed: R
         )
 
     def plain() -> bytes:
-        from linked_fleet_gateway.resources.plain_json import told
+        from linked_fleet_gateway.resources.plain_json import node_json
 
         graph = Graph()
         describe(graph)
-        return told(graph.triples, root(graph.triples, NamedNode(request.base + offer.path)), LF.RehearsalShape)
+        return node_json(graph.triples, root(graph.triples, NamedNode(request.base + offer.path)), LF.RehearsalShape)
 
     rehearsal = Resource(offer.path, f"Rehearsal of {offer.name}", describe, (), documents={JSON: plain})
     shown = request.services.representations.negotiated(_accept(request), rehearsal, request.base)

@@ -13,7 +13,7 @@ from linked_fleet_gateway.http.request import html_of
 SUBSCRIPTIONS: Final = ("httpx",)
 
 
-class Loading:
+class ModuleLoader:
     """Loads modules in a thread: each takes 0.1 s, in which the event loop would serve nobody else."""
 
     def __init__(self, load: Callable[[str], object] = import_module) -> None:

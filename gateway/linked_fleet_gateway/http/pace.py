@@ -6,25 +6,25 @@ from collections.abc import Collection
 from starlette.types import Scope
 
 from linked_fleet_gateway.base.errors import TooManyRequests
-from linked_fleet_gateway.http.rates import Rates, by_caller
+from linked_fleet_gateway.http.rates import TokenBuckets, bucket_of
 from linked_fleet_gateway.http.request import Request
 from linked_fleet_gateway.http.stop_priority import is_urgent
 
 
-class Pace:
+class RateLimiter:
     """Refuses requests above the caller's rate, before anything is read or resolved.
 
-    ``carriers``: paths whose requests contain others in their bodies, which ``in_turn`` counts after reading them.
+    ``carriers``: paths whose requests contain others in their bodies, which ``await_turn`` counts after reading them.
     """
 
-    def __init__(self, rates: Rates, carriers: Collection[str] = ()) -> None:
+    def __init__(self, rates: TokenBuckets, carriers: Collection[str] = ()) -> None:
         self._rates, self._carriers = rates, frozenset(carriers)
 
     def wait_s(self, scope: Scope) -> float:
         """Return the seconds until the request is permitted; 0 if it is now, and then counted."""
         if not self._rates.limited or is_urgent(scope) or scope["path"] in self._carriers:
             return 0.0
-        return self._rates.take(by_caller(scope))
+        return self._rates.take(bucket_of(scope))
 
     def check(self, scope: Scope) -> None:
         """Count the request. Raises TooManyRequests."""
@@ -33,12 +33,12 @@ class Pace:
             raise TooManyRequests(math.ceil(wait_s))
 
 
-async def in_turn(request: Request) -> None:
+async def await_turn(request: Request) -> None:
     """Count a request to a carrier, and wait for its turn. Raises TooManyRequests.
 
     The extension that serves the carrier calls it, after reading the request, unless it is a stop.
     """
-    wait_s = request.services.rates.take(by_caller(request.scope))
+    wait_s = request.services.rates.take(bucket_of(request.scope))
     if wait_s:
         raise TooManyRequests(math.ceil(wait_s))
     await request.services.turns.take()

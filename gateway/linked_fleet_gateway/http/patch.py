@@ -37,7 +37,7 @@ def _read(content: bytes, iri: str) -> list[Operation]:
         raise BadRequest("The update is not UTF-8.") from error
 
 
-def patched(operations: Sequence[Operation], resource: Resource, base: str, managed: Managed) -> list[Triple]:
+def apply_patch(operations: Sequence[Operation], resource: Resource, base: str, managed: Managed) -> list[Triple]:
     """Return the description after the update. Raises UnprocessableContent if it removes managed statements."""
     graph = resource.whole(base)
     after = updated(graph.triples, operations)

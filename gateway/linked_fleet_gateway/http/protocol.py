@@ -15,8 +15,8 @@ from linked_fleet_gateway.base.addresses import network_of
 from linked_fleet_gateway.http import request_head
 from linked_fleet_gateway.http.answers import Reply
 from linked_fleet_gateway.http.arrival import fields_of
-from linked_fleet_gateway.http.backpressure import STALL_S, Reader
-from linked_fleet_gateway.http.exchange import Exchange, written
+from linked_fleet_gateway.http.backpressure import STALL_S, BoundedWriter
+from linked_fleet_gateway.http.exchange import Exchange, response_bytes
 from linked_fleet_gateway.http.request_head import HeadError
 from linked_fleet_gateway.http.response_head import NO_PLACE, refusal
 from linked_fleet_gateway.http.sockets import Sockets
@@ -48,8 +48,8 @@ class HttpProtocol(HttpToolsProtocol):
     """True while a response is not worth completing for a client that has closed its side."""
     ending = False
     """True during shutdown: applications that start now have missed the notification."""
-    reader: Reader
-    scope: dict[str, Any]  # type: ignore[assignment]  # uvicorn's type has no further keys
+    writer: BoundedWriter
+    scope: Any  # uvicorn declares the keys of HTTPScope alone
 
     def __init__(
         self, *arguments: Any, sockets: Sockets | None = None, at_once: AtOnce = lambda _: None, **named: Any
@@ -74,7 +74,7 @@ class HttpProtocol(HttpToolsProtocol):
 
     def connection_made(self, transport: Transport) -> None:  # type: ignore[override]  # as uvicorn has it
         super().connection_made(transport)
-        self.reader = Reader(transport, self.stall_s)
+        self.writer = BoundedWriter(transport, self.stall_s)
         self._address = network_of(self.client[0]) if self.client else ""
         if self._sockets.open(self, self._address):
             self._await_request()
@@ -84,7 +84,7 @@ class HttpProtocol(HttpToolsProtocol):
 
     def connection_lost(self, exc: Exception | None) -> None:
         super().connection_lost(exc)
-        self.reader.stop()
+        self.writer.stop()
         self._unread.clear()
         self._deadline.close()
         self._sockets.close(self)
@@ -255,7 +255,7 @@ class HttpProtocol(HttpToolsProtocol):
         self._sockets.busy(self)
         self.server_state.total_requests += 1
         keep_alive = self.scope["http_version"] != "1.0" and self.parser.should_keep_alive()
-        self.transport.write(written(reply, self.server_state.default_headers, self.scope["method"], keep_alive))
+        self.transport.write(response_bytes(reply, self.server_state.default_headers, self.scope["method"], keep_alive))
         if not keep_alive:
             self.transport.close()
 
@@ -305,13 +305,13 @@ class HttpProtocol(HttpToolsProtocol):
 
     def _give_way(self) -> bool:
         """Close an idle connection for another client, unless its last response is still being sent."""
-        if self.reader.is_behind():
+        if self.writer.is_behind():
             return False
         self.transport.abort()
         return True
 
     def _give_up(self) -> None:
-        if self.reader.is_behind():
+        if self.writer.is_behind():
             self._deadline.again(self.head_s)
             return
         unsaid = self._phase is _HEAD or self._line.begun or (self._phase is _BODY and self._is_answering())
@@ -335,7 +335,7 @@ class HttpProtocol(HttpToolsProtocol):
 
     def pause_writing(self) -> None:
         super().pause_writing()
-        self.reader.watch()
+        self.writer.watch()
 
     def resume_writing(self) -> None:
         super().resume_writing()

@@ -14,7 +14,7 @@ BURST_S = 10.0
 MAX_CLIENTS = 10_000
 
 
-class Rates:
+class TokenBuckets:
     """Allows each client ``per_s`` requests on average, ``burst`` of them at once; unlimited if ``per_s`` is 0.
 
     Beyond ``MAX_CLIENTS`` the least recent clients are forgotten, which restores their whole burst.
@@ -46,7 +46,7 @@ class Rates:
         return 0.0 if allowed else (1.0 - left) / self._per_s
 
 
-def by_caller(scope: Scope) -> str:
+def bucket_of(scope: Scope) -> str:
     """Return the identity of the caller, or without one its address."""
     name, client = arrival_of(scope).authenticated.identity.name, scope.get("client")
     return f"identity {name}" if name else network_of(client[0]) if client else ""

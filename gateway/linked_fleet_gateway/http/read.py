@@ -7,10 +7,10 @@ from starlette.responses import Response
 
 from linked_fleet_gateway.base.errors import NotAcceptable, PreconditionFailed
 from linked_fleet_gateway.http.answers import Answer
-from linked_fleet_gateway.http.callers import private
+from linked_fleet_gateway.http.callers import mark_private
 from linked_fleet_gateway.http.conditional import not_modified, precondition_holds
 from linked_fleet_gateway.http.containers import preferred_part
-from linked_fleet_gateway.http.encoding import chosen, compressed, pays, tag_of
+from linked_fleet_gateway.http.encoding import coded_tag, compressed, is_compressible, preferred_coding
 from linked_fleet_gateway.http.fields import field
 from linked_fleet_gateway.http.html import HTML
 from linked_fleet_gateway.http.links import Link, link_header
@@ -47,8 +47,10 @@ def read(request: Request, resource: Resource) -> Response:
     of_content = {"content-type": representation.content_type} | method_headers(resource, allowed(resource))
     _keep(request, resource, representation, headers | of_content)
     body = representation.body
-    coding = chosen((field(request, "accept-encoding") or "").encode("latin-1"), _codings(resource, representation))
-    headers["etag"] = tag_of(representation.etag, coding)
+    coding = preferred_coding(
+        (field(request, "accept-encoding") or "").encode("latin-1"), _codings(resource, representation)
+    )
+    headers["etag"] = coded_tag(representation.etag, coding)
     if not_modified(field(request, "if-none-match"), representation.etag):
         return Response(status_code=304, headers=headers)
     if coding:
@@ -64,7 +66,7 @@ def _codings(resource: Resource, representation: Representation) -> tuple[str, .
         return tuple(resource.coded)
     text = media_type.startswith("text/") or media_type.endswith(("json", "xml", "n-triples"))
     secret = media_type == HTML and bool(resource.reader)
-    coded = text and resource.compressible and not secret and pays(representation.body)
+    coded = text and resource.compressible and not secret and is_compressible(representation.body)
     return ("gzip",) if coded else ()
 
 
@@ -81,7 +83,7 @@ def _keep(request: Request, resource: Resource, representation: Representation, 
         return
     stated = MutableHeaders({name: value for name, value in headers.items() if name != "etag"})
     if request.services.identities is not None:
-        private(resource.path, stated)
+        mark_private(resource.path, stated)
     fields = stated.raw
     always = [each for each in fields if each[0] not in _OF_CONTENT]
     of_content = [each for each in fields if each[0] in _OF_CONTENT]

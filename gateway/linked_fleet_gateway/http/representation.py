@@ -11,7 +11,7 @@ from linked_fleet_gateway.http.links import LINKSET_TYPES, Link, linkset_json, l
 from linked_fleet_gateway.http.negotiation import choose
 from linked_fleet_gateway.rdf.serialise import JSON, RDF_TYPES, WriteError, render
 from linked_fleet_gateway.rdf.vocabulary import PREFIXES
-from linked_fleet_gateway.resources.renderings import Copies, Rendering, Renderings, compiles
+from linked_fleet_gateway.resources.renderings import Copies, Rendering, Renderings, is_compilable
 from linked_fleet_gateway.resources.resource import Resource
 
 FORMATS: Formats = {
@@ -75,7 +75,7 @@ class Representations:
 
     def rendering(self, resource: Resource, media_type: str, base: str) -> Rendering | None:
         """Return the compiled rendering of measured values; None without any, or if the media type is not compiled."""
-        if media_type in resource.documents or not compiles(resource, media_type):
+        if media_type in resource.documents or not is_compilable(resource, media_type):
             return None
         return self._renderings.of(resource, media_type, base)
 

@@ -16,9 +16,9 @@ from linked_fleet_gateway.http.arrival import arrival_of
 from linked_fleet_gateway.http.authentication import Scheme
 from linked_fleet_gateway.http.html import HtmlWriter
 from linked_fleet_gateway.http.offload import Offload
-from linked_fleet_gateway.http.rates import Rates
+from linked_fleet_gateway.http.rates import TokenBuckets
 from linked_fleet_gateway.http.representation import Representations
-from linked_fleet_gateway.http.stop_priority import Turns
+from linked_fleet_gateway.http.stop_priority import StopPriority
 from linked_fleet_gateway.identity.rights import Identity
 from linked_fleet_gateway.identity.service import Identities
 from linked_fleet_gateway.resources.things import NO_SUBSCRIPTIONS, SubscriptionsByOwner
@@ -50,8 +50,8 @@ class Services:
     identities: Identities | None
     embedded: Embedded | None
     offload: Offload = field(default_factory=Offload)
-    turns: Turns = field(default_factory=Turns)
-    rates: Rates = field(default_factory=lambda: Rates(0.0))
+    turns: StopPriority = field(default_factory=StopPriority)
+    rates: TokenBuckets = field(default_factory=lambda: TokenBuckets(0.0))
     """Rate limits by client."""
     answers: Answers = field(default_factory=Answers)
     representations: Representations = field(default_factory=Representations)
@@ -90,7 +90,7 @@ class Gateway(Starlette):
         return self._entrance.at_once(scope)
 
 
-class _Asked:
+class _Resolved:
     """Additional attributes of requests and WebSockets."""
 
     scope: Scope
@@ -131,14 +131,14 @@ class _Asked:
         return self.services.live.tree(self.base, self.caller.sees, subscriptions)
 
 
-class Request(_Asked, StarletteRequest):
+class Request(_Resolved, StarletteRequest):
     """A request for a resource."""
 
     reads = False
     """True once the method is known to be safe at the resource."""
 
 
-class WebSocket(_Asked, StarletteWebSocket):
+class WebSocket(_Resolved, StarletteWebSocket):
     """A WebSocket on a resource."""
 
 

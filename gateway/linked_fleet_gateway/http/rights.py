@@ -12,7 +12,7 @@ SEES_SUBSCRIPTIONS = (Right.SUBSCRIBE, Right.ADMIN)
 """Rights, one of which is needed to read a Subscriptions container: ``subscribe`` for one's own, ``admin`` for all."""
 
 
-def demand(connection: Connection, path: str, scopes: Sequence[Right]) -> None:
+def require_right(connection: Connection, path: str, scopes: Sequence[Right]) -> None:
     """Raise InsufficientScope unless the caller has one of ``scopes`` on the resource at ``path``."""
     if is_public(path) or connection.caller.may_any(scopes, robot_of(path)):
         return
@@ -20,14 +20,14 @@ def demand(connection: Connection, path: str, scopes: Sequence[Right]) -> None:
     raise InsufficientScope(f"This takes the right to {wanted} here, which you do not have.", scope=scopes[0])
 
 
-def demand_all(connection: Connection, path: str, depth: Depth) -> None:
+def require_subtree(connection: Connection, path: str, depth: Depth) -> None:
     """Raise InsufficientScope for the subtree of the fleet unless the caller may subscribe to all that it reads."""
     caller = connection.caller
     if path == "/" and depth is Depth.SUBTREE and not caller.over(Right.SUBSCRIBE).covers(caller.sees):
         raise InsufficientScope("You may read robots that you may not subscribe to.", scope=Right.SUBSCRIBE)
 
 
-def shown(connection: Connection, records: Sequence[Record], owner: str) -> list[Record]:
+def visible_subscriptions(connection: Connection, records: Sequence[Record], owner: str) -> list[Record]:
     """Return the visible subscriptions of a thing: the caller's own with ``subscribe``, all of them with ``admin``."""
     caller, robot = connection.caller, robot_of(owner)
     if caller.may(Right.ADMIN, robot):

@@ -23,7 +23,7 @@ def is_urgent(scope: Scope) -> bool:
     return scope.get("method") == "POST" and scope["path"].rpartition("/")[2] in URGENT
 
 
-class Turns:
+class StopPriority:
     """Grants one turn per iteration of the event loop; others wait in order of arrival.
 
     ``carriers`` are paths whose requests carry other requests in their bodies; they take their turn after reading.

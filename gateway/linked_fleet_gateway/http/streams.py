@@ -13,11 +13,11 @@ from linked_fleet_gateway.http.fields import field
 from linked_fleet_gateway.http.negotiation import choose, parse_accept, weight
 from linked_fleet_gateway.http.request import Connection, Request, WebSocket
 from linked_fleet_gateway.http.subscribe import (
+    last_event_id,
     new_subscription,
     observable_types,
     options,
-    refusals,
-    seen,
+    store_errors,
     subscription_link,
 )
 from linked_fleet_gateway.http.websocket import BINARY_TYPES, serve_websocket
@@ -69,7 +69,7 @@ class EventStream:
 
     def __init__(self, request: Request, resource: Resource) -> None:
         self._subscriptions: Subscriptions = request.services.subscriptions
-        self._request, self._seen = request, seen(request)
+        self._request, self._seen = request, last_event_id(request)
         self._posted = resource.subscription
         if self._posted is not None:
             self._subscription = _opened(request, resource, Kind.EVENT_STREAM)
@@ -81,7 +81,7 @@ class EventStream:
     async def register(self) -> None:
         """Register the subscription; await this before sending anything. Raises TooManySubscriptions."""
         if not self._head:
-            async with refusals():
+            async with store_errors():
                 await self._subscriptions.streams.register(self._subscription)
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
@@ -107,14 +107,14 @@ async def open_websocket(websocket: WebSocket, resource: Resource) -> None:
     else:
         media_type, subprotocol = _type_of_frames(websocket, observable_types(resource))
         subscription = new_subscription(websocket, resource, Kind.WEBSOCKET, media_type, options(websocket))
-    async with refusals():
+    async with store_errors():
         await subscriptions.streams.register(subscription)
     headers = [(b"link", subscription_link(subscription).encode("latin-1"))]
 
     async def serve(start: _Start) -> None:
         await serve_websocket(websocket, subprotocol, headers, start)
 
-    await _live(websocket, subscription, seen(websocket), resource.subscription is not None, serve)
+    await _live(websocket, subscription, last_event_id(websocket), resource.subscription is not None, serve)
 
 
 async def _live(

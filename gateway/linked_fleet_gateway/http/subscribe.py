@@ -21,12 +21,12 @@ from linked_fleet_gateway.base.errors import (
     UnprocessableContent,
 )
 from linked_fleet_gateway.http.body import body_type, parse_body, read_as
-from linked_fleet_gateway.http.created import check_accepted, created
+from linked_fleet_gateway.http.created import check_accepted, created_response
 from linked_fleet_gateway.http.fields import field
 from linked_fleet_gateway.http.links import Link, link_header
 from linked_fleet_gateway.http.negotiation import choose
 from linked_fleet_gateway.http.request import Connection, Request
-from linked_fleet_gateway.http.rights import demand_all
+from linked_fleet_gateway.http.rights import require_subtree
 from linked_fleet_gateway.rdf.serialise import RDF_TYPES
 from linked_fleet_gateway.resources.affordance import ChangeSubscription, ResumeSubscription, Subscribe
 from linked_fleet_gateway.resources.binary_frames import FRAME_TYPES, layout_path
@@ -167,7 +167,7 @@ async def _create(request: Request, subscription: Subscription, media_type: str 
     """Return 201 with Location and description; ``media_type`` overrides Accept for the description."""
     subscriptions: Subscriptions = request.services.subscriptions
     iri = request.base + container_path(subscription.owner)
-    async with refusals():
+    async with store_errors():
         try:
             if subscription.kind is Kind.CALLBACK:
                 record = await subscriptions.callbacks.accept(subscription)
@@ -179,7 +179,7 @@ async def _create(request: Request, subscription: Subscription, media_type: str 
     path = subscription_path(subscription)
     shown = request.tree({subscription.owner: [record]}).resolve(path)
     assert isinstance(shown, Resource)
-    return created(request, shown, media_type)
+    return created_response(request, shown, media_type)
 
 
 async def cancel(request: Request, afforded: ChangeSubscription) -> Response:
@@ -196,7 +196,7 @@ async def resume(request: Request, afforded: ResumeSubscription) -> Response:
 
 async def _carried_out(change: Awaitable[bool]) -> Response:
     """Return 204 for a change. Raises NotFound if the subscription has ended meanwhile."""
-    async with refusals():
+    async with store_errors():
         if not await change:
             raise NotFound("The subscription has ended meanwhile.")
     return Response(status_code=204)
@@ -205,7 +205,7 @@ async def _carried_out(change: Awaitable[bool]) -> Response:
 def new_subscription(
     connection: Connection, resource: Resource, kind: Kind, media_type: str, asked: Options
 ) -> Subscription:
-    demand_all(connection, resource.path, asked.depth)
+    require_subtree(connection, resource.path, asked.depth)
     check_channel(resource, kind, media_type)
     return Subscription(
         id=str(uuid.uuid4()),
@@ -240,13 +240,13 @@ def subscription_link(subscription: Subscription) -> str:
     return link_header(links, [])
 
 
-def seen(connection: Connection) -> str | None:
+def last_event_id(connection: Connection) -> str | None:
     """Return the version last seen: ``Last-Event-ID``, or ``last-event-id`` in the query of WebSockets."""
     return field(connection, "last-event-id") or connection.query_params.get("last-event-id")
 
 
 @asynccontextmanager
-async def refusals() -> AsyncIterator[None]:
+async def store_errors() -> AsyncIterator[None]:
     """Translate errors of the store into problems."""
     try:
         yield

@@ -8,17 +8,17 @@ from starlette.responses import Response
 from linked_fleet_gateway.base.errors import InsufficientScope, NotFound, UnprocessableContent
 from linked_fleet_gateway.http.invoke import refuse_rehearsal
 from linked_fleet_gateway.http.offload import Offload
-from linked_fleet_gateway.http.patch import patched, read_patch
+from linked_fleet_gateway.http.patch import apply_patch, read_patch
 from linked_fleet_gateway.http.preconditions import await_preconditions
 from linked_fleet_gateway.http.request import Request
-from linked_fleet_gateway.http.rights import demand_all
-from linked_fleet_gateway.http.subscribe import cancel, check_channel, offered_type, refusals
+from linked_fleet_gateway.http.rights import require_subtree
+from linked_fleet_gateway.http.subscribe import cancel, check_channel, offered_type, store_errors
 from linked_fleet_gateway.identity.rights import Right
 from linked_fleet_gateway.rdf.sparql_update import Operation
 from linked_fleet_gateway.resources.affordance import ChangeSubscription
 from linked_fleet_gateway.resources.resource import Resource
 from linked_fleet_gateway.resources.subscription import Changeable, Depth, Record, Subscription
-from linked_fleet_gateway.resources.subscription_change import changed, managed
+from linked_fleet_gateway.resources.subscription_change import changed_options, managed_statements
 from linked_fleet_gateway.resources.subscription_resource import container_path, subscription_path
 from linked_fleet_gateway.subscriptions.service import Subscriptions
 
@@ -35,7 +35,7 @@ async def change_subscription(request: Request, afforded: ChangeSubscription) ->
     update = await read_patch(request, request.base + path)
     while True:
         # Evaluated in each attempt, because another client may change it while the body is read.
-        async with refusals():
+        async with store_errors():
             record = await subscriptions.record(afforded.record.subscription.id)
         present = None if record is None else _described(request, record)
         if record is None or present is None:
@@ -44,7 +44,7 @@ async def change_subscription(request: Request, afforded: ChangeSubscription) ->
         options = await _options(request, update, record.subscription, present)
         if options == record.subscription.options:
             return Response(status_code=204)
-        async with refusals():
+        async with store_errors():
             if await subscriptions.change(record.subscription, options):
                 return Response(status_code=204)
 
@@ -60,9 +60,9 @@ async def _options(
 ) -> Changeable:
     """Return the options after the update, checked for this resource."""
     iri, before = request.base + present.path, present.whole(request.base).triples
-    after = patched(update, present, request.base, lambda described: managed(described, iri))
+    after = apply_patch(update, present, request.base, lambda described: managed_statements(described, iri))
     offload: Offload = request.services.offload
-    read = partial(changed, before, after, subscription, request.base)
+    read = partial(changed_options, before, after, subscription, request.base)
     options = await offload.run(read, len(after), _SHORT_TRIPLES)
     if options.depth is not subscription.depth:
         _demand_depth(request, subscription, options.depth)
@@ -73,7 +73,7 @@ async def _options(
 
 def _demand_depth(request: Request, subscription: Subscription, depth: Depth) -> None:
     """Raise InsufficientScope for the subtree of the fleet, unless by its creator, whose rights are known."""
-    demand_all(request, subscription.resource, depth)
+    require_subtree(request, subscription.resource, depth)
     if subscription.resource == "/" and depth is Depth.SUBTREE and request.caller.name != subscription.creator:
         raise InsufficientScope("Only its creator may have it cover the whole fleet.", scope=Right.SUBSCRIBE)
 

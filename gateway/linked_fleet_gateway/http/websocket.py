@@ -47,7 +47,7 @@ class WebSocketOutlet:
     def __init__(self, protocol: WebSocketProtocol) -> None:
         self._protocol = protocol
         self.framing = framed
-        self.send, self.writable = protocol.reader.send, protocol.reader.writable
+        self.send, self.writable = protocol.writer.send, protocol.writer.writable
 
     def write(self, message: Message) -> None:
         self.send(message.framed(framed))
@@ -72,7 +72,7 @@ async def serve_websocket(
         feed = await start(WebSocketOutlet(protocol))
         protocol.on_drained = feed.ready
         if protocol.open:
-            protocol.reader.begin()
+            protocol.writer.begin()
         feed.ready()
         while (await websocket.receive())["type"] != "websocket.disconnect":
             pass

@@ -9,7 +9,7 @@ from websockets.frames import CloseCode, Frame
 from websockets.http11 import Request
 from websockets.protocol import State
 
-from linked_fleet_gateway.http.backpressure import STALL_S, Reader
+from linked_fleet_gateway.http.backpressure import STALL_S, BoundedWriter
 from linked_fleet_gateway.subscriptions.message import Ending
 
 WEBSOCKET = "linked-fleet.websocket"
@@ -28,7 +28,7 @@ class WebSocketProtocol(WebSocketsSansIOProtocol):
     """A WebSocket that sends ready-made frames, and that an inactive peer cannot keep open.
 
     It accepts messages only after ``listen``. Frames of a server are not masked (RFC 6455, 5.1), so that one framed
-    buffer serves every connection. Unfragmented data frames go to the ``reader``, bypassing the state machine of
+    buffer serves every connection. Unfragmented data frames go to the ``writer``, bypassing the state machine of
     ``conn``, which keeps no state about them. Everything else passes through it, and no frames are sent once the
     closing handshake has begun (5.5.1).
     """
@@ -38,7 +38,7 @@ class WebSocketProtocol(WebSocketsSansIOProtocol):
     on_drained: Callable[[], None] | None = None
     """Called when most of the buffered bytes have been sent."""
     on_lost: Callable[[], None] | None = None
-    reader: Reader
+    writer: BoundedWriter
     _failed = False
     _listening = False
 
@@ -74,11 +74,11 @@ class WebSocketProtocol(WebSocketsSansIOProtocol):
 
     def connection_made(self, transport: BaseTransport) -> None:
         super().connection_made(transport)
-        self.reader = Reader(self.transport, self.stall_s)
+        self.writer = BoundedWriter(self.transport, self.stall_s)
 
     def connection_lost(self, exc: Exception | None) -> None:
         super().connection_lost(exc)
-        self.reader.stop()
+        self.writer.stop()
         if self.on_lost is not None:
             self.on_lost()
 
@@ -100,7 +100,7 @@ class WebSocketProtocol(WebSocketsSansIOProtocol):
         else:
             self.handle_events()
         if not self.open:
-            self.reader.finish()
+            self.writer.finish()
 
     def handle_text(self, event: Frame) -> None:
         if self._listening:
@@ -159,11 +159,11 @@ class WebSocketProtocol(WebSocketsSansIOProtocol):
         self._abort_later()
 
     def keepalive_timeout(self) -> None:
-        if self.reader.is_behind():  # the ping may be among the buffered bytes
+        if self.writer.is_behind():  # the ping may be among the buffered bytes
             self.stop_keepalive()
             self.schedule_ping()
             return
-        self.reader.finish()
+        self.writer.finish()
         super().keepalive_timeout()
         self._abort_later()
 
@@ -182,7 +182,7 @@ class WebSocketProtocol(WebSocketsSansIOProtocol):
         self.handle_parser_exception()
 
     def _leave(self, code: int, reason: str) -> None:
-        self.reader.finish()
+        self.writer.finish()
         self.queue.put_nowait({"type": "websocket.disconnect", "code": code, "reason": reason})
         self.stop_keepalive()
         unread = self.conn.handshake_exc is not None and not self.handshake_initiated

@@ -5,7 +5,7 @@ import time
 from typing import TYPE_CHECKING, Any
 from urllib.parse import urlsplit
 
-from linked_fleet_gateway.base.lazy_imports import Lazily
+from linked_fleet_gateway.base.lazy_imports import LazyModule
 from linked_fleet_gateway.identity.roster import Issuer
 from linked_fleet_gateway.identity.web import IssuerSilent, Web
 from linked_fleet_gateway.runtime.background import end
@@ -13,7 +13,7 @@ from linked_fleet_gateway.runtime.background import end
 if TYPE_CHECKING:
     import jwt
 else:
-    jwt = Lazily("jwt")
+    jwt = LazyModule("jwt")
 
 
 STALE_S = 600.0  # age at which keys are fetched again, to notice a withdrawn one

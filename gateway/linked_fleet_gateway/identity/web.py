@@ -6,12 +6,12 @@ import ssl
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
-from linked_fleet_gateway.base.lazy_imports import Lazily
+from linked_fleet_gateway.base.lazy_imports import LazyModule
 
 if TYPE_CHECKING:
     import httpx
 else:
-    httpx = Lazily("httpx")
+    httpx = LazyModule("httpx")
 
 
 _TIMEOUT_S = 5.0  # for a complete exchange

@@ -79,7 +79,7 @@ def own_part(triples: Sequence[Triple], root: Node) -> list[Triple]:
     return found
 
 
-def written(body: Body) -> str:
+def as_ntriples(body: Body) -> str:
     """Return the triples about the root and the blank nodes below it, as N-Triples about ``_:input``.
 
     Empty if it is too long to store. Types of our own vocabularies are omitted: they follow from the position of a

@@ -21,7 +21,7 @@ from linked_fleet_gateway.resources.resource import CONTAINER, Resource, bluepri
 from linked_fleet_gateway.resources.versioning import Source
 
 
-def in_actions(
+def resolve_action(
     offers: Sequence[Offer], rest: Sequence[str], invocations: InvocationsInView, source: Source, base: str
 ) -> Resource | None:
     """Return the resource at ``rest`` below ``actions/`` of a thing that offers ``offers``."""

@@ -20,7 +20,7 @@ from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, LF, MATHS, QUDT
 from linked_fleet_gateway.resources.describe import Describer
 from linked_fleet_gateway.resources.paths import joint_path, robot_path
 from linked_fleet_gateway.resources.properties import FRAME_MEDIA_TYPE, joint_properties
-from linked_fleet_gateway.resources.property import Property, Seen
+from linked_fleet_gateway.resources.property import Measurement, Property
 from linked_fleet_gateway.resources.resource import Resource, blueprint_of
 from linked_fleet_gateway.resources.versioning import Source, version_of
 
@@ -123,7 +123,7 @@ class _Number(NamedTuple):
     unit: Term
 
 
-def in_layout(say: Describer, robot: Robot, owner: str, item: Property, rest: Sequence[str]) -> Resource | None:
+def resolve_layout(say: Describer, robot: Robot, owner: str, item: Property, rest: Sequence[str]) -> Resource | None:
     """Return the layout of the frames of a property, or its blueprint; ``rest`` are the segments below the property."""
     if not is_framed(item) or robot.description is None or rest[:1] != ["layout"]:
         return None
@@ -203,7 +203,7 @@ def _numbers(say: Describer, robot: Robot, owner: str, item: Property, within: s
     """Yield the numbers of a property with the units in its description, named by their paths below ``within``."""
     path = f"{owner.rstrip('/')}/{item.segment}"
     iri, graph = say.iri(path), Graph()
-    say.property(robot, owner, item, graph, Seen.of(item.look()))
+    say.property(robot, owner, item, graph, Measurement.of(item.look()))
     nodes: dict[NamedNode, object] = {t.predicate: t.object for t in graph.triples if t.subject == iri}
     units: dict[object, Term] = {
         t.subject: t.object for t in graph.triples if t.predicate == QUDT.unit and isinstance(t.object, NamedNode)

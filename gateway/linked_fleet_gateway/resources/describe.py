@@ -17,7 +17,7 @@ from linked_fleet_gateway.resources.annotations import annotate
 from linked_fleet_gateway.resources.joint_kinds import kind_of
 from linked_fleet_gateway.resources.paths import joint_path, lease_path, link_path, model_path, robot_path
 from linked_fleet_gateway.resources.properties import joint_properties, link_properties, robot_properties
-from linked_fleet_gateway.resources.property import LINK_STATEMENTS, Property, Seen
+from linked_fleet_gateway.resources.property import LINK_STATEMENTS, Measurement, Property
 
 _SECOND_NS = 1_000_000_000
 Links = Iterable[tuple[NamedNode, str]]
@@ -75,11 +75,16 @@ class Describer:
                 graph.add(iri, LF.batteryCharge, Literal(f"{does.battery_percent:.1f}", datatype=XSD.decimal))
 
     def robot(
-        self, robot: Robot, tasks: Sequence[str], links: Links, graph: Graph, seens: Sequence[Seen] | None = None
+        self,
+        robot: Robot,
+        tasks: Sequence[str],
+        links: Links,
+        graph: Graph,
+        measurements: Sequence[Measurement] | None = None,
     ) -> None:
         """``tasks``: paths of the invocations that are under way; ``links``: as of the fleet.
 
-        ``seens``: other values than the present ones, one for each measured property, and the last frame.
+        ``measurements``: other values than the present ones, one for each measured property, and the last frame.
         """
         path = robot_path(robot.name)
         iri = self.iri(path)
@@ -88,7 +93,7 @@ class Describer:
         graph.add(iri, DCTERMS.identifier, Literal(robot.name))
         graph.add(iri, RDFS.seeAlso, self.iri("/"))
         self.presence(graph, iri, robot)
-        self._last_frame(graph, iri, Seen.of(last_frame(robot)) if seens is None else seens[-1])
+        self._last_frame(graph, iri, Measurement.of(last_frame(robot)) if measurements is None else measurements[-1])
         self._interface(graph, path, LF.RobotShape)
         self._actions(graph, iri, robot_offers(robot))
         graph.add(iri, LF.lease, self.iri(lease_path(robot.name)))
@@ -103,14 +108,16 @@ class Describer:
         graph.add(iri, LF.rootLink, self.iri(link_path(robot.name, robot.model, robot.model.root)))
         graph.add(iri, LF.model, self.iri(model_path(robot.name)))
         graph.add(iri, DCTERMS.hasPart, *(self.iri(part) for part in part_paths(robot)))
-        self._properties(graph, path, self.robot_properties(robot), None if seens is None else seens[:-1])
+        self._properties(graph, path, self.robot_properties(robot), None if measurements is None else measurements[:-1])
         for joint in robot.model.joints.values():
             self._introduce_joint(graph, robot, joint)
         for link in robot.model.links.values():
             self._introduce_link(graph, robot, link.name)
 
-    def joint(self, robot: Robot, joint: Joint, graph: Graph, seens: Sequence[Seen] | None = None) -> None:
-        """Describe a joint; ``seens`` replaces its present values, one for each measured property."""
+    def joint(
+        self, robot: Robot, joint: Joint, graph: Graph, measurements: Sequence[Measurement] | None = None
+    ) -> None:
+        """Describe a joint; ``measurements`` replaces its present values, one for each measured property."""
         assert robot.model is not None
         path, kind = joint_path(robot.name, joint.name), kind_of(joint)
         iri = self.iri(path)
@@ -128,12 +135,12 @@ class Describer:
             for predicate in predicates:
                 graph.add(iri, predicate, target)
         self._annotations(graph, iri, robot)
-        self._properties(graph, path, joint_properties(robot, joint), seens)
+        self._properties(graph, path, joint_properties(robot, joint), measurements)
         self._introduce_link(graph, robot, joint.parent)
         self._introduce_link(graph, robot, joint.child)
 
-    def link(self, robot: Robot, link: Link, graph: Graph, seens: Sequence[Seen] | None = None) -> None:
-        """Describe a link; ``seens`` as for joints."""
+    def link(self, robot: Robot, link: Link, graph: Graph, measurements: Sequence[Measurement] | None = None) -> None:
+        """Describe a link; ``measurements`` as for joints."""
         assert robot.model is not None
         path = link_path(robot.name, robot.model, link.name)
         iri = self.iri(path)
@@ -154,11 +161,11 @@ class Describer:
             for predicate, other in state(robot, link):
                 graph.add(iri, predicate, self.iri(other))
         self._annotations(graph, iri, robot)
-        self._properties(graph, path, link_properties(robot, link), seens)
+        self._properties(graph, path, link_properties(robot, link), measurements)
         for name in (*parents, *link.child_joints):
             self._introduce_joint(graph, robot, robot.model.joints[name])
 
-    def property(self, robot: Robot, owner: str, item: Property, graph: Graph, seen: Seen) -> None:
+    def property(self, robot: Robot, owner: str, item: Property, graph: Graph, seen: Measurement) -> None:
         """Describe a property as a small document of its own (Figure 3)."""
         self._property(graph, owner, item, seen)
         self._presence_if_not_online(graph, self.iri(f"{owner.rstrip('/')}/{item.segment}"), robot)
@@ -184,7 +191,7 @@ class Describer:
         if robot.presence != "online":
             self.presence(graph, iri, robot)
 
-    def _last_frame(self, graph: Graph, iri: NamedNode, seen: Seen) -> None:
+    def _last_frame(self, graph: Graph, iri: NamedNode, seen: Measurement) -> None:
         graph.add(iri, LF.lastFrame, LF.unknown if seen.wall_ns is None else timestamp(seen.wall_ns))
 
     def _interface(self, graph: Graph, path: str, shape: NamedNode) -> None:
@@ -196,18 +203,18 @@ class Describer:
         graph.add(iri, HYBRIT.action, *(self.iri(offer.path) for offer in offers))
 
     def _properties(
-        self, graph: Graph, owner: str, items: Sequence[Property], seens: Sequence[Seen] | None = None
+        self, graph: Graph, owner: str, items: Sequence[Property], measurements: Sequence[Measurement] | None = None
     ) -> None:
-        measured = None if seens is None else iter(seens)
+        measured = None if measurements is None else iter(measurements)
         iri, stem = self.iri(owner), owner.rstrip("/")
         graph.add(iri, HYBRIT.property, *(self.iri(f"{stem}/{item.segment}") for item in items))
         for item in items:
             graph.add(iri, item.predicate, self.iri(f"{stem}/{item.segment}"))
         for item in items:
-            shown = next(measured) if item.measured and measured is not None else Seen.of(item.look())
+            shown = next(measured) if item.measured and measured is not None else Measurement.of(item.look())
             self._property(graph, owner, item, shown)
 
-    def _property(self, graph: Graph, owner: str, item: Property, seen: Seen) -> None:
+    def _property(self, graph: Graph, owner: str, item: Property, seen: Measurement) -> None:
         iri = self.iri(f"{owner.rstrip('/')}/{item.segment}")
         graph.a(iri, *item.types, HYBRIT.Property, *((SOSA.ObservableProperty,) if item.measured else ()))
         graph.add(iri, DCTERMS.title, Literal(item.title))

@@ -63,7 +63,7 @@ def _add(graph: Graph, triples: Iterable[Triple]) -> None:
 MODEL_MEDIA_TYPE = "application/xml"
 
 
-def in_geometry(robot: Robot, rest: list[str], base: str) -> Resource | None:
+def resolve_geometry(robot: Robot, rest: list[str], base: str) -> Resource | None:
     """Resolve ``rest``, the segments below the robot. None without a description of the robot."""
     if robot.model is None or robot.description is None:
         return None

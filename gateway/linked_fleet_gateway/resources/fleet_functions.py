@@ -5,7 +5,7 @@ from typing import Protocol
 
 from pyoxigraph import BlankNode, Literal, NamedNode, Triple
 
-from linked_fleet_gateway.base.lazy_imports import Contributed
+from linked_fleet_gateway.base.lazy_imports import LazyObjects
 from linked_fleet_gateway.fleet.robot import Robot
 
 Term = NamedNode | BlankNode | Literal | Triple
@@ -25,7 +25,7 @@ class FleetFunctions(Protocol):
         """Return the functions for these robots only. ``base`` is the public URL without trailing slash."""
 
 
-FUNCTIONS = Contributed[Callable[[], FleetFunctions]]()
+FUNCTIONS = LazyObjects[Callable[[], FleetFunctions]]()
 """The classes of all extensions."""
 
 

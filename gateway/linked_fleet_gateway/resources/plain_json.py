@@ -37,21 +37,21 @@ def document(describe: Callable[[Graph], None], iri: NamedNode, shape: NamedNode
     """Return a description in JSON; ``null`` means unknown."""
     graph = Graph()
     describe(graph)
-    return told(graph.triples, iri, shape)
+    return node_json(graph.triples, iri, shape)
 
 
-def told(triples: Sequence[Triple], node: Node, shape: NamedNode) -> bytes:
+def node_json(triples: Sequence[Triple], node: Node, shape: NamedNode) -> bytes:
     """Return the statements about a node in JSON."""
-    return json.dumps(_Teller(triples).object(form_of(shape), node), ensure_ascii=False, allow_nan=False).encode()
+    return json.dumps(_JsonWriter(triples).object(form_of(shape), node), ensure_ascii=False, allow_nan=False).encode()
 
 
-def described(describe: Callable[[Graph], None], iri: NamedNode, shape: NamedNode) -> Json:
+def description_json(describe: Callable[[Graph], None], iri: NamedNode, shape: NamedNode) -> Json:
     graph = Graph()
     describe(graph)
-    return _Teller(graph.triples).object(form_of(shape), iri)
+    return _JsonWriter(graph.triples).object(form_of(shape), iri)
 
 
-class _Teller:
+class _JsonWriter:
     """Converts triples to JSON."""
 
     def __init__(self, triples: Sequence[Triple]) -> None:
@@ -100,7 +100,7 @@ def triples_of(body: bytes, form: Form, iri: str, most: int) -> list[Triple]:
     given = _parsed(body, most)
     if not isinstance(given, dict):
         raise UnprocessableContent("The body is a JSON object.", constraint=iri)
-    taker = _Taker(iri, most)
+    taker = _JsonReader(iri, most)
     taker.object(form, given, "")
     return taker.triples
 
@@ -114,7 +114,7 @@ def _parsed(body: bytes, most: int) -> Any:
         raise BadRequest(f"The body is no {JSON}: not UTF-8") from error
 
 
-class _Taker:
+class _JsonReader:
     """Converts JSON to triples."""
 
     def __init__(self, iri: str, most: int) -> None:

@@ -32,8 +32,8 @@ from linked_fleet_gateway.resources.joint_kinds import (
     kind_of,
 )
 from linked_fleet_gateway.resources.paths import joint_path
-from linked_fleet_gateway.resources.property import ROBOT_PROPERTIES, Property, Seen
-from linked_fleet_gateway.resources.settable import ABSOLUTE, settable, target
+from linked_fleet_gateway.resources.property import ROBOT_PROPERTIES, Measurement, Property
+from linked_fleet_gateway.resources.settable import ABSOLUTE, setting_properties, target_property
 
 FRAME_MEDIA_TYPE = "application/vnd.linked-fleet.frame"
 
@@ -41,7 +41,7 @@ FRAME_MEDIA_TYPE = "application/vnd.linked-fleet.frame"
 def scalar(segment: str, predicate: NamedNode, title: str, value: float | None, unit: Unit) -> Property:
     """Return a property with a constant of the URDF."""
 
-    def describe(graph: Graph, iri: NamedNode, _: Seen) -> None:
+    def describe(graph: Graph, iri: NamedNode, _: Measurement) -> None:
         graph.scalar(iri, LF.value, value, unit)
 
     return Property(segment, predicate, (LF.ScalarProperty,), LF.ScalarPropertyShape, title, describe)
@@ -52,7 +52,7 @@ def _measured(
 ) -> Property:
     """Return a property with a measured scalar of a joint and the time of its frame."""
 
-    def describe(graph: Graph, iri: NamedNode, seen: Seen) -> None:
+    def describe(graph: Graph, iri: NamedNode, seen: Measurement) -> None:
         graph.scalar(iri, LF.value, seen.values[0], unit)
         graph.result_time(iri, seen.wall_ns)
 
@@ -96,7 +96,7 @@ def joint_properties(robot: Robot, joint: Joint) -> list[Property]:
     elif kind.type != LF.FixedJoint:
         # A floating or planar joint inside the tree is not in the wire's arrays, so its pose is unknown.
         found.append(_pose_property("pose", f"pose of {joint.name}", lambda: None, robot, f"{joint.name}/pose"))
-    found += [target(robot, offer) for offer in joint_offers(robot, joint) if offer.definition.iri in ABSOLUTE]
+    found += [target_property(robot, offer) for offer in joint_offers(robot, joint) if offer.definition.iri in ABSOLUTE]
     found.append(_reference_frame(robot, joint))
     if joint.mimic is not None:
         found.append(_mimic(robot, joint))
@@ -106,10 +106,10 @@ def joint_properties(robot: Robot, joint: Joint) -> list[Property]:
 def link_properties(robot: Robot, link: Link) -> list[Property]:
     inertial = link.inertial
 
-    def centre(graph: Graph, iri: NamedNode, _: Seen) -> None:
+    def centre(graph: Graph, iri: NamedNode, _: Measurement) -> None:
         graph.vector(iri, LF.position, inertial.centre_m if inertial else None, METRE)
 
-    def inertia(graph: Graph, iri: NamedNode, _: Seen) -> None:
+    def inertia(graph: Graph, iri: NamedNode, _: Measurement) -> None:
         moments = inertial.inertia_kg_m2 if inertial else (None,) * 6
         for term, value in zip((LF.ixx, LF.ixy, LF.ixz, LF.iyy, LF.iyz, LF.izz), moments, strict=True):
             graph.scalar(iri, term, value, KILOGRAM_SQUARE_METRE)
@@ -149,7 +149,7 @@ def robot_properties(robot: Robot, iri_of: Callable[[str], NamedNode]) -> list[P
             lambda: tuple(chain.from_iterable(_joint_values(robot, joint) for joint in _movable(robot))),
         )
     ]
-    found += [*settable(robot), *(make(robot) for make in ROBOT_PROPERTIES)]
+    found += [*setting_properties(robot), *(make(robot) for make in ROBOT_PROPERTIES)]
     if robot.description is not None and robot.description.base == "floating":
         found.append(
             _pose_property("pose", f"pose of the base of {robot.name}", lambda: _base_pose(robot), robot, "pose")
@@ -169,7 +169,7 @@ def robot_properties(robot: Robot, iri_of: Callable[[str], NamedNode]) -> list[P
 
 
 def _rotation(robot: Robot, joint: Joint) -> Property:
-    def describe(graph: Graph, iri: NamedNode, seen: Seen) -> None:
+    def describe(graph: Graph, iri: NamedNode, seen: Measurement) -> None:
         graph.scalar(iri, SPATIAL.rotationAngle, seen.values[0], RADIAN)
         _mark(graph, iri, any(seen.outside))
         graph.vector(iri, SPATIAL.rotationAxis, joint.axis, None)
@@ -181,7 +181,7 @@ def _rotation(robot: Robot, joint: Joint) -> Property:
 
 
 def _translation(robot: Robot, joint: Joint) -> Property:
-    def describe(graph: Graph, iri: NamedNode, seen: Seen) -> None:
+    def describe(graph: Graph, iri: NamedNode, seen: Measurement) -> None:
         graph.scalar(iri, LF.displacement, seen.values[0], METRE)
         _mark(graph, iri, any(seen.outside))
         graph.vector(iri, LF.translationAxis, joint.axis, None)
@@ -194,7 +194,7 @@ def _translation(robot: Robot, joint: Joint) -> Property:
 def _limits(joint: Joint, dimension: Dimension) -> Property:
     limits = joint.limits
 
-    def describe(graph: Graph, iri: NamedNode, _: Seen) -> None:
+    def describe(graph: Graph, iri: NamedNode, _: Measurement) -> None:
         graph.scalar(iri, LF.lowerLimit, limits.lower, dimension.position)
         graph.scalar(iri, LF.upperLimit, limits.upper, dimension.position)
         graph.scalar(iri, LF.velocityLimit, limits.velocity, dimension.velocity)
@@ -204,7 +204,7 @@ def _limits(joint: Joint, dimension: Dimension) -> Property:
 
 
 def _reference_frame(robot: Robot, joint: Joint) -> Property:
-    def describe(graph: Graph, iri: NamedNode, _: Seen) -> None:
+    def describe(graph: Graph, iri: NamedNode, _: Measurement) -> None:
         graph.vector(iri, LF.origin, joint.origin.position_m, METRE)
         graph.quaternion(iri, LF.orientation, joint.origin.orientation_xyzw)
 
@@ -224,7 +224,7 @@ def _mimic(robot: Robot, joint: Joint) -> Property:
     assert mimic is not None
     dimension = kind_of(joint).dimension
 
-    def describe(graph: Graph, iri: NamedNode, _: Seen) -> None:
+    def describe(graph: Graph, iri: NamedNode, _: Measurement) -> None:
         base = iri.value[: -len(f"{joint_path(robot.name, joint.name)}/mimic")]
         graph.add(iri, LF.mimicsJoint, NamedNode(base + joint_path(robot.name, mimic.joint)))
         graph.scalar(iri, LF.multiplier, mimic.multiplier, UNITLESS)
@@ -241,7 +241,7 @@ def _pose_property(segment: str, title: str, pose: Callable[[], Pose | None], ro
         )
         return robot.observe(key, tuple(values), POSE_RESOLUTION)
 
-    def describe(graph: Graph, iri: NamedNode, seen: Seen) -> None:
+    def describe(graph: Graph, iri: NamedNode, seen: Measurement) -> None:
         graph.vector(iri, LF.position, seen.values[:3], METRE)
         graph.quaternion(iri, LF.orientation, seen.values[3:])
         graph.add(iri, LF.frame, Literal("world" if _floating(robot) else "base"))
@@ -269,7 +269,7 @@ def _base_twist(robot: Robot) -> Observation:
     return robot.observe("twist", values, VELOCITY_RESOLUTION)
 
 
-def _twist(graph: Graph, iri: NamedNode, seen: Seen) -> None:
+def _twist(graph: Graph, iri: NamedNode, seen: Measurement) -> None:
     graph.vector(iri, LF.linear, seen.values[:3], METRE_PER_SECOND)
     graph.vector(iri, LF.angular, seen.values[3:], RADIAN_PER_SECOND)
     graph.result_time(iri, seen.wall_ns)
@@ -287,7 +287,9 @@ def _joint_values(robot: Robot, joint: Joint) -> tuple[Observation, Observation,
     return _position(robot, joint.name), _velocity(robot, joint.name), _effort(robot, joint.name)
 
 
-def _joint_state(graph: Graph, iri: NamedNode, robot: Robot, iri_of: Callable[[str], NamedNode], seen: Seen) -> None:
+def _joint_state(
+    graph: Graph, iri: NamedNode, robot: Robot, iri_of: Callable[[str], NamedNode], seen: Measurement
+) -> None:
     """Describe every joint of the wire's arrays with its values, and the layout of the binary frame (D5)."""
     outside = seen.outside[::3] or (False,) * (len(seen.values) // 3)
     rows = zip(seen.values[::3], seen.values[1::3], seen.values[2::3], outside, strict=True)

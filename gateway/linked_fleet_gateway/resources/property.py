@@ -7,7 +7,7 @@ from typing import NamedTuple, Self
 
 from pyoxigraph import NamedNode
 
-from linked_fleet_gateway.base.lazy_imports import Contributed
+from linked_fleet_gateway.base.lazy_imports import LazyObjects
 from linked_fleet_gateway.fleet.model import Link
 from linked_fleet_gateway.fleet.observation import Observation
 from linked_fleet_gateway.fleet.robot import Robot
@@ -16,7 +16,7 @@ from linked_fleet_gateway.resources.action_offer import Offer
 from linked_fleet_gateway.resources.setting import Setting
 
 
-class Seen(NamedTuple):
+class Measurement(NamedTuple):
     """Measured values (NaN if unknown) and the time of the latest frame that changed one of them."""
 
     values: tuple[float, ...] = ()
@@ -33,7 +33,7 @@ class Seen(NamedTuple):
         return cls(values, max(stamps, default=None), tuple([each.outside for each in observations]))
 
 
-Describe = Callable[[Graph, NamedNode, Seen], None]
+Describe = Callable[[Graph, NamedNode, Measurement], None]
 Look = Callable[[], tuple[Observation, ...]]
 
 
@@ -61,8 +61,8 @@ class Property:
         return self.look is not tuple
 
 
-ROBOT_PROPERTIES = Contributed[Callable[[Robot], Property]]()
+ROBOT_PROPERTIES = LazyObjects[Callable[[Robot], Property]]()
 """Factories of further properties of robots."""
 
 
-LINK_STATEMENTS = Contributed[Callable[[Robot, Link], Iterable[tuple[NamedNode, str]]]]()
+LINK_STATEMENTS = LazyObjects[Callable[[Robot, Link], Iterable[tuple[NamedNode, str]]]]()

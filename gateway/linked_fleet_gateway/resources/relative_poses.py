@@ -7,7 +7,7 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
-from linked_fleet_gateway.base.lazy_imports import Contributed
+from linked_fleet_gateway.base.lazy_imports import LazyObjects
 from linked_fleet_gateway.fleet.kinematics import compose, inverse
 from linked_fleet_gateway.fleet.model import Pose
 from linked_fleet_gateway.fleet.robot import Robot
@@ -16,12 +16,12 @@ from linked_fleet_gateway.resources.paths import part_of, robot_name
 
 _DECIMALS = round(-math.log10(POSE_RESOLUTION))
 
-PLACEMENTS = Contributed[Callable[[Robot], Pose | None]]()
+PLACEMENTS = LazyObjects[Callable[[Robot], Pose | None]]()
 """Functions of extensions that return the pose of a robot's own frame in the common frame, None if it is unknown."""
 
 
 @dataclass(frozen=True)
-class Posed:
+class RelativePose:
     """A relative pose, None if unknown. ``moves`` says that a robot is involved, whose frame is of ``wall_ns``."""
 
     pose: Pose | None
@@ -45,7 +45,7 @@ class _Place:
         return None if placement is None else compose(placement, self.pose)
 
 
-def seen_from(of: str, frame: str, robots: Mapping[str, Robot], common: Mapping[str, Pose]) -> Posed:
+def relative_pose(of: str, frame: str, robots: Mapping[str, Robot], common: Mapping[str, Pose]) -> RelativePose:
     """Return the pose of ``of`` in ``frame``, paths of a robot, a link or a thing in ``common``.
 
     ``common``: poses of other things in the common frame, by path. Parts of one robot need no placement. The time is
@@ -58,8 +58,8 @@ def seen_from(of: str, frame: str, robots: Mapping[str, Robot], common: Mapping[
     times = [None if each is None else each.wall_ns for each in frames]
     wall_ns = min((each for each in times if each is not None), default=None) if None not in times else None
     if poses[0] is None or poses[1] is None:
-        return Posed(None, bool(times), wall_ns)
-    return Posed(_rounded(compose(inverse(poses[1]), poses[0])), bool(times), wall_ns)
+        return RelativePose(None, bool(times), wall_ns)
+    return RelativePose(_rounded(compose(inverse(poses[1]), poses[0])), bool(times), wall_ns)
 
 
 def _place(path: str, robots: Mapping[str, Robot], common: Mapping[str, Pose]) -> _Place:

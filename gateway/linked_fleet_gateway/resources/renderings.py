@@ -22,7 +22,7 @@ from linked_fleet_gateway.fleet.observation import Observation
 from linked_fleet_gateway.rdf.graph import Graph, lexical, timestamp
 from linked_fleet_gateway.rdf.serialise import TEXT_TYPES, render
 from linked_fleet_gateway.rdf.vocabulary import PREFIXES
-from linked_fleet_gateway.resources.property import Seen
+from linked_fleet_gateway.resources.property import Measurement
 from linked_fleet_gateway.resources.resource import DescriptionTemplate, Resource
 from linked_fleet_gateway.resources.subscription_resource import describe_version
 
@@ -68,7 +68,7 @@ class Rendering:
 
     def present(self) -> bytes:
         """Return the document with the present values. Raises WriteError if the syntax cannot express it."""
-        return self.body([Seen.of(look()) for look in (*self._resource.looks, *self._resource.quiet)])
+        return self.body([Measurement.of(look()) for look in (*self._resource.looks, *self._resource.quiet)])
 
     def of(self, observations: Sequence[Observation], versions: Versions | None = None) -> bytes:
         """Return the document with the observations of a reading: those of all ``looks``, in their order.
@@ -77,29 +77,29 @@ class Rendering:
         """
         quiet = self._resource.quiet
         if len(self._resource.looks) == 1 and not quiet:
-            return self.body([Seen.of(observations)], versions)
+            return self.body([Measurement.of(observations)], versions)
         if len(self._counts) != len(self._resource.looks) or sum(self._counts) != len(observations):
             self._counts = tuple(len(look()) for look in self._resource.looks)
         ends = tuple(accumulate(self._counts, initial=0))
-        seens = [Seen.of(observations[at:to]) for at, to in pairwise(ends)]
-        return self.body([*seens, *(Seen.of(look()) for look in quiet)], versions)
+        measurements = [Measurement.of(observations[at:to]) for at, to in pairwise(ends)]
+        return self.body([*measurements, *(Measurement.of(look()) for look in quiet)], versions)
 
-    def body(self, seens: Sequence[Seen], versions: Versions | None = None) -> bytes:
+    def body(self, measurements: Sequence[Measurement], versions: Versions | None = None) -> bytes:
         """Return the document with these values, one for each of ``looks`` and ``quiet``.
 
         Raises WriteError as ``present``.
         """
         said = 0 if versions is None else 1 if versions.previous is None else 2
         form = _Form(
-            tuple([tuple([value != value for value in seen.values]) for seen in seens]),
-            tuple([seen.outside for seen in seens]),
-            tuple([seen.wall_ns is not None for seen in seens]),
+            tuple([tuple([value != value for value in seen.values]) for seen in measurements]),
+            tuple([seen.outside for seen in measurements]),
+            tuple([seen.wall_ns is not None for seen in measurements]),
             said,
         )
         if form != self._form:
             self._template, self._form = self._compile(form), form
-        texts = [lexical(value) for seen in seens for value in seen.values]
-        texts += [_stamp(seen.wall_ns) if seen.wall_ns is not None else "" for seen in seens]
+        texts = [lexical(value) for seen in measurements for value in seen.values]
+        texts += [_stamp(seen.wall_ns) if seen.wall_ns is not None else "" for seen in measurements]
         if versions is not None:
             texts += (versions.version, versions.previous or "")
         return (self._template.text % tuple([texts[place] for place in self._template.places])).encode()
@@ -116,8 +116,8 @@ class Rendering:
         """Return the document with unique marker values, and the places by marker text."""
         first = _random.randrange(100_000, 900_000)
         numbers = count(first)
-        seens = [
-            Seen(
+        measurements = [
+            Measurement(
                 tuple([math.nan if unknown else float(f"8.{next(numbers)}7e211") for unknown in of_look]),
                 _FAR_NS + _random.randrange(1_000_000_000) * _MILLISECOND_NS if timed else None,
                 outside,
@@ -127,19 +127,19 @@ class Rendering:
         versions = Versions(f"{_random.getrandbits(64):016x}", f"{_random.getrandbits(64):016x}")
         graph = Graph()
         assert self._resource.measured is not None
-        self._resource.measured(graph, seens)
+        self._resource.measured(graph, measurements)
         self._resource.state_model(graph, self._base)
         if form.versions:
             iri = NamedNode(self._base + self._resource.path)
             describe_version(graph, iri, versions.version, versions.previous if form.versions == 2 else None)
         body = render(graph.triples, self._media_type, PREFIXES, base=self._base + self._resource.path)
-        texts = [lexical(value) for seen in seens for value in seen.values]
-        texts += ["" if seen.wall_ns is None else timestamp(seen.wall_ns).value for seen in seens]
+        texts = [lexical(value) for seen in measurements for value in seen.values]
+        texts += ["" if seen.wall_ns is None else timestamp(seen.wall_ns).value for seen in measurements]
         texts += [versions.version, versions.previous or ""]
         return {text: place for place, text in enumerate(texts) if text and text != _UNKNOWN}, body.decode()
 
 
-def compiles(resource: Resource, media_type: str) -> bool:
+def is_compilable(resource: Resource, media_type: str) -> bool:
     """Return True if a ``Rendering`` is possible. Binary syntaxes are excluded, because they store text lengths."""
     return resource.measured is not None and bool(resource.looks) and media_type in TEXT_TYPES
 
@@ -166,7 +166,7 @@ class Renderings:
         self._kept: dict[tuple[str, str, str], tuple[object, Rendering]] = {}
 
     def of(self, resource: Resource, media_type: str, base: str) -> Rendering:
-        """Return the rendering of a resource for which ``compiles`` is true."""
+        """Return the rendering of a resource for which ``is_compilable`` is true."""
         key, facts = (base, resource.path, media_type), resource.source.facts()
         kept = self._kept.get(key)
         if kept is None or kept[0] != facts:

@@ -12,7 +12,7 @@ from linked_fleet_gateway.rdf.shapes import blueprint
 from linked_fleet_gateway.rdf.vocabulary import LDP
 from linked_fleet_gateway.resources.affordance import Affordance, ChangeSubscription, ResumeSubscription, Subscribe
 from linked_fleet_gateway.resources.paths import owner_path
-from linked_fleet_gateway.resources.property import Look, Seen
+from linked_fleet_gateway.resources.property import Look, Measurement
 from linked_fleet_gateway.resources.subscription import Record
 from linked_fleet_gateway.resources.versioning import Source
 
@@ -78,7 +78,7 @@ class Resource:
     immutable: bool = False
     coded: Mapping[str, bytes] = field(default_factory=dict)
     """Its only document in content codings, the preferred one first."""
-    measured: Callable[[Graph, Sequence[Seen]], None] | None = None
+    measured: Callable[[Graph, Sequence[Measurement]], None] | None = None
     """``describe`` with given values instead of the present ones, one for each of ``looks``; None if none is
     measured.
     """

@@ -10,7 +10,7 @@ from linked_fleet_gateway.resources.action_offer import Offer
 from linked_fleet_gateway.resources.affordance import PutSetting, PutTarget
 from linked_fleet_gateway.resources.annotations import annotate
 from linked_fleet_gateway.resources.joint_kinds import kind_of
-from linked_fleet_gateway.resources.property import Property, Seen
+from linked_fleet_gateway.resources.property import Measurement, Property
 from linked_fleet_gateway.resources.resource import Resource
 from linked_fleet_gateway.resources.setting import Setting, settings
 from linked_fleet_gateway.resources.shape_parameters import Scope, complete
@@ -19,19 +19,19 @@ ABSOLUTE = (LF.Rotate, LF.Translate)
 """The actions that move a joint to a target."""
 
 
-def settable(robot: Robot) -> list[Property]:
+def setting_properties(robot: Robot) -> list[Property]:
     """Return the settings of a robot that clients may change."""
     known = settings(robot)
 
-    def title(graph: Graph, iri: NamedNode, _: Seen) -> None:
+    def title(graph: Graph, iri: NamedNode, _: Measurement) -> None:
         graph.add(iri, LF.value, Literal(robot.title))
         graph.add(iri, HYBRIT.consumes, LF.TextInput)
 
-    def scale(graph: Graph, iri: NamedNode, _: Seen) -> None:
+    def scale(graph: Graph, iri: NamedNode, _: Measurement) -> None:
         graph.scalar(iri, LF.value, robot.speed_scale, UNITLESS)
         graph.add(iri, HYBRIT.consumes, LF.SpeedScaleInput)
 
-    def annotations(graph: Graph, iri: NamedNode, _: Seen) -> None:
+    def annotations(graph: Graph, iri: NamedNode, _: Measurement) -> None:
         subject = iri.value.removesuffix("annotations")
         annotate(graph, NamedNode(subject), robot.annotations, subject)
 
@@ -54,7 +54,7 @@ def settable(robot: Robot) -> list[Property]:
     ]
 
 
-def target(robot: Robot, offer: Offer) -> Property:
+def target_property(robot: Robot, offer: Offer) -> Property:
     """Return the last target position of a joint as a property; PUT invokes ``offer``."""
     joint = offer.joint
     assert joint is not None
@@ -62,7 +62,7 @@ def target(robot: Robot, offer: Offer) -> Property:
     assert dimension is not None
     segment = "targetRotation" if dimension is ANGULAR else "targetTranslation"
 
-    def describe(graph: Graph, iri: NamedNode, _: Seen) -> None:
+    def describe(graph: Graph, iri: NamedNode, _: Measurement) -> None:
         graph.scalar(iri, LF.value, robot.targets.get(joint.name), dimension.position)
         graph.add(iri, HYBRIT.consumes, NamedNode(iri.value + "/blueprint#input"))
 

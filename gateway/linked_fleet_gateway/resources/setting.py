@@ -38,24 +38,24 @@ class Setting:
         iri = base + self.path
         if self.shape is None or self.read is None:
             return read_annotations(triples, self.robot, base, iri, present)
-        return self.read(judged(triples, self.shape, iri, present))
+        return self.read(validated(triples, self.shape, iri, present))
 
     def managed(self, described: Sequence[Triple], base: str) -> list[Triple]:
         """Return the statements of its description that clients cannot remove."""
         iri = base + self.path
         if self.shape is None:
             return agents_part(described, self.robot, base, iri)
-        return managed(described, self.shape, iri)
+        return managed_statements(described, self.shape, iri)
 
 
-def managed(described: Sequence[Triple], shape: NamedNode, iri: str) -> list[Triple]:
+def managed_statements(described: Sequence[Triple], shape: NamedNode, iri: str) -> list[Triple]:
     """Return the statements in a description of ``iri`` that the shape of a body does not cover."""
     _, terms = _validator(shape)
     models = [each for each in described if each.predicate == RDF.type and each.object in TYPES_OF_ALL]
     return [*unused(described, NamedNode(iri), terms), *models]
 
 
-def judged(triples: Sequence[Triple], shape: NamedNode, iri: str, present: frozenset[Triple] = frozenset()) -> Body:
+def validated(triples: Sequence[Triple], shape: NamedNode, iri: str, present: frozenset[Triple] = frozenset()) -> Body:
     """Validate a body for ``iri``, which ``present`` describes as it is.
 
     Raises UnprocessableContent if the blueprint's shape refuses it, or does not cover a part of it that is not

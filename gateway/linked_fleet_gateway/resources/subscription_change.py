@@ -17,12 +17,14 @@ _FIXED = (RDF.type, HYBRIT.onResource, *CALLBACKS)
 """Predicates that identify the subscription."""
 
 
-def managed(described: Sequence[Triple], iri: str) -> list[Triple]:
+def managed_statements(described: Sequence[Triple], iri: str) -> list[Triple]:
     """Return the statements of a description that only the gateway makes."""
     return [each for each in unused(described, NamedNode(iri), _terms()) if each.predicate not in _FIXED]
 
 
-def changed(before: Sequence[Triple], after: Sequence[Triple], subscription: Subscription, base: str) -> Changeable:
+def changed_options(
+    before: Sequence[Triple], after: Sequence[Triple], subscription: Subscription, base: str
+) -> Changeable:
     """Return the options in a description ``after`` an update.
 
     A removed option gets its default; ``media_type`` is then empty. A secret that is not mentioned is kept. Raises

@@ -274,7 +274,7 @@ def _check_secret(secret: str, container_iri: str) -> None:
         raise UnprocessableContent(f"lf:secret: {error}", constraint=container_iri) from None
 
 
-def in_subscriptions(thing: Resource, rest: list[str], records: Sequence[Record], base: str) -> Resource | None:
+def resolve_subscription(thing: Resource, rest: list[str], records: Sequence[Record], base: str) -> Resource | None:
     """Return the container of ``thing``, a subscription in it, or its action; ``records`` are the visible ones."""
     if not rest:
         return Resource(

@@ -21,11 +21,11 @@ from linked_fleet_gateway.resources.lease import describe_lease
 from linked_fleet_gateway.resources.paths import joint_path, lease_path, link_path, model_path, robot_path
 from linked_fleet_gateway.resources.plain_json import with_json
 from linked_fleet_gateway.resources.properties import joint_properties, link_properties
-from linked_fleet_gateway.resources.property import Look, Property, Seen
+from linked_fleet_gateway.resources.property import Look, Measurement, Property
 from linked_fleet_gateway.resources.resource import CONTAINER, Resource, blueprint_of
 from linked_fleet_gateway.resources.settable import affordance
 from linked_fleet_gateway.resources.subscription import Record
-from linked_fleet_gateway.resources.subscription_resource import in_subscriptions
+from linked_fleet_gateway.resources.subscription_resource import resolve_subscription
 from linked_fleet_gateway.resources.versioning import Source, presence
 
 SubscriptionsByOwner = Mapping[str, Sequence[Record]]
@@ -85,7 +85,9 @@ class Things:
             path,
             robot.name,
             lambda graph: self.describer.robot(robot, self._tasks(robot), branches, graph),
-            measured=lambda graph, seens: self.describer.robot(robot, self._tasks(robot), branches, graph, seens),
+            measured=lambda graph, measurements: self.describer.robot(
+                robot, self._tasks(robot), branches, graph, measurements
+            ),
             looks=_looks(properties),
             quiet=(lambda: last_frame(robot),),
             source=_thing(robot, properties, lambda: (self._tasks(robot), self._branches.linked_from(robot, path))),
@@ -108,7 +110,7 @@ class Things:
             path,
             joint.name,
             lambda graph: self.describer.joint(robot, joint, graph),
-            measured=lambda graph, seens: self.describer.joint(robot, joint, graph, seens),
+            measured=lambda graph, measurements: self.describer.joint(robot, joint, graph, measurements),
             looks=_looks(properties),
             source=_thing(robot, properties),
             own=_own(path, properties, actions),
@@ -125,7 +127,7 @@ class Things:
             path,
             link.name,
             lambda graph: self.describer.link(robot, link, graph),
-            measured=lambda graph, seens: self.describer.link(robot, link, graph, seens),
+            measured=lambda graph, measurements: self.describer.link(robot, link, graph, measurements),
             looks=_looks(properties),
             source=_thing(robot, properties),
             own=_own(path, properties),
@@ -140,13 +142,13 @@ class Things:
         # A new description is no change of a value unless its model differs, which holds the constants.
         source = Source(lambda: (presence(robot), robot.model, item.facts(), robot.settings), item.look, robot)
 
-        def measured(graph: Graph, seens: Sequence[Seen]) -> None:
-            self.describer.property(robot, owner, item, graph, seens[0])
+        def measured(graph: Graph, measurements: Sequence[Measurement]) -> None:
+            self.describer.property(robot, owner, item, graph, measurements[0])
 
         resource = Resource(
             path,
             item.title,
-            lambda graph: measured(graph, [Seen.of(item.look())]),
+            lambda graph: measured(graph, [Measurement.of(item.look())]),
             measured=measured if item.measured else None,
             looks=(item.look,) if item.measured else (),
             source=source,
@@ -173,7 +175,7 @@ class Things:
         """Return the resource at the segments ``rest`` below a thing: its subscriptions, blueprint or link set."""
         path = f"{thing.path.rstrip('/')}/{rest[0]}"
         if rest[0] == "subscriptions":
-            return in_subscriptions(thing, rest[1:], self._subscriptions.get(thing.path, ()), self._view.base)
+            return resolve_subscription(thing, rest[1:], self._subscriptions.get(thing.path, ()), self._view.base)
         if rest == ["blueprint"]:
             return blueprint_of(thing, self._view.base, shapes, description_source(thing.source.robot))
         if rest == ["linkset"]:

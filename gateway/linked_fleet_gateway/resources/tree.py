@@ -12,10 +12,10 @@ from linked_fleet_gateway.identity.rights import ALL, View
 from linked_fleet_gateway.rdf.vocabulary import LF
 from linked_fleet_gateway.resources.access_filter import InvocationsInView, RobotsInView
 from linked_fleet_gateway.resources.action_offer import Offer, fleet_offers, joint_offers, robot_offers
-from linked_fleet_gateway.resources.action_tree import in_actions, invocation_of
-from linked_fleet_gateway.resources.binary_frames import in_layout
+from linked_fleet_gateway.resources.action_tree import invocation_of, resolve_action
+from linked_fleet_gateway.resources.binary_frames import resolve_layout
 from linked_fleet_gateway.resources.branches import NONE, Branches, Found, RequestView
-from linked_fleet_gateway.resources.documents import context, in_geometry, vocabulary
+from linked_fleet_gateway.resources.documents import context, resolve_geometry, vocabulary
 from linked_fleet_gateway.resources.joint_kinds import kind_of
 from linked_fleet_gateway.resources.paths import (
     is_below,
@@ -73,7 +73,7 @@ class Tree:
         if (branch := self._branches.at_root(head)) is not None:
             return branch.resolve(self._view, rest)
         if head == "actions" and rest:
-            return in_actions(fleet_offers(), rest, self._invocations, Source(), self._base)
+            return resolve_action(fleet_offers(), rest, self._invocations, Source(), self._base)
         try:
             robot = self._robots.get(robot_name(head))
         except ValueError:
@@ -108,7 +108,7 @@ class Tree:
                 return thing if rest == [""] else self._things.owned(thing, rest, (LF.RobotShape,))
             if (branch := self._branches.in_robot(robot, rest[0])) is not None:
                 return branch.resolve(self._view, robot, rest[1:])
-            own = self._of_robot(robot, rest) or in_geometry(robot, rest, self._base)
+            own = self._of_robot(robot, rest) or resolve_geometry(robot, rest, self._base)
             return own or self._property(
                 robot, robot_path(robot.name), self._things.describer.robot_properties(robot), rest
             )
@@ -126,7 +126,9 @@ class Tree:
     def _of_robot(self, robot: Robot, rest: list[str]) -> Resource | None:
         """Return resources that only robots have: actions of several joints, and the control lease."""
         if rest[0] == "actions" and len(rest) > 1:
-            return in_actions(robot_offers(robot), rest[1:], self._invocations, description_source(robot), self._base)
+            return resolve_action(
+                robot_offers(robot), rest[1:], self._invocations, description_source(robot), self._base
+            )
         if rest[0] != "lease":
             return None
         lease = self._things.lease(robot)
@@ -136,7 +138,7 @@ class Tree:
 
     def _in_joint(self, robot: Robot, joint: Joint, rest: list[str]) -> Found:
         if rest[:1] == ["actions"] and len(rest) > 1:
-            return in_actions(
+            return resolve_action(
                 joint_offers(robot, joint), rest[1:], self._invocations, description_source(robot), self._base
             )
         if not rest or rest[0] in _OF_THINGS:
@@ -162,7 +164,7 @@ class Tree:
             branch = self._branches.below_property(item, rest[1])
             if branch is not None:
                 return branch.resolve(self._view, robot, owner, item, rest[2:])
-            return in_layout(self._things.describer, robot, owner, item, rest[1:])
+            return resolve_layout(self._things.describer, robot, owner, item, rest[1:])
         resource = self._things.property(robot, owner, item)
         if not rest[1:]:
             return resource
@@ -173,7 +175,7 @@ class Tree:
 
     # -- all that is below ------------------------------------------------------------------------------------------
 
-    def below(self, path: str) -> Iterator[tuple[Resource, bool]]:
+    def subtree(self, path: str) -> Iterator[tuple[Resource, bool]]:
         """Yield the resources that a subtree subscription to ``path`` covers, and True if their values count as change.
 
         Each value occurs once: a thing has its own statements, followed by each property. The joint state is omitted,
@@ -185,13 +187,13 @@ class Tree:
         yield root, path != root.owner
         if path == "/":
             for name in self._robots:
-                yield from self.below(robot_path(name))
+                yield from self.subtree(robot_path(name))
             for invocation in self._invocations.open_of(FLEET):
                 yield invocation_of(None, invocation, self._invocations, self._base), True
         elif path == root.owner:
-            yield from self._below_thing(root)
+            yield from self._subtree_of_thing(root)
 
-    def _below_thing(self, root: Resource) -> Iterator[tuple[Resource, bool]]:
+    def _subtree_of_thing(self, root: Resource) -> Iterator[tuple[Resource, bool]]:
         head, part = root.path[1:].split("/")
         robot = self._robots[robot_name(head)]
         if robot.model is not None:
@@ -220,7 +222,7 @@ class Tree:
             if joint is None and link in (None, one.name):
                 yield self._things.link(robot, one), link_properties(robot, one)
 
-    def may_come(self, path: str) -> bool:
+    def may_appear(self, path: str) -> bool:
         """Return True if a resource may exist at ``path`` once its robot has described itself."""
         try:
             robot = self._robots.get(robot_name(path[1:].partition("/")[0]))

@@ -18,17 +18,17 @@ _Send = Callable[[bytes], bool]
 class Member(Protocol):
     """The interface of a subscriber to a broadcast."""
 
-    def fall_behind(self, path: str, sent: Reading) -> None:
+    def leave_broadcast(self, path: str, sent: Reading) -> None:
         """Leave the broadcast, because the outlet had no room for a message; ``sent``: the reading sent before."""
 
-    def fall_in(self, path: str) -> None:
+    def join_broadcast(self, path: str) -> None:
         """Join a broadcast of the resource, if this subscriber has caught up with it."""
 
 
 M = TypeVar("M", bound=Member)
 
 
-class Watched(Protocol):
+class WatchedResource(Protocol):
     """The interface of a watched resource to a broadcast."""
 
     path: str
@@ -40,7 +40,7 @@ class Watched(Protocol):
         """Let subscribers that have caught up join a broadcast."""
 
 
-class Sending(Protocol):
+class SendCounter(Protocol):
     """The interface of the fan-out to whatever sends messages."""
 
     messages: int
@@ -59,8 +59,8 @@ class Broadcast(Generic[M]):
 
     def __init__(
         self,
-        fan_out: Sending,
-        topic: Watched,
+        fan_out: SendCounter,
+        topic: WatchedResource,
         framing: Framing,
         freshen: Callable[[], None],
         message: Callable[[], Message],
@@ -125,7 +125,7 @@ class Broadcast(Generic[M]):
         count = sum(sent)
         self._fan_out.messages += count
         if count < len(sent):
-            self._leave_behind(compress(self._pass[first:], map(not_, sent)))
+            self._dismiss_full(compress(self._pass[first:], map(not_, sent)))
         if self._served < len(self._pass):
             return True
         self._pass, self._sends = [], []
@@ -133,10 +133,10 @@ class Broadcast(Generic[M]):
         self._topic.gather()
         return self._news
 
-    def _leave_behind(self, full: Iterable[M]) -> None:
+    def _dismiss_full(self, full: Iterable[M]) -> None:
         for watcher in full:
             if watcher in self.members:  # it may have left since the pass began
-                watcher.fall_behind(self._topic.path, self._before)
+                watcher.leave_broadcast(self._topic.path, self._before)
 
     def _begin(self) -> bool:
         self._freshen()

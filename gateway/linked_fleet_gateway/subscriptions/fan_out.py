@@ -29,9 +29,9 @@ class Tree(Protocol):
 
     def resolve(self, path: str) -> Resource | Redirect | None: ...
 
-    def below(self, path: str) -> Iterable[tuple[Resource, bool]]: ...
+    def subtree(self, path: str) -> Iterable[tuple[Resource, bool]]: ...
 
-    def may_come(self, path: str) -> bool: ...
+    def may_appear(self, path: str) -> bool: ...
 
 
 class FanOut:
@@ -304,7 +304,7 @@ class FanOut:
     def _lose(self, watcher: Watcher) -> None:
         """Handle a resource that does not exist: wait for it if it may come, else end the watcher."""
         subscription = watcher.subscription
-        if not watcher.patient and not self._tree_of(subscription).may_come(subscription.resource):
+        if not watcher.patient and not self._tree_of(subscription).may_appear(subscription.resource):
             watcher.end(Ending.GONE)
         elif not watcher.subtree:  # subtrees are scanned again anyway
             self._absent[watcher] = None
@@ -331,7 +331,7 @@ class FanOut:
     def _scan(self, watcher: Watcher) -> Iterator[None]:
         """Scan a subtree, one resource per step."""
         covered = set()
-        for resource, values in self._tree_of(watcher.subscription).below(watcher.subscription.resource):
+        for resource, values in self._tree_of(watcher.subscription).subtree(watcher.subscription.resource):
             covered.add(resource.path)
             if resource.path not in watcher.topics:
                 self._join(watcher, resource, values)

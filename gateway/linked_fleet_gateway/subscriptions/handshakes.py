@@ -19,7 +19,7 @@ MAX_DESTINATIONS = 10_000
 """Above this number, the destinations unused for longest are forgotten."""
 
 
-class Turn:
+class ConsentRequest:
     """One request for consent. The caller sets ``granted``."""
 
     granted = False
@@ -49,9 +49,9 @@ class Handshakes:
         self._destinations: OrderedDict[str, _Destination] = OrderedDict()
 
     @asynccontextmanager
-    async def turn(self, addresses: Iterable[str]) -> AsyncIterator[Turn]:
+    async def turn(self, addresses: Iterable[str]) -> AsyncIterator[ConsentRequest]:
         """Wait until all of these IP addresses may be asked, and record the result when the context ends."""
-        turn = Turn()
+        turn = ConsentRequest()
         async with AsyncExitStack() as stack:
             # Sorted, so that two names with some addresses in common never wait for each other.
             for name in sorted({network_of(address) for address in addresses}):
@@ -59,7 +59,7 @@ class Handshakes:
             yield turn
 
     @asynccontextmanager
-    async def _held(self, name: str, turn: Turn) -> AsyncIterator[None]:
+    async def _held(self, name: str, turn: ConsentRequest) -> AsyncIterator[None]:
         destination = self._destinations.setdefault(name, _Destination())
         self._destinations.move_to_end(name)
         destination.waiting += 1

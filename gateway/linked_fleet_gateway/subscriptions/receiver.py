@@ -16,7 +16,7 @@ from enum import StrEnum
 from functools import cache
 from typing import TYPE_CHECKING
 
-from linked_fleet_gateway.base.lazy_imports import Lazily
+from linked_fleet_gateway.base.lazy_imports import LazyModule
 from linked_fleet_gateway.subscriptions.handshakes import Handshakes
 from linked_fleet_gateway.subscriptions.network import Address, Forbidden, Network, Unresolvable, callback_url
 from linked_fleet_gateway.subscriptions.retry import retry_after_s
@@ -24,7 +24,7 @@ from linked_fleet_gateway.subscriptions.retry import retry_after_s
 if TYPE_CHECKING:
     import httpx
 else:
-    httpx = Lazily("httpx")
+    httpx = LazyModule("httpx")
 
 TIMEOUT_S = 10.0
 MOST_READ_BYTES = 4096

@@ -77,20 +77,20 @@ class News:
 
 
 @dataclass(frozen=True)
-class Held:
+class SubscriptionLists:
     """The lists that contain a subscription. The run that holds it writes this before anything else."""
 
     owner: str
     client: str
 
 
-def write_held(held: Held) -> bytes:
+def write_held(held: SubscriptionLists) -> bytes:
     return msgspec.json.encode(held)
 
 
-def read_held(text: bytes) -> Held:
+def read_held(text: bytes) -> SubscriptionLists:
     """Parse the output of ``write_held``. Raises ValueError for anything else."""
-    return msgspec.json.decode(text, type=Held)
+    return msgspec.json.decode(text, type=SubscriptionLists)
 
 
 def write_news(news: News) -> tuple[str, ...]:
@@ -221,12 +221,12 @@ class Runs:
         keys = (self._keys.runs, self._keys.held(run), self._keys.lease(run))
         await self._redis.run(scripts.RETIRE, keys, run, _LEFT)
 
-    async def held(self, run: str) -> dict[str, Held]:
+    async def held(self, run: str) -> dict[str, SubscriptionLists]:
         """Return what a run holds, has begun to add or has not finished removing, by id."""
         held = await self._redis.one("HGETALL", self._keys.held(run))
         return {id.decode(): read_held(text) for id, text in held.items()}
 
-    async def hold(self, held: Mapping[str, Held], run: str) -> None:
+    async def hold(self, held: Mapping[str, SubscriptionLists], run: str) -> None:
         """Record what ``run`` is about to hold, by id; not empty."""
         # The hash before the set: a run that is in the set and holds something is never retired.
         fields = (part for id, one in held.items() for part in (id, write_held(one)))

@@ -21,11 +21,11 @@ from linked_fleet_gateway.subscriptions import redis_scripts as scripts
 from linked_fleet_gateway.subscriptions.records import (
     Backlog,
     Entry,
-    Held,
     Lost,
     News,
     Outgoing,
     Runs,
+    SubscriptionLists,
     TooMany,
     What,
     read_entry,
@@ -271,7 +271,7 @@ class Store:
 
     async def _list(self, subscription: Subscription, limit: int) -> None:
         id, client = subscription.id, subscription.client
-        await self._runs.hold({id: Held(subscription.owner, client)}, self._run)
+        await self._runs.hold({id: SubscriptionLists(subscription.owner, client)}, self._run)
         if not await self._redis.run(scripts.COUNT, (self._keys.client(client),), id, limit):
             await self._runs.drop([id], self._run)
             raise TooMany(f"{client} has {limit} subscriptions already")
@@ -288,7 +288,7 @@ class Store:
 
     async def _part(self, subscription: Subscription, other: str, taken: bool) -> None:
         """Leave the subscription with one of two runs; ``other`` held it before."""
-        id, held = subscription.id, Held(subscription.owner, subscription.client)
+        id, held = subscription.id, SubscriptionLists(subscription.owner, subscription.client)
         if taken:
             # again: the other may have removed it just before this run took it
             await self._runs.hold({id: held}, self._run)
@@ -298,13 +298,13 @@ class Store:
         elif subscription.kind.streams:
             raise Lost(id)
 
-    async def _let_go(self, id: str, held: Held, run: str) -> None:
+    async def _let_go(self, id: str, held: SubscriptionLists, run: str) -> None:
         await self._runs.drop([id], run)
         record = await self.record(id)
         if record is not None and record.holder == run:  # it has taken the stream back meanwhile
             await self._runs.hold({id: held}, run)
 
-    async def _take(self, records: Iterable[Record], held: Mapping[str, Held]) -> list[Record]:
+    async def _take(self, records: Iterable[Record], held: Mapping[str, SubscriptionLists]) -> list[Record]:
         """Make this run the holder of the records; return those that no other run won."""
         asked = {record.subscription.id: record for record in records}
         await self._runs.hold({id: held[id] for id in asked}, self._run)
@@ -325,18 +325,18 @@ class Store:
         answers = await self._redis.all(removes)
         records = {id: read_record(read_pairs(fields)) for id, fields in zip(holders, answers, strict=True)}
         removed = {id: record for id, record in records.items() if record is not None}
-        listed = {id: Held(one.subscription.owner, one.subscription.client) for id, one in removed.items()}
+        listed = {id: SubscriptionLists(one.subscription.owner, one.subscription.client) for id, one in removed.items()}
         await self._clear(listed, {id: record.holder for id, record in removed.items()})
         return removed
 
-    async def _reclaim(self, held: Mapping[str, Held], run: str) -> set[str]:
+    async def _reclaim(self, held: Mapping[str, SubscriptionLists], run: str) -> set[str]:
         """Delete what was listed but never accepted, or removed incompletely; return the ids that have a record."""
         reclaims = [("EVAL", scripts.RECLAIM, 2, self._keys.record(id), self._keys.gone(id), _GONE_MS) for id in held]
         answers = dict(zip(held, await self._redis.all(reclaims), strict=True))
         await self._clear({id: held[id] for id, gone in answers.items() if gone}, dict.fromkeys(held, run))
         return {id for id, gone in answers.items() if not gone}
 
-    async def _clear(self, listed: Mapping[str, Held], runs: Mapping[str, str]) -> None:
+    async def _clear(self, listed: Mapping[str, SubscriptionLists], runs: Mapping[str, str]) -> None:
         """Remove ids without a record from all lists; from the run's list last, through which the others are found."""
         keys = self._keys
         await self._redis.all(

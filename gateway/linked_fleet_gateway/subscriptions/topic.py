@@ -5,7 +5,7 @@ from typing import Generic, Protocol
 
 from linked_fleet_gateway.identity.rights import ALL, View
 from linked_fleet_gateway.resources.message import message_body
-from linked_fleet_gateway.resources.renderings import Rendering, Versions, compiles
+from linked_fleet_gateway.resources.renderings import Rendering, Versions, is_compilable
 from linked_fleet_gateway.resources.resource import Redirect, Resource
 from linked_fleet_gateway.resources.versioning import Reading
 from linked_fleet_gateway.subscriptions.broadcast import Broadcast, M
@@ -77,7 +77,7 @@ class Topic(Generic[M]):
     def gather(self) -> None:
         """Let subscribers that have caught up join a broadcast."""
         for watcher in list(self.apart):
-            watcher.fall_in(self.path)
+            watcher.join_broadcast(self.path)
 
     def message(self, media_type: str, base: str, tree: Callable[[str, View], Resolver]) -> Message:
         """Return the message about the present reading; WriteError if the syntax cannot express it."""
@@ -92,7 +92,7 @@ class Topic(Generic[M]):
         rendering = self._renderings.get((media_type, base))
         if rendering is None:
             resource = self._under(base, tree)
-            if not (self.values and compiles(resource, media_type)):
+            if not (self.values and is_compilable(resource, media_type)):
                 return message_body(resource, media_type, base, self.reading.version, self.previous)
             rendering = self._renderings[media_type, base] = Rendering(resource, media_type, base)
         return rendering.of(self.reading.observations, Versions(self.reading.version, self.previous))

@@ -7,7 +7,7 @@ from typing import Protocol
 from linked_fleet_gateway.rdf.serialise import NothingYet, WriteError
 from linked_fleet_gateway.resources.subscription import Depth, Subscription
 from linked_fleet_gateway.resources.versioning import Reading
-from linked_fleet_gateway.subscriptions.broadcast import Broadcast, Sending
+from linked_fleet_gateway.subscriptions.broadcast import Broadcast, SendCounter
 from linked_fleet_gateway.subscriptions.message import Ending, Message, Outlet, Stream
 from linked_fleet_gateway.subscriptions.topic import Topic
 
@@ -18,7 +18,7 @@ class Timer(Protocol):
     def cancel(self) -> None: ...
 
 
-class Schedule(Sending, Protocol):
+class Schedule(SendCounter, Protocol):
     """The interface of the fan-out to a watcher."""
 
     def message(self, topic: "Topic[Watcher]", subscription: Subscription) -> Message:
@@ -153,10 +153,10 @@ class Watcher:
             self._send(topic)
         if not self._round and self.subscription.interval_s > 0:
             self._next_s = self._schedule.now_s() + self.subscription.interval_s
-        self.fall_in(topic.path)
+        self.join_broadcast(topic.path)
         return bool(self._round or self._pending)
 
-    def fall_in(self, path: str) -> None:
+    def join_broadcast(self, path: str) -> None:
         """Join a broadcast if nothing is pending and its members were sent the same last."""
         topic, sent = self.topics[path], self._sent.get(path)
         if self._stream is not None and sent is not None and not self.waits(topic.path):
@@ -165,7 +165,7 @@ class Watcher:
                 self._broadcast = broadcast
                 del topic.apart[self], self._sent[topic.path]
 
-    def fall_behind(self, path: str, sent: Reading) -> None:
+    def leave_broadcast(self, path: str, sent: Reading) -> None:
         """Leave the broadcast, because the outlet had no room for a message; ``sent``: the reading sent before."""
         self._fall_out(self.topics[path])
         self._sent[path] = sent

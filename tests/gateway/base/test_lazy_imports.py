@@ -5,7 +5,7 @@ import sys
 
 import pytest
 
-from linked_fleet_gateway.base.lazy_imports import Lazily
+from linked_fleet_gateway.base.lazy_imports import LazyModule
 
 LARGE = (
     "pinocchio",
@@ -26,10 +26,10 @@ def test_a_gateway_starts_without_what_most_never_need() -> None:
 
 
 def test_it_is_there_when_something_of_it_is_used() -> None:
-    assert Lazily("decimal").Decimal("1.5") * 2 == 3
+    assert LazyModule("decimal").Decimal("1.5") * 2 == 3
 
 
 @pytest.mark.parametrize("names", [("no_such_module",), ("json", "no_such_module")])
 def test_what_is_not_installed_is_missed_at_once(names: tuple[str, ...]) -> None:
     with pytest.raises(ModuleNotFoundError, match="no_such_module is not installed"):
-        Lazily(*names)
+        LazyModule(*names)

@@ -115,7 +115,7 @@ def test_a_faulty_robot_takes_no_motion(pictured: Pictured) -> None:
         fleet.judge_limits(now_s * SECOND_NS)
     assert robot_time(robot) is None
     with pytest.raises(Faulty, match="elbow"):
-        ActionRequest(BASE, Body((), NamedNode(BASE)), robot).of_moment()
+        ActionRequest(BASE, Body((), NamedNode(BASE)), robot).required_time()
 
 
 @pytest.mark.parametrize("run", [None, 9])

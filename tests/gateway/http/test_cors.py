@@ -5,13 +5,13 @@ import asyncio
 import httpx
 from starlette.responses import Response
 
-from linked_fleet_gateway.http.cors import pages_elsewhere
+from linked_fleet_gateway.http.cors import cors_middleware
 
 _PAGE = "https://twin.example"
 
 
 def _ask(method: str, **fields: str) -> httpx.Response:
-    (middleware,) = pages_elsewhere((_PAGE,), ["x-asked"], ["x-answered"])
+    (middleware,) = cors_middleware((_PAGE,), ["x-asked"], ["x-answered"])
     app = middleware.cls(Response(b"served"), *middleware.args, **middleware.kwargs)
 
     async def ask() -> httpx.Response:
@@ -35,4 +35,4 @@ def test_fields_of_extensions_may_be_read() -> None:
 
 
 def test_nothing_is_added_without_origins() -> None:
-    assert pages_elsewhere((), ["x-asked"], ["x-answered"]) == []
+    assert cors_middleware((), ["x-asked"], ["x-answered"]) == []

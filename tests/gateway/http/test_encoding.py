@@ -6,7 +6,7 @@ import httpx
 import pytest
 
 from browser import Browser
-from linked_fleet_gateway.http.encoding import chosen, takes_gzip
+from linked_fleet_gateway.http.encoding import preferred_coding, takes_gzip
 
 _JOINT = "baxter/right_s1"
 
@@ -31,7 +31,7 @@ def test_what_a_field_takes(field: bytes, takes: bool) -> None:
     ],
 )  # fmt: skip
 def test_the_coding_that_is_preferred(field: bytes, coding: str) -> None:
-    assert chosen(field, ("br", "gzip")) == coding
+    assert preferred_coding(field, ("br", "gzip")) == coding
 
 
 @pytest.mark.parametrize("coding", ["br", "gzip"])

@@ -23,7 +23,7 @@ from linked_fleet_gateway.http.answers import Answers
 from linked_fleet_gateway.http.endpoint import Endpoint
 from linked_fleet_gateway.http.representation import Representations
 from linked_fleet_gateway.http.request import Services
-from linked_fleet_gateway.http.stop_priority import Turns
+from linked_fleet_gateway.http.stop_priority import StopPriority
 from linked_fleet_gateway.rdf.graph import Graph
 from linked_fleet_gateway.rdf.serialise import RDF_TYPES
 from linked_fleet_gateway.resources.resource import Resource
@@ -377,7 +377,7 @@ def test_r0_6_unforeseen_errors(caplog: pytest.LogCaptureFixture) -> None:
     app.services = cast(
         Services,
         SimpleNamespace(
-            identities=None, live=None, turns=Turns(), answers=Answers(), representations=Representations()
+            identities=None, live=None, turns=StopPriority(), answers=Answers(), representations=Representations()
         ),
     )
 

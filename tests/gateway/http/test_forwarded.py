@@ -8,7 +8,7 @@ from starlette.types import Scope
 
 from linked_fleet_gateway.app.settings import GatewaySettings
 from linked_fleet_gateway.http.forwarded import client_behind, find_client
-from linked_fleet_gateway.http.rates import by_caller
+from linked_fleet_gateway.http.rates import bucket_of
 
 _FRONTS = (ip_network("10.0.0.0/24"), ip_network("2001:db8:f::/48"))
 _FRONT = "10.0.0.1"
@@ -84,7 +84,7 @@ def test_clients_behind_a_front_are_told_apart(kind: str) -> None:
 
     def counted(scope: Scope) -> str:
         find_client(scope, _FRONTS)
-        return by_caller(scope)
+        return bucket_of(scope)
 
     scopes: list[Scope] = [
         {"type": kind, "client": (host, 1), "headers": [(b"x-forwarded-for", said.encode())]}

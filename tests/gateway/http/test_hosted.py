@@ -9,7 +9,7 @@ from starlette.requests import Request
 from starlette.responses import Response, StreamingResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from linked_fleet_gateway.http.hosted import Hosted
+from linked_fleet_gateway.http.hosted import AsgiResponse
 from linked_fleet_gateway.http.protocol import HTTP
 
 
@@ -22,7 +22,7 @@ class Exchange:
         self.said: list[Message] = []
         self.begun = asyncio.Event()
 
-    async def answer(self, hosted: Hosted) -> None:
+    async def answer(self, hosted: AsgiResponse) -> None:
         scope = {"type": "http", "method": "POST", "path": "/", "headers": [], "extensions": {HTTP: self.http}}
         await hosted(scope, self._receive, self._send)
 
@@ -50,7 +50,7 @@ def test_the_application_reads_the_body_and_what_was_added_to_the_scope() -> Non
 
     async def run() -> list[Message]:
         exchange = Exchange()
-        await exchange.answer(Hosted(app, b"asked", {"mine": b" here"}))
+        await exchange.answer(AsgiResponse(app, b"asked", {"mine": b" here"}))
         return exchange.said
 
     start, body = asyncio.run(run())
@@ -64,7 +64,7 @@ def test_a_stream_ends_with_its_client_and_with_the_gateway(who: str) -> None:
 
     async def run() -> list[Message]:
         exchange = Exchange()
-        task = asyncio.create_task(exchange.answer(Hosted(_stream, b"asked", {}, lambda: ended.append(True))))
+        task = asyncio.create_task(exchange.answer(AsgiResponse(_stream, b"asked", {}, lambda: ended.append(True))))
         await exchange.begun.wait()
         if who == "client":
             exchange.leave.set()
@@ -88,7 +88,7 @@ def test_what_begins_after_the_end_is_over_at_once() -> None:
     async def run() -> list[Message]:
         exchange = Exchange()
         exchange.http.ending = True
-        await exchange.answer(Hosted(silent, b"", {}))
+        await exchange.answer(AsgiResponse(silent, b"", {}))
         return exchange.said
 
     assert asyncio.run(run())[0]["status"] == 503
@@ -102,7 +102,7 @@ def test_a_whole_answer_is_ended_once() -> None:
     async def run() -> list[Message]:
         exchange = Exchange()
         app: ASGIApp = StreamingResponse(parts())
-        await exchange.answer(Hosted(app, b"", {}))
+        await exchange.answer(AsgiResponse(app, b"", {}))
         return exchange.said
 
     assert [each.get("body") for each in asyncio.run(run())] == [None, b"a", b"b", b""]

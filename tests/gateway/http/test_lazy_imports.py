@@ -6,7 +6,7 @@ from types import SimpleNamespace
 from typing import cast
 
 from linked_fleet_gateway.extensions.pages.extension import Pages
-from linked_fleet_gateway.http.lazy_imports import SUBSCRIPTIONS, Loading
+from linked_fleet_gateway.http.lazy_imports import SUBSCRIPTIONS, ModuleLoader
 from linked_fleet_gateway.http.representation import Representations
 from linked_fleet_gateway.http.request import Entrance, Gateway, Services
 
@@ -23,7 +23,7 @@ def asked(*requests: tuple[str, str, str]) -> list[str]:
     gateway.services = cast(Services, SimpleNamespace(representations=Representations(Pages())))
 
     async def run() -> None:
-        loading = Loading(load)
+        loading = ModuleLoader(load)
         for method, path, accept in requests:
             headers = [(b"accept", accept.encode())]
             scope = {"type": "http", "method": method, "path": path, "headers": headers, "app": gateway}

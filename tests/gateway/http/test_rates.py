@@ -12,10 +12,10 @@ from linked_fleet_gateway.base.errors import TooManyRequests
 from linked_fleet_gateway.http.arrival import Scope, arrival_of
 from linked_fleet_gateway.http.authentication import Authenticated
 from linked_fleet_gateway.http.host import refuse
-from linked_fleet_gateway.http.pace import Pace, in_turn
-from linked_fleet_gateway.http.rates import BURST_S, MAX_CLIENTS, Rates, by_caller
+from linked_fleet_gateway.http.pace import RateLimiter, await_turn
+from linked_fleet_gateway.http.rates import BURST_S, MAX_CLIENTS, TokenBuckets, bucket_of
 from linked_fleet_gateway.http.request import Request
-from linked_fleet_gateway.http.stop_priority import Turns
+from linked_fleet_gateway.http.stop_priority import StopPriority
 from linked_fleet_gateway.identity.rights import EVERYBODY, NOBODY, Identity
 
 
@@ -28,7 +28,7 @@ class Clock:
 
 def test_a_burst_and_then_the_rate() -> None:
     clock = Clock()
-    rates = Rates(2.0, clock)
+    rates = TokenBuckets(2.0, clock)
     for _ in range(int(2 * BURST_S)):
         assert rates.take("a") == 0.0
     assert rates.take("a") == pytest.approx(0.5)
@@ -43,13 +43,13 @@ def test_a_burst_and_then_the_rate() -> None:
 
 
 def test_zero_is_no_bound() -> None:
-    rates = Rates(0.0, Clock())
+    rates = TokenBuckets(0.0, Clock())
     assert not any(rates.take("a") for _ in range(100_000))
 
 
 def test_however_many_clients_come_few_are_remembered() -> None:
     """Frequent clients are not among those that are forgotten."""
-    rates = Rates(0.1, Clock())
+    rates = TokenBuckets(0.1, Clock())
     assert rates.take("busy") == 0.0
     for number in range(3 * MAX_CLIENTS):
         rates.take(str(number))
@@ -83,7 +83,7 @@ def test_an_identity_is_one_client_wherever_it_is() -> None:
 def _counted(host: str, who: Identity = EVERYBODY) -> str:
     scope: Scope = {"client": (host, 1), "headers": []}
     arrival_of(scope).authenticated = Authenticated(who)
-    return by_caller(scope)
+    return bucket_of(scope)
 
 
 def _scope(method: str, path: str, kind: str = "http") -> dict[str, Any]:
@@ -91,7 +91,7 @@ def _scope(method: str, path: str, kind: str = "http") -> dict[str, Any]:
     return {**scope, "extensions": {"websocket.http.response": {}}}
 
 
-def _ask(pace: Pace, method: str, path: str, kind: str = "http") -> tuple[int, dict[str, str], bytes]:
+def _ask(pace: RateLimiter, method: str, path: str, kind: str = "http") -> tuple[int, dict[str, str], bytes]:
     sent: list[dict[str, Any]] = []
 
     async def send(message: Any) -> None:
@@ -115,7 +115,7 @@ def _ask(pace: Pace, method: str, path: str, kind: str = "http") -> tuple[int, d
 
 def test_who_asks_too_often_is_told_when_to_come_back_and_stops_robots_all_the_same() -> None:
     clock = Clock()
-    pace = Pace(Rates(0.1, clock))
+    pace = RateLimiter(TokenBuckets(0.1, clock))
     assert _ask(pace, "GET", "/")[0] == 200
     for kind in ("http", "websocket"):
         status, fields, body = _ask(pace, "GET", "/", kind)
@@ -131,15 +131,16 @@ def test_who_asks_too_often_is_told_when_to_come_back_and_stops_robots_all_the_s
 
 def test_requests_to_carriers_are_counted_when_their_bodies_have_been_read() -> None:
     clock = Clock()
-    rates = Rates(0.1, clock)
-    pace = Pace(rates, ["/calls"])
+    rates = TokenBuckets(0.1, clock)
+    pace = RateLimiter(rates, ["/calls"])
     for _ in range(20):
         assert _ask(pace, "POST", "/calls")[0] == 200
     request = cast(
-        Request, SimpleNamespace(services=SimpleNamespace(rates=rates, turns=Turns()), scope=_scope("POST", "/calls"))
+        Request,
+        SimpleNamespace(services=SimpleNamespace(rates=rates, turns=StopPriority()), scope=_scope("POST", "/calls")),
     )
-    asyncio.run(in_turn(request))
+    asyncio.run(await_turn(request))
     with pytest.raises(TooManyRequests) as refused:
-        asyncio.run(in_turn(request))
+        asyncio.run(await_turn(request))
     assert refused.value.headers == {"Retry-After": "10"}
     assert _ask(pace, "GET", "/calls/1")[0] == 429

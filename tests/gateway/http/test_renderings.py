@@ -12,7 +12,7 @@ from browser import LF, Browser
 from linked_fleet_gateway.fleet.observation import Observation
 from linked_fleet_gateway.rdf.graph import Graph
 from linked_fleet_gateway.rdf.vocabulary import LF as TERMS
-from linked_fleet_gateway.resources.property import Seen
+from linked_fleet_gateway.resources.property import Measurement
 from linked_fleet_gateway.resources.renderings import Renderings
 from linked_fleet_gateway.resources.resource import Resource
 from linked_fleet_gateway.resources.versioning import Source
@@ -170,8 +170,8 @@ def test_a_robot_that_left_is_offline_in_the_next_answer(stand: Stand, connectio
 
 
 def _resource(facts: object = ()) -> Resource:
-    def describe(graph: Graph, seens: Sequence[Seen]) -> None:
-        graph.result_time(TERMS.value, seens[0].wall_ns)
+    def describe(graph: Graph, measurements: Sequence[Measurement]) -> None:
+        graph.result_time(TERMS.value, measurements[0].wall_ns)
 
     seen = (Observation((0.5,), 1),)
     return Resource(f"/r/{facts}", "x", None, source=Source(lambda: facts), measured=describe, looks=(lambda: seen,))

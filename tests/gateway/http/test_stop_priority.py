@@ -4,7 +4,7 @@ import asyncio
 
 import pytest
 
-from linked_fleet_gateway.http.stop_priority import URGENT, Turns
+from linked_fleet_gateway.http.stop_priority import URGENT, StopPriority
 
 
 def _scope(path: str, method: str = "POST") -> dict[str, str]:
@@ -16,7 +16,7 @@ def _served(first: list[dict[str, str]], then: dict[str, str]) -> list[str]:
     served: list[str] = []
 
     async def run() -> None:
-        turns = Turns(["/calls"])
+        turns = StopPriority(["/calls"])
         one_is_served = asyncio.Event()
 
         async def serve(scope: dict[str, str]) -> None:
@@ -56,7 +56,7 @@ def test_a_carrier_takes_its_turn_later() -> None:
 
 def test_one_that_goes_away_keeps_nobody_waiting() -> None:
     async def run() -> None:
-        turns = Turns()
+        turns = StopPriority()
         waiting = [asyncio.ensure_future(turns.turn(_scope("/r", "GET"))) for _ in range(3)]
         await asyncio.sleep(0)
         waiting[1].cancel()

@@ -18,7 +18,7 @@ from websockets.asyncio.client import connect as client
 from websockets.exceptions import ConnectionClosed
 from websockets.frames import Frame, Opcode
 
-from linked_fleet_gateway.http.backpressure import HIGH_WATER_BYTES, Reader
+from linked_fleet_gateway.http.backpressure import HIGH_WATER_BYTES, BoundedWriter
 from linked_fleet_gateway.http.websocket import framed, serve_websocket
 from linked_fleet_gateway.http.websocket_protocol import WEBSOCKET, WebSocketProtocol
 from linked_fleet_gateway.subscriptions.message import Ending, Message, Outlet
@@ -109,7 +109,7 @@ def test_every_length_of_a_frame(size: int) -> None:
 def test_framed_once_for_all() -> None:
     written: list[bytes] = []
 
-    class Noted(Reader):
+    class Noted(BoundedWriter):
         def send(self, data: bytes) -> bool:
             written.append(data)
             return super().send(data)
@@ -117,7 +117,7 @@ def test_framed_once_for_all() -> None:
     class Noting(WebSocketProtocol):
         def connection_made(self, transport: BaseTransport) -> None:
             super().connection_made(transport)
-            self.reader = Noted(self.transport, self.stall_s)
+            self.writer = Noted(self.transport, self.stall_s)
 
     async def test() -> None:
         app = App()

@@ -41,7 +41,7 @@ def _blueprints() -> Iterator[Resource]:
         for event in (Appeared(name, 1), Described(said)):
             fleet.apply(event, 1)
     tree = Tree(fleet, Invocations(), _BASE)
-    for resource, _ in tree.below("/"):
+    for resource, _ in tree.subtree("/"):
         found = tree.resolve(resource.path.rstrip("/") + "/blueprint")
         if isinstance(found, Resource):
             yield found

@@ -24,8 +24,8 @@ from linked_fleet_gateway.rdf.unused import shown
 from linked_fleet_gateway.rdf.vocabulary import PREFIXES
 from linked_fleet_gateway.resources.annotations import MAX_ANNOTATIONS, annotate
 from linked_fleet_gateway.resources.describe import Describer
-from linked_fleet_gateway.resources.property import Property, Seen
-from linked_fleet_gateway.resources.settable import settable
+from linked_fleet_gateway.resources.property import Measurement, Property
+from linked_fleet_gateway.resources.settable import setting_properties
 from linked_fleet_gateway.resources.setting import Setting
 from linked_fleet_gateway.resources.setting import settings as settings_of
 from properties import examples
@@ -45,7 +45,7 @@ def _setting(name: str) -> Setting:
 
 
 def _item(robot: Robot, name: str) -> Property:
-    (found,) = (each for each in (*settable(robot), placement(robot)) if each.segment == name)
+    (found,) = (each for each in (*setting_properties(robot), placement(robot)) if each.segment == name)
     return found
 
 
@@ -284,7 +284,7 @@ def test_what_was_read_can_be_put(name: str, media_type: str) -> None:
     item = _item(robot, name)
     assert isinstance(item.put, Setting)
     describer = Describer(_BASE)
-    describer.property(robot, "/r/", item, graph, Seen())
+    describer.property(robot, "/r/", item, graph, Measurement())
     triples = parse(render(graph.triples, media_type, PREFIXES, base=iri), media_type, iri)
     present = shown(graph)
     found = item.put.admit(triples, _BASE, present)

@@ -9,7 +9,7 @@ from linked_fleet_gateway.rdf.graph import Graph
 from linked_fleet_gateway.rdf.sparql_update import read_update, updated
 from linked_fleet_gateway.rdf.vocabulary import PREFIXES
 from linked_fleet_gateway.resources.subscription import Changeable, Delivery, Depth, Kind, Record, Subscription
-from linked_fleet_gateway.resources.subscription_change import changed, managed
+from linked_fleet_gateway.resources.subscription_change import changed_options, managed_statements
 from linked_fleet_gateway.resources.subscription_resource import describe_subscription, subscription_path
 
 _BASE = "http://example.org"
@@ -37,7 +37,7 @@ def _after(update: str, subscription: Subscription = _CALLBACK) -> Changeable:
     graph = Graph()
     describe_subscription(graph, _BASE, Record(subscription, Delivery(), "run"))
     after = updated(graph.triples, read_update(_PROLOGUE + update, _IRI))
-    return changed(graph.triples, after, subscription, _BASE)
+    return changed_options(graph.triples, after, subscription, _BASE)
 
 
 def _refused(update: str, subscription: Subscription = _CALLBACK) -> UnprocessableContent:
@@ -117,7 +117,9 @@ def test_what_breaks_the_shape_or_nothing_uses_is_refused(update: str, said: str
 def test_what_the_gateway_manages_is_what_it_does_not_take() -> None:
     graph = Graph()
     describe_subscription(graph, _BASE, Record(_CALLBACK, Delivery(reason="Gone."), "run"))
-    kept = {each.predicate.value.rpartition("#")[2].rpartition("/")[2] for each in managed(graph.triples, _IRI)}
+    kept = {
+        each.predicate.value.rpartition("#")[2].rpartition("/")[2] for each in managed_statements(graph.triples, _IRI)
+    }
     assert kept == {
         "identifier", "title", "seeAlso", "blueprint", "created", "signed", "deliveryState", "lastDelivery",
         "failures", "reason",

@@ -17,8 +17,8 @@ from linked_fleet_gateway.fleet.invocations import Invocations
 from linked_fleet_gateway.rdf.graph import Graph
 from linked_fleet_gateway.rdf.serialise import TEXT_TYPES, render
 from linked_fleet_gateway.rdf.vocabulary import PREFIXES
-from linked_fleet_gateway.resources.property import Seen
-from linked_fleet_gateway.resources.renderings import Rendering, Versions, compiles
+from linked_fleet_gateway.resources.property import Measurement
+from linked_fleet_gateway.resources.renderings import Rendering, Versions, is_compilable
 from linked_fleet_gateway.resources.resource import Resource
 from linked_fleet_gateway.resources.subscription_resource import describe_version
 from linked_fleet_gateway.resources.tree import Tree
@@ -45,7 +45,7 @@ def _measured() -> list[Resource]:
     )  # fmt: skip
     for event in (Appeared("r", 1), Described(said)):
         fleet.apply(event, 1)
-    found = [resource for resource, _ in Tree(fleet, Invocations(), _BASE).below("/")]
+    found = [resource for resource, _ in Tree(fleet, Invocations(), _BASE).subtree("/")]
     robot, state = (Tree(fleet, Invocations(), _BASE).resolve(path) for path in ("/r/", "/r/jointState"))
     assert isinstance(robot, Resource) and isinstance(state, Resource)
     return [
@@ -67,10 +67,12 @@ _NUMBERS = st.from_regex(r"[0-9]{1,9}-[0-9]{1,9}", fullmatch=True)
 _VERSIONS = st.none() | st.builds(Versions, _NUMBERS, st.none() | _DIGEST)
 
 
-def _written(resource: Resource, media_type: str, seens: Sequence[Seen], versions: Versions | None) -> bytes:
+def _written(
+    resource: Resource, media_type: str, measurements: Sequence[Measurement], versions: Versions | None
+) -> bytes:
     graph = Graph()
     assert resource.measured is not None
-    resource.measured(graph, seens)
+    resource.measured(graph, measurements)
     resource.state_model(graph, _BASE)
     if versions is not None:
         describe_version(graph, NamedNode(_BASE + resource.path), *versions)
@@ -78,14 +80,14 @@ def _written(resource: Resource, media_type: str, seens: Sequence[Seen], version
 
 
 def _counts(resource: Resource) -> list[int]:
-    return [len(Seen.of(look()).values) for look in (*resource.looks, *resource.quiet)]
+    return [len(Measurement.of(look()).values) for look in (*resource.looks, *resource.quiet)]
 
 
 def test_all_that_is_measured_compiles() -> None:
     ends = {path.rpartition("/")[2] for path in _RESOURCES}
     values = {"rotation", "translation", "velocity", "effort", "pose", "twist", "jointState"}
     assert ends > values, "joints and links too"
-    assert all(compiles(each, media_type) for each in _RESOURCES.values() for media_type in TEXT_TYPES)
+    assert all(is_compilable(each, media_type) for each in _RESOURCES.values() for media_type in TEXT_TYPES)
 
 
 @pytest.mark.parametrize(("path", "media_type"), list(itertools.product(_RESOURCES, TEXT_TYPES)))
@@ -96,12 +98,12 @@ def test_it_says_what_the_description_says(path: str, media_type: str, data: st.
     resource = _RESOURCES[path]
     rendering, counts = Rendering(resource, media_type, _BASE), _counts(resource)
     for _ in range(3):
-        seens = [
-            Seen(tuple(data.draw(st.lists(_VALUES, min_size=count, max_size=count))), data.draw(_TIMES))
+        measurements = [
+            Measurement(tuple(data.draw(st.lists(_VALUES, min_size=count, max_size=count))), data.draw(_TIMES))
             for count in counts
         ]
         versions = data.draw(_VERSIONS)
-        assert rendering.body(seens, versions) == _written(resource, media_type, seens, versions)
+        assert rendering.body(measurements, versions) == _written(resource, media_type, measurements, versions)
 
 
 @pytest.mark.parametrize("path", _RESOURCES)

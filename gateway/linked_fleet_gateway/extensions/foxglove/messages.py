@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
 from linked_fleet_agent.wire.messages import State
-from linked_fleet_gateway.base.lazy_imports import Lazily
+from linked_fleet_gateway.base.lazy_imports import LazyModule
 from linked_fleet_gateway.extensions.world.scene import Box, Cylinder, SceneObject, Sphere, TriangleMesh
 from linked_fleet_gateway.fleet.invocation import Invocation
 from linked_fleet_gateway.fleet.kinematics import LinkPoses, compose
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from foxglove import Schema
     from foxglove import messages as fox
 else:
-    fox = Lazily("foxglove.messages", "foxglove")
+    fox = LazyModule("foxglove.messages", "foxglove")
 
 WORLD_FRAME = "world"
 STATES, TRANSFORMS, POSE = FRAMES = "joint_states", "tf", "pose"

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from enum import IntEnum
 from typing import TYPE_CHECKING
 
-from linked_fleet_gateway.base.lazy_imports import Lazily
+from linked_fleet_gateway.base.lazy_imports import LazyModule
 from linked_fleet_gateway.extensions.history.series import Numbers, samples
 from linked_fleet_gateway.extensions.history.span import moment
 from linked_fleet_gateway.extensions.history.track import Excerpt
@@ -21,7 +21,7 @@ from linked_fleet_gateway.rdf.units import Unit
 if TYPE_CHECKING:
     from mcap import writer as mcap
 else:
-    mcap = Lazily("mcap.writer")
+    mcap = LazyModule("mcap.writer")
 
 CSV, MCAP = "text/csv", "application/vnd.mcap"
 """RFC 7111; registered with IANA in October 2026."""

@@ -12,9 +12,9 @@ from linked_fleet_gateway.extensions.mcp.asking import KEY, Asking
 from linked_fleet_gateway.extensions.mcp.resources import Converse
 from linked_fleet_gateway.extensions.mcp.sdk import Sdk
 from linked_fleet_gateway.http.body import body_type, read_body
-from linked_fleet_gateway.http.hosted import Hosted
+from linked_fleet_gateway.http.hosted import AsgiResponse
 from linked_fleet_gateway.http.offload import Offload
-from linked_fleet_gateway.http.pace import in_turn
+from linked_fleet_gateway.http.pace import await_turn
 from linked_fleet_gateway.http.read import read
 from linked_fleet_gateway.http.request import Request
 from linked_fleet_gateway.http.streams import wants_events
@@ -44,7 +44,7 @@ async def converse(sdk: Sdk, request: Request, affords: Converse) -> ASGIApp:
     length = request.headers.get("content-length", "")
     may_stop = request.method == "POST" and length.isdecimal() and int(length) <= SHORT_BYTES
     if not may_stop:
-        await in_turn(request)
+        await await_turn(request)
     if request.method == "POST":
         body_type(request, Converse.body_types)
         content = await read_body(request, MAX_MESSAGE_BYTES)
@@ -54,10 +54,10 @@ async def converse(sdk: Sdk, request: Request, affords: Converse) -> ASGIApp:
         except ParseError as error:
             return _error(HTTPStatus.BAD_REQUEST, _PARSE_ERROR, f"Parse error: {error}")
         if may_stop and not _stops(message):
-            await in_turn(request)
+            await await_turn(request)
     core = sdk.core
     asking = Asking(request, affords.view, core.live.branches, core.actions.lifecycle.waiters, sdk.ending)
-    return Hosted(await sdk.app(), content, {KEY: asking}, sdk.ending.set)
+    return AsgiResponse(await sdk.app(), content, {KEY: asking}, sdk.ending.set)
 
 
 def _parsed(content: bytes) -> Any:

@@ -26,7 +26,7 @@ from linked_fleet_gateway.extensions.mcp.settings import McpSettings
 from linked_fleet_gateway.extensions.mcp.tool import Tool
 from linked_fleet_gateway.http.internal_request import ReplyTooLong
 from linked_fleet_gateway.http.problem import problem_body
-from linked_fleet_gateway.http.rates import by_caller
+from linked_fleet_gateway.http.rates import bucket_of
 
 MOST_CALLS = 32
 """Unfinished tool calls per client. Calls that stop robots do not count."""
@@ -60,7 +60,7 @@ class Handlers:
         asking, name = _asking(context), params.name
         if name not in _BY_NAME:
             raise MCPError(types.INVALID_PARAMS, f"Unknown tool: {name[:100]}")
-        client = "" if name == "stop" else by_caller(asking.request.scope)
+        client = "" if name == "stop" else bucket_of(asking.request.scope)
         if client and self._calls[client] >= MOST_CALLS:
             return failed(f"{MOST_CALLS} calls of yours have not ended yet; wait for one of them.")
         self._calls[client] += 1
@@ -95,7 +95,7 @@ class Sessions(StreamableHTTPSessionManager):
     most_of_client = 0
 
     async def handle_request(self, scope: Scope, receive: Receive, send: Send) -> None:
-        user = AuthenticatedUser(AccessToken(token="", client_id=by_caller(scope), scopes=[]))
+        user = AuthenticatedUser(AccessToken(token="", client_id=bucket_of(scope), scopes=[]))
         await super().handle_request({**scope, "user": user}, receive, send)
 
     def _admit_session(self, requestor: AuthorizationContext | None) -> StreamableHTTPServerTransport | None:

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 from pyoxigraph import BlankNode, NamedNode
 
-from linked_fleet_gateway.base.lazy_imports import Lazily
+from linked_fleet_gateway.base.lazy_imports import LazyModule
 from linked_fleet_gateway.extensions.pages import labels, sentences
 from linked_fleet_gateway.extensions.pages.thing_views import actions
 from linked_fleet_gateway.extensions.pages.values import Facts, Link, Number, State, Value
@@ -16,7 +16,7 @@ from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HTTP, HYBRIT, LDP, LF, 
 if TYPE_CHECKING:
     from linked_fleet_gateway.extensions.pages import form
 else:
-    form = Lazily("linked_fleet_gateway.extensions.pages.form")
+    form = LazyModule("linked_fleet_gateway.extensions.pages.form")
 
 _PREDICATES_OF_SUBSCRIPTION = (LF.deliveryState, LF.lastDelivery, LF.failures, LF.reason)
 

@@ -11,7 +11,7 @@ from zlib import crc32
 from pyoxigraph import Literal, NamedNode
 
 from linked_fleet_agent.wire.names import unescape
-from linked_fleet_gateway.base.lazy_imports import Lazily
+from linked_fleet_gateway.base.lazy_imports import LazyModule
 from linked_fleet_gateway.rdf.shapes import VOCABULARY, added_to, load
 from linked_fleet_gateway.rdf.vocabulary import LF, RDFS, ROS, XHV
 from linked_fleet_gateway.resources.paths import reserved_at_root, reserved_in_robot
@@ -19,7 +19,7 @@ from linked_fleet_gateway.resources.paths import reserved_at_root, reserved_in_r
 if TYPE_CHECKING:
     from linked_fleet_client import quantity
 else:
-    quantity = Lazily("linked_fleet_client.quantity")
+    quantity = LazyModule("linked_fleet_client.quantity")
 
 _LARGE, _SMALL, _DECIMALS = 1e15, 1e-9, 4
 _DECIMALS_IN = {"N m": 2, "N": 2, "rad/s": 3, "m/s": 3, "kg": 3, "s": 3}

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from markupsafe import Markup
 from pyoxigraph import Triple
 
-from linked_fleet_gateway.base.lazy_imports import Lazily
+from linked_fleet_gateway.base.lazy_imports import LazyModule
 from linked_fleet_gateway.extensions.pages.assets import assets
 from linked_fleet_gateway.extensions.pages.labels import clean
 from linked_fleet_gateway.extensions.pages.navigation import places
@@ -23,7 +23,7 @@ from linked_fleet_gateway.resources.resource import Resource
 if TYPE_CHECKING:
     import jinja2
 else:
-    jinja2 = Lazily("jinja2")
+    jinja2 = LazyModule("jinja2")
 
 _TEMPLATES = Path(__file__).parent / "templates"
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from pyoxigraph import BlankNode, NamedNode
 
-from linked_fleet_gateway.base.lazy_imports import Lazily
+from linked_fleet_gateway.base.lazy_imports import LazyModule
 from linked_fleet_gateway.extensions.pages import labels, robot_panel
 from linked_fleet_gateway.extensions.pages.terms import LF
 from linked_fleet_gateway.extensions.pages.values import Address, Facts, Link, Number, Row, State, Time, Value, Vector
@@ -17,7 +17,7 @@ from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, RDF, RDFS, ROS,
 if TYPE_CHECKING:
     from linked_fleet_gateway.extensions.pages import form
 else:
-    form = Lazily("linked_fleet_gateway.extensions.pages.form")
+    form = LazyModule("linked_fleet_gateway.extensions.pages.form")
 
 AROUND = frozenset({DCTERMS.title, RDFS.seeAlso, HYBRIT.blueprint, HYBRIT.consumes, SOSA.resultTime})
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 from pyoxigraph import BlankNode, Literal, NamedNode, Triple
 
-from linked_fleet_gateway.base.lazy_imports import Lazily
+from linked_fleet_gateway.base.lazy_imports import LazyModule
 from linked_fleet_gateway.extensions.pages import labels, sentences
 from linked_fleet_gateway.rdf.turtle import Outline, Subject, Term
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, LF, MATHS, NUMERIC, PREFIXES, QUDT, RDF, SOSA, VOM, XSD
@@ -15,7 +15,7 @@ from linked_fleet_gateway.rdf.vocabulary import DCTERMS, LF, MATHS, NUMERIC, PRE
 if TYPE_CHECKING:
     from linked_fleet_client import quantity
 else:
-    quantity = Lazily("linked_fleet_client.quantity")
+    quantity = LazyModule("linked_fleet_client.quantity")
 
 _NUMERIC = frozenset(NUMERIC)
 _CODE = re.compile(r"://|\?\w+.*\{|^[0-9a-f-]{16,}$|^[a-z]+/[a-z0-9.+-]+$|^[a-z]+[A-Z]\w*$")

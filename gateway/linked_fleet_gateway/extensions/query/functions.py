@@ -10,7 +10,7 @@ from linked_fleet_gateway.fleet.model import Pose
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.rdf.graph import number
 from linked_fleet_gateway.resources.fleet_functions import Function, Term, path_of
-from linked_fleet_gateway.resources.relative_poses import rounded, seen_from
+from linked_fleet_gateway.resources.relative_poses import relative_pose, rounded
 
 FUNCTIONS = (LF.poseIn, LF.distance)
 COMPONENTS = ("x", "y", "z", "qx", "qy", "qz", "qw")
@@ -43,6 +43,6 @@ def _seen(base: str, robots: Mapping[str, Robot], common: Mapping[str, Pose], sa
     """Return the pose of the first relative to the second; None if it is unknown or does not exist."""
     paths = [path_of(base, each) for each in said]
     try:
-        return seen_from(paths[0], paths[1], robots, common).pose
+        return relative_pose(paths[0], paths[1], robots, common).pose
     except LookupError:
         return None

@@ -9,7 +9,7 @@ from urllib.parse import parse_qsl, urljoin
 from starlette.responses import Response
 
 from linked_fleet_gateway.base.errors import BadRequest, FleetError, NotAcceptable, UnsupportedMediaType
-from linked_fleet_gateway.base.lazy_imports import Lazily
+from linked_fleet_gateway.base.lazy_imports import LazyModule
 from linked_fleet_gateway.extensions.query.description import FORM, PATH, QUERY_TYPES, Endpoint, PostQuery, described
 from linked_fleet_gateway.extensions.query.service import JSON_RESULTS
 from linked_fleet_gateway.http.body import read_body
@@ -29,7 +29,7 @@ from linked_fleet_gateway.resources.resource import Resource
 if TYPE_CHECKING:
     from linked_fleet_gateway.extensions.query import page
 else:
-    page = Lazily("linked_fleet_gateway.extensions.query.page")
+    page = LazyModule("linked_fleet_gateway.extensions.query.page")
 
 _UPDATE = "application/sparql-update"
 _BOOLEANS = (JSON_RESULTS, "application/sparql-results+xml", "application/json", HTML)

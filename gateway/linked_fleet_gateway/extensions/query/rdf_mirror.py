@@ -21,7 +21,7 @@ from linked_fleet_gateway.resources.documents import VOCABULARY, describe_terms
 from linked_fleet_gateway.resources.invocation import describe_invocation, invocation_path
 from linked_fleet_gateway.resources.lease import describe_lease
 from linked_fleet_gateway.resources.paths import joint_path, link_path, robot_path
-from linked_fleet_gateway.resources.property import Property, Seen
+from linked_fleet_gateway.resources.property import Measurement, Property
 
 SHAPES = "/blueprint"
 
@@ -50,24 +50,24 @@ class StaticDescriber(Describer):
         self.measured: list[tuple[str, Property]] = []
 
     def _properties(
-        self, graph: Graph, owner: str, items: Sequence[Property], seens: Sequence[Seen] | None = None
+        self, graph: Graph, owner: str, items: Sequence[Property], measurements: Sequence[Measurement] | None = None
     ) -> None:
         self.measured += [(owner, item) for item in items if item.measured]
         super()._properties(graph, owner, items)
 
-    def _property(self, graph: Graph, owner: str, item: Property, seen: Seen) -> None:
+    def _property(self, graph: Graph, owner: str, item: Property, seen: Measurement) -> None:
         if not item.measured:
             super()._property(graph, owner, item, seen)
 
-    def _last_frame(self, graph: Graph, iri: NamedNode, seen: Seen) -> None:
+    def _last_frame(self, graph: Graph, iri: NamedNode, seen: Measurement) -> None:
         pass
 
-    def value(self, graph: Graph, owner: str, item: Property, seen: Seen) -> None:
+    def value(self, graph: Graph, owner: str, item: Property, seen: Measurement) -> None:
         """Add a measured value that was left out."""
         super()._property(graph, owner, item, seen)
 
     def last_frame(self, graph: Graph, iri: NamedNode, robot: Robot) -> None:
-        super()._last_frame(graph, iri, Seen.of(last_frame(robot)))
+        super()._last_frame(graph, iri, Measurement.of(last_frame(robot)))
 
 
 class _Value:
@@ -75,7 +75,7 @@ class _Value:
 
     def __init__(self, owner: str, item: Property, prefix: str) -> None:
         self.owner, self.item, self.prefix = owner, item, prefix
-        self.seen: Seen | None = None
+        self.seen: Measurement | None = None
         self.triples: list[Triple] = []
 
 
@@ -208,7 +208,7 @@ class RdfMirror:
         self._exchange(known.graph, old, new)
 
     def _look(self, value: _Value, old: list[Triple], new: list[Triple]) -> None:
-        seen = Seen.of(value.item.look())
+        seen = Measurement.of(value.item.look())
         if seen == value.seen:
             return
         graph = Labelled(value.prefix)

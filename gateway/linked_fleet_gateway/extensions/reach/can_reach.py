@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from pyoxigraph import Literal, NamedNode
 
-from linked_fleet_gateway.base.lazy_imports import Lazily
+from linked_fleet_gateway.base.lazy_imports import LazyModule
 from linked_fleet_gateway.extensions.reach.terms import LF
 from linked_fleet_gateway.fleet.kinematics import ORIGIN, compose, envelope, inverse, placed
 from linked_fleet_gateway.fleet.model import JointKind, ModelError, Pose
@@ -23,7 +23,7 @@ _SOLVER = "linked_fleet_gateway.extensions.reach.inverse_kinematics"
 if TYPE_CHECKING:
     from linked_fleet_gateway.extensions.reach import inverse_kinematics as solver
 else:
-    solver = Lazily(_SOLVER, "pinocchio", "numpy")
+    solver = LazyModule(_SOLVER, "pinocchio", "numpy")
 
 log = logging.getLogger(__name__)
 

@@ -11,7 +11,7 @@ from linked_fleet_agent.wire.messages import Move
 from linked_fleet_gateway.actions.action_handlers import motion_to
 from linked_fleet_gateway.actions.plan import ActionRequest, DeferredPlan, Motion
 from linked_fleet_gateway.base.errors import Conflict, Offline, UnprocessableContent
-from linked_fleet_gateway.base.lazy_imports import Lazily
+from linked_fleet_gateway.base.lazy_imports import LazyModule
 from linked_fleet_gateway.extensions.reach.errors import OutOfReach
 from linked_fleet_gateway.extensions.reach.terms import LF
 from linked_fleet_gateway.fleet.model import JointKind, ModelError
@@ -22,7 +22,7 @@ from linked_fleet_gateway.resources.shape_parameters import commandable
 if TYPE_CHECKING:
     from linked_fleet_gateway.extensions.reach import inverse_kinematics as solver
 else:
-    solver = Lazily("linked_fleet_gateway.extensions.reach.inverse_kinematics", "pinocchio", "numpy")
+    solver = LazyModule("linked_fleet_gateway.extensions.reach.inverse_kinematics", "pinocchio", "numpy")
 
 _UNIT_LENGTH = 1e-3  # tolerance of a quaternion's length
 

@@ -27,7 +27,7 @@ from linked_fleet_gateway.extensions.rules.service import Rules
 from linked_fleet_gateway.extensions.rules.store import Changed, Crowded, Full, StoreUnavailable
 from linked_fleet_gateway.extensions.rules.terms import LF
 from linked_fleet_gateway.http.body import body_type, parse_body, read_as
-from linked_fleet_gateway.http.created import check_accepted, created
+from linked_fleet_gateway.http.created import check_accepted, created_response
 from linked_fleet_gateway.http.fields import field
 from linked_fleet_gateway.http.invoke import refuse_rehearsal
 from linked_fleet_gateway.http.request import Request
@@ -54,7 +54,7 @@ async def post_rule(rules: Rules, request: Request, afforded: MakeRule) -> Respo
     shown = request.tree().resolve(path)
     if not isinstance(shown, Resource):
         raise NotFound("The rule was deleted at once.")
-    return created(request, shown)
+    return created_response(request, shown)
 
 
 async def change_rule(rules: Rules, request: Request, afforded: ChangeRule) -> Response:

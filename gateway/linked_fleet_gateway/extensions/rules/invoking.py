@@ -15,7 +15,7 @@ from linked_fleet_gateway.extensions.rules.rule import Rule
 from linked_fleet_gateway.extensions.rules.template import filled
 from linked_fleet_gateway.fleet.invocations import Invocation
 from linked_fleet_gateway.identity.rights import Identity, Right
-from linked_fleet_gateway.resources.action_body import Body, written
+from linked_fleet_gateway.resources.action_body import Body, as_ntriples
 from linked_fleet_gateway.resources.action_offer import Offer
 from linked_fleet_gateway.resources.affordance import Invoke
 from linked_fleet_gateway.resources.paths import robot_of
@@ -60,7 +60,7 @@ async def invoked(
     assert isinstance(plan, Motion)  # an action with a body is a motion
     # Cannot equal a client's key, whose characters are all visible.
     key, digest = f"\x1frule {rule.id} {number}", blake2b(repr(row).encode(), digest_size=16).hexdigest()
-    asking = Caller(rule.client, key=key, digest=digest, body=written(body), sees=creator.sees, rule=rule.id)
+    asking = Caller(rule.client, key=key, digest=digest, body=as_ntriples(body), sees=creator.sees, rule=rule.id)
     return await actions.start(offer.path, plan, asking)
 
 

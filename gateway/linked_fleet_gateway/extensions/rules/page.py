@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from pyoxigraph import BlankNode, Literal, NamedNode
 
-from linked_fleet_gateway.base.lazy_imports import Lazily
+from linked_fleet_gateway.base.lazy_imports import LazyModule
 from linked_fleet_gateway.extensions.pages import labels, sentences
 from linked_fleet_gateway.extensions.pages.form_parts import Form, Group, Leaf
 from linked_fleet_gateway.extensions.pages.values import Facts, Link, Value
@@ -21,7 +21,7 @@ from linked_fleet_gateway.rdf.vocabulary import DCTERMS, LDP
 if TYPE_CHECKING:
     from linked_fleet_gateway.extensions.pages import form
 else:
-    form = Lazily("linked_fleet_gateway.extensions.pages.form")
+    form = LazyModule("linked_fleet_gateway.extensions.pages.form")
 
 _TEMPLATES = Path(__file__).parent / "templates"
 

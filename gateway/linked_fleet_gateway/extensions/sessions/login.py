@@ -31,7 +31,7 @@ from linked_fleet_gateway.extensions.sessions.service import Sessions
 from linked_fleet_gateway.extensions.sessions.session_key import StoreUnavailable
 from linked_fleet_gateway.http.arrival import arrival_of
 from linked_fleet_gateway.http.body import read_body
-from linked_fleet_gateway.http.rates import Rates
+from linked_fleet_gateway.http.rates import TokenBuckets
 from linked_fleet_gateway.http.request import Request
 from linked_fleet_gateway.identity.jwts import BadToken, endpoint, verified
 from linked_fleet_gateway.identity.rights import Claims, Credential, Identity, Right
@@ -53,7 +53,7 @@ class Login:
     """Serves the login paths for everybody, also without authentication."""
 
     def __init__(self) -> None:
-        self._failures = Rates(1 / REFILL_S, burst=FAILURES)
+        self._failures = TokenBuckets(1 / REFILL_S, burst=FAILURES)
 
     def has(self, path: str) -> bool:
         return path in _PAGES

@@ -4,13 +4,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
 
-from linked_fleet_gateway.base.lazy_imports import Lazily
+from linked_fleet_gateway.base.lazy_imports import LazyModule
 from linked_fleet_gateway.identity.rights import Claims, Credential, TokenHash
 
 if TYPE_CHECKING:
     import jwt
 else:
-    jwt = Lazily("jwt")
+    jwt = LazyModule("jwt")
 
 KEY_BYTES = 32
 SESSION_S = 8 * 3600

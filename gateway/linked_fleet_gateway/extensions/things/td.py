@@ -21,9 +21,9 @@ from linked_fleet_gateway.resources.describe import part_paths
 from linked_fleet_gateway.resources.joint_kinds import kind_of
 from linked_fleet_gateway.resources.json_form import Json, form_of, form_of_input, form_of_target
 from linked_fleet_gateway.resources.paths import joint_path, link_path, robot_path
-from linked_fleet_gateway.resources.plain_json import described
+from linked_fleet_gateway.resources.plain_json import description_json
 from linked_fleet_gateway.resources.properties import joint_properties, link_properties, robot_properties
-from linked_fleet_gateway.resources.property import Property, Seen
+from linked_fleet_gateway.resources.property import Measurement, Property
 
 TD, DIRECTORY = "application/td+json", "/things"
 """Media type of a Thing Description, and path of the directory."""
@@ -136,7 +136,7 @@ class Thing:
         if isinstance(item.put, Offer):
             return said | _target(item.put, self.base) | {"forms": _forms(href, JSON, item)}
         iri = NamedNode(href)
-        present = described(partial(_describe, item, iri), iri, item.shape)
+        present = description_json(partial(_describe, item, iri), iri, item.shape)
         return said | _in_units(form_of(item.shape).schema, present) | {"forms": _forms(href, JSON, item)}
 
     def _action(self, offer: Offer) -> Json:
@@ -178,7 +178,7 @@ def thing_description(thing: Thing, robots: Iterable[str] = ()) -> bytes:
 
 
 def _describe(item: Property, iri: NamedNode, graph: Any) -> None:
-    item.describe(graph, iri, Seen.of(item.look()))
+    item.describe(graph, iri, Measurement.of(item.look()))
 
 
 def _link(rel: str, href: str) -> Json:

@@ -27,7 +27,7 @@ from linked_fleet_gateway.rdf.unused import refuse
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, RDF
 from linked_fleet_gateway.resources.action_body import Body
 from linked_fleet_gateway.resources.json_form import Field, Form, Value, form_of
-from linked_fleet_gateway.resources.setting import judged
+from linked_fleet_gateway.resources.setting import validated
 
 PREDICATES_OF_GEOMETRY: dict[Node, tuple[NamedNode, ...]] = {
     LF.Box: (LF.size,),
@@ -59,7 +59,7 @@ def read_object(
 
     Raises UnprocessableContent, which states the valid form.
     """
-    body = judged(triples, LF.SceneObjectInput, iri, described)
+    body = validated(triples, LF.SceneObjectInput, iri, described)
     frames = body.nodes(body.root, LF.inFrame)
     if any(each != NamedNode(world) for each in frames):
         raise UnprocessableContent(f"Objects stand in the frame of the world: lf:inFrame is <{world}>, or left out.")

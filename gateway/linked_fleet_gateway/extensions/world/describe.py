@@ -12,7 +12,7 @@ from linked_fleet_gateway.rdf.graph import Graph, Node
 from linked_fleet_gateway.rdf.units import METRE
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, HYDRA, LDP, RDFS
 from linked_fleet_gateway.resources.paths import link_path, model_path, robot_path
-from linked_fleet_gateway.resources.relative_poses import Posed
+from linked_fleet_gateway.resources.relative_poses import RelativePose
 
 OBJECTS, POSES = f"{WORLD}/objects", f"{WORLD}/pose"
 STL = "model/stl"
@@ -127,7 +127,7 @@ def describe_template(graph: Graph, base: str) -> None:
         graph.add(mapping, HYDRA.required, Literal(required))
 
 
-def describe_posed(graph: Graph, iri: NamedNode, of: str, frame: str, posed: Posed) -> None:
+def describe_posed(graph: Graph, iri: NamedNode, of: str, frame: str, posed: RelativePose) -> None:
     """Describe a relative pose; ``of`` and ``frame`` are IRIs."""
     graph.a(iri, LF.PoseInFrame)
     graph.add(iri, DCTERMS.title, Literal("Pose in a frame"))

@@ -19,15 +19,15 @@ from linked_fleet_gateway.extensions.world.terms import LF
 from linked_fleet_gateway.http.body import body_type, parse_body, parse_form, read_as
 from linked_fleet_gateway.http.invoke import refuse_rehearsal
 from linked_fleet_gateway.http.offload import Offload
-from linked_fleet_gateway.http.patch import patched, read_patch
+from linked_fleet_gateway.http.patch import apply_patch, read_patch
 from linked_fleet_gateway.http.preconditions import present_under_preconditions
 from linked_fleet_gateway.http.read import read
 from linked_fleet_gateway.http.request import Request
 from linked_fleet_gateway.rdf.serialise import JSON
 from linked_fleet_gateway.rdf.unused import shown
-from linked_fleet_gateway.resources.relative_poses import seen_from
+from linked_fleet_gateway.resources.relative_poses import relative_pose
 from linked_fleet_gateway.resources.resource import Resource
-from linked_fleet_gateway.resources.setting import managed
+from linked_fleet_gateway.resources.setting import managed_statements
 
 MAX_BODY_BYTES = 768 * 1024  # of a mesh in Base64
 MAX_TRIPLES = 200
@@ -68,8 +68,8 @@ async def _change(request: Request, iri: str) -> Callable[[Resource], list[Tripl
         triples = await _read(request, iri)
         return lambda present: triples
     update = await read_patch(request, iri)
-    own = partial(managed, shape=LF.SceneObjectInput, iri=iri)
-    return lambda present: patched(update, present, request.base, own)
+    own = partial(managed_statements, shape=LF.SceneObjectInput, iri=iri)
+    return lambda present: apply_patch(update, present, request.base, own)
 
 
 async def _read(request: Request, iri: str) -> list[Triple]:
@@ -105,7 +105,7 @@ async def read_pose(world: World, request: Request, resource: Resource, asked: A
 def _posed(world: World, request: Request, resource: Resource, asked: AskPose) -> Resource:
     of, frame = _path(request, "of"), _path(request, "in")
     try:
-        found = seen_from(of, frame, asked.view.robots, world.poses())
+        found = relative_pose(of, frame, asked.view.robots, world.poses())
     except LookupError as error:
         named = str(error.args[0])[:_LONGEST_NAMED]
         raise NotFound(f"{named} is no place in the world: that is itself, robots, links and objects.") from error

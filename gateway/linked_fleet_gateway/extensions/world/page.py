@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from pyoxigraph import BlankNode, NamedNode
 
-from linked_fleet_gateway.base.lazy_imports import Lazily
+from linked_fleet_gateway.base.lazy_imports import LazyModule
 from linked_fleet_gateway.extensions.pages import labels
 from linked_fleet_gateway.extensions.pages.form_parts import Form, Group, Leaf
 from linked_fleet_gateway.extensions.pages.thing_views import path_below
@@ -26,7 +26,7 @@ from linked_fleet_gateway.rdf.vocabulary import DCTERMS, LDP, MATHS, RDF, RDFS
 if TYPE_CHECKING:
     from linked_fleet_gateway.extensions.pages import form
 else:
-    form = Lazily("linked_fleet_gateway.extensions.pages.form")
+    form = LazyModule("linked_fleet_gateway.extensions.pages.form")
 
 _KINDS = (LF.Obstacle, LF.KeepOutZone)
 _EDGE_M = 0.4

@@ -20,7 +20,7 @@ from linked_fleet_gateway.rdf.units import METRE
 from linked_fleet_gateway.rdf.vocabulary import HYBRIT, MATHS
 from linked_fleet_gateway.resources.action_body import Body
 from linked_fleet_gateway.resources.paths import robot_path
-from linked_fleet_gateway.resources.property import Property, Seen
+from linked_fleet_gateway.resources.property import Measurement, Property
 from linked_fleet_gateway.resources.setting import Setting
 
 PLACEMENT = "placement"
@@ -78,7 +78,7 @@ def _number(body: Body, node: Node, axis: NamedNode) -> float:
 
 
 def placement(robot: Robot) -> Property:
-    def describe(graph: Graph, iri: NamedNode, _: Seen) -> None:
+    def describe(graph: Graph, iri: NamedNode, _: Measurement) -> None:
         describe_pose(graph, iri, placement_of(robot))
         root = iri.value.removesuffix(robot_path(robot.name) + PLACEMENT)
         graph.add(iri, LF.inFrame, NamedNode(root + WORLD))
