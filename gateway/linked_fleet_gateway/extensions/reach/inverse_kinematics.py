@@ -6,9 +6,8 @@ Levenberg-Marquardt Method", IEEE Transactions on Robotics 27(5), 2011; steps th
 """
 
 import math
-from collections.abc import Collection, Mapping
+from collections.abc import Collection
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import Literal
 
 import numpy as np
@@ -16,13 +15,20 @@ import numpy.typing as npt
 import pinocchio as pin
 
 from linked_fleet_agent.wire.messages import Base
-from linked_fleet_gateway.fleet.model import Joint, JointKind, ModelError, RobotModel
-from linked_fleet_gateway.fleet.pinocchio_model import build_model
+from linked_fleet_gateway.extensions.reach.joint_chain import (
+    FAR,
+    Chain,
+    Limits,
+    Positions,
+    bounds_of,
+    chain_to,
+    known_position,
+    turns_freely,
+)
+from linked_fleet_gateway.fleet.model import JointKind
 from linked_fleet_gateway.fleet.xml import Quaternion, Vector, rotation
 
 Array = npt.NDArray[np.float64]
-Positions = Mapping[str, float]
-Limits = Mapping[str, tuple[float, float]]
 
 TOLERANCE_M, TOLERANCE_RAD = 5e-5, math.radians(0.01)
 MAX_ITERATIONS = 1500  # below 100 ms on one core
@@ -33,8 +39,6 @@ _PULL_M = 0.5  # a larger error determines only the direction of a step
 _LONGEST_STEP = 0.5  # rad or m, of the joint that moves most
 # A start is abandoned if this many iterations reduce its error by less than this share.
 _PATIENCE, _PROGRESS = 15, 0.003
-# m or rad, and factor of a mimic joint: no robot has more, and squares of these cannot overflow
-_FAR, _STEEPEST = 1e6, 1e3
 
 
 @dataclass(frozen=True)
@@ -82,9 +86,9 @@ def reach(
     Raises Unreachable; ModelError if the robot is too large to compute; ValueError naming an unknown or non-finite
     number: a joint between root and link, the base, the target, a limit.
     """
-    task = _Task(_chain(urdf, floating, link), start, limits, movable)
+    task = _Task(chain_to(urdf, floating, link), start, limits, movable)
     task.aim(position_m, orientation_xyzw, floating and frame == "world", base)
-    if max(map(abs, task.position)) > _FAR:
+    if max(map(abs, task.position)) > FAR:
         away = Reached(task.named(task.nearest(task.start)), math.hypot(*task.position), 0.0, 0)
         raise Unreachable(f"{link} cannot be {_length(away.residual_m)} away from the root of the robot", away)
     best, iterations = _search(task)
@@ -111,105 +115,6 @@ def _rotation(what: str, xyzw: Quaternion) -> Array:
 
 
 @dataclass(frozen=True)
-class _Joint:
-    """A joint at ``factor`` times the position of ``driver`` (itself unless it mimics) plus ``offset``."""
-
-    name: str
-    kind: JointKind
-    driver: str
-    factor: float
-    offset: float
-
-
-@dataclass(frozen=True)
-class _Chain:
-    """The joints between root and link, in order. Shared by threads and immutable."""
-
-    model: pin.Model
-    frame: int
-    joints: tuple[_Joint, ...]
-    continuous: frozenset[str]  # of the whole robot
-
-
-@lru_cache(maxsize=64)
-def _chain(urdf: str, floating: bool, link: str) -> _Chain:
-    robot, whole = _whole(urdf, floating)
-    if link not in robot.links:
-        raise ValueError(f"the robot has no link {link[:128]!r}")
-    body = whole.frames[whole.getFrameId(link, pin.FrameType.BODY)]
-    # buildReducedModel refuses a joint that shares its name with a link. The free joint of the base comes first.
-    above = [i for i in whole.supports[body.parentJoint] if i > int(floating)]
-    model, last = pin.Model(), 0
-    for i in above:
-        last = model.addJoint(last, whole.joints[i], whole.jointPlacements[i], f"{i}")
-    frame = model.addFrame(pin.Frame("link", last, 0, body.placement, pin.FrameType.OP_FRAME))
-    if not sum(math.hypot(*at.translation) for at in (*model.jointPlacements[1:], body.placement)) < _FAR:
-        raise ModelError(f"the robot is more than {_FAR / 1000:.0f} km long")
-    joints = tuple(_joint(robot, robot.joints[whole.names[i]]) for i in above)
-    continuous = frozenset(joint.name for joint in robot.joints.values() if joint.kind is JointKind.CONTINUOUS)
-    return _Chain(model, frame, joints, continuous)
-
-
-@lru_cache(maxsize=16)
-def _whole(urdf: str, floating: bool) -> tuple[RobotModel, pin.Model]:
-    """Return the parsed robot, cached because parsing takes longer than most searches.
-
-    Shared by threads and immutable.
-    """
-    return RobotModel.of(urdf), build_model(urdf, floating)
-
-
-def _joint(robot: RobotModel, joint: Joint) -> _Joint:
-    if not joint.movable:
-        raise ValueError(f"the position of {joint.kind} joint {joint.name!r} is unknown")
-    driver, factor, offset, seen = joint, 1.0, 0.0, {joint.name}
-    while driver.mimic is not None:
-        mimic = driver.mimic
-        offset += factor * mimic.offset
-        factor *= mimic.multiplier
-        driver = robot.joints[mimic.joint]
-        if driver.name in seen or not max(abs(factor), abs(offset)) <= _STEEPEST:
-            return _Joint(joint.name, joint.kind, "", 0.0, 0.0)
-        seen.add(driver.name)
-    return _Joint(joint.name, joint.kind, driver.name, factor, offset)
-
-
-def _known(name: str, start: Positions) -> float:
-    position = start.get(name, math.nan)
-    if not abs(position) <= _FAR:
-        raise ValueError(f"the position of joint {name!r} is {'unknown' if math.isnan(position) else 'absurd'}")
-    return position
-
-
-def _bounds(chain: _Chain, name: str, present: float, limits: Limits) -> tuple[float, float]:
-    """Return the limits of a joint, including those of the joints that mimic it."""
-    ends = [_limits(name, limits)]
-    for joint in chain.joints:
-        if joint.driver == name and joint.factor:
-            follows = [(end - joint.offset) / joint.factor for end in _limits(joint.name, limits)]
-            ends.append((min(follows), max(follows)))
-    if name in chain.continuous and not _turns_freely(chain, name):
-        ends.append((present - math.pi, present + math.pi))
-    lower, upper = max(low for low, _ in ends), min(high for _, high in ends)
-    if not max(lower, -_FAR) <= min(upper, _FAR):
-        raise ValueError(f"the limits of joint {name!r}, or of those that mimic it, leave it no position")
-    return lower, upper
-
-
-def _limits(name: str, limits: Limits) -> tuple[float, float]:
-    lower, upper = limits.get(name, (-math.inf, math.inf))
-    if not lower <= upper:
-        raise ValueError(f"joint {name!r} cannot have the limits {lower} and {upper}")
-    return lower, upper
-
-
-def _turns_freely(chain: _Chain, name: str) -> bool:
-    """Return True if whole turns of this joint leave the link in place."""
-    followers = [joint for joint in chain.joints if joint.driver == name and joint.factor]
-    return all(joint.kind is not JointKind.PRISMATIC and joint.factor.is_integer() for joint in followers)
-
-
-@dataclass(frozen=True)
 class _Try:
     """Positions with their error and its derivative, weighted in metre."""
 
@@ -225,14 +130,14 @@ class _Task:
     The joints of the chain are at ``gear @ x + shift``, where x are the positions of ``names``.
     """
 
-    def __init__(self, chain: _Chain, start: Positions, limits: Limits, movable: Collection[str]) -> None:
+    def __init__(self, chain: Chain, start: Positions, limits: Limits, movable: Collection[str]) -> None:
         joints = chain.joints
         self.names = list(dict.fromkeys(joint.driver for joint in joints if joint.driver in movable))
-        known = {name: _known(name, start) for name in (*(joint.name for joint in joints), *self.names)}
+        known = {name: known_position(name, start) for name in (*(joint.name for joint in joints), *self.names)}
         self.start = np.array([known[name] for name in self.names])
-        bounds = [_bounds(chain, name, known[name], limits) for name in self.names]
+        bounds = [bounds_of(chain, name, known[name], limits) for name in self.names]
         self.lower, self.upper = np.array(bounds).reshape(-1, 2).T
-        self._turning = [_turns_freely(chain, name) for name in self.names]
+        self._turning = [turns_freely(chain, name) for name in self.names]
         gear = [joint.factor * (joint.driver == name) for joint in joints for name in self.names]
         self._gear = np.array(gear).reshape(len(joints), len(self.names))
         self._shift = np.array([j.offset if j.driver in self.names else known[j.name] for j in joints])
@@ -254,7 +159,7 @@ class _Task:
         _check_finite("the position of the base", base.position_m)
         inverse = _rotation("the orientation of the base", base.orientation_xyzw).T
         offset = np.array([to - at for to, at in zip(position, base.position_m, strict=True)])
-        self.position = inverse @ offset if np.abs(offset).max() <= _FAR else offset
+        self.position = inverse @ offset if np.abs(offset).max() <= FAR else offset
         self.rotation = None if self.rotation is None else inverse @ self.rotation
 
     def nearest(self, x: Array) -> Array:
