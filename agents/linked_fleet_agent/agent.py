@@ -12,6 +12,7 @@ from typing import Protocol, TypeVar
 from linked_fleet_agent import safety
 from linked_fleet_agent.cameras import Cameras
 from linked_fleet_agent.demonstration import Demonstration
+from linked_fleet_agent.frames import Frames, describe
 from linked_fleet_agent.meshes import MeshFiles
 from linked_fleet_agent.motion import Measured, Motions, Outcome, Sway
 from linked_fleet_agent.pace import every
@@ -20,17 +21,7 @@ from linked_fleet_agent.report import Report
 from linked_fleet_agent.robot import Reading, Robot
 from linked_fleet_agent.wire import codec
 from linked_fleet_agent.wire.codec import VersionError, WireError
-from linked_fleet_agent.wire.messages import (
-    WIRE_VERSION,
-    Accepted,
-    Base,
-    Command,
-    Description,
-    Refused,
-    Reply,
-    State,
-    Stop,
-)
+from linked_fleet_agent.wire.messages import Accepted, Command, Refused, Reply, Stop
 
 _log = logging.getLogger(__name__)
 _LEAST_APART = 0.1
@@ -101,7 +92,6 @@ class Agent:
         self._monotonic_ns, self._wall_ns = monotonic_ns, wall_ns
         self._seen, self._stops = safety.Remembered(), safety.Stops()
         self._reading: Reading | None = None
-        self._sequence = 0
         self._stepped_ns: int | None = None
         self._gateway_present = False
         self._lost_ns: int | None = None
@@ -110,11 +100,12 @@ class Agent:
         self._report = Report(self.incarnation)
         self._meshes = MeshFiles(name, self._facts.meshes)
         self._cameras = Cameras(robot, self._facts.cameras)
-        self._shown: State | None = None
         self._link: Link | None = None
         """The link while ``run`` runs, else None."""
-        self._published_ns = 0
-        self.description = codec.encode(self._describe())
+        self._frames = Frames(self.incarnation, self._facts)
+        self.description = codec.encode(
+            describe(name, self.incarnation, self._facts, rate_hz, self._meshes.offers, self._cameras.offers)
+        )
 
     async def run(self, link: Link) -> None:
         """Tick at ``rate_hz`` until cancelled, then hold and close the robot. Missed ticks are skipped, not made up."""
@@ -161,7 +152,7 @@ class Agent:
     def _show(self) -> None:
         """Publish a frame after a stop, because its sender waits for one. Many stops in a row share one frame."""
         now_ns = self._monotonic_ns()
-        if self._link is not None and now_ns - self._published_ns >= _LEAST_APART * 1e9 / self.rate_hz:
+        if self._link is not None and now_ns - self._frames.published_ns >= _LEAST_APART * 1e9 / self.rate_hz:
             self._reading = self._read(now_ns)
             self._publish_state(self._link, now_ns)
 
@@ -171,7 +162,7 @@ class Agent:
 
     def picture(self, question: bytes) -> bytes:
         """Return a camera picture of the last published frame. Call it in a thread. Raises PictureError."""
-        return self._cameras.take(question, self._shown)
+        return self._cameras.take(question, self._frames.latest)
 
     @property
     def has_cameras(self) -> bool:
@@ -290,26 +281,7 @@ class Agent:
         return ""
 
     def _publish_state(self, link: Link, now_ns: int) -> None:
-        reading = self._reading
-        if reading is None:
-            unknown = (math.nan,) * len(self._names)
-            nans: tuple[float, float, float] = (math.nan, math.nan, math.nan)
-            base = Base(nans, (*nans, math.nan), nans, nans) if self._facts.floating else None
-            reading = Reading(unknown, unknown, unknown, base)
-        state = State(
-            incarnation=self.incarnation,
-            sequence=self._sequence,
-            monotonic_ns=now_ns,
-            wall_ns=self._wall_ns(),
-            base=reading.base,
-            positions=reading.positions,
-            velocities=reading.velocities,
-            efforts=reading.efforts,
-        )
-        self._shown = None if self._reading is None else state
-        self._sequence += 1
-        self._published_ns = now_ns
-        link.publish_state(codec.encode_state(state))
+        link.publish_state(self._frames.encode(self._reading, now_ns, self._wall_ns()))
 
     def _watch_gateways(self, link: Link, now_ns: int) -> None:
         link.watch_gateways(1.0 / self.rate_hz)
@@ -350,24 +322,6 @@ class Agent:
             payload = self._report.write(outcome, positions, now_ns, wall_ns)
             link.publish_progress(payload, final=outcome.state != "running")
         self._outcomes.clear()
-
-    def _describe(self) -> Description:
-        floating = self._facts.floating
-        return Description(
-            version=WIRE_VERSION,
-            robot=self.name,
-            incarnation=self.incarnation,
-            title=self._facts.title,
-            urdf=self._facts.urdf,
-            base="floating" if floating else "fixed",
-            joints=self._names,
-            rate_hz=self.rate_hz,
-            capabilities=("move", "follow", "stop"),
-            annotations=self._facts.annotations,
-            meshes=self._meshes.offers,
-            cameras=self._cameras.offers,
-            layout=codec.layout(len(self._names), floating),
-        )
 
 
 def _decoded(payload: bytes, kind: type[_M]) -> _M | Refused:
