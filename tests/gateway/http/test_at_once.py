@@ -5,13 +5,13 @@ from functools import partial
 from typing import Any
 
 import pytest
-from linked_fleet_gateway.http.response_head import block
 from starlette.requests import Request
 from starlette.responses import Response
 from starlette.types import Receive, Scope, Send
 
 from linked_fleet_gateway.http.answers import Reply
 from linked_fleet_gateway.http.protocol import HttpProtocol
+from linked_fleet_gateway.http.response_head import block
 from serving import connect, run, serving
 
 _KEPT = (b"vary", b"Accept")
