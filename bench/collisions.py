@@ -21,7 +21,16 @@ from linked_fleet_agent.meshes import named
 from linked_fleet_agent.robots.catalogue import MODELS, data_folder
 from linked_fleet_demo.tree import PLACES
 from linked_fleet_gateway.extensions.world.collision_check import CLEARANCE_M, check
-from linked_fleet_gateway.extensions.world.messages import Answer, Check, Free, Leg, Meets, Stood, Unable, Way
+from linked_fleet_gateway.extensions.world.messages import (
+    Answer,
+    Check,
+    CheckFailed,
+    CollisionFound,
+    Free,
+    MotionPath,
+    PathSegment,
+    Placement,
+)
 from linked_fleet_gateway.extensions.world.robot import Robot
 from linked_fleet_gateway.extensions.world.shapes import robot_of
 from linked_fleet_gateway.extensions.world.surfaces import read_mesh
@@ -77,8 +86,10 @@ class Scene:
         return Around(self.rigid[name], self.robots[name].pairs, still)
 
     def check(self, name: str, start: Positions, ends: Positions) -> Answer:
-        others = tuple(Stood(each, each, self.base(each), (self.home[each],)) for each in self.robots if each != name)
-        me, way = Stood(name, name, self.base(name)), Way(dict(start), (Leg(dict(ends)),))
+        others = tuple(
+            Placement(each, each, self.base(each), (self.home[each],)) for each in self.robots if each != name
+        )
+        me, way = Placement(name, name, self.base(name)), MotionPath(dict(start), (PathSegment(dict(ends)),))
         return check(Check(me, (way,), others, (), _WITHIN_S), self.robots, {})
 
     def bound(self, name: str, start: Positions, ends: Positions) -> float:
@@ -120,12 +131,12 @@ class Trial:
             self.verdicts.free += 1
             if (found := contact(0.0, -TOLERANCE_M)) is not None:
                 self.verdicts.passed.append(f"{found}: {said}")
-        elif isinstance(answer, Meets):
+        elif isinstance(answer, CollisionFound):
             self.verdicts.refused += 1
             if contact(CLEARANCE_M + TOLERANCE_M, TOLERANCE_M) is None:
                 self.verdicts.needless.append(said)
         else:
-            assert isinstance(answer, Unable)
+            assert isinstance(answer, CheckFailed)
             self.verdicts.unable += 1
 
     def _targets(self, count: int) -> dict[str, float]:

@@ -13,11 +13,11 @@ from linked_fleet_gateway.extensions.history.resources import history_branches a
 from linked_fleet_gateway.extensions.history.span import Span
 from linked_fleet_gateway.extensions.pages.resources import BRANCH as ASSETS
 from linked_fleet_gateway.extensions.rules.description import branch as rules_branch
-from linked_fleet_gateway.extensions.rules.rule import Firing, FiringState, Known, Rule
+from linked_fleet_gateway.extensions.rules.rule import Firing, FiringState, Rule, RuleRecord
 from linked_fleet_gateway.extensions.things.directory import BRANCHES as THINGS
 from linked_fleet_gateway.extensions.world.collisions import Collision
 from linked_fleet_gateway.extensions.world.placement import WORLD
-from linked_fleet_gateway.extensions.world.resources import in_world
+from linked_fleet_gateway.extensions.world.resources import resolve_world
 from linked_fleet_gateway.extensions.world.scene import Box, Cylinder, SceneObject, Sphere, TriangleMesh
 from linked_fleet_gateway.extensions.world.terms import LF
 from linked_fleet_gateway.fleet.events import Appeared, Described, Undescribed
@@ -112,11 +112,11 @@ def _objects() -> dict[str, SceneObject]:
     }
 
 
-def _rules() -> dict[str, Known]:
+def _rules() -> dict[str, RuleRecord]:
     firing = Firing(_NOW_NS, {"value": '"1"'}, FiringState.ACCEPTED, reason="why")
     by_name = Rule("u1", "Rule", "SELECT ?a WHERE { ?a ?b ?c }", "/actions/stopAll", BASE, "somebody", _NOW_NS)
     by_variable = replace(by_name, id="u2", invokes="?a", body='_:body <http://example.com/p> "1" .\n', enabled=False)
-    return {"u1": Known(by_name, 1, {1: firing}, begun=True), "u2": Known(by_variable, 1)}
+    return {"u1": RuleRecord(by_name, 1, {1: firing}, begun=True), "u2": RuleRecord(by_variable, 1)}
 
 
 def _collisions() -> dict[str, Collision]:
@@ -141,7 +141,7 @@ def tree() -> Tree:
     branches = NONE.having(
         *THINGS,
         rules_branch(rules),
-        FleetBranch(WORLD[1:], LF.world, lambda view, rest: in_world(view, rest, objects, _collisions())),
+        FleetBranch(WORLD[1:], LF.world, lambda view, rest: resolve_world(view, rest, objects, _collisions())),
         *histories(History(fleet, 60.0, 10.0, 1_000_000)),
         cameras_branch(lambda robot, camera: {}),
         ASSETS,

@@ -10,8 +10,8 @@ from msgspec.structs import replace
 
 from actor import KEYS, SIMPLE, Actor
 from linked_fleet_agent.wire import codec
-from linked_fleet_agent.wire.messages import Camera, Description, Glance
-from linked_fleet_agent.wire.pictures import Moment, encode_picture
+from linked_fleet_agent.wire.messages import Camera, Description, PictureQuery
+from linked_fleet_agent.wire.pictures import PictureHeader, encode_picture
 
 PNG = b"\x89PNG\r\n\x1a\n\x00\x00\x00\rIHDR" + struct.pack(">II", 4, 3) + bytes(5)
 JPEG = b"\xff\xd8\xff\xc0\x00\x0b\x08" + struct.pack(">HH", 3, 4) + b"\x03"
@@ -29,7 +29,7 @@ class Seer:
 
     actor: Actor
     contents: dict[str, bytes] = field(default_factory=lambda: {"jpeg": JPEG, "png": PNG, "depth": DEPTH})
-    asked: list[Glance] = field(default_factory=list)
+    asked: list[PictureQuery] = field(default_factory=list)
     payload: bytes | None = None
     sequence: Iterator[int] = field(default_factory=itertools.count)
 
@@ -43,10 +43,10 @@ class Seer:
     def _answer(self, key: str, query: zenoh.Query) -> None:
         with query:
             assert query.payload is not None
-            glance = codec.decode(query.payload.to_bytes(), Glance)
+            glance = codec.decode(query.payload.to_bytes(), PictureQuery)
             self.asked.append(glance)
             query.reply(key, self.payload or self.picture(glance))
 
-    def picture(self, glance: Glance) -> bytes:
-        moment = Moment(3, 4, self.actor.incarnation, next(self.sequence), 1, 1_700_000_000 * 10**9, 0.1, 9.0)
+    def picture(self, glance: PictureQuery) -> bytes:
+        moment = PictureHeader(3, 4, self.actor.incarnation, next(self.sequence), 1, 1_700_000_000 * 10**9, 0.1, 9.0)
         return encode_picture(glance.format, moment, self.contents[glance.format])

@@ -90,7 +90,7 @@ class Agent:
         self._motions = Motions(self._joints, sways)
         self.demonstration = Demonstration(name, self._motions)
         self._monotonic_ns, self._wall_ns = monotonic_ns, wall_ns
-        self._seen, self._stops = safety.Remembered(), safety.Stops()
+        self._seen, self._stops = safety.RecentIds(), safety.Stops()
         self._reading: Reading | None = None
         self._stepped_ns: int | None = None
         self._gateway_present = False

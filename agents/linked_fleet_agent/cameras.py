@@ -4,11 +4,11 @@ import math
 import time
 from collections.abc import Sequence
 
-from linked_fleet_agent.robot import PictureError, Reading, Robot, Seeing
+from linked_fleet_agent.robot import CameraRobot, PictureError, Reading, Robot
 from linked_fleet_agent.wire import codec
 from linked_fleet_agent.wire.codec import WireError
-from linked_fleet_agent.wire.messages import Camera, Glance, State
-from linked_fleet_agent.wire.pictures import Moment, encode_picture
+from linked_fleet_agent.wire.messages import Camera, PictureQuery, State
+from linked_fleet_agent.wire.pictures import PictureHeader, encode_picture
 
 PERIOD_S = 0.05
 
@@ -20,7 +20,7 @@ class Cameras:
     """
 
     def __init__(self, robot: Robot, cameras: Sequence[Camera]) -> None:
-        self.offers = tuple(cameras) if isinstance(robot, Seeing) else ()
+        self.offers = tuple(cameras) if isinstance(robot, CameraRobot) else ()
         self._robot = robot
         self._cameras = {camera.name: camera for camera in self.offers}
         self._due_s = 0.0
@@ -31,7 +31,7 @@ class Cameras:
         Raises PictureError.
         """
         try:
-            asked = codec.decode(question, Glance)
+            asked = codec.decode(question, PictureQuery)
         except WireError as error:
             raise PictureError(f"this is no question for a picture: {error}") from error
         camera = self._cameras.get(asked.camera)
@@ -43,10 +43,10 @@ class Cameras:
             raise PictureError("the robot cannot be measured now, so nobody knows what its camera sees")
         time.sleep(max(0.0, self._due_s - time.monotonic()))
         self._due_s = time.monotonic() + PERIOD_S
-        assert isinstance(self._robot, Seeing)
+        assert isinstance(self._robot, CameraRobot)
         reading = Reading(shown.positions, shown.velocities, shown.efforts, shown.base)
         content = self._robot.picture(camera, asked.format, reading)
-        moment = Moment(
+        moment = PictureHeader(
             camera.height, camera.width, shown.incarnation, shown.sequence, shown.monotonic_ns, shown.wall_ns,
             camera.near_m, camera.far_m,
         )  # fmt: skip

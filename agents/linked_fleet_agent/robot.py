@@ -53,7 +53,7 @@ class Facts:
     """Facts about a robot that are known while it is offline; ``joints`` gives the order of every array in a Reading.
 
     ``meshes`` maps mesh URIs of the URDF to files (see meshes.py); it may be empty. ``cameras`` needs a driver that is
-    ``Seeing``; their names are unique.
+    ``CameraRobot``; their names are unique.
     """
 
     title: str
@@ -101,7 +101,7 @@ class Robot(Protocol):
 
 
 @runtime_checkable
-class Seeing(Protocol):
+class CameraRobot(Protocol):
     """A driver whose robot has cameras."""
 
     def picture(self, camera: Camera, format: PictureFormat, reading: Reading) -> bytes:

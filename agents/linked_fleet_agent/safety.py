@@ -21,7 +21,7 @@ MIN_STEP_S = 1e-3
 FARTHEST = 1e6
 
 
-class Remembered:
+class RecentIds:
     """The ids of the last accepted commands, so that none runs twice.
 
     Memory is bounded: at most ``capacity`` ids are kept. A replayed command whose id was forgotten is stale, unless
@@ -52,7 +52,7 @@ class Stops:
 
     def __init__(self) -> None:
         self._stopped_ns: dict[str, int] = {}
-        self._cancelled = Remembered()
+        self._cancelled = RecentIds()
 
     def note(self, joints: Iterable[str], now_ns: int) -> None:
         self._stopped_ns.update(dict.fromkeys(joints, now_ns))

@@ -15,7 +15,7 @@ import uvloop
 from linked_fleet_agent.spans import TracingUnavailable
 from linked_fleet_agent.wire.trust import is_loopback, open_to_all
 from linked_fleet_gateway.app.application import create_app, sockets_of
-from linked_fleet_gateway.app.exposure import complaints
+from linked_fleet_gateway.app.exposure import exposure_problems
 from linked_fleet_gateway.app.settings import GatewaySettings
 from linked_fleet_gateway.http.server import Server
 from linked_fleet_gateway.http.tls import Certificate
@@ -70,7 +70,7 @@ def _refuse_exposure(settings: GatewaySettings) -> None:
     settings.trust  # noqa: B018 -- raises ValueError
     # The name in a certificate has no effect unless the access list says what each name may do.
     proof = settings.credentials if settings.zenoh_access else None
-    found = complaints(
+    found = exposure_problems(
         exposed=not is_loopback(settings.host),
         tls=bool(settings.tls_cert),
         identities=bool(settings.identities),

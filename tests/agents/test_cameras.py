@@ -10,11 +10,11 @@ import pytest
 
 from linked_fleet_agent.cameras import Cameras
 from linked_fleet_agent.robot import Facts, PictureError
-from linked_fleet_agent.robots.eyes import Probe, as_available, probe
+from linked_fleet_agent.robots.camera_client import Probe, as_available, probe
 from linked_fleet_agent.robots.mujoco_robot import MujocoRobot
 from linked_fleet_agent.urdf import joints_of
 from linked_fleet_agent.wire import codec
-from linked_fleet_agent.wire.messages import Camera, Glance, State
+from linked_fleet_agent.wire.messages import Camera, PictureQuery, State
 from linked_fleet_agent.wire.pictures import decode_picture
 
 HEIGHT_M, DOWN_RAD, FIELD_RAD = 1.5, 0.8, 1.0
@@ -52,7 +52,7 @@ def shown(tilt_rad: float) -> State:
 
 
 def question(camera: str = "eye", format: str = "depth") -> bytes:
-    return codec.encode(Glance(version=1, camera=camera, format=format))  # type: ignore[arg-type]
+    return codec.encode(PictureQuery(version=1, camera=camera, format=format))  # type: ignore[arg-type]
 
 
 def test_depths_are_those_of_the_floor(seeing: MujocoRobot) -> None:

@@ -5,7 +5,7 @@ import math
 import pytest
 
 from linked_fleet_agent.robot import JointFacts, Limits
-from linked_fleet_agent.safety import ROUNDING, Remembered, Stops, clamp, judge, judge_stop, unexpected
+from linked_fleet_agent.safety import ROUNDING, RecentIds, Stops, clamp, judge, judge_stop, unexpected
 from linked_fleet_agent.wire.messages import WIRE_VERSION, Accepted, Command, Expectation, Follow, Move, Refused, Stop
 
 NOW = 10_000_000_000
@@ -173,7 +173,7 @@ def test_a_stop_is_refused_only_for_what_is_not_there() -> None:
 
 def test_memory_of_ids_is_bounded() -> None:
     """The oldest id is forgotten first."""
-    seen = Remembered(capacity=2)
+    seen = RecentIds(capacity=2)
     for command_id in ("a", "b", "c"):
         seen.add(command_id)
     assert [command_id in seen for command_id in ("a", "b", "c")] == [False, True, True]
@@ -182,7 +182,7 @@ def test_memory_of_ids_is_bounded() -> None:
 
 def test_the_last_4096_ids_are_known() -> None:
     """The number is that of agents/linked_fleet_agent/wire/PROTOCOL.md."""
-    seen = Remembered()
+    seen = RecentIds()
     for number in range(4_097):
         seen.add(str(number))
     assert ("0" in seen, "1" in seen, len(seen)) == (False, True, 4_096)

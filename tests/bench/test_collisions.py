@@ -6,7 +6,7 @@ import pytest
 
 from bench.collisions import Scene, Trial
 from linked_fleet_agent.robots.catalogue import MODELS
-from linked_fleet_gateway.extensions.world.messages import Free, Meets
+from linked_fleet_gateway.extensions.world.messages import CollisionFound, Free
 
 SEED, COUNT = 5, 6
 
@@ -30,7 +30,7 @@ def test_figure_5b_is_free_where_the_demo_stands_and_what_would_hit_is_not(scene
     home = scene.home["baxter"]
     assert isinstance(scene.check("baxter", home, {"right_s1": math.radians(43.6)}), Free)
     met = scene.check("baxter", home, {"right_s1": math.radians(43.6), "right_s0": math.radians(90)})
-    assert isinstance(met, Meets)
+    assert isinstance(met, CollisionFound)
 
 
 def test_the_second_opinion_sees_a_contact_that_is_there(scene: Scene) -> None:
@@ -38,4 +38,4 @@ def test_the_second_opinion_sees_a_contact_that_is_there(scene: Scene) -> None:
     trial = Trial(scene, "ur5", SEED)
     home = scene.home["ur5"]
     contact = trial._contact(home, {"elbow_joint": 3.1}, set(), 0.0, -0.001)
-    assert contact is not None and isinstance(scene.check("ur5", home, {"elbow_joint": 3.1}), Meets)
+    assert contact is not None and isinstance(scene.check("ur5", home, {"elbow_joint": 3.1}), CollisionFound)

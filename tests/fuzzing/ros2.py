@@ -11,10 +11,10 @@ from fuzzing.findings import Tally, in_process
 from linked_fleet_agent.robot import Facts, RobotFaultError
 from linked_fleet_agent.robots.ros2 import cdr
 from linked_fleet_agent.robots.ros2.address import AddressError, parse_address
-from linked_fleet_agent.robots.ros2.following import Follower
 from linked_fleet_agent.robots.ros2.robot import facts_of
-from linked_fleet_agent.robots.ros2.session import Arrived
+from linked_fleet_agent.robots.ros2.session import ReceivedMessage
 from linked_fleet_agent.robots.ros2.states import JointStates
+from linked_fleet_agent.robots.ros2.trajectory_points import TrajectoryPoints
 from linked_fleet_agent.urdf import UrdfError
 from ros2_robot import STORE, URDF, joint_state, text
 
@@ -33,7 +33,7 @@ class RosSide:
 
     def __init__(self) -> None:
         self._states = JointStates("arm", _JOINTS, "/joint_states", 0.5)
-        self._follower = Follower("/c/joint_trajectory", _JOINTS[:3])
+        self._follower = TrajectoryPoints("/c/joint_trajectory", _JOINTS[:3])
         self._now_s = 0.0
 
     def take(self, random: Random) -> None:
@@ -64,7 +64,7 @@ class RosSide:
         urdf = URDF if random.random() < 0.5 else mutation.raw(random, URDF.encode()).decode("utf-8", "replace")
         payload = torn(random, text(urdf)) if random.random() < 0.3 else text(urdf)
         try:
-            facts = facts_of("arm", Arrived(payload, 0.0))
+            facts = facts_of("arm", ReceivedMessage(payload, 0.0))
         except (cdr.CdrError, UrdfError):
             return
         assert isinstance(facts, Facts) and 0 < len(facts.joints) <= cdr.MAX_JOINTS and len(facts.title) <= 256

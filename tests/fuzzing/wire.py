@@ -17,7 +17,7 @@ from linked_fleet_agent.wire.codec import WireError, decode, decode_reply, decod
 from linked_fleet_agent.wire.keys import Keys
 from linked_fleet_agent.wire.messages import Accepted, Camera, Mesh, PictureFormat, Progress, Reply
 from linked_fleet_agent.wire.names import escape, unescape
-from linked_fleet_agent.wire.pictures import MAGICS, Moment, encode_picture
+from linked_fleet_agent.wire.pictures import MAGICS, PictureHeader, encode_picture
 from linked_fleet_gateway.base.errors import FleetError
 from linked_fleet_gateway.extensions.cameras.cameras import read_picture
 from linked_fleet_gateway.extensions.pages.extension import Pages
@@ -145,7 +145,7 @@ class World:
 
     def picture(self, random: Random) -> None:
         format = random.choice(tuple(_SEEN))
-        payload = encode_picture(format, Moment(2, 3, 1, 1, 1, 1, 0.1, 9.0), _SEEN[format])
+        payload = encode_picture(format, PictureHeader(2, 3, 1, 1, 1, 1, 0.1, 9.0), _SEEN[format])
         taken, reason = read_picture(mutation.raw(random, payload), _EYE, format, 1)
         assert (taken is None) == bool(reason), "a picture is either taken or told what is wrong"
         assert taken is None or taken.moment[:3] == (2, 3, 1), "a picture of another size or run is not taken"

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from linked_fleet_gateway.actions.store import ActionStore
-from linked_fleet_gateway.extensions.rules.rule import Known
+from linked_fleet_gateway.extensions.rules.rule import RuleRecord
 from linked_fleet_gateway.extensions.rules.store import RuleStore
 from linked_fleet_gateway.extensions.sessions.ended_sessions import EndedSessions
 from linked_fleet_gateway.extensions.sessions.session_key import SessionKey
@@ -51,7 +51,7 @@ def rules(url: str, stack: AsyncExitStack) -> tuple[Call, ...]:
     a = RuleStore(url, "fleet", "a")
     stack.push_async_callback(a.close)
     rule = a_rule()
-    known = Known(rule, 1, {}, 0)
+    known = RuleRecord(rule, 1, {}, 0)
     return (
         lambda: a.write(rule, 0, 9), lambda: a.remove(rule), a.load, lambda: a.read(rule.id), a.serve, a.leave, a.seen,
         lambda: a.note_seen(["r"], ["x"]), lambda: a.recall(known), lambda: a.begin(known, ()),

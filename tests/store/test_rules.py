@@ -8,8 +8,8 @@ from typing import Any
 import pytest
 
 from linked_fleet_gateway.extensions.rules import store as store_module
-from linked_fleet_gateway.extensions.rules.rule import Firing, FiringState, Known, Rule
-from linked_fleet_gateway.extensions.rules.store import Changed, Crowded, Full, Lost, RuleStore
+from linked_fleet_gateway.extensions.rules.rule import Firing, FiringState, Rule, RuleRecord
+from linked_fleet_gateway.extensions.rules.store import Changed, FleetFull, Full, Lost, RuleStore
 from redis_backends import Backend, opened
 from stored import HOSTILE, a_rule, closing
 
@@ -28,13 +28,13 @@ def began(*keys: str) -> dict[str, Firing]:
     return {key: Firing(1, {"x": HOSTILE}) for key in keys}
 
 
-async def read(store: RuleStore) -> Known:
+async def read(store: RuleStore) -> RuleRecord:
     """Return the only rule."""
     (known,) = (await store.load()).values()
     return known
 
 
-async def evaluated(store: RuleStore, rule: Rule, *holding: str) -> Known:
+async def evaluated(store: RuleStore, rule: Rule, *holding: str) -> RuleRecord:
     """Write a rule, and evaluate it for the first time."""
     await store.write(rule, 0, 9)
     await store.serve()
@@ -94,7 +94,7 @@ async def test_a_client_and_all_together_have_so_many_rules(a: RuleStore, monkey
     await a.write(a_rule(client="another"), 0, 2)
     await a.remove(rules[0])
     await a.write(rules[2], 0, 2)
-    with pytest.raises(Crowded):
+    with pytest.raises(FleetFull):
         await a.write(a_rule(client="a third"), 0, 2)
 
 

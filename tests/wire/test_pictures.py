@@ -7,9 +7,9 @@ import pytest
 
 from linked_fleet_agent.wire.codec import WireError
 from linked_fleet_agent.wire.messages import PictureFormat
-from linked_fleet_agent.wire.pictures import HEADER, MAX_CONTENT_BYTES, Moment, decode_picture, encode_picture
+from linked_fleet_agent.wire.pictures import HEADER, MAX_CONTENT_BYTES, PictureHeader, decode_picture, encode_picture
 
-SHOWN = Moment(rows=2, columns=3, incarnation=7, sequence=41, monotonic_ns=5, wall_ns=6, near_m=0.1, far_m=9.0)
+SHOWN = PictureHeader(rows=2, columns=3, incarnation=7, sequence=41, monotonic_ns=5, wall_ns=6, near_m=0.1, far_m=9.0)
 PNG = b"\x89PNG\r\n\x1a\n\x00\x00\x00\rIHDR" + struct.pack(">II", 3, 2) + b"\x08\x02\x00\x00\x00"
 JPEG = b"\xff\xd8\xff\xe0\x00\x04ab\xff\xc0\x00\x0b\x08" + struct.pack(">HH", 2, 3) + b"\x03"
 DEPTH = struct.pack("<6f", *range(6))

@@ -19,7 +19,7 @@ KINDS: dict[str, Any] = {
     "command": messages.Command,
     "stop": messages.Stop,
     "progress": messages.Progress,
-    "glance": messages.Glance,
+    "glance": messages.PictureQuery,
 }
 
 
@@ -86,7 +86,7 @@ def test_the_head_of_a_picture_is_that_of_the_code() -> None:
     fields = table("field", "type", "offset")
     formats = {"char2": "2s", "uint16": "H", "uint64": "Q", "int64": "q", "float64": "d"}
     assert "<" + "".join(formats[type_] for _, type_, _ in fields) == pictures.HEADER.format
-    assert [name for name, *_ in fields] == ["magic", "version", *pictures.Moment._fields]
+    assert [name for name, *_ in fields] == ["magic", "version", *pictures.PictureHeader._fields]
     offsets = [struct.calcsize("<" + "".join(formats[each] for _, each, _ in fields[:at])) for at in range(len(fields))]
     assert [int(offset) for *_, offset in fields] == offsets
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from linked_fleet_agent.meshes import named
 from linked_fleet_agent.robot import Facts, JointFacts, Robot
-from linked_fleet_agent.robots.eyes import as_available, probe
+from linked_fleet_agent.robots.camera_client import as_available, probe
 from linked_fleet_agent.robots.ros2.address import SCHEME, AddressError, parse_address
 from linked_fleet_agent.urdf import UrdfError, joints_of
 from linked_fleet_agent.wire.messages import Camera

@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 
 from linked_fleet_agent.robot import JointFacts
-from linked_fleet_agent.robots.repair import simulable
+from linked_fleet_agent.robots.urdf_repair import simulable_urdf
 
 _log = logging.getLogger(__name__)
 
@@ -33,7 +33,7 @@ def build(
 
     Raises UrdfError or ValueError, with the robot's name, if MuJoCo cannot build a model.
     """
-    text = simulable(urdf, robot, file if floating else None)
+    text = simulable_urdf(urdf, robot, file if floating else None)
     try:
         spec = mujoco.MjSpec.from_string(text)
         _set_up(spec, floating)

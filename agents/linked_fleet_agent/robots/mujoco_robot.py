@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 
 from linked_fleet_agent.robot import Facts, PictureError, Reading, RobotFaultError
-from linked_fleet_agent.robots.eyes import Renderer, Scene
+from linked_fleet_agent.robots.camera_client import Renderer, Scene
 from linked_fleet_agent.robots.mujoco_model import build
 from linked_fleet_agent.wire.messages import Base, Camera, PictureFormat
 
@@ -23,7 +23,7 @@ class MujocoRobot:
 
     ``home`` maps joints to their first positions (others: 0), clamped to the limits; ``home_height_m`` is the height of
     a floating base. ``file`` is the path of the URDF, for finding its meshes; ``renders_by`` is the OpenGL backend of
-    its cameras (``eyes.py``). Raises ValueError (UrdfError) if no model can be built.
+    its cameras (``camera_client.py``). Raises ValueError (UrdfError) if no model can be built.
     """
 
     def __init__(

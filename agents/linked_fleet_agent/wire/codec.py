@@ -14,7 +14,7 @@ from linked_fleet_agent.wire.messages import (
     Command,
     Description,
     Field,
-    Glance,
+    PictureQuery,
     Progress,
     Reply,
     State,
@@ -29,8 +29,8 @@ _HEADER = struct.Struct(_HEADER_FORMAT)
 _BASE_VALUES = 13
 _ROWS = ("positions", "velocities", "efforts")
 
-Message = Description | Command | Stop | Progress | Glance
-_M = TypeVar("_M", Description, Command, Stop, Progress, Glance)
+Message = Description | Command | Stop | Progress | PictureQuery
+_M = TypeVar("_M", Description, Command, Stop, Progress, PictureQuery)
 
 
 class WireError(ValueError):

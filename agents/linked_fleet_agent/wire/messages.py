@@ -158,7 +158,7 @@ class Stop(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     rehearsal: bool = False
 
 
-class Glance(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class PictureQuery(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """A request for the present picture of a camera."""
 
     version: int

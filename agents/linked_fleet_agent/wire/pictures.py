@@ -1,4 +1,4 @@
-"""The reply to a ``Glance``: a header of 56 bytes, then a JPEG or PNG file or depths (PROTOCOL.md, "Pictures")."""
+"""The reply to a ``PictureQuery``: 56 bytes of header, then a JPEG or PNG file or depths (PROTOCOL.md, "Pictures")."""
 
 import struct
 from typing import NamedTuple
@@ -15,7 +15,7 @@ _DEPTH_BYTES = 4
 _FRAMES, _ALONE = (0xC0, 0xC1, 0xC2), (0x01, *range(0xD0, 0xD8))
 
 
-class Moment(NamedTuple):
+class PictureHeader(NamedTuple):
     """The state frame that a picture shows, and the size of the picture; times in nanoseconds, lengths in metre."""
 
     rows: int
@@ -28,14 +28,14 @@ class Moment(NamedTuple):
     far_m: float
 
 
-def encode_picture(format: PictureFormat, moment: Moment, content: bytes) -> bytes:
+def encode_picture(format: PictureFormat, moment: PictureHeader, content: bytes) -> bytes:
     """Return the payload. Raises WireError if ``content`` is too large."""
     if len(content) > MAX_CONTENT_BYTES:
         raise WireError(f"a picture of {len(content)} bytes; {MAX_CONTENT_BYTES} are the most")
     return HEADER.pack(MAGICS[format], WIRE_VERSION, *moment) + content
 
 
-def decode_picture(payload: bytes, format: PictureFormat) -> tuple[Moment, bytes]:
+def decode_picture(payload: bytes, format: PictureFormat) -> tuple[PictureHeader, bytes]:
     """Return the header and the content of a picture. Raises WireError unless it has that format and its stated size.
 
     For a file only the signature and the size in its header are checked; its decoder checks the rest.
@@ -44,7 +44,7 @@ def decode_picture(payload: bytes, format: PictureFormat) -> tuple[Moment, bytes
         raise WireError(f"{len(payload)} bytes that do not start with the header of a {format} picture")
     _, version, *said = HEADER.unpack_from(payload)
     check_version(version)
-    moment, content = Moment(*said), payload[HEADER.size :]
+    moment, content = PictureHeader(*said), payload[HEADER.size :]
     if moment.incarnation >= 2**63 or moment.sequence >= 2**63 or moment.monotonic_ns < 0 or moment.wall_ns < 0:
         raise WireError("the run, the frame or the times of the picture are out of range")
     if len(content) > MAX_CONTENT_BYTES:
@@ -55,7 +55,7 @@ def decode_picture(payload: bytes, format: PictureFormat) -> tuple[Moment, bytes
     return moment, content
 
 
-def _size(content: bytes, format: PictureFormat, moment: Moment) -> tuple[int, int]:
+def _size(content: bytes, format: PictureFormat, moment: PictureHeader) -> tuple[int, int]:
     """Return rows and columns according to the content itself."""
     if format == "depth":
         if len(content) != _DEPTH_BYTES * moment.rows * moment.columns:

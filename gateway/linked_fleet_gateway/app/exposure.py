@@ -6,7 +6,7 @@ EXPOSURES = ("plain-http", "anonymous", "plain-zenoh")
 """Words of LINKED_FLEET_ALLOW, each of which waives one requirement."""
 
 
-def complaints(
+def exposure_problems(
     *, exposed: bool, tls: bool, identities: bool, open_endpoints: Sequence[str], allowed: Collection[str]
 ) -> list[str]:
     """Return a sentence for each unmet requirement, which names the remedies.

@@ -65,7 +65,10 @@ def chosen(settings: ExtensionSettings) -> list[Extension]:
     names, off = [each.name for each in BUILT_IN], settings.extensions_off
     if unknown := [name for name in off if name not in names]:
         raise ValueError(f"LINKED_FLEET_EXTENSIONS_OFF is of {', '.join(names)}, not {', '.join(unknown)}")
-    found = [*(each for each in BUILT_IN if each.name not in off and not lacking(each)), *foreign(settings)]
+    found = [
+        *(each for each in BUILT_IN if each.name not in off and not missing_requirements(each)),
+        *foreign(settings),
+    ]
     for each in found:
         if missing := [name for name in each.needs if name in off]:
             raise ValueError(
@@ -75,7 +78,7 @@ def chosen(settings: ExtensionSettings) -> list[Extension]:
     return in_order(found)
 
 
-def lacking(extension: Extension) -> list[str]:
+def missing_requirements(extension: Extension) -> list[str]:
     """Return the optional packages that the extension needs and that are not installed."""
     return [name for name in extension.modules if find_spec(name) is None]
 
@@ -137,7 +140,7 @@ def in_order(extensions: Sequence[Extension]) -> list[Extension]:
 async def mount(extensions: Sequence[Extension], core: Core, stack: AsyncExitStack) -> list[Mount]:
     """Start the extensions in order and add them to the tree and the guards; ``stack`` ends them."""
     for extension in BUILT_IN:
-        if names := lacking(extension):
+        if names := missing_requirements(extension):
             log.warning("The extension %s is off: %s is not installed.", extension.name, " and ".join(names))
     mounts: list[Mount] = []
     views = [view for each in extensions for view in each.views]

@@ -14,7 +14,7 @@ from websockets.sync.client import connect
 import linked_fleet_gateway.__main__ as gateway
 from certificates import made
 from linked_fleet_agent.settings import SettingsError, read_settings
-from linked_fleet_gateway.app.exposure import complaints
+from linked_fleet_gateway.app.exposure import exposure_problems
 from running import free_port, process
 
 
@@ -78,14 +78,14 @@ def test_certificates_without_access_control_leave_a_listener_open(refusal: Refu
 def test_what_is_asked_for_by_name_is_taken() -> None:
     def found(*allowed: str, tls: bool = False, identities: bool = False) -> int:
         return len(
-            complaints(exposed=True, tls=tls, identities=identities, open_endpoints=["tcp/x:1"], allowed=allowed)
+            exposure_problems(exposed=True, tls=tls, identities=identities, open_endpoints=["tcp/x:1"], allowed=allowed)
         )
 
     assert found() == 3
     assert found("plain-http", "anonymous", "plain-zenoh") == 0
     assert found("plain-zenoh", tls=True, identities=True) == 0
     assert found("anonymous", tls=True) == 1
-    assert complaints(exposed=False, tls=False, identities=False, open_endpoints=[], allowed=()) == []
+    assert exposure_problems(exposed=False, tls=False, identities=False, open_endpoints=[], allowed=()) == []
 
 
 def test_an_agent_that_anybody_reaches_is_refused() -> None:

@@ -9,10 +9,10 @@ from dataclasses import replace
 from linked_fleet_agent.robot import Facts, JointFacts, Reading, RobotFaultError
 from linked_fleet_agent.robots.ros2 import cdr
 from linked_fleet_agent.robots.ros2.address import Address, AddressError, Controller
-from linked_fleet_agent.robots.ros2.following import Follower, reached_in_s
 from linked_fleet_agent.robots.ros2.keys import Topic
-from linked_fleet_agent.robots.ros2.session import Arrived, Mailbox, Outlet, RosSession
+from linked_fleet_agent.robots.ros2.session import Mailbox, Outlet, ReceivedMessage, RosSession
 from linked_fleet_agent.robots.ros2.states import JointStates
+from linked_fleet_agent.robots.ros2.trajectory_points import TrajectoryPoints, time_from_start_s
 from linked_fleet_agent.urdf import UrdfError, joints_of, parse
 
 _log = logging.getLogger(__name__)
@@ -34,7 +34,7 @@ class Ros2Robot:
         self._states = JointStates(name, self._limits, address.states, address.stale_s)
         self._inbox = session.listen(_topic(address, address.states, cdr.JOINT_STATE), cdr.MAX_STATE_BYTES)
         self._ways = [
-            (Follower(one.topic, _joints_of(one, facts.joints)), _outlet(session, address, one))
+            (TrajectoryPoints(one.topic, _joints_of(one, facts.joints)), _outlet(session, address, one))
             for one in address.controllers
         ]
         self.bad_messages = 0
@@ -124,20 +124,20 @@ class Ros2Robot:
             missing = [str(error)]
         return missing + [f"no controller listens to {follower.topic}" for follower, out in self._ways if not out.heard]
 
-    def _send(self, follower: Follower, outlet: Outlet, positions: Mapping[str, float]) -> None:
+    def _send(self, follower: TrajectoryPoints, outlet: Outlet, positions: Mapping[str, float]) -> None:
         if not outlet.heard:
             raise RobotFaultError(f"no controller listens to {follower.topic}")
         if not positions:
             raise RobotFaultError(
                 f"no position of a joint of {follower.topic} is known; its controller holds where it was sent last"
             )
-        outlet.put(cdr.write_trajectory(list(positions), list(positions.values()), reached_in_s(self._cycle_s)))
+        outlet.put(cdr.write_trajectory(list(positions), list(positions.values()), time_from_start_s(self._cycle_s)))
 
     def _measured(self) -> dict[str, float]:
         now_s = time.monotonic()
         return {name: self._states.position(name, now_s) for name in self._limits}
 
-    def _take(self, arrived: Arrived) -> None:
+    def _take(self, arrived: ReceivedMessage) -> None:
         try:
             if arrived.payload is None:
                 raise cdr.CdrError("it is too long")
@@ -195,7 +195,7 @@ def _first(name: str, box: Mailbox, deadline_s: float) -> Facts:
     raise TimeoutError
 
 
-def facts_of(name: str, arrived: Arrived) -> Facts:
+def facts_of(name: str, arrived: ReceivedMessage) -> Facts:
     """Parse a description. Raises CdrError or UrdfError if it is not that of a robot with joints."""
     if arrived.payload is None:
         raise cdr.CdrError("it is too long")

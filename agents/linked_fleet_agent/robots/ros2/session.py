@@ -21,7 +21,7 @@ _LEASE_MS = 2_000
 _MOST_STATES, _MOST_DESCRIPTIONS = 32, 2
 
 
-class Arrived(NamedTuple):
+class ReceivedMessage(NamedTuple):
     """A message and its arrival in monotonic seconds; the payload is None if it was too long."""
 
     payload: bytes | None
@@ -33,13 +33,13 @@ class Mailbox:
 
     def __init__(self, longest: int, most: int) -> None:
         self._longest = longest
-        self._waiting: deque[Arrived] = deque(maxlen=most)
+        self._waiting: deque[ReceivedMessage] = deque(maxlen=most)
 
     def put(self, sample: zenoh.Sample) -> None:
         fits = len(sample.payload) <= self._longest
-        self._waiting.append(Arrived(sample.payload.to_bytes() if fits else None, time.monotonic()))
+        self._waiting.append(ReceivedMessage(sample.payload.to_bytes() if fits else None, time.monotonic()))
 
-    def fetch(self) -> list[Arrived]:
+    def fetch(self) -> list[ReceivedMessage]:
         """Return the messages since the last call, oldest first."""
         return [self._waiting.popleft() for _ in range(len(self._waiting))]
 

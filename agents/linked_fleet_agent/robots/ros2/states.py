@@ -14,7 +14,7 @@ _MOST_STRANGERS = 64
 
 
 @dataclass(frozen=True)
-class _Said:
+class _JointSample:
     stamp_ns: int
     arrived_s: float
     position: float
@@ -30,7 +30,7 @@ class JointStates:
 
     def __init__(self, robot: str, joints: Iterable[str], topic: str, stale_s: float) -> None:
         self._robot, self._topic, self._stale_s = robot, topic, stale_s
-        self._joints: dict[str, _Said | None] = dict.fromkeys(joints)
+        self._joints: dict[str, _JointSample | None] = dict.fromkeys(joints)
         self._strangers: set[str] = set()
 
     def take(self, state: JointState, arrived_s: float) -> None:
@@ -41,7 +41,7 @@ class JointStates:
                 continue
             last = self._joints[name]
             if last is None or state.stamp_ns == 0 or state.stamp_ns != last.stamp_ns:
-                self._joints[name] = _Said(state.stamp_ns, arrived_s, *values)
+                self._joints[name] = _JointSample(state.stamp_ns, arrived_s, *values)
 
     def reading(self, now_s: float) -> Reading:
         """Return the state of all joints. Raises RobotFaultError if all of them are stale."""
@@ -59,7 +59,7 @@ class JointStates:
         said = self._lately(name, now_s)
         return math.nan if said is None else said.position
 
-    def _lately(self, name: str, now_s: float) -> _Said | None:
+    def _lately(self, name: str, now_s: float) -> _JointSample | None:
         said = self._joints[name]
         return None if said is None or now_s - said.arrived_s > self._stale_s else said
 

@@ -13,7 +13,7 @@ from datetime import UTC, datetime
 from linked_fleet_agent.wire.trust import is_loopback, open_to_all
 from linked_fleet_gateway.app.doctor import certificates, clocks, ports, redis_server, zenoh_routers
 from linked_fleet_gateway.app.doctor.finding import Finding, lines, summary
-from linked_fleet_gateway.app.exposure import complaints
+from linked_fleet_gateway.app.exposure import exposure_problems
 from linked_fleet_gateway.app.settings import GatewaySettings
 
 _REDIS_S = 10.0
@@ -53,7 +53,7 @@ def _exposure(settings: GatewaySettings) -> Iterator[Finding]:
         proof = settings.credentials if settings.zenoh_access else None
     except ValueError:
         proof = None  # reported by _tls
-    for sentence in complaints(
+    for sentence in exposure_problems(
         exposed=not is_loopback(settings.host),
         tls=bool(settings.tls_cert),
         identities=bool(settings.identities),

@@ -8,7 +8,7 @@ from functools import lru_cache
 from linked_fleet_agent.wire.codec import WireError
 from linked_fleet_agent.wire.messages import MAX_PIXELS, Camera, PictureFormat
 from linked_fleet_agent.wire.names import MAX_NAME_BYTES, escape
-from linked_fleet_agent.wire.pictures import HEADER, Moment, decode_picture
+from linked_fleet_agent.wire.pictures import HEADER, PictureHeader, decode_picture
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.resources.paths import robot_of, robot_path
 
@@ -27,7 +27,7 @@ FORMATS: Mapping[str, PictureFormat] = {
 class Picture:
     """A camera picture of one state frame; ``content`` is an image file or, for depth, the frame with its header."""
 
-    moment: Moment
+    moment: PictureHeader
     content: bytes
 
 

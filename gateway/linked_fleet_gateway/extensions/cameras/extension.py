@@ -16,7 +16,7 @@ class CamerasExtension(Extension):
     vocabulary = (Path(__file__).with_name("vocabulary.ttl"),)
     shapes = (Path(__file__).with_name("shapes.ttl"),)
     in_robot = ("cameras",)
-    link_statements = ("linked_fleet_gateway.extensions.cameras.resources:hosted",)
+    link_statements = ("linked_fleet_gateway.extensions.cameras.resources:mounted_cameras",)
     operations = ("linked_fleet_gateway.extensions.cameras.operations:operations",)
     views = ("linked_fleet_gateway.extensions.cameras.page:VIEW",)
 

@@ -10,7 +10,7 @@ from types import TracebackType
 from typing import Self
 
 from linked_fleet_agent.wire.codec import encode
-from linked_fleet_agent.wire.messages import WIRE_VERSION, Camera, Glance, PictureFormat
+from linked_fleet_agent.wire.messages import WIRE_VERSION, Camera, PictureFormat, PictureQuery
 from linked_fleet_gateway.base.errors import AgentSilent, Busy, Offline
 from linked_fleet_gateway.extensions.cameras.cameras import (
     FORMATS,
@@ -169,7 +169,7 @@ class Pictures:
 
     async def _ask(self, robot: Robot, camera: Camera, format: PictureFormat) -> Picture:
         """One picture, from the agent of the robot. Raises NoAnswer."""
-        glance = encode(Glance(version=WIRE_VERSION, camera=camera.name, format=format))
+        glance = encode(PictureQuery(version=WIRE_VERSION, camera=camera.name, format=format))
 
         def read(answer: bytes | str) -> tuple[Picture | None, str]:
             return read_picture(answer, camera, format, robot.incarnation)

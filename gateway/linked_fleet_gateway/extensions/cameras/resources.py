@@ -66,7 +66,7 @@ class RobotCamera:
     camera: Camera
 
 
-def hosted(robot: Robot, link: Link) -> list[tuple[NamedNode, str]]:
+def mounted_cameras(robot: Robot, link: Link) -> list[tuple[NamedNode, str]]:
     """Return the cameras that are mounted on a link."""
     mounted = [each.name for each in cameras_of(robot).values() if each.link == link.name]
     return [(SOSA.hosts, camera_path(robot.name, name)) for name in mounted]

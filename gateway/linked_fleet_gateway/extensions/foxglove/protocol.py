@@ -25,11 +25,11 @@ _ANSWER = {"type": "object", "properties": {"status": {"type": "integer"}, "invo
 _UInt32 = Annotated[int, Meta(ge=0, lt=2**32)]
 
 
-class NotUnderstood(ValueError):  # noqa: N818
+class UnsupportedMessage(ValueError):  # noqa: N818
     """The message is not of this protocol, or asks for something that the gateway does not support."""
 
 
-class Wanted(Struct, rename="camel"):
+class SubscriptionRequest(Struct, rename="camel"):
     id: _UInt32
     channel_id: _UInt32
 
@@ -47,7 +47,7 @@ class Request(Struct, rename="camel"):
         "subscribe", "unsubscribe", "getParameters", "setParameters",
         "subscribeParameterUpdates", "unsubscribeParameterUpdates",
     ]  # fmt: skip
-    subscriptions: list[Wanted] = []
+    subscriptions: list[SubscriptionRequest] = []
     subscription_ids: list[_UInt32] = []
     parameter_names: list[str] = []
     parameters: list[Parameter] = []
@@ -103,18 +103,18 @@ class Service:
 
 
 def parse(message: str | bytes) -> Request | Call:
-    """Parse a message of a client. Raises NotUnderstood."""
+    """Parse a message of a client. Raises UnsupportedMessage."""
     try:
         return _parse_call(message) if isinstance(message, bytes) else msgspec.json.decode(message, type=Request)
     except (msgspec.DecodeError, RecursionError, struct.error, UnicodeDecodeError) as error:
-        raise NotUnderstood(f"This message is not understood: {error}"[:300]) from error
+        raise UnsupportedMessage(f"This message is not understood: {error}"[:300]) from error
 
 
 def _parse_call(message: bytes) -> Call:
     op, service, call, length = _CALL_HEADER.unpack_from(message)
     content = message[_CALL_HEADER.size :]
     if op != _CALL or length > len(content):
-        raise NotUnderstood("Of binary messages, whole calls of services are taken, and nothing else.")
+        raise UnsupportedMessage("Of binary messages, whole calls of services are taken, and nothing else.")
     return Call(service, call, content[:length].decode(), content[length:])
 
 

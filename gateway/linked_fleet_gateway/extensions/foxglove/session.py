@@ -10,7 +10,14 @@ import msgspec
 from linked_fleet_gateway.base.errors import FleetError
 from linked_fleet_gateway.extensions.foxglove import protocol
 from linked_fleet_gateway.extensions.foxglove.catalogue import SPEED, Catalogue, may_see
-from linked_fleet_gateway.extensions.foxglove.protocol import Call, Channel, NotUnderstood, Parameter, Request, Service
+from linked_fleet_gateway.extensions.foxglove.protocol import (
+    Call,
+    Channel,
+    Parameter,
+    Request,
+    Service,
+    UnsupportedMessage,
+)
 from linked_fleet_gateway.http.conversation import Conversation, Ended
 from linked_fleet_gateway.http.internal_request import Reply, ReplyTooLong, ask
 from linked_fleet_gateway.runtime.background import end, sliced
@@ -88,7 +95,7 @@ class Session:
         try:
             request = protocol.parse(message)
             await (self._call(request) if isinstance(request, Call) else self._do(request))
-        except NotUnderstood as error:
+        except UnsupportedMessage as error:
             await self._say("status", level=ERROR, message=str(error))
 
     async def _do(self, request: Request) -> None:
@@ -110,7 +117,7 @@ class Session:
             case "unsubscribeParameterUpdates":
                 self._followed = {name: each for name, each in self._followed.items() if name not in names}
 
-    def _subscribe(self, wanted: Iterable[protocol.Wanted]) -> None:
+    def _subscribe(self, wanted: Iterable[protocol.SubscriptionRequest]) -> None:
         wrong, taken, seen = [], set(self.subscribed.values()), self._seen["channels"]
         for each in wanted:
             if each.channel_id not in seen or each.channel_id in taken or each.id in self.subscribed:
@@ -121,7 +128,7 @@ class Session:
             taken.add(each.channel_id)
         self._rewatch()
         if wrong:
-            raise NotUnderstood(f"There are no such channels, or they are subscribed to already: {wrong[:10]}.")
+            raise UnsupportedMessage(f"There are no such channels, or they are subscribed to already: {wrong[:10]}.")
 
     async def _get(self, names: Iterable[str], id: str | None) -> None:
         found = self._parameters()
@@ -132,7 +139,7 @@ class Session:
         """Apply the settings one after the other, then answer with the resulting values."""
         present, names = self._parameters(), dict.fromkeys(each.name for each in request.parameters)
         if wrong := [name for name in names if name not in present or not name.endswith(f"/{SPEED}")]:
-            raise NotUnderstood(f"There are no such parameters that can be set: {wrong[:10]}"[:300])
+            raise UnsupportedMessage(f"There are no such parameters that can be set: {wrong[:10]}"[:300])
         for each in request.parameters:
             reply = await self._ask("PUT", each.name, msgspec.json.encode({"value": {"value": each.value}}))
             if isinstance(reply, str):

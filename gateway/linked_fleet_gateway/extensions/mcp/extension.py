@@ -4,8 +4,8 @@ from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from functools import partial
 
-from linked_fleet_gateway.extensions.mcp.http import converse, read_endpoint
-from linked_fleet_gateway.extensions.mcp.resources import BRANCH, PATH, Converse
+from linked_fleet_gateway.extensions.mcp.http import post_message, read_endpoint
+from linked_fleet_gateway.extensions.mcp.resources import BRANCH, PATH, PostMessage
 from linked_fleet_gateway.extensions.mcp.sdk import Sdk
 from linked_fleet_gateway.extensions.mcp.settings import McpSettings
 from linked_fleet_gateway.http.extension import Core, Extension, Mount
@@ -23,5 +23,5 @@ class McpExtension(Extension):
     @asynccontextmanager
     async def start(self, core: Core) -> AsyncIterator[Mount]:
         sdk = Sdk(core)
-        yield Mount((BRANCH,), readers={Converse: read_endpoint}, writers={Converse: partial(converse, sdk)})
+        yield Mount((BRANCH,), readers={PostMessage: read_endpoint}, writers={PostMessage: partial(post_message, sdk)})
         await sdk.end()

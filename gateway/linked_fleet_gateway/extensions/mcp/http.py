@@ -8,8 +8,8 @@ from typing import Any
 from starlette.responses import Response
 from starlette.types import ASGIApp
 
-from linked_fleet_gateway.extensions.mcp.asking import KEY, Asking
-from linked_fleet_gateway.extensions.mcp.resources import Converse
+from linked_fleet_gateway.extensions.mcp.message_context import KEY, MessageContext
+from linked_fleet_gateway.extensions.mcp.resources import PostMessage
 from linked_fleet_gateway.extensions.mcp.sdk import Sdk
 from linked_fleet_gateway.http.body import body_type, read_body
 from linked_fleet_gateway.http.hosted import AsgiResponse
@@ -29,7 +29,7 @@ _MAX_DEPTH, _MAX_VALUES = 24, 24_000
 _PARSE_ERROR, _INVALID_REQUEST = -32700, -32600  # JSON-RPC 2.0, 5.1
 
 
-async def read_endpoint(request: Request, resource: Resource, endpoint: Converse) -> ASGIApp:
+async def read_endpoint(request: Request, resource: Resource, endpoint: PostMessage) -> ASGIApp:
     """Return the description. There is no stream without a request, because the fleet has subscriptions of its own."""
     if wants_events(request):
         answer = _error(HTTPStatus.METHOD_NOT_ALLOWED, _INVALID_REQUEST, "The streams here are those of POST.")
@@ -38,7 +38,7 @@ async def read_endpoint(request: Request, resource: Resource, endpoint: Converse
     return read(request, resource)
 
 
-async def converse(sdk: Sdk, request: Request, affords: Converse) -> ASGIApp:
+async def post_message(sdk: Sdk, request: Request, affords: PostMessage) -> ASGIApp:
     """Process one message, or end a session. Raises TooManyRequests, PayloadTooLarge, UnsupportedMediaType, Busy."""
     content = b""
     length = request.headers.get("content-length", "")
@@ -46,7 +46,7 @@ async def converse(sdk: Sdk, request: Request, affords: Converse) -> ASGIApp:
     if not may_stop:
         await await_turn(request)
     if request.method == "POST":
-        body_type(request, Converse.body_types)
+        body_type(request, PostMessage.body_types)
         content = await read_body(request, MAX_MESSAGE_BYTES)
         offload: Offload = request.services.offload
         try:
@@ -56,8 +56,8 @@ async def converse(sdk: Sdk, request: Request, affords: Converse) -> ASGIApp:
         if may_stop and not _stops(message):
             await await_turn(request)
     core = sdk.core
-    asking = Asking(request, affords.view, core.live.branches, core.actions.lifecycle.waiters, sdk.ending)
-    return AsgiResponse(await sdk.app(), content, {KEY: asking}, sdk.ending.set)
+    context = MessageContext(request, affords.view, core.live.branches, core.actions.lifecycle.waiters, sdk.ending)
+    return AsgiResponse(await sdk.app(), content, {KEY: context}, sdk.ending.set)
 
 
 def _parsed(content: bytes) -> Any:

@@ -9,16 +9,16 @@ from mcp_types import CallToolResult, ContentBlock, ImageContent, TextContent
 from linked_fleet_gateway.http.internal_request import Reply
 
 
-def told(reply: Reply, note: str = "") -> CallToolResult:
+def content_result(reply: Reply, note: str = "") -> CallToolResult:
     """Return the content unchanged, preceded by ``note``; a refusal becomes an error."""
     if reply.status >= 400:
-        return refused(reply.problem, note)
+        return refusal_result(reply.problem, note)
     media_type, text = reply.media_type, ""
     content: list[ContentBlock] = [TextContent(text=note)] if note else []
     if media_type.startswith("image/"):
         content.append(ImageContent(data=b64encode(reply.content).decode(), mime_type=media_type))
     elif reply.content and not is_text(media_type):
-        return failed(f"This is {media_type} of {len(reply.content)} bytes; read it by HTTP.")
+        return failure_result(f"This is {media_type} of {len(reply.content)} bytes; read it by HTTP.")
     elif text := reply.content.decode():
         content.append(TextContent(text=text))
     value = json.loads(text) if text and "json" in media_type else None
@@ -29,7 +29,7 @@ def is_text(media_type: str) -> bool:
     return media_type.startswith("text/") or media_type.endswith("json")
 
 
-def refused(problem: dict[str, Any], note: str = "") -> CallToolResult:
+def refusal_result(problem: dict[str, Any], note: str = "") -> CallToolResult:
     """Return a tool error, as sentences and as problem details."""
     sentences = [note, f"{problem['title']} ({problem['status']}). {problem.get('detail', '')}"]
     for result in problem.get("report", ()):
@@ -37,8 +37,8 @@ def refused(problem: dict[str, Any], note: str = "") -> CallToolResult:
         sentences.append(f"- {result.get('path', 'the body')}: {result.get('message', 'not allowed')}{value}")
     if constraint := problem.get("constraint"):
         sentences.append(f"{constraint} says what would be right.")
-    return failed("\n".join(each.strip() for each in sentences if each), problem)
+    return failure_result("\n".join(each.strip() for each in sentences if each), problem)
 
 
-def failed(text: str, structured: dict[str, Any] | None = None) -> CallToolResult:
+def failure_result(text: str, structured: dict[str, Any] | None = None) -> CallToolResult:
     return CallToolResult(content=[TextContent(text=text)], structured_content=structured, is_error=True)

@@ -16,7 +16,7 @@ PATH, _TITLE = "/mcp", "Model Context Protocol"
 
 
 @dataclass(frozen=True)
-class Converse:
+class PostMessage:
     """Send a message, or end a session. ``view`` is that of the caller.
 
     It changes nothing itself: each operation in a message is a separate request with its own rights and audit entry.
@@ -38,7 +38,7 @@ def _resolve(view: RequestView, rest: list[str]) -> Found:
         graph.add(view.iri(PATH), RDFS.comment, Literal("Clients of the protocol connect here, by streamable HTTP."))
         graph.add(view.iri(PATH), RDFS.seeAlso, view.iri("/"))
 
-    return Resource(PATH, _TITLE, describe, affords=Converse(view), remote=Converse(view), followed=False)
+    return Resource(PATH, _TITLE, describe, affords=PostMessage(view), remote=PostMessage(view), followed=False)
 
 
 BRANCH = FleetBranch(PATH[1:], None, _resolve)

@@ -17,11 +17,11 @@ from sse_starlette.sse import AppStatus
 from starlette.types import Receive, Scope, Send
 
 from linked_fleet_gateway.base.errors import FleetError
-from linked_fleet_gateway.extensions.mcp.acting import Act, Rehearse, Stop
-from linked_fleet_gateway.extensions.mcp.asking import KEY, Asking
-from linked_fleet_gateway.extensions.mcp.finding import Find
-from linked_fleet_gateway.extensions.mcp.reading import Query, Read, contents, resources, templates
-from linked_fleet_gateway.extensions.mcp.replies import failed, refused
+from linked_fleet_gateway.extensions.mcp.action_tools import Act, Rehearse, Stop
+from linked_fleet_gateway.extensions.mcp.find_tool import Find
+from linked_fleet_gateway.extensions.mcp.message_context import KEY, MessageContext
+from linked_fleet_gateway.extensions.mcp.read_tools import Query, Read, contents, resources, templates
+from linked_fleet_gateway.extensions.mcp.replies import failure_result, refusal_result
 from linked_fleet_gateway.extensions.mcp.settings import McpSettings
 from linked_fleet_gateway.extensions.mcp.tool import Tool
 from linked_fleet_gateway.http.internal_request import ReplyTooLong
@@ -40,9 +40,9 @@ Values have units (IRIs of QUDT); an unknown value is null."""
 _Context: TypeAlias = ServerRequestContext[Any, Any]
 
 
-def _asking(context: _Context) -> Asking:
+def _message(context: _Context) -> MessageContext:
     assert context.request is not None
-    found: Asking = context.request.scope["extensions"][KEY]
+    found: MessageContext = context.request.scope["extensions"][KEY]
     return found
 
 
@@ -53,37 +53,37 @@ class Handlers:
         self._calls: Counter[str] = Counter()
 
     async def list_tools(self, context: _Context, params: object) -> types.ListToolsResult:
-        queries = _asking(context).branches.at_root("query") is not None
+        queries = _message(context).branches.at_root("query") is not None
         return types.ListToolsResult(tools=[each.published() for each in TOOLS if queries or each is not Query])
 
     async def call_tool(self, context: _Context, params: types.CallToolRequestParams) -> types.CallToolResult:
-        asking, name = _asking(context), params.name
+        message, name = _message(context), params.name
         if name not in _BY_NAME:
             raise MCPError(types.INVALID_PARAMS, f"Unknown tool: {name[:100]}")
-        client = "" if name == "stop" else bucket_of(asking.request.scope)
+        client = "" if name == "stop" else bucket_of(message.request.scope)
         if client and self._calls[client] >= MOST_CALLS:
-            return failed(f"{MOST_CALLS} calls of yours have not ended yet; wait for one of them.")
+            return failure_result(f"{MOST_CALLS} calls of yours have not ended yet; wait for one of them.")
         self._calls[client] += 1
         try:
-            return await _BY_NAME[name].call(asking, params.arguments or {}, context.session.report_progress)
+            return await _BY_NAME[name].call(message, params.arguments or {}, context.session.report_progress)
         except FleetError as error:
-            return refused(loads(problem_body(error, None)[0]))
+            return refusal_result(loads(problem_body(error, None)[0]))
         except ReplyTooLong as error:
-            return failed(f"{error} Read a part of it.")
+            return failure_result(f"{error} Read a part of it.")
         finally:
             self._calls -= Counter([client])
 
 
 async def _list_resources(context: _Context, params: object) -> types.ListResourcesResult:
-    return types.ListResourcesResult(resources=resources(_asking(context)))
+    return types.ListResourcesResult(resources=resources(_message(context)))
 
 
 async def _list_templates(context: _Context, params: object) -> types.ListResourceTemplatesResult:
-    return types.ListResourceTemplatesResult(resource_templates=templates(_asking(context)))
+    return types.ListResourceTemplatesResult(resource_templates=templates(_message(context)))
 
 
 async def _read_resource(context: _Context, params: types.ReadResourceRequestParams) -> types.ReadResourceResult:
-    return types.ReadResourceResult(contents=[await contents(_asking(context), params.uri)])
+    return types.ReadResourceResult(contents=[await contents(_message(context), params.uri)])
 
 
 class Sessions(StreamableHTTPSessionManager):

@@ -7,8 +7,8 @@ from typing import Annotated, ClassVar
 import mcp_types
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from linked_fleet_gateway.extensions.mcp.asking import Asking
-from linked_fleet_gateway.extensions.mcp.replies import failed
+from linked_fleet_gateway.extensions.mcp.message_context import MessageContext
+from linked_fleet_gateway.extensions.mcp.replies import failure_result
 
 Progress = Callable[[float, float, str], Awaitable[None]]
 """Reports the completed share, the total and the state to the client."""
@@ -30,14 +30,16 @@ class Tool(BaseModel):
         return mcp_types.Tool(name=name, description=description, input_schema=schema, annotations=cls.hints)
 
     @classmethod
-    async def call(cls, asking: Asking, given: dict[str, object], progress: Progress) -> mcp_types.CallToolResult:
+    async def call(
+        cls, context: MessageContext, given: dict[str, object], progress: Progress
+    ) -> mcp_types.CallToolResult:
         """Return the result, or an error that names the invalid arguments, so that the client can correct them."""
         try:
             wanted = cls.model_validate(given)
         except ValidationError as error:
             wrong = [f"- {'.'.join(map(str, each['loc']))[:200]}: {each['msg']}" for each in error.errors()[:10]]
-            return failed("\n".join(["These arguments are not taken:", *wrong]))
-        return await wanted.run(asking, progress)
+            return failure_result("\n".join(["These arguments are not taken:", *wrong]))
+        return await wanted.run(context, progress)
 
-    async def run(self, asking: Asking, progress: Progress) -> mcp_types.CallToolResult:
+    async def run(self, context: MessageContext, progress: Progress) -> mcp_types.CallToolResult:
         raise NotImplementedError

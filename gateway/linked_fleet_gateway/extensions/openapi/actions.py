@@ -64,14 +64,14 @@ def _invoke(method: str, name: str, parameters: Parameters, offer: Offer, body: 
     return writing(
         ("put" if method == "PUT" else "invoke") + name,
         offer.definition.title,
-        begun(name, parameters),
+        invocation_responses(name, parameters),
         None if body is None else {JSON: body},
         [pick, *map(header, fields)],
         description=offer.definition.comment,
     )
 
 
-def begun(name: str, parameters: Parameters) -> Json:
+def invocation_responses(name: str, parameters: Parameters) -> Json:
     """Return the responses to an invocation. A 202 contains the invocation only if the client prefers that."""
     location: Json = {"Location": ref("headers", "Location")}
     known = {each: f"$request.path.{each}" for each in parameters}

@@ -19,7 +19,7 @@ from linked_fleet_gateway.resources.resource import Resource
 
 
 @dataclass(frozen=True)
-class Described:
+class ApiDescription:
     """The description as the caller sees it."""
 
     view: RequestView
@@ -33,15 +33,15 @@ class OpenApiExtension(Extension):
     async def start(self, core: Core) -> AsyncIterator[Mount]:
         branch = FleetBranch(PATH[1:], None, _resolve, link=("service-desc", TYPE))
         documents = Documents(core.operations)
-        yield Mount(branches=(branch,), readers={Described: partial(_read, documents)})
+        yield Mount(branches=(branch,), readers={ApiDescription: partial(_read, documents)})
 
 
 def _resolve(view: RequestView, rest: list[str]) -> Found:
     types = (LDP.Resource,)
-    return None if rest else Resource(PATH, "OpenAPI", None, types, remote=Described(view), followed=False)
+    return None if rest else Resource(PATH, "OpenAPI", None, types, remote=ApiDescription(view), followed=False)
 
 
-async def _read(documents: Documents, request: Request, resource: Resource, of: Described) -> Response:
+async def _read(documents: Documents, request: Request, resource: Resource, of: ApiDescription) -> Response:
     """Return the description for the caller, or 304. Raises NotAcceptable and PreconditionFailed."""
     body = await documents.of(of.view)
     made = replace(resource, documents={media_type: lambda: body for media_type in (TYPE, JSON)})

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 
 from pyoxigraph import NamedNode
 
-from linked_fleet_gateway.extensions.openapi.actions import PICK, action_paths, begun, capitalized
+from linked_fleet_gateway.extensions.openapi.actions import PICK, action_paths, capitalized, invocation_responses
 from linked_fleet_gateway.extensions.openapi.components import ANNOTATIONS, LOCK_TOKEN
 from linked_fleet_gateway.extensions.openapi.schemas import closed, example, hoisted, union, unnamed
 from linked_fleet_gateway.fleet.robot import Robot
@@ -42,7 +42,7 @@ _MOST_FORMS = 256
 
 
 @dataclass
-class _Alike:
+class _CommonPath:
     """Properties or actions with the same name, and the robots and parts that have them."""
 
     robots: dict[str, None] = field(default_factory=dict)
@@ -72,9 +72,9 @@ class FleetPaths:
 
     def __init__(self, view: RequestView) -> None:
         self._base = view.base
-        self._robots, self._parts = _Alike(), _Alike()
-        self._properties: dict[tuple[bool, str], _Alike] = {}
-        self._actions: dict[tuple[bool, str], _Alike] = {}
+        self._robots, self._parts = _CommonPath(), _CommonPath()
+        self._properties: dict[tuple[bool, str], _CommonPath] = {}
+        self._actions: dict[tuple[bool, str], _CommonPath] = {}
         self.schemas: dict[str, Json] = {}
         """Schemas of bodies by name, filled by ``paths``."""
 
@@ -97,11 +97,11 @@ class FleetPaths:
         if part:
             self._parts.note(robot, part, kind)
         for item in items:
-            found = self._properties.setdefault((bool(part), item.segment), _Alike())
+            found = self._properties.setdefault((bool(part), item.segment), _CommonPath())
             found.note(robot, part, kind)
             found.items.append(item)
         for offer in offers:
-            found = self._actions.setdefault((bool(part), offer.definition.segment), _Alike())
+            found = self._actions.setdefault((bool(part), offer.definition.segment), _CommonPath())
             found.note(robot, part, kind)
             found.offers.append(offer)
 
@@ -158,7 +158,7 @@ class FleetPaths:
                 found.setdefault((robot and robot.name, *own), each)
         return list(found.values())
 
-    def _property(self, alike: _Alike, called: str) -> dict[str, Json]:
+    def _property(self, alike: _CommonPath, called: str) -> dict[str, Json]:
         item, parameters, template = alike.items[0], alike.parameters(), alike.template(f"/{called}")
         (*_, owner), form = parameters, form_of(item.shape)
         of, title = capitalized(owner) + capitalized(called), f"The {called} of a {owner}"
@@ -168,7 +168,7 @@ class FleetPaths:
         methods = {"get": reading(f"read{of}", title, schema)}
         if puts := [each.put for each in alike.items if isinstance(each.put, Offer)]:
             body = self._body(of, puts, form_of_target)
-            answers = begun(capitalized(puts[0].definition.segment), parameters)
+            answers = invocation_responses(capitalized(puts[0].definition.segment), parameters)
             fields = [PICK, *map(header, ("Prefer", "IdempotencyKey", "LockToken", "IfMatch"))]
             methods["put"] = writing(f"put{of}", "Command the joint to a position", answers, {JSON: body or {}}, fields)
         elif isinstance(item.put, Setting):

@@ -9,7 +9,7 @@ from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, replace
 
 from linked_fleet_gateway.extensions.query.messages import Instead, Measured
-from linked_fleet_gateway.extensions.rules.rule import FiringState, Known
+from linked_fleet_gateway.extensions.rules.rule import FiringState, RuleRecord
 from linked_fleet_gateway.fleet.invocation import Invocation
 from linked_fleet_gateway.fleet.invocations import Invocations
 from linked_fleet_gateway.fleet.robot import Robot
@@ -35,7 +35,7 @@ class RobotState:
 
 
 @dataclass
-class Caused:
+class CausedMotion:
     """A motion started by a firing; ``rules`` are the rule that fired and all rules that caused the firing."""
 
     robot: str
@@ -46,7 +46,7 @@ class Caused:
 
 
 @dataclass(frozen=True)
-class Question:
+class Counterfactual:
     """The fleet as if some motions had had no effect since the last evaluation, and the rules that caused them."""
 
     rules: frozenset[str]
@@ -57,17 +57,17 @@ class Causes:
     """The motions that may still cause changes. ``now_s`` is monotonic."""
 
     def __init__(self) -> None:
-        self._motions: dict[str, Caused] = {}
+        self._motions: dict[str, CausedMotion] = {}
 
     def began(self, motion: Invocation, robot: Robot, rules: Collection[str], before: RobotState) -> None:
         """Record the motion that a firing started, with the state of its robot before. Stops are no causes."""
         if motion.targets:
             joints = _moved(robot, motion.targets)
-            self._motions[motion.id] = Caused(motion.robot, joints, frozenset(rules), before)
+            self._motions[motion.id] = CausedMotion(motion.robot, joints, frozenset(rules), before)
         while len(self._motions) > MOST_MOTIONS:
             del self._motions[next(iter(self._motions))]
 
-    def restore(self, rules: Iterable[Known], robots: Mapping[str, Robot], invocations: Invocations) -> None:
+    def restore(self, rules: Iterable[RuleRecord], robots: Mapping[str, Robot], invocations: Invocations) -> None:
         """Record the running motions that firings at another gateway started."""
         for known in rules:
             for firing in known.firings.values():
@@ -89,7 +89,7 @@ class Causes:
         names = {each.robot for each in self._motions.values() if _lasts(each, now_s)}
         return {name: state_of(robots[name], invocations) for name in names if name in robots}
 
-    def questions(self, rule: str, since_s: float, look: Look) -> list[Question]:
+    def questions(self, rule: str, since_s: float, look: Look) -> list[Counterfactual]:
         """Return the hypothetical states that reveal the causes of a change since ``since_s``, given the state then.
 
         The motions caused by ``rule`` itself come first, then the most recent ones.
@@ -104,7 +104,7 @@ class Causes:
             if ids:
                 rules_of.setdefault(frozenset(ids), set()).add(each)
         asked = list(rules_of.items())[:MOST_QUESTIONS]
-        return [Question(frozenset(rules), self._without(ids, look)) for ids, rules in asked]
+        return [Counterfactual(frozenset(rules), self._without(ids, look)) for ids, rules in asked]
 
     def _without(self, ids: Collection[str], look: Look) -> tuple[Instead, ...]:
         found = []
@@ -146,5 +146,5 @@ def _moved(robot: Robot, targets: Collection[str]) -> frozenset[str]:
     return frozenset(moved)
 
 
-def _lasts(caused: Caused, since_s: float) -> bool:
+def _lasts(caused: CausedMotion, since_s: float) -> bool:
     return caused.over_s is None or caused.over_s + SETTLING_S >= since_s

@@ -3,19 +3,19 @@
 import time
 
 from linked_fleet_gateway.base.errors import InsufficientScope, UnprocessableContent
-from linked_fleet_gateway.extensions.rules.invoking import offered
 from linked_fleet_gateway.extensions.rules.rule import Rule
+from linked_fleet_gateway.extensions.rules.rule_invocation import find_action
 from linked_fleet_gateway.identity.rights import EVERYBODY, Identity, Right
 from linked_fleet_gateway.identity.service import Identities
 from linked_fleet_gateway.resources.tree import Tree
 
 
-class Ended(Exception):  # noqa: N818
+class RightsEnded(Exception):  # noqa: N818
     """The creator may no longer have the rule. A sentence for people."""
 
 
 def creator_of(rule: Rule, identities: Identities | None) -> Identity:
-    """Return the identity that the rule acts for; everybody if authentication is off. Raises Ended."""
+    """Return the identity that the rule acts for; everybody if authentication is off. Raises RightsEnded."""
     if identities is None:
         return EVERYBODY
     now_ns = time.time_ns()
@@ -24,9 +24,9 @@ def creator_of(rule: Rule, identities: Identities | None) -> Identity:
     else:
         now = identities.roster.holder(rule.creator, now_ns)
     if now is None or not may_have_rules(now):
-        raise Ended("the rights of its creator ended")
+        raise RightsEnded("the rights of its creator ended")
     if now.sees != rule.view:
-        raise Ended("its creator sees other robots now than when it was written; it has to be written again")
+        raise RightsEnded("its creator sees other robots now than when it was written; it has to be written again")
     return now
 
 
@@ -41,12 +41,12 @@ def may_have_rules(identity: Identity) -> bool:
 
 
 def check_action(rule: Rule, tree: Tree, creator: Identity) -> None:
-    """Raise Ended if the creator may not invoke the rule's fixed action. Other obstacles are found when it fires."""
+    """Raise RightsEnded if the creator may not invoke the rule's fixed action."""
     if rule.variable is not None:
         return
     try:
-        offered(tree, rule.invokes, creator)
+        find_action(tree, rule.invokes, creator)
     except InsufficientScope as error:
-        raise Ended(error.detail) from error
+        raise RightsEnded(error.detail) from error
     except UnprocessableContent:
         return

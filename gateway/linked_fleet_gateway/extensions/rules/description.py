@@ -8,7 +8,7 @@ from typing import ClassVar
 from pyoxigraph import BlankNode, Literal, NamedNode, RdfFormat, Triple, parse
 
 from linked_fleet_gateway.extensions.rules.request import CONTAINER
-from linked_fleet_gateway.extensions.rules.rule import Firing, FiringState, Known, Rule
+from linked_fleet_gateway.extensions.rules.rule import Firing, FiringState, Rule, RuleRecord
 from linked_fleet_gateway.extensions.rules.template import ROOT, triples_of
 from linked_fleet_gateway.extensions.rules.terms import LF
 from linked_fleet_gateway.identity.rights import Right
@@ -43,7 +43,7 @@ class MakeRule:
 class ChangeRule:
     """Replace or delete a rule."""
 
-    known: Known
+    known: RuleRecord
     methods: ClassVar[tuple[str, ...]] = ("PUT", "DELETE")
     body_types: ClassVar[tuple[str, ...]] = BODY_TYPES
     reads: ClassVar[bool] = False
@@ -58,13 +58,13 @@ def firings_path(rule: Rule) -> str:
     return f"{rule_path(rule)}/firings"
 
 
-def readable(known: Known, view: RequestView) -> bool:
+def readable(known: RuleRecord, view: RequestView) -> bool:
     """Return True if the caller created the rule, or sees all that its creator sees."""
     rule, sees = known.rule, view.sees
     return sees.covers(rule.view) or (bool(sees.name) and sees.name == rule.creator)
 
 
-def branch(rules: Mapping[str, Known]) -> FleetBranch:
+def branch(rules: Mapping[str, RuleRecord]) -> FleetBranch:
     """Return the branch of rules; ``rules`` are the present rules by id."""
 
     def resolve(view: RequestView, rest: list[str]) -> Resource | None:
@@ -78,8 +78,8 @@ def branch(rules: Mapping[str, Known]) -> FleetBranch:
     return FleetBranch(CONTAINER[1:], LF.rules, resolve)
 
 
-def _container(view: RequestView, rules: Mapping[str, Known]) -> Resource:
-    def shown() -> list[Known]:
+def _container(view: RequestView, rules: Mapping[str, RuleRecord]) -> Resource:
+    def shown() -> list[RuleRecord]:
         return sorted((each for each in rules.values() if readable(each, view)), key=lambda each: each.rule.created_ns)
 
     return Resource(
@@ -94,11 +94,11 @@ def _container(view: RequestView, rules: Mapping[str, Known]) -> Resource:
     )
 
 
-def _facts(known: Known) -> tuple[object, ...]:
+def _facts(known: RuleRecord) -> tuple[object, ...]:
     return known.rule, known.suppressed, known.fault, known.suspended, known.begun, tuple(known.firings.items())[-1:]
 
 
-def _in_rule(view: RequestView, known: Known, rules: Mapping[str, Known], rest: list[str]) -> Resource | None:
+def _in_rule(view: RequestView, known: RuleRecord, rules: Mapping[str, RuleRecord], rest: list[str]) -> Resource | None:
     rule = known.rule
     path, firings = rule_path(rule), firings_path(rule)
     if not rest or rest == ["blueprint"]:
@@ -124,7 +124,9 @@ def _in_rule(view: RequestView, known: Known, rules: Mapping[str, Known], rest: 
     return _in_firing(view, known, rules, rest[1:]) if rest[0] == "firings" else None
 
 
-def _in_firing(view: RequestView, known: Known, rules: Mapping[str, Known], rest: list[str]) -> Resource | None:
+def _in_firing(
+    view: RequestView, known: RuleRecord, rules: Mapping[str, RuleRecord], rest: list[str]
+) -> Resource | None:
     number = int(rest[0]) if rest[0].isdecimal() and rest[0].isascii() and len(rest[0]) < 16 else 0
     firing = known.firings.get(number)
     if firing is None or rest[0] != str(number) or rest[1:] not in ([], ["blueprint"]):
@@ -141,7 +143,7 @@ def _in_firing(view: RequestView, known: Known, rules: Mapping[str, Known], rest
     return blueprint_of(whole, view.base, (LF.FiringShape,)) if rest[1:] else whole
 
 
-def _describe_container(graph: Graph, view: RequestView, rules: Iterable[Known]) -> None:
+def _describe_container(graph: Graph, view: RequestView, rules: Iterable[RuleRecord]) -> None:
     iri = view.iri(CONTAINER)
     graph.a(iri, LF.RuleList, LDP.BasicContainer, LDP.Container)
     graph.add(iri, DCTERMS.title, Literal("Rules"))
@@ -164,7 +166,7 @@ def _describe_container(graph: Graph, view: RequestView, rules: Iterable[Known])
             _summarise(graph, view, last, firing)
 
 
-def _reasons(known: Known) -> list[str]:
+def _reasons(known: RuleRecord) -> list[str]:
     """Return the reasons why a rule is not evaluated, or not as it should be."""
     return [each for each in (known.rule.reason, known.suspended, known.fault) if each]
 
@@ -181,7 +183,7 @@ def _summarise(graph: Graph, view: RequestView, iri: NamedNode, firing: Firing) 
         graph.add(iri, LF.invocation, view.iri(firing.invocation))
 
 
-def _describe_rule(graph: Graph, view: RequestView, known: Known) -> None:
+def _describe_rule(graph: Graph, view: RequestView, known: RuleRecord) -> None:
     rule = known.rule
     iri = view.iri(rule_path(rule))
     graph.a(iri, LF.Rule)
@@ -206,7 +208,7 @@ def _describe_rule(graph: Graph, view: RequestView, known: Known) -> None:
     graph.add(iri, LF.firings, view.iri(firings_path(rule)))
 
 
-def rule_state(known: Known) -> NamedNode:
+def rule_state(known: RuleRecord) -> NamedNode:
     if not known.rule.enabled:
         return LF.disabled
     if known.suspended:
@@ -241,7 +243,7 @@ def _copied(graph: Graph, body: str) -> Node:
     return root
 
 
-def _describe_firings(graph: Graph, view: RequestView, known: Known) -> None:
+def _describe_firings(graph: Graph, view: RequestView, known: RuleRecord) -> None:
     iri = view.iri(firings_path(known.rule))
     graph.a(iri, LF.FiringList, LDP.BasicContainer, LDP.Container)
     graph.add(iri, DCTERMS.title, Literal(f"Firings of {known.rule.title}"))

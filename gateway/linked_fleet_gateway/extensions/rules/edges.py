@@ -17,7 +17,7 @@ LOOK_S = 0.02
 """Time in which frames are collected before a check."""
 
 
-class Changes:
+class ChangeNotifier:
     """Calls ``tell`` when the fleet has changed, at most every ``LOOK_S``. While closed it costs nothing."""
 
     def __init__(self, live: Live, tell: Callable[[], None]) -> None:
@@ -30,7 +30,7 @@ class Changes:
     def open(self) -> None:
         self._live.add_listener(self._hear)
 
-    def shut(self) -> None:
+    def close(self) -> None:
         self._live.remove_listener(self._hear)
         self._readings.clear()
         if self._looking is not None:

@@ -14,11 +14,11 @@ from linked_fleet_gateway.actions.service import Actions
 from linked_fleet_gateway.base.errors import AgentSilent, Busy, FleetError
 from linked_fleet_gateway.extensions.query.messages import Instead
 from linked_fleet_gateway.extensions.rules.causes import Causes, Look, state_of
-from linked_fleet_gateway.extensions.rules.creators import Ended, check_action
+from linked_fleet_gateway.extensions.rules.creators import RightsEnded, check_action
 from linked_fleet_gateway.extensions.rules.edges import Edge, Row, Unusable, edge, holding
-from linked_fleet_gateway.extensions.rules.invoking import Moments, action_path, invoked
 from linked_fleet_gateway.extensions.rules.loops import reason_to_disable, self_caused
-from linked_fleet_gateway.extensions.rules.rule import Firing, FiringState, Known, Rule
+from linked_fleet_gateway.extensions.rules.rule import Firing, FiringState, Rule, RuleRecord
+from linked_fleet_gateway.extensions.rules.rule_invocation import Moments, action_path, invoke
 from linked_fleet_gateway.extensions.rules.store import Changed, Lost, RuleStore, StoreUnavailable
 from linked_fleet_gateway.identity.rights import Identity, View
 from linked_fleet_gateway.resources.invocation import invocation_path
@@ -58,7 +58,7 @@ class Evaluated:
 class Engine:
     """Evaluates and fires rules.
 
-    ``known`` are the present rules by id, ``bases`` the public URLs of the fleet. ``creator_of`` raises Ended.
+    ``known`` are the present rules by id, ``bases`` the public URLs of the fleet. ``creator_of`` raises RightsEnded.
     ``refresh`` reads a rule again, ``note`` is called with the result of each firing.
     """
 
@@ -67,7 +67,7 @@ class Engine:
         live: Live,
         actions: Actions,
         store: RuleStore,
-        known: Mapping[str, Known],
+        known: Mapping[str, RuleRecord],
         select: Select,
         creator_of: Callable[[Rule], Identity],
         refresh: Callable[[str], Awaitable[None]],
@@ -110,7 +110,7 @@ class Engine:
         return bool(self._tasks)
 
     def entitled(self, rule: Rule) -> Identity:
-        """Return the identity that the rule acts for now. Raises Ended."""
+        """Return the identity that the rule acts for now. Raises RightsEnded."""
         creator = self._creator_of(rule)
         check_action(rule, self._live.tree(rule.base, creator.sees), creator)
         return creator
@@ -129,13 +129,13 @@ class Engine:
                     held = await self._evaluate(known, held)
                 await asyncio.sleep(max(EVERY_S, (time.monotonic() - begun_s) * (SHARE - 1)))
 
-    async def _evaluate(self, known: Known, held: Evaluated | None) -> Evaluated | None:
+    async def _evaluate(self, known: RuleRecord, held: Evaluated | None) -> Evaluated | None:
         rule, was_suspended = known.rule, bool(known.suspended)
         if held is not None and held.revision != known.revision:
             held = None
         try:
             creator = self.entitled(rule)
-        except Ended as error:
+        except RightsEnded as error:
             await self._complain(known, suspended=str(error))
             return None
         moments, at_s = self._moments(creator.sees), time.monotonic()
@@ -177,7 +177,12 @@ class Engine:
         return found
 
     async def _advance(
-        self, known: Known, creator: Identity, change: Edge, causes: Mapping[str, Collection[str]], moments: Moments
+        self,
+        known: RuleRecord,
+        creator: Identity,
+        change: Edge,
+        causes: Mapping[str, Collection[str]],
+        moments: Moments,
     ) -> None:
         """Store the changed rows, and fire."""
         if not change:
@@ -196,7 +201,7 @@ class Engine:
         rows = [(row, began[key]) for key, row in change.began]
         await self._fire_all(known, creator, dict(zip(numbers, rows, strict=False)), moments)
 
-    async def _disable(self, known: Known, reason: str) -> None:
+    async def _disable(self, known: RuleRecord, reason: str) -> None:
         """Disable a rule until somebody enables it again."""
         log.warning("rule %s (%s) is %s", known.rule.id, known.rule.title, reason)
         self.loops += 1
@@ -216,7 +221,7 @@ class Engine:
             await self._store.note_seen(online - self._seen, self._seen - online)
             self._seen = online
 
-    async def _complain(self, known: Known, fault: str = "", suspended: str = "") -> None:
+    async def _complain(self, known: RuleRecord, fault: str = "", suspended: str = "") -> None:
         if (known.fault, known.suspended) != (fault, suspended):
             await self._store.complain(replace(known, fault=fault, suspended=suspended))
             await self._refresh(known.rule.id)
@@ -224,14 +229,14 @@ class Engine:
     # -- firings ------------------------------------------------------------------------------------------------------
 
     async def _fire_all(
-        self, known: Known, creator: Identity, rows: Mapping[int, tuple[Row, Firing]], moments: Moments
+        self, known: RuleRecord, creator: Identity, rows: Mapping[int, tuple[Row, Firing]], moments: Moments
     ) -> None:
         firings = [self._fire(known, creator, number, *each, moments) for number, each in rows.items()]
         await asyncio.gather(*firings)
         await self._refresh(known.rule.id)
 
     async def _fire(
-        self, known: Known, creator: Identity, number: int, row: Row, firing: Firing, moments: Moments
+        self, known: RuleRecord, creator: Identity, number: int, row: Row, firing: Firing, moments: Moments
     ) -> None:
         rule = known.rule
         firing = await self._invoke(known, creator, number, row, moments, firing)
@@ -242,7 +247,7 @@ class Engine:
             log.warning("what became of firing %d of rule %s could not be remembered: %s", number, rule.id, error)
 
     async def _invoke(
-        self, known: Known, creator: Identity, number: int, row: Row, moments: Moments, firing: Firing
+        self, known: RuleRecord, creator: Identity, number: int, row: Row, moments: Moments, firing: Firing
     ) -> Firing:
         rule, present = known.rule, self._known.get(known.rule.id)
         if present is None or not present.rule.enabled:
@@ -252,7 +257,7 @@ class Engine:
             path = action_path(rule, row, self._bases)
             robot = self._live.fleet.robots.get(robot_of(path) or "")
             before = None if robot is None else state_of(robot, invocations)
-            invocation = await invoked(self._actions, tree, rule, path, creator, number, row, moments)
+            invocation = await invoke(self._actions, tree, rule, path, creator, number, row, moments)
         except AgentSilent as error:
             path = error.headers.get("location", "")
             return replace(firing, state=FiringState.UNKNOWN, invocation=path, reason=str(error)[:_LONGEST])

@@ -20,11 +20,11 @@ from linked_fleet_gateway.base.errors import (
 from linked_fleet_gateway.extensions.rules.creators import may_have_rules
 from linked_fleet_gateway.extensions.rules.description import ChangeRule, MakeRule, rule_path
 from linked_fleet_gateway.extensions.rules.errors import TooManyRules
-from linked_fleet_gateway.extensions.rules.invoking import offered, path_in_fleet
-from linked_fleet_gateway.extensions.rules.request import CONTAINER, RuleRequest, check_variables, requested
-from linked_fleet_gateway.extensions.rules.rule import Known, Rule
+from linked_fleet_gateway.extensions.rules.request import CONTAINER, RuleRequest, check_variables, parse_rule
+from linked_fleet_gateway.extensions.rules.rule import Rule, RuleRecord
+from linked_fleet_gateway.extensions.rules.rule_invocation import find_action, path_in_fleet
 from linked_fleet_gateway.extensions.rules.service import Rules
-from linked_fleet_gateway.extensions.rules.store import Changed, Crowded, Full, StoreUnavailable
+from linked_fleet_gateway.extensions.rules.store import Changed, FleetFull, Full, StoreUnavailable
 from linked_fleet_gateway.extensions.rules.terms import LF
 from linked_fleet_gateway.http.body import body_type, parse_body, read_as
 from linked_fleet_gateway.http.created import check_accepted, created_response
@@ -90,7 +90,7 @@ async def change_rule(rules: Rules, request: Request, afforded: ChangeRule) -> R
         known = latest
 
 
-def _changed(rules: Rules, request: Request, known: Known, wanted: RuleRequest, own: bool) -> Rule:
+def _changed(rules: Rules, request: Request, known: RuleRecord, wanted: RuleRequest, own: bool) -> Rule:
     rule = known.rule
     if own:
         _demand_rights(request.caller)
@@ -108,7 +108,7 @@ def _iri(rule: Rule) -> str:
 
 async def _wanted(rules: Rules, request: Request, media_type: str, iri: str) -> RuleRequest:
     def read(body: bytes) -> RuleRequest:
-        return requested(parse_body(body, media_type, iri, request.base, lengths=_LENGTHS), iri, request.base)
+        return parse_rule(parse_body(body, media_type, iri, request.base, lengths=_LENGTHS), iri, request.base)
 
     wanted = await read_as(request, read)
     try:
@@ -148,7 +148,7 @@ def _action(rules: Rules, request: Request, iri: str) -> str:
     if path is None:
         raise _foreign(f"{iri[:200]!r}", request.base)
     try:
-        return offered(request.tree(), path, request.caller).path
+        return find_action(request.tree(), path, request.caller).path
     except UnprocessableContent as error:
         raise UnprocessableContent(error.detail, constraint=request.base + CONTAINER) from error
 
@@ -190,7 +190,7 @@ async def _refusals(rules: Rules) -> AsyncIterator[None]:
         yield
     except Full as error:
         raise TooManyRules(f"You have {rules.limit} rules, as many as you may have; delete some of them.") from error
-    except Crowded as error:
+    except FleetFull as error:
         raise TooManyRules("The fleet has as many rules as it can have; some have to be deleted.") from error
     except Changed as error:
         raise PreconditionFailed("The rule has changed or been deleted meanwhile.") from error

@@ -2,13 +2,13 @@
 
 from collections.abc import Collection
 
-from linked_fleet_gateway.extensions.rules.rule import FiringState, Known
+from linked_fleet_gateway.extensions.rules.rule import FiringState, RuleRecord
 
 FIRINGS, WITHIN_S = 6, 60
 """A rule that its own firings made start to hold this often, within this many seconds, is disabled."""
 
 
-def self_caused(known: Known, causes: Collection[str], at_ns: int) -> tuple[int, ...]:
+def self_caused(known: RuleRecord, causes: Collection[str], at_ns: int) -> tuple[int, ...]:
     """Return the times within the last ``WITHIN_S`` at which its own firings made the rule start to hold.
 
     ``causes`` are the rules that caused it to hold at ``at_ns``. The latest firing of the same revision stores the
@@ -21,7 +21,7 @@ def self_caused(known: Known, causes: Collection[str], at_ns: int) -> tuple[int,
     return tuple(recent[-FIRINGS:])
 
 
-def reason_to_disable(known: Known, causes: Collection[str], times_ns: Collection[int]) -> str:
+def reason_to_disable(known: RuleRecord, causes: Collection[str], times_ns: Collection[int]) -> str:
     """Return a sentence for people if the rule must be disabled, else an empty string."""
     if known.rule.id not in causes or len(times_ns) < FIRINGS:
         return ""

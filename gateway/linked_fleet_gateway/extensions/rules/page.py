@@ -27,7 +27,7 @@ _TEMPLATES = Path(__file__).parent / "templates"
 
 
 @dataclass(frozen=True)
-class Fired:
+class FiringRow:
     """A firing in a table; ``did`` links its invocation while that exists."""
 
     link: Link
@@ -39,14 +39,14 @@ class Fired:
 
 
 @dataclass(frozen=True)
-class Listed:
+class RuleRow:
     """A rule in the list."""
 
     link: Link
     enabled: bool
     state: Value | None
     reasons: Sequence[str]
-    last: Fired | None
+    last: FiringRow | None
 
 
 def rules(facts: Facts, iri: NamedNode) -> Part:
@@ -107,9 +107,9 @@ def firings(facts: Facts, iri: NamedNode) -> Part:
     return Part({"fired": [_fired(facts, each) for each in members]}, {LDP.contains}, set(members))
 
 
-def _listed(facts: Facts, iri: NamedNode) -> Listed:
+def _listed(facts: Facts, iri: NamedNode) -> RuleRow:
     last = facts.one(iri, LF.lastFiring)
-    return Listed(
+    return RuleRow(
         facts.link(iri),
         _enabled(facts, iri),
         _first(facts, iri, LF.state),
@@ -118,7 +118,7 @@ def _listed(facts: Facts, iri: NamedNode) -> Listed:
     )
 
 
-def _fired(facts: Facts, iri: NamedNode) -> Fired:
+def _fired(facts: Facts, iri: NamedNode) -> FiringRow:
     invocation = facts.one(iri, LF.invocation)
     did = None
     if isinstance(invocation, NamedNode):
@@ -130,7 +130,7 @@ def _fired(facts: Facts, iri: NamedNode) -> Fired:
         for node in facts.all(iri, LF.binding)
         for value in facts.values(node, LF.value)  # type: ignore[arg-type]
     ]
-    return Fired(
+    return FiringRow(
         Link(f"Firing {number}", iri.value, iri.value),
         _first(facts, iri, DCTERMS.created),
         _first(facts, iri, LF.state),

@@ -43,7 +43,7 @@ class RuleRequest:
     enabled: bool
 
 
-def requested(triples: Sequence[Triple], iri: str, base: str) -> RuleRequest:
+def parse_rule(triples: Sequence[Triple], iri: str, base: str) -> RuleRequest:
     """Parse a rule from ``triples`` sent to ``iri``. Raises UnprocessableContent with the report of the shape."""
     container = base + CONTAINER
     focus = _focus(triples, iri)

@@ -86,7 +86,7 @@ class Firing:
 
 
 @dataclass
-class Known:
+class RuleRecord:
     """A rule with its latest firings by number. ``fault`` is the reason why it cannot be evaluated."""
 
     rule: Rule

@@ -10,12 +10,12 @@ from types import TracebackType
 from typing import Self
 
 from linked_fleet_gateway.actions.service import Actions
-from linked_fleet_gateway.extensions.rules.creators import Ended
+from linked_fleet_gateway.extensions.rules.creators import RightsEnded
 from linked_fleet_gateway.extensions.rules.description import firings_path, rule_path
-from linked_fleet_gateway.extensions.rules.edges import Changes
+from linked_fleet_gateway.extensions.rules.edges import ChangeNotifier
 from linked_fleet_gateway.extensions.rules.engine import Engine, Select, robot_invoked
 from linked_fleet_gateway.extensions.rules.request import CONTAINER
-from linked_fleet_gateway.extensions.rules.rule import Firing, FiringState, Known, Rule
+from linked_fleet_gateway.extensions.rules.rule import Firing, FiringState, Rule, RuleRecord
 from linked_fleet_gateway.extensions.rules.store import Changed, RuleStore, StoreUnavailable
 from linked_fleet_gateway.identity.rights import Identity
 from linked_fleet_gateway.resources.affordance import Invoke
@@ -56,11 +56,11 @@ class Rules:
         self.check = check
         """Returns the variables of a condition. Raises BadRequest, PayloadTooLarge."""
         """The public URLs of the fleet."""
-        self.known: dict[str, Known] = {}
+        self.known: dict[str, RuleRecord] = {}
         self._replica = Replica(store.load, store.read, self._put)
         refresh = self._replica.refresh
         self._engine = Engine(live, actions, store, self.known, select, creator_of, refresh, self._noted, bases)
-        self._changes = Changes(live, self._engine.wake)
+        self._changes = ChangeNotifier(live, self._engine.wake)
         self._stopping: dict[str, str] = {}
         """Reasons of rules disabled here that Redis does not know yet."""
         self._written = asyncio.Event()
@@ -81,7 +81,7 @@ class Rules:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         await end([*self._tasks, *self._writing])
-        self._changes.shut()
+        self._changes.close()
         await self._engine.compare(set())
         await finish(self._store.leave(), log, "the store could not be told that this gateway ends")
         await self._store.close()
@@ -98,14 +98,14 @@ class Rules:
 
     # -- what clients do ----------------------------------------------------------------------------------------------
 
-    async def write(self, rule: Rule, revision: int) -> Known:
+    async def write(self, rule: Rule, revision: int) -> RuleRecord:
         """Add a rule (``revision`` 0), or replace that revision. Raises Full, Crowded, Changed, StoreUnavailable."""
         await self._store.write(rule, revision, self.limit)
         self._stopping.pop(rule.id, None)
         await self._replica.refresh(rule.id)
-        return self.known.get(rule.id, Known(rule, revision + 1))
+        return self.known.get(rule.id, RuleRecord(rule, revision + 1))
 
-    async def latest(self, id: str) -> Known | None:
+    async def latest(self, id: str) -> RuleRecord | None:
         """Return the rule as it is in Redis now. Raises StoreUnavailable."""
         await self._replica.refresh(id)
         return self.known.get(id)
@@ -157,7 +157,7 @@ class Rules:
 
     # -- the copy -----------------------------------------------------------------------------------------------------
 
-    def _put(self, id: str, known: Known | None) -> None:
+    def _put(self, id: str, known: RuleRecord | None) -> None:
         before = self.known.pop(id, None)
         if known is not None:
             if known.rule.enabled and id in self._stopping:
@@ -194,7 +194,7 @@ class Rules:
         if enabled and not self._engine.serves:
             self._changes.open()
         elif not enabled and self._engine.serves:
-            self._changes.shut()
+            self._changes.close()
         await self._engine.compare(enabled)
         if any(self._turned(self.known[id]) for id in enabled):
             self._engine.wake()
@@ -207,18 +207,18 @@ class Rules:
         robots = self._live.fleet.robots
         return {name for name in awaited if name not in robots or robots[name].header is None}
 
-    def _turned(self, known: Known) -> bool:
+    def _turned(self, known: RuleRecord) -> bool:
         """Return True if its creator lost or regained the right to it."""
         try:
             self._engine.entitled(known.rule)
-        except Ended as error:
+        except RightsEnded as error:
             return known.suspended != str(error)
         return bool(known.suspended)
 
     async def _rest(self) -> None:
         """Stop evaluating, because another gateway serves the rules."""
         if self._engine.serves:
-            self._changes.shut()
+            self._changes.close()
         await self._engine.compare(set())
         self._awaited = self._serving_since_s = None
 

@@ -15,10 +15,10 @@ import msgspec
 
 from linked_fleet_gateway.extensions.rules import redis_scripts as scripts
 from linked_fleet_gateway.extensions.rules.redis_scripts import Keys
-from linked_fleet_gateway.extensions.rules.rule import Firing, FiringState, Known, Rule
+from linked_fleet_gateway.extensions.rules.rule import Firing, FiringState, Rule, RuleRecord
 from linked_fleet_gateway.runtime.redis import Connection, StoreUnavailable
 
-__all__ = ["KEPT", "LEASE_S", "Changed", "Crowded", "Full", "Lost", "RuleStore", "StoreUnavailable"]
+__all__ = ["KEPT", "LEASE_S", "Changed", "FleetFull", "Full", "Lost", "RuleStore", "StoreUnavailable"]
 log = logging.getLogger(__name__)
 
 LEASE_S = 3.0  # after this time without renewal another gateway takes over
@@ -35,7 +35,7 @@ class Full(Exception):  # noqa: N818
     """The client has too many rules."""
 
 
-class Crowded(Exception):  # noqa: N818
+class FleetFull(Exception):  # noqa: N818
     """The fleet has too many rules."""
 
 
@@ -64,14 +64,14 @@ class RuleStore:
     # Rules
 
     async def write(self, rule: Rule, revision: int, limit: int) -> None:
-        """Add a rule (``revision`` 0), or replace that revision. Raises Full, Crowded, Changed."""
+        """Add a rule (``revision`` 0), or replace that revision. Raises Full, FleetFull, Changed."""
         keys = (self._keys.records, self._keys.revisions, self._keys.of_client(rule.client))
         body = msgspec.json.encode(rule)
         said = await self._redis.run(scripts.WRITE, keys, rule.id, body, revision, limit, MOST)
         if said == b"full":
             raise Full(rule.client)
         if said == b"crowded":
-            raise Crowded
+            raise FleetFull
         if said == b"changed":
             raise Changed(rule.id)
         await self._tell(rule.id)
@@ -86,13 +86,13 @@ class RuleStore:
         await self._tell(rule.id)
         return bool(removed)
 
-    async def load(self) -> dict[str, Known]:
+    async def load(self) -> dict[str, RuleRecord]:
         """Return all rules by id."""
         ids = [id.decode() for id in await self._redis.one("HKEYS", self._keys.records)]
         found = [await self.read(id) for id in ids]
         return {each.rule.id: each for each in found if each is not None}
 
-    async def read(self, id: str) -> Known | None:
+    async def read(self, id: str) -> RuleRecord | None:
         """Return one rule; None also if another version wrote it in an unreadable form."""
         _, counts, firings = self._keys.of_rule(id)
         keys = (self._keys.records, self._keys.revisions, counts, firings)
@@ -106,7 +106,7 @@ class RuleStore:
             log.warning("rule %s is left alone, it cannot be read: %r", id, error)
             return None
         texts = {name.decode(): text.decode() for name, text in _pairs(said)}
-        return Known(
+        return RuleRecord(
             rule,
             int(revision),
             dict(sorted(numbered.items())),
@@ -136,17 +136,17 @@ class RuleStore:
         if left:
             await self._redis.one("SREM", self._keys.seen, *left)
 
-    async def recall(self, known: Known) -> set[str] | None:
+    async def recall(self, known: RuleRecord) -> set[str] | None:
         """Return the keys of the rows that held at the last evaluation; None without one since the rule was written."""
         said, *keys = await self._mine(scripts.RECALL, known)
         return None if said == b"new" else {key.decode() for key in keys}
 
-    async def begin(self, known: Known, holding: Collection[str]) -> None:
+    async def begin(self, known: RuleRecord, holding: Collection[str]) -> None:
         """Store the rows that hold at the first evaluation."""
         await self._mine(scripts.BEGIN, known, *holding)
         await self._tell(known.rule.id)
 
-    async def advance(self, known: Known, began: Mapping[str, Firing], ended: Collection[str]) -> list[int]:
+    async def advance(self, known: RuleRecord, began: Mapping[str, Firing], ended: Collection[str]) -> list[int]:
         """Store changed rows.
 
         Return the numbers of the firings claimed for the first of ``began``; others are suppressed.
@@ -164,14 +164,14 @@ class RuleStore:
         await self._redis.run(scripts.FINISH, (self._keys.of_rule(rule.id)[2],), number, text)
         await self._tell(rule.id)
 
-    async def complain(self, known: Known) -> None:
+    async def complain(self, known: RuleRecord) -> None:
         """Store why a rule does not fire, or that it does again."""
         keys = (self._keys.server, self._keys.revisions, self._keys.of_rule(known.rule.id)[1])
         arguments = (self._run, known.rule.id, known.revision, known.fault, known.suspended)
         _heeded(await self._redis.run(scripts.COMPLAIN, keys, *arguments), known)
         await self._tell(known.rule.id)
 
-    async def _mine(self, script: str, known: Known, *arguments: str | bytes | int) -> Any:
+    async def _mine(self, script: str, known: RuleRecord, *arguments: str | bytes | int) -> Any:
         keys = (self._keys.server, self._keys.revisions, *self._keys.of_rule(known.rule.id))
         answer = await self._redis.run(script, keys, self._run, known.rule.id, known.revision, *arguments)
         return _heeded(answer, known)
@@ -191,7 +191,7 @@ class RuleStore:
         await self._redis.one("XADD", self._keys.news, "MAXLEN", "~", _NEWS, "*", "id", id, "run", self._run)
 
 
-def _heeded(answer: Any, known: Known) -> Any:
+def _heeded(answer: Any, known: RuleRecord) -> Any:
     if answer[0] == b"lost":
         raise Lost
     if answer[0] == b"changed":

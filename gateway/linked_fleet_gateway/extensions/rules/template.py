@@ -70,7 +70,7 @@ def variables(text: str) -> set[str]:
     return {each.object.value for each in triples_of(text) if each.predicate == LF.variable}  # type: ignore[union-attr]
 
 
-def filled(text: str, row: Row, action: NamedNode) -> list[Triple]:
+def fill(text: str, row: Row, action: NamedNode) -> list[Triple]:
     """Return the body for ``action``. Raises UnprocessableContent for an unbound variable."""
     triples = triples_of(text)
     values: dict[object, Node | Literal] = {ROOT: action}

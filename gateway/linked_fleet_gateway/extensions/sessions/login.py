@@ -26,7 +26,7 @@ from linked_fleet_gateway.extensions.pages.page import render
 from linked_fleet_gateway.extensions.pages.policy import FORMS
 from linked_fleet_gateway.extensions.sessions.cookies import LOGIN, read_cookie, session_of, set_cookie
 from linked_fleet_gateway.extensions.sessions.errors import TooManyLogins
-from linked_fleet_gateway.extensions.sessions.sealed_cookie import SESSION_S, Underway, open_login, seal_login
+from linked_fleet_gateway.extensions.sessions.sealed_cookie import SESSION_S, PendingLogin, open_login, seal_login
 from linked_fleet_gateway.extensions.sessions.service import Sessions
 from linked_fleet_gateway.extensions.sessions.session_key import StoreUnavailable
 from linked_fleet_gateway.http.arrival import arrival_of
@@ -116,7 +116,7 @@ class Login:
         if issuer is None or not issuer.client_id:
             raise NotFound("There is no such issuer to log in at.")
         state, nonce, verifier = (secrets.token_urlsafe(32) for _ in range(3))
-        login = Underway(issuer.url, state, nonce, verifier, _path(request.query_params.get("then")))
+        login = PendingLogin(issuer.url, state, nonce, verifier, _path(request.query_params.get("then")))
         try:
             there = endpoint(await sessions.identities.keys(issuer).described(), "authorization_endpoint", issuer.url)
         except IssuerSilent as error:
@@ -154,7 +154,7 @@ class Login:
         return response
 
 
-async def _claims(request: Request, sessions: Sessions, issuer: Issuer, login: Underway) -> Claims:
+async def _claims(request: Request, sessions: Sessions, issuer: Issuer, login: PendingLogin) -> Claims:
     """Return the claims of a person who returns from the issuer with a code. Raises BadToken, IssuerSilent."""
     said = request.query_params
     if not compare_digest(said.get("state", "").encode(), login.state.encode()):

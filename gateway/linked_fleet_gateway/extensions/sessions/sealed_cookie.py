@@ -31,7 +31,7 @@ class Session:
 
 
 @dataclass(frozen=True)
-class Underway:
+class PendingLogin:
     """A login in progress at an issuer (RFC 7636; OpenID Connect Core 1.0, 3.1.2.1)."""
 
     issuer: str
@@ -70,14 +70,14 @@ def open_session(text: str, key: bytes) -> Session | None:
     return Session(said["jti"], Claims(said["issuer"], said["subject"], facts, ends_ns), ends_ns)
 
 
-def seal_login(login: Underway, key: bytes, now_ns: int) -> str:
+def seal_login(login: PendingLogin, key: bytes, now_ns: int) -> str:
     return _seal("login", vars(login), key, now_ns // _SECOND_NS + LOGIN_S)
 
 
-def open_login(text: str, key: bytes) -> Underway | None:
+def open_login(text: str, key: bytes) -> PendingLogin | None:
     said = _opened("login", text, key)
-    names = Underway.__dataclass_fields__
-    return None if said is None else Underway(**{name: said[name] for name in names})
+    names = PendingLogin.__dataclass_fields__
+    return None if said is None else PendingLogin(**{name: said[name] for name in names})
 
 
 def _seal(purpose: _Purpose, said: Mapping[str, Any], key: bytes, ends_s: int) -> str:

@@ -15,12 +15,12 @@ from linked_fleet_gateway.base.errors import Busy
 from linked_fleet_gateway.extensions.world.collisions import Collisions
 from linked_fleet_gateway.extensions.world.describe import object_path
 from linked_fleet_gateway.extensions.world.errors import Collides, Unchecked
-from linked_fleet_gateway.extensions.world.messages import Check, Meets, Positions, Stood, Unable
+from linked_fleet_gateway.extensions.world.messages import Check, CheckFailed, CollisionFound, Placement, Positions
 from linked_fleet_gateway.extensions.world.placement import placement_of, pose_in_world
 from linked_fleet_gateway.extensions.world.preparation import Preparation, is_placed, key_of
 from linked_fleet_gateway.extensions.world.process import Checker
 from linked_fleet_gateway.extensions.world.scene import SceneObject
-from linked_fleet_gateway.extensions.world.swept_path import stances_of, ways_of
+from linked_fleet_gateway.extensions.world.swept_path import paths_of, stances_of
 from linked_fleet_gateway.fleet.model import Pose
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.identity.rights import View
@@ -108,11 +108,11 @@ class Checks:
         robots = self._around(motion.robot, sees)
         await self._be_prepared(robots, sees)
         answer = await self._checker.ask(self._question(motion, robots, sees, own), _ANSWER_S)
-        if isinstance(answer, Meets):
+        if isinstance(answer, CollisionFound):
             collides = self._collision(motion.robot, answer)
             self._collisions.add(motion.robot.name, collides)
             raise collides
-        if isinstance(answer, Unable):
+        if isinstance(answer, CheckFailed):
             raise Unchecked(f"Whether {motion.robot.name} meets anything is unknown: {answer.reason}.")
         self._collisions.forget(motion.robot.name)
 
@@ -152,17 +152,17 @@ class Checks:
         if missing := [name for name in motion.targets if name not in start]:
             raise Unchecked(f"Whether {robot.name} meets anything is unknown: so is where {missing[0]} is.")
         return Check(
-            Stood(robot.name, self._preparation.key(robot), _base(robot, sees)),
-            ways_of(motion.motion, start, self._underway(robot, own)),
+            Placement(robot.name, self._preparation.key(robot), _base(robot, sees)),
+            paths_of(motion.motion, start, self._underway(robot, own)),
             tuple(self._stood(each, sees) for each in robots if each is not robot),
-            tuple(Stood(id, key_of(thing), thing.pose) for id, thing in self._objects.items()),
+            tuple(Placement(id, key_of(thing), thing.pose) for id, thing in self._objects.items()),
             WITHIN_S,
         )
 
-    def _stood(self, robot: Robot, sees: View) -> Stood:
+    def _stood(self, robot: Robot, sees: View) -> Placement:
         name = robot.name if sees.sees(robot.name) else ""
         stances = stances_of(_positions(robot), self._underway(robot, ""))
-        return Stood(name, self._preparation.key(robot), _base(robot, sees), stances)
+        return Placement(name, self._preparation.key(robot), _base(robot, sees), stances)
 
     def _underway(self, robot: Robot, own: str) -> dict[str, float]:
         """Return the targets of its joints in other motions that have not ended."""
@@ -172,7 +172,7 @@ class Checks:
                 ends |= invocation.targets
         return ends
 
-    def _collision(self, robot: Robot, met: Meets) -> Collides:
+    def _collision(self, robot: Robot, met: CollisionFound) -> Collides:
         assert robot.model is not None
         link, other = link_path(robot.name, robot.model, met.link), None
         if met.kind == "self":

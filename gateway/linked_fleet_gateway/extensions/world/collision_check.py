@@ -20,7 +20,15 @@ import numpy as np
 import numpy.typing as npt
 
 from linked_fleet_gateway.extensions.world.contact import Shape, depth, distance, is_inside, meeting_point
-from linked_fleet_gateway.extensions.world.messages import Answer, Check, Free, Kind, Meets, Positions, Unable
+from linked_fleet_gateway.extensions.world.messages import (
+    Answer,
+    Check,
+    CheckFailed,
+    CollisionFound,
+    Free,
+    Kind,
+    Positions,
+)
 from linked_fleet_gateway.extensions.world.path import STEP_M, Path, Unknown, changed, path_of
 from linked_fleet_gateway.extensions.world.robot import Robot
 from linked_fleet_gateway.extensions.world.surfaces import Array
@@ -65,7 +73,7 @@ def check(asked: Check, robots: Mapping[str, Robot], objects: Mapping[str, coal.
         things = [*objects_of(asked, objects), *others_of(asked, robots)]
         return _Sweep(asked, robot, things, ends_s).answer()
     except Unknown as error:
-        return Unable(str(error))
+        return CheckFailed(str(error))
 
 
 class _Sweep:
@@ -168,7 +176,7 @@ class _Sweep:
             if met is not None:
                 pair, at = met
                 link, kind, name, other = self._told(pair)
-                return Meets(link, kind, name, other, round(at / path.steps, 3), self._point(pair))
+                return CollisionFound(link, kind, name, other, round(at / path.steps, 3), self._point(pair))
         return Free(self._looks)
 
     def _along(self, path: Path) -> tuple[_Pair, int] | None:

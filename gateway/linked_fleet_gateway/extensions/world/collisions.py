@@ -74,7 +74,7 @@ class Collisions:
             self._touched(COLLISIONS)
 
 
-def in_collisions(view: RequestView, rest: list[str], known: Known) -> Resource | None:
+def resolve_collisions(view: RequestView, rest: list[str], known: Known) -> Resource | None:
     """``rest``: the segments below ``/world/collisions``."""
     whole = Resource(
         COLLISIONS,

@@ -6,7 +6,7 @@ from functools import partial
 from pathlib import Path
 
 from linked_fleet_gateway.extensions.world.http import post_object, put_object, read_pose
-from linked_fleet_gateway.extensions.world.resources import AskPose, PostObject, PutObject
+from linked_fleet_gateway.extensions.world.resources import PoseQuery, PostObject, PutObject
 from linked_fleet_gateway.extensions.world.service import World
 from linked_fleet_gateway.http.extension import Core, Extension, Mount
 from linked_fleet_gateway.http.html import NavigationEntry
@@ -36,7 +36,7 @@ class WorldExtension(Extension):
         async with World(core.live, core.redis_url, core.namespace, core.state_path / "meshes") as world:
             yield Mount(
                 branches=(world.branch,),
-                readers={AskPose: partial(read_pose, world)},
+                readers={PoseQuery: partial(read_pose, world)},
                 writers={PostObject: partial(post_object, world), PutObject: partial(put_object, world)},
                 guard=world.checks,
                 services=(world,),

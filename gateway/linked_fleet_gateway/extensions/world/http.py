@@ -12,7 +12,7 @@ from linked_fleet_gateway.base.errors import BadRequest, NotFound
 from linked_fleet_gateway.extensions.world.body import object_form, read_object
 from linked_fleet_gateway.extensions.world.describe import OBJECTS, POSES, describe_posed, object_path
 from linked_fleet_gateway.extensions.world.placement import WORLD
-from linked_fleet_gateway.extensions.world.resources import AskPose, PostObject, PutObject
+from linked_fleet_gateway.extensions.world.resources import PoseQuery, PostObject, PutObject
 from linked_fleet_gateway.extensions.world.scene import SceneObject
 from linked_fleet_gateway.extensions.world.service import World
 from linked_fleet_gateway.extensions.world.terms import LF
@@ -94,7 +94,7 @@ async def _replaced(
     return await offload.run(work, sum(len(each.value) for each in meshes if isinstance(each, Literal)))
 
 
-async def read_pose(world: World, request: Request, resource: Resource, asked: AskPose) -> Response:
+async def read_pose(world: World, request: Request, resource: Resource, asked: PoseQuery) -> Response:
     """Return the requested pose or, without a query, the template. Raises BadRequest, NotFound."""
     query = request.query_params
     if unknown := [name for name in query if name not in ("of", "in", "as")]:
@@ -102,7 +102,7 @@ async def read_pose(world: World, request: Request, resource: Resource, asked: A
     return read(request, _posed(world, request, resource, asked) if "of" in query or "in" in query else resource)
 
 
-def _posed(world: World, request: Request, resource: Resource, asked: AskPose) -> Resource:
+def _posed(world: World, request: Request, resource: Resource, asked: PoseQuery) -> Resource:
     of, frame = _path(request, "of"), _path(request, "in")
     try:
         found = relative_pose(of, frame, asked.view.robots, world.poses())

@@ -15,7 +15,7 @@ Kind = Literal["self", "robot", "object"]
 class Prepare(Struct, frozen=True, tag="prepare"):
     """Build the shapes of a robot, stored under ``key``. ``meshes`` maps URIs in the URDF to file names.
 
-    A file name is the digest of a mesh with the suffix of its format. The answer is Lacks if mesh contents are missing.
+    A file name is the digest of a mesh with the suffix of its format. The answer may be MeshesMissing.
     """
 
     key: str
@@ -37,7 +37,7 @@ class PrepareObject(Struct, frozen=True, tag="object"):
     geometry: Geometry
 
 
-class Stood(Struct, frozen=True):
+class Placement(Struct, frozen=True):
     """The placement of something prepared. ``name`` is used in answers, ``base`` is its root in the world.
 
     ``stances`` are all joint positions in which it may be met: the first is complete, others contain only what differs.
@@ -49,7 +49,7 @@ class Stood(Struct, frozen=True):
     stances: tuple[Positions, ...] = ()
 
 
-class Leg(Struct, frozen=True):
+class PathSegment(Struct, frozen=True):
     """Joints that move together to ``ends``: linearly, or as a cubic with these velocities at both ends.
 
     A leg with velocities takes ``duration_s``.
@@ -61,9 +61,9 @@ class Leg(Struct, frozen=True):
     leaves: Positions = {}
 
 
-class Way(Struct, frozen=True):
+class MotionPath(Struct, frozen=True):
     start: Positions
-    legs: tuple[Leg, ...]
+    legs: tuple[PathSegment, ...]
 
 
 class Check(Struct, frozen=True, tag="check"):
@@ -72,10 +72,10 @@ class Check(Struct, frozen=True, tag="check"):
     The answer takes at most ``within_s`` seconds of processor time.
     """
 
-    robot: Stood
-    ways: tuple[Way, ...]
-    robots: tuple[Stood, ...]
-    objects: tuple[Stood, ...]
+    robot: Placement
+    ways: tuple[MotionPath, ...]
+    robots: tuple[Placement, ...]
+    objects: tuple[Placement, ...]
     within_s: float
 
 
@@ -83,7 +83,7 @@ class Ready(Struct, frozen=True, tag="ready"):
     pass
 
 
-class Lacks(Struct, frozen=True, tag="lacks"):
+class MeshesMissing(Struct, frozen=True, tag="lacks"):
     """File names of the meshes that are missing for preparing a robot."""
 
     meshes: tuple[str, ...]
@@ -95,7 +95,7 @@ class Free(Struct, frozen=True, tag="free"):
     samples: int
 
 
-class Meets(Struct, frozen=True, tag="meets"):
+class CollisionFound(Struct, frozen=True, tag="meets"):
     """``link`` collides with the link ``other`` of ``name``, or with that object, after ``share`` of the path.
 
     ``point`` is the place in the world, None if unknown.
@@ -109,9 +109,9 @@ class Meets(Struct, frozen=True, tag="meets"):
     point: Vector | None = None
 
 
-class Unable(Struct, frozen=True, tag="unable"):
+class CheckFailed(Struct, frozen=True, tag="unable"):
     reason: str
 
 
 Question = Prepare | PrepareMesh | PrepareObject | Check
-Answer = Ready | Lacks | Free | Meets | Unable
+Answer = Ready | MeshesMissing | Free | CollisionFound | CheckFailed

@@ -11,7 +11,7 @@ from functools import cached_property, partial
 
 import numpy as np
 
-from linked_fleet_gateway.extensions.world.messages import Leg, Positions, Way
+from linked_fleet_gateway.extensions.world.messages import MotionPath, PathSegment, Positions
 from linked_fleet_gateway.extensions.world.robot import Robot
 from linked_fleet_gateway.extensions.world.surfaces import Array
 
@@ -55,7 +55,7 @@ class Path:
         return Path(self.joints, positions((begun + np.arange(_FINER + 1) / _FINER) / count))
 
 
-def path_of(robot: Robot, way: Way, joints: Sequence[str], weights: Array) -> Path:
+def path_of(robot: Robot, way: MotionPath, joints: Sequence[str], weights: Array) -> Path:
     """Return the path of the moving ``joints``. A row of ``weights`` bounds the approach of a pair per joint motion.
 
     Raises Unknown if the path is too long.
@@ -75,13 +75,13 @@ def path_of(robot: Robot, way: Way, joints: Sequence[str], weights: Array) -> Pa
     return Path(tuple(joints), np.concatenate(rows), tuple(legs))
 
 
-def _positions(robot: Robot, joints: Sequence[str], before: Positions, leg: Leg, shares: Array) -> Array:
+def _positions(robot: Robot, joints: Sequence[str], before: Positions, leg: PathSegment, shares: Array) -> Array:
     """Return the positions of ``joints`` by share of a leg (rows)."""
     here = follow(robot, before, {name: on_leg(leg, name, before[name], shares) for name in leg.ends})
     return np.column_stack([np.broadcast_to(here[name], len(shares)) for name in joints])
 
 
-def changed(robot: Robot, way: Way) -> dict[str, float]:
+def changed(robot: Robot, way: MotionPath) -> dict[str, float]:
     """Return the total motion of each moving joint."""
     sums: dict[str, float] = {}
     for before, after, _ in _between(robot, way):
@@ -106,7 +106,7 @@ def follow(robot: Robot, start: Positions, moved: Mapping[str, "float | Array"])
     return found
 
 
-def on_leg(leg: Leg, name: str, start: float, share: "float | Array") -> "float | Array":
+def on_leg(leg: PathSegment, name: str, start: float, share: "float | Array") -> "float | Array":
     """Return positions on a cubic Hermite or linear leg."""
     end = leg.ends[name]
     if not leg.duration_s:
@@ -116,7 +116,7 @@ def on_leg(leg: Leg, name: str, start: float, share: "float | Array") -> "float 
     return start + share * (enters + share * (b + share * a))
 
 
-def _between(robot: Robot, way: Way) -> Iterator[tuple[Positions, Positions, Leg]]:
+def _between(robot: Robot, way: MotionPath) -> Iterator[tuple[Positions, Positions, PathSegment]]:
     before, moved = way.start, Positions()
     for leg in way.legs:
         moved |= leg.ends

@@ -11,7 +11,14 @@ import msgspec
 
 from linked_fleet_agent.wire.messages import Description
 from linked_fleet_gateway.base.errors import FleetError
-from linked_fleet_gateway.extensions.world.messages import Answer, Lacks, Prepare, PrepareMesh, PrepareObject, Unable
+from linked_fleet_gateway.extensions.world.messages import (
+    Answer,
+    CheckFailed,
+    MeshesMissing,
+    Prepare,
+    PrepareMesh,
+    PrepareObject,
+)
 from linked_fleet_gateway.extensions.world.placement import placement_of
 from linked_fleet_gateway.extensions.world.process import NO_ANSWER, Checker
 from linked_fleet_gateway.extensions.world.scene import MAX_OBJECTS, SceneObject
@@ -82,7 +89,7 @@ class Preparation:
             key = key_of(thing)
             if not self._checker.knows(key):
                 answer = await self._checker.ask(PrepareObject(key, thing.geometry), _OBJECT_S)
-                if isinstance(answer, Unable):
+                if isinstance(answer, CheckFailed):
                     return f"The shape of {thing.title} cannot be used: {answer.reason}."
         return None
 
@@ -108,7 +115,7 @@ class Preparation:
             self._ended[key] += 1
             if self._ended[key] < _MOST_TRIES:
                 return
-        if isinstance(answer, Unable):
+        if isinstance(answer, CheckFailed):
             self._unusable[key] = answer.reason
             log.warning("no motion near %s can be checked: %s", robot.name, answer.reason)
 
@@ -118,16 +125,16 @@ class Preparation:
         meshes = {uri: (file_name(mesh), mesh) for uri, mesh in meshes_of(robot).items()}
         question = Prepare(key, robot.description.urdf, {uri: name for uri, (name, _) in meshes.items()})
         answer = await self._checker.ask(question, _PREPARE_S)
-        if not isinstance(answer, Lacks):
+        if not isinstance(answer, MeshesMissing):
             return answer
         by_name = dict(meshes.values())
         for name in answer.meshes:
             content = await self._live.meshes.get(robot, by_name[name])
             read = await self._checker.ask(PrepareMesh(name, content), _PREPARE_S)
-            if isinstance(read, Unable):
-                return read if read == NO_ANSWER else Unable(f"the mesh {by_name[name].uri}: {read.reason}")
+            if isinstance(read, CheckFailed):
+                return read if read == NO_ANSWER else CheckFailed(f"the mesh {by_name[name].uri}: {read.reason}")
         answer = await self._checker.ask(question, _PREPARE_S)
-        return Unable("its meshes are too large to be kept") if isinstance(answer, Lacks) else answer
+        return CheckFailed("its meshes are too large to be kept") if isinstance(answer, MeshesMissing) else answer
 
     async def _look(self) -> None:
         """Prepare newly placed robots, so that the first motion need not wait."""

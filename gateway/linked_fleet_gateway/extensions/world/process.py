@@ -7,7 +7,7 @@ from pathlib import Path
 
 import msgspec
 
-from linked_fleet_gateway.extensions.world.messages import Answer, Prepare, PrepareObject, Question, Ready, Unable
+from linked_fleet_gateway.extensions.world.messages import Answer, CheckFailed, Prepare, PrepareObject, Question, Ready
 from linked_fleet_gateway.runtime.worker import Worker
 
 _log = logging.getLogger(__name__)
@@ -15,7 +15,7 @@ _log = logging.getLogger(__name__)
 _HEAD_BYTES = 4
 _MAX_ANSWER_BYTES = 128 * 1024  # digests of all the meshes of a robot
 _ANSWERS = msgspec.msgpack.Decoder(Answer)
-NO_ANSWER = Unable("the process that checks motions gave no answer")
+NO_ANSWER = CheckFailed("the process that checks motions gave no answer")
 
 
 class Checker:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 from zlib import crc32
 
-from linked_fleet_gateway.extensions.world.collisions import COLLISIONS, NONE, Known, in_collisions
+from linked_fleet_gateway.extensions.world.collisions import COLLISIONS, NONE, Known, resolve_collisions
 from linked_fleet_gateway.extensions.world.describe import (
     OBJECTS,
     POSES,
@@ -51,13 +51,15 @@ class PutObject:
 
 
 @dataclass(frozen=True)
-class AskPose:
+class PoseQuery:
     """A pose in the frame that the query names."""
 
     view: RequestView
 
 
-def in_world(view: RequestView, rest: list[str], objects: Mapping[str, SceneObject], collisions: Known = NONE) -> Found:
+def resolve_world(
+    view: RequestView, rest: list[str], objects: Mapping[str, SceneObject], collisions: Known = NONE
+) -> Found:
     """Return the resource at ``rest``, the segments below ``/world``."""
     if not rest:
         return _world(view)
@@ -66,10 +68,10 @@ def in_world(view: RequestView, rest: list[str], objects: Mapping[str, SceneObje
     if rest == ["pose"]:
         template = "Poses of things in the frames of others"
         return Resource(
-            POSES, template, lambda graph: describe_template(graph, view.base), remote=AskPose(view), followed=False
+            POSES, template, lambda graph: describe_template(graph, view.base), remote=PoseQuery(view), followed=False
         )
     if rest[0] == "collisions":
-        return in_collisions(view, rest[1:], collisions)
+        return resolve_collisions(view, rest[1:], collisions)
     return _in_objects(view, rest[1:], objects) if rest[0] == "objects" else None
 
 

@@ -13,7 +13,7 @@ from linked_fleet_gateway.extensions.world.collisions import Collisions
 from linked_fleet_gateway.extensions.world.describe import OBJECTS, describe_frame, describe_objects, object_path
 from linked_fleet_gateway.extensions.world.placement import WORLD
 from linked_fleet_gateway.extensions.world.replicated_objects import Objects, ObjectStore
-from linked_fleet_gateway.extensions.world.resources import in_world
+from linked_fleet_gateway.extensions.world.resources import resolve_world
 from linked_fleet_gateway.extensions.world.terms import LF
 from linked_fleet_gateway.fleet.kinematics import ORIGIN
 from linked_fleet_gateway.fleet.model import Pose
@@ -37,7 +37,7 @@ class World:
         objects, collisions = self.objects.known, self.collisions.known
 
         def resolve(view: RequestView, rest: list[str]) -> Found:
-            return in_world(view, rest, objects, collisions)
+            return resolve_world(view, rest, objects, collisions)
 
         return FleetBranch(WORLD[1:], LF.world, resolve, graphs=self.triples, poses=self.poses)
 

@@ -10,27 +10,27 @@ from collections.abc import Iterable, Mapping
 from itertools import pairwise
 
 from linked_fleet_agent.wire.messages import Follow, Move
-from linked_fleet_gateway.extensions.world.messages import Leg, Positions, Way
+from linked_fleet_gateway.extensions.world.messages import MotionPath, PathSegment, Positions
 
 STANCE_RAD = 0.05  # also metre
 MOST_STANCES = 24
 
 
-def ways_of(motion: Move | Follow, start: Positions, elsewhere: Mapping[str, float]) -> tuple[Way, ...]:
+def paths_of(motion: Move | Follow, start: Positions, elsewhere: Mapping[str, float]) -> tuple[MotionPath, ...]:
     """Return the paths from ``start``; ``elsewhere`` are the targets of joints in other motions."""
     legs = _legs(motion, start)
     own = legs[-1].ends
     meanwhile = {name: end for name, end in elsewhere.items() if name not in own and name in start}
-    ways = (Way(start, legs),)
+    ways = (MotionPath(start, legs),)
     if not meanwhile:
         return ways
     along = tuple(_beside(leg, (i + 1) / len(legs), start, meanwhile) for i, leg in enumerate(legs))
-    return (*ways, Way(start | meanwhile, legs), Way(start, along))
+    return (*ways, MotionPath(start | meanwhile, legs), MotionPath(start, along))
 
 
-def _beside(leg: Leg, share: float, start: Positions, meanwhile: Mapping[str, float]) -> Leg:
+def _beside(leg: PathSegment, share: float, start: Positions, meanwhile: Mapping[str, float]) -> PathSegment:
     there = {name: start[name] + share * (end - start[name]) for name, end in meanwhile.items()}
-    return Leg(leg.ends | there)
+    return PathSegment(leg.ends | there)
 
 
 def stances_of(start: Positions, ends: Mapping[str, float]) -> tuple[Positions, ...]:
@@ -41,16 +41,16 @@ def stances_of(start: Positions, ends: Mapping[str, float]) -> tuple[Positions, 
     return (start, *({name: start[name] + share * way for name, way in moved.items()} for share in shares))
 
 
-def _legs(motion: Move | Follow, start: Positions) -> tuple[Leg, ...]:
+def _legs(motion: Move | Follow, start: Positions) -> tuple[PathSegment, ...]:
     if isinstance(motion, Move):
-        return (Leg(dict(motion.targets)),)
+        return (PathSegment(dict(motion.targets)),)
     times = (0.0, *motion.times_s)
     rows = (tuple(start[joint] for joint in motion.joints), *motion.positions)
     velocities = [_velocities(times, column) for column in zip(*rows, strict=True)]
     legs = []
     for i, (before, after) in enumerate(pairwise(times)):
         enters, leaves = ({j: v[at] for j, v in zip(motion.joints, velocities, strict=True)} for at in (i, i + 1))
-        legs.append(Leg(dict(zip(motion.joints, rows[i + 1], strict=True)), after - before, enters, leaves))
+        legs.append(PathSegment(dict(zip(motion.joints, rows[i + 1], strict=True)), after - before, enters, leaves))
     return tuple(legs)
 
 

@@ -20,12 +20,12 @@ from linked_fleet_gateway.extensions.world.mesh_cache import MeshCache
 from linked_fleet_gateway.extensions.world.messages import (
     Answer,
     Check,
-    Lacks,
+    CheckFailed,
+    MeshesMissing,
     Prepare,
     PrepareMesh,
     Question,
     Ready,
-    Unable,
 )
 from linked_fleet_gateway.extensions.world.robot import Robot
 from linked_fleet_gateway.extensions.world.shapes import meshes_needed, object_of, robot_of
@@ -60,14 +60,14 @@ class Worker:
             else:
                 self._objects[question.key] = object_of(question.geometry)
         except (ModelError, MemoryError, RuntimeError) as error:
-            return Unable(f"its shape cannot be used: {error}")
+            return CheckFailed(f"its shape cannot be used: {error}")
         return Ready()
 
     def _prepare(self, asked: Prepare) -> Answer:
         names = {uri: asked.meshes[uri] for uri in meshes_needed(asked.urdf, asked.meshes.keys())}
         found = {name: self._mesh(name) for name in set(names.values())}
         if lacking := sorted(name for name, surface in found.items() if surface is None):
-            return Lacks(tuple(lacking))
+            return MeshesMissing(tuple(lacking))
         surfaces = {uri: surface for uri, name in names.items() if (surface := found[name]) is not None}
         self._robots[asked.key] = robot_of(asked.urdf, asked.meshes.keys(), surfaces.__getitem__)
         return Ready()

@@ -21,7 +21,7 @@ from actor import Actor, stage
 from browser import DCTERMS, HYBRIT, LDP, LF, SH, Browser, Page
 from connections import websocket
 from linked_fleet_agent.wire.messages import Camera
-from linked_fleet_agent.wire.pictures import HEADER, Moment, encode_picture
+from linked_fleet_agent.wire.pictures import HEADER, PictureHeader, encode_picture
 from running import eventually
 from seer import BLIND, DEPTH, EYE, JPEG, PNG, Seer
 from small_fleet import Place
@@ -165,7 +165,7 @@ def malformed(hall: Hall) -> float:
 
 
 def _with(content: bytes, **changes: Any) -> bytes:
-    return encode_picture("jpeg", Moment(3, 4, 1, 1, 1, 1, 0.1, 9.0)._replace(**changes), content)
+    return encode_picture("jpeg", PictureHeader(3, 4, 1, 1, 1, 1, 0.1, 9.0)._replace(**changes), content)
 
 
 @pytest.mark.parametrize(

@@ -3,8 +3,8 @@
 import itertools
 
 from linked_fleet_gateway.extensions.query.messages import Instead
-from linked_fleet_gateway.extensions.rules.causes import KEPT_S, SETTLING_S, Causes, Look, Question, state_of
-from linked_fleet_gateway.extensions.rules.rule import Firing, FiringState, Known, Rule
+from linked_fleet_gateway.extensions.rules.causes import KEPT_S, SETTLING_S, Causes, Counterfactual, Look, state_of
+from linked_fleet_gateway.extensions.rules.rule import Firing, FiringState, Rule, RuleRecord
 from linked_fleet_gateway.fleet.invocation import Invocation, InvocationState
 from pictured import Pictured
 
@@ -38,7 +38,7 @@ class Scene:
 
     def question(self, rule: str, since_s: float, look: Look) -> Instead:
         (found,) = self.causes.questions(rule, since_s, look)
-        assert isinstance(found, Question)
+        assert isinstance(found, Counterfactual)
         (instead,) = found.instead
         return instead
 
@@ -118,7 +118,7 @@ def test_another_gateway_takes_over_the_motions_that_are_under_way() -> None:
     scene = Scene()
     under_way, over = scene.motion(), scene.motion()
     over.state = InvocationState.SUCCEEDED
-    known = Known(Rule("one", "a rule", "", "/a/actions/stop", "http://fleet", "", 0), 1)
+    known = RuleRecord(Rule("one", "a rule", "", "/a/actions/stop", "http://fleet", "", 0), 1)
     for number, motion in enumerate((under_way, over)):
         scene.fleet.invocations.add(motion)
         path = f"{motion.action}/invocations/{motion.id}"

@@ -18,14 +18,14 @@ _BASE = "http://localhost:8000"
 @pytest.mark.parametrize("text", _RULES)
 def test_its_rules_are_taken(text: str) -> None:
     container = _BASE + request.CONTAINER
-    wanted = request.requested(parse(text.encode(), "text/turtle", container), container, _BASE)
+    wanted = request.parse_rule(parse(text.encode(), "text/turtle", container), container, _BASE)
     request.check_variables(wanted, check_select(wanted.condition), _BASE)
     assert wanted.invokes.startswith(_BASE) and wanted.body
 
 
 def test_a_rule_that_speaks_of_nothing_is_not() -> None:
     container = _BASE + request.CONTAINER
-    wanted = request.requested(parse(_RULES[0].encode(), "text/turtle", container), container, _BASE)
+    wanted = request.parse_rule(parse(_RULES[0].encode(), "text/turtle", container), container, _BASE)
     with pytest.raises(request.UnprocessableContent, match=r"\?z"):
         request.check_variables(wanted, ["hand", "x", "y"], _BASE)
 

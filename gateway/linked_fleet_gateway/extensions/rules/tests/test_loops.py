@@ -9,7 +9,7 @@ import pytest
 from browser import LDP, LF, Browser
 from commanding import angle, begun, of_joint, post, radian
 from linked_fleet_gateway.extensions.rules.loops import FIRINGS, WITHIN_S, reason_to_disable, self_caused
-from linked_fleet_gateway.extensions.rules.rule import Firing, FiringState, Known, Rule
+from linked_fleet_gateway.extensions.rules.rule import Firing, FiringState, Rule, RuleRecord
 from redis_servers import single
 from ruling import BY_SIDE, TO_TARGET, a_rule, container, fired, posted, put, sides
 from running import eventually, process
@@ -21,16 +21,16 @@ SECOND = 10**9
 WRIST = "wrist_3_joint"
 
 
-def known(*times_s: int, revision: int = 1) -> Known:
+def known(*times_s: int, revision: int = 1) -> RuleRecord:
     """Return rule ``a`` with firings caused by itself at these times, in seconds."""
-    found = Known(Rule("a", "a rule", "", "/ur5/actions/stop", "http://fleet", "", 0), revision)
+    found = RuleRecord(Rule("a", "a rule", "", "/ur5/actions/stop", "http://fleet", "", 0), revision)
     for number, time_s in enumerate(times_s, 1):
         times = self_caused(found, {"a"}, time_s * SECOND)
         found.firings[number] = Firing(time_s * SECOND, {}, FiringState.ACCEPTED, self_caused=times, revision=revision)
     return found
 
 
-def disabled_at(rule: Known, time_s: int, *causes: str) -> str:
+def disabled_at(rule: RuleRecord, time_s: int, *causes: str) -> str:
     return reason_to_disable(rule, causes, self_caused(rule, causes, time_s * SECOND))
 
 

@@ -6,7 +6,7 @@ from pyoxigraph import NamedNode
 from linked_fleet_gateway.extensions.pages.values import Facts, State
 from linked_fleet_gateway.extensions.rules import page
 from linked_fleet_gateway.extensions.rules.examples import EXAMPLES, Example
-from linked_fleet_gateway.extensions.rules.request import requested
+from linked_fleet_gateway.extensions.rules.request import parse_rule
 from linked_fleet_gateway.rdf.serialise import parse
 from linked_fleet_gateway.rdf.sparql_syntax import check_select
 
@@ -88,7 +88,7 @@ def test_the_form_of_a_saved_rule_says_what_the_rule_says() -> None:
     before = parse((PREFIXES + RULE).encode(), "text/turtle", RULES.value)
     base = ROOT.rstrip("/")
     assert fields["body"].says == "turtle"
-    assert requested(triples, iri.value, base) == requested(before, iri.value, base)
+    assert parse_rule(triples, iri.value, base) == parse_rule(before, iri.value, base)
 
 
 def test_the_form_of_a_new_rule_begins_with_an_example() -> None:

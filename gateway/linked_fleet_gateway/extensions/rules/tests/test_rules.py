@@ -12,7 +12,7 @@ import rdflib
 from rdflib import URIRef
 
 from browser import HYBRIT, LDP, LF, SH, Browser, Page
-from linked_fleet_gateway.extensions.rules.rule import Known, Rule
+from linked_fleet_gateway.extensions.rules.rule import Rule, RuleRecord
 from linked_fleet_gateway.extensions.rules.service import Rules
 from linked_fleet_gateway.extensions.rules.store import Changed
 from receivers import receiving
@@ -176,7 +176,7 @@ def test_a_rule_that_is_written_meanwhile_is_replaced_unless_the_client_sets_a_c
     text = a_rule(sides(scene.one.joint), scene.rotate, TO_TARGET, BY_SIDE)
     rule = posted(browser, text)
 
-    async def late(self: Rules, written: Rule, revision: int) -> Known:
+    async def late(self: Rules, written: Rule, revision: int) -> RuleRecord:
         if meanwhile.pop():
             raise Changed
         return await write(self, written, revision)

@@ -4,7 +4,7 @@ import pytest
 from pyoxigraph import BlankNode, Literal, NamedNode
 
 from linked_fleet_gateway.base.errors import UnprocessableContent
-from linked_fleet_gateway.extensions.rules.template import filled, template, triples_of, variables
+from linked_fleet_gateway.extensions.rules.template import fill, template, triples_of, variables
 from linked_fleet_gateway.extensions.rules.terms import LF
 from linked_fleet_gateway.rdf.serialise import parse
 from linked_fleet_gateway.rdf.vocabulary import VOM
@@ -24,7 +24,7 @@ def test_terms_stand_where_variables_stood() -> None:
     body = written('[ vom:numericalValue [ lf:variable "angle" ] ; lf:target [ lf:ofJoint [ lf:variable "joint" ] ] ]')
     assert variables(body) == {"angle", "joint"}
     joint = NamedNode("http://fleet/arm/joint")
-    said = {(each.predicate, each.object) for each in filled(body, {"angle": Literal(1.5), "joint": joint}, _ACTION)}
+    said = {(each.predicate, each.object) for each in fill(body, {"angle": Literal(1.5), "joint": joint}, _ACTION)}
     assert (VOM.numericalValue, Literal(1.5)) in said and (LF.ofJoint, joint) in said
     assert not [each for each in said if each[0] == LF.variable]
 
@@ -32,14 +32,14 @@ def test_terms_stand_where_variables_stood() -> None:
 def test_a_term_says_no_more_than_itself() -> None:
     body = written('[ vom:numericalValue [ lf:variable "angle" ] ]')
     hostile = Literal('1 ; <http://evil/> "x" ] . <http://evil/> <http://evil/> "')
-    (triple,) = filled(body, {"angle": hostile}, _ACTION)
+    (triple,) = fill(body, {"angle": hostile}, _ACTION)
     assert (triple.subject, triple.predicate, triple.object) == (_ACTION, VOM.numericalValue, hostile)
 
 
 @pytest.mark.parametrize("row", [{}, {"angle": BlankNode()}])
 def test_a_variable_that_is_bound_to_nothing_is_refused(row: dict[str, BlankNode]) -> None:
     with pytest.raises(UnprocessableContent, match="angle"):
-        filled(written('[ vom:numericalValue [ lf:variable "angle" ] ]'), row, _ACTION)
+        fill(written('[ vom:numericalValue [ lf:variable "angle" ] ]'), row, _ACTION)
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from linked_fleet_gateway.extensions.sessions.sealed_cookie import (
-    Underway,
+    PendingLogin,
     new_session,
     open_login,
     open_session,
@@ -19,7 +19,7 @@ from linked_fleet_gateway.identity.rights import Claims, TokenHash
 from linked_fleet_gateway.identity.roster import BadRoster
 
 _KEY, _OTHER = b"k" * 32, b"o" * 32
-_LOGIN = Underway("https://id.example", "state", "nonce", "verifier", "/ur5/")
+_LOGIN = PendingLogin("https://id.example", "state", "nonce", "verifier", "/ur5/")
 _HOUR_NS = 3600 * 10**9
 
 

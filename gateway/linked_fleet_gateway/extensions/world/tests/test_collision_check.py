@@ -9,7 +9,15 @@ import pytest
 from msgspec.structs import replace
 
 from linked_fleet_gateway.extensions.world.collision_check import MARGIN_M, check
-from linked_fleet_gateway.extensions.world.messages import Check, Free, Leg, Meets, Stood, Unable, Way
+from linked_fleet_gateway.extensions.world.messages import (
+    Check,
+    CheckFailed,
+    CollisionFound,
+    Free,
+    MotionPath,
+    PathSegment,
+    Placement,
+)
 from linked_fleet_gateway.extensions.world.scene import Box, Geometry, Sphere, TriangleMesh, read_stl
 from linked_fleet_gateway.extensions.world.shapes import object_of, robot_of
 from linked_fleet_gateway.extensions.world.surfaces import Array, Surface
@@ -56,14 +64,14 @@ def go(
     *things: tuple[Geometry, Pose],
     robot: str = "rod",
     start: dict[str, float] | None = None,
-    others: tuple[Stood, ...] = (),
+    others: tuple[Placement, ...] = (),
     base: Pose = HERE,
 ) -> object:
     named = {f"thing{i}": object_of(geometry) for i, (geometry, _) in enumerate(things)}
-    objects = tuple(Stood(name, name, pose) for name, (_, pose) in zip(named, things, strict=True))
+    objects = tuple(Placement(name, name, pose) for name, (_, pose) in zip(named, things, strict=True))
     from_zero = dict.fromkeys((n for n in ROBOTS[robot].model.names if n != "universe"), 0.0)
-    way = Way(from_zero | (start or {}), (Leg(ends),))
-    return check(Check(Stood("me", robot, base), (way,), others, objects, 30.0), ROBOTS, named)
+    way = MotionPath(from_zero | (start or {}), (PathSegment(ends),))
+    return check(Check(Placement("me", robot, base), (way,), others, objects, 30.0), ROBOTS, named)
 
 
 def test_a_free_way_is_free() -> None:
@@ -74,7 +82,7 @@ def test_a_free_way_is_free() -> None:
 def test_where_on_its_way_it_meets_something(degrees: int) -> None:
     where = math.radians(degrees)
     met = go({"turn": math.pi}, (Sphere(0.05), at(0.8 * math.cos(where), 0.8 * math.sin(where))))
-    assert isinstance(met, Meets)
+    assert isinstance(met, CollisionFound)
     assert (met.link, met.kind, met.name) == ("arm", "object", "thing0")
     # The ball, half of the rod and the margin come before its middle.
     touching = where - (0.05 + 0.01 + MARGIN_M) / 0.8
@@ -88,7 +96,7 @@ def test_the_point_where_it_would_meet_something_is_in_the_world(base: Pose) -> 
     sign = -1.0 if base.orientation_xyzw[2] else 1.0
     x, y = base.position_m[0], base.position_m[1] + sign * 0.8
     met = go({"turn": math.pi}, (Sphere(0.05), at(x, y)), base=base)
-    assert isinstance(met, Meets) and met.point is not None
+    assert isinstance(met, CollisionFound) and met.point is not None
     assert math.dist(met.point, (x, y, 0.0)) == pytest.approx(0.05, abs=MARGIN_M)
 
 
@@ -96,13 +104,13 @@ def test_nothing_is_so_thin_that_it_is_passed_by() -> None:
     for i in range(40):
         where = 0.3 + i * 0.03
         thread = Sphere(1e-4), at(0.99 * math.cos(where), 0.99 * math.sin(where))
-        assert isinstance(go({"turn": math.pi}, thread), Meets), where
+        assert isinstance(go({"turn": math.pi}, thread), CollisionFound), where
 
 
 def test_a_mesh_is_a_surface_and_one_may_reach_under_it() -> None:
     flat = _plate(0.5)
     assert isinstance(go({"turn": 1.0}, (flat, at(0.5, 0.8, 0.2))), Free)
-    assert isinstance(go({"turn": 1.0}, (flat, at(0.5, 0.8, 0.0))), Meets)
+    assert isinstance(go({"turn": 1.0}, (flat, at(0.5, 0.8, 0.0))), CollisionFound)
 
 
 def _plate(half: float) -> TriangleMesh:
@@ -116,7 +124,7 @@ def test_out_of_a_zone_and_not_further_in() -> None:
     zone = Box((1.0, 0.4, 0.5)), at(0.6, -0.15)  # the rod is 5 cm inside
     assert isinstance(go({"turn": 0.8}, zone), Free)
     met = go({"turn": -0.2}, zone)
-    assert isinstance(met, Meets) and met.share < 0.1
+    assert isinstance(met, CollisionFound) and met.share < 0.1
 
 
 def test_what_is_near_may_stay_near() -> None:
@@ -126,24 +134,29 @@ def test_what_is_near_may_stay_near() -> None:
 
 def test_another_robot_in_each_of_its_stances() -> None:
     base = Pose((1.5, 0.0, 0.0), (0.0, 0.0, 1.0, 0.0))  # it points at the first one, from beyond its reach
-    away = Stood("you", "rod", base, ({"turn": math.pi},))
+    away = Placement("you", "rod", base, ({"turn": math.pi},))
     assert isinstance(go({"turn": 1.0}, others=(away,)), Free)
-    pointing = Stood("you", "rod", base, ({"turn": math.pi}, {"turn": -0.3}))
+    pointing = Placement("you", "rod", base, ({"turn": math.pi}, {"turn": -0.3}))
     met = go({"turn": 1.0}, others=(pointing,))
-    assert isinstance(met, Meets) and (met.link, met.kind, met.name, met.other) == ("arm", "robot", "you", "arm")
+    assert isinstance(met, CollisionFound) and (met.link, met.kind, met.name, met.other) == (
+        "arm",
+        "robot",
+        "you",
+        "arm",
+    )
 
 
 def test_a_robot_that_is_out_of_reach_need_not_be_known() -> None:
-    assert isinstance(go({"turn": 1.0}, others=(Stood("far", "rod", at(5, 0), ({},)),)), Free)
-    unknown = go({"turn": 1.0}, others=(Stood("near", "rod", at(1.5, 0), ({},)),))
-    assert unknown == Unable("of near it is unknown where joint turn is")
+    assert isinstance(go({"turn": 1.0}, others=(Placement("far", "rod", at(5, 0), ({},)),)), Free)
+    unknown = go({"turn": 1.0}, others=(Placement("near", "rod", at(1.5, 0), ({},)),))
+    assert unknown == CheckFailed("of near it is unknown where joint turn is")
 
 
 def test_it_meets_itself_with_more_than_one_joint_between() -> None:
     met = go({f"j{i}": 2.1 for i in range(3)}, robot="chain")
-    assert isinstance(met, Meets) and (met.kind, {met.link, met.other}) == ("self", {"part0", "part3"})
+    assert isinstance(met, CollisionFound) and (met.kind, {met.link, met.other}) == ("self", {"part0", "part3"})
     met = go({"j1": 2.2, "j2": 2.2}, robot="chain")
-    assert isinstance(met, Meets) and (met.kind, {met.link, met.other}) == ("self", {"part1", "part3"})
+    assert isinstance(met, CollisionFound) and (met.kind, {met.link, met.other}) == ("self", {"part1", "part3"})
     assert isinstance(go({"j1": 3.0}, robot="chain"), Free)  # adjacent parts are not compared
 
 
@@ -152,7 +165,9 @@ def test_no_part_of_its_own_is_so_thin_that_it_is_passed_by() -> None:
     for i in range(20):
         degrees = 20 + 3.1 * i
         met = check(_own(f"blade{i}"), {f"blade{i}": robot_of(_blade(degrees))}, {})
-        assert isinstance(met, Meets) and (met.kind, {met.link, met.other}) == ("self", {"foot", "arm"}), degrees
+        assert isinstance(met, CollisionFound) and (met.kind, {met.link, met.other}) == ("self", {"foot", "arm"}), (
+            degrees
+        )
 
 
 def _blade(degrees: float) -> str:
@@ -165,8 +180,8 @@ def _blade(degrees: float) -> str:
 
 
 def _own(key: str, turn: float = math.pi / 2) -> Check:
-    way = Way({"turn": 0.0, "nod": 0.0}, (Leg({"turn": turn}),))
-    return Check(Stood("me", key, HERE), (way,), (), (), 30.0)
+    way = MotionPath({"turn": 0.0, "nod": 0.0}, (PathSegment({"turn": turn}),))
+    return Check(Placement("me", key, HERE), (way,), (), (), 30.0)
 
 
 def test_parts_that_are_near_from_the_start_may_stay_so() -> None:
@@ -188,7 +203,7 @@ def test_parts_that_are_near_from_the_start_may_part_and_not_touch(gap_m: float)
         "post": robot_of(f"<robot name='post'>{foot}<link name='mast'/>{link('arm', '1 .02 .02', 0.5)}{joints}</robot>")
     }
     met = check(_own("post", 0.2), robots, {})
-    assert isinstance(met, Meets) and (met.kind, {met.link, met.other}) == ("self", {"foot", "arm"})
+    assert isinstance(met, CollisionFound) and (met.kind, {met.link, met.other}) == ("self", {"foot", "arm"})
     assert isinstance(check(_own("post", -0.2), robots, {}), Free)
 
 
@@ -204,7 +219,7 @@ def test_parts_that_are_near_from_the_start_do_not_pass_through_each_other() -> 
         surface = Surface.of(blades, np.arange(6).reshape(-1, 3))
         robots = {"blades": robot_of(urdf, {"blades"}, lambda uri, surface=surface: surface)}
         met = check(_own("blades"), robots, {})
-        assert isinstance(met, Meets) and met.kind == "self", degrees
+        assert isinstance(met, CollisionFound) and met.kind == "self", degrees
         assert met.share * 90 == pytest.approx(degrees, abs=1.0)
 
 
@@ -228,34 +243,35 @@ def test_a_surface_that_is_near_from_the_start_does_not_go_into_a_mesh() -> None
         )
     }
     standing = Pose((0.5, 0.0105, 0.0), (math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5)))
-    asked = Check(Stood("me", "mesh", HERE), (), (), (Stood("plate", "plate", standing),), 30.0)
+    asked = Check(Placement("me", "mesh", HERE), (), (), (Placement("plate", "plate", standing),), 30.0)
     plates = {"plate": object_of(_plate(0.2))}
     answers = [
-        check(replace(asked, ways=(Way({"turn": 0.0}, (Leg({"turn": end}),)),)), robots, plates) for end in (0.3, -0.3)
+        check(replace(asked, ways=(MotionPath({"turn": 0.0}, (PathSegment({"turn": end}),)),)), robots, plates)
+        for end in (0.3, -0.3)
     ]
-    assert isinstance(answers[0], Meets) and answers[0].name == "plate"
+    assert isinstance(answers[0], CollisionFound) and answers[0].name == "plate"
     assert isinstance(answers[1], Free)
 
 
 def test_a_robot_that_has_to_be_prepared_again_is_not_free() -> None:
-    assert isinstance(check(_own("nobody"), ROBOTS, {}), Unable)
+    assert isinstance(check(_own("nobody"), ROBOTS, {}), CheckFailed)
 
 
 def test_what_mimics_moves_along() -> None:
     ball = Sphere(0.05), at(0.4 * math.cos(0.5), -0.4 * math.sin(0.5), 0.3)
     met = go({"turn": 1.0}, ball, robot="pair")
-    assert isinstance(met, Meets) and met.link == "right"
+    assert isinstance(met, CollisionFound) and met.link == "right"
 
 
 def test_where_the_robot_stands_counts() -> None:
     quarter = Pose((2.0, 1.0, 0.0), (0.0, 0.0, math.sin(math.pi / 4), math.cos(math.pi / 4)))
     ball = (Sphere(0.05), at(2.0 - 0.8 * math.sin(0.5), 1.0 + 0.8 * math.cos(0.5)))
-    assert isinstance(go({"turn": 1.0}, ball, base=quarter), Meets)
+    assert isinstance(go({"turn": 1.0}, ball, base=quarter), CollisionFound)
     assert isinstance(go({"turn": -1.0}, ball, base=quarter), Free)
 
 
 def test_what_takes_too_long_is_not_free() -> None:
-    assert isinstance(go({"turn": 1e4}, (Sphere(0.1), at(0.5, 0, 0.2))), Unable)
+    assert isinstance(go({"turn": 1e4}, (Sphere(0.1), at(0.5, 0, 0.2))), CheckFailed)
 
 
 def test_positions_of_no_size_at_all_make_no_difference() -> None:

@@ -6,7 +6,7 @@ from typing import Any
 from pyoxigraph import Literal, NamedNode
 
 from linked_fleet_gateway.extensions.pages.values import Facts
-from linked_fleet_gateway.extensions.world.collisions import COLLISIONS, Collisions, in_collisions
+from linked_fleet_gateway.extensions.world.collisions import COLLISIONS, Collisions, resolve_collisions
 from linked_fleet_gateway.extensions.world.errors import Collides
 from linked_fleet_gateway.extensions.world.page import collisions
 from linked_fleet_gateway.fleet.invocations import Invocations
@@ -33,7 +33,7 @@ def view(bench: Any, *hidden: str) -> RequestView:
 
 
 def page(known: Collisions, seen: RequestView) -> Any:
-    resource, graph = in_collisions(seen, [], known.known), Graph()
+    resource, graph = resolve_collisions(seen, [], known.known), Graph()
     assert resource is not None and resource.describe is not None
     resource.describe(graph)
     iri = NamedNode(seen.base + COLLISIONS)

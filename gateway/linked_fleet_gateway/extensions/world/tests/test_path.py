@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from linked_fleet_agent.wire.messages import Follow, Move
 from linked_fleet_gateway.extensions.world.path import FINEST_M, STEP_M, Path, path_of
 from linked_fleet_gateway.extensions.world.shapes import robot_of
-from linked_fleet_gateway.extensions.world.swept_path import ways_of
+from linked_fleet_gateway.extensions.world.swept_path import paths_of
 
 MIMIC = "<mimic joint='a' multiplier='-2'/>"
 ROBOT = robot_of(
@@ -23,7 +23,7 @@ steps = st.floats(0.01, 10)
 
 
 def path(motion: Move | Follow) -> Path:
-    (way,) = ways_of(motion, START, {})
+    (way,) = paths_of(motion, START, {})
     return path_of(ROBOT, way, ("a", "b"), REACH)
 
 

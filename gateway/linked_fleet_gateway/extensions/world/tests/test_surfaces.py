@@ -8,7 +8,15 @@ import pytest
 
 from linked_fleet_gateway.extensions.world import surfaces
 from linked_fleet_gateway.extensions.world.collision_check import check
-from linked_fleet_gateway.extensions.world.messages import Answer, Check, Free, Leg, Meets, Stood, Way
+from linked_fleet_gateway.extensions.world.messages import (
+    Answer,
+    Check,
+    CollisionFound,
+    Free,
+    MotionPath,
+    PathSegment,
+    Placement,
+)
 from linked_fleet_gateway.extensions.world.shapes import robot_of
 from linked_fleet_gateway.extensions.world.surfaces import read_mesh, winding
 from linked_fleet_gateway.fleet.model import Pose
@@ -68,8 +76,8 @@ _LIFT = f"""<robot name='lift'>
 
 def _go(start: dict[str, float], ends: dict[str, float]) -> Answer:
     robot = robot_of(_LIFT, {_CHANNEL}, lambda uri: read(channel()))
-    way = Way({"turn": 0.0, "spin": 0.0} | start, (Leg(ends),))
-    return check(Check(Stood("me", "lift", HERE), (way,), (), (), 30.0), {"lift": robot}, {})
+    way = MotionPath({"turn": 0.0, "spin": 0.0} | start, (PathSegment(ends),))
+    return check(Check(Placement("me", "lift", HERE), (way,), (), (), 30.0), {"lift": robot}, {})
 
 
 @pytest.mark.parametrize("scale", ["1e300 1 1", "1e308 1e308 1e308", "1e7 1e7 1e7", "0 0 0", "1 0 1"])
@@ -83,12 +91,12 @@ def test_a_shape_without_a_size_that_can_be_reckoned_with_is_refused(scale: str)
 def test_a_part_goes_where_the_concave_link_is_not_and_its_hull_is() -> None:
     assert isinstance(_go({"lift": 0.3}, {"lift": 0.0}), Free)
     met = _go({"lift": 0.3}, {"lift": -0.1})
-    assert isinstance(met, Meets) and {met.link, met.other} == {"rod", "foot"}
+    assert isinstance(met, CollisionFound) and {met.link, met.other} == {"rod", "foot"}
 
 
 def test_it_meets_the_walls_of_what_it_is_in() -> None:
     met = _go({"lift": 0.0}, {"spin": 1.57})
-    assert isinstance(met, Meets) and 0.1 < met.share < 0.5
+    assert isinstance(met, CollisionFound) and 0.1 < met.share < 0.5
 
 
 def test_a_part_inside_of_another_is_not_free_to_leave_through_its_surface_unless_it_was_there() -> None:

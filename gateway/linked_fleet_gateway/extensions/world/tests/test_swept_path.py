@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from linked_fleet_agent.trajectory import through
 from linked_fleet_agent.wire.messages import Follow, Move
 from linked_fleet_gateway.extensions.world.path import on_leg
-from linked_fleet_gateway.extensions.world.swept_path import MOST_STANCES, stances_of, ways_of
+from linked_fleet_gateway.extensions.world.swept_path import MOST_STANCES, paths_of, stances_of
 
 values = st.floats(-3, 3)
 
@@ -15,7 +15,7 @@ values = st.floats(-3, 3)
 @given(st.lists(st.tuples(st.floats(0.1, 2), values), min_size=1, max_size=6), values, st.floats(0, 1))
 def test_a_trajectory_is_the_cubics_of_the_agent(points: list[tuple[float, float]], start: float, share: float) -> None:
     times = [sum(step for step, _ in points[: i + 1]) for i in range(len(points))]
-    (way,) = ways_of(Follow(("a",), tuple(times), tuple((p,) for _, p in points)), {"a": start}, {})
+    (way,) = paths_of(Follow(("a",), tuple(times), tuple((p,) for _, p in points)), {"a": start}, {})
     agents = through(start, 0.0, times, [p for _, p in points])
     before, begun = start, 0.0
     for leg, time in zip(way.legs, times, strict=True):
@@ -25,7 +25,7 @@ def test_a_trajectory_is_the_cubics_of_the_agent(points: list[tuple[float, float
 
 
 def test_joints_that_go_elsewhere_meanwhile_are_here_there_and_on_the_way() -> None:
-    plain, there, along = ways_of(Move({"a": 1.0}), {"a": 0.0, "b": 0.0}, {"a": 5.0, "b": 2.0})
+    plain, there, along = paths_of(Move({"a": 1.0}), {"a": 0.0, "b": 0.0}, {"a": 5.0, "b": 2.0})
     assert (plain.start, plain.legs[-1].ends) == ({"a": 0.0, "b": 0.0}, {"a": 1.0})
     assert (there.start, there.legs[-1].ends) == ({"a": 0.0, "b": 2.0}, {"a": 1.0})
     assert (along.start, along.legs[-1].ends) == ({"a": 0.0, "b": 0.0}, {"a": 1.0, "b": 2.0})

@@ -6,15 +6,15 @@ from pathlib import Path
 from linked_fleet_gateway.extensions.world.mesh_cache import MeshCache
 from linked_fleet_gateway.extensions.world.messages import (
     Check,
-    Lacks,
-    Leg,
+    CheckFailed,
+    MeshesMissing,
+    MotionPath,
+    PathSegment,
+    Placement,
     Prepare,
     PrepareMesh,
     Question,
     Ready,
-    Stood,
-    Unable,
-    Way,
 )
 from linked_fleet_gateway.extensions.world.worker import Worker
 from linked_fleet_gateway.fleet.model import Pose
@@ -42,13 +42,13 @@ def told(worker: Worker, name: str) -> object:
 def test_it_asks_for_the_meshes_of_collision_geometry_alone() -> None:
     worker = Worker(MeshCache(None))
     name = NAMES["package://r/u.stl"]
-    assert worker.answer(prepare(urdf())) == Lacks((name,))
+    assert worker.answer(prepare(urdf())) == MeshesMissing((name,))
     assert told(worker, name) == Ready()
     assert worker.answer(prepare(urdf())) == Ready()
 
 
 def test_visual_geometry_stands_for_meshes_that_are_not_handed_out() -> None:
-    assert Worker(MeshCache(None)).answer(prepare(urdf(collision="package://r/none.stl"))) == Lacks(
+    assert Worker(MeshCache(None)).answer(prepare(urdf(collision="package://r/none.stl"))) == MeshesMissing(
         (NAMES["package://r/box.stl"],)
     )
 
@@ -59,14 +59,14 @@ def test_another_process_finds_what_was_read_before(tmp_path: Path) -> None:
     assert Worker(MeshCache(tmp_path)).answer(prepare(urdf())) == Ready()
     for file in tmp_path.iterdir():
         file.write_bytes(b"damaged")
-    assert isinstance(Worker(MeshCache(tmp_path)).answer(prepare(urdf())), Lacks)
+    assert isinstance(Worker(MeshCache(tmp_path)).answer(prepare(urdf())), MeshesMissing)
 
 
 def test_it_holds_no_more_meshes_than_it_may() -> None:
     worker = Worker(MeshCache(None), most_triangles=len(BOX))
     for name in MESHES:
         told(worker, name)
-    assert isinstance(worker.answer(prepare(urdf())), Lacks)
+    assert isinstance(worker.answer(prepare(urdf())), MeshesMissing)
     assert worker.answer(prepare(urdf(collision="package://r/box.stl"))) == Ready()
 
 
@@ -80,6 +80,6 @@ def test_what_cannot_be_used_is_said_and_the_process_goes_on() -> None:
         Prepare("r", urdf("box", "box").replace("<mesh filename='box'/>", "<torus/>"), {}),
     ]
     for question in hostile:
-        assert isinstance(worker.answer(question), Unable), question
-    here = Stood("r", "r", Pose((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)))
-    assert isinstance(worker.answer(Check(here, (Way({}, (Leg({}),)),), (), (), 1.0)), Unable)
+        assert isinstance(worker.answer(question), CheckFailed), question
+    here = Placement("r", "r", Pose((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)))
+    assert isinstance(worker.answer(Check(here, (MotionPath({}, (PathSegment({}),)),), (), (), 1.0)), CheckFailed)

@@ -10,8 +10,8 @@ import mujoco
 import numpy as np
 from PIL import Image
 
-from linked_fleet_agent.robots.eyes import Exposure, Scene
-from linked_fleet_agent.robots.repair import find_mesh, mended
+from linked_fleet_agent.robots.camera_client import PictureRequest, Scene
+from linked_fleet_agent.robots.urdf_repair import find_mesh, repaired_urdf
 from linked_fleet_agent.urdf import parse
 from linked_fleet_agent.wire.messages import Camera
 
@@ -21,7 +21,7 @@ _FLOOR_M, _TILE_M = 20.0, 0.5
 _HALF_TURN = np.array([0.0, 1.0, 0.0, 0.0])
 
 
-class Stage:
+class CameraScene:
     """The model of one robot and its renderers. Raises ValueError (UrdfError) if no model can be built."""
 
     def __init__(self, scene: Scene) -> None:
@@ -32,7 +32,7 @@ class Stage:
         self._pose(scene.home, None)
         self._lay_floor(scene.floating)
 
-    def take(self, exposure: Exposure) -> bytes:
+    def take(self, exposure: PictureRequest) -> bytes:
         """Return a JPEG or PNG file, or float32 depths in metre with NaN where nothing is in range."""
         camera = self._cameras[exposure.camera]
         self._pose(exposure.positions, exposure.base)
@@ -147,7 +147,7 @@ def _visible(scene: Scene) -> str:
                 link.remove(element)
         for element in shown:
             element.tag = "visual"
-    return mended(root, scene.robot)
+    return repaired_urdf(root, scene.robot)
 
 
 def _drawable(link: ElementTree.Element, tag: str, near: Path) -> list[ElementTree.Element]:

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from linked_fleet_agent.robots.catalogue import UnavailableError, load
-from linked_fleet_agent.robots.repair import physical
+from linked_fleet_agent.robots.urdf_repair import nearest_physical
 from linked_fleet_agent.urdf import UrdfError, joints_of
 
 SOUND = '<mass value="1"/><inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/>'
@@ -77,7 +77,7 @@ def test_limits_of_a_continuous_joint_are_open() -> None:
 def test_a_repaired_inertia_is_physical(values: list[float]) -> None:
     """All principal moments are positive and no one exceeds the sum of the others."""
     xx, yy, zz, xy, xz, yz = values
-    a, b, c = np.linalg.eigvalsh(physical(np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])))
+    a, b, c = np.linalg.eigvalsh(nearest_physical(np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])))
     assert a > 0.0
     assert a + b >= c * (1.0 - 1e-9)
 

@@ -11,8 +11,8 @@ import anyio
 from mcp_types import CallToolResult, ToolAnnotations
 from pydantic import Field
 
-from linked_fleet_gateway.extensions.mcp.asking import Asking
-from linked_fleet_gateway.extensions.mcp.replies import refused, told
+from linked_fleet_gateway.extensions.mcp.message_context import MessageContext
+from linked_fleet_gateway.extensions.mcp.replies import content_result, refusal_result
 from linked_fleet_gateway.extensions.mcp.tool import Progress, Target, Tool
 from linked_fleet_gateway.fleet.invocation import Invocation, InvocationState
 from linked_fleet_gateway.http.internal_request import Reply
@@ -31,18 +31,18 @@ class Rehearse(Tool):
     body: dict[str, Any] = Field({}, description="what the action consumes, as body_schema of find says")
     lock_token: str = Field("", max_length=200, description=_LEASE)
 
-    async def run(self, asking: Asking, progress: Progress) -> CallToolResult:
-        reply = await self._rehearsed(asking)
+    async def run(self, context: MessageContext, progress: Progress) -> CallToolResult:
+        reply = await self._rehearsed(context)
         refusal = reply.status >= 400
-        return told(reply, "It would be refused." if refusal else "It would be accepted. Nothing has moved.")
+        return content_result(reply, "It would be refused." if refusal else "It would be accepted. Nothing has moved.")
 
-    async def _rehearsed(self, asking: Asking) -> Reply:
-        return await self._invoke(asking, "application/ld+json", {"prefer": "dry-run"})
+    async def _rehearsed(self, context: MessageContext) -> Reply:
+        return await self._invoke(context, "application/ld+json", {"prefer": "dry-run"})
 
-    async def _invoke(self, asking: Asking, accept: str, fields: Mapping[str, str]) -> Reply:
-        token = self.lock_token or asking.request.headers.get("lock-token", "")
+    async def _invoke(self, context: MessageContext, accept: str, fields: Mapping[str, str]) -> Reply:
+        token = self.lock_token or context.request.headers.get("lock-token", "")
         own = {"content-type": _JSON, **({"lock-token": token} if token else {})}
-        return await asking.ask("POST", self.action, accept, {**fields, **own}, json.dumps(self.body).encode())
+        return await context.ask("POST", self.action, accept, {**fields, **own}, json.dumps(self.body).encode())
 
 
 class Act(Rehearse):
@@ -55,27 +55,27 @@ class Act(Rehearse):
         "", pattern=r"^[\w.:~-]{0,200}$", description="a key of yours: a call that is repeated with it moves nothing"
     )
 
-    async def run(self, asking: Asking, progress: Progress) -> CallToolResult:
+    async def run(self, context: MessageContext, progress: Progress) -> CallToolResult:
         if self.rehearse:
-            rehearsed = await self._rehearsed(asking)
+            rehearsed = await self._rehearsed(context)
             if rehearsed.status >= 400:
-                return refused(rehearsed.problem, "The rehearsal was refused. Nothing has moved.")
+                return refusal_result(rehearsed.problem, "The rehearsal was refused. Nothing has moved.")
         fields = {"prefer": "respond-async, return=representation"}
         if self.idempotency_key:
             fields["idempotency-key"] = f'"{self.idempotency_key}"'
         with anyio.CancelScope(shield=True):  # a client that cancels now must learn what has begun
-            reply = await self._invoke(asking, _JSON, fields)
+            reply = await self._invoke(context, _JSON, fields)
         iri = reply.headers.get("location", "")
         if reply.status >= 400 or not iri:
-            return told(reply, f"What is known of it is at {iri}." if iri else "")
+            return content_result(reply, f"What is known of it is at {iri}." if iri else "")
         try:
-            await _follow(asking, iri, self.wait_s, progress)
+            await _follow(context, iri, self.wait_s, progress)
         except asyncio.CancelledError:
-            if not asking.ending.is_set():  # a gateway that ends leaves motions to the others
+            if not context.ending.is_set():  # a gateway that ends leaves motions to the others
                 with anyio.CancelScope(shield=True):
-                    await asking.ask("POST", iri + "/actions/cancel", _JSON)
+                    await context.ask("POST", iri + "/actions/cancel", _JSON)
             raise
-        return _ended(iri, await asking.ask("GET", iri, _JSON))
+        return _ended(iri, await context.ask("GET", iri, _JSON))
 
 
 class Stop(Tool):
@@ -84,13 +84,13 @@ class Stop(Tool):
     hints = ToolAnnotations(read_only_hint=False, destructive_hint=False, idempotent_hint=True, open_world_hint=True)
     target: Target = Field("/", description="IRI or path of a robot, joint or invocation; / is all robots")
 
-    async def run(self, asking: Asking, progress: Progress) -> CallToolResult:
+    async def run(self, context: MessageContext, progress: Progress) -> CallToolResult:
         with anyio.CancelScope(shield=True):
-            for path in _stops("/" + self.target.removeprefix(asking.view.base).strip("/")):
-                reply = await asking.ask("POST", path, _JSON, {"prefer": "return=representation"})
+            for path in _stops("/" + self.target.removeprefix(context.view.base).strip("/")):
+                reply = await context.ask("POST", path, _JSON, {"prefer": "return=representation"})
                 if reply.status != 404:
                     break
-        return told(reply, "" if reply.status >= 400 else f"Done: {path}")
+        return content_result(reply, "" if reply.status >= 400 else f"Done: {path}")
 
 
 def _stops(path: str) -> Iterator[str]:
@@ -108,9 +108,9 @@ def _stops(path: str) -> Iterator[str]:
         yield f"/{segments[0]}/actions/stop"
 
 
-async def _follow(asking: Asking, iri: str, wait_s: float, progress: Progress) -> None:
+async def _follow(context: MessageContext, iri: str, wait_s: float, progress: Progress) -> None:
     """Report the progress of an invocation until it has ended or ``wait_s`` have passed."""
-    invocation = asking.view.invocations.get(iri.rpartition("/")[2])
+    invocation = context.view.invocations.get(iri.rpartition("/")[2])
     last = -1.0
     with suppress(TimeoutError):
         async with asyncio.timeout(wait_s):
@@ -121,7 +121,7 @@ async def _follow(asking: Asking, iri: str, wait_s: float, progress: Progress) -
                 if invocation.state.terminal:
                     return
                 before = invocation.state, invocation.progress
-                await asking.waiting.until_or_shutdown(invocation, partial(_differs, before), _LOOK_S)
+                await context.waiting.until_or_shutdown(invocation, partial(_differs, before), _LOOK_S)
                 await asyncio.sleep(_PAUSE_S)  # many changes may share one notification
 
 
@@ -132,11 +132,11 @@ def _differs(before: tuple[InvocationState, float], one: Invocation) -> bool:
 def _ended(iri: str, reply: Reply) -> CallToolResult:
     """Return the invocation as it is now; an error if it did not succeed."""
     if reply.status >= 400:
-        return told(reply)
+        return content_result(reply)
     found = {"iri": iri, **json.loads(reply.content)}
     state = InvocationState(found["state"].rpartition("#")[2])
     reason = f": {found['reason']}" if found.get("reason") else ""
-    result = told(
+    result = content_result(
         reply, f"The motion has ended: {state}{reason}." if state.terminal else f"It goes on ({state}); see {iri}."
     )
     result.structured_content, result.is_error = found, state.terminal and state is not InvocationState.SUCCEEDED

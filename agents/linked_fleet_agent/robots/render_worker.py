@@ -1,4 +1,4 @@
-"""The render process that ``eyes.py`` starts. It takes a scene, then picture requests, over stdin and stdout."""
+"""The render process that ``camera_client.py`` starts. It reads a scene and picture requests from stdin."""
 
 import os
 import select
@@ -9,7 +9,7 @@ from typing import BinaryIO
 
 import msgspec
 
-from linked_fleet_agent.robots.eyes import NOT, OK, Exposure, Scene, read_frame, write_frame
+from linked_fleet_agent.robots.camera_client import NOT, OK, PictureRequest, Scene, read_frame, write_frame
 
 IDLE_S = 30.0
 _NICENESS = 10  # lets the agent beside it move the robot on time
@@ -57,15 +57,15 @@ class _Room:
     """Answers requests: the first is the scene, each later one an exposure."""
 
     def __init__(self) -> None:
-        self._take: Callable[[Exposure], bytes] | None = None
+        self._take: Callable[[PictureRequest], bytes] | None = None
 
     def answer(self, question: bytes) -> bytes:
         if self._take is None:
-            from linked_fleet_agent.robots.stage import Stage
+            from linked_fleet_agent.robots.camera_scene import CameraScene
 
-            self._take = Stage(msgspec.msgpack.decode(question, type=Scene)).take
+            self._take = CameraScene(msgspec.msgpack.decode(question, type=Scene)).take
             return b""
-        return self._take(msgspec.msgpack.decode(question, type=Exposure))
+        return self._take(msgspec.msgpack.decode(question, type=PictureRequest))
 
 
 if __name__ == "__main__":

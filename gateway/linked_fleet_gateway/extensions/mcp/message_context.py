@@ -10,13 +10,13 @@ from linked_fleet_gateway.http.problem import PROBLEM_JSON
 from linked_fleet_gateway.http.request import Request
 from linked_fleet_gateway.resources.branches import Branches, RequestView
 
-KEY = "linked-fleet.asking"
-"""Key of the message's ``Asking`` in ``scope["extensions"]``."""
+KEY = "linked-fleet.context"
+"""Key of the message's ``MessageContext`` in ``scope["extensions"]``."""
 MAX_REPLY_BYTES = 256 * 1024
 
 
 @dataclass(frozen=True)
-class Asking:
+class MessageContext:
     """The context of one message.
 
     Whatever changes anything is a request to the gateway with the caller's credentials.

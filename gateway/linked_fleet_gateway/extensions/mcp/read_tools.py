@@ -7,8 +7,8 @@ from mcp.shared.exceptions import MCPError
 from pydantic import Field
 
 from linked_fleet_gateway.base.errors import FleetError
-from linked_fleet_gateway.extensions.mcp.asking import Asking
-from linked_fleet_gateway.extensions.mcp.replies import is_text, told
+from linked_fleet_gateway.extensions.mcp.message_context import MessageContext
+from linked_fleet_gateway.extensions.mcp.replies import content_result, is_text
 from linked_fleet_gateway.extensions.mcp.tool import Progress, Target, Tool
 from linked_fleet_gateway.http.internal_request import ReplyTooLong
 from linked_fleet_gateway.resources.paths import robot_path
@@ -29,8 +29,8 @@ class Read(Tool):
         "json", description="json: plain values where there are any, else JSON-LD"
     )
 
-    async def run(self, asking: Asking, progress: Progress) -> types.CallToolResult:
-        return told(await asking.ask("GET", self.target, _ACCEPT[self.format]))
+    async def run(self, context: MessageContext, progress: Progress) -> types.CallToolResult:
+        return content_result(await context.ask("GET", self.target, _ACCEPT[self.format]))
 
 
 class Query(Tool):
@@ -38,34 +38,34 @@ class Query(Tool):
 
     query: str = Field(min_length=1, max_length=16_384)
 
-    async def run(self, asking: Asking, progress: Progress) -> types.CallToolResult:
+    async def run(self, context: MessageContext, progress: Progress) -> types.CallToolResult:
         accept = f"application/sparql-results+json, {_TURTLE};q=0.9"
         fields = {"content-type": "application/sparql-query"}
-        return told(await asking.ask("POST", "/query", accept, fields, self.query.encode()))
+        return content_result(await context.ask("POST", "/query", accept, fields, self.query.encode()))
 
 
-def resources(asking: Asking) -> list[types.Resource]:
+def resources(context: MessageContext) -> list[types.Resource]:
     """Return the fleet and its robots; links lead to the rest."""
     named = [("fleet", "Linked Fleet", "/")]
-    named += [(name, robot.title, robot_path(name)) for name, robot in sorted(asking.view.robots.items())]
+    named += [(name, robot.title, robot_path(name)) for name, robot in sorted(context.view.robots.items())]
     return [
-        types.Resource(name=name, title=title, uri=asking.view.base + path, mime_type=_JSONLD)
+        types.Resource(name=name, title=title, uri=context.view.base + path, mime_type=_JSONLD)
         for name, title, path in named
     ]
 
 
-def templates(asking: Asking) -> list[types.ResourceTemplate]:
-    uri, about = asking.view.base + "/{+path}", "a path of the tree, such as {robot}/ or {robot}/{joint}"
+def templates(context: MessageContext) -> list[types.ResourceTemplate]:
+    uri, about = context.view.base + "/{+path}", "a path of the tree, such as {robot}/ or {robot}/{joint}"
     return [
         types.ResourceTemplate(name="resource", uri_template=uri, description=about, mime_type=_JSONLD),
         types.ResourceTemplate(name="turtle", uri_template=f"{uri}?as=turtle", description=about, mime_type=_TURTLE),
     ]
 
 
-async def contents(asking: Asking, uri: str) -> types.TextResourceContents:
+async def contents(context: MessageContext, uri: str) -> types.TextResourceContents:
     """Return the representation of a resource, JSON-LD unless the URI says otherwise. MCPError if it cannot be read."""
     try:
-        reply = await asking.ask("GET", uri, _ACCEPT["jsonld"])
+        reply = await context.ask("GET", uri, _ACCEPT["jsonld"])
     except (FleetError, ReplyTooLong) as error:
         raise MCPError(types.INVALID_PARAMS, str(error), {"uri": uri}) from error
     if reply.status != 200:

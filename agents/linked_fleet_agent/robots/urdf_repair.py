@@ -21,7 +21,7 @@ _AXES = (("ixx", "ixy", "ixz"), ("ixy", "iyy", "iyz"), ("ixz", "iyz", "izz"))
 _CONSTANT_INERTIA = 1e-12
 
 
-def simulable(urdf: str, robot: str, meshes_from: Path | None = None) -> str:
+def simulable_urdf(urdf: str, robot: str, meshes_from: Path | None = None) -> str:
     """Return the URDF to simulate. Raises UrdfError if ``urdf`` is invalid.
 
     Meshes are dropped, unless ``meshes_from`` is the path of the URDF file that mesh paths are relative to.
@@ -30,10 +30,10 @@ def simulable(urdf: str, robot: str, meshes_from: Path | None = None) -> str:
     _drop_pictures(root)
     for mesh, link in _collision_meshes(root):
         _resolve_or_drop(mesh, link, meshes_from, robot)
-    return mended(root, robot)
+    return repaired_urdf(root, robot)
 
 
-def mended(root: ElementTree.Element, robot: str) -> str:
+def repaired_urdf(root: ElementTree.Element, robot: str) -> str:
     """Return the URDF for MuJoCo from an element that has only the meshes to be loaded. Raises UrdfError."""
     _weld_many_dof_joints(root, robot)
     _rename_world(root)
@@ -128,7 +128,7 @@ def _repair_tensor(inertial: ElementTree.Element, robot: str, link: str) -> None
     if tensor is None:
         tensor = ElementTree.SubElement(inertial, "inertia")
     given = np.array([[float(tensor.get(key, "0")) for key in row] for row in _AXES])
-    sound = physical(given)
+    sound = nearest_physical(given)
     if np.allclose(given, sound, rtol=1e-9, atol=_CONSTANT_INERTIA):
         return
     _log.info("%s: link %s: the inertia is not physical; repaired from %s", robot, link, given.tolist())
@@ -137,7 +137,7 @@ def _repair_tensor(inertial: ElementTree.Element, robot: str, link: str) -> None
             tensor.set(key, repr(float(sound[row, column])))
 
 
-def physical(inertia: np.ndarray) -> np.ndarray:
+def nearest_physical(inertia: np.ndarray) -> np.ndarray:
     """Return the nearest physical inertia in kg·m² with the same principal axes: all positive, A + B ≥ C."""
     principal, axes = np.linalg.eigh((inertia + inertia.T) / 2.0)
     floor = max(TINY_INERTIA_KG_M2 * 1e-3, 1e-6 * float(np.abs(principal).max()))

@@ -14,12 +14,12 @@ SOONEST_S, CYCLES, LATEST_S = 0.05, 3, 0.5
 _HOLDING = 0.01
 
 
-def reached_in_s(cycle_s: float) -> float:
+def time_from_start_s(cycle_s: float) -> float:
     """Return the time from sending a point until it is reached, for an agent that sends one per cycle."""
     return min(max(SOONEST_S, CYCLES * cycle_s), LATEST_S)
 
 
-class Follower:
+class TrajectoryPoints:
     """The points of one controller.
 
     Each message needs all of its joints; those that are not moved stay where they are.

@@ -12,7 +12,7 @@ from linked_fleet_gateway.actions.service import Actions
 from linked_fleet_gateway.base.errors import InsufficientScope, UnprocessableContent
 from linked_fleet_gateway.extensions.rules.edges import Row
 from linked_fleet_gateway.extensions.rules.rule import Rule
-from linked_fleet_gateway.extensions.rules.template import filled
+from linked_fleet_gateway.extensions.rules.template import fill
 from linked_fleet_gateway.fleet.invocations import Invocation
 from linked_fleet_gateway.identity.rights import Identity, Right
 from linked_fleet_gateway.resources.action_body import Body, as_ntriples
@@ -25,7 +25,7 @@ from linked_fleet_gateway.resources.tree import Tree
 Moments = Mapping[str, RobotTime | None]
 
 
-def offered(tree: Tree, path: str, creator: Identity) -> Offer:
+def find_action(tree: Tree, path: str, creator: Identity) -> Offer:
     """Return the action at ``path`` if ``creator`` may invoke it. Raises UnprocessableContent, InsufficientScope."""
     found = tree.resolve(path)
     if not isinstance(found, Resource) or not isinstance(found.affords, Invoke):
@@ -37,7 +37,7 @@ def offered(tree: Tree, path: str, creator: Identity) -> Offer:
     return found.affords.offer
 
 
-async def invoked(
+async def invoke(
     actions: Actions, tree: Tree, rule: Rule, path: str, creator: Identity, number: int, row: Row, moments: Moments
 ) -> Invocation:
     """Invoke the action at ``path`` for the firing ``number`` and return the accepted invocation. Raises FleetError.
@@ -45,14 +45,14 @@ async def invoked(
     ``moments`` are the states of the robots at the evaluation. Commands given to a robot since then, such as a stop,
     take precedence.
     """
-    offer = offered(tree, path, creator)
+    offer = find_action(tree, path, creator)
     action = NamedNode(rule.base + offer.path)
     if not offer.takes_body:
         halt = actions.plan(ActionRequest(rule.base, Body((), action), offer.robot, offer.joint), offer)
         assert isinstance(halt, Halt)
         asking = Caller(rule.client, stops=creator.over(Right.STOP), rule=rule.id)
         return await actions.halt(offer.path, halt, asking)
-    body = admit(offer, filled(rule.body, row, action), rule.base)
+    body = admit(offer, fill(rule.body, row, action), rule.base)
     moment = None if offer.robot is None else moments.get(offer.robot.name)
     plan = actions.plan(ActionRequest(rule.base, body, offer.robot, offer.joint, moment), offer)
     if isinstance(plan, DeferredPlan):

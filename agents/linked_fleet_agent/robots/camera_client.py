@@ -42,7 +42,7 @@ class Scene(msgspec.Struct, frozen=True, kw_only=True):
     cameras: Sequence[Camera]
 
 
-class Exposure(msgspec.Struct, frozen=True, kw_only=True):
+class PictureRequest(msgspec.Struct, frozen=True, kw_only=True):
     """One picture: positions by joint, and the position and quaternion x y z w of a floating base in the world."""
 
     camera: str
@@ -116,7 +116,7 @@ class Renderer:
         """Return one picture. Raises PictureError if the renderer fails or does not answer in time."""
         base = None if reading.base is None else (*reading.base.position_m, *reading.base.orientation_xyzw)
         positions = dict(zip(joints, reading.positions, strict=True))
-        order = msgspec.msgpack.encode(Exposure(camera=camera, format=format, positions=positions, base=base))
+        order = msgspec.msgpack.encode(PictureRequest(camera=camera, format=format, positions=positions, base=base))
         for _ in range(2):
             try:
                 return self._ready().ask(order)
@@ -142,14 +142,14 @@ class Renderer:
 
 
 class _Renderer:
-    """A process of ``darkroom.py``."""
+    """A process of ``render_worker.py``."""
 
     def __init__(self, way: str, task: Literal["probe", "serve"]) -> None:
         path = os.pathsep.join([str(Path(linked_fleet_agent.__file__).parent.parent), os.environ.get("PYTHONPATH", "")])
         # One thread: rendering must leave the other processors to the control loop.
         environment = {**os.environ, "MUJOCO_GL": way, "PYTHONPATH": path, "LP_NUM_THREADS": "1"}
         self._process = subprocess.Popen(  # noqa: S603 - this program
-            [sys.executable, "-m", "linked_fleet_agent.robots.darkroom", task],
+            [sys.executable, "-m", "linked_fleet_agent.robots.render_worker", task],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,
