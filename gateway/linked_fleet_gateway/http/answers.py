@@ -1,8 +1,8 @@
 """A cache of responses to GET: constant parts are assembled once, values and entity tags are new each time.
 
 Responses are cached by path, Accept, base URL and the caller's view. They come from ``read`` and belong to resources of
-a robot. A response is valid while nothing but frames has changed the robot, and while the facts of the resource are
-equal. Requests with fields that ask for more than a representation bypass the cache.
+a robot, or to such that never change. A response is valid while nothing but frames has changed the robot, and while the
+facts of the resource are equal. Requests with fields that ask for more than a representation bypass the cache.
 """
 
 import logging
@@ -72,13 +72,13 @@ class Answer:
     def __init__(
         self,
         resource: Resource,
-        robot: Robot,
+        robot: Robot | None,
         rendering: Rendering | None,
         content: bytes,
         fields: Fields,
         of_content: Fields,
     ) -> None:
-        """Create a response.
+        """Create a response; ``robot`` is None if it lasts (``Resource.lasting``).
 
         ``fields``: those of every response except ETag; ``of_content``: those absent from a 304.
         """
@@ -98,7 +98,7 @@ class Answer:
     def holds(self, live: Live) -> bool:
         """Return True if the robot still exists and nothing but frames has changed it."""
         robot = self._robot
-        return (
+        return robot is None or (
             live.fleet.robots.get(robot.name) is robot
             and _news(robot) == self._news
             and self._source.facts() == self._facts
@@ -189,5 +189,7 @@ def _asked(scope: Scope) -> tuple[Key | None, str | None, bytes | None]:
     return (scope["raw_path"], accept, arrival.base, view), known_tags, coding
 
 
-def _news(robot: Robot) -> tuple[object, ...]:
+def _news(robot: Robot | None) -> tuple[object, ...]:
+    if robot is None:
+        return ()
     return robot.incarnation, robot.news, robot.online, robot.description is not None

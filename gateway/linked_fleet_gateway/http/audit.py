@@ -1,6 +1,8 @@
 """Audit records of requests, and the resource ``/audit`` with its pages, for administrators."""
 
+from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
 from urllib.parse import urlsplit
 
 from pyoxigraph import Literal, NamedNode
@@ -12,7 +14,7 @@ from linked_fleet_gateway.rdf.graph import Graph, integer, timestamp
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, LDP, LF, PROV, RDFS, XHV
 from linked_fleet_gateway.resources.paths import AUDIT as PATH
 from linked_fleet_gateway.resources.paths import robot_of, robot_path
-from linked_fleet_gateway.resources.resource import CONTAINER, Resource
+from linked_fleet_gateway.resources.resource import CONTAINER, Resource, complete
 from linked_fleet_gateway.runtime.audit_log import PAGE, Audit, Entry
 from linked_fleet_gateway.runtime.redis import StoreUnavailable
 from linked_fleet_gateway.runtime.request_context import present
@@ -44,9 +46,8 @@ async def audit_resource(connection: Connection) -> Resource:
         raise NotFound(f"There is no such page: {error}.") from error
     except StoreUnavailable as error:
         raise StoreAway("The server that keeps the audit is away; the log of each gateway has its own part.") from error
-    return Resource(
-        path, "Audit", lambda graph: _describe(graph, connection.base, path, entries), CONTAINER, followed=False
-    )
+    steps = partial(_steps, connection.base, path, entries)
+    return Resource(path, "Audit", lambda graph: complete(steps(graph)), CONTAINER, followed=False, steps=steps)
 
 
 def is_audit(path: str) -> bool:
@@ -66,7 +67,7 @@ def with_audit(connection: Connection, resource: Resource) -> Resource:
     return resource if of is None or of.path != "/" else replace(resource, linkset_of=with_audit(connection, of))
 
 
-def _describe(graph: Graph, base: str, path: str, entries: list[tuple[str, Entry]]) -> None:
+def _steps(base: str, path: str, entries: list[tuple[str, Entry]], graph: Graph) -> Iterator[None]:
     iri = NamedNode(base + path)
     graph.a(iri, LF.Audit, LDP.BasicContainer, LDP.Container)
     graph.add(iri, DCTERMS.title, Literal("Audit"))
@@ -77,6 +78,7 @@ def _describe(graph: Graph, base: str, path: str, entries: list[tuple[str, Entry
         one = NamedNode(f"{base}{PATH}#{id}")
         graph.add(iri, LDP.contains, one)
         _describe_entry(graph, base, one, entry)
+        yield
 
 
 def _describe_entry(graph: Graph, base: str, iri: NamedNode, entry: Entry) -> None:

@@ -33,7 +33,7 @@ from linked_fleet_gateway.http.invoke import end_invocation, invoke, put_target
 from linked_fleet_gateway.http.models import check_model
 from linked_fleet_gateway.http.preconditions import await_preconditions
 from linked_fleet_gateway.http.problem import problem
-from linked_fleet_gateway.http.read import READ, allowed, method_headers, read, read_mesh
+from linked_fleet_gateway.http.read import READ, allowed, method_headers, read_in_turns, read_mesh
 from linked_fleet_gateway.http.request import Connection, Request, WebSocket, gateway_of
 from linked_fleet_gateway.http.rights import SEES_SUBSCRIPTIONS, require_right, visible_subscriptions
 from linked_fleet_gateway.http.streams import EventStream, is_over, open_websocket, wants_events
@@ -142,7 +142,7 @@ class Endpoint:
         if part is not None:
             found = shown_part(found, part, request.base)
         if request.method in ("GET", "HEAD") and field(request, "if-match") is not None:
-            read(request, found)  # other refusals come before a failed precondition (RFC 9110, 13.2.1)
+            await read_in_turns(request, found)  # other refusals come before a failed precondition (RFC 9110, 13.2.1)
         await await_preconditions(request, found)
         if request.method not in READ:
             return await self._write(request, found)
@@ -154,7 +154,7 @@ class Endpoint:
             stream = EventStream(request, found)
             await stream.register()
             return stream
-        return read(request, found)
+        return await read_in_turns(request, found)
 
     async def _write(self, request: Request, resource: Resource) -> ASGIApp:
         """Execute a permitted write.

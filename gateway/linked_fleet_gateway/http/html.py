@@ -27,6 +27,9 @@ class HtmlWriter(Protocol):
     modules: Sequence[str]
     """Modules that are slow to import and needed for pages only."""
 
+    def prepare(self) -> None:
+        """Load what the first page needs besides; called in a thread when the modules are loaded."""
+
     def write_resource(self, resource: Resource, triples: Sequence[Triple], base: str, formats: Formats) -> bytes:
         """Return the page of a resource; ``base`` is scheme and authority."""
 

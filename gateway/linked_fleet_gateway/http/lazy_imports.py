@@ -8,6 +8,7 @@ from typing import Final
 from starlette.types import Scope
 
 from linked_fleet_gateway.http.arrival import fields_of
+from linked_fleet_gateway.http.html import HtmlWriter
 from linked_fleet_gateway.http.request import html_of
 
 SUBSCRIPTIONS: Final = ("httpx",)
@@ -23,21 +24,24 @@ class ModuleLoader:
     async def load(self, scope: Scope) -> None:
         """Return when the modules that a request needs have been imported."""
         if len(self._loaded) < 2 and scope["type"] == "http":
-            needed = _needed(scope)
+            needed, html = _needed(scope)
             if needed and needed not in self._loaded:
-                await asyncio.to_thread(self._load_all, needed)
+                await asyncio.to_thread(self._load_all, needed, html)
                 self._loaded.add(needed)
 
-    def _load_all(self, names: tuple[str, ...]) -> None:
+    def _load_all(self, names: tuple[str, ...], html: HtmlWriter | None) -> None:
         for name in names:
             self._load(name)
+        if html is not None:
+            html.prepare()
 
 
-def _needed(scope: Scope) -> tuple[str, ...]:
+def _needed(scope: Scope) -> tuple[tuple[str, ...], HtmlWriter | None]:
+    """Return the modules, and the writer that is needed for a page."""
     path, method = scope["path"], scope["method"]
     if method in ("POST", "PATCH"):
         container = path if method == "POST" else path.rpartition("/")[0]
-        return SUBSCRIPTIONS if container.endswith("/subscriptions") else ()
+        return (SUBSCRIPTIONS if container.endswith("/subscriptions") else ()), None
     html = html_of(scope)
     page = b"text/html" in fields_of(scope).get(b"accept", b"")
-    return tuple(html.modules) if html is not None and page else ()
+    return (tuple(html.modules), html) if html is not None and page else ((), None)

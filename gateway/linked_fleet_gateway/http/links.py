@@ -11,6 +11,7 @@ from linked_fleet_gateway.http.fields import quote
 
 LINKSET_TYPES = ("application/linkset+json", "application/linkset")
 # RFC 3986, 2: reserved and unreserved characters and existing %XX stay; everything else is percent-encoded.
+_LEAST_BYTES = len('<>; rel="", ')
 _SAFE = "!#$%&'()*+,/:;=?@[]~"
 
 
@@ -38,6 +39,8 @@ def link_header(own: Sequence[Link], parts: Sequence[Link], linkset: str | None 
     room = limit - sum(len(member) + 2 for member in last)
     members: list[str] = []
     for link in [*own, *parts]:
+        if len(link.target) + len(link.rel) + _LEAST_BYTES >= room:
+            continue
         member = _member(link)
         if len(member) + 2 >= room:
             continue

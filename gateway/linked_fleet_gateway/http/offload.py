@@ -1,4 +1,4 @@
-"""Parsing and validation of long bodies in a thread, so that no body delays a stop."""
+"""Work in a thread: parsing and validation of long bodies, and writing of long ones, so that none delays a stop."""
 
 import asyncio
 from collections.abc import Callable
@@ -15,7 +15,8 @@ T = TypeVar("T")
 class Offload:
     """One thread at a time, because the interpreter runs only one, and more would compete with the event loop."""
 
-    def __init__(self) -> None:
+    def __init__(self, most_waiting: int = MOST_WAITING) -> None:
+        self._most_waiting = most_waiting
         self._place = asyncio.Semaphore(1)
         self._waiting = 0
 
@@ -26,8 +27,8 @@ class Offload:
         """
         if size <= short:
             return work()
-        if self._waiting >= MOST_WAITING:
-            raise Busy(f"{MOST_WAITING} long bodies are being read; ask again.")
+        if self._waiting >= self._most_waiting:
+            raise Busy(f"{self._most_waiting} long bodies are being read; ask again.")
         self._waiting += 1
         try:
             async with self._place:

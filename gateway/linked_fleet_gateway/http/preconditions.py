@@ -1,6 +1,6 @@
 """If-Match and, for writes, If-None-Match (RFC 9110, 13.1.1 and 13.1.2)."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 
 from linked_fleet_gateway.base.errors import PreconditionFailed
 from linked_fleet_gateway.http.conditional import not_modified, precondition_holds
@@ -8,19 +8,24 @@ from linked_fleet_gateway.http.fields import field
 from linked_fleet_gateway.http.request import Request
 from linked_fleet_gateway.resources.affordance import EndInvocation, Invoke
 from linked_fleet_gateway.resources.resource import Redirect, Resource
-from linked_fleet_gateway.runtime.background import sliced
 
 
 def check_preconditions(request: Request, resource: Resource) -> None:
     """Raise PreconditionFailed, except for stops. It may render every representation, so not for the event loop."""
-    for _ in _checks(request, resource):
-        pass
+    check = _Check(request, resource)
+    if check.needed and not any(map(check.settled_by, request.services.representations.etags(resource, request.base))):
+        check.end()
 
 
 async def await_preconditions(request: Request, resource: Resource) -> None:
     """Check like ``check_preconditions``, giving other tasks turns."""
-    async for _ in sliced(_checks(request, resource)):
-        pass
+    check, services = _Check(request, resource), request.services
+    if not check.needed:
+        return
+    async for tag in services.representations.etags_in_turns(resource, request.base, services.writing):
+        if check.settled_by(tag):
+            return
+    check.end()
 
 
 async def present_under_preconditions(
@@ -40,22 +45,26 @@ def _version(request: Request, resource: Resource) -> str:
     return next(request.services.representations.etags(resource, request.base), "") if conditional else ""
 
 
-def _checks(request: Request, resource: Resource) -> Iterator[None]:
-    """Check preconditions, yielding after each rendered representation."""
-    wanted = field(request, "if-match")
-    unwanted = None if request.method in ("GET", "HEAD", "OPTIONS") else field(request, "if-none-match")
-    if (wanted is None and unwanted is None) or _stops(resource):
-        return
-    holds = False
-    for tag in request.services.representations.etags(resource, request.base):
-        if not_modified(unwanted, tag):
+class _Check:
+    """The preconditions of one request, checked with the tags of one representation after the other."""
+
+    def __init__(self, request: Request, resource: Resource) -> None:
+        reads = request.method in ("GET", "HEAD", "OPTIONS")
+        self._wanted, self._unwanted = field(request, "if-match"), None if reads else field(request, "if-none-match")
+        self.needed = not (self._wanted is None and self._unwanted is None) and not _stops(resource)
+        self._holds = False
+
+    def settled_by(self, tag: str) -> bool:
+        """Return True if the preconditions hold whatever the other tags are. Raises PreconditionFailed."""
+        if not_modified(self._unwanted, tag):
             raise PreconditionFailed("If-None-Match names the present state of the resource.")
-        holds = holds or precondition_holds(wanted, {tag})
-        if holds and unwanted is None:
-            return
-        yield
-    if not holds:
-        raise PreconditionFailed("The resource has changed since; none of the entity tags in If-Match is current.")
+        self._holds = self._holds or precondition_holds(self._wanted, {tag})
+        return self._holds and self._unwanted is None
+
+    def end(self) -> None:
+        """Raise PreconditionFailed if no tag has met If-Match."""
+        if not self._holds:
+            raise PreconditionFailed("The resource has changed since; none of the entity tags in If-Match is current.")
 
 
 def _stops(resource: Resource) -> bool:

@@ -33,9 +33,23 @@ _FOR_EVER = "public, max-age=31536000, immutable"
 
 def read(request: Request, resource: Resource) -> Response:
     """Return the representation that the client prefers, or 304. Raises NotAcceptable."""
+    return _response(request, resource, request.services.representations.negotiated(*_asked(request, resource)))
+
+
+async def read_in_turns(request: Request, resource: Resource) -> Response:
+    """Return the same as ``read``. Other requests get turns if it takes long."""
+    asked, threads = _asked(request, resource), request.services.writing
+    return _response(request, resource, await request.services.representations.negotiated_in_turns(*asked, threads))
+
+
+def _asked(request: Request, resource: Resource) -> tuple[str | None, Resource, str]:
+    """Return the accepted media types, the resource and its base."""
+    picked = request.query_params.get("as")
+    return request.services.representations.preferred(field(request, "accept"), picked), resource, request.base
+
+
+def _response(request: Request, resource: Resource, representation: Representation) -> Response:
     representations = request.services.representations
-    accept = representations.preferred(field(request, "accept"), request.query_params.get("as"))
-    representation = representations.negotiated(accept, resource, request.base)
     headers = resource_headers(resource, request.base, representation.etag)
     headers["vary"] += ", Accept-Encoding"
     if representation.media_type not in resource.documents and preferred_part(request, resource) is not None:
@@ -77,7 +91,7 @@ def _keep(request: Request, resource: Resource, representation: Representation, 
         robot = request.services.live.fleet.robots.get(robot_of(resource.path) or "")
     rendering = request.services.representations.rendering(resource, media_type, request.base)
     still = rendering is None and not resource.source.measured and resource.followed
-    if robot is None or media_type not in RDF_TYPES or media_type in resource.documents:
+    if media_type not in RDF_TYPES or media_type in resource.documents or (robot is None and not resource.lasting):
         return
     if (rendering is None and not still) or resource.linkset_of is not None:
         return

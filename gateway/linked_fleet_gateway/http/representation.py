@@ -1,18 +1,28 @@
 """Representations of a resource: the available ones, negotiation, bytes and entity tags."""
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import AsyncIterator, Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
+from typing import TypeVar
+
+from pyoxigraph import Triple
 
 from linked_fleet_gateway.base.errors import NotAcceptable
 from linked_fleet_gateway.http.conditional import etag
 from linked_fleet_gateway.http.html import HTML, Formats, HtmlWriter
 from linked_fleet_gateway.http.links import LINKSET_TYPES, Link, linkset_json, linkset_text
 from linked_fleet_gateway.http.negotiation import choose
+from linked_fleet_gateway.http.offload import Offload
+from linked_fleet_gateway.rdf.graph import Graph
 from linked_fleet_gateway.rdf.serialise import JSON, RDF_TYPES, WriteError, render
 from linked_fleet_gateway.rdf.vocabulary import PREFIXES
 from linked_fleet_gateway.resources.renderings import Copies, Rendering, Renderings, is_compilable
 from linked_fleet_gateway.resources.resource import Resource
+from linked_fleet_gateway.runtime.background import sliced
+
+_A = TypeVar("_A", str, str | None)
+Write = Callable[[_A, Resource, str, Sequence[Triple]], "Representation"]
 
 FORMATS: Formats = {
     "turtle": ("Turtle", "text/turtle"),
@@ -52,12 +62,29 @@ class Representations:
         self._renderings = Renderings()
         self._copies = Copies()
 
-    def negotiated(self, accept: str | None, resource: Resource, base: str) -> Representation:
-        """Return the representation that Accept prefers. Raises NotAcceptable with the available types."""
+    async def negotiated_in_turns(
+        self, accept: str | None, resource: Resource, base: str, threads: Offload
+    ) -> Representation:
+        """Return the representation that Accept prefers. Other requests get turns if it takes long.
+
+        Raises as ``negotiated``, and Busy.
+        """
+        media_type = choose(accept, self._offered(resource))
+        if media_type is None or not self._is_long(resource, media_type):
+            return self.negotiated(accept, resource, base)
+        return await self._in_thread(self.negotiated, accept, resource, base, threads)
+
+    def negotiated(
+        self, accept: str | None, resource: Resource, base: str, triples: Sequence[Triple] | None = None
+    ) -> Representation:
+        """Return the representation that Accept prefers. Raises NotAcceptable with the available types.
+
+        ``triples``: those of the description, if they are known.
+        """
         offered = self._offered(resource)
         while media_type := choose(accept, offered):
             try:
-                return self._represent(resource, media_type, base)
+                return self._represent(media_type, resource, base, triples)
             except WriteError:
                 offered = tuple(each for each in offered if each != media_type)
         raise NotAcceptable(f"Available here: {', '.join(offered)}.", offered=offered)
@@ -83,9 +110,34 @@ class Representations:
         """Yield the tags of all representations, rendered on demand: a client may read JSON-LD and write Turtle."""
         for media_type in self._offered(resource):
             with suppress(WriteError):
-                yield self._represent(resource, media_type, base).etag
+                yield self._represent(media_type, resource, base).etag
 
-    def _represent(self, resource: Resource, media_type: str, base: str) -> Representation:
+    async def etags_in_turns(self, resource: Resource, base: str, threads: Offload) -> AsyncIterator[str]:
+        """Yield the tags like ``etags``. Other requests get turns."""
+        async for media_type in sliced(self._offered(resource)):
+            with suppress(WriteError):
+                if self._is_long(resource, media_type):
+                    found = await self._in_thread(self._represent, media_type, resource, base, threads)
+                else:
+                    found = self._represent(media_type, resource, base)
+                yield found.etag
+
+    def _is_long(self, resource: Resource, media_type: str) -> bool:
+        """Return True if a representation takes more than a few milliseconds."""
+        return media_type not in resource.documents and (resource.steps is not None or media_type == HTML)
+
+    async def _in_thread(
+        self, write: Write[_A], asked: _A, resource: Resource, base: str, threads: Offload
+    ) -> Representation:
+        """Write a description in a thread; it is made in steps here, because a thread must not read the live fleet."""
+        graph = Graph()
+        async for _ in sliced(resource.stepwise(graph, base)):
+            pass
+        return await threads.run(partial(write, asked, resource, base, graph.triples), len(graph.triples), 0)
+
+    def _represent(
+        self, media_type: str, resource: Resource, base: str, triples: Sequence[Triple] | None = None
+    ) -> Representation:
         if resource.linkset_of is not None:
             anchor, links = base + resource.linkset_of.path, related(resource.linkset_of, base)
             write_links: Callable[..., bytes] = linkset_json if media_type == LINKSET_TYPES[0] else linkset_text
@@ -96,7 +148,8 @@ class Representations:
             return Representation(rendering.present(), media_type)
         if (copied := self._copies.body(resource, media_type, base)) is not None:
             return Representation(copied, media_type)
-        triples = resource.whole(base).triples
+        if triples is None:
+            triples = resource.whole(base).triples
         if media_type == HTML and self.html is not None:
             return Representation(self.html.write_resource(resource, triples, base, self.formats), media_type)
         return Representation(render(triples, media_type, PREFIXES, base=base + resource.path), media_type)

@@ -1,7 +1,9 @@
 """The gateway as seen by handlers, and typed requests with caller and tree, resolved once."""
 
+import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Protocol
 
 from prometheus_client import CollectorRegistry
@@ -50,6 +52,8 @@ class Services:
     identities: Identities | None
     embedded: Embedded | None
     offload: Offload = field(default_factory=Offload)
+    writing: Offload = field(default_factory=partial(Offload, sys.maxsize))
+    """Writes long representations; the number of connections is their only limit."""
     turns: StopPriority = field(default_factory=StopPriority)
     rates: TokenBuckets = field(default_factory=lambda: TokenBuckets(0.0))
     """Rate limits by client."""

@@ -23,8 +23,12 @@ def write(triples: Sequence[Triple], prefixes: Mapping[str, str]) -> str:
     """Return one node object if there is one subject, else ``@graph``."""
     writer = _Writer(Outline(triples), Names(_unambiguous(prefixes, triples)))
     nodes = [writer.heading(subject) for subject in writer.outline.headings]
-    body = nodes[0] if len(nodes) == 1 else {"@graph": nodes}
-    return json.dumps({"@context": dict(sorted(writer.names.used.items())), **body}, ensure_ascii=False)
+    context = {"@context": dict(sorted(writer.names.used.items()))}
+    if len(nodes) == 1:
+        return json.dumps(context | nodes[0], ensure_ascii=False)
+    # Node by node, because json holds the interpreter for all that it writes at once.
+    graph = ", ".join([json.dumps(node, ensure_ascii=False) for node in nodes])
+    return f'{json.dumps(context, ensure_ascii=False)[:-1]}, "@graph": [{graph}]}}'
 
 
 def _unambiguous(prefixes: Mapping[str, str], triples: Sequence[Triple]) -> dict[str, str]:

@@ -1,6 +1,6 @@
 """Descriptions of fleet, robot, joint, link and property as triples (paper figures 2b and 3, R1.3 to R1.12)."""
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from decimal import Decimal
 from functools import lru_cache
@@ -49,8 +49,8 @@ class Describer:
         links: Links,
         graph: Graph,
         doing: Callable[[Robot], RobotActivity] = lambda robot: RobotActivity(),
-    ) -> None:
-        """Describe the fleet; ``links`` are predicate and path of its further resources."""
+    ) -> Iterator[None]:
+        """Describe the fleet, one robot in each step; ``links`` are predicate and path of its further resources."""
         root = self.iri("/")
         graph.a(root, HYBRIT.RoboticThing, LF.Fleet, LDP.BasicContainer, LDP.Container)
         graph.add(root, DCTERMS.title, Literal("Linked Fleet"))
@@ -62,6 +62,7 @@ class Describer:
         robots = [robot for _, robot in sorted(members.items())]
         graph.add(root, LDP.contains, *(self.iri(robot_path(robot.name)) for robot in robots))
         for robot in robots:
+            yield
             iri = self.iri(robot_path(robot.name))
             graph.a(iri, HYBRIT.RoboticThing, LF.Robot)
             graph.add(iri, DCTERMS.title, Literal(robot.title))

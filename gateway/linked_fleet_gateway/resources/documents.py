@@ -1,9 +1,8 @@
 """Documents of the gateway and of robots: vocabulary, JSON-LD context, models and their meshes (desideratum D5)."""
 
 import json
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from functools import partial
-from itertools import chain
 
 from pyoxigraph import Literal, NamedNode, Triple
 
@@ -13,7 +12,7 @@ from linked_fleet_gateway.rdf import shapes
 from linked_fleet_gateway.rdf.graph import Graph, integer
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, LDP, LF, OWL, PREFIXES, RDF, RDFS
 from linked_fleet_gateway.resources.paths import mesh_path, model_path, robot_path
-from linked_fleet_gateway.resources.resource import Remote, Resource, blueprint_of
+from linked_fleet_gateway.resources.resource import Remote, Resource, blueprint_of, complete
 from linked_fleet_gateway.resources.versioning import Source
 
 VOCABULARY = "/vocabulary"
@@ -21,7 +20,8 @@ _DESCRIBES = (RDF.type, RDFS.label, RDFS.comment)
 
 
 def vocabulary(base: str) -> Resource:
-    return Resource(VOCABULARY, "Vocabulary", partial(_vocabulary, base))
+    steps = partial(_vocabulary, base)
+    return Resource(VOCABULARY, "Vocabulary", lambda graph: complete(steps(graph)), steps=steps, lasting=True)
 
 
 def context() -> Resource:
@@ -30,29 +30,32 @@ def context() -> Resource:
     return Resource("/context", "JSON-LD context", None, (LDP.Resource,), documents=document)
 
 
-def describe_terms(base: str, graph: Graph) -> None:
+def describe_terms(base: str, graph: Graph) -> Iterator[None]:
     """Add all our own terms, and the shapes of bodies that containers accept."""
     iri = NamedNode(base + VOCABULARY)
     graph.a(iri, OWL.Ontology, LDP.RDFSource)
     graph.add(iri, DCTERMS.title, Literal("Terms and shapes of Linked Fleet"))
     graph.add(iri, RDFS.seeAlso, NamedNode(base + "/"))
     for name in (shapes.VOCABULARY, shapes.SUBSCRIPTIONS):
-        _add(graph, chain.from_iterable(shapes.load(name).values()))
+        for triples in shapes.load(name).values():
+            _add(graph, triples)
+            yield
 
 
-def _vocabulary(base: str, graph: Graph) -> None:
+def _vocabulary(base: str, graph: Graph) -> Iterator[None]:
     """Add all our own terms, and all shapes that any document names.
 
     Shapes of request bodies are included completely. Other blueprint shapes are only named and typed: each resource
     links the blueprint with its own shape, and as class targets they would also apply to requests and to things that a
     document only mentions.
     """
-    describe_terms(base, graph)
+    yield from describe_terms(base, graph)
     for node, triples in shapes.load(shapes.BLUEPRINTS).items():
         if isinstance(node, NamedNode):
             _add(graph, (triple for triple in triples if triple.predicate in _DESCRIBES))
             if node.value.endswith("Input"):
                 shapes.closure(graph, node)
+            yield
 
 
 def _add(graph: Graph, triples: Iterable[Triple]) -> None:

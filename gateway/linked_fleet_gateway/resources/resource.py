@@ -1,6 +1,7 @@
 """Resources: the results of resolving a path in the tree."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from pyoxigraph import NamedNode
@@ -18,6 +19,12 @@ from linked_fleet_gateway.resources.versioning import Source
 
 _OF_SUBSCRIPTIONS = (Subscribe, ChangeSubscription, ResumeSubscription)
 CONTAINER = (LDP.Resource, LDP.BasicContainer)
+Steps = Callable[[Graph], Iterator[None]]
+
+
+def complete(steps: Iterable[None]) -> None:
+    """Execute all steps at once."""
+    deque(steps, maxlen=0)
 
 
 @dataclass(frozen=True)
@@ -68,6 +75,10 @@ class Resource:
     links: tuple[TypedLink, ...] = ()
     affords: Affordance | None = None
     documents: Mapping[str, Callable[[], bytes]] = field(default_factory=dict)
+    steps: Steps | None = None
+    """``describe`` in steps of a millisecond at most, if the whole takes longer."""
+    lasting: bool = False
+    """True if its description never changes while the gateway runs."""
     constant: frozenset[str] = frozenset()
     """Media types of ``documents`` without measured values, which are in no message."""
     remote: object | None = None
@@ -114,10 +125,16 @@ class Resource:
     def whole(self, base: str) -> Graph:
         """Return all triples of an RDF representation."""
         graph = Graph()
-        if self.describe is not None:
+        complete(self.stepwise(graph, base))
+        return graph
+
+    def stepwise(self, graph: Graph, base: str) -> Iterator[None]:
+        """Add all triples of an RDF representation, one step of the description after the other."""
+        if self.steps is not None:
+            yield from self.steps(graph)
+        elif self.describe is not None:
             self.describe(graph)
         self.state_model(graph, base)
-        return graph
 
     def state_model(self, graph: Graph, base: str, path: str = "") -> None:
         """Add the type ldp:RDFSource, which clients need not infer (R1.7). Containers state their own types."""

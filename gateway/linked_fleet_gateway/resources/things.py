@@ -1,6 +1,6 @@
 """The resources of the fleet, of robots, joints and links, of their properties, and those that each thing owns."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from itertools import chain
 from types import MappingProxyType
 
@@ -22,7 +22,7 @@ from linked_fleet_gateway.resources.paths import joint_path, lease_path, link_pa
 from linked_fleet_gateway.resources.plain_json import with_json
 from linked_fleet_gateway.resources.properties import joint_properties, link_properties
 from linked_fleet_gateway.resources.property import Look, Measurement, Property
-from linked_fleet_gateway.resources.resource import CONTAINER, Resource, blueprint_of
+from linked_fleet_gateway.resources.resource import CONTAINER, Resource, blueprint_of, complete
 from linked_fleet_gateway.resources.settable import affordance
 from linked_fleet_gateway.resources.subscription import Record
 from linked_fleet_gateway.resources.subscription_resource import resolve_subscription
@@ -46,7 +46,7 @@ class Things:
         return Resource(
             "/",
             "Linked Fleet",
-            lambda graph: self.describer.fleet(self._view.robots, self._branches.linked(), graph, self._activity),
+            lambda graph: complete(self._describe_fleet(graph)),
             CONTAINER,
             # The last-seen time of a robot differs between gateways.
             Source(
@@ -57,11 +57,15 @@ class Things:
                 *(path for _, path in self._branches.linked()),
             ),
             parts=robots,
+            steps=self._describe_fleet,
             links=self._branches.links(),
             documents=self._branches.of_thing(self._view),
             constant=self._branches.constant,
             has_linkset=True,
         )
+
+    def _describe_fleet(self, graph: Graph) -> Iterator[None]:
+        return self.describer.fleet(self._view.robots, self._branches.linked(), graph, self._activity)
 
     def _members(self) -> list[tuple[str, str, str, RobotActivity, tuple[str, int | None, str | None]]]:
         return [

@@ -52,6 +52,14 @@ def stage() -> Stage:
     return Stage()
 
 
+def test_what_lasts_holds_for_ever(stage: Stage) -> None:
+    """A document that never changes belongs to no robot."""
+    lasting = Resource("/vocabulary", "Vocabulary", None, lasting=True)
+    stage.answers.keep(scope(b"/vocabulary"), Answer(lasting, None, None, b"terms", _FIELDS, ()))
+    stage.robot.tell_news()
+    assert stage.content(path=b"/vocabulary") == b"terms"
+
+
 def test_it_holds_whatever_else_the_request_says(stage: Stage) -> None:
     stage.keep(b"one", accept="text/turtle")
     assert stage.content(accept="text/turtle", traceparent="00-1", user_agent="x") == b"one"

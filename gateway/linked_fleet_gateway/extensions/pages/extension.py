@@ -22,6 +22,10 @@ class Pages:
 
     modules: Sequence[str] = ("jinja2", "linked_fleet_client.quantity", "linked_fleet_gateway.extensions.pages.form")
 
+    def prepare(self) -> None:
+        """Compile the templates of problems, which alone are written on the event loop."""
+        self.write_problem(FleetError("a page that nobody sees"), None, [])
+
     def write_resource(self, resource: Resource, triples: Sequence[Triple], base: str, formats: Formats) -> bytes:
         return page.write(resource, triples, base, formats)
 

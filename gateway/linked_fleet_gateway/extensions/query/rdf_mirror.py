@@ -22,6 +22,7 @@ from linked_fleet_gateway.resources.invocation import describe_invocation, invoc
 from linked_fleet_gateway.resources.lease import describe_lease
 from linked_fleet_gateway.resources.paths import joint_path, link_path, robot_path
 from linked_fleet_gateway.resources.property import Measurement, Property
+from linked_fleet_gateway.resources.resource import complete
 
 SHAPES = "/blueprint"
 
@@ -107,7 +108,7 @@ class RdfMirror:
         self._robots: dict[str, _Robot] = {}
         self._documents = 0
         graph = Labelled("v")
-        describe_terms(base, graph)
+        complete(describe_terms(base, graph))
         self._extend(NamedNode(base + VOCABULARY), graph.triples)
         shapes = [triple for triples in load(BLUEPRINTS).values() for triple in triples]
         self.add(SHAPES, shapes, "s")

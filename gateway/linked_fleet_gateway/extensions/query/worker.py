@@ -36,6 +36,7 @@ from linked_fleet_gateway.rdf.graph import Graph
 from linked_fleet_gateway.resources.describe import Describer
 from linked_fleet_gateway.resources.documents import VOCABULARY
 from linked_fleet_gateway.resources.fleet_functions import FUNCTIONS
+from linked_fleet_gateway.resources.resource import complete
 
 log = logging.getLogger(__name__)
 
@@ -54,7 +55,7 @@ class Worker:
         self._rdf_mirrors: OrderedDict[str, RdfMirror] = OrderedDict()
         self._functions = [make() for make in FUNCTIONS]
         # Loads the shapes now, because a query cannot open files.
-        Describer("http://localhost").fleet({}, (), Graph())
+        complete(Describer("http://localhost").fleet({}, (), Graph()))
 
     def serve(self, control: socket.socket) -> None:
         """Serve until the gateway is gone."""
@@ -114,7 +115,7 @@ def _complete(ask: Ask, rdf_mirror: RdfMirror, mirror: Mirror, sees: View) -> Se
     """Add the statements that depend on the caller. Return the visible graphs."""
     robots = {name: held.robot for name, held in sorted(mirror.robots.items()) if sees.sees(name)}
     graph = Graph()
-    Describer(ask.base).fleet(robots, [(NamedNode(term), path) for term, path in ask.branches], graph)
+    complete(Describer(ask.base).fleet(robots, [(NamedNode(term), path) for term, path in ask.branches], graph))
     root = NamedNode(ask.base + "/")
     # Statements about robots are in the graphs of the robots, so they are left out here.
     rdf_mirror.add("/", [triple for triple in graph.triples if triple.subject == root], "f")

@@ -1,0 +1,100 @@
+"""Long representations delay no other request: they are described in steps and written in a thread."""
+
+import asyncio
+import threading
+from collections.abc import Iterator
+from typing import cast
+
+import pytest
+from pyoxigraph import Literal, NamedNode
+
+from linked_fleet_gateway.http import representation
+from linked_fleet_gateway.http.html import HTML, HtmlWriter
+from linked_fleet_gateway.http.offload import Offload
+from linked_fleet_gateway.http.representation import Representation, Representations
+from linked_fleet_gateway.rdf.graph import Graph
+from linked_fleet_gateway.rdf.serialise import RDF_TYPES
+from linked_fleet_gateway.resources.resource import Resource, complete
+from linked_fleet_gateway.runtime import background
+
+_BASE = "http://fleet.example"
+_STEPS = 5
+
+
+def _steps(graph: Graph) -> Iterator[None]:
+    for number in range(_STEPS):
+        graph.add(NamedNode(f"{_BASE}/a#{number}"), NamedNode("urn:x:p"), Literal(str(number)))
+        yield
+
+
+_LONG = Resource("/a", "", lambda graph: complete(_steps(graph)), steps=_steps)
+
+
+class _Pages:
+    """A writer of pages that tells in which thread it is called."""
+
+    def __init__(self) -> None:
+        self.threads: list[int] = []
+
+    def write_resource(self, *_: object) -> bytes:
+        self.threads.append(threading.get_ident())
+        return b"page"
+
+
+@pytest.mark.parametrize("media_type", RDF_TYPES)
+def test_the_document_is_that_of_a_description_at_once(media_type: str) -> None:
+    representations = Representations()
+    found = asyncio.run(representations.negotiated_in_turns(media_type, _LONG, _BASE, Offload()))
+    assert found == representations.negotiated(media_type, _LONG, _BASE)
+
+
+def test_others_run_between_the_steps(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(background, "SLICE_S", 0.0)
+    written = list[int]()
+
+    async def count() -> None:
+        while True:
+            await asyncio.sleep(0)
+            written.append(threading.active_count())
+
+    async def run() -> Representation:
+        others = asyncio.create_task(count())
+        found = await Representations().negotiated_in_turns(None, _LONG, _BASE, Offload())
+        others.cancel()
+        return found
+
+    assert asyncio.run(run()).media_type == "text/turtle"
+    assert len(written) >= _STEPS
+
+
+def test_it_is_written_in_a_thread(monkeypatch: pytest.MonkeyPatch) -> None:
+    """In each media type; and a page, of whatever it is."""
+    threads = list[int]()
+    render = representation.render
+
+    def rendered(*arguments: object, **named: object) -> bytes:
+        threads.append(threading.get_ident())
+        return render(*arguments, **named)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(representation, "render", rendered)
+    pages = _Pages()
+    representations = Representations(cast(HtmlWriter, pages))
+    short = Resource("/b", "", lambda graph: complete(_steps(graph)))
+
+    async def run() -> None:
+        for media_type in RDF_TYPES:
+            await representations.negotiated_in_turns(media_type, _LONG, _BASE, Offload())
+        await representations.negotiated_in_turns(HTML, short, _BASE, Offload())
+
+    asyncio.run(run())
+    assert len(threads) == len(RDF_TYPES) and len(pages.threads) == 1
+    assert threading.get_ident() not in {*threads, *pages.threads}
+
+
+def test_its_tags_are_those_of_its_documents() -> None:
+    representations = Representations()
+
+    async def tags() -> list[str]:
+        return [tag async for tag in representations.etags_in_turns(_LONG, _BASE, Offload())]
+
+    assert asyncio.run(tags()) == list(representations.etags(_LONG, _BASE))
