@@ -10,6 +10,7 @@ from pyoxigraph import Literal, NamedNode
 from linked_fleet_agent.wire.codec import encode_state, layout
 from linked_fleet_agent.wire.messages import Description, State
 from linked_fleet_gateway.extensions.reach import inverse_kinematics as reach
+from linked_fleet_gateway.extensions.reach import joint_chain
 from linked_fleet_gateway.extensions.reach.can_reach import CanReach
 from linked_fleet_gateway.extensions.reach.terms import LF
 from linked_fleet_gateway.fleet.events import Appeared, Described, Framed
@@ -45,7 +46,7 @@ def test_few_searches_are_made_in_vain_and_the_urdf_is_read_once(
     """A search without a result takes 0.1 s; reading the URDF takes as long as several successful ones."""
     vain: list[str] = []
     reads: list[str] = []
-    search, read = reach.reach, reach.build_model
+    search, read = reach.reach, joint_chain.build_model
 
     def counted(*arguments: Any) -> reach.Reached:
         try:
@@ -55,8 +56,8 @@ def test_few_searches_are_made_in_vain_and_the_urdf_is_read_once(
             raise
 
     monkeypatch.setattr(reach, "reach", counted)
-    monkeypatch.setattr(reach, "build_model", lambda *said: reads.append("") or read(*said))
-    reach._chain.cache_clear()
+    monkeypatch.setattr(joint_chain, "build_model", lambda *said: reads.append("") or read(*said))
+    joint_chain.chain_to.cache_clear()
     model = baxter.robots["baxter"].model
     assert model is not None
     can_reach = CanReach().bind(BASE, baxter.robots)[LF.canReach]
