@@ -57,6 +57,18 @@ def test_no_term_and_no_shape_of_the_core_names_an_extension() -> None:
     assert not NAMES & named
 
 
+def test_the_terms_of_extensions_are_described_with_them_alone() -> None:
+    theirs = {
+        term
+        for each in BUILT_IN
+        for file in each.vocabulary
+        for term in re.findall(r"^lf:(\w+) a ", file.read_text(), re.M)
+    }
+    assert "collisionFree" in theirs and len(theirs) > 50
+    assert not theirs.intersection(LF.terms)
+    assert not theirs & {term for file in SHAPES.rglob("*.ttl") for term in re.findall(r"\blf:(\w+)", file.read_text())}
+
+
 @pytest.mark.parametrize(
     ("source", "found"),
     [

@@ -4,8 +4,8 @@ import asyncio
 import logging
 import time
 import uuid
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
 from types import TracebackType
 from typing import Protocol, Self
 
@@ -36,6 +36,9 @@ MOST_PLANS = 16  # of at most 100 ms each
 class MotionGuard(Protocol):
     """Checks motions for collisions and similar; ``sees`` limits what its errors may reveal."""
 
+    finding: NamedNode
+    """Predicate of rehearsals: true if the path was found free, ``lf:unknown`` if it could not be checked."""
+
     async def ready(self, robot: Robot, sees: View) -> None:
         """Wait until motions of a robot can be checked. Raises MotionRefused if that takes too long."""
 
@@ -50,12 +53,12 @@ class MotionGuard(Protocol):
 class Rehearsal:
     """The result of a rehearsal: duration, and ids of the invocations that it would end.
 
-    ``free``: as reported by guards.
+    ``findings``: whether each guard found the path free, by its predicate.
     """
 
     duration_s: float
     preempts: tuple[str, ...]
-    free: bool = False
+    findings: Mapping[NamedNode, bool] = field(default_factory=dict)
 
 
 class Actions:
@@ -147,17 +150,16 @@ class Actions:
         """Check a motion that others can see already: of two concurrent ones, at least one sees the other."""
         began_ns = time.monotonic_ns()
         try:
-            await self._is_free(motion, caller, invocation.id)
+            await self._findings(motion, caller, invocation.id)
         except MotionRefused as error:
             invocation.refused = error.code
             self.lifecycle.fail(invocation, error.reason)
             raise
         return _later(motion, began_ns)
 
-    async def _is_free(self, motion: Motion, caller: Caller, own: str) -> bool:
-        """Return True if there are guards and all found the path free. Raises MotionRefused."""
-        found = [await guard.free(motion, caller.sees, own) for guard in self._guards]
-        return bool(found) and all(found)
+    async def _findings(self, motion: Motion, caller: Caller, own: str) -> dict[NamedNode, bool]:
+        """Return whether each guard found the path free. Raises MotionRefused."""
+        return {guard.finding: await guard.free(motion, caller.sees, own) for guard in self._guards}
 
     async def _open(self, invocation: Invocation, caller: Caller, full: bool) -> str | None:
         try:
@@ -193,7 +195,7 @@ class Actions:
         async with store_errors():
             await self._store.check(robot.name, caller.token, lease_of(robot) if motion.tied else "")
         began_ns = time.monotonic_ns()
-        free = await self._is_free(motion, caller, "")
+        findings = await self._findings(motion, caller, "")
         motion = _later(motion, began_ns)
         try:
             command = command_of(str(uuid.uuid4()), motion, rehearsal=True)
@@ -202,7 +204,7 @@ class Actions:
             raise AgentSilent(f"The agent of {robot.name} gave no answer: {error}.") from error
         if isinstance(reply, Refused):
             raise refusal(robot, reply)
-        return Rehearsal(reply.duration_s, reply.preempts, free)
+        return Rehearsal(reply.duration_s, reply.preempts, findings)
 
     async def _send(self, invocation: Invocation, command: Command) -> Reply:
         try:

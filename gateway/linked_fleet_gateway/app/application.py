@@ -94,6 +94,7 @@ def create_app(settings: GatewaySettings, tracing: Tracing | None = None, open_s
                 live, actions, subscriptions, audit, identities, embedded, turns=StopPriority(carriers), rates=rates,
                 representations=representations(mounts), registry=registry(numbers),
                 schemes=[each.scheme for each in mounts if each.scheme is not None],
+                subprotocols={name: value for each in mounts for name, value in each.subprotocols.items()},
                 not_ready=[each.not_ready for each in mounts],
             )  # fmt: skip
             app.endpoint = Endpoint(mounts)

@@ -93,6 +93,8 @@ class Mount:
     """Handlers of WebSockets in subprotocols, by the type of a resource's ``remote`` or ``affords``."""
     formats: Mapping[str, tuple[str, str]] = field(default_factory=dict)
     """Label and media type of further representations, by their word in ``?as=``."""
+    subprotocols: Mapping[str, str] = field(default_factory=dict)
+    """Media types of messages about its resources, by the WebSocket subprotocol (``lf.…``) that selects them."""
     html: HtmlWriter | None = None
     """Renderer of HTML pages; at most one extension has it."""
     scheme: Scheme | None = None

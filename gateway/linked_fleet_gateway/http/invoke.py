@@ -261,11 +261,18 @@ def _rehearsal(request: Request, offer: Offer, plan: Motion | Halt, rehearsed: R
     seen = InvocationsInView(live.invocations, request.caller.sees)
     known = [each for each in map(seen.get, rehearsed.preempts) if each is not None]
     targets, facts = ({}, {}) if isinstance(plan, Halt) else (plan.targets, plan.facts)
-    free = None if isinstance(plan, Halt) else rehearsed.free
 
     def describe(graph: Graph) -> None:
         describe_rehearsal(
-            graph, request.base, offer.path, offer.robot, targets, facts, rehearsed.duration_s, known, free
+            graph,
+            request.base,
+            offer.path,
+            offer.robot,
+            targets,
+            facts,
+            rehearsed.duration_s,
+            known,
+            rehearsed.findings,
         )
 
     def plain() -> bytes:

@@ -1,7 +1,7 @@
 """The gateway as seen by handlers, and typed requests with caller and tree, resolved once."""
 
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Protocol
@@ -63,6 +63,8 @@ class Services:
     """The metrics for ``/metrics``."""
     schemes: Sequence[Scheme] = ()
     """Authentication schemes besides bearer tokens."""
+    subprotocols: Mapping[str, str] = field(default_factory=dict)
+    """Media types of messages besides those of the core, by the WebSocket subprotocol that selects them."""
     not_ready: Sequence[Callable[[], str]] = ()
     """Functions of extensions that return why a starting gateway is not ready yet."""
 

@@ -20,7 +20,7 @@ from linked_fleet_gateway.http.subscribe import (
     store_errors,
     subscription_link,
 )
-from linked_fleet_gateway.http.websocket import BINARY_TYPES, serve_websocket
+from linked_fleet_gateway.http.websocket import is_binary, serve_websocket
 from linked_fleet_gateway.identity.service import Identities
 from linked_fleet_gateway.rdf.serialise import JELLY, JSON
 from linked_fleet_gateway.resources.binary_frames import FRAME_TYPES
@@ -41,8 +41,6 @@ SUBPROTOCOLS = {
     "lf.rdfxml": "application/rdf+xml",
     "lf.jelly": JELLY,
     "lf.frame": FRAME_MEDIA_TYPE,
-    "lf.jpeg": "image/jpeg",
-    "lf.png": "image/png",
     "lf.json": JSON,
 }
 """Browsers cannot set Accept on a WebSocket, but they can name subprotocols."""
@@ -160,14 +158,14 @@ def _opened(connection: Connection, resource: Resource, kind: Kind) -> Subscript
         raise Conflict("Only who made this subscription can open it.")
     if not subscription.kind.streams:
         raise Conflict("This is a callback subscription: its messages go to its receiver alone.")
-    if kind is Kind.EVENT_STREAM and subscription.media_type in BINARY_TYPES:
+    if kind is Kind.EVENT_STREAM and is_binary(subscription.media_type):
         raise NotAcceptable("Binary messages cannot be sent as events; open a WebSocket.", offered=())
     return replace(subscription, kind=kind, sees=connection.caller.sees.patterns)
 
 
 def _type_in_events(request: Request, resource: Resource) -> str:
     """Return the type that Accept prefers besides event streams, or that ``?as=`` picks; Turtle by default."""
-    offered = tuple(each for each in observable_types(resource) if each not in BINARY_TYPES)
+    offered = tuple(each for each in observable_types(resource) if not is_binary(each))
     if (picked := request.query_params.get("as")) is not None:
         media_type = request.services.representations.preferred(None, picked)
         if media_type not in offered:
@@ -183,11 +181,12 @@ def _type_in_events(request: Request, resource: Resource) -> str:
 def _type_of_frames(websocket: WebSocket, offered: tuple[str, ...]) -> tuple[str, str | None]:
     """Return the media type of messages, and the subprotocol that selected it, if any."""
     names: list[str] = websocket.scope["subprotocols"]
+    subprotocols = {**SUBPROTOCOLS, **websocket.services.subprotocols}
     for name in names:
-        if SUBPROTOCOLS.get(name) in offered:
-            return SUBPROTOCOLS[name], name
+        if subprotocols.get(name) in offered:
+            return subprotocols[name], name
     media_type = choose(field(websocket, "accept"), offered)
     if media_type is None or any(name.startswith("lf.") for name in names):
-        tokens = ", ".join(name for name, each in SUBPROTOCOLS.items() if each in offered)
+        tokens = ", ".join(name for name, each in subprotocols.items() if each in offered)
         raise NotAcceptable(f"Messages are to be had as {tokens}, or in {', '.join(offered)}.", offered=offered)
     return media_type, None

@@ -7,11 +7,14 @@ from websockets.frames import CloseCode, Opcode
 
 from linked_fleet_gateway.http.request import WebSocket
 from linked_fleet_gateway.http.websocket_protocol import WEBSOCKET, WebSocketProtocol
-from linked_fleet_gateway.rdf.serialise import JELLY
-from linked_fleet_gateway.resources.binary_frames import FRAME_TYPES
+from linked_fleet_gateway.rdf.serialise import TEXT_TYPES
 from linked_fleet_gateway.subscriptions.message import Ending, Feed, Message, Outlet
 
-BINARY_TYPES = frozenset({*FRAME_TYPES, JELLY, "image/jpeg", "image/png"})
+
+def is_binary(media_type: str) -> bool:
+    """Return True if messages in this media type are not text."""
+    return media_type not in TEXT_TYPES and not media_type.startswith("text/") and not media_type.endswith("json")
+
 
 # RFC 6455, 7.4: 1008 is policy, 1012 invites to reconnect, 4000 to 4999 are for private use.
 _CODES = {
@@ -28,7 +31,7 @@ _MEDIUM, _LONG = struct.Struct("!BBH"), struct.Struct("!BBQ")
 
 def framed(message: Message) -> bytes:
     """Return the message as one frame; Turtle and similar types are text."""
-    return frame(Opcode.BINARY if message.media_type in BINARY_TYPES else Opcode.TEXT, message.body)
+    return frame(Opcode.BINARY if is_binary(message.media_type) else Opcode.TEXT, message.body)
 
 
 def frame(opcode: Opcode, body: bytes) -> bytes:

@@ -129,9 +129,7 @@ LF = Namespace(
     # predicates: the binary frame (desideratum D5)
     " frameLayout fieldName fieldType byteOffset valueCount field byteOrder ofProperty valuePath"
     # predicates: geometry (desideratum D5)
-    " model mesh byteSize sha256"
-    # predicates: guards of motions
-    " collisionFree",
+    " model mesh byteSize sha256",
 )
 
 PREFIXES: dict[str, str] = {

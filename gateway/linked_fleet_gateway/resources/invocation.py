@@ -89,11 +89,11 @@ def describe_rehearsal(
     facts: Mapping[str, float],
     duration_s: float,
     preempts: Iterable[Invocation],
-    free: bool | None,
+    findings: Mapping[NamedNode, bool],
 ) -> None:
     """Describe the effect that the action would have, for the preference ``dry-run``.
 
-    ``free`` is True if the path is free of collisions, False if that could not be determined, None if nothing moves.
+    ``findings``: whether the guards of motions found the path free, by their predicates; False if it is unknown.
     """
     iri = graph.blank(LF.Rehearsal)
     graph.add(iri, DCTERMS.title, Literal(f"Rehearsal of {action}; nothing has moved"))
@@ -102,8 +102,8 @@ def describe_rehearsal(
     for name, value in facts.items():
         predicate, unit = _FACTS[name]
         graph.scalar(iri, predicate, value, unit)
-    if free is not None:
-        graph.add(iri, LF.collisionFree, Literal(True) if free else LF.unknown)
+    for predicate, free in findings.items():
+        graph.add(iri, predicate, Literal(True) if free else LF.unknown)
     graph.add(iri, LF.preempts, *(NamedNode(base + invocation_path(each)) for each in preempts))
     if robot is not None:
         positions(graph, iri, LF.target, base, robot, targets)

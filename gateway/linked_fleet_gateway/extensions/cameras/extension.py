@@ -26,5 +26,6 @@ class CamerasExtension(Extension):
             yield Mount(
                 branches=(cameras_branch(pictures.held),),
                 readers={RobotCamera: partial(read_camera, pictures)},
+                subprotocols={"lf.jpeg": "image/jpeg", "lf.png": "image/png"},
                 services=(pictures,),
             )

@@ -21,6 +21,7 @@ from linked_fleet_gateway.extensions.world.preparation import Preparation, is_pl
 from linked_fleet_gateway.extensions.world.process import Checker
 from linked_fleet_gateway.extensions.world.scene import SceneObject
 from linked_fleet_gateway.extensions.world.swept_path import paths_of, stances_of
+from linked_fleet_gateway.extensions.world.terms import LF
 from linked_fleet_gateway.fleet.model import Pose
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.identity.rights import View
@@ -44,6 +45,8 @@ class Checks:
 
     Meshes are cached in ``folder``; ``collisions`` keeps the refused motions.
     """
+
+    finding = LF.collisionFree
 
     def __init__(
         self, live: Live, objects: Mapping[str, SceneObject], folder: Path, collisions: Collisions | None = None

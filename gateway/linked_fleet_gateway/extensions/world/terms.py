@@ -6,5 +6,5 @@ LF = CORE.extended(
     "World Placement SceneObject SceneObjects Obstacle KeepOutZone Box Sphere Cylinder TriangleMesh"
     " WorldShape PlacementShape PlacementInput SceneObjectShape SceneObjectsShape SceneObjectInput"
     " PoseInFrameShape PoseInFrame world placement inFrame poseOf objects poses geometry size radius"
-    " length stl Collisions Collision CollisionsShape collisions collision meets"
+    " length stl Collisions Collision CollisionsShape collisions collision meets collisionFree"
 )
