@@ -80,16 +80,8 @@ installed() {
   linked-fleet doctor || true
 }
 
-own_robot() { # the driver of deploy/README.md, with files in the place of the devices
-  tar -xOf /source.tar deploy/README.md | python3 -c '
-import re, sys
-driver, _ = re.findall(r"^```python\n(.*?)^```$", sys.stdin.read(), re.M | re.S)
-for there, here in (("/sys/class/pwm/pwmchip0/pwm0", "servo"),
-                    ("/sys/bus/iio/devices/iio:device0/in_voltage0_raw", "servo/angle"),
-                    ("tcp/192.0.2.10:7447", "tcp/127.0.0.1:7447")):
-    assert there in driver, there
-    driver = driver.replace(there, here)
-open("door.py", "w").write(driver)'
+own_robot() { # examples/door.py, with files in the place of the devices
+  tar -xOf /source.tar examples/door.py > door.py
   mkdir servo && echo 0 > servo/angle
   set -m
   linked-fleet gateway --zenoh-listen tcp/127.0.0.1:7447 &
@@ -106,7 +98,7 @@ while True:  # the angle of the door follows the servo
         pass
     time.sleep(0.005)' &
   local servo=$!
-  robot/bin/python door.py &
+  DOOR_PWM=servo DOOR_ANGLE=servo/angle robot/bin/python door.py --connect tcp/127.0.0.1:7447 &
   local door=$!
   awaited 60 online 1
   linked-fleet do door/hinge rotate value=30 unit=deg
@@ -116,12 +108,17 @@ while True:  # the angle of the door follows the servo
   ended "$gateway"
 }
 
-tutorial() {
+checkout() {
   mkdir checkout && tar -xf /source.tar -C checkout && cd checkout
+  demo make demo
+}
+
+tutorial() {
+  cd checkout
   set -m
   make demo &
   local process=$!
-  awaited 900 online 5
+  awaited 300 online 5
   .venv/bin/python tests/run_page.py docs/TUTORIAL.md
   ended "$process"
 }
@@ -134,5 +131,6 @@ step "pipx install uv; uvx linked-fleet demo" by_uv
 step "uvx linked-fleet demo again" by_uv_again
 step "pip install linked-fleet-agent on a robot: two dependencies" agent
 step "pipx install linked-fleet; linked-fleet --help" installed
-step "a robot of your own: the driver of deploy/README.md, turned to 30 degrees" own_robot
+step "a robot of your own: examples/door.py, turned to 30 degrees" own_robot
+step "the tutorial begins: make demo in a checkout, until five robots are online, and Ctrl-C" checkout
 step "the tutorial from end to end: make demo, then each of its commands" tutorial
