@@ -186,7 +186,7 @@ architecture: .venv/stamp
 	@echo
 	@$(BIN)/python -m bench.rooms_visited
 
-# With a package that nothing else needs. Exits with 1 when a mutant survives that the page does not explain.
+# With a package that nothing else needs. Exits with 1 when a mutant survives that tests/mutation/survivors.txt does not explain.
 mutants: export PYTHONPATH := .:tests:tests/requirements
 mutants: .venv/stamp $(SHACL_SUITE)
 	@$(BIN)/python -c 'import mutmut' 2>/dev/null || $(BIN)/python -m pip install -q -e '.[mutation]'

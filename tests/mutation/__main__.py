@@ -1,7 +1,7 @@
 """``python -m mutation``: changes each target in many small ways, one at a time, and expects its tests to fail.
 
-tests/mutation/targets.toml names targets and tests, tests/MUTANTS.md the mutants that may survive, and why. Exits with
-1 if another one survives, or if that page explains one that does not.
+targets.toml names targets and tests. survivors.txt has a row for each mutant that may survive: place, before, after,
+reason. Exits with 1 if another one survives, or if a row explains one that does not.
 """
 
 import argparse
@@ -32,7 +32,7 @@ def main() -> int:
     parser.add_argument("--all", action="store_true", help="all mutants of a target that has a sample tried")
     told = parser.parse_args()
     os.chdir(ROOT)
-    explained = set(_ROW.findall((ROOT / "tests/MUTANTS.md").read_text()))
+    explained = set(_ROW.findall(Path(__file__).with_name("survivors.txt").read_text()))
     print(f"{'target':<10}{'mutants':>12}{'killed':>9}{'timeouts':>9}{'survive':>9}{'seconds':>9}", flush=True)
     bad = 0
     for name, target in targets.items():
@@ -69,7 +69,7 @@ def _try(name: str, target: Mapping[str, Any], tried: Sequence[Mutant], among: i
 
 
 def row(mutant: Mutant) -> str:
-    """Return the first cells of the mutant's row in a Markdown table."""
+    """Return the first cells of the mutant's row in survivors.txt."""
     return " | ".join(f"`{each.replace('|', chr(92) + '|')}`" for each in mutant.change)
 
 
