@@ -39,6 +39,12 @@ _PAGES = "linked_fleet_gateway/extensions/pages/assets/manifest.json"
 _OURS = ("linked_fleet*", SUMS)
 _RELATIVE_LINK = re.compile(r"\]\((?!\w+:|#)([^)\s]+)")
 """A link of Markdown; its target is the group."""
+_REDIRECTS = ROOT / "deploy" / "w3id" / ".htaccess"
+_EXAMPLES = {
+    "code.example": "the repository: links on a package index lead nowhere",
+    "fleet.example": "a public gateway: IRIs of the vocabulary lead nowhere",
+}
+"""Hosts in the redirects that a publisher replaces."""
 _LONGEST_S = 600
 
 
@@ -115,6 +121,17 @@ def check(folder: Path) -> None:
             wrong += _refused("validate_pyproject", str(settings))
     if wrong:
         raise ReleaseError("\n".join(wrong))
+
+
+def obstacles() -> Iterable[str]:
+    """Yield each reason why a release that passes all checks must not be published yet."""
+    if _run("git", "status", "--porcelain"):
+        yield "there are changes that are not committed"
+    rules = re.findall(r"^RewriteRule .+$", _REDIRECTS.read_text(), re.MULTILINE)
+    for host, meaning in _EXAMPLES.items():
+        if any(f"https://{host}/" in rule for rule in rules):
+            place = _REDIRECTS.relative_to(ROOT)
+            yield f"{place} has {host} in the place of {meaning}"
 
 
 def version(name: str) -> str:
@@ -221,8 +238,9 @@ def main() -> int:
         return 1
     for path in [*_files(folder), folder / SUMS]:
         print(f"{path.stat().st_size:>10,}  {path}")
-    if not arguments.check and _run("git", "status", "--porcelain"):
-        print("Not for publication: there are changes that are not committed.")
+    if not arguments.check:
+        for reason in obstacles():
+            print(f"Not for publication: {reason}.")
     return 0
 
 

@@ -99,7 +99,7 @@ def test_links_on_a_package_index_lead_to_files_of_this_version(built: Path) -> 
     base, tag = "https://w3id.org/linked-fleet/", f"v{VERSION}/"
     targets = [target.removeprefix(base) for target in re.findall(r"\]\(([^)\s]+)\)", text) if target.startswith(base)]
     assert len(targets) == len(re.findall(r"\]\((?!https?:)", (ROOT / "README.md").read_text())) > 10
-    rules = re.findall(r"^RewriteRule \^(\w+/)", (ROOT / "deploy/w3id/.htaccess").read_text(), re.M)
+    rules = re.findall(r"^RewriteRule \^(\w+/)\(", (ROOT / "deploy/w3id/.htaccess").read_text(), re.M)
     for target in targets:
         (kind,) = (rule for rule in rules if target.startswith(rule + tag))
         assert (ROOT / target.removeprefix(kind + tag)).exists(), target

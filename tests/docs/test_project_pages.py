@@ -60,6 +60,39 @@ def test_the_namespace_of_the_vocabulary_leads_to_where_gateways_have_it() -> No
     assert re.match(pattern, "") and target == "/vocabulary"
 
 
+@pytest.mark.parametrize("folder", ["", "agents"])
+def test_links_of_the_packages_follow_a_redirect(folder: str) -> None:
+    links = tomllib.loads((ROOT / folder / "pyproject.toml").read_text())["project"]["urls"]
+    rules = re.findall(r"^RewriteRule (\S+) ", (ROOT / "deploy" / "w3id" / ".htaccess").read_text(), re.M)
+    assert len(links) == 3
+    for link in links.values():
+        path = link.removeprefix("https://w3id.org/linked-fleet").removeprefix("/")
+        kind = path.partition("/")[0]
+        assert next(rule for rule in rules if re.match(rule, path)).startswith(f"^{kind}"), link
+
+
+def test_a_release_says_which_addresses_its_publisher_has_to_fill_in(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.syspath_prepend(str(ROOT / "deploy"))
+    import release  # type: ignore[import-not-found]
+
+    text = (ROOT / "deploy" / "w3id" / ".htaccess").read_text()
+    filled_in = tmp_path / "deploy" / "w3id" / ".htaccess"
+    filled_in.parent.mkdir(parents=True)
+    monkeypatch.setattr(release, "ROOT", tmp_path)
+    monkeypatch.setattr(release, "_REDIRECTS", filled_in)
+    monkeypatch.setattr(release, "_run", lambda *words: "")
+    filled_in.write_text(text)
+    repository, server = release.obstacles()
+    assert "code.example" in repository and "fleet.example" in server
+    filled_in.write_text(text.replace("https://code.example/", "https://git.test/x/"))
+    (left,) = release.obstacles()
+    assert left == server
+    filled_in.write_text(filled_in.read_text().replace("https://fleet.example/", "https://fleet.test/"))
+    assert list(release.obstacles()) == []
+
+
 def test_each_step_of_the_tutorial_has_a_picture() -> None:
     parts = re.split(r"^## ", (ROOT / "docs" / "TUTORIAL.md").read_text(), flags=re.M)
     steps = [part for part in parts if part[0].isdigit()]
