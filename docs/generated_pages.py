@@ -21,11 +21,19 @@ _RDF_TYPE = NamedNode("http://www.w3.org/1999/02/22-rdf-syntax-ns#type")
 _RDFS = "http://www.w3.org/2000/01/rdf-schema#"
 _TERMS = "https://w3id.org/linked-fleet#"
 _API = {
-    "The client": ("linked_fleet_client.fleet", "linked_fleet_client.thing", "linked_fleet_client.action",
-                   "linked_fleet_client.invocation", "linked_fleet_client.quantity", "linked_fleet_client.errors"),
-    "Drivers of robots": ("linked_fleet_agent.robot",),
-    "Extensions of gateways": ("linked_fleet_gateway.http.extension", "linked_fleet_gateway.http.internal_request",
-                               "linked_fleet_gateway.resources.resource", "linked_fleet_gateway.resources.branches"),
+    "The client": ("linked_fleet_client.fleet", "linked_fleet_client.thing", "linked_fleet_client.reading",
+                   "linked_fleet_client.quantity", "linked_fleet_client.live", "linked_fleet_client.action",
+                   "linked_fleet_client.form", "linked_fleet_client.invocation", "linked_fleet_client.errors"),
+    "Drivers of robots": ("linked_fleet_agent.robot", "linked_fleet_agent.agent", "linked_fleet_agent.serving",
+                          "linked_fleet_agent.settings", "linked_fleet_agent.urdf"),
+    "Extensions of gateways": ("linked_fleet_gateway.http.extension", "linked_fleet_gateway.resources.resource",
+                               "linked_fleet_gateway.resources.branches",
+                               "linked_fleet_gateway.resources.fleet_functions",
+                               "linked_fleet_gateway.http.internal_request", "linked_fleet_gateway.http.authentication",
+                               "linked_fleet_gateway.http.conversation", "linked_fleet_gateway.http.hosted",
+                               "linked_fleet_gateway.http.html", "linked_fleet_gateway.http.pace",
+                               "linked_fleet_gateway.extensions.pages.views", "linked_fleet_gateway.base.settings",
+                               "linked_fleet_gateway.base.errors"),
 }  # fmt: skip
 
 

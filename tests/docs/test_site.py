@@ -59,6 +59,21 @@ def test_reference_is_generated_from_the_code(site: Path, page: str, words: list
     assert [word for word in words if word not in text] == []
 
 
+def test_the_python_api_has_every_module_of_the_contract_of_extensions_and_of_the_examples(site: Path) -> None:
+    named = set(re.findall(r"`gateway/([\w/]+)\.py`", (ROOT / "docs" / "EXTENDING.md").read_text()))
+    for example in (ROOT / "examples").glob("*.py"):
+        named |= set(re.findall(r"^from (linked_fleet_\w+\.\w+) import", example.read_text(), re.M))
+    assert len(named) > 12
+    text = (site / "api" / "index.html").read_text()
+    assert [name for name in sorted(named) if f'id="{name.replace("/", ".")}"' not in text] == []
+
+
+def test_each_error_says_when_it_occurs(site: Path) -> None:
+    rows = re.findall(r"<tr>\s*((?:<td>.*?</td>\s*)+)</tr>", (site / "errors" / "index.html").read_text(), re.S)
+    assert len(rows) > 30
+    assert [row for row in rows if "<td></td>" in row] == []
+
+
 def test_the_map_leads_to_every_page_but_the_contributors_and_the_generated(site: Path) -> None:
     there = {page.parent.name for page in site.glob("*/index.html")} - {"MAP", "TUTORIAL", "changelog", "contributing"}
     led = set(re.findall(r'href="\.\./([\w-]+)/', (site / "MAP" / "index.html").read_text().partition("<article")[2]))

@@ -131,6 +131,8 @@ class InsufficientScope(FleetError):
 
 
 class NotFound(FleetError):
+    """No such resource exists, or the caller may not read it: both answer alike."""
+
     status, code, title = 404, "not-found", "There is no such resource"
 
 
@@ -163,6 +165,8 @@ class NotAcceptable(FleetError):
 
 
 class Conflict(FleetError):
+    """The state of the resource forbids the request, as a container that is full."""
+
     status, code, title = 409, "conflict", "The state of the resource forbids it"
 
 
@@ -218,10 +222,14 @@ class NoRoom(Conflict):
 
 
 class PreconditionFailed(FleetError):
+    """``If-Match`` or ``If-None-Match`` names another state of the resource."""
+
     status, code, title = 412, "precondition-failed", "The resource has changed"
 
 
 class PayloadTooLarge(FleetError):
+    """The body has more bytes, triples or values than the resource takes."""
+
     status, code, title = 413, "payload-too-large", "The body is too large"
 
 
@@ -242,10 +250,14 @@ class UnsupportedMediaType(FleetError):
 
 
 class ForeignOrigin(FleetError):
+    """The request has the ``Origin`` of another site, which has no access by a session."""
+
     status, code, title = 403, "foreign-origin", "A page of another site may not do this"
 
 
 class MisdirectedRequest(FleetError):
+    """``Host`` names an authority that is not among the public URLs of the gateway."""
+
     status, code, title = 421, "misdirected-request", "The fleet is not known under this authority"
 
 
@@ -310,6 +322,8 @@ class Unimplemented(FleetError):
 
 
 class Offline(FleetError):
+    """The robot has no agent that the gateway can reach."""
+
     status, code, title = 503, "offline", "The robot is offline"
 
 
@@ -347,4 +361,6 @@ class IssuerAway(FleetError):
 
 
 class AgentSilent(FleetError):
+    """The agent did not reply in time, so the outcome of the command is unknown."""
+
     status, code, title = 504, "agent-silent", "The robot's agent did not answer in time"

@@ -9,6 +9,8 @@ from linked_fleet_gateway.base.errors import FleetError
 
 
 class TooManyLogins(FleetError):
+    """Too many logins of one address failed; further failures must wait as long as ``Retry-After`` says."""
+
     status, code, title = 429, "too-many-logins", "Too many attempts to log in"
 
     def __init__(self, detail: str, *, retry_after_s: int) -> None:
