@@ -8,8 +8,8 @@ from pathlib import Path
 from playwright.sync_api import Page, sync_playwright
 
 from actor import Actor, stage
-from bench.table import Row, UnavailableError, known, percentile
-from running import eventually
+from bench.table import Row, UnavailableError, bounded, known, percentile
+from running import eventually, process
 from small_fleet import Place, live
 
 ARGUMENTS = [
@@ -28,6 +28,8 @@ _FRAMES = """seconds => new Promise(done => {
   });
 })"""
 
+_FIRST = 20
+"""Messages after which those that show the present state once have come."""
 _COUNT = """() => {
   window.seen = 0;
   const observer = new MutationObserver(changes => { window.seen += changes.length; });
@@ -42,7 +44,11 @@ def rows(seconds: float, robots: int = 200) -> list[Row]:
         raise UnavailableError("Chromium is not here: apt install chromium")
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=chromium, args=ARGUMENTS)
-        found = [*_fleet(browser.new_page(), robots, seconds), *_robot(browser.new_page(), seconds)]
+        found = [
+            *_fleet(browser.new_page(), robots, seconds),
+            *_joint(browser.new_page(), seconds),
+            *_robot(browser.new_page(), max(1.0, seconds)),
+        ]
         browser.close()
     return found
 
@@ -88,7 +94,7 @@ def _come_and_go(actors: list[Actor], ended: threading.Event) -> None:
             actor.appear()
 
 
-def _robot(page: Page, seconds: float) -> list[Row]:
+def _joint(page: Page, seconds: float) -> list[Row]:
     with tempfile.TemporaryDirectory() as folder:
         place = Place(Path(folder))
         with place.gateway() as (_, browser), place.ur5("--sway", "ur5:elbow_joint"):
@@ -96,6 +102,25 @@ def _robot(page: Page, seconds: float) -> list[Row]:
             page.goto(browser.part("ur5", "elbow_joint").url)
             page.wait_for_selector(".plot canvas")
             return _measure("page of a joint that sways, with plots", page, seconds)
+
+
+def _robot(page: Page, seconds: float) -> list[Row]:
+    """Let a robot of twenty joints move one of them. Messages are those of all WebSockets of its page."""
+    messages, name = list[int](), "page of a robot of 20 joints that moves: a message on its live connections"
+    page.on("websocket", lambda socket: socket.on("framereceived", lambda said: messages.append(len(said))))
+    with tempfile.TemporaryDirectory() as folder:
+        place = Place(Path(folder))
+        agent = process("-m", "linked_fleet_agent", "--robot=baxter", "--sway=baxter:left_s0", "--connect", place.zenoh)
+        with place.gateway() as (_, browser), agent:
+            page.goto(live(browser, "baxter").url)
+            eventually(lambda: page.wait_for_timeout(50) or len(messages) > _FIRST, "messages")
+            messages.clear()
+            page.wait_for_timeout(seconds * 1e3)
+            found = messages[:]
+    return [
+        bounded(f"{name}, mean", "B", sum(found) / len(found), 1000),
+        known(f"{name}, each second", "1/s", len(found) / seconds),
+    ]
 
 
 def _measure(name: str, page: Page, seconds: float) -> list[Row]:
