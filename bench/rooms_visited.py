@@ -2,7 +2,8 @@
 
 ``make architecture`` prints them. A gateway and a robot run in one event loop on virtual time. Each call of a gateway
 function while a request, frame or message is handled is recorded: its layer, and whether the caller is in a lower layer
-(a climb).
+(a climb). Comprehensions are no calls, and background loops are not counted. A hand-over is a call by the event loop
+that continues the work in a later iteration.
 """
 
 import contextlib
@@ -25,6 +26,8 @@ from virtual.loop import virtual_time
 
 _FOLDER = ROOT / "gateway"
 _GATEWAY = str(_FOLDER / "linked_fleet_gateway") + "/"
+_COMPREHENSIONS = frozenset({"<listcomp>", "<setcomp>", "<dictcomp>", "<genexpr>"})
+_BACKGROUND = "_repeat"  # of runtime.background
 
 
 @dataclass
@@ -33,10 +36,20 @@ class Visits:
     files: dict[str, None] = field(default_factory=dict)
     calls = 0
     climbs = 0
+    hand_overs = -1
+    _others: FrameType | None = None
+    """The call of a background loop that runs at present."""
 
     def note(self, frame: FrameType, event: str, _: Any) -> None:
-        if event != "call" or not frame.f_code.co_filename.startswith(_GATEWAY):
+        if frame is self._others and event == "return":
+            self._others = None
+        if event != "call" or self._others is not None or not _is_counted(frame):
             return
+        if not any(map(_is_counted, _callers(frame))):
+            if frame.f_code.co_name == _BACKGROUND:
+                self._others = frame
+                return
+            self.hand_overs += 1
         room = _room(frame)
         self.calls += 1
         self.rooms[room] = None
@@ -44,6 +57,16 @@ class Visits:
         caller = frame.f_back
         if caller is not None and caller.f_code.co_filename.startswith(_GATEWAY):
             self.climbs += rank(_room(caller)) < rank(room)
+
+
+def _is_counted(frame: FrameType) -> bool:
+    return frame.f_code.co_filename.startswith(_GATEWAY) and frame.f_code.co_name not in _COMPREHENSIONS
+
+
+def _callers(frame: FrameType) -> Iterator[FrameType]:
+    while (caller := frame.f_back) is not None:
+        yield caller
+        frame = caller
 
 
 def _room(frame: FrameType) -> str:
@@ -66,7 +89,8 @@ def measured(what: str, do: Callable[[], object]) -> None:
     with visits() as found:
         do()
     rooms = ", ".join(sorted(found.rooms, key=lambda each: (-rank(each), each)))
-    print(f"| {what} | {len(found.rooms)}: {rooms} | {len(found.files)} | {found.calls} | {found.climbs} |")
+    counts = len(found.files), found.calls, found.hand_overs, found.climbs
+    print(f"| {what} | {len(found.rooms)}: {rooms} | {' | '.join(map(str, counts))} |")
 
 
 def main() -> None:
@@ -91,7 +115,7 @@ def main() -> None:
             actor.put("state", actor.frame((next(angles) / 1000,)))
             loop.run_for(0.05)
 
-        print("| | rooms | files | calls | climbs |\n|---|---|---|---|---|")
+        print("| | rooms | files | calls | hand-overs | climbs |\n|---|---|---|---|---|---|")
         measured("GET of a live value", get)
         measured("POST of a stop", stop)
         measured("frame that nobody watches", frame)

@@ -136,10 +136,15 @@ class Inbox:
             batch, self._batch, self._woken = self._batch, Batch(), False
             return batch
 
+    @property
+    def has_news(self) -> bool:
+        """True if the reader was woken and has not taken the batch yet."""
+        return self._woken
+
     def close(self) -> None:
-        """Stop waking the reader."""
+        """Stop waking the reader, and drop what it has not taken."""
         with self._lock:
-            self._wake = None
+            self._wake, self._batch, self._woken = None, Batch(), False
 
     def _ring(self) -> None:
         if not self._woken and self._wake is not None:

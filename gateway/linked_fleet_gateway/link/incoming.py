@@ -13,11 +13,11 @@ from linked_fleet_gateway.fleet.events import Batch, Event, Framed, Inbox, Moved
 from linked_fleet_gateway.fleet.frames import Frames
 from linked_fleet_gateway.link.discovery import Discovery
 from linked_fleet_gateway.link.transport import Session
+from linked_fleet_gateway.runtime.background import TURN_S, Turns
 
 _log = logging.getLogger(__name__)
 
 MAX_STATE_BYTES = MAX_PROGRESS_BYTES = 65_536
-TURN_S = 0.004
 
 
 class Incoming:
@@ -40,9 +40,9 @@ class Incoming:
         self._on_events = on_events
         self._on_progress = on_progress
         self._loop = asyncio.get_running_loop()
-        self._inbox = Inbox(lambda: self._loop.call_soon_threadsafe(self._drain))
-        self._work: Iterator[None] | None = None
-        self._more = False
+        self._turns = Turns(self._work)
+        self._inbox = Inbox(lambda: self._loop.call_soon_threadsafe(self._turns.take))
+        self._steps: Iterator[None] = iter(())
         self.complaints = RejectedMessages(_log)
 
     async def declare(self, session: Session) -> None:
@@ -54,7 +54,7 @@ class Incoming:
     def close(self) -> None:
         """Stop all reports."""
         self._inbox.close()
-        self._work = None
+        self._steps = iter(())
 
     def parse(self, key: str) -> RobotKey | None:
         try:
@@ -75,27 +75,15 @@ class Incoming:
 
     # -- in the event loop ------------------------------------------------------------------------------------------
 
-    def _drain(self) -> None:
-        """Process new messages after all earlier ones."""
-        if self._work is not None:
-            self._more = True
-            return
-        self._work = self._tell(self._inbox.take())
-        self._turn()
-
-    def _turn(self) -> None:
-        end = time.perf_counter() + TURN_S
-        work, self._work = self._work or iter(()), None
-        try:
-            for _ in work:
-                if time.perf_counter() > end:
-                    self._work = work
-                    self._loop.call_soon(self._turn)
-                    return
-        finally:
-            if self._work is None and self._more:
-                self._more = False
-                self._loop.call_soon(self._drain)
+    def _work(self, begin: float) -> bool:
+        """Process messages, new ones after all earlier ones."""
+        while True:
+            for _ in self._steps:
+                if time.perf_counter() - begin > TURN_S:
+                    return True
+            if not self._inbox.has_news:
+                return False
+            self._steps = self._tell(self._inbox.take())
 
     def _tell(self, batch: Batch) -> Iterator[None]:
         """Process one message per step; presence precedes the messages of the same batch."""

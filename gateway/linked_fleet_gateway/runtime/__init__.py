@@ -2,7 +2,7 @@
 
 ``redis``: the connection to Redis or Valkey, one server or a cluster; the only module that imports redis.
 ``embedded_redis``: the server that a gateway starts if none is configured; ``damaged_data`` keeps data that it cannot
-load. ``background``: supervised loops, reliable end of tasks, and long work in slices. ``worker``: child processes.
+load. ``background``: supervised loops, reliable end of tasks, long work in slices. ``worker``: child processes.
 ``replica``: state shared through Redis, and this gateway's copy. ``audit_log``: audit records, in the log and in
 Redis. ``request_context``, ``log``, ``tracing``: the current request, log formats, spans. ``metrics``: counters, and
 their Prometheus form.
@@ -13,7 +13,7 @@ invocation, in the slot of the robot. The lease of a run of a gateway (``subscri
 other run with its own monotonic clock, so that an outage of Redis ends no run. The lease of rules has one holder, and
 each step of it checks the holder in the slot of the rules. Only ``SET`` with an expiry is common to them.
 
-Turns are not one scheduler. ``background.sliced`` divides long work of one task, for all that need it.
-``http.stop_priority`` orders requests, one per iteration of the event loop, so that a stop overtakes them. The fair
-turns of queries bound concurrent work of a child process per client, and refuse what is too much.
+Work is divided in two ways: ``background.sliced`` in a task, ``background.Turns`` in callbacks. Two other things called
+turns are queues with other purposes: ``http.stop_priority`` admits one request per iteration of the event loop,
+so that a stop overtakes the others, and the fair turns of queries bound the work of a child process per client.
 """

@@ -1,4 +1,4 @@
-"""Tasks: ended for certain, repeated in the background, and long work in slices."""
+"""Tasks: ended for certain, repeated in the background, and long work in slices or turns."""
 
 import asyncio
 import time
@@ -78,3 +78,34 @@ async def sliced(items: Iterable[_T]) -> AsyncIterator[_T]:
         if time.monotonic() > until_s:
             await asyncio.sleep(0)
             until_s = time.monotonic() + SLICE_S
+
+
+TURN_S = 0.004
+
+
+class Turns:
+    """Calls ``work`` on the event loop, in turns between which the loop serves everything else.
+
+    ``work`` gets the time at which the turn began (``time.perf_counter``), should return within ``TURN_S``, and returns
+    True if it has more to do. It is a callback rather than a task, because most turns take less time than a task.
+    """
+
+    def __init__(self, work: Callable[[float], bool]) -> None:
+        self._work = work
+        self._due = False
+
+    def soon(self) -> None:
+        """Take a turn in the next iteration of the event loop; repeated calls before it make one turn."""
+        if not self._due:
+            self._due = True
+            asyncio.get_running_loop().call_soon(self.take)
+
+    def take(self) -> None:
+        """Take a turn now, and further ones soon until there is nothing more to do."""
+        more = True
+        try:
+            more = self._work(time.perf_counter())
+        finally:
+            self._due = False
+            if more:
+                self.soon()

@@ -15,12 +15,12 @@ from linked_fleet_gateway.identity.rights import View
 from linked_fleet_gateway.resources.paths import is_below, robot_of
 from linked_fleet_gateway.resources.resource import Redirect, Resource
 from linked_fleet_gateway.resources.subscription import Depth, Subscription
+from linked_fleet_gateway.runtime.background import TURN_S, Turns
 from linked_fleet_gateway.subscriptions.broadcast import Broadcast
 from linked_fleet_gateway.subscriptions.message import Ending, Message, Outlet, Stream
 from linked_fleet_gateway.subscriptions.topic import Topic
 from linked_fleet_gateway.subscriptions.watcher import Timer, Watcher
 
-TURN_S = 0.004
 _DONE = object()
 
 
@@ -48,7 +48,7 @@ class FanOut:
         # Marked resources. True: resolve again as well, because more than the values may have changed.
         self._dirty: dict[Topic[Watcher], bool] = {}
         self._runnable: deque[Watcher | Broadcast[Watcher]] = deque()
-        self._turn_due = False
+        self._turns = Turns(self._work)
         self.heard: Callable[[str | None], None] = lambda robot: None
         """Called at every change: with the robot's name for a frame, with None for anything else."""
         self.renders = self.messages = self.conflated = 0
@@ -100,7 +100,7 @@ class FanOut:
             for topic in topics:
                 if topic.measured:
                     self._dirty.setdefault(topic, False)
-            self._take_turn_soon()
+            self._turns.soon()
 
     def changed(self, robot: str) -> None:
         """Mark a robot whose presence, description or fault changed."""
@@ -113,7 +113,7 @@ class FanOut:
                 self._scan_soon(watcher)
         for name in (robot, None):
             self._dirty.update(dict.fromkeys(self._of_robot.get(name, ()), True))
-        self._take_turn_soon()
+        self._turns.soon()
 
     def touched(self, path: str) -> None:
         """Mark one resource as changed."""
@@ -122,7 +122,7 @@ class FanOut:
             self._find(watcher)
         for topic in self._topics.get(path, {}).values():
             self._dirty[topic] = True
-            self._take_turn_soon()
+            self._turns.soon()
 
     def appeared(self, path: str) -> None:
         """Add a new resource to the watchers of the subtrees that cover it."""
@@ -150,7 +150,7 @@ class FanOut:
         if not sender.running:
             sender.running = True
             self._runnable.append(sender)
-            self._take_turn_soon()
+            self._turns.soon()
 
     def message(self, topic: Topic[Watcher], subscription: Subscription) -> Message:
         before = topic.renders
@@ -195,20 +195,7 @@ class FanOut:
 
     # -- turns ------------------------------------------------------------------------------------------------------
 
-    def _take_turn_soon(self) -> None:
-        if not self._turn_due:
-            self._turn_due = True
-            asyncio.get_running_loop().call_soon(self._turn)
-
-    def _turn(self) -> None:
-        try:
-            self._work(time.perf_counter())
-        finally:
-            self._turn_due = False
-        if self._dirty or self._scans or self._runnable:
-            self._take_turn_soon()
-
-    def _work(self, begin: float) -> None:
+    def _work(self, begin: float) -> bool:
         """Read marked resources, scan subtrees, render and send; each gets at least a quarter of the turn.
 
         Rendered messages leave in one burst: writing to a reader that has gone to sleep meanwhile takes three times as
@@ -227,6 +214,7 @@ class FanOut:
                         self.run(sender)
             finally:
                 self._runnable.extendleft(reversed(ready))
+        return bool(self._dirty or self._scans or self._runnable)
 
     def _prepared(self, end: float) -> deque[Watcher | Broadcast[Watcher]]:
         """Return the scheduled senders that have something to send, as many as can be prepared by ``end`` (s)."""
@@ -317,7 +305,7 @@ class FanOut:
             self._scan_again.add(watcher)
         else:
             self._scans[watcher] = self._scan(watcher)
-        self._take_turn_soon()
+        self._turns.soon()
 
     def _scan_on(self, watcher: Watcher) -> None:
         if next(self._scans[watcher], _DONE) is not _DONE or watcher not in self._scans:

@@ -5,7 +5,7 @@ import time
 
 import pytest
 
-from linked_fleet_gateway.runtime.background import SLICE_S, sliced
+from linked_fleet_gateway.runtime.background import SLICE_S, Turns, sliced
 
 
 def test_others_go_on_each_time_that_a_slice_is_over(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -28,3 +28,46 @@ def test_others_go_on_each_time_that_a_slice_is_over(monkeypatch: pytest.MonkeyP
 
     asyncio.run(test())
     assert (seen, done) == ([3, 6, 9], 10)
+
+
+def test_turns_leave_others_between_them_and_end_with_the_work() -> None:
+    order: list[str] = []
+
+    async def main() -> None:
+        left = [3, 2, 1]
+
+        def work(_: float) -> bool:
+            order.append(f"turn {left.pop(0)}")
+            return bool(left)
+
+        turns = Turns(work)
+        turns.soon()
+        turns.soon()
+        for _ in range(4):
+            await asyncio.sleep(0)
+            order.append("other")
+
+    asyncio.run(main())
+    assert order == ["turn 3", "other", "turn 2", "other", "turn 1", "other", "other"]
+
+
+def test_turns_go_on_after_an_error() -> None:
+    done: list[str] = []
+    errors: list[object] = []
+
+    async def main() -> None:
+        asyncio.get_running_loop().set_exception_handler(lambda _, context: errors.append(context["exception"]))
+        left: list[Exception | None] = [ValueError("a step"), None]
+
+        def work(_: float) -> bool:
+            if (error := left.pop(0)) is not None:
+                raise error
+            done.append("done")
+            return bool(left)
+
+        Turns(work).soon()
+        for _ in range(3):
+            await asyncio.sleep(0)
+
+    asyncio.run(main())
+    assert done == ["done"] and [str(each) for each in errors] == ["a step"]
