@@ -131,7 +131,7 @@ class _Writer:
         for type_ in whole.classes:
             self.graph.add((node, RDF.type, type_))
         for each in every_field(whole):
-            offered = self._values(each, values.get(each.path, []), where)
+            offered = self._values(each, values.get(each.path, []))
             if each.path not in refused:
                 self._count(each, offered, where + each.name)
             for index, value in enumerate(offered):
@@ -194,7 +194,7 @@ class _Writer:
             taken += alive if len(alive) == 1 else []
         return taken
 
-    def _values(self, each: Field, given: list[Any], where: str) -> list[Any]:
+    def _values(self, each: Field, given: list[Any]) -> list[Any]:
         if each.fixed:
             return list(dict.fromkeys([*each.fixed, *given]))
         if given or each.min_count == 0:

@@ -138,12 +138,12 @@ class Feed:
                 self.last_id = event.id if event.id is not None else self.last_id
                 if event.data:
                     self._failures = 0
-                    yield self._change(event, media_type)
+                    yield self._change(event)
                 if self._late():
                     return True
         return False
 
-    def _change(self, event: Event, media_type: str) -> Change:
+    def _change(self, event: Event) -> Change:
         document = Document(self.url, parsed(event.data, "text/turtle", self.url))
         resource = next((URIRef(str(each)) for each in document.graph.subjects(LF.version)), document.iri(self.iri))
         version = str(document.graph.value(resource, LF.version) or event.id or "") or None

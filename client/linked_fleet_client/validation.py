@@ -19,7 +19,7 @@ _PROGRAMS = (SH.sparql, SH.js, SH.rule)
 def validate(body: Graph, shapes: Graph, shape: Node) -> None:
     """Raise InvalidInput with a message for each violation of ``shape`` by the root of ``body``."""
     data = _focused(body)
-    messages = list(_messages(data, shapes, shape, _report(data, shapes, shape), 0))
+    messages = list(_messages(data, shapes, _report(data, shapes, shape), 0))
     if messages:
         raise InvalidInput(list(dict.fromkeys(messages)))
 
@@ -57,14 +57,14 @@ def _report(data: Graph, shapes: Graph, shape: Node) -> Graph | None:
     return report
 
 
-def _messages(data: Graph, shapes: Graph, shape: Node, report: Graph | None, depth: int) -> Iterator[str]:
+def _messages(data: Graph, shapes: Graph, report: Graph | None, depth: int) -> Iterator[str]:
     for result in report.objects(None, SH.result) if report is not None else ():
         assert report is not None
         focus, component = report.value(result, SH.focusNode), report.value(result, SH.sourceConstraintComponent)
         branches = list(_branches(shapes, report.value(result, SH.sourceShape), component))
         chosen = [branch for branch in branches if _chosen(data, shapes, branch, focus)]
         if focus == FOCUS and len(chosen) == 1 and depth == 0:
-            yield from _messages(data, shapes, chosen[0], _report(data, shapes, chosen[0]), 1)
+            yield from _messages(data, shapes, _report(data, shapes, chosen[0]), 1)
             continue
         path, value = report.value(result, SH.resultPath), report.value(result, SH.value)
         yield _said(shapes, report.value(result, SH.sourceShape), component, path, value)

@@ -56,13 +56,3 @@ def _wait(value: str | None) -> float | None:
     if value is None or not re.fullmatch(r"[0-9]+", value):
         return None
     return min(float(value), MAX_WAIT_S)
-
-
-def preference_applied(
-    *, return_: Return | None = None, respond_async: bool = False, wait_s: float | None = None
-) -> str | None:
-    """Return ``Preference-Applied`` (section 3) for the honoured preferences; None if there are none."""
-    applied = [f"return={return_}"] if return_ else []
-    applied += ["respond-async"] if respond_async else []
-    applied += [f"wait={wait_s:.0f}"] if wait_s is not None else []
-    return ", ".join(applied) or None

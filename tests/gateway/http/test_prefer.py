@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from linked_fleet_gateway.http.prefer import Prefer, parse_prefer, preference_applied
+from linked_fleet_gateway.http.prefer import Prefer, parse_prefer
 
 
 @pytest.mark.parametrize(
@@ -31,13 +31,6 @@ def test_any_header_is_survived(header: str) -> None:
     """No header causes a failure, or a wait of more than a minute."""
     wait_s = parse_prefer(header).wait_s
     assert wait_s is None or 0 <= wait_s <= 60
-
-
-def test_applied() -> None:
-    """The honoured preferences are returned, and nothing if there are none."""
-    assert preference_applied() is None
-    assert preference_applied(respond_async=True, wait_s=10.0) == "respond-async, wait=10"
-    assert preference_applied(return_="representation") == "return=representation"
 
 
 def test_parts_of_a_representation() -> None:

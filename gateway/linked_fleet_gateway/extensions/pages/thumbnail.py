@@ -19,7 +19,6 @@ _MARGIN = 8.0
 _DENSITY_KG_M3 = 1800.0
 _THINNEST, _WIDEST = 0.012, 0.1  # widths of strokes, as shares of the larger side of the robot
 _JOINT = 0.013
-_LEAST_BONE = 0.004
 # The camera looks from the front, the right and above, as that of the scene (scripts/src/scene_view.js).
 _FROM = (1.0, -0.75, 0.5)
 _FAR, _NEAR = (96, 112, 132), (176, 190, 208)

@@ -1,21 +1,18 @@
 """Snapshots of the fleet for the query process, reduced to changes."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable
 from itertools import islice
-
-from pyoxigraph import Triple
 
 from linked_fleet_gateway.extensions.query.messages import Member, News, RobotFacts
 from linked_fleet_gateway.fleet.fleet import Fleet
 from linked_fleet_gateway.fleet.invocations import FLEET, Invocation, Invocations
 from linked_fleet_gateway.fleet.robot import Robot
-from linked_fleet_gateway.resources.branches import Branches, RequestView
+from linked_fleet_gateway.resources.branches import Branches
 from linked_fleet_gateway.resources.paths import robot_path
 
 MAX_ENDED = 20
 """Number of ended invocations sent for each robot and for the fleet: the most recent ones."""
 
-Contribution = Callable[[RequestView], Iterable[tuple[str, Sequence[Triple]]]]
 """Returns triples that a branch adds to the dataset of the caller, by the path of their graph.
 
 Blank node labels must be unique among all contributions to one graph.
