@@ -212,7 +212,7 @@ def returning(scene: Scene) -> Figures:
 
 
 def _in_turn(size: Size) -> Iterator[str]:
-    """Yield names of robots, for so many requests or so long."""
+    """Yield names of robots, until the number of requests or the time is reached."""
     end = time.monotonic() + size.seconds
     for number in range(size.requests):
         if time.monotonic() < end:

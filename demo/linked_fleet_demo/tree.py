@@ -45,7 +45,7 @@ _PDEATHSIG = 1  # PR_SET_PDEATHSIG of Linux's prctl
 
 
 class Stopped(BaseException):
-    """The user has requested the end; raised from whatever the demo was waiting for."""
+    """The user has asked the demo to end; raised in all its waits."""
 
 
 class Child:

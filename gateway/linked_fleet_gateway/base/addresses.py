@@ -1,4 +1,4 @@
-"""Networks of IP addresses, the unit of quotas by client and by destination."""
+"""The network of an IP address, by which limits tell clients and destinations apart."""
 
 from functools import lru_cache
 from ipaddress import IPv6Address, ip_address

@@ -165,7 +165,7 @@ class NotAcceptable(FleetError):
 
 
 class Conflict(FleetError):
-    """The state of the resource forbids the request, as a container that is full."""
+    """The state of the resource forbids the request, for example because a container is full."""
 
     status, code, title = 409, "conflict", "The state of the resource forbids it"
 

@@ -1,4 +1,4 @@
-"""The invocations of actions, and the targets to which they last commanded joints.
+"""The invocations of actions, and the latest commanded target of each joint.
 
 Times are gateway wall time in nanoseconds, except start and end, which the agent reports (the gateway's own time if a
 deadline ended the invocation).

@@ -120,7 +120,7 @@ def parameter(name: str, where: str, schema: Json, description: str = "", requir
 
 
 def path_item(parameters: Parameters, **methods: Json) -> Json:
-    """Return the methods of one path. The first value of each parameter's enum is its example; they belong together."""
+    """Return the methods of one path. The first values of all parameters' enums, as examples, name one resource."""
     said = [
         parameter(name, "path", schema, required=True) | ({"example": schema["enum"][0]} if "enum" in schema else {})
         for name, schema in parameters.items()

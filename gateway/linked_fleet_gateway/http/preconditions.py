@@ -11,7 +11,7 @@ from linked_fleet_gateway.resources.resource import Redirect, Resource
 
 
 def check_preconditions(request: Request, resource: Resource) -> None:
-    """Raise PreconditionFailed, except for stops. It may render every representation, so not for the event loop."""
+    """Raise PreconditionFailed, except for stops. Call it in a thread, because it may render every representation."""
     check = _Check(request, resource)
     if check.needed and not any(map(check.settled_by, request.services.representations.etags(resource, request.base))):
         check.end()

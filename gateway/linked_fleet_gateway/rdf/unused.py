@@ -112,13 +112,13 @@ def unused(body: Sequence[Triple], focus: Node, terms: Terms, present: frozenset
                 used.add(id(triple))
                 if inner.speaks and not isinstance(value, Literal):
                     pending.append((value, inner))
-            elif _goes_without_saying(predicate, value, known, about, node == focus):
+            elif _is_implied(predicate, value, known, about, node == focus):
                 used.add(id(triple))
     left = [triple for triple in body if id(triple) not in used]
     return [triple for triple in dict.fromkeys(left) if triple not in present]
 
 
-def _goes_without_saying(predicate: object, value: object, known: Terms, about: Sequence[Triple], first: bool) -> bool:
+def _is_implied(predicate: object, value: object, known: Terms, about: Sequence[Triple], first: bool) -> bool:
     """Return True for a type that the node has anyway, or a QUDT unit equal to the stated one."""
     if predicate == RDF.type:
         return value in known.types or (first and value in TYPES_OF_ALL)

@@ -290,7 +290,7 @@ def _joint_values(robot: Robot, joint: Joint) -> tuple[Observation, Observation,
 def _joint_state(
     graph: Graph, iri: NamedNode, robot: Robot, iri_of: Callable[[str], NamedNode], seen: Measurement
 ) -> None:
-    """Describe every joint of the wire's arrays with its values, and the layout of the binary frame (D5)."""
+    """Describe the values of every joint that frames contain, and the layout of the binary frame (D5)."""
     outside = seen.outside[::3] or (False,) * (len(seen.values) // 3)
     rows = zip(seen.values[::3], seen.values[1::3], seen.values[2::3], outside, strict=True)
     for joint, (position, velocity, effort, marked) in zip(_movable(robot), rows, strict=True):

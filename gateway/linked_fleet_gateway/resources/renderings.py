@@ -1,7 +1,7 @@
 """Compiled renderings: of measured values, and of documents that differ in their path alone.
 
-A description is rendered once by ``Resource.measured`` with random marker values; their positions in the document are
-the places. So both ways of rendering always give the same document.
+A description is rendered once by ``Resource.measured`` with random marker values. Their positions in the document are
+the places into which values are written. So a compiled rendering always gives the document that ``measured`` gives.
 
 A fleet has thousands of blueprints of a few dozen kinds. A copy equals the rendered document byte for byte, because
 names of things are written unescaped in every text syntax.

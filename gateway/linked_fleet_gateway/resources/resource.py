@@ -147,7 +147,7 @@ class Resource:
 
     @property
     def compressible(self) -> bool:
-        """True if its content is worth a content coding: values that move again and again are not, alone."""
+        """True if a content coding is worth it. It is not for measured values alone, which change with each frame."""
         return self.measured is None or bool(self.quiet)
 
     @property

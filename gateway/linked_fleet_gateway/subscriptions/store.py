@@ -1,8 +1,8 @@
 """Subscriptions in Redis: which run holds which, and what is still to be delivered.
 
 Writes are ordered so that nothing is visible that was not accepted: first the holder's list, then the client's count
-and the owner's index, last the record, which is the acceptance. What a crash leaves behind is found through the list of
-the crashed run.
+and the owner's index, last the record: once it is written, the subscription is accepted. What a crash leaves behind is
+found through the list of the crashed run.
 
 "Accepted" means on disk if the server reports ``appendonly yes`` and ``appendfsync always`` (otherwise a warning is
 logged), and in the memory of a replica where there is one (``replication``).
@@ -85,7 +85,7 @@ class Store:
         return await self._runs.dead()
 
     async def adopt(self, dead_run: str) -> AsyncIterator[Record]:
-        """Take over what outlives a dead run, yielding each record once this run has won it, and delete its streams.
+        """Take over the callbacks of a dead run, yield each record that this run has won, and delete its streams.
 
         Several gateways may do so at once and may die meanwhile. After StoreUnavailable, or if the iteration is
         abandoned, ``held`` returns what was won.

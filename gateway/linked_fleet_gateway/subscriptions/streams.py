@@ -149,7 +149,7 @@ class Streams:
         self._expire(subscription.id)
 
     def adopted(self, id: str) -> None:
-        """Let a stream of a dead gateway wait here."""
+        """Keep a stream of a dead gateway until its client opens it here."""
         if not self.serves(id):
             self._expire(id)
 

@@ -197,7 +197,7 @@ class Watcher:
         self.ready()
 
     def leave_all(self, subscription: Subscription) -> None:
-        """Apply any other options and forget all watched resources and sent versions, to be joined anew."""
+        """Replace the subscription, and forget all watched resources and sent versions; they are joined anew."""
         self._step_out()
         self._schedule.forget(self)
         self._known = {}

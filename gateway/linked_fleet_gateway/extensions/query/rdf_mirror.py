@@ -80,7 +80,7 @@ class _Value:
         self.triples: list[Triple] = []
 
 
-class _Of(NamedTuple):
+class _Document(NamedTuple):
     """The triples of a document, with the prefix of its blank nodes."""
 
     key: object
@@ -95,7 +95,7 @@ class _Robot:
         self.graph, self.held = graph, held
         self.basis: object = None
         self.said = self.seen = -1
-        self.documents: dict[str, _Of] = {}
+        self.documents: dict[str, _Document] = {}
         self.values: dict[str, list[_Value]] = {}
 
 
@@ -158,7 +158,7 @@ class RdfMirror:
         for each in held.invocations:
             self._write(known, each.id, None, partial(self._invocation, robot, each, others))
         for gone in [key for key in known.documents if "/" not in key and key not in (*others, "lease")]:
-            self._replace(known, gone, _Of(None, "", []))
+            self._replace(known, gone, _Document(None, "", []))
             del known.documents[gone]
 
     def invocation(self, one: Invocation, others: dict[str, Invocation], sees: Callable[[str], bool]) -> list[Triple]:
@@ -191,7 +191,7 @@ class RdfMirror:
         prefix = self._fresh() if held is None else held.prefix
         say, graph = StaticDescriber(self.base), Labelled(prefix)
         describe(say, graph)
-        self._replace(known, name, _Of(key, prefix, graph.triples))
+        self._replace(known, name, _Document(key, prefix, graph.triples))
         if say.measured and name not in known.values:
             known.values[name] = [_Value(owner, item, self._fresh()) for owner, item in say.measured]
 
@@ -200,7 +200,7 @@ class RdfMirror:
     def _measure(self, known: _Robot, held: MirroredRobot) -> None:
         graph = Graph()
         self._say.last_frame(graph, known.graph, held.robot)
-        self._replace(known, "/lastFrame", _Of(None, "", graph.triples))
+        self._replace(known, "/lastFrame", _Document(None, "", graph.triples))
         old: list[Triple] = []
         new: list[Triple] = []
         for values in known.values.values():
@@ -230,7 +230,7 @@ class RdfMirror:
 
     # -- the store ----------------------------------------------------------------------------------------------------
 
-    def _replace(self, known: _Robot, name: str, document: _Of) -> None:
+    def _replace(self, known: _Robot, name: str, document: _Document) -> None:
         before = known.documents.get(name)
         known.documents[name] = document
         if before is None:

@@ -206,8 +206,8 @@ def _forms(href: str, media_type: str, item: Property) -> list[Json]:
 def _target(offer: Offer, base: str) -> Json:
     """Return the schema of a joint's target: what can be written, or else what can only be read.
 
-    A target is unknown before the first command. By rounding (written limits have six decimal places), or by whole
-    turns of a continuous joint, a read target may be beyond the limits for writing.
+    A target is unknown before the first command. A read target may be beyond the limits for writing, because these are
+    rounded to six decimal places, or because a continuous joint has made whole turns.
     """
     assert offer.joint is not None
     dimension = kind_of(offer.joint).dimension
