@@ -1,9 +1,8 @@
-"""Clients as processes: the command line, the conformance checker, the client of docs/BINARY.md."""
+"""Clients as processes: the command line, the conformance checker, examples/frames.py."""
 
 import contextlib
 import json
 import math
-import re
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -19,7 +18,7 @@ from running import ROOT, process
 from small_fleet import Place, live
 from subscribers import Theatre
 
-PAGE = ROOT / "docs" / "BINARY.md"
+CLIENT = ROOT / "examples" / "frames.py"
 pytestmark = [pytest.mark.processes, pytest.mark.test_all]
 EARL = rdflib.Namespace("http://www.w3.org/ns/earl#")
 
@@ -42,16 +41,6 @@ def browser(fleet: Place) -> Iterator[Browser]:
 @pytest.fixture(scope="module")
 def scene(fleet: Place, browser: Browser) -> Theatre:
     return Theatre(fleet, browser)
-
-
-@pytest.fixture(scope="module")
-def client(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Write the client of docs/BINARY.md to a file, unchanged."""
-    (code,) = re.findall(r"```python\n(.*?)```", PAGE.read_text(), re.S)
-    assert len(code.splitlines()) <= 40
-    path = tmp_path_factory.mktemp("client") / "client.py"
-    path.write_text(code)
-    return path
 
 
 def test_the_command_line_looks_and_moves(fleet: Place) -> None:
@@ -108,11 +97,11 @@ def _same(earl: rdflib.Graph, outcomes: dict[str, str], root: str) -> None:
     assert asserted == outcomes
 
 
-def test_the_client_in_the_docs_reads_a_joint_state(scene: Theatre, client: Path) -> None:
+def test_the_example_reads_the_frames_of_a_joint_state(scene: Theatre) -> None:
     """Two frames of a whole robot, printed by a client that only has rdflib, websockets and the link."""
     with scene.toy(0.25, -0.5) as toy:
         state, elbow = str(toy.page.one(LF.jointState)), toy.rotation()
-        with process("-I", str(client), state, "2") as run:
+        with process("-I", str(CLIENT), state, "2") as run:
             run.said(f"elbow/rotation 0.25 http://qudt.org/vocab/unit/RAD {elbow}\n")
             toy.pose(0.5, -0.125)
             assert run.ended() == 0
@@ -121,10 +110,10 @@ def test_the_client_in_the_docs_reads_a_joint_state(scene: Theatre, client: Path
         assert "elbow/effort nan http://qudt.org/vocab/unit/N-M " in run.output
 
 
-def test_the_client_in_the_docs_reads_one_property(scene: Theatre, client: Path) -> None:
+def test_the_example_reads_the_frames_of_one_property(scene: Theatre) -> None:
     """The same client, unchanged, on a single value."""
     with scene.toy(0.25) as toy:
-        with process("-I", str(client), toy.rotation(), "2") as run:
+        with process("-I", str(CLIENT), toy.rotation(), "2") as run:
             run.said(f"rotation 0.25 http://qudt.org/vocab/unit/RAD {toy.rotation()}\n")
             toy.pose(0.75)
             assert run.ended() == 0
