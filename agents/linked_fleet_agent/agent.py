@@ -150,7 +150,7 @@ class Agent:
         return codec.encode(reply)
 
     def _show(self) -> None:
-        """Publish a frame after a stop, because its sender waits for one. Many stops in a row share one frame."""
+        """Publish a frame after a stop, for gateways that have not sent it. Many stops in a row share one frame."""
         now_ns = self._monotonic_ns()
         if self._link is not None and now_ns - self._frames.published_ns >= _LEAST_APART * 1e9 / self.rate_hz:
             self._reading = self._read(now_ns)

@@ -354,7 +354,7 @@ def test_a_gateway_that_comes_hears_how_motions_ended_and_what_runs() -> None:
 
 
 def test_a_stop_is_followed_by_a_frame_at_once() -> None:
-    """The requester waits for a later frame. Many stops at once are followed by a single frame."""
+    """Other gateways learn of the stop by a later frame. Many stops at once are followed by a single frame."""
     bench = Bench()
 
     async def scenario() -> None:

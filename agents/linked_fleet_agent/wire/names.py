@@ -30,6 +30,8 @@ def escape(name: str, reserved: Container[str] = ()) -> str:
 
 def unescape(segment: str, reserved: Container[str] = ()) -> str:
     """Return the name of ``segment``. Raises ValueError if the segment is not the canonical one of any name."""
+    if segment not in (".", "..") and segment not in reserved and _AS_IT_IS.fullmatch(segment):
+        return segment
     head, *rest = segment.split("~")
     try:
         raw = head.encode("ascii") + b"".join(bytes.fromhex(part[:2]) + part[2:].encode("ascii") for part in rest)

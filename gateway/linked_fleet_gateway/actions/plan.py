@@ -19,12 +19,11 @@ class RobotTime:
     """The time of a request by the robot's own clock: its run, and the monotonic time of its latest frame.
 
     The command keeps this time whatever delays follow (a search, Redis, a turn), so it is refused as stale after too
-    long or after a stop. ``waited_ns`` is the time spent in collision checks, which does not count.
+    long or after a stop.
     """
 
     incarnation: int
     seen_ns: int
-    waited_ns: int = 0
 
 
 @dataclass(frozen=True)
@@ -65,16 +64,20 @@ Plan = Motion | Halt | DeferredPlan
 
 
 TIME_TO_LIVE_NS = 2_000_000_000
+_FRAME_NS = 1_000_000_000  # a stop that is further ahead of the latest frame was another run's, by another clock
 
 
-def command_of(id: str, motion: Motion, *, rehearsal: bool = False) -> Command:
-    """Return the command, with the time of the request, whatever time has passed since."""
+def command_of(id: str, motion: Motion, waited_ns: int = 0, *, rehearsal: bool = False) -> Command:
+    """Return the command, with the time of the request, whatever time has passed since.
+
+    ``waited_ns`` is the time spent in collision checks, which does not count.
+    """
     return Command(
         version=WIRE_VERSION,
         id=id,
         incarnation=motion.requested_at.incarnation,
         seen_ns=motion.requested_at.seen_ns,
-        time_to_live_ns=TIME_TO_LIVE_NS + motion.requested_at.waited_ns,
+        time_to_live_ns=TIME_TO_LIVE_NS + waited_ns,
         motion=motion.motion,
         scale=motion.scale,
         expects=dict(motion.expects),
@@ -102,11 +105,18 @@ class Caller:
 
 
 def robot_time(robot: Robot | None) -> RobotTime | None:
-    """Return the present time of a robot; None if it cannot be commanded now."""
+    """Return the present time of a robot; None if it cannot be commanded now.
+
+    After a stop that is newer than the latest frame it is the time after the stop: the agent refuses motions that were
+    requested before it.
+    """
     frame = None if robot is None or not robot.online else robot.frame
     if robot is None or frame is None or robot.incarnation is None or robot.limit_fault:
         return None
-    return RobotTime(robot.incarnation, frame.monotonic_ns)
+    seen_ns = frame.monotonic_ns
+    if seen_ns <= robot.stopped_ns < seen_ns + _FRAME_NS:
+        seen_ns = robot.stopped_ns + 1
+    return RobotTime(robot.incarnation, seen_ns)
 
 
 @dataclass(frozen=True)

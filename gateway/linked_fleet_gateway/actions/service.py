@@ -5,7 +5,7 @@ import logging
 import time
 import uuid
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from types import TracebackType
 from typing import Protocol, Self
 
@@ -102,7 +102,7 @@ class Actions:
         RefusedByAgent with the agent's reason, MotionRefused, TooManyInvocations, StoreAway, and AgentSilent without a
         reply: the invocation is then "unknown" until progress or its deadline resolves it.
         """
-        robot, motion = motion.robot, await self._once_ready(motion, caller)
+        robot, waited_ns = motion.robot, await self._ready(motion, caller)
         if self._stalls.stalled_recently():
             raise Busy("The gateway was held up, and this may have been asked for before: ask again.")
         now_ns = time.time_ns()
@@ -128,26 +128,29 @@ class Actions:
                 if first is not None:
                     return await self._first(robot, first)
             invocation = self.lifecycle.begin(invocation)
-        motion = await self._check(invocation, motion, caller)
-        reply = await self._send(invocation, command_of(invocation.id, motion))
+        waited_ns += await self._check(invocation, motion, caller)
+        reply = await self._send(invocation, command_of(invocation.id, motion, waited_ns))
         if isinstance(reply, Refused):
             self.lifecycle.refuse(invocation, reply)
             raise refusal(robot, reply)
         self.lifecycle.accept(invocation, reply)
         return invocation
 
-    async def _once_ready(self, motion: Motion, caller: Caller) -> Motion:
+    async def _ready(self, motion: Motion, caller: Caller) -> int:
         """Wait for the guards.
 
-        Return the motion, which does not become stale by this wait; a stop still overrides it.
+        Return the time in ns, by which the motion does not become stale; a stop still overrides it.
         """
         began_ns = time.monotonic_ns()
         for guard in self._guards:
             await guard.ready(motion.robot, caller.sees)
-        return _later(motion, began_ns)
+        return time.monotonic_ns() - began_ns
 
-    async def _check(self, invocation: Invocation, motion: Motion, caller: Caller) -> Motion:
-        """Check a motion that others can see already: of two concurrent ones, at least one sees the other."""
+    async def _check(self, invocation: Invocation, motion: Motion, caller: Caller) -> int:
+        """Check a motion that others can see already: of two concurrent ones, at least one sees the other.
+
+        Return the time in ns, as ``_ready`` does.
+        """
         began_ns = time.monotonic_ns()
         try:
             await self._findings(motion, caller, invocation.id)
@@ -155,7 +158,7 @@ class Actions:
             invocation.refused = error.code
             self.lifecycle.fail(invocation, error.reason)
             raise
-        return _later(motion, began_ns)
+        return time.monotonic_ns() - began_ns
 
     async def _findings(self, motion: Motion, caller: Caller, own: str) -> dict[NamedNode, bool]:
         """Return whether each guard found the path free. Raises MotionRefused."""
@@ -189,16 +192,16 @@ class Actions:
 
     async def rehearse(self, motion: Motion, caller: Caller) -> Rehearsal:
         """Return the effect that ``start`` would have. Raises the same errors."""
-        robot, motion = motion.robot, await self._once_ready(motion, caller)
+        robot, waited_ns = motion.robot, await self._ready(motion, caller)
         if self._quota.is_full(caller.name):
             raise self._quota.refusal(caller.name)
         async with store_errors():
             await self._store.check(robot.name, caller.token, lease_of(robot) if motion.tied else "")
         began_ns = time.monotonic_ns()
         findings = await self._findings(motion, caller, "")
-        motion = _later(motion, began_ns)
+        waited_ns += time.monotonic_ns() - began_ns
         try:
-            command = command_of(str(uuid.uuid4()), motion, rehearsal=True)
+            command = command_of(str(uuid.uuid4()), motion, waited_ns, rehearsal=True)
             reply = await self._live.link.command(robot.name, command, ANSWER_TIMEOUT_S)
         except NoAnswer as error:
             raise AgentSilent(f"The agent of {robot.name} gave no answer: {error}.") from error
@@ -290,9 +293,3 @@ class Actions:
 def _is_answered(invocation: Invocation) -> bool:
     """Return True if the agent has answered, or has not in time."""
     return invocation.accepted or invocation.state is not InvocationState.ACCEPTED
-
-
-def _later(motion: Motion, began_ns: int) -> Motion:
-    """Return the motion with the time since ``began_ns`` (monotonic) added to its permitted delay."""
-    waited_ns = motion.requested_at.waited_ns + time.monotonic_ns() - began_ns
-    return replace(motion, requested_at=replace(motion.requested_at, waited_ns=waited_ns))

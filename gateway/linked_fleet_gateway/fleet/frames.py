@@ -5,7 +5,6 @@ watches costs almost nothing, and malformed, late or foreign frames never replac
 """
 
 import struct
-from collections import Counter
 from collections.abc import Callable, Container
 
 from linked_fleet_agent.wire.codec import layout
@@ -51,14 +50,12 @@ class Latest:
 class Frames:
     """The latest frame of each robot. ``key_of`` maps a robot's name to the key of its frames.
 
-    ``taken`` counts stored frames. Frames are reported at once for robots in ``watched`` or ``awaited``, and for all
-    while ``heeded``.
+    ``taken`` counts stored frames. Frames are reported at once for robots in ``watched``, and for all while ``heeded``.
     """
 
     def __init__(self, key_of: Callable[[str], str] = str) -> None:
         self.taken = 0
         self.watched: Container[str | None] = frozenset()
-        self.awaited: Counter[str] = Counter()
         self.heeded = False
         self._key_of = key_of
         self._latest: dict[str, Latest] = {}
@@ -84,7 +81,7 @@ class Frames:
 
     def urgent(self, latest: Latest) -> bool:
         """Return True if the event loop must be told and is not scheduled yet."""
-        return not latest.rung and (self.heeded or latest.robot in self.watched or latest.robot in self.awaited)
+        return not latest.rung and (self.heeded or latest.robot in self.watched)
 
     def untold(self, robot: str) -> bool:
         """Return True if a frame has arrived that was not reported, because nobody watched the robot then."""

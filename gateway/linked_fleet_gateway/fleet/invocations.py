@@ -55,26 +55,28 @@ class TargetIndex:
         """
         found = {}
         for joint, held in self._motions.get((robot, incarnation), {}).items():
-            motion = next((one for one in reversed(held) if one.accepted and not _ceded(one, joint, successors)), None)
-            if motion is None or (motion.state.terminal and motion.state is not InvocationState.SUCCEEDED):
-                continue
-            if motion.created_ns > self._stopped_ns(robot, incarnation, joint):
-                found[joint] = motion.targets[joint]
+            for motion in reversed(held):
+                if not motion.accepted or _ceded(motion, joint, successors):
+                    continue
+                valid = not motion.state.terminal or motion.state is InvocationState.SUCCEEDED
+                if valid and motion.created_ns > self._stopped_ns(robot, incarnation, joint):
+                    found[joint] = motion.targets[joint]
+                break
         return found
 
     def _stopped_ns(self, robot: str, incarnation: int, joint: str) -> int:
         """Return the gateway wall time of the joint's last stop."""
-        removed, own = self._removed_ns.get(robot, {}), self._stops.get((robot, incarnation), {})
-        fleet = self._stops.get((FLEET, 0), {})
-        return max(
-            time
-            for name in (joint, "")
-            for time in (
-                removed.get(name, 0),
-                _latest_ns(own.get(name, ()), lambda stop: stop.accepted),
-                _latest_ns(fleet.get(name, ()), lambda stop: word(stop.robots.get(robot, "")) in _STOPPED),
-            )
-        )
+        found = 0
+        if removed := self._removed_ns.get(robot):
+            found = max(removed.get(joint, 0), removed.get("", 0))
+        if own := self._stops.get((robot, incarnation)):
+            for name in (joint, ""):
+                found = max(found, _latest_ns(own.get(name, ()), lambda stop: stop.accepted))
+        if fleet := self._stops.get((FLEET, 0)):
+            for name in (joint, ""):
+                stopped = _latest_ns(fleet.get(name, ()), lambda stop: word(stop.robots.get(robot, "")) in _STOPPED)
+                found = max(found, stopped)
+        return found
 
     def _of(self, invocation: Invocation) -> dict[str, list[Invocation]]:
         index = self._motions if invocation.stops is None else self._stops

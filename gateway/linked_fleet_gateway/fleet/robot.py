@@ -53,6 +53,8 @@ class Robot:
         """Settings made by clients: ``title``, ``annotations`` (Turtle), ``maximumSpeedScale`` …"""
         self.targets: dict[str, float] = {}
         """The valid target positions of joints (rad or m)."""
+        self.stopped_ns = -1
+        """The time of its last stop by this gateway (monotonic time of the agent)."""
         self._complain = complain
         self._fault: str | None = None
         self.limit_fault: str | None = None

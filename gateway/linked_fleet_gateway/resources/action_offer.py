@@ -81,25 +81,30 @@ class Offer:
         closure(graph, self.definition.produces)
 
 
-def joint_offers(robot: Robot, joint: Joint) -> list[Offer]:
-    """Return the actions of a joint; none if it, or its robot, takes no commands."""
-    kind = kind_of(joint).type
-    return [Offer(each, joint_path(robot.name, joint.name), robot, joint) for each in _offered(kind, robot, joint)]
+def joint_offers(robot: Robot, joint: Joint, segment: str | None = None) -> list[Offer]:
+    """Return the actions of a joint; none if it, or its robot, takes no commands.
+
+    ``segment``: return only the action with this segment, if it is offered.
+    """
+    offered = _offered(kind_of(joint).type, robot, joint, segment)
+    return [Offer(each, joint_path(robot.name, joint.name), robot, joint) for each in offered]
 
 
-def robot_offers(robot: Robot) -> list[Offer]:
-    return [Offer(each, robot_path(robot.name), robot) for each in _offered(LF.Robot, robot, None)]
+def robot_offers(robot: Robot, segment: str | None = None) -> list[Offer]:
+    """Return the actions of a robot, or only the one with the segment, if it is offered."""
+    return [Offer(each, robot_path(robot.name), robot) for each in _offered(LF.Robot, robot, None, segment)]
 
 
-def fleet_offers() -> list[Offer]:
-    return [Offer(each, "/") for each in definitions() if LF.Fleet in each.offered_by]
+def fleet_offers(segment: str | None = None) -> list[Offer]:
+    """Return the actions of the fleet, or only the one with the segment."""
+    return [Offer(each, "/") for each in _named(segment) if LF.Fleet in each.offered_by]
 
 
-def offer_at(offers: Iterable[Offer], segment: str) -> Offer | None:
-    return next((each for each in offers if each.definition.segment == segment), None)
-
-
-def _offered(kind: NamedNode, robot: Robot, joint: Joint | None) -> list[Definition]:
+def _offered(kind: NamedNode, robot: Robot, joint: Joint | None, segment: str | None) -> list[Definition]:
     able = robot.description.capabilities if robot.description is not None and robot.model is not None else ()
-    kinds = [each for each in definitions() if kind in each.offered_by and each.capability in able]
+    kinds = [each for each in _named(segment) if kind in each.offered_by and each.capability in able]
     return [each for each in kinds if all(CONDITIONS[one](robot, joint) for one in each.offered_if)]
+
+
+def _named(segment: str | None) -> Iterable[Definition]:
+    return [each for each in definitions() if segment in (None, each.segment)]

@@ -7,7 +7,7 @@ from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.rdf.graph import Graph
 from linked_fleet_gateway.rdf.vocabulary import LF
 from linked_fleet_gateway.resources.access_filter import InvocationsInView
-from linked_fleet_gateway.resources.action_offer import Offer, offer_at
+from linked_fleet_gateway.resources.action_offer import Offer
 from linked_fleet_gateway.resources.affordance import EndInvocation, Invoke
 from linked_fleet_gateway.resources.invocation import (
     cancel_path,
@@ -24,10 +24,10 @@ from linked_fleet_gateway.resources.versioning import Source
 def resolve_action(
     offers: Sequence[Offer], rest: Sequence[str], invocations: InvocationsInView, source: Source, base: str
 ) -> Resource | None:
-    """Return the resource at ``rest`` below ``actions/`` of a thing that offers ``offers``."""
-    offer = offer_at(offers, rest[0])
-    if offer is None:
+    """Return the resource at ``rest`` below ``actions/`` of a thing; ``offers``: the action at ``rest[0]``, if any."""
+    if not offers:
         return None
+    (offer,) = offers
     if rest[1:] == []:
         return _action(offer, source, base)
     if rest[1:] == ["produceshape"]:

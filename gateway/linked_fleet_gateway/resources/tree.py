@@ -73,7 +73,7 @@ class Tree:
         if (branch := self._branches.at_root(head)) is not None:
             return branch.resolve(self._view, rest)
         if head == "actions" and rest:
-            return resolve_action(fleet_offers(), rest, self._invocations, Source(), self._base)
+            return resolve_action(fleet_offers(rest[0]), rest, self._invocations, Source(), self._base)
         try:
             robot = self._robots.get(robot_name(head))
         except ValueError:
@@ -127,7 +127,7 @@ class Tree:
         """Return resources that only robots have: actions of several joints, and the control lease."""
         if rest[0] == "actions" and len(rest) > 1:
             return resolve_action(
-                robot_offers(robot), rest[1:], self._invocations, description_source(robot), self._base
+                robot_offers(robot, rest[1]), rest[1:], self._invocations, description_source(robot), self._base
             )
         if rest[0] != "lease":
             return None
@@ -139,7 +139,7 @@ class Tree:
     def _in_joint(self, robot: Robot, joint: Joint, rest: list[str]) -> Found:
         if rest[:1] == ["actions"] and len(rest) > 1:
             return resolve_action(
-                joint_offers(robot, joint), rest[1:], self._invocations, description_source(robot), self._base
+                joint_offers(robot, joint, rest[1]), rest[1:], self._invocations, description_source(robot), self._base
             )
         if not rest or rest[0] in _OF_THINGS:
             thing = self._things.joint(robot, joint)

@@ -115,14 +115,15 @@ class FanOut:
             self._dirty.update(dict.fromkeys(self._of_robot.get(name, ()), True))
         self._turns.soon()
 
-    def touched(self, path: str) -> None:
-        """Mark one resource as changed."""
+    def touched(self, *paths: str) -> None:
+        """Mark resources as changed."""
         self.heard(None)
-        for watcher in [each for each in self._absent if each.subscription.resource == path]:
+        for watcher in [each for each in self._absent if each.subscription.resource in paths]:
             self._find(watcher)
-        for topic in self._topics.get(path, {}).values():
-            self._dirty[topic] = True
-            self._turns.soon()
+        for path in paths:
+            if topics := self._topics.get(path):
+                self._dirty.update(dict.fromkeys(topics.values(), True))
+                self._turns.soon()
 
     def appeared(self, path: str) -> None:
         """Add a new resource to the watchers of the subtrees that cover it."""

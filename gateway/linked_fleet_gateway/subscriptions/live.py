@@ -3,7 +3,6 @@
 import asyncio
 import logging
 import time
-from collections import Counter
 from collections.abc import Awaitable, Callable, Collection, Iterator
 from contextlib import suppress
 from types import TracebackType
@@ -26,7 +25,6 @@ from linked_fleet_gateway.resources.things import NO_SUBSCRIPTIONS, Subscription
 from linked_fleet_gateway.resources.tree import Tree
 from linked_fleet_gateway.subscriptions.fan_out import FanOut
 
-_SEEN_AGAIN_S = 0.3
 _MEETING_S = 2.0  # longest wait for robots at the start, before the gateway serves without knowing all of them
 _PAUSE_S = 0.05
 _SWEEP_S = 0.25
@@ -165,30 +163,14 @@ class Live:
             hear(robot)
 
     async def halt(self, robots: Collection[str] | None, stop: Stop, timeout_s: float) -> dict[str, Reply]:
-        """Stop robots, and wait for a frame after the stop, so that later requests are not judged by older state.
-
-        A robot that answered but soon sends nothing new is not waited for any longer.
-        """
+        """Stop robots, and note when they stopped, so that later requests are not taken for earlier ones."""
         online = [name for name, robot in self.fleet.robots.items() if robot.online]
         replies = await self.link.stop(robots, stop, timeout_s, online)
-        stopped = {name: reply.at_ns for name, reply in replies.items() if isinstance(reply, Accepted)}
-        frames, names = self.fleet.frames, Counter(stopped.keys())
-        frames.awaited += names
-        try:
-            async with asyncio.timeout(_SEEN_AGAIN_S):
-                while not all(self._seen_after(name, at_ns) for name, at_ns in stopped.items()):
-                    self._heard.clear()
-                    await self._heard.wait()
-        except TimeoutError:
-            pass
-        finally:
-            frames.awaited -= names
+        for name, reply in replies.items():
+            robot = self.fleet.robots.get(name)
+            if robot is not None and isinstance(reply, Accepted):
+                robot.stopped_ns = reply.at_ns
         return replies
-
-    def _seen_after(self, name: str, at_ns: int) -> bool:
-        robot = self.fleet.robots.get(name)
-        header = robot.header if robot is not None else None
-        return header is None or header.monotonic_ns > at_ns
 
     def _on_events(self, events: list[Event]) -> None:
         now_ns = time.time_ns()
@@ -218,13 +200,11 @@ class Live:
         if robot is not None:
             robot.tell_news()
             paths.append(robot_path(robot.name))
-        for path in paths:
-            self.fan_out.touched(path)
         for name in {invocation.robot, *invocation.robots}:
-            for joint in (*self._retarget(name), *(invocation.targets if name == invocation.robot else ())):
+            for joint in self._retarget(name).union(invocation.targets if name == invocation.robot else ()):
                 joint = joint_path(name, joint)
-                for path in (joint, f"{joint}/targetRotation", f"{joint}/targetTranslation"):
-                    self.fan_out.touched(path)
+                paths += joint, f"{joint}/targetRotation", f"{joint}/targetTranslation"
+        self.fan_out.touched(*paths)
         for hear in list(self._invocation_listeners):
             hear(invocation)
 

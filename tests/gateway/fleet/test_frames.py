@@ -133,12 +133,5 @@ def test_who_watches_is_told_once_until_somebody_has_looked(fleet: Fleet) -> Non
     assert frames.urgent(first)
 
 
-def test_who_waits_for_a_robot_is_told(fleet: Fleet) -> None:
-    latest = fleet.frames.put("key/r", frame(2), 2)
-    assert latest is not None
-    fleet.frames.awaited["r"] += 1
-    assert fleet.frames.urgent(latest)
-
-
 def test_nobody_is_told_of_a_robot_that_there_is_not(fleet: Fleet) -> None:
     assert fleet.apply(Moved("s"), 4) == []

@@ -107,6 +107,20 @@ def test_one_bad_frame_is_a_complaint_and_no_fault(pictured: Pictured) -> None:
     assert (robot_of(pictured).presence, fleet.malformed["r"]) == ("online", 2)
 
 
+def test_what_is_requested_after_a_stop_is_later_than_the_stop_even_before_the_next_frame(pictured: Pictured) -> None:
+    robot = robot_of(pictured)
+    frame = robot.frame
+    assert frame is not None and robot.incarnation is not None
+    for stopped_ns, seen_ns in (
+        (frame.monotonic_ns - 1, frame.monotonic_ns),
+        (frame.monotonic_ns, frame.monotonic_ns + 1),
+        (frame.monotonic_ns + 5_000_000, frame.monotonic_ns + 5_000_001),
+        (frame.monotonic_ns + 10 * SECOND_NS, frame.monotonic_ns),  # by the clock of another machine
+    ):
+        robot.stopped_ns = stopped_ns
+        assert robot_time(robot) == RobotTime(robot.incarnation, seen_ns)
+
+
 def test_a_faulty_robot_takes_no_motion(pictured: Pictured) -> None:
     fleet, robot = pictured.fleet, robot_of(pictured)
     assert isinstance(robot_time(robot), RobotTime)

@@ -194,5 +194,5 @@ def test_what_a_motion_waited_does_not_make_it_late_and_a_stop_meanwhile_still_d
     """A command is dated to its request: a robot that was stopped afterwards refuses it."""
 
     robot = Scene(tmp_path).robot("arm")
-    command = command_of("id", Motion(robot, Move({"turn": 1.0}), {"turn": 1.0}, RobotTime(1, 17, waited_ns=3_000)))
+    command = command_of("id", Motion(robot, Move({"turn": 1.0}), {"turn": 1.0}, RobotTime(1, 17)), 3_000)
     assert (command.seen_ns, command.time_to_live_ns) == (17, TIME_TO_LIVE_NS + 3_000)
