@@ -48,14 +48,16 @@ class TargetIndex:
         for joint in joints_of(invocation) if invocation.accepted else ():
             removed[joint] = max(removed.get(joint, 0), invocation.created_ns)
 
-    def targets(self, robot: str, incarnation: int, successors: dict[str, Invocation]) -> dict[str, float]:
+    def targets(
+        self, robot: str, incarnation: int, successors: dict[str, Invocation], joints: Iterable[str] | None
+    ) -> dict[str, float]:
         """Return valid targets of the present run in rad or m by joint; ``successors`` are all invocations by id.
 
-        The target of a stopped or failed motion is not valid.
+        The target of a stopped or failed motion is not valid. ``joints`` are the joints to look at; all for None.
         """
-        found = {}
-        for joint, held in self._motions.get((robot, incarnation), {}).items():
-            for motion in reversed(held):
+        found, motions = {}, self._motions.get((robot, incarnation), {})
+        for joint in motions if joints is None else motions.keys() & joints:
+            for motion in reversed(motions[joint]):
                 if not motion.accepted or _ceded(motion, joint, successors):
                     continue
                 valid = not motion.state.terminal or motion.state is InvocationState.SUCCEEDED
@@ -267,9 +269,12 @@ class Invocations:
             one.state, one.ended_ns = InvocationState.FAILED, now_ns
         return old
 
-    def targets(self, robot: str, incarnation: int | None) -> dict[str, float]:
-        """Return the valid target positions of a robot's joints (rad or m) in its present run."""
-        return {} if incarnation is None else self._target_index.targets(robot, incarnation, self._all)
+    def targets(self, robot: str, incarnation: int | None, joints: Iterable[str] | None = None) -> dict[str, float]:
+        """Return the valid target positions of a robot's joints (rad or m) in its present run.
+
+        ``joints`` are the joints to look at; all for None.
+        """
+        return {} if incarnation is None else self._target_index.targets(robot, incarnation, self._all, joints)
 
     def _reopen(self, invocation: Invocation) -> None:
         if not invocation.state.terminal:

@@ -104,22 +104,22 @@ def _without_position(message: str) -> str:
 
 def _plain(triple: Triple, lengths: Mapping[NamedNode, int]) -> Triple:
     """Return the triple if RDF 1.1 allows it and no term is too long. Raises ParseError."""
-    value = triple.object
-    if isinstance(triple.subject, Triple) or isinstance(value, Triple):
+    subject, predicate, value = triple
+    if isinstance(subject, Triple) or isinstance(value, Triple):
         raise ParseError("triple terms (RDF 1.2) are not accepted")
-    if isinstance(value, Literal) and value.direction is not None:
-        raise ParseError("base directions of text (RDF 1.2) are not accepted")
-    for term in (triple.subject, triple.predicate, value):
-        kind, most = (
-            ("a literal", lengths.get(triple.predicate, MAX_LENGTH))
-            if isinstance(term, Literal)
-            else ("an IRI", MAX_LENGTH)
-        )
-        if len(term.value) > most:
-            raise ParseError(f"{kind} has {len(term.value)} characters, at most {most} are accepted")
-        iri = term.datatype if isinstance(term, Literal) else term
-        if isinstance(iri, NamedNode) and _SPACE.search(iri.value):
-            raise ParseError("an IRI has white space in it")
+    iris: tuple[object, ...] = (subject, predicate, value)
+    if isinstance(value, Literal):
+        if value.direction is not None:
+            raise ParseError("base directions of text (RDF 1.2) are not accepted")
+        if len(value.value) > (most := lengths.get(predicate, MAX_LENGTH)):
+            raise ParseError(f"a literal has {len(value.value)} characters, at most {most} are accepted")
+        iris = (subject, predicate, value.datatype)
+    for iri in iris:
+        if isinstance(iri, NamedNode):
+            if len(text := iri.value) > MAX_LENGTH:
+                raise ParseError(f"an IRI has {len(text)} characters, at most {MAX_LENGTH} are accepted")
+            if _SPACE.search(text):
+                raise ParseError("an IRI has white space in it")
     return triple
 
 

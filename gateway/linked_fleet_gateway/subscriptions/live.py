@@ -200,20 +200,27 @@ class Live:
         if robot is not None:
             robot.tell_news()
             paths.append(robot_path(robot.name))
+        # A motion changes no targets but those of its joints.
+        moved = invocation.targets if invocation.stops is None else None
         for name in {invocation.robot, *invocation.robots}:
-            for joint in self._retarget(name).union(invocation.targets if name == invocation.robot else ()):
+            for joint in self._retarget(name, moved).union(invocation.targets if name == invocation.robot else ()):
                 joint = joint_path(name, joint)
                 paths += joint, f"{joint}/targetRotation", f"{joint}/targetTranslation"
         self.fan_out.touched(*paths)
         for hear in list(self._invocation_listeners):
             hear(invocation)
 
-    def _retarget(self, name: str) -> set[str]:
-        """Update the last commanded positions of the robot's joints from its invocations; return the changed joints."""
+    def _retarget(self, name: str, joints: Collection[str] | None = None) -> set[str]:
+        """Update the last commanded positions of the robot's joints from its invocations; return the changed joints.
+
+        ``joints`` are those that can have changed; all for None.
+        """
         robot = self.fleet.robots.get(name)
         if robot is None:
             return set()
-        before, robot.targets = robot.targets, self.invocations.targets(name, robot.incarnation)
+        before, robot.targets = robot.targets, self.invocations.targets(name, robot.incarnation, joints)
+        if joints is not None:
+            robot.targets = {joint: at for joint, at in before.items() if joint not in joints} | robot.targets
         changed = {joint for joint, _ in before.items() ^ robot.targets.items()}
         if changed:
             robot.tell_news()
