@@ -2,18 +2,20 @@
 
 import contextlib
 import os
+import socket
 import subprocess
 import sys
-import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
+from urllib.parse import unquote
 
 import zenoh
 
 from bench.references import QUESTION, SENT, STATE, session
 from bench.scene import pid_of
+from linked_fleet_gateway.runtime.embedded_redis import Embedded
 from running import ROOT, eventually, free_port, process
 
 BARE = "bare Starlette (httptools)"
@@ -85,13 +87,18 @@ def wire(
     return Wire(found, answers)
 
 
-def fsync_ms(count: int = 50, size: int = 300) -> list[float]:
-    """Return the times in ms until so many more bytes are on the disk that stores states."""
-    took = []
-    with tempfile.TemporaryDirectory() as folder, Path(folder, "log").open("ab", buffering=0) as log:
-        for _ in range(count):
+def stored_ms(state: Path, seconds: float, size: int = 600) -> list[float]:
+    """Return the times in ms of writes by the embedded server of a gateway, each on its disk when it is answered."""
+    words = (b"SET", b"bench", bytes(size))
+    asked = b"*%d\r\n" % len(words) + b"".join(b"$%d\r\n%b\r\n" % (len(word), word) for word in words)
+    took, end = list[float](), time.monotonic() + seconds
+    with socket.socket(socket.AF_UNIX) as connection:
+        connection.connect(unquote(Embedded(state).url.removeprefix("unix://")))
+        while time.monotonic() < end:
             begin = time.perf_counter()
-            log.write(bytes(size))
-            os.fdatasync(log.fileno())
+            connection.sendall(asked)
+            assert connection.recv(1 << 10) == b"+OK\r\n"
             took.append((time.perf_counter() - begin) * 1e3)
+        connection.sendall(b"DEL bench\r\n")
+        assert connection.recv(1 << 10) == b":1\r\n"
     return took

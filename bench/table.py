@@ -34,6 +34,18 @@ def at_most(name: str, value_ms: float, reference: str, beside_ms: float, most_m
     return Row(name, "ms", value_ms, reference, value_ms / beside_ms, f"<= {most_ms:g} ms", value_ms <= most_ms)
 
 
+def within(name: str, value_ms: float, reference: str, beside_ms: float, times: float, more_ms: float = 0.0) -> Row:
+    """Return the row of a time whose goal is at most a multiple of its reference, plus ``more_ms``."""
+    more = f" + {more_ms:g} ms" if more_ms else ""
+    held = value_ms <= times * beside_ms + more_ms
+    return Row(name, "ms", value_ms, reference, value_ms / beside_ms, f"<= {times:g} times it{more}", held)
+
+
+def bounded(name: str, unit: str, value: float, most: float) -> Row:
+    """Return the row of a figure whose goal is at most ``most``, and which has no reference."""
+    return Row(name, unit, value, "", None, f"<= {most:g} {unit}", value <= most)
+
+
 def known(name: str, unit: str, value: float, reference: str = "", beside: float = math.nan) -> Row:
     """Return the row of a figure without a goal."""
     return Row(name, unit, value, reference, value / beside if reference else None, "", None)
