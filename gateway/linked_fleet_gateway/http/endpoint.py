@@ -21,6 +21,7 @@ from linked_fleet_gateway.base.errors import (
     UnprocessableContent,
     UnsupportedMediaType,
 )
+from linked_fleet_gateway.http.arrival import fields_of
 from linked_fleet_gateway.http.audit import NEEDS as AUDIT_NEEDS
 from linked_fleet_gateway.http.audit import audit_resource, is_audit, note, with_audit
 from linked_fleet_gateway.http.containers import preferred_part, shown_part
@@ -68,6 +69,7 @@ log = logging.getLogger(__name__)
 
 _METHODS = (*READ, "POST", "PUT", "PATCH", "DELETE")
 _LONGEST_NAMED = 200
+_CONDITIONS = frozenset({b"if-match", b"if-none-match"})
 
 
 class Endpoint:
@@ -127,6 +129,8 @@ class Endpoint:
         request.reads = isinstance(found, Resource) and found.affords is not None and found.affords.reads
         if isinstance(found, Redirect):
             return _moved(request, found)
+        if request.method in READ or request.reads or not _CONDITIONS.isdisjoint(fields_of(request.scope)):
+            found = _read_by(request, found)  # preconditions are about what the caller reads
         allow = allowed(found)
         # Rights are checked before methods, so that a 405 never reveals what is possible to callers without rights.
         require_right(request, found.path, _needed(request, found))
@@ -208,31 +212,31 @@ async def _find(connection: Connection) -> Resource | Redirect:
         raise BadRequest(f"The request target is no path, such as /, and no URL below {connection.base}/.")
     if is_audit(path):
         require_right(connection, path, AUDIT_NEEDS)
-        return _read_by(connection, await audit_resource(connection))
+        return await audit_resource(connection)
     # An encoded slash is no separator (RFC 3986, 2.2). Names in the tree contain none, but ids of things do.
     encoded = b"%2f" in connection.scope["raw_path"].lower()
     lost = encoded and not connection.services.live.branches.takes_slashes(path)
     found: Found = None if lost else connection.tree(await _subscriptions_shown(connection, path)).resolve(path)
     if found is None:
         raise NotFound(f"There is no resource at {path[:_LONGEST_NAMED]}; browse from {connection.base}/.")
-    if isinstance(found, Redirect):
-        return found
-    found = _read_by(connection, found)
-    if not connection.caller.may_any(SEES_SUBSCRIPTIONS, robot_of(found.path)):
-        found = replace(found, links_subscriptions=False)
-    if warning := store_warning(connection.services.embedded):
-        found = replace(found, warning=warning)
-    return with_audit(connection, found)
+    return found
 
 
-def _read_by(connection: Connection, found: Resource) -> Resource:
-    """Return the resource with the reader's name and rights for its page."""
-    caller, robot = connection.caller, robot_of(found.path)
+def _read_by(request: Request, found: Resource) -> Resource:
+    """Return the resource with the reader's name and rights, and what only some readers are shown."""
+    caller, robot = request.caller, robot_of(found.path)
     rights = None
-    if connection.services.identities is not None:
+    if request.services.identities is not None:
         rights = tuple(each.value for each in Right if caller.may(each, robot))
-    reader = caller.name if connection.on_page else ""
-    return replace(found, reader=reader, rights=rights, audited=caller.may_any(AUDIT_NEEDS, None))
+    found = replace(
+        found,
+        reader=caller.name if request.on_page else "",
+        rights=rights,
+        audited=caller.may_any(AUDIT_NEEDS, None),
+        links_subscriptions=caller.may_any(SEES_SUBSCRIPTIONS, robot),
+        warning=store_warning(request.services.embedded),
+    )
+    return with_audit(request, found)
 
 
 async def _subscriptions_shown(connection: Connection, path: str) -> SubscriptionsByOwner:

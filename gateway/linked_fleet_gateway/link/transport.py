@@ -132,22 +132,30 @@ async def ask(
     ``judge`` gets a payload, or a sentence why there is none, and the key of the reply. ``sent`` gets the processor
     time in seconds for sending. Raises TimeoutError after the query's ``timeout_s``.
     """
-    most = MAX_STOP_REPLIES if question.priority == "real time" else MAX_REPLIES
-    answers: asyncio.Queue[Answer | None] = asyncio.Queue(1 + most)
+    left = MAX_STOP_REPLIES if question.priority == "real time" else MAX_REPLIES
+    result: asyncio.Future[_T | None] = asyncio.get_running_loop().create_future()
 
-    def put(answer: Answer | None) -> None:
-        if answer is None and answers.full():
-            answers.get_nowait()
-        if not answers.full():  # further replies cannot be genuine
-            answers.put_nowait(answer)
+    def hear(answer: Answer | None) -> None:
+        nonlocal left
+        if result.done():
+            return
+        if answer is None:
+            result.set_result(None)
+            return
+        left -= 1
+        if left < 0:  # further replies cannot be genuine
+            return
+        try:
+            judged = judge(_said(answer, question.limit), answer.key)
+        except Exception as error:  # noqa: BLE001 - whoever asks gets it
+            result.set_exception(error)
+        else:
+            if judged is not None:
+                result.set_result(judged)
 
     async with asyncio.timeout(question.timeout_s):
-        sent(await session.ask(question, put))
-        while (answer := await answers.get()) is not None:
-            judged = judge(_said(answer, question.limit), answer.key)
-            if judged is not None:
-                return judged
-    return None
+        sent(await session.ask(question, hear))
+        return await result
 
 
 def _said(answer: Answer, limit: int) -> bytes | str:
