@@ -1,12 +1,13 @@
 """References measured in the same run as the gateway: Zenoh between processes, plain Starlette, the disk."""
 
 import contextlib
+import json
 import os
 import socket
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 from urllib.parse import unquote
@@ -21,11 +22,22 @@ from running import ROOT, eventually, free_port, process
 BARE = "bare Starlette (httptools)"
 
 
+class Constant(NamedTuple):
+    """A constant response; its body has so many bytes."""
+
+    status: int
+    fields: Mapping[str, str]
+    size: int
+
+
 @contextlib.contextmanager
-def bare(size: int) -> Iterator[tuple[str, int]]:
-    """Run plain Starlette; yield a URL (GET returns ``size`` bytes, POST is accepted) and the process id."""
+def bare(size: int, answers: Mapping[str, Constant] | None = None) -> Iterator[tuple[str, int]]:
+    """Run plain Starlette; yield a URL (GET returns ``size`` bytes, POST is accepted) and the process id.
+
+    ``answers``: further constant responses by path.
+    """
     port = free_port()
-    with process("-m", "bench.references", "bare", str(port), str(size)) as child:
+    with process("-m", "bench.references", "bare", str(port), str(size), json.dumps(answers or {})) as child:
         child.said("running on")
         yield f"http://127.0.0.1:{port}/", pid_of(child)
 

@@ -1,7 +1,8 @@
 """Minimal processes as references for the gateway.
 
-``python -m bench.references bare PORT SIZE`` is Starlette with constant responses. ``robot ENDPOINT RATE`` sends states
-on Zenoh and answers questions; further arguments are authority, certificate and key of a tls or quic link.
+``python -m bench.references bare PORT SIZE [ANSWERS]`` is Starlette with constant responses: one of so many bytes, and
+those of the JSON object ANSWERS, which has status, header fields and number of bytes by path. ``robot ENDPOINT RATE``
+sends states on Zenoh and answers questions; further arguments are authority, certificate and key of a tls or quic link.
 """
 
 import contextlib
@@ -10,7 +11,7 @@ import struct
 import sys
 import threading
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Awaitable, Callable, Mapping, Sequence
 
 import uvicorn
 import zenoh
@@ -79,21 +80,29 @@ def _opened(values: Mapping[str, object]) -> zenoh.Session:
 # -- the processes ----------------------------------------------------------------------------------------------------
 
 
-def bare(port: str, size: str) -> None:
+def bare(port: str, size: str, answers: str = "{}") -> None:
     body = b"x" * int(size)
 
     async def read(_: Request) -> Response:
         return Response(body, media_type="text/turtle")
 
-    async def unchanged(_: Request) -> Response:
-        return Response(status_code=304)
-
     async def take(request: Request) -> Response:
         await request.body()
         return Response(status_code=204)
 
-    app = Starlette(routes=[Route("/", read), Route("/unchanged", unchanged), Route("/", take, methods=["POST"])])
+    routes = [Route("/", read), Route("/", take, methods=["POST"])]
+    routes += [Route(path, _constant(*answer)) for path, answer in json.loads(answers).items()]
+    app = Starlette(routes=routes)
     uvicorn.run(app, port=int(port), loop="uvloop", http="httptools", access_log=False)
+
+
+def _constant(status: int, fields: dict[str, str], size: int) -> Callable[[Request], Awaitable[Response]]:
+    body = b"x" * size
+
+    async def answer(_: Request) -> Response:
+        return Response(body, status, fields)
+
+    return answer
 
 
 def robot(endpoint: str, rate_hz: str, *trust: str) -> None:
