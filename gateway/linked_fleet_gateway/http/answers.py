@@ -158,6 +158,11 @@ class Answers:
             return None
         return answer.reply(known, coding is not None and takes_gzip(coding))
 
+    @staticmethod
+    def keeps(scope: Scope) -> bool:
+        """Return True if the response to a request can be cached."""
+        return _asked(scope)[0] is not None
+
     def keep(self, scope: Scope, answer: Answer) -> None:
         """Cache a response for further requests like this one."""
         key, _, _ = _asked(scope)

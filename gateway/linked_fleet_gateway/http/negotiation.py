@@ -9,6 +9,8 @@ from linked_fleet_gateway.base.errors import BadRequest, UnsupportedMediaType
 from linked_fleet_gateway.http.fields import TOKEN, parameters, split
 
 _WEIGHT = re.compile(r"0(?:\.[0-9]{0,3})?|1(?:\.0{0,3})?")
+_SHORT = 256
+"""Longer fields are not cached."""
 _OUR_CHARSETS = ("utf-8", "utf8", "us-ascii")
 
 
@@ -62,6 +64,12 @@ def _media_range(member: str) -> MediaRange | None:
 
 def choose(header: str | None, offered: Sequence[str]) -> str | None:
     """Return the offered type that the client prefers, the first of equals; None if all are excluded."""
+    choice = _choice if header is None or len(header) <= _SHORT else _choice.__wrapped__
+    return choice(header, tuple(offered))
+
+
+@lru_cache(maxsize=1024)
+def _choice(header: str | None, offered: tuple[str, ...]) -> str | None:
     ranges = parse_accept(header)
     if not ranges:
         return offered[0] if offered else None

@@ -6,11 +6,11 @@ from starlette.datastructures import MutableHeaders
 from starlette.responses import Response
 
 from linked_fleet_gateway.base.errors import NotAcceptable, PreconditionFailed
-from linked_fleet_gateway.http.answers import Answer
+from linked_fleet_gateway.http.answers import Answer, Reply
 from linked_fleet_gateway.http.callers import mark_private
 from linked_fleet_gateway.http.conditional import not_modified, precondition_holds
 from linked_fleet_gateway.http.containers import preferred_part
-from linked_fleet_gateway.http.encoding import coded_tag, compressed, is_compressible, preferred_coding
+from linked_fleet_gateway.http.encoding import coded_tag, compressed, is_compressible, preferred_coding, takes_gzip
 from linked_fleet_gateway.http.fields import field
 from linked_fleet_gateway.http.html import HTML
 from linked_fleet_gateway.http.links import Link, link_header
@@ -50,7 +50,7 @@ def _asked(request: Request, resource: Resource) -> tuple[str | None, Resource, 
 
 def _response(request: Request, resource: Resource, representation: Representation) -> Response:
     representations = request.services.representations
-    headers = resource_headers(resource, request.base, representation.etag)
+    headers = resource_headers(resource, request.base, "")
     headers["vary"] += ", Accept-Encoding"
     if representation.media_type not in resource.documents and preferred_part(request, resource) is not None:
         headers["preference-applied"] = "return=representation"
@@ -59,18 +59,27 @@ def _response(request: Request, resource: Resource, representation: Representati
     elif representation.media_type.endswith("xml"):
         headers["content-security-policy"] = _NOTHING
     of_content = {"content-type": representation.content_type} | method_headers(resource, allowed(resource))
-    _keep(request, resource, representation, headers | of_content)
-    body = representation.body
-    coding = preferred_coding(
-        (field(request, "accept-encoding") or "").encode("latin-1"), _codings(resource, representation)
-    )
-    headers["etag"] = coded_tag(representation.etag, coding)
-    if not_modified(field(request, "if-none-match"), representation.etag):
+    answer = _kept(request, resource, representation, headers | of_content)
+    accepted = (field(request, "accept-encoding") or "").encode("latin-1")
+    if answer is not None:
+        return _Ready(answer.reply(field(request, "if-none-match"), takes_gzip(accepted)))
+    tag, body = representation.etag, representation.body
+    coding = preferred_coding(accepted, _codings(resource, representation))
+    headers["etag"] = coded_tag(tag, coding)
+    if not_modified(field(request, "if-none-match"), tag):
         return Response(status_code=304, headers=headers)
     if coding:
         body, headers["content-encoding"] = resource.coded.get(coding) or compressed(body), coding
     # Starlette computes Content-Length from the body; the server leaves out the body of a HEAD.
     return Response(body, headers=headers | of_content)
+
+
+class _Ready(Response):
+    """A response whose header fields are encoded."""
+
+    def __init__(self, reply: Reply) -> None:
+        self.status_code, self.body, self.background = reply.status, reply.content, None
+        self.raw_headers = [*reply.kept, *reply.more]
 
 
 def _codings(resource: Resource, representation: Representation) -> tuple[str, ...]:
@@ -84,25 +93,29 @@ def _codings(resource: Resource, representation: Representation) -> tuple[str, .
     return ("gzip",) if coded else ()
 
 
-def _keep(request: Request, resource: Resource, representation: Representation, headers: Mapping[str, str]) -> None:
-    """Cache the response if it belongs to a robot and all its changes are known."""
-    media_type, robot = representation.media_type, resource.source.robot
+def _kept(
+    request: Request, resource: Resource, representation: Representation, headers: Mapping[str, str]
+) -> Answer | None:
+    """Cache the response if it is of a robot and all its changes are known, or lasts; return None if not."""
+    services, media_type, robot = request.services, representation.media_type, resource.source.robot
+    if media_type not in RDF_TYPES or media_type in resource.documents or resource.linkset_of is not None:
+        return None
     if robot is None and resource.template is not None:  # a constant blueprint, while its robot exists
-        robot = request.services.live.fleet.robots.get(robot_of(resource.path) or "")
-    rendering = request.services.representations.rendering(resource, media_type, request.base)
+        robot = services.live.fleet.robots.get(robot_of(resource.path) or "")
+    if (robot is None and not resource.lasting) or not services.answers.keeps(request.scope):
+        return None
+    rendering = services.representations.rendering(resource, media_type, request.base)
     still = rendering is None and not resource.source.measured and resource.followed
-    if media_type not in RDF_TYPES or media_type in resource.documents or (robot is None and not resource.lasting):
-        return
-    if (rendering is None and not still) or resource.linkset_of is not None:
-        return
+    if rendering is None and not still:
+        return None
     stated = MutableHeaders({name: value for name, value in headers.items() if name != "etag"})
-    if request.services.identities is not None:
+    if services.identities is not None:
         mark_private(resource.path, stated)
-    fields = stated.raw
-    always = [each for each in fields if each[0] not in _OF_CONTENT]
-    of_content = [each for each in fields if each[0] in _OF_CONTENT]
+    always = [each for each in stated.raw if each[0] not in _OF_CONTENT]
+    of_content = [each for each in stated.raw if each[0] in _OF_CONTENT]
     answer = Answer(resource, robot, rendering, representation.body, always, of_content)
-    request.services.answers.keep(request.scope, answer)
+    services.answers.keep(request.scope, answer)
+    return answer
 
 
 async def read_mesh(request: Request, resource: Resource, remote: Remote) -> Response:
