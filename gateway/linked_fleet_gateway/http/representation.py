@@ -1,12 +1,10 @@
 """Representations of a resource: the available ones, negotiation, bytes and entity tags."""
 
-from collections.abc import AsyncIterator, Callable, Iterator, Mapping, Sequence
+from collections.abc import AsyncIterator, Callable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from typing import TypeVar
-
-from pyoxigraph import Triple
 
 from linked_fleet_gateway.base.errors import NotAcceptable
 from linked_fleet_gateway.http.conditional import etag
@@ -15,14 +13,15 @@ from linked_fleet_gateway.http.links import LINKSET_TYPES, Link, linkset_json, l
 from linked_fleet_gateway.http.negotiation import choose
 from linked_fleet_gateway.http.offload import Offload
 from linked_fleet_gateway.rdf.graph import Graph
-from linked_fleet_gateway.rdf.serialise import JSON, RDF_TYPES, WriteError, render
+from linked_fleet_gateway.rdf.serialise import JSON, RDF_TYPES, WriteError
+from linked_fleet_gateway.rdf.templates import write
 from linked_fleet_gateway.rdf.vocabulary import PREFIXES
 from linked_fleet_gateway.resources.renderings import Copies, Rendering, Renderings, is_compilable
 from linked_fleet_gateway.resources.resource import Resource
 from linked_fleet_gateway.runtime.background import sliced
 
 _A = TypeVar("_A", str, str | None)
-Write = Callable[[_A, Resource, str, Sequence[Triple]], "Representation"]
+Write = Callable[[_A, Resource, str, Graph], "Representation"]
 
 FORMATS: Formats = {
     "turtle": ("Turtle", "text/turtle"),
@@ -75,16 +74,16 @@ class Representations:
         return await self._in_thread(self.negotiated, accept, resource, base, threads)
 
     def negotiated(
-        self, accept: str | None, resource: Resource, base: str, triples: Sequence[Triple] | None = None
+        self, accept: str | None, resource: Resource, base: str, graph: Graph | None = None
     ) -> Representation:
         """Return the representation that Accept prefers. Raises NotAcceptable with the available types.
 
-        ``triples``: those of the description, if they are known.
+        ``graph``: the description, if it is there.
         """
         offered = self._offered(resource)
         while media_type := choose(accept, offered):
             try:
-                return self._represent(media_type, resource, base, triples)
+                return self._represent(media_type, resource, base, graph)
             except WriteError:
                 offered = tuple(each for each in offered if each != media_type)
         raise NotAcceptable(f"Available here: {', '.join(offered)}.", offered=offered)
@@ -127,17 +126,15 @@ class Representations:
         return media_type not in resource.documents and (resource.steps is not None or media_type == HTML)
 
     async def _in_thread(
-        self, write: Write[_A], asked: _A, resource: Resource, base: str, threads: Offload
+        self, make: Write[_A], asked: _A, resource: Resource, base: str, threads: Offload
     ) -> Representation:
         """Write a description in a thread; it is made in steps here, because a thread must not read the live fleet."""
         graph = Graph()
         async for _ in sliced(resource.stepwise(graph, base)):
             pass
-        return await threads.run(partial(write, asked, resource, base, graph.triples), len(graph.triples), 0)
+        return await threads.run(partial(make, asked, resource, base, graph), len(graph.statements), 0)
 
-    def _represent(
-        self, media_type: str, resource: Resource, base: str, triples: Sequence[Triple] | None = None
-    ) -> Representation:
+    def _represent(self, media_type: str, resource: Resource, base: str, graph: Graph | None = None) -> Representation:
         if resource.linkset_of is not None:
             anchor, links = base + resource.linkset_of.path, related(resource.linkset_of, base)
             write_links: Callable[..., bytes] = linkset_json if media_type == LINKSET_TYPES[0] else linkset_text
@@ -148,11 +145,10 @@ class Representations:
             return Representation(rendering.present(), media_type)
         if (copied := self._copies.body(resource, media_type, base)) is not None:
             return Representation(copied, media_type)
-        if triples is None:
-            triples = resource.whole(base).triples
+        graph = graph or resource.whole(base)
         if media_type == HTML and self.html is not None:
-            return Representation(self.html.write_resource(resource, triples, base, self.formats), media_type)
-        return Representation(render(triples, media_type, PREFIXES, base=base + resource.path), media_type)
+            return Representation(self.html.write_resource(resource, graph.triples, base, self.formats), media_type)
+        return Representation(write(graph, media_type, PREFIXES, base=base + resource.path), media_type)
 
     def _offered(self, resource: Resource) -> tuple[str, ...]:
         if resource.linkset_of is not None:

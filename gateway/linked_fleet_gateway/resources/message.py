@@ -2,7 +2,8 @@
 
 from pyoxigraph import NamedNode
 
-from linked_fleet_gateway.rdf.serialise import RDF_TYPES, WriteError, render
+from linked_fleet_gateway.rdf.serialise import RDF_TYPES, WriteError
+from linked_fleet_gateway.rdf.templates import write
 from linked_fleet_gateway.rdf.vocabulary import PREFIXES
 from linked_fleet_gateway.resources.resource import Resource
 from linked_fleet_gateway.resources.subscription_resource import describe_version
@@ -23,4 +24,4 @@ def message_body(resource: Resource, media_type: str, base: str, version: str, p
         raise WriteError(f"there is no {media_type} of {resource.path} at present")
     graph = resource.whole(base)
     describe_version(graph, NamedNode(base + resource.path), version, previous)
-    return render(graph.triples, media_type, PREFIXES, base=base + resource.path)
+    return write(graph, media_type, PREFIXES, base=base + resource.path)

@@ -20,7 +20,8 @@ from pyoxigraph import NamedNode
 
 from linked_fleet_gateway.fleet.observation import Observation
 from linked_fleet_gateway.rdf.graph import Graph, lexical, timestamp
-from linked_fleet_gateway.rdf.serialise import TEXT_TYPES, render
+from linked_fleet_gateway.rdf.serialise import TEXT_TYPES
+from linked_fleet_gateway.rdf.templates import write
 from linked_fleet_gateway.rdf.vocabulary import PREFIXES
 from linked_fleet_gateway.resources.property import Measurement
 from linked_fleet_gateway.resources.resource import DescriptionTemplate, Resource
@@ -132,7 +133,7 @@ class Rendering:
         if form.versions:
             iri = NamedNode(self._base + self._resource.path)
             describe_version(graph, iri, versions.version, versions.previous if form.versions == 2 else None)
-        body = render(graph.triples, self._media_type, PREFIXES, base=self._base + self._resource.path)
+        body = write(graph, self._media_type, PREFIXES, base=self._base + self._resource.path)
         texts = [lexical(value) for seen in measurements for value in seen.values]
         texts += ["" if seen.wall_ns is None else timestamp(seen.wall_ns).value for seen in measurements]
         texts += [versions.version, versions.previous or ""]
@@ -214,4 +215,4 @@ def _pieces(resource: Resource, template: DescriptionTemplate, media_type: str, 
     graph = Graph()
     template.describe(graph, mark + slash)
     resource.state_model(graph, base, path)
-    return render(graph.triples, media_type, PREFIXES, base=base + path).decode().split(mark)
+    return write(graph, media_type, PREFIXES, base=base + path).decode().split(mark)

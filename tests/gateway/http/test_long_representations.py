@@ -70,13 +70,13 @@ def test_others_run_between_the_steps(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_it_is_written_in_a_thread(monkeypatch: pytest.MonkeyPatch) -> None:
     """In each media type; and a page, of whatever it is."""
     threads = list[int]()
-    render = representation.render
+    write = representation.write
 
     def rendered(*arguments: object, **named: object) -> bytes:
         threads.append(threading.get_ident())
-        return render(*arguments, **named)  # type: ignore[arg-type]
+        return write(*arguments, **named)  # type: ignore[arg-type]
 
-    monkeypatch.setattr(representation, "render", rendered)
+    monkeypatch.setattr(representation, "write", rendered)
     pages = _Pages()
     representations = Representations(cast(HtmlWriter, pages))
     short = Resource("/b", "", lambda graph: complete(_steps(graph)))

@@ -1,0 +1,271 @@
+"""Templates of documents: descriptions of one form differ in names and values alone, and are written once.
+
+The form of a description is all that decides its text but for the texts themselves: which statements there are, in
+which order, about which nodes. Names are the path segments of IRIs of the fleet, values the literals. The second
+description of a form is written with markers in place of names and values, and gives the template; that and the
+following ones are filled in. So a template cannot state anything that its description does not.
+
+Only names and values take part that every text syntax writes as they are. A description with others is written as
+usual, and so is the first one of each form, because many forms occur once.
+"""
+
+import re
+import secrets
+from collections.abc import Mapping
+from typing import NamedTuple
+
+from pyoxigraph import BlankNode, Literal, NamedNode, Triple
+
+from linked_fleet_gateway.rdf.graph import Graph, Node, Term
+from linked_fleet_gateway.rdf.serialise import TEXT_TYPES, render
+from linked_fleet_gateway.rdf.turtle import TYPE
+from linked_fleet_gateway.rdf.vocabulary import XSD
+
+MAX_TEMPLATES = 2048
+MAX_CHARACTERS = 8 * 1024 * 1024
+"""Limit of the characters of all templates; with one more template all are dropped."""
+MAX_FORMS = 16_384
+_ROOT = re.compile(r"(https?://[^/?#]+)(/[^?#]*)")
+# No syntax escapes these characters, and no segment looks like a prefix or a relative reference.
+_PATH = re.compile(r"(?:/[A-Za-z0-9_~][A-Za-z0-9_~-]*)*/?(?:#[A-Za-z0-9_~][A-Za-z0-9_~-]*)?", re.ASCII)
+_SEGMENT = re.compile(r"[^/#]+")
+_TEXT = re.compile(r"[A-Za-z0-9 _.,:;()/+=*@-]+", re.ASCII)
+_INTEGER = re.compile(r"0|-?[1-9][0-9]{0,14}", re.ASCII)
+_EXPONENT = re.compile("[eE]")
+_STRING, _FLOAT, _DOUBLE, _TIME, _WHOLE = (
+    each.value for each in (XSD.string, XSD.float, XSD.double, XSD.dateTime, XSD.integer)
+)
+Key = tuple[object, ...]
+
+
+class _Template(NamedTuple):
+    text: str
+    places: tuple[int, ...]
+    """Index of the value at each place."""
+
+
+class _Form(NamedTuple):
+    """Codes of the terms of a description, and its values: literals first, then path segments."""
+
+    key: Key
+    literals: list[str]
+    """Texts of literals, and paths of IRIs outside the folder of the document, in the order of the statements."""
+    segments: list[str]
+
+
+class Templates:
+    """The templates of a process, by form, media type and root of the IRIs. Safe for threads."""
+
+    def __init__(self) -> None:
+        self._kept: dict[Key, _Template] = {}
+        self._characters = 0
+        self._met: set[int] = set()
+
+    def __len__(self) -> int:
+        return len(self._kept)
+
+    def render(self, graph: Graph, media_type: str, prefixes: Mapping[str, str], *, base: str) -> bytes:
+        """Return the document as ``rdf.serialise.render`` does, with the same bytes. Raises WriteError as that does."""
+        form = _form_of(graph, base, prefixes) if media_type in TEXT_TYPES else None
+        if form is None:
+            return render(graph.triples, media_type, prefixes, base=base)
+        key = (media_type, *form.key)
+        template = self._kept.get(key)
+        if template is None:
+            if self._is_new(key):
+                return render(graph.triples, media_type, prefixes, base=base)
+            template = self._keep(key, _compile(graph, form, media_type, prefixes, base))
+        values = form.literals + form.segments
+        return (template.text % tuple([values[place] for place in template.places])).encode()
+
+    def _is_new(self, key: Key) -> bool:
+        """Return True the first time a form is met."""
+        met = hash(key)
+        if met in self._met:
+            return False
+        if len(self._met) >= MAX_FORMS:
+            self._met.clear()
+        self._met.add(met)
+        return True
+
+    def _keep(self, key: Key, template: _Template) -> _Template:
+        if len(self._kept) >= MAX_TEMPLATES or self._characters + len(template.text) > MAX_CHARACTERS:
+            self._kept.clear()
+            self._characters = 0
+        self._kept[key] = template
+        self._characters += len(template.text)
+        return template
+
+
+class _NotReplaceable(Exception):  # noqa: N818 -- a state, not a defect
+    """A name that some syntax would write in another way."""
+
+
+class _Codes:
+    """Assigns each term of one description a code; equal codes are written alike but for names and values."""
+
+    def __init__(self, root: str, folder: str) -> None:
+        self._root, self._folder = root, folder
+        self._segments: dict[str, int] = {}
+        self.literals: list[str] = []
+
+    @property
+    def segments(self) -> list[str]:
+        return list(self._segments)
+
+    def iri(self, node: NamedNode) -> str:
+        """Return the code of an IRI. Raises _NotReplaceable."""
+        iri = node.value
+        return self.path(iri[len(self._root) :]) if iri.startswith(self._root) else iri
+
+    def object(self, node: NamedNode, known: dict[int, str]) -> str:
+        """Return the code of an IRI that is an object, and remember it if it is always the same.
+
+        Outside the folder of the document it is written in full, so that one value takes its place, whichever nodes it
+        names.
+        """
+        iri = node.value
+        if not iri.startswith(self._root):
+            return known.setdefault(id(node), iri)
+        path = iri[len(self._root) :]
+        if not _is_outside(path, self._folder):
+            return self.path(path)
+        if not _PATH.fullmatch(path):
+            raise _NotReplaceable
+        self.literals.append(path[1:])
+        return "\3"
+
+    def path(self, path: str) -> str:
+        if not _PATH.fullmatch(path):
+            raise _NotReplaceable
+        numbers = self._segments
+        return "\0" + _SEGMENT.sub(lambda match: str(numbers.setdefault(match[0], len(numbers))), path)
+
+    def literal(self, literal: Literal) -> str:
+        """Return the code of a literal, which has its text if that cannot be replaced, and add the text otherwise."""
+        text, datatype = literal.value, literal.datatype.value
+        language = literal.language
+        if language is None and _is_replaceable(text, datatype):
+            self.literals.append(text)
+            return f"\1{datatype}"
+        return f"\2{len(text)} {text} {datatype} {language}"
+
+
+def _folder(path: str) -> str:
+    return path[: path.rfind("/") + 1]
+
+
+def _is_outside(path: str, folder: str) -> bool:
+    return path.startswith("/") and not path.startswith(folder)
+
+
+def _is_replaceable(text: str, datatype: str) -> bool:
+    """Return True if all texts of this kind are written alike, in each syntax."""
+    if datatype == _WHOLE:
+        return _INTEGER.fullmatch(text) is not None
+    if datatype == _DOUBLE and _EXPONENT.search(text):  # Turtle writes those without quotes
+        return False
+    return datatype in (_STRING, _FLOAT, _DOUBLE, _TIME) and _TEXT.fullmatch(text) is not None
+
+
+def _form_of(graph: Graph, base: str, prefixes: Mapping[str, str]) -> _Form | None:
+    """Return the form of a description; None if a name in it cannot be replaced."""
+    split = _ROOT.fullmatch(base)
+    if split is None or any(namespace.startswith(split[1]) for namespace in prefixes.values()):
+        return None
+    try:
+        return _coded(graph, split[1], split[2])
+    except _NotReplaceable:
+        return None
+
+
+def _coded(graph: Graph, root: str, path: str) -> _Form:
+    codes = _Codes(root, _folder(path))
+    found = [root, codes.path(path)]
+    known: dict[int, str] = {}  # by identity, because the graph holds the terms and often has the same object
+    for subject, predicate, value in graph.statements:
+        if type(subject) is BlankNode:
+            found.append(subject.value)
+        elif code := known.get(id(subject)):
+            found.append(code)
+        else:
+            found.append(known.setdefault(id(subject), codes.iri(subject)))
+        if code := known.get(id(predicate)):
+            found.append(code)
+        else:
+            found.append(known.setdefault(id(predicate), _fixed(codes.iri(predicate))))
+        if type(value) is Literal:
+            found.append(codes.literal(value))
+        elif type(value) is BlankNode:
+            found.append(value.value)
+        elif found[-1] == TYPE.value:
+            found.append(_fixed(codes.iri(value)))
+        else:
+            found.append(known.get(id(value)) or codes.object(value, known))
+    return _Form(tuple(found), codes.literals, codes.segments)
+
+
+def _fixed(code: str) -> str:
+    """Return the code of a predicate or class. Those of the fleet itself are refused: RDF/XML cannot write each."""
+    if code.startswith("\0"):
+        raise _NotReplaceable
+    return code
+
+
+def _compile(graph: Graph, form: _Form, media_type: str, prefixes: Mapping[str, str], base: str) -> _Template:
+    """Write the description with markers, which nothing else in it can equal, and find their places."""
+    split = _ROOT.fullmatch(base)
+    assert split is not None
+    marks = _Marks(form, split[1], _folder(split[2]))
+    marked = [
+        Triple(marks.node(subject), predicate, marks.object(value)) for subject, predicate, value in graph.statements
+    ]
+    document = render(marked, media_type, prefixes, base=split[1] + marks.path(split[2])).decode()
+    pieces = marks.pattern.split(document)
+    return _Template("%s".join(each.replace("%", "%%") for each in pieces[::2]), tuple(map(int, pieces[1::2])))
+
+
+class _Marks:
+    """Markers for the values of a form. Each ends with the index of its value."""
+
+    def __init__(self, form: _Form, root: str, folder: str) -> None:
+        self._root, self._folder = root, folder
+        self._word, self._number = f"m{secrets.token_hex(8)}", f"9{secrets.randbelow(10**8):08}"
+        self.pattern = re.compile(f"(?:{self._word}|{self._number})([0-9]{{5}})", re.ASCII)
+        self._literals = 0
+        self._segments = {text: len(form.literals) + index for index, text in enumerate(form.segments)}
+
+    def object(self, term: Term) -> Term:
+        if isinstance(term, Literal):
+            return self._literal(term)
+        if isinstance(term, NamedNode) and term.value.startswith(self._root):
+            path = term.value[len(self._root) :]
+            if _is_outside(path, self._folder):
+                return NamedNode(f"{self._root}/{self._next(self._word)}")
+        return self.node(term)
+
+    def node(self, node: Node) -> Node:
+        if isinstance(node, NamedNode) and node.value.startswith(self._root):
+            return NamedNode(self._root + self.path(node.value[len(self._root) :]))
+        return node
+
+    def path(self, path: str) -> str:
+        return _SEGMENT.sub(lambda match: f"{self._word}{self._segments[match[0]]:05}", path)
+
+    def _literal(self, literal: Literal) -> Literal:
+        datatype = literal.datatype
+        if literal.language is not None or not _is_replaceable(literal.value, datatype.value):
+            return literal
+        return Literal(self._next(self._number if datatype.value == _WHOLE else self._word), datatype=datatype)
+
+    def _next(self, mark: str) -> str:
+        index, self._literals = self._literals, self._literals + 1
+        return f"{mark}{index:05}"
+
+
+_templates = Templates()
+
+
+def write(graph: Graph, media_type: str, prefixes: Mapping[str, str], *, base: str) -> bytes:
+    """Return the document by the templates of this process, as ``Templates.render``."""
+    return _templates.render(graph, media_type, prefixes, base=base)
