@@ -53,6 +53,10 @@ class FleetError(Exception):
     status: ClassVar[int] = 500
     code: ClassVar[str] = "internal"
     title: ClassVar[str] = "The gateway failed"
+    retry_after_s: ClassVar[int | None] = None
+    """Seconds after which the request may succeed, if they are the same for all errors of this kind."""
+    member_names: ClassVar[tuple[str, ...]] = ("constraint",)
+    """Attributes that are extension members (RFC 9457, 3.2) unless they are None."""
 
     def __init__(
         self, detail: str, *, headers: Mapping[str, str] | None = None, report: Sequence[Triple] | None = None
@@ -60,6 +64,8 @@ class FleetError(Exception):
         super().__init__(detail)
         self.detail = detail
         self.headers: dict[str, str] = dict(headers or {})
+        if self.retry_after_s is not None:
+            self.headers["Retry-After"] = str(self.retry_after_s)
         self.report = report
         self.constraint: str | None = None
 
@@ -75,8 +81,8 @@ class FleetError(Exception):
 
     @property
     def members(self) -> Members:
-        """Extension members (RFC 9457, 3.2) that are known."""
-        return {"constraint": self.constraint} if self.constraint else {}
+        known = {name: getattr(self, name) for name in self.member_names}
+        return {name: value for name, value in known.items() if value is not None}
 
     def __str__(self) -> str:
         return f"{self.status} {self.title}: {self.detail}"
@@ -86,6 +92,7 @@ class BadRequest(FleetError):
     """The request is malformed; ``line`` and ``column`` count from 1 if the body is at fault."""
 
     status, code, title = 400, "bad-request", "The request is malformed"
+    member_names = ("line", "column")
 
     def __init__(
         self,
@@ -97,11 +104,6 @@ class BadRequest(FleetError):
     ) -> None:
         super().__init__(detail, headers=headers)
         self.line, self.column = line, column
-
-    @property
-    def members(self) -> Members:
-        known = {"line": self.line, "column": self.column}
-        return {name: value for name, value in known.items() if value is not None}
 
 
 class Unauthenticated(FleetError):
@@ -119,15 +121,12 @@ class InsufficientScope(FleetError):
     """The caller lacks the right ``scope`` (RFC 6750, 3.1)."""
 
     status, code, title = 403, "insufficient-scope", "You have no right to this"
+    member_names = ("scope",)
 
     def __init__(self, detail: str, *, scope: str) -> None:
         challenge = f'Bearer realm="{REALM}", error="insufficient_scope", scope="{scope}"'
         super().__init__(detail, headers={"WWW-Authenticate": challenge})
         self.scope = scope
-
-    @property
-    def members(self) -> Members:
-        return {"scope": self.scope}
 
 
 class NotFound(FleetError):
@@ -140,28 +139,22 @@ class MethodNotAllowed(FleetError):
     """The resource has other methods, which ``Allow`` must list (RFC 9110, 15.5.6)."""
 
     status, code, title = 405, "method-not-allowed", "The resource does not have this method"
+    member_names = ("allow",)
 
     def __init__(self, detail: str, *, allow: Sequence[str], headers: Mapping[str, str] | None = None) -> None:
         super().__init__(detail, headers={**(headers or {}), "Allow": ", ".join(allow)})
-        self.allow = tuple(allow)
-
-    @property
-    def members(self) -> Members:
-        return {"allow": list(self.allow)}
+        self.allow = list(allow)
 
 
 class NotAcceptable(FleetError):
     """No representation matches ``Accept``; ``offered`` are the available media types."""
 
     status, code, title = 406, "not-acceptable", "No acceptable representation"
+    member_names = ("offered",)
 
     def __init__(self, detail: str, *, offered: Sequence[str], headers: Mapping[str, str] | None = None) -> None:
         super().__init__(detail, headers={"Vary": "Accept", **(headers or {})})
-        self.offered = tuple(offered)
-
-    @property
-    def members(self) -> Members:
-        return {"offered": list(self.offered)}
+        self.offered = list(offered)
 
 
 class Conflict(FleetError):
@@ -207,14 +200,11 @@ class Controlled(Conflict):
     """Another caller has the control lease of the robot: ``holder``, until ``expires``."""
 
     code, title = "controlled", "Somebody else controls the robot"
+    member_names = ("holder", "expires")
 
     def __init__(self, detail: str, *, holder: str, expires: str) -> None:
         super().__init__(detail)
         self.holder, self.expires = holder, expires
-
-    @property
-    def members(self) -> Members:
-        return {"holder": self.holder, "expires": self.expires}
 
 
 class NoRoom(Conflict):
@@ -237,16 +227,13 @@ class UnsupportedMediaType(FleetError):
     """The media type of the body is not supported; ``offered`` are the supported types."""
 
     status, code, title = 415, "unsupported-media-type", "The media type is not supported"
+    member_names = ("constraint", "offered")
 
     def __init__(self, detail: str, *, offered: Sequence[str] = (), headers: Mapping[str, str] | None = None) -> None:
         # RFC 9110, 12.5.1: Accept in a 415 response lists the content types that would have been accepted
         taken = {"Accept": ", ".join(offered)} if offered else {}
         super().__init__(detail, headers={**taken, **(headers or {})})
-        self.offered = tuple(offered)
-
-    @property
-    def members(self) -> Members:
-        return super().members | ({"offered": list(self.offered)} if self.offered else {})
+        self.offered = list(offered) or None
 
 
 class ForeignOrigin(FleetError):
@@ -265,6 +252,7 @@ class UnprocessableContent(FleetError):
     """The body violates a shape; ``report``: SHACL; ``constraint``: its IRI; ``unused``: statements without effect."""
 
     status, code, title = 422, "unprocessable-content", "The content breaks a constraint"
+    member_names = ("constraint", "unused")
 
     def __init__(
         self,
@@ -276,13 +264,9 @@ class UnprocessableContent(FleetError):
         headers: Mapping[str, str] | None = None,
     ) -> None:
         super().__init__(detail, headers=headers, report=report)
-        self.unused = list(unused)
+        self.unused = list(unused) or None
         if constraint is not None:
             self.constrain(constraint)
-
-    @property
-    def members(self) -> Members:
-        return super().members | ({"unused": self.unused} if self.unused else {})
 
 
 class KeyReused(UnprocessableContent):
@@ -301,9 +285,7 @@ class TooManyInvocations(FleetError):
     """The client has too many running invocations (RFC 6585, 4). Stops are exempt."""
 
     status, code, title = 429, "too-many-invocations", "The client has too many motions that have not ended"
-
-    def __init__(self, detail: str) -> None:
-        super().__init__(detail, headers={"Retry-After": "1"})
+    retry_after_s = 1
 
 
 class TooManyRequests(FleetError):
@@ -337,27 +319,21 @@ class Busy(FleetError):
     """Too many slow requests are running, or the gateway itself was delayed; the client may retry."""
 
     status, code, title = 503, "busy", "The gateway is too busy"
-
-    def __init__(self, detail: str) -> None:
-        super().__init__(detail, headers={"Retry-After": "1"})
+    retry_after_s = 1
 
 
 class StoreAway(FleetError):
     """Redis cannot be reached, so subscriptions can be neither read nor accepted."""
 
     status, code, title = 503, "store-away", "Subscriptions cannot be read or kept at present"
-
-    def __init__(self, detail: str) -> None:
-        super().__init__(detail, headers={"Retry-After": "2"})
+    retry_after_s = 2
 
 
 class IssuerAway(FleetError):
     """The keys of the token's issuer cannot be fetched."""
 
     status, code, title = 503, "issuer-away", "The issuer of the token cannot be reached"
-
-    def __init__(self, detail: str) -> None:
-        super().__init__(detail, headers={"Retry-After": "5"})
+    retry_after_s = 5
 
 
 class AgentSilent(FleetError):

@@ -19,9 +19,7 @@ class TooManyQueries(FleetError):
     """Too many queries of the client are waiting (RFC 6585, 4)."""
 
     status, code, title = 429, "too-many-queries", "The client has too many queries waiting"
-
-    def __init__(self, detail: str) -> None:
-        super().__init__(detail, headers={"Retry-After": "1"})
+    retry_after_s = 1
 
 
 class QueryTooCostly(FleetError):

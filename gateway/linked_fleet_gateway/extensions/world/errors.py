@@ -47,7 +47,7 @@ class Unchecked(MotionRefused):
     """The motion could not be checked for collisions, so it is refused; ``reason`` as in Collides."""
 
     status, code, title = 503, "unchecked", "The motion could not be checked"
+    retry_after_s = 2
 
     def __init__(self, detail: str, *, reason: str = "") -> None:
         super().__init__(detail, reason=reason or "it could not be checked for collisions")
-        self.headers["Retry-After"] = "2"
