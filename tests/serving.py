@@ -1,4 +1,7 @@
-"""A server with the gateway's protocol classes around an application of the test, in memory or on loopback."""
+"""A server with the gateway's protocol classes around an application of the test.
+
+Connections are in memory in files marked ``virtual``, and on loopback in others.
+"""
 
 import asyncio
 import socket
@@ -13,13 +16,8 @@ from starlette.types import ASGIApp
 from linked_fleet_gateway.http.protocol import HttpProtocol
 from linked_fleet_gateway.http.websocket_protocol import WebSocketProtocol
 from linked_fleet_gateway.subscriptions.message import Message, Outlet
-from virtual.loop import VirtualLoop, on_virtual_time
+from virtual.loop import VirtualLoop
 from virtual.tcp import KERNEL_BYTES, Listener
-
-
-def run(test: Callable[[], Coroutine[Any, Any, None]]) -> None:
-    """Run a coroutine function on virtual time, with connections in memory."""
-    on_virtual_time(test, 600.0)
 
 
 def run_on_sockets(test: Callable[[], Coroutine[Any, Any, None]]) -> None:

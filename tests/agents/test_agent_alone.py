@@ -353,22 +353,18 @@ def test_a_gateway_that_comes_hears_how_motions_ended_and_what_runs() -> None:
     assert [p.id for p in bench.link.progress[3:]] == ["new", "now"]
 
 
-def test_a_stop_is_followed_by_a_frame_at_once() -> None:
+async def test_a_stop_is_followed_by_a_frame_at_once() -> None:
     """Other gateways learn of the stop by a later frame. Many stops at once are followed by a single frame."""
     bench = Bench()
-
-    async def scenario() -> None:
-        running = asyncio.create_task(bench.agent.run(bench.link))
+    running = asyncio.create_task(bench.agent.run(bench.link))
+    await asyncio.sleep(0)
+    before = len(bench.link.states)
+    bench.now_ns += 5_000_000
+    stopped = bench.stop("s")
+    bench.stop("t")
+    for _ in range(2):
         await asyncio.sleep(0)
-        before = len(bench.link.states)
-        bench.now_ns += 5_000_000
-        stopped = bench.stop("s")
-        bench.stop("t")
-        for _ in range(2):
-            await asyncio.sleep(0)
-        assert isinstance(stopped, Accepted)
-        assert len(bench.link.states) == before + 1
-        running.cancel()
-        await asyncio.wait({running})
-
-    asyncio.run(scenario())
+    assert isinstance(stopped, Accepted)
+    assert len(bench.link.states) == before + 1
+    running.cancel()
+    await asyncio.wait({running})

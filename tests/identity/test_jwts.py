@@ -158,20 +158,16 @@ def test_no_text_is_too_strange_to_look_at(text: str) -> None:
     assert issuer_named(text) is None
 
 
-def test_a_known_key_waits_for_nobody(issuer: Issuer, monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_a_known_key_waits_for_nobody(issuer: Issuer, monkeypatch: pytest.MonkeyPatch) -> None:
     """An unreachable issuer delays no request and removes no right, though its keys are due for a refresh."""
     monkeypatch.setattr(identity_keys, "STALE_S", 0.0)
     monkeypatch.setattr(identity_keys, "RETRY_S", 0.0)
-
-    async def read() -> None:
-        web = Web()
-        keys = IssuerKeys(web, issuer.url)
-        assert await keys.find("first") is not None
-        issuer.silent = True
-        for _ in range(3):
-            assert await asyncio.wait_for(keys.find("first"), 2) is not None
-        issuer.release()
-        await keys.aclose()
-        await web.aclose()
-
-    asyncio.run(read())
+    web = Web()
+    keys = IssuerKeys(web, issuer.url)
+    assert await keys.find("first") is not None
+    issuer.silent = True
+    for _ in range(3):
+        assert await asyncio.wait_for(keys.find("first"), 2) is not None
+    issuer.release()
+    await keys.aclose()
+    await web.aclose()

@@ -30,15 +30,12 @@ async def opened(endpoint: str) -> AsyncIterator[ZenohSession]:
         await session.close()
 
 
-def test_a_taken_port_is_one_clear_line() -> None:
-    async def taken() -> None:
-        endpoint = f"tcp/127.0.0.1:{free_port()}"
-        async with opened(endpoint):
-            with pytest.raises(LinkError, match="is taken by another process") as caught:
-                await open_session((endpoint,), (), {})
-            assert "\n" not in str(caught.value)
-
-    asyncio.run(taken())
+async def test_a_taken_port_is_one_clear_line() -> None:
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    async with opened(endpoint):
+        with pytest.raises(LinkError, match="is taken by another process") as caught:
+            await open_session((endpoint,), (), {})
+        assert "\n" not in str(caught.value)
 
 
 @pytest.mark.parametrize(
@@ -57,33 +54,27 @@ def test_a_configuration_that_means_nothing_is_one_clear_line(
     assert "\n" not in str(caught.value)
 
 
-def test_a_session_that_is_to_connect_is_connected_when_somebody_is_there() -> None:
-    async def connect() -> None:
-        endpoint = f"tcp/127.0.0.1:{free_port()}"
-        session = await open_session((), (endpoint,), {})
-        assert not session.connected
-        async with opened(endpoint) as other:
-            await until(lambda: session.connected)
-            assert other.connected
-        await until(lambda: not session.connected)
-        await session.close()
-        await session.close()
-
-    asyncio.run(connect())
+async def test_a_session_that_is_to_connect_is_connected_when_somebody_is_there() -> None:
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    session = await open_session((), (endpoint,), {})
+    assert not session.connected
+    async with opened(endpoint) as other:
+        await until(lambda: session.connected)
+        assert other.connected
+    await until(lambda: not session.connected)
+    await session.close()
+    await session.close()
 
 
-def test_frames_are_read_by_one_thread_however_often_the_gateway_declares_itself_anew() -> None:
-    async def declare() -> None:
-        async with opened(f"tcp/127.0.0.1:{free_port()}") as session:
-            others = {*threading.enumerate()}
-            await session.subscribe_frames(KEYS.all_states, 10, lambda *_: None)
-            for _ in range(5):
-                await session.declare_anew()
-            await until(
-                lambda: [one.name for one in {*threading.enumerate()} - others if one.name == "frames"] == ["frames"]
-            )
-
-    asyncio.run(declare())
+async def test_frames_are_read_by_one_thread_however_often_the_gateway_declares_itself_anew() -> None:
+    async with opened(f"tcp/127.0.0.1:{free_port()}") as session:
+        others = {*threading.enumerate()}
+        await session.subscribe_frames(KEYS.all_states, 10, lambda *_: None)
+        for _ in range(5):
+            await session.declare_anew()
+        await until(
+            lambda: [one.name for one in {*threading.enumerate()} - others if one.name == "frames"] == ["frames"]
+        )
 
 
 def test_heartbeats_come_while_the_event_loop_runs_and_at_no_other_time() -> None:

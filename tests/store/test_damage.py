@@ -116,27 +116,23 @@ def test_two_damages_in_one_second_are_kept_both(state_dir: Path) -> None:
     assert damage.kept_aside(state_dir) == (first.name, second.name)
 
 
-def test_data_stay_where_no_server_starts_at_all(
+async def test_data_stay_where_no_server_starts_at_all(
     state_dir: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     """The machine is at fault, not the data, which is there when it can start servers again."""
     before = content(state_dir / damage.DATA)
     sound = embedded._configuration
-
-    async def run() -> None:
+    with caplog.at_level(logging.ERROR):
         monkeypatch.setattr(embedded, "_configuration", lambda *paths: [*sound(*paths), "--maxmemory", "nonsense"])
         async with Embedded(state_dir) as server:
             assert server.set_aside == () and content(state_dir / damage.DATA) == before
             monkeypatch.setattr(embedded, "_configuration", sound)
             await until(lambda: keys(server) == 100)
-
-    with caplog.at_level(logging.ERROR):
-        asyncio.run(run())
     (record,) = caplog.records
     assert "no Redis" in record.getMessage()
 
 
-def test_a_server_that_is_ended_while_it_starts_does_not_cost_the_data(
+async def test_a_server_that_is_ended_while_it_starts_does_not_cost_the_data(
     state_dir: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Out of memory, or an impatient operator: SIGKILL and SIGTERM do not blame the data."""
@@ -145,10 +141,6 @@ def test_a_server_that_is_ended_while_it_starts_does_not_cost_the_data(
     program.chmod(0o700)
     monkeypatch.setattr(embedded, "_program", lambda: str(program))
     before = content(state_dir / damage.DATA)
-
-    async def run() -> None:
-        async with Embedded(state_dir) as server:
-            assert server.set_aside == ()
-
-    asyncio.run(run())
+    async with Embedded(state_dir) as server:
+        assert server.set_aside == ()
     assert content(state_dir / damage.DATA) == before

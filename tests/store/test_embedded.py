@@ -84,10 +84,9 @@ def at_once(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(embedded, "_PAUSES_S", (embedded._PAUSES_S[0], 3600.0))
 
 
-def test_it_serves_a_store_and_its_data_survive_it(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+async def test_it_serves_a_store_and_its_data_survive_it(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     state_dir = tmp_path / "a folder" / "of ours #1"
-
-    async def run() -> None:
+    with caplog.at_level(logging.WARNING):
         async with Embedded(state_dir) as server, Store(server.url, "fleet", "a") as store:
             await store.renew()
             write(server, "kept")
@@ -96,57 +95,45 @@ def test_it_serves_a_store_and_its_data_survive_it(tmp_path: Path, caplog: pytes
         assert not alive(number)
         async with Embedded(state_dir) as server:
             assert read(server) == "kept"
-
-    with caplog.at_level(logging.WARNING):
-        asyncio.run(run())
     assert caplog.records == []
     assert state_dir.stat().st_mode & 0o777 == 0o700
     assert all(path.stat().st_mode & 0o077 == 0 for path in state_dir.rglob("*"))
 
 
-def test_gateways_that_start_together_share_one_server(tmp_path: Path) -> None:
-    async def run() -> None:
-        async with asyncio.TaskGroup() as group:
-            servers = [Embedded(tmp_path) for _ in range(8)]
-            for server in servers:
-                group.create_task(server.__aenter__())
-        assert len({pid(server) for server in servers}) == 1
+async def test_gateways_that_start_together_share_one_server(tmp_path: Path) -> None:
+    async with asyncio.TaskGroup() as group:
+        servers = [Embedded(tmp_path) for _ in range(8)]
         for server in servers:
-            await server.__aexit__()
-
-    asyncio.run(run())
+            group.create_task(server.__aenter__())
+    assert len({pid(server) for server in servers}) == 1
+    for server in servers:
+        await server.__aexit__()
 
 
 @pytest.mark.usefixtures("at_once")
-def test_when_the_gateway_that_started_it_ends_another_starts_it_again(tmp_path: Path) -> None:
-    async def run() -> None:
-        async with Embedded(tmp_path) as first, Embedded(tmp_path) as second:
-            write(first, "kept")
-            number = pid(second)
-            await first.__aexit__()
+async def test_when_the_gateway_that_started_it_ends_another_starts_it_again(tmp_path: Path) -> None:
+    async with Embedded(tmp_path) as first, Embedded(tmp_path) as second:
+        write(first, "kept")
+        number = pid(second)
+        await first.__aexit__()
+        assert not alive(number)
+        await until(lambda: pid(second), "the second's own server")
+        assert pid(second) != number
+        assert read(second) == "kept"
+        await first.__aenter__()
+        assert pid(first) == pid(second)
+
+
+async def test_a_server_goes_with_a_gateway_that_is_killed_and_is_replaced(tmp_path: Path) -> None:
+    with process("-c", GATEWAY, str(tmp_path)) as gateway:
+        gateway.said("open")
+        async with Embedded(tmp_path) as server:
+            write(server, "kept")
+            number = pid(server)
+            gateway.send(signal.SIGKILL)
+            await until(lambda: pid(server) not in (0, number), "another server")
             assert not alive(number)
-            await until(lambda: pid(second), "the second's own server")
-            assert pid(second) != number
-            assert read(second) == "kept"
-            await first.__aenter__()
-            assert pid(first) == pid(second)
-
-    asyncio.run(run())
-
-
-def test_a_server_goes_with_a_gateway_that_is_killed_and_is_replaced(tmp_path: Path) -> None:
-    async def run() -> None:
-        with process("-c", GATEWAY, str(tmp_path)) as gateway:
-            gateway.said("open")
-            async with Embedded(tmp_path) as server:
-                write(server, "kept")
-                number = pid(server)
-                gateway.send(signal.SIGKILL)
-                await until(lambda: pid(server) not in (0, number), "another server")
-                assert not alive(number)
-                assert read(server) == "kept"
-
-    asyncio.run(run())
+            assert read(server) == "kept"
 
 
 def test_an_orphan_is_found_and_used_and_left_to_itself(tmp_path: Path) -> None:
@@ -172,10 +159,10 @@ def test_an_orphan_is_found_and_used_and_left_to_itself(tmp_path: Path) -> None:
 
 
 @pytest.mark.usefixtures("at_once")
-def test_a_killed_server_is_replaced_with_nothing_lost_and_few_words(
+async def test_a_killed_server_is_replaced_with_nothing_lost_and_few_words(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
-    async def run() -> None:
+    with caplog.at_level(logging.INFO, logger=embedded.__name__):
         async with Embedded(tmp_path) as server:
             for round_ in range(3):
                 async with embedded._locked(tmp_path / "lock", "it is still being started"):
@@ -184,37 +171,26 @@ def test_a_killed_server_is_replaced_with_nothing_lost_and_few_words(
                     os.kill(number, signal.SIGKILL)
                 await until(lambda number=number: pid(server) not in (0, number), "another server")
                 assert read(server) == str(round_)
-
-    with caplog.at_level(logging.INFO, logger=embedded.__name__):
-        asyncio.run(run())
     assert 4 <= len(caplog.records) <= 8
 
 
-def test_a_deep_folder_has_its_socket_elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_a_deep_folder_has_its_socket_elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     runtime = Path(tempfile.mkdtemp(dir="/tmp"))  # pytest's own folders may be too long for a socket
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(runtime))
     deep = tmp_path / ("d" * 60) / ("e" * 60)
-
-    async def run() -> None:
+    try:
         async with Embedded(deep) as server, Embedded(deep) as other:
             assert server.url.startswith(f"unix://{runtime}/linked-fleet-")
             assert pid(server) == pid(other) != 0
             assert Embedded(deep / "f").url != server.url
-
-    try:
-        asyncio.run(run())
     finally:
         shutil.rmtree(runtime)
 
 
-def test_a_stale_socket_is_no_obstacle(tmp_path: Path) -> None:
+async def test_a_stale_socket_is_no_obstacle(tmp_path: Path) -> None:
     (tmp_path / "valkey.sock").touch()
-
-    async def run() -> None:
-        async with Embedded(tmp_path) as server:
-            assert pid(server)
-
-    asyncio.run(run())
+    async with Embedded(tmp_path) as server:
+        assert pid(server)
 
 
 def open_without_server(state_dir: Path, caplog: pytest.LogCaptureFixture) -> str:
@@ -252,14 +228,10 @@ def test_a_binary_that_cannot_run_is_named(
     assert re.search(r": cannot run .*/absent: No such file or directory; set REDIS_URL instead$", said), said
 
 
-def test_a_server_that_could_not_be_started_is_started_as_soon_as_it_can_be(tmp_path: Path) -> None:
+async def test_a_server_that_could_not_be_started_is_started_as_soon_as_it_can_be(tmp_path: Path) -> None:
     obstacle = tmp_path / "file"
     obstacle.touch()
-
-    async def run() -> None:
-        async with Embedded(obstacle / "state") as server:
-            assert pid(server) == 0
-            obstacle.unlink()
-            await until(lambda: pid(server), "a server")
-
-    asyncio.run(run())
+    async with Embedded(obstacle / "state") as server:
+        assert pid(server) == 0
+        obstacle.unlink()
+        await until(lambda: pid(server), "a server")

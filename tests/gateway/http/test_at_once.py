@@ -12,8 +12,9 @@ from starlette.types import Receive, Scope, Send
 from linked_fleet_gateway.http.answers import Reply
 from linked_fleet_gateway.http.protocol import HttpProtocol
 from linked_fleet_gateway.http.response_head import block
-from serving import connect, run, serving
+from serving import connect, serving
 
+pytestmark = pytest.mark.virtual
 _KEPT = (b"vary", b"Accept")
 _GET = "GET /{} HTTP/1.1\r\nHost: test\r\n\r\n"
 
@@ -39,26 +40,20 @@ def _http(protocol: type[HttpProtocol] = HttpProtocol) -> Any:
     return partial(protocol, at_once=_at_once)
 
 
-def _answers(requests: str) -> bytes:
-    """All that comes back before the connection ends."""
-    found = b""
-
-    async def scenario() -> None:
-        nonlocal found
-        async with serving(_application, http=_http()) as (_, port):
-            reader, writer = await connect(port, requests.encode())
-            found = await reader.read()
-            writer.close()
-
-    run(scenario)
-    return found
+async def _answers(requests: str) -> bytes:
+    """Return all that comes back before the connection ends."""
+    async with serving(_application, http=_http()) as (_, port):
+        reader, writer = await connect(port, requests.encode())
+        found = await reader.read()
+        writer.close()
+        return found
 
 
 _LAST = _GET.format("other").replace("\r\n\r\n", "\r\nConnection: close\r\n\r\n")
 
 
-def test_answers_come_in_the_order_of_the_requests() -> None:
-    answers = _answers(_GET.format("a") + _GET.format("other") + _GET.format("b") + _LAST)
+async def test_answers_come_in_the_order_of_the_requests() -> None:
+    answers = await _answers(_GET.format("a") + _GET.format("other") + _GET.format("b") + _LAST)
     assert [part.partition(b"\r\n\r\n")[2] for part in answers.split(b"HTTP/1.1 ")[1:]] == [
         b"kept", b"application", b"application", b"application",
     ]  # fmt: skip
@@ -73,33 +68,29 @@ def test_answers_come_in_the_order_of_the_requests() -> None:
         ('GET / HTTP/1.1\r\nHost: test\r\nIf-None-Match: "x"\r\nConnection: close\r\n\r\n', b"close\r\n\r\n"),
     ],
 )
-def test_they_are_framed_as_any_other(request_text: str, end: bytes) -> None:
-    answer = _answers(request_text)
+async def test_they_are_framed_as_any_other(request_text: str, end: bytes) -> None:
+    answer = await _answers(request_text)
     assert answer.startswith((b"HTTP/1.1 200 OK\r\n", b"HTTP/1.1 304 Not Modified\r\n"))
     assert b"\r\nvary: Accept\r\n" in answer and b"\r\ndate: " in answer
     assert answer.endswith(end)
 
 
-def test_a_request_with_content_is_left_to_the_application() -> None:
-    answers = _answers("GET / HTTP/1.1\r\nHost: test\r\nContent-Length: 3\r\n\r\nabc" + _LAST)
+async def test_a_request_with_content_is_left_to_the_application() -> None:
+    answers = await _answers("GET / HTTP/1.1\r\nHost: test\r\nContent-Length: 3\r\n\r\nabc" + _LAST)
     assert answers.count(b"applicationabc") == 1 and b"kept" not in answers
 
 
-def test_the_next_request_may_take_its_time_from_the_answer_on() -> None:
+async def test_the_next_request_may_take_its_time_from_the_answer_on() -> None:
     """A connection that is used again and again is open for longer than a client may take for one request."""
-
-    async def scenario() -> None:
-        async with serving(_application, http=_http(_Hasty)) as (_, port):
-            reader, writer = await connect(port, b"")
-            for _ in range(5):
-                await asyncio.sleep(0.8 * _Hasty.head_s)
-                writer.write(_GET.format("a").encode())
-                assert (await reader.readuntil(b"kept")).startswith(b"HTTP/1.1 200")
-            with pytest.raises(ConnectionError):  # from here on nothing is asked for, and the connection ends
-                await reader.read()
-            writer.close()
-
-    run(scenario)
+    async with serving(_application, http=_http(_Hasty)) as (_, port):
+        reader, writer = await connect(port, b"")
+        for _ in range(5):
+            await asyncio.sleep(0.8 * _Hasty.head_s)
+            writer.write(_GET.format("a").encode())
+            assert (await reader.readuntil(b"kept")).startswith(b"HTTP/1.1 200")
+        with pytest.raises(ConnectionError):  # from here on nothing is asked for, and the connection ends
+            await reader.read()
+        writer.close()
 
 
 def test_no_field_begins_another() -> None:

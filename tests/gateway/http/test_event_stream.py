@@ -14,8 +14,9 @@ from linked_fleet_gateway.http.backpressure import HIGH_WATER_BYTES
 from linked_fleet_gateway.http.event_stream import chunk, framed, serve_event_stream
 from linked_fleet_gateway.http.protocol import HTTP, HttpProtocol
 from linked_fleet_gateway.subscriptions.message import Ending, Message
-from serving import Channel, connect, fill, run, serving, until
+from serving import Channel, connect, fill, serving, until
 
+pytestmark = pytest.mark.virtual
 TURTLE = Message("/a", "7-1", "text/turtle", '<> <urn:p> "ü" .\n\n<> <urn:q> 1 .\n'.encode())
 GET = b"GET /a HTTP/1.1\r\nHost: x\r\n\r\n"
 LARGE = 20_000
@@ -113,31 +114,28 @@ def test_framing(body: bytes, data: str) -> None:
     assert message.framed(framed) is message.framed(framed)
 
 
-def test_stream_as_an_event_source_reads_it() -> None:
-    async def test() -> None:
-        app, source = App(TURTLE), EventSource()
-        async with serving(app) as (_, port):
-            chunks = reading(port, source)
-            response = await anext(chunks)
-            assert response.status_code == 200
-            assert response.headers["content-type"] == "text/event-stream"
-            assert response.headers["cache-control"] == "no-store"
-            assert response.headers["link"] == "<x>; rel=y"
-            while not source.events:
-                await anext(chunks)
-            assert source.retry == 2000
-            for number in range(3):
-                app.publish(Message("/a", f"7-{number}", "text/turtle", b"%d" % number))
-            while len(source.events) < 4:
-                await anext(chunks)
-            assert source.events == [
-                ("7-1", TURTLE.body.decode()), ("7-0", "0"), ("7-1", "1"), ("7-2", "2"),
-            ]  # fmt: skip
-            await chunks.aclose()
-            await until(lambda: app.returned)
-            assert not app.outlets[0].writable()
-
-    run(test)
+async def test_stream_as_an_event_source_reads_it() -> None:
+    app, source = App(TURTLE), EventSource()
+    async with serving(app) as (_, port):
+        chunks = reading(port, source)
+        response = await anext(chunks)
+        assert response.status_code == 200
+        assert response.headers["content-type"] == "text/event-stream"
+        assert response.headers["cache-control"] == "no-store"
+        assert response.headers["link"] == "<x>; rel=y"
+        while not source.events:
+            await anext(chunks)
+        assert source.retry == 2000
+        for number in range(3):
+            app.publish(Message("/a", f"7-{number}", "text/turtle", b"%d" % number))
+        while len(source.events) < 4:
+            await anext(chunks)
+        assert source.events == [
+            ("7-1", TURTLE.body.decode()), ("7-0", "0"), ("7-1", "1"), ("7-2", "2"),
+        ]  # fmt: skip
+        await chunks.aclose()
+        await until(lambda: app.returned)
+        assert not app.outlets[0].writable()
 
 
 @pytest.mark.parametrize(
@@ -149,149 +147,126 @@ def test_stream_as_an_event_source_reads_it() -> None:
         (Ending.SHUTDOWN, "7-1"),
     ],
 )
-def test_endings(ending: Ending, last: str) -> None:
+async def test_endings(ending: Ending, last: str) -> None:
     """The id that the client presents when it reconnects tells whether it may; pending messages are still sent."""
-
-    async def test() -> None:
-        app, source = App(TURTLE), EventSource()
-        async with serving(app) as (_, port):
-            chunks = reading(port, source)
-            await anext(chunks)
-            await until(lambda: app.outlets)
-            app.outlets[0].end(ending)
-            app.outlets[0].end(Ending.CANCELLED)
-            app.outlets[0].write(TURTLE)
-            async for _ in chunks:
-                pass
-            assert source.events == [("7-1", TURTLE.body.decode())]
-            assert source.last_event_id == last
-            assert (source.retry < 2000) == (ending is Ending.SHUTDOWN)
-            await until(lambda: app.returned)
-
-    run(test)
+    app, source = App(TURTLE), EventSource()
+    async with serving(app) as (_, port):
+        chunks = reading(port, source)
+        await anext(chunks)
+        await until(lambda: app.outlets)
+        app.outlets[0].end(ending)
+        app.outlets[0].end(Ending.CANCELLED)
+        app.outlets[0].write(TURTLE)
+        async for _ in chunks:
+            pass
+        assert source.events == [("7-1", TURTLE.body.decode())]
+        assert source.last_event_id == last
+        assert (source.retry < 2000) == (ending is Ending.SHUTDOWN)
+        await until(lambda: app.returned)
 
 
-def test_bytes_on_the_wire_are_the_stream_in_http() -> None:
+async def test_bytes_on_the_wire_are_the_stream_in_http() -> None:
     """RFC 9112, 7.1: an independent parser finds one whole body, and a reusable connection."""
-
-    async def test() -> None:
-        app, sent = App(TURTLE), [Message("/a", str(number), "text/turtle", b"x" * number) for number in range(300)]
-        async with serving(app) as (_, port):
-            reader, writer = await connect(port, GET)
-            await until(lambda: app.outlets)
-            for message in sent:
-                app.outlets[0].write(message)
-            app.outlets[0].end(Ending.CANCELLED)
-            client = h11.Connection(h11.CLIENT)
-            client.send(h11.Request(method="GET", target="/a", headers=[("host", "x")]))
-            client.send(h11.EndOfMessage())
-            body = b""
-            while not isinstance(event := client.next_event(), h11.EndOfMessage):
-                if event is h11.NEED_DATA:
-                    client.receive_data(await reader.read(65536))
-                elif isinstance(event, h11.Data):
-                    body += event.data
-            events = b"".join(map(framed, [TURTLE, *sent]))
-            assert body == b": linked fleet\nretry: 2000\n" + events + b"id: cancelled\n\n"
-            assert client.states == {h11.CLIENT: h11.DONE, h11.SERVER: h11.DONE}
-            writer.transport.abort()
-
-    run(test)
+    app, sent = App(TURTLE), [Message("/a", str(number), "text/turtle", b"x" * number) for number in range(300)]
+    async with serving(app) as (_, port):
+        reader, writer = await connect(port, GET)
+        await until(lambda: app.outlets)
+        for message in sent:
+            app.outlets[0].write(message)
+        app.outlets[0].end(Ending.CANCELLED)
+        client = h11.Connection(h11.CLIENT)
+        client.send(h11.Request(method="GET", target="/a", headers=[("host", "x")]))
+        client.send(h11.EndOfMessage())
+        body = b""
+        while not isinstance(event := client.next_event(), h11.EndOfMessage):
+            if event is h11.NEED_DATA:
+                client.receive_data(await reader.read(65536))
+            elif isinstance(event, h11.Data):
+                body += event.data
+        events = b"".join(map(framed, [TURTLE, *sent]))
+        assert body == b": linked fleet\nretry: 2000\n" + events + b"id: cancelled\n\n"
+        assert client.states == {h11.CLIENT: h11.DONE, h11.SERVER: h11.DONE}
+        writer.transport.abort()
 
 
-def test_http_1_0_has_no_chunks() -> None:
-    async def test() -> None:
-        app = App(TURTLE, heartbeat_s=0.01)
-        async with serving(app) as (_, port):
-            reader, writer = await connect(port, GET.replace(b"HTTP/1.1", b"HTTP/1.0"))
-            assert b"chunked" not in await reader.readuntil(b"\r\n\r\n")
-            opening = b": linked fleet\nretry: 2000\n"
-            assert await reader.readexactly(len(opening)) == opening
-            assert await reader.readexactly(len(framed(TURTLE))) == framed(TURTLE)
-            assert await reader.readexactly(2) == b":\n"
-            app.outlets[0].end(Ending.CANCELLED)
-            assert (await reader.read()).replace(b":\n", b"") == b"id: cancelled\n\n"
-            writer.transport.abort()
-
-    run(test)
+async def test_http_1_0_has_no_chunks() -> None:
+    app = App(TURTLE, heartbeat_s=0.01)
+    async with serving(app) as (_, port):
+        reader, writer = await connect(port, GET.replace(b"HTTP/1.1", b"HTTP/1.0"))
+        assert b"chunked" not in await reader.readuntil(b"\r\n\r\n")
+        opening = b": linked fleet\nretry: 2000\n"
+        assert await reader.readexactly(len(opening)) == opening
+        assert await reader.readexactly(len(framed(TURTLE))) == framed(TURTLE)
+        assert await reader.readexactly(2) == b":\n"
+        app.outlets[0].end(Ending.CANCELLED)
+        assert (await reader.read()).replace(b":\n", b"") == b"id: cancelled\n\n"
+        writer.transport.abort()
 
 
-def test_connection_is_kept_after_the_end() -> None:
-    async def test() -> None:
-        app = App(TURTLE)
-        async with serving(app) as (_, port):
-            reader, writer = await connect(port, GET + GET.replace(b"/a", b"/plain"))
-            await until(lambda: app.outlets)
-            app.outlets[0].end(Ending.CANCELLED)
-            assert b"id: cancelled\n\n" in await reader.readuntil(b"\r\n0\r\n\r\n")
-            assert (await reader.readuntil(b"plain")).startswith(b"HTTP/1.1 200")
-            writer.transport.abort()
-
-    run(test)
+async def test_connection_is_kept_after_the_end() -> None:
+    app = App(TURTLE)
+    async with serving(app) as (_, port):
+        reader, writer = await connect(port, GET + GET.replace(b"/a", b"/plain"))
+        await until(lambda: app.outlets)
+        app.outlets[0].end(Ending.CANCELLED)
+        assert b"id: cancelled\n\n" in await reader.readuntil(b"\r\n0\r\n\r\n")
+        assert (await reader.readuntil(b"plain")).startswith(b"HTTP/1.1 200")
+        writer.transport.abort()
 
 
-def test_heartbeat_leaves_the_last_event_id_alone() -> None:
-    async def test() -> None:
-        app, source = App(heartbeat_s=0.01), EventSource()
-        source.last_event_id = "from an earlier connection"
-        async with serving(app) as (_, port):
-            chunks = reading(port, source)
-            while source.comments < 5:
-                await anext(chunks)
-            assert (source.last_event_id, source.events) == ("from an earlier connection", [])
-            app.publish(TURTLE)
-            while not source.events:
-                await anext(chunks)
-            assert source.events == [("7-1", TURTLE.body.decode())]
-            await chunks.aclose()
-
-    run(test)
+async def test_heartbeat_leaves_the_last_event_id_alone() -> None:
+    app, source = App(heartbeat_s=0.01), EventSource()
+    source.last_event_id = "from an earlier connection"
+    async with serving(app) as (_, port):
+        chunks = reading(port, source)
+        while source.comments < 5:
+            await anext(chunks)
+        assert (source.last_event_id, source.events) == ("from an earlier connection", [])
+        app.publish(TURTLE)
+        while not source.events:
+            await anext(chunks)
+        assert source.events == [("7-1", TURTLE.body.decode())]
+        await chunks.aclose()
 
 
 @pytest.mark.parametrize("reset", [True, False])
-def test_disconnect(reset: bool) -> None:
-    async def test() -> None:
-        app = App(TURTLE)
-        async with serving(app) as (server, port):
-            _, writer = await connect(port, GET)
-            await until(lambda: app.outlets)
-            if reset:
-                sock = writer.get_extra_info("socket")
-                sock.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
-            writer.transport.abort()
-            await until(lambda: app.returned and not server.server_state.connections)
-            app.outlets[0].write(TURTLE)
-            app.outlets[0].end(Ending.CANCELLED)
-
-    run(test)
+async def test_disconnect(reset: bool) -> None:
+    app = App(TURTLE)
+    async with serving(app) as (server, port):
+        _, writer = await connect(port, GET)
+        await until(lambda: app.outlets)
+        if reset:
+            sock = writer.get_extra_info("socket")
+            sock.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+        writer.transport.abort()
+        await until(lambda: app.returned and not server.server_state.connections)
+        app.outlets[0].write(TURTLE)
+        app.outlets[0].end(Ending.CANCELLED)
 
 
-def test_a_stalled_reader_holds_up_nobody_and_has_the_latest_in_the_end() -> None:
-    async def test() -> None:
-        app, source = App(), EventSource()
-        async with serving(app) as (_, port):
-            slow_reader, slow_writer = await connect(port, GET, receive_buffer=8192)
-            await until(lambda: app.outlets)
-            (slow,), (http,) = app.outlets, app.https
-            chunks = reading(port, source)
-            await anext(chunks)
-            await until(lambda: len(app.outlets) == 2)
-            for message in messages(60):
-                app.publish(message)
-                while len(source.events) <= int(message.version):
-                    await anext(chunks)
-                assert http.transport.get_write_buffer_size() < HIGH_WATER_BYTES + LARGE + 100
-            await fill(slow, message)
-            readies = app.readies[slow]
-            behind = asyncio.create_task(_read_until(slow_reader, b"latest\n\n\r\n"))
-            await until(lambda: app.readies[slow] > readies)
-            assert slow.writable()
-            slow.write(Message("/a", "61", "text/turtle", b"latest"))
-            await behind
-            slow_writer.transport.abort()
-            await chunks.aclose()
-
-    run(test)
+async def test_a_stalled_reader_holds_up_nobody_and_has_the_latest_in_the_end() -> None:
+    app, source = App(), EventSource()
+    async with serving(app) as (_, port):
+        slow_reader, slow_writer = await connect(port, GET, receive_buffer=8192)
+        await until(lambda: app.outlets)
+        (slow,), (http,) = app.outlets, app.https
+        chunks = reading(port, source)
+        await anext(chunks)
+        await until(lambda: len(app.outlets) == 2)
+        for message in messages(60):
+            app.publish(message)
+            while len(source.events) <= int(message.version):
+                await anext(chunks)
+            assert http.transport.get_write_buffer_size() < HIGH_WATER_BYTES + LARGE + 100
+        await fill(slow, message)
+        readies = app.readies[slow]
+        behind = asyncio.create_task(_read_until(slow_reader, b"latest\n\n\r\n"))
+        await until(lambda: app.readies[slow] > readies)
+        assert slow.writable()
+        slow.write(Message("/a", "61", "text/turtle", b"latest"))
+        await behind
+        slow_writer.transport.abort()
+        await chunks.aclose()
 
 
 async def _read_until(reader: asyncio.StreamReader, end: bytes) -> None:
@@ -311,52 +286,42 @@ async def _stalled(app: App, port: int) -> asyncio.StreamWriter:
 
 
 @pytest.mark.parametrize("half_closed", [False, True])
-def test_who_never_reads_again_is_dropped(half_closed: bool) -> None:
-    async def test() -> None:
-        app = App(heartbeat_s=0.01)
-        async with serving(app, http=Impatient) as (server, port):
-            writer = await _stalled(app, port)
-            if half_closed:
-                writer.write_eof()
-            await until(lambda: app.returned and not server.server_state.connections)
-            writer.transport.abort()
-
-    run(test)
+async def test_who_never_reads_again_is_dropped(half_closed: bool) -> None:
+    app = App(heartbeat_s=0.01)
+    async with serving(app, http=Impatient) as (server, port):
+        writer = await _stalled(app, port)
+        if half_closed:
+            writer.write_eof()
+        await until(lambda: app.returned and not server.server_state.connections)
+        writer.transport.abort()
 
 
-def test_a_plain_answer_that_nobody_reads_is_dropped_too() -> None:
+async def test_a_plain_answer_that_nobody_reads_is_dropped_too() -> None:
     async def app(scope: Scope, receive: Receive, send: Send) -> None:
         await send({"type": "http.response.start", "status": 200, "headers": []})
         for _ in range(100):
             await send({"type": "http.response.body", "body": bytes(LARGE), "more_body": True})
         await send({"type": "http.response.body", "body": b""})
 
-    async def test() -> None:
-        async with serving(app, http=Impatient) as (server, port):
-            _, writer = await connect(port, GET, receive_buffer=8192)
-            await until(lambda: server.server_state.tasks)
-            await until(lambda: not server.server_state.connections)
-            writer.transport.abort()
-
-    run(test)
+    async with serving(app, http=Impatient) as (server, port):
+        _, writer = await connect(port, GET, receive_buffer=8192)
+        await until(lambda: server.server_state.tasks)
+        await until(lambda: not server.server_state.connections)
+        writer.transport.abort()
 
 
-def test_shutdown_ends_streams_and_waits_for_nobody(caplog: pytest.LogCaptureFixture) -> None:
+async def test_shutdown_ends_streams_and_waits_for_nobody(caplog: pytest.LogCaptureFixture) -> None:
     """Without an id of its own, so that an EventSource reconnects; and without an error in the log."""
-
-    async def test() -> None:
-        app, source = App(TURTLE), EventSource()
-        async with serving(app) as (server, port):
-            stalled = await _stalled(app, port)
-            chunks = reading(port, source)
-            await anext(chunks)
-            await until(lambda: len(app.outlets) == 2)
-            server.should_exit = True
-            async for _ in chunks:
-                pass
-            assert source.last_event_id == "7-1"
-            await until(lambda: app.returned == 2)
-            stalled.transport.abort()
-
-    run(test)
+    app, source = App(TURTLE), EventSource()
+    async with serving(app) as (server, port):
+        stalled = await _stalled(app, port)
+        chunks = reading(port, source)
+        await anext(chunks)
+        await until(lambda: len(app.outlets) == 2)
+        server.should_exit = True
+        async for _ in chunks:
+            pass
+        assert source.last_event_id == "7-1"
+        await until(lambda: app.returned == 2)
+        stalled.transport.abort()
     assert not [record for record in caplog.records if record.levelname == "ERROR"]

@@ -119,37 +119,31 @@ def test_a_longer_answer_than_the_bound_is_refused() -> None:
         Outside(long).ask("GET", "/", longest=10)
 
 
-def test_the_outer_request_stays_the_present_one_and_gives_its_id() -> None:
+async def test_the_outer_request_stays_the_present_one_and_gives_its_id() -> None:
     async def inner(request: Request) -> Response:
         begin(b"inner")
         return Response(request.headers["x-request-id"])
 
-    async def outer() -> None:
-        begun = begin(b"outer")
-        reply = await ask(Outside(inner).connection, "GET", "/")
-        assert reply.content == b"outer"
-        assert present() is begun
-
-    asyncio.run(outer())
+    begun = begin(b"outer")
+    reply = await ask(Outside(inner).connection, "GET", "/")
+    assert reply.content == b"outer"
+    assert present() is begun
 
 
-def test_who_cancels_cancels_the_request() -> None:
-    async def main() -> None:
-        begun, ended = asyncio.Event(), asyncio.Event()
+async def test_who_cancels_cancels_the_request() -> None:
+    begun, ended = asyncio.Event(), asyncio.Event()
 
-        async def slow(_: Request) -> Response:
-            begun.set()
-            try:
-                await asyncio.Event().wait()
-            finally:
-                ended.set()
-            raise AssertionError
+    async def slow(_: Request) -> Response:
+        begun.set()
+        try:
+            await asyncio.Event().wait()
+        finally:
+            ended.set()
+        raise AssertionError
 
-        task = asyncio.create_task(ask(Outside(slow).connection, "GET", "/"))
-        await begun.wait()
-        task.cancel()
-        with pytest.raises(asyncio.CancelledError):
-            await task
-        assert ended.is_set()
-
-    asyncio.run(main())
+    task = asyncio.create_task(ask(Outside(slow).connection, "GET", "/"))
+    await begun.wait()
+    task.cancel()
+    with pytest.raises(asyncio.CancelledError):
+        await task
+    assert ended.is_set()

@@ -20,18 +20,14 @@ def test_short_work_is_done_at_once_and_long_work_in_a_thread() -> None:
     assert short == threading.get_ident() != long
 
 
-def test_the_loop_goes_on_and_the_queue_is_bounded() -> None:
+async def test_the_loop_goes_on_and_the_queue_is_bounded() -> None:
     """While one is parsed the loop runs, others wait, and one too many is refused."""
-
-    async def crowd() -> None:
-        offload, go_on = Offload(), threading.Event()
-        waiting = [asyncio.create_task(offload.run(go_on.wait, SHORT_BYTES + 1)) for _ in range(MOST_WAITING)]
-        await asyncio.sleep(0)
-        with pytest.raises(Busy):
-            await offload.run(go_on.wait, SHORT_BYTES + 1)
-        assert await offload.run(lambda: 1, 1) == 1
-        go_on.set()
-        assert await asyncio.gather(*waiting) == [True] * MOST_WAITING
-        assert await offload.run(lambda: 2, SHORT_BYTES + 1) == 2
-
-    asyncio.run(crowd())
+    offload, go_on = Offload(), threading.Event()
+    waiting = [asyncio.create_task(offload.run(go_on.wait, SHORT_BYTES + 1)) for _ in range(MOST_WAITING)]
+    await asyncio.sleep(0)
+    with pytest.raises(Busy):
+        await offload.run(go_on.wait, SHORT_BYTES + 1)
+    assert await offload.run(lambda: 1, 1) == 1
+    go_on.set()
+    assert await asyncio.gather(*waiting) == [True] * MOST_WAITING
+    assert await offload.run(lambda: 2, SHORT_BYTES + 1) == 2

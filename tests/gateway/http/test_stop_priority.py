@@ -54,14 +54,11 @@ def test_a_carrier_takes_its_turn_later() -> None:
     assert served.index("/calls") <= 2
 
 
-def test_one_that_goes_away_keeps_nobody_waiting() -> None:
-    async def run() -> None:
-        turns = StopPriority()
-        waiting = [asyncio.ensure_future(turns.turn(_scope("/r", "GET"))) for _ in range(3)]
-        await asyncio.sleep(0)
-        waiting[1].cancel()
-        await asyncio.gather(*waiting, return_exceptions=True)
-        await turns.turn(_scope("/r", "GET"))
-        assert [each.cancelled() for each in waiting] == [False, True, False]
-
-    asyncio.run(run())
+async def test_one_that_goes_away_keeps_nobody_waiting() -> None:
+    turns = StopPriority()
+    waiting = [asyncio.ensure_future(turns.turn(_scope("/r", "GET"))) for _ in range(3)]
+    await asyncio.sleep(0)
+    waiting[1].cancel()
+    await asyncio.gather(*waiting, return_exceptions=True)
+    await turns.turn(_scope("/r", "GET"))
+    assert [each.cancelled() for each in waiting] == [False, True, False]

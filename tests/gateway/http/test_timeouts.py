@@ -1,7 +1,8 @@
 """Clients that send slowly, too much, or in crowds are disconnected, and others are served meanwhile."""
 
 import asyncio
-from collections.abc import Awaitable, Callable
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
 from functools import partial
 
 import pytest
@@ -12,8 +13,9 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 from linked_fleet_gateway.http.protocol import HttpProtocol
 from linked_fleet_gateway.http.sockets import Sockets
 from linked_fleet_gateway.http.timeouts import MAX_HEAD_BYTES
-from serving import connect, run, serving, until
+from serving import connect, serving, until
 
+pytestmark = pytest.mark.virtual
 _GET = b"GET / HTTP/1.1\r\nHost: test\r\n\r\n"
 _POST = b"POST / HTTP/1.1\r\nHost: test\r\nContent-Length: 1000\r\n\r\n"
 
@@ -55,79 +57,66 @@ async def drip(writer: asyncio.StreamWriter, piece: bytes) -> None:
         (b"", b"", b""),
     ],
 )
-def test_who_drips_is_dropped_and_delays_nobody(begin: bytes, piece: bytes, answer: bytes) -> None:
-    async def scenario() -> None:
-        async with serving(echo, http=Hasty) as (server, port):
-            reader, writer = await connect(port, begin)
-            dripping = asyncio.create_task(drip(writer, piece)) if piece else None
-            other, sender = await connect(port, _GET)
-            assert (await other.readuntil(b"\r\n\r\n")).startswith(b"HTTP/1.1 200")
-            sender.close()
-            said = b""
-            try:
-                while more := await reader.read(1000):
-                    said += more
-            except ConnectionResetError:  # after the response
-                pass
-            assert said.split(b" ")[1:2] == ([answer] if answer else [])
-            await until(lambda: not server.server_state.connections)
-            await until(lambda: not server.server_state.tasks)
-            writer.close()
-            if dripping is not None:
-                dripping.cancel()
-
-    run(scenario)
-
-
-def test_a_body_that_goes_on_after_the_answer_is_cut_off() -> None:
-    """The response needs no body, but the connection would stay open as long as more of it comes."""
-
-    async def scenario() -> None:
-        async with serving(Response(b"done"), http=Hasty) as (server, port):
-            reader, writer = await connect(port, _POST.replace(b"1000", b"100000"))
-            assert (await reader.readuntil(b"done")).startswith(b"HTTP/1.1 200")
-            dripping = asyncio.create_task(drip(writer, b"y"))
-            await until(lambda: not server.server_state.connections)
+async def test_who_drips_is_dropped_and_delays_nobody(begin: bytes, piece: bytes, answer: bytes) -> None:
+    async with serving(echo, http=Hasty) as (server, port):
+        reader, writer = await connect(port, begin)
+        dripping = asyncio.create_task(drip(writer, piece)) if piece else None
+        other, sender = await connect(port, _GET)
+        assert (await other.readuntil(b"\r\n\r\n")).startswith(b"HTTP/1.1 200")
+        sender.close()
+        said = b""
+        try:
+            while more := await reader.read(1000):
+                said += more
+        except ConnectionResetError:  # after the response
+            pass
+        assert said.split(b" ")[1:2] == ([answer] if answer else [])
+        await until(lambda: not server.server_state.connections)
+        await until(lambda: not server.server_state.tasks)
+        writer.close()
+        if dripping is not None:
             dripping.cancel()
-            writer.close()
-
-    run(scenario)
 
 
-def test_an_answer_may_take_longer_to_read_than_the_next_request_may_take_to_begin() -> None:
-    async def scenario() -> None:
-        body = bytes(1 << 20)
-        async with serving(Response(body), http=Hasty, timeout_keep_alive=1) as (_, port):
-            begin = asyncio.get_running_loop().time()
-            reader, writer = await connect(port, _GET, receive_buffer=8192)
-            await reader.readuntil(b"\r\n\r\n")
-            left = len(body)
-            while left:
-                piece = await reader.read(4096)
-                assert piece, f"cut off {left} bytes before the end"
-                left -= len(piece)
-                if left < len(body) // 2 and asyncio.get_running_loop().time() < begin + 5 * Hasty.head_s:
-                    await asyncio.sleep(Hasty.head_s / 10)  # as on a slow line
-            writer.close()
-
-    run(scenario)
+async def test_a_body_that_goes_on_after_the_answer_is_cut_off() -> None:
+    """The response needs no body, but the connection would stay open as long as more of it comes."""
+    async with serving(Response(b"done"), http=Hasty) as (server, port):
+        reader, writer = await connect(port, _POST.replace(b"1000", b"100000"))
+        assert (await reader.readuntil(b"done")).startswith(b"HTTP/1.1 200")
+        dripping = asyncio.create_task(drip(writer, b"y"))
+        await until(lambda: not server.server_state.connections)
+        dripping.cancel()
+        writer.close()
 
 
-def test_an_answer_that_nobody_reads_is_given_up() -> None:
+async def test_an_answer_may_take_longer_to_read_than_the_next_request_may_take_to_begin() -> None:
+    body = bytes(1 << 20)
+    async with serving(Response(body), http=Hasty, timeout_keep_alive=1) as (_, port):
+        begin = asyncio.get_running_loop().time()
+        reader, writer = await connect(port, _GET, receive_buffer=8192)
+        await reader.readuntil(b"\r\n\r\n")
+        left = len(body)
+        while left:
+            piece = await reader.read(4096)
+            assert piece, f"cut off {left} bytes before the end"
+            left -= len(piece)
+            if left < len(body) // 2 and asyncio.get_running_loop().time() < begin + 5 * Hasty.head_s:
+                await asyncio.sleep(Hasty.head_s / 10)  # as on a slow line
+        writer.close()
+
+
+async def test_an_answer_that_nobody_reads_is_given_up() -> None:
     class Impatient(Hasty):
         stall_s = 0.1
 
-    async def scenario() -> None:
-        async with serving(Response(bytes(1 << 20)), http=Impatient) as (server, port):
-            reader, writer = await connect(port, _GET, receive_buffer=8192)
-            await reader.readuntil(b"\r\n\r\n")
-            await until(lambda: not server.server_state.connections)
-            writer.close()
-
-    run(scenario)
+    async with serving(Response(bytes(1 << 20)), http=Impatient) as (server, port):
+        reader, writer = await connect(port, _GET, receive_buffer=8192)
+        await reader.readuntil(b"\r\n\r\n")
+        await until(lambda: not server.server_state.connections)
+        writer.close()
 
 
-def test_who_only_listens_is_waited_for_by_nobody() -> None:
+async def test_who_only_listens_is_waited_for_by_nobody() -> None:
     """A WebSocket client need not send anything; h11 would wait for a body of its handshake that never comes."""
 
     async def late(scope: Scope, receive: Receive, send: Send) -> None:
@@ -137,68 +126,57 @@ def test_who_only_listens_is_waited_for_by_nobody() -> None:
         await send({"type": "websocket.send", "text": "late"})
         await send({"type": "websocket.close"})
 
-    async def scenario() -> None:
-        async with serving(late, http=Hasty) as (server, port):
-            key = b"Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\nSec-WebSocket-Version: 13\r\n\r\n"
-            opening = b"GET / HTTP/1.1\r\nHost: test\r\nConnection: Upgrade\r\nUpgrade: websocket\r\n"
-            reader, writer = await connect(port, opening + key)
-            assert (await reader.readuntil(b"\r\n\r\n")).startswith(b"HTTP/1.1 101")
-            assert await reader.readexactly(6) == b"\x81\x04late"
-            writer.close()
-            await until(lambda: not server.server_state.connections)
-
-    run(scenario)
+    async with serving(late, http=Hasty) as (server, port):
+        key = b"Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\nSec-WebSocket-Version: 13\r\n\r\n"
+        opening = b"GET / HTTP/1.1\r\nHost: test\r\nConnection: Upgrade\r\nUpgrade: websocket\r\n"
+        reader, writer = await connect(port, opening + key)
+        assert (await reader.readuntil(b"\r\n\r\n")).startswith(b"HTTP/1.1 101")
+        assert await reader.readexactly(6) == b"\x81\x04late"
+        writer.close()
+        await until(lambda: not server.server_state.connections)
 
 
-def test_what_comes_in_time_is_whole_however_it_is_cut() -> None:
+async def test_what_comes_in_time_is_whole_however_it_is_cut() -> None:
     """A deadline applies to one request: many on one connection may take longer."""
 
     class Patient(HttpProtocol):  # with a margin for a busy machine
         head_s = body_s = 2.0
 
-    async def scenario() -> None:
-        async with serving(echo, http=Patient) as (_, port):
-            reader, writer = await connect(port, b"")
-            end_s = asyncio.get_running_loop().time() + 1.5 * Patient.head_s
-            while asyncio.get_running_loop().time() < end_s:
-                for piece in (_POST[:9], _POST[9:], b"x" * 400, b"y" * 600):
-                    writer.write(piece)
-                    await asyncio.sleep(0.01)
-                answer = await reader.readuntil(b"\r\n\r\n")
-                assert answer.startswith(b"HTTP/1.1 200")
-                assert await reader.readexactly(1000) == b"x" * 400 + b"y" * 600
-            writer.close()
-
-    run(scenario)
+    async with serving(echo, http=Patient) as (_, port):
+        reader, writer = await connect(port, b"")
+        end_s = asyncio.get_running_loop().time() + 1.5 * Patient.head_s
+        while asyncio.get_running_loop().time() < end_s:
+            for piece in (_POST[:9], _POST[9:], b"x" * 400, b"y" * 600):
+                writer.write(piece)
+                await asyncio.sleep(0.01)
+            answer = await reader.readuntil(b"\r\n\r\n")
+            assert answer.startswith(b"HTTP/1.1 200")
+            assert await reader.readexactly(1000) == b"x" * 400 + b"y" * 600
+        writer.close()
 
 
 @pytest.mark.parametrize("size", [MAX_HEAD_BYTES * 3, 200_000])
-def test_long_header_blocks_are_refused_also_when_they_come_at_once(size: int) -> None:
-    async def scenario() -> None:
-        async with serving(echo) as (_, port):
-            fields = b"".join(b"x%d: y\r\n" % number for number in range(size // 8))
-            reader, writer = await connect(port, b"GET / HTTP/1.1\r\nHost: test\r\n" + fields + b"\r\n")
-            assert (await reader.readuntil(b"\r\n")).startswith(b"HTTP/1.1 431")
-            writer.close()
-
-    run(scenario)
+async def test_long_header_blocks_are_refused_also_when_they_come_at_once(size: int) -> None:
+    async with serving(echo) as (_, port):
+        fields = b"".join(b"x%d: y\r\n" % number for number in range(size // 8))
+        reader, writer = await connect(port, b"GET / HTTP/1.1\r\nHost: test\r\n" + fields + b"\r\n")
+        assert (await reader.readuntil(b"\r\n")).startswith(b"HTTP/1.1 431")
+        writer.close()
 
 
-def _crowded(test: Callable[[Sockets, int], Awaitable[None]], most: int, of_one: int, app: ASGIApp = echo) -> None:
-    async def scenario() -> None:
-        sockets = Sockets(most, of_one)
-        async with serving(app, http=partial(HttpProtocol, sockets=sockets)) as (_, port):  # type: ignore[arg-type]
-            await test(sockets, port)
-            await until(lambda: not len(sockets))
-
-    run(scenario)
+@asynccontextmanager
+async def _crowded(most: int, of_one: int, app: ASGIApp = echo) -> AsyncIterator[tuple[Sockets, int]]:
+    """Serve with limits of connections, in all and of one client; yield the connections and the port."""
+    sockets = Sockets(most, of_one)
+    async with serving(app, http=partial(HttpProtocol, sockets=sockets)) as (_, port):  # type: ignore[arg-type]
+        yield sockets, port
+        await until(lambda: not len(sockets))
 
 
 @pytest.mark.parametrize(("most", "of_one"), [(3, 100), (100, 3)])
-def test_those_that_ask_nothing_give_way(most: int, of_one: int) -> None:
+async def test_those_that_ask_nothing_give_way(most: int, of_one: int) -> None:
     """Beyond the limit the oldest idle connection is closed, and active clients are served."""
-
-    async def scenario(sockets: Sockets, port: int) -> None:
+    async with _crowded(most, of_one) as (sockets, port):
         idle = []
         for number in range(3):
             idle.append(await connect(port, b"GET / HT"))
@@ -214,11 +192,17 @@ def test_those_that_ask_nothing_give_way(most: int, of_one: int) -> None:
         for writer in writers:
             writer.close()
 
-    _crowded(scenario, most, of_one)
 
+async def test_where_all_are_at_work_a_new_one_is_refused_until_one_is_done() -> None:
+    waiting, done = 0, asyncio.Event()
 
-def test_where_all_are_at_work_a_new_one_is_refused_until_one_is_done() -> None:
-    async def scenario(sockets: Sockets, port: int) -> None:
+    async def app(scope: Scope, receive: Receive, send: Send) -> None:
+        nonlocal waiting
+        waiting += 1
+        await done.wait()
+        await Response(b"")(scope, receive, send)
+
+    async with _crowded(2, 2, app) as (_, port):
         at_work = [await connect(port, _GET) for _ in range(2)]
         await until(lambda: waiting == 2)
         reader, refused = await connect(port, b"")
@@ -232,21 +216,10 @@ def test_where_all_are_at_work_a_new_one_is_refused_until_one_is_done() -> None:
         for writer in (served, *(writer for _, writer in at_work)):
             writer.close()
 
-    waiting, done = 0, asyncio.Event()
 
-    async def app(scope: Scope, receive: Receive, send: Send) -> None:
-        nonlocal waiting
-        waiting += 1
-        await done.wait()
-        await Response(b"")(scope, receive, send)
-
-    _crowded(scenario, 2, 2, app)
-
-
-def test_an_answer_that_is_still_read_keeps_its_place() -> None:
+async def test_an_answer_that_is_still_read_keeps_its_place() -> None:
     body = bytes(1 << 20)
-
-    async def scenario(sockets: Sockets, port: int) -> None:
+    async with _crowded(1, 1, Response(body)) as (_, port):
         reader, writer = await connect(port, _GET, receive_buffer=8192)
         await reader.readuntil(b"\r\n\r\n")
         other, refused = await connect(port, b"")
@@ -257,8 +230,6 @@ def test_an_answer_that_is_still_read_keeps_its_place() -> None:
         assert (await other.readuntil(b"\r\n")).startswith(b"HTTP/1.1 200")
         for each in (writer, served):
             each.close()
-
-    _crowded(scenario, 1, 1, Response(body))
 
 
 def test_places() -> None:
@@ -286,7 +257,7 @@ def test_places() -> None:
     assert not sockets.open("a4", "a")
 
 
-def test_a_crowd_of_requests_at_once_waits_outside_and_is_answered() -> None:
+async def test_a_crowd_of_requests_at_once_waits_outside_and_is_answered() -> None:
     """Of megabytes of pipelined requests a few are parsed, and the rest stays with the client."""
     count = 100_000
     go = asyncio.Event()
@@ -301,15 +272,12 @@ def test_a_crowd_of_requests_at_once_waits_outside_and_is_answered() -> None:
         await go.wait()
         await Response(b"x")(scope, receive, send)
 
-    async def scenario() -> None:
-        async with serving(wait, http=Watched) as (_, port):
-            reader, writer = await connect(port, b"")
-            writer.write(_GET * count)
-            await until(lambda: bool(held and held[0].pipeline))
-            go.set()
-            for _ in range(1000):
-                assert (await reader.readuntil(b"\r\n\r\nx")).startswith(b"HTTP/1.1 200")
-                assert sum(map(len, held[0]._unread)) + len(_GET) * len(held[0].pipeline) <= 1 << 20
-            writer.transport.abort()
-
-    run(scenario)
+    async with serving(wait, http=Watched) as (_, port):
+        reader, writer = await connect(port, b"")
+        writer.write(_GET * count)
+        await until(lambda: bool(held and held[0].pipeline))
+        go.set()
+        for _ in range(1000):
+            assert (await reader.readuntil(b"\r\n\r\nx")).startswith(b"HTTP/1.1 200")
+            assert sum(map(len, held[0]._unread)) + len(_GET) * len(held[0].pipeline) <= 1 << 20
+        writer.transport.abort()

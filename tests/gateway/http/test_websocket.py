@@ -22,8 +22,9 @@ from linked_fleet_gateway.http.backpressure import HIGH_WATER_BYTES, BoundedWrit
 from linked_fleet_gateway.http.websocket import framed, serve_websocket
 from linked_fleet_gateway.http.websocket_protocol import WEBSOCKET, WebSocketProtocol
 from linked_fleet_gateway.subscriptions.message import Ending, Message, Outlet
-from serving import Channel, connect, fill, run, serving, until
+from serving import Channel, connect, fill, serving, until
 
+pytestmark = pytest.mark.virtual
 TURTLE = Message("/a", "1", "text/turtle", '<> <urn:p> "ü" .\n'.encode())
 LARGE = 20_000
 
@@ -76,37 +77,28 @@ def messages(count: int, size: int = LARGE) -> list[Message]:
     return [Message("/a", str(number), "text/turtle", b"%09d" % number + b"x" * size) for number in range(count)]
 
 
-def test_first_message_and_fields() -> None:
-    async def test() -> None:
-        async with subscribed(App(TURTLE), subprotocols=["lf.turtle", "lf.jsonld"]) as websocket:
-            assert await websocket.recv() == TURTLE.body.decode()
-            assert websocket.subprotocol == "lf.turtle"
-            assert websocket.response is not None
-            assert websocket.response.headers["link"] == "<x>; rel=y"
-            assert "sec-websocket-extensions" not in websocket.response.headers
-
-    run(test)
+async def test_first_message_and_fields() -> None:
+    async with subscribed(App(TURTLE), subprotocols=["lf.turtle", "lf.jsonld"]) as websocket:
+        assert await websocket.recv() == TURTLE.body.decode()
+        assert websocket.subprotocol == "lf.turtle"
+        assert websocket.response is not None
+        assert websocket.response.headers["link"] == "<x>; rel=y"
+        assert "sec-websocket-extensions" not in websocket.response.headers
 
 
-def test_agents_frames_are_binary() -> None:
-    async def test() -> None:
-        body = b"\x00\xff"
-        async with subscribed(App(Message("/a", "1", "application/vnd.linked-fleet.frame", body))) as websocket:
-            assert await websocket.recv() == body
-
-    run(test)
+async def test_agents_frames_are_binary() -> None:
+    body = b"\x00\xff"
+    async with subscribed(App(Message("/a", "1", "application/vnd.linked-fleet.frame", body))) as websocket:
+        assert await websocket.recv() == body
 
 
 @pytest.mark.parametrize("size", [0, 125, 126, 65535, 65536])
-def test_every_length_of_a_frame(size: int) -> None:
-    async def test() -> None:
-        async with subscribed(App(Message("/a", "1", "text/turtle", b"x" * size))) as websocket:
-            assert await websocket.recv() == "x" * size
-
-    run(test)
+async def test_every_length_of_a_frame(size: int) -> None:
+    async with subscribed(App(Message("/a", "1", "text/turtle", b"x" * size))) as websocket:
+        assert await websocket.recv() == "x" * size
 
 
-def test_framed_once_for_all() -> None:
+async def test_framed_once_for_all() -> None:
     written: list[bytes] = []
 
     class Noted(BoundedWriter):
@@ -119,22 +111,19 @@ def test_framed_once_for_all() -> None:
             super().connection_made(transport)
             self.writer = Noted(self.transport, self.stall_s)
 
-    async def test() -> None:
-        app = App()
-        async with serving(app, ws=Noting) as (_, port):
-            clients = [await client(f"ws://127.0.0.1:{port}/") for _ in range(5)]
-            await until(lambda: len(app.outlets) == 5)
-            app.publish(TURTLE)
-            assert [await one.recv() for one in clients] == [TURTLE.body.decode()] * 5
-            for one in clients:
-                await one.close()
-
-    run(test)
+    app = App()
+    async with serving(app, ws=Noting) as (_, port):
+        clients = [await client(f"ws://127.0.0.1:{port}/") for _ in range(5)]
+        await until(lambda: len(app.outlets) == 5)
+        app.publish(TURTLE)
+        assert [await one.recv() for one in clients] == [TURTLE.body.decode()] * 5
+        for one in clients:
+            await one.close()
     assert len(written) == 5
     assert all(data is TURTLE.framed(framed) for data in written)
 
 
-def test_ping_is_answered_while_the_application_is_busy() -> None:
+async def test_ping_is_answered_while_the_application_is_busy() -> None:
     """5.5.3: the same payload comes back, whatever the application does."""
 
     class Busy(App):
@@ -142,33 +131,27 @@ def test_ping_is_answered_while_the_application_is_busy() -> None:
             await asyncio.Event().wait()
             raise AssertionError
 
-    async def test() -> None:
-        async with serving(Busy()) as (_, port):
-            reader, writer = await connect(port, handshake())
-            await reader.readuntil(b"\r\n\r\n")
-            for payload in (b"", b"payload", b"x" * 125):
-                writer.write(masked(Opcode.PING, payload))
-                pong = Frame(Opcode.PONG, payload).serialize(mask=False)
-                assert await reader.readexactly(len(pong)) == pong
-            writer.transport.abort()
-
-    run(test)
+    async with serving(Busy()) as (_, port):
+        reader, writer = await connect(port, handshake())
+        await reader.readuntil(b"\r\n\r\n")
+        for payload in (b"", b"payload", b"x" * 125):
+            writer.write(masked(Opcode.PING, payload))
+            pong = Frame(Opcode.PONG, payload).serialize(mask=False)
+            assert await reader.readexactly(len(pong)) == pong
+        writer.transport.abort()
 
 
 @pytest.mark.parametrize(("code", "reason"), [(1000, "done"), (1001, ""), (4999, "ours")])
-def test_the_clients_close_is_echoed(code: int, reason: str) -> None:
-    async def test() -> None:
-        app = App(TURTLE)
-        async with subscribed(app) as websocket:
-            await websocket.recv()
-            await websocket.close(code, reason)
-            assert (websocket.protocol.close_rcvd.code, websocket.protocol.close_rcvd.reason) == (code, reason)
-            await until(lambda: app.returned)
-            assert not app.outlets[0].writable()
-            app.outlets[0].write(TURTLE)
-            app.outlets[0].end(Ending.CANCELLED)
-
-    run(test)
+async def test_the_clients_close_is_echoed(code: int, reason: str) -> None:
+    app = App(TURTLE)
+    async with subscribed(app) as websocket:
+        await websocket.recv()
+        await websocket.close(code, reason)
+        assert (websocket.protocol.close_rcvd.code, websocket.protocol.close_rcvd.reason) == (code, reason)
+        await until(lambda: app.returned)
+        assert not app.outlets[0].writable()
+        app.outlets[0].write(TURTLE)
+        app.outlets[0].end(Ending.CANCELLED)
 
 
 TEXT, BINARY, CONT, PING, CLOSE = Opcode.TEXT, Opcode.BINARY, Opcode.CONT, Opcode.PING, Opcode.CLOSE
@@ -202,95 +185,81 @@ TEXT, BINARY, CONT, PING, CLOSE = Opcode.TEXT, Opcode.BINARY, Opcode.CONT, Opcod
     ],
     ids=map(str, itertools.count()),  # masks are random, but test names must not be
 )
-def test_what_a_client_must_not_send(sent: bytes, code: int) -> None:
+async def test_what_a_client_must_not_send(sent: bytes, code: int) -> None:
     """7.4.1; the close frame arrives although the server reads nothing more, and nothing follows it."""
-
-    async def test() -> None:
-        app = App(TURTLE)
-        async with serving(app, ws=Impatient) as (_, port):
-            reader, writer = await connect(port, handshake())
-            await reader.readuntil(b"\r\n\r\n")
-            await reader.readexactly(len(TURTLE.framed(framed)))
-            writer.write(sent)
+    app = App(TURTLE)
+    async with serving(app, ws=Impatient) as (_, port):
+        reader, writer = await connect(port, handshake())
+        await reader.readuntil(b"\r\n\r\n")
+        await reader.readexactly(len(TURTLE.framed(framed)))
+        writer.write(sent)
+        head = await reader.readexactly(2)
+        if head[0] == 0x8A:  # the pong
             head = await reader.readexactly(2)
-            if head[0] == 0x8A:  # the pong
-                head = await reader.readexactly(2)
-            closing = await reader.readexactly(head[1])
-            assert (head[0], int.from_bytes(closing[:2])) == (0x88, code)
-            assert code != 1003 or closing[2:] == b"this channel only sends"
-            assert await reader.read() == b""
-            await until(lambda: app.returned)
-            writer.close()
-
-    run(test)
+        closing = await reader.readexactly(head[1])
+        assert (head[0], int.from_bytes(closing[:2])) == (0x88, code)
+        assert code != 1003 or closing[2:] == b"this channel only sends"
+        assert await reader.read() == b""
+        await until(lambda: app.returned)
+        writer.close()
 
 
 @pytest.mark.parametrize(
     ("ending", "code"),
     [(Ending.CANCELLED, 1000), (Ending.GONE, 4404), (Ending.REPLACED, 4409), (Ending.SHUTDOWN, 1012)],
 )
-def test_endings(ending: Ending, code: int) -> None:
-    async def test() -> None:
-        app = App(TURTLE)
-        async with subscribed(app) as websocket:
+async def test_endings(ending: Ending, code: int) -> None:
+    app = App(TURTLE)
+    async with subscribed(app) as websocket:
+        await websocket.recv()
+        app.outlets[0].end(ending)
+        app.outlets[0].end(ending)
+        app.outlets[0].write(TURTLE)
+        with pytest.raises(ConnectionClosed) as closed:
             await websocket.recv()
-            app.outlets[0].end(ending)
-            app.outlets[0].end(ending)
-            app.outlets[0].write(TURTLE)
-            with pytest.raises(ConnectionClosed) as closed:
-                await websocket.recv()
-            assert closed.value.rcvd is not None
-            assert (closed.value.rcvd.code, closed.value.rcvd.reason) == (code, ending.value)
-            await until(lambda: app.returned)
-
-    run(test)
+        assert closed.value.rcvd is not None
+        assert (closed.value.rcvd.code, closed.value.rcvd.reason) == (code, ending.value)
+        await until(lambda: app.returned)
 
 
 @pytest.mark.parametrize("linger", [True, False])
-def test_abrupt_disconnect(linger: bool) -> None:
+async def test_abrupt_disconnect(linger: bool) -> None:
     """A reset, and an end of the stream without a close frame."""
-
-    async def test() -> None:
-        app = App(TURTLE)
-        async with serving(app) as (server, port):
-            reader, writer = await connect(port, handshake())
-            await reader.readuntil(b"\r\n\r\n")
-            await until(lambda: app.outlets)
-            if linger:
-                sock = writer.get_extra_info("socket")
-                sock.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
-            writer.transport.abort()
-            await until(lambda: app.returned and not server.server_state.connections)
-
-    run(test)
+    app = App(TURTLE)
+    async with serving(app) as (server, port):
+        reader, writer = await connect(port, handshake())
+        await reader.readuntil(b"\r\n\r\n")
+        await until(lambda: app.outlets)
+        if linger:
+            sock = writer.get_extra_info("socket")
+            sock.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+        writer.transport.abort()
+        await until(lambda: app.returned and not server.server_state.connections)
 
 
-def test_a_stalled_reader_holds_up_nobody_and_has_the_latest_in_the_end() -> None:
-    async def test() -> None:
-        app = App()
-        async with serving(app) as (_, port):
-            reader, writer = await connect(port, handshake(), receive_buffer=8192)
-            await reader.readuntil(b"\r\n\r\n")
-            await until(lambda: app.outlets)
-            (slow,), (protocol,) = app.outlets, app.protocols
-            others = [await client(f"ws://127.0.0.1:{port}/") for _ in range(49)]
-            await until(lambda: len(app.outlets) == 50)
-            for message in messages(60):
-                app.publish(message)
-                assert [(await one.recv())[:9] for one in others] == [f"{int(message.version):09}"] * 49
-                assert protocol.transport.get_write_buffer_size() < HIGH_WATER_BYTES + LARGE + 20
-            await fill(slow, message)
-            readies = app.readies[slow]
-            reading = asyncio.create_task(_last_message(reader, b"latest"))
-            await until(lambda: app.readies[slow] > readies)
-            assert slow.writable()
-            slow.write(Message("/a", "61", "text/turtle", b"latest"))
-            await reading
-            for one in others:
-                await one.close()
-            writer.transport.abort()
-
-    run(test)
+async def test_a_stalled_reader_holds_up_nobody_and_has_the_latest_in_the_end() -> None:
+    app = App()
+    async with serving(app) as (_, port):
+        reader, writer = await connect(port, handshake(), receive_buffer=8192)
+        await reader.readuntil(b"\r\n\r\n")
+        await until(lambda: app.outlets)
+        (slow,), (protocol,) = app.outlets, app.protocols
+        others = [await client(f"ws://127.0.0.1:{port}/") for _ in range(49)]
+        await until(lambda: len(app.outlets) == 50)
+        for message in messages(60):
+            app.publish(message)
+            assert [(await one.recv())[:9] for one in others] == [f"{int(message.version):09}"] * 49
+            assert protocol.transport.get_write_buffer_size() < HIGH_WATER_BYTES + LARGE + 20
+        await fill(slow, message)
+        readies = app.readies[slow]
+        reading = asyncio.create_task(_last_message(reader, b"latest"))
+        await until(lambda: app.readies[slow] > readies)
+        assert slow.writable()
+        slow.write(Message("/a", "61", "text/turtle", b"latest"))
+        await reading
+        for one in others:
+            await one.close()
+        writer.transport.abort()
 
 
 async def _last_message(reader: asyncio.StreamReader, body: bytes) -> None:
@@ -307,15 +276,12 @@ async def _stalled(app: App, port: int) -> asyncio.StreamWriter:
     return writer
 
 
-def test_who_never_reads_again_is_dropped() -> None:
-    async def test() -> None:
-        app = App()
-        async with serving(app, ws=Impatient) as (server, port):
-            writer = await _stalled(app, port)
-            await until(lambda: app.returned and not server.server_state.connections)
-            writer.transport.abort()
-
-    run(test)
+async def test_who_never_reads_again_is_dropped() -> None:
+    app = App()
+    async with serving(app, ws=Impatient) as (server, port):
+        writer = await _stalled(app, port)
+        await until(lambda: app.returned and not server.server_state.connections)
+        writer.transport.abort()
 
 
 class Short(WebSocketProtocol):
@@ -323,77 +289,63 @@ class Short(WebSocketProtocol):
 
 
 @pytest.mark.parametrize("leave", ["server ends", "client closes", "client sends text", "client half-closes"])
-def test_a_stalled_reader_cannot_keep_a_connection_that_is_over(leave: str) -> None:
-    async def test() -> None:
-        app = App()
-        async with serving(app, ws=Short) as (server, port):
-            writer = await _stalled(app, port)
-            if leave == "server ends":
-                app.outlets[0].end(Ending.CANCELLED)
-            elif leave == "client half-closes":
-                writer.write_eof()
-            else:
-                writer.write(masked(CLOSE, b"") if leave == "client closes" else masked(TEXT, b"x"))
-            await until(lambda: app.returned and not server.server_state.connections)
-            writer.transport.abort()
-
-    run(test)
+async def test_a_stalled_reader_cannot_keep_a_connection_that_is_over(leave: str) -> None:
+    app = App()
+    async with serving(app, ws=Short) as (server, port):
+        writer = await _stalled(app, port)
+        if leave == "server ends":
+            app.outlets[0].end(Ending.CANCELLED)
+        elif leave == "client half-closes":
+            writer.write_eof()
+        else:
+            writer.write(masked(CLOSE, b"") if leave == "client closes" else masked(TEXT, b"x"))
+        await until(lambda: app.returned and not server.server_state.connections)
+        writer.transport.abort()
 
 
-def test_keepalive_spares_who_reads_slowly_and_drops_who_is_silent() -> None:
+async def test_keepalive_spares_who_reads_slowly_and_drops_who_is_silent() -> None:
     """A ping behind 64 KiB is not late; a lone one is."""
-
-    async def test() -> None:
-        app = App()
-        async with serving(app) as (server, port):
-            stalled = await _stalled(app, port)
-            reader, writer = await connect(port, handshake())
-            await until(lambda: len(app.outlets) == 2)
-            for protocol in app.protocols:
-                protocol.ping_interval = protocol.ping_timeout = 0.02
-                protocol.start_keepalive()
-            assert b"\x88\x18\x03\xf3keepalive ping timeout" in await reader.read()
-            pings = set()
-            await until(lambda: pings.add(app.protocols[0].pending_ping_payload) or len(pings) > 3)
-            assert app.protocols[0].open
-            stalled.transport.abort()
-            writer.transport.abort()
-            await until(lambda: not server.server_state.connections)
-
-    run(test)
+    app = App()
+    async with serving(app) as (server, port):
+        stalled = await _stalled(app, port)
+        reader, writer = await connect(port, handshake())
+        await until(lambda: len(app.outlets) == 2)
+        for protocol in app.protocols:
+            protocol.ping_interval = protocol.ping_timeout = 0.02
+            protocol.start_keepalive()
+        assert b"\x88\x18\x03\xf3keepalive ping timeout" in await reader.read()
+        pings = set()
+        await until(lambda: pings.add(app.protocols[0].pending_ping_payload) or len(pings) > 3)
+        assert app.protocols[0].open
+        stalled.transport.abort()
+        writer.transport.abort()
+        await until(lambda: not server.server_state.connections)
 
 
-def test_shutdown_closes_all_and_waits_for_nobody() -> None:
+async def test_shutdown_closes_all_and_waits_for_nobody() -> None:
     """1012, service restart: clients should reconnect; one that does not read is disconnected."""
-
-    async def test() -> None:
-        app = App()
-        async with serving(app) as (server, port):
-            stalled = await _stalled(app, port)
-            websocket = await client(f"ws://127.0.0.1:{port}/")
-            server.should_exit = True
-            await until(lambda: app.returned == 2 and not server.server_state.connections)
-            with pytest.raises(ConnectionClosed):
-                await websocket.recv()
-            assert websocket.protocol.close_rcvd.code == 1012
-            stalled.transport.abort()
-
-    run(test)
+    app = App()
+    async with serving(app) as (server, port):
+        stalled = await _stalled(app, port)
+        websocket = await client(f"ws://127.0.0.1:{port}/")
+        server.should_exit = True
+        await until(lambda: app.returned == 2 and not server.server_state.connections)
+        with pytest.raises(ConnectionClosed):
+            await websocket.recv()
+        assert websocket.protocol.close_rcvd.code == 1012
+        stalled.transport.abort()
 
 
-def test_failure_of_the_subscription_is_said() -> None:
+async def test_failure_of_the_subscription_is_said() -> None:
     class Failing(App):
         async def start(self, outlet: Outlet) -> NoReturn:
             raise LookupError("no such thing")
 
-    async def test() -> None:
-        app = Failing()
-        async with subscribed(app) as websocket:
-            with pytest.raises(ConnectionClosed):
-                await websocket.recv()
-            assert websocket.protocol.close_rcvd.code == 1011
-
-    run(test)
+    app = Failing()
+    async with subscribed(app) as websocket:
+        with pytest.raises(ConnectionClosed):
+            await websocket.recv()
+        assert websocket.protocol.close_rcvd.code == 1011
 
 
 @pytest.mark.parametrize(
@@ -408,40 +360,32 @@ def test_failure_of_the_subscription_is_said() -> None:
         (handshake().replace(b"Sec-WebSocket-Key", b"X-Key"), b"200"),
     ],
 )
-def test_bad_handshakes_are_answered(request_: bytes, answer: bytes) -> None:
+async def test_bad_handshakes_are_answered(request_: bytes, answer: bytes) -> None:
     """4.2.2, and RFC 9110, 7.8: an invalid opening handshake is an ordinary request."""
-
-    async def test() -> None:
-        async with serving(App()) as (_, port):
-            reader, writer = await connect(port, request_)
-            assert (await reader.readline()).split()[1] == answer
-            writer.transport.abort()
-
-    run(test)
+    async with serving(App()) as (_, port):
+        reader, writer = await connect(port, request_)
+        assert (await reader.readline()).split()[1] == answer
+        writer.transport.abort()
 
 
-def test_frames_before_the_answer() -> None:
+async def test_frames_before_the_answer() -> None:
     """4.1: a client waits for the response; one that does not loses the connection and harms nothing."""
+    entered, proceed = asyncio.Event(), asyncio.Event()
 
-    async def test() -> None:
-        entered, proceed = asyncio.Event(), asyncio.Event()
+    async def app(scope: Scope, receive: Receive, send: Send) -> None:
+        entered.set()
+        await proceed.wait()
+        await serve_websocket(WebSocket(scope, receive, send), None, [], channel.start)
 
-        async def app(scope: Scope, receive: Receive, send: Send) -> None:
-            entered.set()
-            await proceed.wait()
-            await serve_websocket(WebSocket(scope, receive, send), None, [], channel.start)
-
-        channel = Channel(TURTLE)
-        async with serving(app) as (server, port):
-            reader, writer = await connect(port, handshake())
-            await entered.wait()
-            writer.write(masked(TEXT, b"early"))
-            with pytest.raises(ConnectionError):
-                assert await reader.read() == b""
-                raise ConnectionResetError
-            proceed.set()
-            await until(lambda: not server.server_state.tasks and not server.server_state.connections)
-            assert not channel.outlets
-            writer.transport.abort()
-
-    run(test)
+    channel = Channel(TURTLE)
+    async with serving(app) as (server, port):
+        reader, writer = await connect(port, handshake())
+        await entered.wait()
+        writer.write(masked(TEXT, b"early"))
+        with pytest.raises(ConnectionError):
+            assert await reader.read() == b""
+            raise ConnectionResetError
+        proceed.set()
+        await until(lambda: not server.server_state.tasks and not server.server_state.connections)
+        assert not channel.outlets
+        writer.transport.abort()

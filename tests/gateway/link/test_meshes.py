@@ -2,7 +2,6 @@
 
 import asyncio
 import hashlib
-from collections.abc import Awaitable, Callable
 
 import pytest
 
@@ -49,111 +48,80 @@ def _robot(name: str = "r", online: bool = True) -> Robot:
     return robot
 
 
-def run(test: Callable[[], Awaitable[None]]) -> None:
-    async def bounded() -> None:
-        async with asyncio.timeout(20):
-            await test()
-
-    asyncio.run(bounded())
-
-
-def test_many_who_want_it_at_once_have_the_robot_asked_once() -> None:
-    async def test() -> None:
-        agents, mesh = Agents(b"one"), _mesh(b"one")
-        got = await asyncio.gather(*(agents.meshes.get(_robot(), mesh) for _ in range(20)))
-        assert set(got) == {b"one"}
-        assert await agents.meshes.get(_robot(), mesh) == b"one"
-        assert len(agents.asked) == 1
-
-    run(test)
+async def test_many_who_want_it_at_once_have_the_robot_asked_once() -> None:
+    agents, mesh = Agents(b"one"), _mesh(b"one")
+    got = await asyncio.gather(*(agents.meshes.get(_robot(), mesh) for _ in range(20)))
+    assert set(got) == {b"one"}
+    assert await agents.meshes.get(_robot(), mesh) == b"one"
+    assert len(agents.asked) == 1
 
 
-def test_one_who_goes_away_takes_it_from_nobody() -> None:
-    async def test() -> None:
-        agents, mesh = Agents(b"one"), _mesh(b"one")
-        agents.open.clear()
-        first, second = (asyncio.create_task(agents.meshes.get(_robot(), mesh)) for _ in range(2))
-        while not agents.answering:  # noqa: ASYNC110 - there is no event to wait for
-            await asyncio.sleep(0)
-        first.cancel()
-        agents.open.set()
-        assert await second == b"one"
-
-    run(test)
+async def test_one_who_goes_away_takes_it_from_nobody() -> None:
+    agents, mesh = Agents(b"one"), _mesh(b"one")
+    agents.open.clear()
+    first, second = (asyncio.create_task(agents.meshes.get(_robot(), mesh)) for _ in range(2))
+    while not agents.answering:  # noqa: ASYNC110 - there is no event to wait for
+        await asyncio.sleep(0)
+    first.cancel()
+    agents.open.set()
+    assert await second == b"one"
 
 
-def test_other_bytes_than_were_described_are_refused_and_not_kept() -> None:
-    async def test() -> None:
-        agents, mesh = Agents(), _mesh(b"right")
-        agents.contents[mesh.sha256] = b"wrong"
-        for _ in range(2):
-            with pytest.raises(AgentSilent, match="other bytes"):
-                await agents.meshes.get(_robot(), mesh)
-        agents.contents[mesh.sha256] = b"right"
-        assert await agents.meshes.get(_robot(), mesh) == b"right"
-
-    run(test)
+async def test_other_bytes_than_were_described_are_refused_and_not_kept() -> None:
+    agents, mesh = Agents(), _mesh(b"right")
+    agents.contents[mesh.sha256] = b"wrong"
+    for _ in range(2):
+        with pytest.raises(AgentSilent, match="other bytes"):
+            await agents.meshes.get(_robot(), mesh)
+    agents.contents[mesh.sha256] = b"right"
+    assert await agents.meshes.get(_robot(), mesh) == b"right"
 
 
-def test_no_answer_says_why() -> None:
-    async def test() -> None:
-        with pytest.raises(AgentSilent, match="it has none such"):
-            await Agents().meshes.get(_robot(), _mesh(b"one"))
-
-    run(test)
+async def test_no_answer_says_why() -> None:
+    with pytest.raises(AgentSilent, match="it has none such"):
+        await Agents().meshes.get(_robot(), _mesh(b"one"))
 
 
-def test_of_an_offline_robot_there_is_what_was_asked_for_before() -> None:
-    async def test() -> None:
-        agents, offline = Agents(b"one", b"two"), _robot(online=False)
-        await agents.meshes.get(_robot(), _mesh(b"one"))
-        assert await agents.meshes.get(offline, _mesh(b"one")) == b"one"
-        with pytest.raises(Offline):
-            await agents.meshes.get(offline, _mesh(b"two"))
-        assert len(agents.asked) == 1
-
-    run(test)
+async def test_of_an_offline_robot_there_is_what_was_asked_for_before() -> None:
+    agents, offline = Agents(b"one", b"two"), _robot(online=False)
+    await agents.meshes.get(_robot(), _mesh(b"one"))
+    assert await agents.meshes.get(offline, _mesh(b"one")) == b"one"
+    with pytest.raises(Offline):
+        await agents.meshes.get(offline, _mesh(b"two"))
+    assert len(agents.asked) == 1
 
 
-def test_memory_is_bounded_and_the_one_not_used_for_longest_goes(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_memory_is_bounded_and_the_one_not_used_for_longest_goes(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(meshes, "MAX_HELD_BYTES", 10)
-
-    async def test() -> None:
-        agents = Agents(b"aaaa", b"bbbb", b"cccc", b"larger than all")
-        for content in (b"aaaa", b"bbbb", b"aaaa", b"cccc"):
-            await agents.meshes.get(_robot(), _mesh(content))
-        offline = _robot(online=False)
-        assert await agents.meshes.get(offline, _mesh(b"aaaa")) == b"aaaa"
-        with pytest.raises(Offline):
-            await agents.meshes.get(offline, _mesh(b"bbbb"))
-        assert await agents.meshes.get(_robot(), _mesh(b"larger than all")) == b"larger than all"
-        with pytest.raises(Offline):
-            await agents.meshes.get(offline, _mesh(b"larger than all"))
-
-    run(test)
+    agents = Agents(b"aaaa", b"bbbb", b"cccc", b"larger than all")
+    for content in (b"aaaa", b"bbbb", b"aaaa", b"cccc"):
+        await agents.meshes.get(_robot(), _mesh(content))
+    offline = _robot(online=False)
+    assert await agents.meshes.get(offline, _mesh(b"aaaa")) == b"aaaa"
+    with pytest.raises(Offline):
+        await agents.meshes.get(offline, _mesh(b"bbbb"))
+    assert await agents.meshes.get(_robot(), _mesh(b"larger than all")) == b"larger than all"
+    with pytest.raises(Offline):
+        await agents.meshes.get(offline, _mesh(b"larger than all"))
 
 
-def test_a_silent_robot_holds_up_nobody_and_too_many_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_a_silent_robot_holds_up_nobody_and_too_many_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(meshes, "MAX_UNDER_WAY", 12)
     monkeypatch.setattr(meshes, "MAX_UNDER_WAY_OF_A_ROBOT", 11)
-
-    async def test() -> None:
-        contents = [b"%d" % number for number in range(13)]
-        agents = Agents(*contents)
-        agents.open.clear()
-        waiting = [asyncio.create_task(agents.meshes.get(_robot("silent"), _mesh(each))) for each in contents[:11]]
-        while len(agents.asked) < 2:  # noqa: ASYNC110 - as above
-            await asyncio.sleep(0)
-        with pytest.raises(Busy):
-            await agents.meshes.get(_robot("silent"), _mesh(contents[12]))
-        other = asyncio.create_task(agents.meshes.get(_robot("other"), _mesh(contents[11])))
-        while ("other", _mesh(contents[11]).sha256) not in agents.asked:  # noqa: ASYNC110 - as above
-            await asyncio.sleep(0)
-        assert len(agents.asked) == 3
-        with pytest.raises(Busy):
-            await agents.meshes.get(_robot("other"), _mesh(contents[12]))
-        agents.open.set()
-        assert await asyncio.gather(*waiting, other) == contents[:12]
-        assert agents.most_at_once <= 8
-
-    run(test)
+    contents = [b"%d" % number for number in range(13)]
+    agents = Agents(*contents)
+    agents.open.clear()
+    waiting = [asyncio.create_task(agents.meshes.get(_robot("silent"), _mesh(each))) for each in contents[:11]]
+    while len(agents.asked) < 2:  # noqa: ASYNC110 - as above
+        await asyncio.sleep(0)
+    with pytest.raises(Busy):
+        await agents.meshes.get(_robot("silent"), _mesh(contents[12]))
+    other = asyncio.create_task(agents.meshes.get(_robot("other"), _mesh(contents[11])))
+    while ("other", _mesh(contents[11]).sha256) not in agents.asked:  # noqa: ASYNC110 - as above
+        await asyncio.sleep(0)
+    assert len(agents.asked) == 3
+    with pytest.raises(Busy):
+        await agents.meshes.get(_robot("other"), _mesh(contents[12]))
+    agents.open.set()
+    assert await asyncio.gather(*waiting, other) == contents[:12]
+    assert agents.most_at_once <= 8

@@ -24,27 +24,21 @@ class _Stubborn:
                     raise
 
 
-def test_a_swallowed_cancellation_is_repeated() -> None:
-    async def run() -> None:
-        tasks = [_Stubborn(swallows).task for swallows in range(3)]
-        await asyncio.sleep(0)
-        async with asyncio.timeout(20):
-            await end(tasks)
-        assert all(task.cancelled() for task in tasks)
-        await end(tasks)  # nothing to do
-
-    asyncio.run(run())
+async def test_a_swallowed_cancellation_is_repeated() -> None:
+    tasks = [_Stubborn(swallows).task for swallows in range(3)]
+    await asyncio.sleep(0)
+    async with asyncio.timeout(20):
+        await end(tasks)
+    assert all(task.cancelled() for task in tasks)
+    await end(tasks)  # nothing to do
 
 
-def test_who_ends_them_can_be_cancelled() -> None:
-    async def run() -> None:
-        stubborn = _Stubborn(float("inf"))
-        await asyncio.sleep(0)
-        ending = asyncio.create_task(end([stubborn.task]))
-        await asyncio.sleep(0)
-        ending.cancel()
-        with pytest.raises(asyncio.CancelledError):
-            await ending
-        stubborn.swallows = 0
-
-    asyncio.run(run())
+async def test_who_ends_them_can_be_cancelled() -> None:
+    stubborn = _Stubborn(float("inf"))
+    await asyncio.sleep(0)
+    ending = asyncio.create_task(end([stubborn.task]))
+    await asyncio.sleep(0)
+    ending.cancel()
+    with pytest.raises(asyncio.CancelledError):
+        await ending
+    stubborn.swallows = 0

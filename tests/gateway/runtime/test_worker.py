@@ -1,9 +1,9 @@
 """Child processes: replaced when they die, reliably ended, and without data that they do not need."""
 
-import asyncio
 import signal
 from asyncio.subprocess import PIPE
-from collections.abc import Awaitable, Callable
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
 from pathlib import Path
 
 import pytest
@@ -17,24 +17,20 @@ sys.stdin.read()
 """
 
 
-@pytest.fixture
-def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[Callable[[Worker], Awaitable[None]]], None]:
+@pytest.fixture(autouse=True)
+def _environment(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "child_of_test.py").write_text(CHILD)
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
     monkeypatch.setenv("SECRET", "of the gateway")
 
-    def run(test: Callable[[Worker], Awaitable[None]]) -> None:
-        async def bounded() -> None:
-            worker = Worker("child_of_test", {"OWN": "own"})
-            try:
-                async with asyncio.timeout(60):
-                    await test(worker)
-            finally:
-                await worker.end()
 
-        asyncio.run(bounded())
-
-    return run
+@asynccontextmanager
+async def started() -> AsyncIterator[Worker]:
+    worker = Worker("child_of_test", {"OWN": "own"})
+    try:
+        yield worker
+    finally:
+        await worker.end()
 
 
 async def said(worker: Worker, word: str) -> bytes:
@@ -43,21 +39,15 @@ async def said(worker: Worker, word: str) -> bytes:
     return await process.stdout.readline()
 
 
-def test_it_has_its_arguments_its_part_of_the_environment_and_a_session_of_its_own(
-    run: Callable[[Callable[[Worker], Awaitable[None]]], None],
-) -> None:
-    async def test(worker: Worker) -> None:
+async def test_it_has_its_arguments_its_part_of_the_environment_and_a_session_of_its_own() -> None:
+    async with started() as worker:
         assert not worker.running
         assert await said(worker, "word") == b"word own None True\n"
         assert worker.running
 
-    run(test)
 
-
-def test_it_can_be_ended_also_when_it_is_frozen_and_is_replaced_by_the_next(
-    run: Callable[[Callable[[Worker], Awaitable[None]]], None],
-) -> None:
-    async def test(worker: Worker) -> None:
+async def test_it_can_be_ended_also_when_it_is_frozen_and_is_replaced_by_the_next() -> None:
+    async with started() as worker:
         await said(worker, "first")
         first = worker.process
         first.send_signal(signal.SIGSTOP)
@@ -68,5 +58,3 @@ def test_it_can_be_ended_also_when_it_is_frozen_and_is_replaced_by_the_next(
         assert not worker.running
         await worker.end()
         await worker.end()  # nothing to do
-
-    run(test)

@@ -206,318 +206,269 @@ def to(path: str, **more: object) -> Subscription:
     return Subscription(**(values | more))  # type: ignore[arg-type]
 
 
-def run(test: Callable[[World], object]) -> None:
-    async def main() -> None:
-        async with asyncio.timeout(20):
-            await test(await World().up())  # type: ignore[misc]
-
-    asyncio.run(main())
-
-
 def watch(world: World, path: str, sent: dict[str, str] | None = None, patient: bool = False, **more: object) -> Outlet:
     outlet = world.outlet()
     outlet.watcher = world.fan_out.watch(to(path, **more), outlet, sent, patient=patient)  # type: ignore[attr-defined]
     return outlet
 
 
-def test_every_change_is_a_message_when_there_is_room() -> None:
+async def test_every_change_is_a_message_when_there_is_room() -> None:
     """First the present state; each message names the version before it; a repeated value is no message."""
-
-    async def test(world: World) -> None:
-        outlet = watch(world, _ROTATION)
-        assert not outlet.messages, "nothing is written before somebody is ready"
-        outlet.watcher.ready()
-        await world.settle()
-        await world.move(0.0, 0.1, 0.1, 0.100004, 0.2)
-        assert outlet.versions[1:] == ["1-3", "1-6"]
-        assert outlet.previous == [None, *outlet.versions[:-1]]
-
-    run(test)
+    world = await World().up()
+    outlet = watch(world, _ROTATION)
+    assert not outlet.messages, "nothing is written before somebody is ready"
+    outlet.watcher.ready()
+    await world.settle()
+    await world.move(0.0, 0.1, 0.1, 0.100004, 0.2)
+    assert outlet.versions[1:] == ["1-3", "1-6"]
+    assert outlet.previous == [None, *outlet.versions[:-1]]
 
 
-def test_a_full_outlet_gets_the_latest_and_sees_the_gap() -> None:
+async def test_a_full_outlet_gets_the_latest_and_sees_the_gap() -> None:
     """Values are conflated while there is no room, nobody else waits, and the last one goes out."""
-
-    async def test(world: World) -> None:
-        slow, fast = watch(world, _ROTATION), watch(world, _ROTATION)
-        slow.watcher.ready(), fast.watcher.ready()
-        await world.settle()
-        slow.room = False
-        await world.move(0.1, 0.2, 0.3)
-        assert (len(slow.messages), len(fast.messages)) == (1, 4)
-        slow.room = True
-        slow.watcher.ready()
-        await world.settle()
-        assert slow.messages[-1] is fast.messages[-1], "rendered once"
-        assert len(slow.messages) == 2
-        assert slow.previous[-1] == fast.versions[-2] != slow.versions[0]
-
-    run(test)
+    world = await World().up()
+    slow, fast = watch(world, _ROTATION), watch(world, _ROTATION)
+    slow.watcher.ready(), fast.watcher.ready()
+    await world.settle()
+    slow.room = False
+    await world.move(0.1, 0.2, 0.3)
+    assert (len(slow.messages), len(fast.messages)) == (1, 4)
+    slow.room = True
+    slow.watcher.ready()
+    await world.settle()
+    assert slow.messages[-1] is fast.messages[-1], "rendered once"
+    assert len(slow.messages) == 2
+    assert slow.previous[-1] == fast.versions[-2] != slow.versions[0]
 
 
-def test_who_missed_a_move_to_and_fro_missed_nothing() -> None:
-    async def test(world: World) -> None:
-        outlet = watch(world, _ROTATION)
-        outlet.watcher.ready()
-        await world.settle()
-        outlet.room = False
-        await world.move(0.1, 0.0)
-        outlet.room = True
-        outlet.watcher.ready()
-        await world.settle()
-        assert len(outlet.messages) == 1
-        await world.move(0.3)
-        assert len(outlet.messages) == 2
-
-    run(test)
+async def test_who_missed_a_move_to_and_fro_missed_nothing() -> None:
+    world = await World().up()
+    outlet = watch(world, _ROTATION)
+    outlet.watcher.ready()
+    await world.settle()
+    outlet.room = False
+    await world.move(0.1, 0.0)
+    outlet.room = True
+    outlet.watcher.ready()
+    await world.settle()
+    assert len(outlet.messages) == 1
+    await world.move(0.3)
+    assert len(outlet.messages) == 2
 
 
-def test_a_burst_of_frames_is_read_once() -> None:
+async def test_a_burst_of_frames_is_read_once() -> None:
     """Frames that arrive together are not queued: the latest is read, and the gap is shown."""
-
-    async def test(world: World) -> None:
-        outlet = watch(world, _ROTATION)
-        outlet.watcher.ready()
-        await world.settle()
-        await world.apply(*(world.frame(angle) for angle in (0.1, 0.2, 0.3)))
-        assert len(outlet.messages) == 2
-        assert b"0.3" in outlet.messages[-1].body
-
-    run(test)
+    world = await World().up()
+    outlet = watch(world, _ROTATION)
+    outlet.watcher.ready()
+    await world.settle()
+    await world.apply(*(world.frame(angle) for angle in (0.1, 0.2, 0.3)))
+    assert len(outlet.messages) == 2
+    assert b"0.3" in outlet.messages[-1].body
 
 
-def test_deadband_counts_from_what_was_sent() -> None:
+async def test_deadband_counts_from_what_was_sent() -> None:
     """A slow drift is news once it adds up; a subscriber without deadband gets each step."""
-
-    async def test(world: World) -> None:
-        rough, fine = watch(world, _ROTATION, deadband=0.25), watch(world, _ROTATION)
-        rough.watcher.ready(), fine.watcher.ready()
-        await world.settle()
-        await world.move(0.125, 0.1875, 0.25, 0.375, 0.0)
-        assert len(fine.messages) == 6
-        assert rough.versions == [fine.versions[index] for index in (0, 3, 5)]
-        await world.apply(Vanished("r", 1))  # presence is no value
-        assert len(rough.messages) == 4
-
-    run(test)
+    world = await World().up()
+    rough, fine = watch(world, _ROTATION, deadband=0.25), watch(world, _ROTATION)
+    rough.watcher.ready(), fine.watcher.ready()
+    await world.settle()
+    await world.move(0.125, 0.1875, 0.25, 0.375, 0.0)
+    assert len(fine.messages) == 6
+    assert rough.versions == [fine.versions[index] for index in (0, 3, 5)]
+    await world.apply(Vanished("r", 1))  # presence is no value
+    assert len(rough.messages) == 4
 
 
-def test_interval_has_a_trailing_edge() -> None:
+async def test_interval_has_a_trailing_edge() -> None:
     """At once after a pause; then nothing before the interval has passed, and then the last value."""
-
-    async def test(world: World) -> None:
-        outlet = watch(world, _ROTATION, interval_s=2.0)
-        outlet.watcher.ready()
-        await world.settle()
-        await world.move(0.1, 0.2)
-        await world.advance(1.9)
-        assert len(outlet.messages) == 1
-        await world.advance(0.2)
-        assert len(outlet.messages) == 2
-        assert b"0.2" in outlet.messages[-1].body
-        await world.advance(10)
-        assert len(outlet.messages) == 2
-        await world.move(0.3, 0.4)
-        assert len(outlet.messages) == 3
-        outlet.watcher.close()
-        await world.advance(10)
-        assert len(outlet.messages) == 3
-        assert world.fan_out.empty
-
-    run(test)
+    world = await World().up()
+    outlet = watch(world, _ROTATION, interval_s=2.0)
+    outlet.watcher.ready()
+    await world.settle()
+    await world.move(0.1, 0.2)
+    await world.advance(1.9)
+    assert len(outlet.messages) == 1
+    await world.advance(0.2)
+    assert len(outlet.messages) == 2
+    assert b"0.2" in outlet.messages[-1].body
+    await world.advance(10)
+    assert len(outlet.messages) == 2
+    await world.move(0.3, 0.4)
+    assert len(outlet.messages) == 3
+    outlet.watcher.close()
+    await world.advance(10)
+    assert len(outlet.messages) == 3
+    assert world.fan_out.empty
 
 
-def test_resuming() -> None:
+async def test_resuming() -> None:
     """With the present version: nothing before a change.
 
     With any other, whatever its order: the present state at once.
     """
-
-    async def test(world: World) -> None:
-        before = watch(world, _ROTATION)
-        before.watcher.ready()
-        await world.settle()
-        (version,) = before.versions
-        before.watcher.close()
-        same, later = watch(world, _ROTATION, {_ROTATION: version}), watch(world, _ROTATION, {_ROTATION: "1-1000"})
-        old, foreign = watch(world, _ROTATION, {_ROTATION: "0-9"}), watch(world, _ROTATION, {_ROTATION: "cancelled"})
-        for each in (same, later, old, foreign):
-            each.watcher.ready()
-        await world.settle()
-        assert [len(each.messages) for each in (same, later, old, foreign)] == [0, 1, 1, 1]
-        await world.move(0.1)
-        assert [len(each.messages) for each in (same, later, old, foreign)] == [1, 2, 2, 2]
-        assert same.previous == [version]
-
-    run(test)
+    world = await World().up()
+    before = watch(world, _ROTATION)
+    before.watcher.ready()
+    await world.settle()
+    (version,) = before.versions
+    before.watcher.close()
+    same, later = watch(world, _ROTATION, {_ROTATION: version}), watch(world, _ROTATION, {_ROTATION: "1-1000"})
+    old, foreign = watch(world, _ROTATION, {_ROTATION: "0-9"}), watch(world, _ROTATION, {_ROTATION: "cancelled"})
+    for each in (same, later, old, foreign):
+        each.watcher.ready()
+    await world.settle()
+    assert [len(each.messages) for each in (same, later, old, foreign)] == [0, 1, 1, 1]
+    await world.move(0.1)
+    assert [len(each.messages) for each in (same, later, old, foreign)] == [1, 2, 2, 2]
+    assert same.previous == [version]
 
 
-def test_depths_of_a_joint() -> None:
+async def test_depths_of_a_joint() -> None:
     """This: presence. Properties: values in one message. Subtree: each property on its own."""
-
-    async def test(world: World) -> None:
-        this, properties = (watch(world, _JOINT, depth=depth) for depth in (Depth.THIS, Depth.PROPERTIES))
-        subtree = watch(world, _JOINT, depth=Depth.SUBTREE)
-        for each in (this, properties, subtree):
-            each.watcher.ready()
-        await world.settle()
-        assert (this.take(), properties.take()) == ([_JOINT], [_JOINT])
-        first = subtree.take()
-        assert len(first) == len(set(first)) > 3
-        assert {_JOINT, _ROTATION} <= set(first)
-        await world.move(0.1)
-        assert (this.take(), properties.take(), subtree.take()) == ([], [_JOINT], [_ROTATION])
-        await world.apply(Vanished("r", 1))
-        assert (this.take(), properties.take()) == ([_JOINT], [_JOINT])
-        assert set(subtree.take()) == set(first)
-
-    run(test)
+    world = await World().up()
+    this, properties = (watch(world, _JOINT, depth=depth) for depth in (Depth.THIS, Depth.PROPERTIES))
+    subtree = watch(world, _JOINT, depth=Depth.SUBTREE)
+    for each in (this, properties, subtree):
+        each.watcher.ready()
+    await world.settle()
+    assert (this.take(), properties.take()) == ([_JOINT], [_JOINT])
+    first = subtree.take()
+    assert len(first) == len(set(first)) > 3
+    assert {_JOINT, _ROTATION} <= set(first)
+    await world.move(0.1)
+    assert (this.take(), properties.take(), subtree.take()) == ([], [_JOINT], [_ROTATION])
+    await world.apply(Vanished("r", 1))
+    assert (this.take(), properties.take()) == ([_JOINT], [_JOINT])
+    assert set(subtree.take()) == set(first)
 
 
-def test_a_subtree_follows_its_members() -> None:
+async def test_a_subtree_follows_its_members() -> None:
     """A robot described anew, robots that join, invocations: new resources are covered, up to their last state."""
-
-    async def test(world: World) -> None:
-        outlet = watch(world, "/", depth=Depth.SUBTREE)
-        outlet.watcher.ready()
+    world = await World().up()
+    outlet = watch(world, "/", depth=Depth.SUBTREE)
+    outlet.watcher.ready()
+    await world.settle()
+    assert "/" in outlet.take()
+    await world.apply(Appeared("s", 1))
+    assert set(outlet.take()) == {"/", "/s/"}
+    joints = {"urdf": _URDF.replace("elbow", "wrist"), "joints": ("wrist",)}
+    await world.apply(Described(described(**joints)))
+    paths = outlet.take()
+    assert "/r/wrist/rotation" in paths
+    assert not [path for path in paths if "elbow" in path]
+    invocation = Invocation("i1", "r", "/r/wrist/actions/rotate", {"wrist": 1.0}, 0, 10**18)
+    path = f"{invocation.action}/invocations/i1"
+    world.invocations.add(invocation)
+    world.fan_out.appeared(path)
+    for state in (InvocationState.ACCEPTED, InvocationState.RUNNING, InvocationState.SUCCEEDED):
+        invocation.state = state
+        world.fan_out.touched(path)
         await world.settle()
-        assert "/" in outlet.take()
-        await world.apply(Appeared("s", 1))
-        assert set(outlet.take()) == {"/", "/s/"}
-        joints = {"urdf": _URDF.replace("elbow", "wrist"), "joints": ("wrist",)}
-        await world.apply(Described(described(**joints)))
-        paths = outlet.take()
-        assert "/r/wrist/rotation" in paths
-        assert not [path for path in paths if "elbow" in path]
-        invocation = Invocation("i1", "r", "/r/wrist/actions/rotate", {"wrist": 1.0}, 0, 10**18)
-        path = f"{invocation.action}/invocations/i1"
-        world.invocations.add(invocation)
-        world.fan_out.appeared(path)
-        for state in (InvocationState.ACCEPTED, InvocationState.RUNNING, InvocationState.SUCCEEDED):
-            invocation.state = state
-            world.fan_out.touched(path)
-            await world.settle()
-            (message,) = outlet.messages
-            assert state.value in message.body.decode()
-            assert outlet.take() == [path]
-        assert path not in outlet.watcher.topics  # it has ended, and its end was sent
-        await world.apply(Vanished("s", 1))
-        assert path not in outlet.take()
-
-    run(test)
+        (message,) = outlet.messages
+        assert state.value in message.body.decode()
+        assert outlet.take() == [path]
+    assert path not in outlet.watcher.topics  # it has ended, and its end was sent
+    await world.apply(Vanished("s", 1))
+    assert path not in outlet.take()
 
 
-def test_what_ceases_ends_its_watchers_but_patient_ones_wait() -> None:
+async def test_what_ceases_ends_its_watchers_but_patient_ones_wait() -> None:
     """GONE without a resource; a patient watcher, such as a callback, continues when it is back."""
-
-    async def test(world: World) -> None:
-        stream, callback = watch(world, _ROTATION), watch(world, _ROTATION, patient=True)
-        stream.watcher.ready(), callback.watcher.ready()
-        await world.settle()
-        await world.apply(Described(described(urdf=_URDF.replace("elbow", "wrist"), joints=("wrist",))))
-        assert (stream.ending, callback.ending) == (Ending.GONE, None)
-        assert watch(world, _ROTATION).ending is Ending.GONE
-        early = watch(world, _ROTATION, patient=True)
-        early.watcher.ready()
-        await world.apply(Described(described()), world.frame(0.5))
-        assert b"0.5" in callback.messages[-1].body
-        assert b"0.5" in early.messages[-1].body
-        callback.watcher.close(), early.watcher.close()
-        assert world.fan_out.empty
-
-    run(test)
+    world = await World().up()
+    stream, callback = watch(world, _ROTATION), watch(world, _ROTATION, patient=True)
+    stream.watcher.ready(), callback.watcher.ready()
+    await world.settle()
+    await world.apply(Described(described(urdf=_URDF.replace("elbow", "wrist"), joints=("wrist",))))
+    assert (stream.ending, callback.ending) == (Ending.GONE, None)
+    assert watch(world, _ROTATION).ending is Ending.GONE
+    early = watch(world, _ROTATION, patient=True)
+    early.watcher.ready()
+    await world.apply(Described(described()), world.frame(0.5))
+    assert b"0.5" in callback.messages[-1].body
+    assert b"0.5" in early.messages[-1].body
+    callback.watcher.close(), early.watcher.close()
+    assert world.fan_out.empty
 
 
-def test_a_subtree_ends_with_its_root() -> None:
-    async def test(world: World) -> None:
-        outlet = watch(world, _JOINT, depth=Depth.SUBTREE)
-        outlet.watcher.ready()
-        await world.settle()
-        await world.apply(Described(described(urdf=_URDF.replace("elbow", "wrist"), joints=("wrist",))))
-        assert outlet.ending is Ending.GONE
-        assert world.fan_out.empty
-
-    run(test)
+async def test_a_subtree_ends_with_its_root() -> None:
+    world = await World().up()
+    outlet = watch(world, _JOINT, depth=Depth.SUBTREE)
+    outlet.watcher.ready()
+    await world.settle()
+    await world.apply(Described(described(urdf=_URDF.replace("elbow", "wrist"), joints=("wrist",))))
+    assert outlet.ending is Ending.GONE
+    assert world.fan_out.empty
 
 
-def test_a_robot_that_says_nothing_usable_for_a_while_ends_nobody() -> None:
+async def test_a_robot_that_says_nothing_usable_for_a_while_ends_nobody() -> None:
     """Its joints do not exist while it is faulty; their watchers are told when they are back."""
-
-    async def test(world: World) -> None:
-        outlets = [watch(world, _ROTATION), watch(world, _JOINT, depth=Depth.SUBTREE)]
-        for outlet in outlets:
-            outlet.watcher.ready()
-        await world.settle()
-        await world.apply(Undescribed("r", 1, "it does not answer"))
-        assert [outlet.ending for outlet in outlets] == [None, None]
-        await world.apply(Described(described()), world.frame(0.5))
-        for outlet in outlets:
-            assert any(b"0.5" in message.body for message in outlet.messages)
-
-    run(test)
-
-
-def test_a_message_shows_the_state_of_its_version() -> None:
-    """A frame that arrives before a message is rendered is read first: no body is newer than its version."""
-
-    async def test(world: World) -> None:
-        outlet = watch(world, _ROTATION)
+    world = await World().up()
+    outlets = [watch(world, _ROTATION), watch(world, _JOINT, depth=Depth.SUBTREE)]
+    for outlet in outlets:
         outlet.watcher.ready()
-        await world.settle()
-        outlet.room = False
-        await world.move(1.5)
-        for change in world.fleet.apply(world.frame(2.0), 1):
-            world.fan_out.moved(change.robot)
-        outlet.room = True
-        outlet.watcher.step()  # its turn comes before the frame is read
-        await world.move(1.5)
-        assert [b'"1.5"' in message.body for message in outlet.messages[-2:]] == [False, True]
-
-    run(test)
+    await world.settle()
+    await world.apply(Undescribed("r", 1, "it does not answer"))
+    assert [outlet.ending for outlet in outlets] == [None, None]
+    await world.apply(Described(described()), world.frame(0.5))
+    for outlet in outlets:
+        assert any(b"0.5" in message.body for message in outlet.messages)
 
 
-def test_the_first_round_has_all_of_a_subtree_however_long_it_takes_to_find(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_a_message_shows_the_state_of_its_version() -> None:
+    """A frame that arrives before a message is rendered is read first: no body is newer than its version."""
+    world = await World().up()
+    outlet = watch(world, _ROTATION)
+    outlet.watcher.ready()
+    await world.settle()
+    outlet.room = False
+    await world.move(1.5)
+    for change in world.fleet.apply(world.frame(2.0), 1):
+        world.fan_out.moved(change.robot)
+    outlet.room = True
+    outlet.watcher.step()  # its turn comes before the frame is read
+    await world.move(1.5)
+    assert [b'"1.5"' in message.body for message in outlet.messages[-2:]] == [False, True]
+
+
+async def test_the_first_round_has_all_of_a_subtree_however_long_it_takes_to_find(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """With an interval, a resource missing in the first round would come that much later."""
     turns = itertools.count()
     monkeypatch.setattr(fan_out.time, "perf_counter", lambda: next(turns) * fan_out.TURN_S / 4)  # a few steps per turn
-
-    async def test(world: World) -> None:
-        outlet = watch(world, _ROBOT, depth=Depth.SUBTREE, interval_s=8.0)
-        outlet.watcher.ready()
-        await world.settle()
-        first = outlet.take()
-        await world.advance(8.0)
-        assert outlet.take() == [] and len(first) == len(set(first)) > 5
-
-    run(test)
+    world = await World().up()
+    outlet = watch(world, _ROBOT, depth=Depth.SUBTREE, interval_s=8.0)
+    outlet.watcher.ready()
+    await world.settle()
+    first = outlet.take()
+    await world.advance(8.0)
+    assert outlet.take() == [] and len(first) == len(set(first)) > 5
 
 
-def test_the_interval_lies_between_rounds_of_a_subtree() -> None:
+async def test_the_interval_lies_between_rounds_of_a_subtree() -> None:
     """News during a round waits for the next one."""
-
-    async def test(world: World) -> None:
-        outlet = watch(world, _ROBOT, depth=Depth.SUBTREE, interval_s=8.0)
-        outlet.watcher.ready()
-        await world.settle()
-        outlet.take()
-        await world.move(0.1)
-        assert outlet.take() == []
-        outlet.room = False
-        await world.advance(8.0)
-        outlet.room = True
-        outlet.watcher.step()  # the first of the round: more than one resource has news of the move
-        (first,) = outlet.take()
-        outlet.room = False
-        await world.move(0.2)
-        outlet.room = True
-        outlet.watcher.ready()
-        await world.settle()
-        rest = outlet.take()
-        assert len({first, *rest}) == 1 + len(rest) > 1
-        await world.advance(8.0)
-        assert first in outlet.take()
-
-    run(test)
+    world = await World().up()
+    outlet = watch(world, _ROBOT, depth=Depth.SUBTREE, interval_s=8.0)
+    outlet.watcher.ready()
+    await world.settle()
+    outlet.take()
+    await world.move(0.1)
+    assert outlet.take() == []
+    outlet.room = False
+    await world.advance(8.0)
+    outlet.room = True
+    outlet.watcher.step()  # the first of the round: more than one resource has news of the move
+    (first,) = outlet.take()
+    outlet.room = False
+    await world.move(0.2)
+    outlet.room = True
+    outlet.watcher.ready()
+    await world.settle()
+    rest = outlet.take()
+    assert len({first, *rest}) == 1 + len(rest) > 1
+    await world.advance(8.0)
+    assert first in outlet.take()
 
 
 def _turns_of(monkeypatch: pytest.MonkeyPatch, looks: int) -> None:
@@ -527,7 +478,7 @@ def _turns_of(monkeypatch: pytest.MonkeyPatch, looks: int) -> None:
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_whoever_has_room_has_the_latest_however_slow_the_others_are(
+async def test_whoever_has_room_has_the_latest_however_slow_the_others_are(
     seed: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Readers join, stall, catch up and leave in any order, and sending takes many turns.
@@ -536,101 +487,89 @@ def test_whoever_has_room_has_the_latest_however_slow_the_others_are(
     """
     dice = random.Random(seed)
     _turns_of(monkeypatch, 5)
-
-    async def test(world: World) -> None:
-        here: list[Outlet] = []
-        gone: list[tuple[Outlet, int]] = []
-        for step in range(150):
-            match dice.randrange(6):
-                case 0:
-                    here.extend(watch(world, _ROTATION) for _ in range(dice.choice((1, 40))))
-                    for outlet in here:
-                        outlet.watcher.ready()
-                case 1 if here:
-                    outlet = here.pop(dice.randrange(len(here)))
-                    outlet.watcher.end(Ending.CANCELLED)
-                    gone.append((outlet, len(outlet.messages)))
-                case 2 if here:
-                    outlet = dice.choice(here)
-                    outlet.room = not outlet.room
-                    if outlet.room:
-                        outlet.watcher.ready()
-                case _:
-                    for change in world.fleet.apply(world.frame(step / 10), 1):
-                        world.fan_out.moved(change.robot)
-            for _ in range(dice.randrange(3)):
-                await asyncio.sleep(0)
-        for outlet in here:
-            outlet.room = True
-            outlet.watcher.ready()
-        await world.move(1000.0)
-        for outlet in here:
-            assert b'"1000.0"' in outlet.messages[-1].body
-            assert outlet.frames == sorted(set(outlet.frames))
-        assert all(len(outlet.messages) == count for outlet, count in gone)
-
-    run(test)
+    world = await World().up()
+    here: list[Outlet] = []
+    gone: list[tuple[Outlet, int]] = []
+    for step in range(150):
+        match dice.randrange(6):
+            case 0:
+                here.extend(watch(world, _ROTATION) for _ in range(dice.choice((1, 40))))
+                for outlet in here:
+                    outlet.watcher.ready()
+            case 1 if here:
+                outlet = here.pop(dice.randrange(len(here)))
+                outlet.watcher.end(Ending.CANCELLED)
+                gone.append((outlet, len(outlet.messages)))
+            case 2 if here:
+                outlet = dice.choice(here)
+                outlet.room = not outlet.room
+                if outlet.room:
+                    outlet.watcher.ready()
+            case _:
+                for change in world.fleet.apply(world.frame(step / 10), 1):
+                    world.fan_out.moved(change.robot)
+        for _ in range(dice.randrange(3)):
+            await asyncio.sleep(0)
+    for outlet in here:
+        outlet.room = True
+        outlet.watcher.ready()
+    await world.move(1000.0)
+    for outlet in here:
+        assert b'"1000.0"' in outlet.messages[-1].body
+        assert outlet.frames == sorted(set(outlet.frames))
+    assert all(len(outlet.messages) == count for outlet, count in gone)
 
 
-def test_news_in_the_middle_of_a_message_to_many_comes_after_it(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_news_in_the_middle_of_a_message_to_many_comes_after_it(monkeypatch: pytest.MonkeyPatch) -> None:
     """Recipients of a message still get it, and then all get the latest; nobody gets the news in between."""
     _turns_of(monkeypatch, 4)
-
-    async def test(world: World) -> None:
-        outlets = [watch(world, _ROTATION) for _ in range(300)]
-        for outlet in outlets:
-            outlet.watcher.ready()
-        await world.settle()
-        for outlet in outlets:
-            outlet.take()
-        for angle in (0.1, 0.2, 0.3):
-            for change in world.fleet.apply(world.frame(angle), 1):
-                world.fan_out.moved(change.robot)
-            await asyncio.sleep(0)
-            await asyncio.sleep(0)
-        await world.settle()
-        assert {outlet.frames[-1] for outlet in outlets} == {4}
-        if world.outlet is InStep:
-            assert {tuple(outlet.frames) for outlet in outlets} == {(2, 4)}
-
-    run(test)
-
-
-def test_last_message_is_noted_for_each(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Each subscription reports its time, although members of a broadcast are served together."""
-
-    async def test(world: World) -> None:
-        times = itertools.count(1)
-        monkeypatch.setattr(fan_out.time, "time_ns", lambda: next(times))
-        slow, fast = watch(world, _ROTATION), watch(world, _ROTATION)
-        assert fast.watcher.last_ns is None
-        slow.watcher.ready(), fast.watcher.ready()
-        await world.settle()
-        before = slow.watcher.last_ns
-        slow.room = False
-        await world.move(0.1)
-        assert slow.watcher.last_ns == before < fast.watcher.last_ns
-
-    run(test)
-
-
-def test_unwatched_resources_cost_nothing() -> None:
-    """After the last watcher has left nothing is kept, and frames cause no turn."""
-
-    async def test(world: World) -> None:
-        outlets = [watch(world, path) for path in (_ROTATION, _JOINT, _ROBOT, "/")]
-        outlets.append(watch(world, _ROBOT, depth=Depth.SUBTREE))
-        for outlet in outlets:
-            outlet.watcher.ready()
-        await world.settle()
-        for outlet in outlets:
-            outlet.watcher.close()
-        assert world.fan_out.empty
-        for change in world.fleet.apply(world.frame(0.7), 1):
+    world = await World().up()
+    outlets = [watch(world, _ROTATION) for _ in range(300)]
+    for outlet in outlets:
+        outlet.watcher.ready()
+    await world.settle()
+    for outlet in outlets:
+        outlet.take()
+    for angle in (0.1, 0.2, 0.3):
+        for change in world.fleet.apply(world.frame(angle), 1):
             world.fan_out.moved(change.robot)
-        assert world.fan_out.idle
+        await asyncio.sleep(0)
+        await asyncio.sleep(0)
+    await world.settle()
+    assert {outlet.frames[-1] for outlet in outlets} == {4}
+    if world.outlet is InStep:
+        assert {tuple(outlet.frames) for outlet in outlets} == {(2, 4)}
 
-    run(test)
+
+async def test_last_message_is_noted_for_each(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each subscription reports its time, although members of a broadcast are served together."""
+    world = await World().up()
+    times = itertools.count(1)
+    monkeypatch.setattr(fan_out.time, "time_ns", lambda: next(times))
+    slow, fast = watch(world, _ROTATION), watch(world, _ROTATION)
+    assert fast.watcher.last_ns is None
+    slow.watcher.ready(), fast.watcher.ready()
+    await world.settle()
+    before = slow.watcher.last_ns
+    slow.room = False
+    await world.move(0.1)
+    assert slow.watcher.last_ns == before < fast.watcher.last_ns
+
+
+async def test_unwatched_resources_cost_nothing() -> None:
+    """After the last watcher has left nothing is kept, and frames cause no turn."""
+    world = await World().up()
+    outlets = [watch(world, path) for path in (_ROTATION, _JOINT, _ROBOT, "/")]
+    outlets.append(watch(world, _ROBOT, depth=Depth.SUBTREE))
+    for outlet in outlets:
+        outlet.watcher.ready()
+    await world.settle()
+    for outlet in outlets:
+        outlet.watcher.close()
+    assert world.fan_out.empty
+    for change in world.fleet.apply(world.frame(0.7), 1):
+        world.fan_out.moved(change.robot)
+    assert world.fan_out.idle
 
 
 # -- other options ----------------------------------------------------------------------------------------------------
@@ -641,128 +580,114 @@ def _change(world: World, outlet: Outlet, **options: object) -> None:
     world.fan_out.change(watcher, dataclasses.replace(watcher.subscription, **options))
 
 
-def test_another_interval_counts_from_the_message_before() -> None:
+async def test_another_interval_counts_from_the_message_before() -> None:
     """A longer one delays a pending message, a shorter one releases it, and none leaves no timer behind."""
-
-    async def test(world: World) -> None:
-        outlet = watch(world, _ROTATION, interval_s=2.0)
-        outlet.watcher.ready()
-        await world.settle()
-        await world.move(0.1)
-        _change(world, outlet, interval_s=5.0)
-        await world.advance(4.9)
-        assert len(outlet.messages) == 1
-        await world.move(0.2)
-        _change(world, outlet, interval_s=4.0)
-        await world.settle()
-        assert outlet.frames[1:] == [3]
-        await world.move(0.3)
-        _change(world, outlet, interval_s=0.0)
-        await world.settle()
-        await world.move(0.4, 0.5)
-        assert outlet.frames[1:] == [3, 4, 5, 6]
-        await world.advance(10)
-        assert len(outlet.messages) == 5
-
-    run(test)
+    world = await World().up()
+    outlet = watch(world, _ROTATION, interval_s=2.0)
+    outlet.watcher.ready()
+    await world.settle()
+    await world.move(0.1)
+    _change(world, outlet, interval_s=5.0)
+    await world.advance(4.9)
+    assert len(outlet.messages) == 1
+    await world.move(0.2)
+    _change(world, outlet, interval_s=4.0)
+    await world.settle()
+    assert outlet.frames[1:] == [3]
+    await world.move(0.3)
+    _change(world, outlet, interval_s=0.0)
+    await world.settle()
+    await world.move(0.4, 0.5)
+    assert outlet.frames[1:] == [3, 4, 5, 6]
+    await world.advance(10)
+    assert len(outlet.messages) == 5
 
 
-def test_who_had_no_interval_waits_from_the_change() -> None:
-    async def test(world: World) -> None:
-        outlet, other = watch(world, _ROTATION), watch(world, _ROTATION)
-        outlet.watcher.ready(), other.watcher.ready()
-        await world.settle()
-        await world.move(0.1)
-        _change(world, outlet, interval_s=3.0)
-        await world.move(0.2, 0.3)
-        assert (len(outlet.messages), len(other.messages)) == (2, 4)
-        await world.advance(3.0)
-        assert outlet.frames[-1] == other.frames[-1] == 4
-        assert len(outlet.messages) == 3
-
-    run(test)
+async def test_who_had_no_interval_waits_from_the_change() -> None:
+    world = await World().up()
+    outlet, other = watch(world, _ROTATION), watch(world, _ROTATION)
+    outlet.watcher.ready(), other.watcher.ready()
+    await world.settle()
+    await world.move(0.1)
+    _change(world, outlet, interval_s=3.0)
+    await world.move(0.2, 0.3)
+    assert (len(outlet.messages), len(other.messages)) == (2, 4)
+    await world.advance(3.0)
+    assert outlet.frames[-1] == other.frames[-1] == 4
+    assert len(outlet.messages) == 3
 
 
-def test_another_deadband_is_held_against_what_was_sent() -> None:
+async def test_another_deadband_is_held_against_what_was_sent() -> None:
     """A smaller one releases what was no news before; a larger one holds back what is no longer news."""
-
-    async def test(world: World) -> None:
-        outlet = watch(world, _ROTATION, deadband=0.5)
-        outlet.watcher.ready()
-        await world.settle()
-        await world.move(0.3)
-        assert len(outlet.messages) == 1
-        _change(world, outlet, deadband=0.2)
-        await world.settle()
-        assert outlet.frames[1:] == [2]
-        outlet.room = False
-        await world.move(0.6)
-        _change(world, outlet, deadband=0.5)
-        outlet.room = True
-        outlet.watcher.ready()
-        await world.settle()
-        assert outlet.frames[1:] == [2]
-        await world.move(0.9)
-        assert outlet.frames[1:] == [2, 4]
-
-    run(test)
+    world = await World().up()
+    outlet = watch(world, _ROTATION, deadband=0.5)
+    outlet.watcher.ready()
+    await world.settle()
+    await world.move(0.3)
+    assert len(outlet.messages) == 1
+    _change(world, outlet, deadband=0.2)
+    await world.settle()
+    assert outlet.frames[1:] == [2]
+    outlet.room = False
+    await world.move(0.6)
+    _change(world, outlet, deadband=0.5)
+    outlet.room = True
+    outlet.watcher.ready()
+    await world.settle()
+    assert outlet.frames[1:] == [2]
+    await world.move(0.9)
+    assert outlet.frames[1:] == [2, 4]
 
 
 @pytest.mark.parametrize("options", [{"depth": Depth.SUBTREE}, {"media_type": "text/turtle"}])
-def test_another_depth_or_media_type_begins_with_the_present_state(options: dict[str, object]) -> None:
+async def test_another_depth_or_media_type_begins_with_the_present_state(options: dict[str, object]) -> None:
     """Everything covered is sent, whatever was sent before, and nothing of the former watch is kept."""
-
-    async def test(world: World) -> None:
-        outlet = watch(world, _JOINT)
-        outlet.watcher.ready()
-        await world.settle()
-        await world.move(0.1)
-        outlet.take()
-        _change(world, outlet, **options)
-        await world.settle()
-        paths = outlet.take()
-        subtree = "depth" in options
-        assert paths[0] == _JOINT
-        assert (_ROTATION in paths) is subtree
-        assert len(paths) == len(set(paths))
-        _change(world, outlet, depth=Depth.PROPERTIES, media_type="application/n-triples")
-        await world.settle()
-        assert outlet.take() == [_JOINT]
-        await world.move(0.2)
-        assert outlet.take() == [_JOINT]
-        outlet.watcher.close()
-        assert world.fan_out.empty
-
-    run(test)
+    world = await World().up()
+    outlet = watch(world, _JOINT)
+    outlet.watcher.ready()
+    await world.settle()
+    await world.move(0.1)
+    outlet.take()
+    _change(world, outlet, **options)
+    await world.settle()
+    paths = outlet.take()
+    subtree = "depth" in options
+    assert paths[0] == _JOINT
+    assert (_ROTATION in paths) is subtree
+    assert len(paths) == len(set(paths))
+    _change(world, outlet, depth=Depth.PROPERTIES, media_type="application/n-triples")
+    await world.settle()
+    assert outlet.take() == [_JOINT]
+    await world.move(0.2)
+    assert outlet.take() == [_JOINT]
+    outlet.watcher.close()
+    assert world.fan_out.empty
 
 
 @pytest.mark.parametrize("options", [{"interval_s": 60.0}, {"secret": "x"}, {"media_type": "text/turtle"}])
-def test_a_change_in_the_middle_of_a_message_to_many_loses_and_repeats_nothing(
+async def test_a_change_in_the_middle_of_a_message_to_many_loses_and_repeats_nothing(
     monkeypatch: pytest.MonkeyPatch, options: dict[str, object]
 ) -> None:
     """The watcher gets each version once and finally the latest, before its turn in a message and after it."""
     _turns_of(monkeypatch, 4)
-
-    async def test(world: World) -> None:
-        outlets = [watch(world, _ROTATION) for _ in range(120)]
-        for outlet in outlets:
-            outlet.watcher.ready()
-        await world.settle()
-        for outlet in outlets:
-            outlet.take()
-        for angle in (0.1, 0.2):
-            for change in world.fleet.apply(world.frame(angle), 1):
-                world.fan_out.moved(change.robot)
-            await asyncio.sleep(0)
-            await asyncio.sleep(0)
-            for outlet in outlets[:: 7 if angle == 0.1 else 5]:
-                _change(world, outlet, **options)
-        await world.settle()
-        await world.advance(61.0)
-        for outlet in outlets:
-            said = [(message.media_type, message.version) for message in outlet.messages]
-            assert len(set(said)) == len(said)
-            assert outlet.frames == sorted(outlet.frames)
-            assert outlet.frames[-1] == 3
-
-    run(test)
+    world = await World().up()
+    outlets = [watch(world, _ROTATION) for _ in range(120)]
+    for outlet in outlets:
+        outlet.watcher.ready()
+    await world.settle()
+    for outlet in outlets:
+        outlet.take()
+    for angle in (0.1, 0.2):
+        for change in world.fleet.apply(world.frame(angle), 1):
+            world.fan_out.moved(change.robot)
+        await asyncio.sleep(0)
+        await asyncio.sleep(0)
+        for outlet in outlets[:: 7 if angle == 0.1 else 5]:
+            _change(world, outlet, **options)
+    await world.settle()
+    await world.advance(61.0)
+    for outlet in outlets:
+        said = [(message.media_type, message.version) for message in outlet.messages]
+        assert len(set(said)) == len(said)
+        assert outlet.frames == sorted(outlet.frames)
+        assert outlet.frames[-1] == 3

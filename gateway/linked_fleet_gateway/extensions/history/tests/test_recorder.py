@@ -131,12 +131,8 @@ def test_many_robots_stay_within_their_memory_and_all_keep_what_is_old_and_what_
     assert history.bytes == history.samples * (len(frame(1)) + 41)
 
 
-def test_nothing_is_recorded_where_none_is_asked_for() -> None:
+async def test_nothing_is_recorded_where_none_is_asked_for() -> None:
     fleet, history = make("r", span_s=0)
-
-    async def run() -> None:
-        async with history:
-            await asyncio.sleep(0)
-
-    asyncio.run(run())
+    async with history:
+        await asyncio.sleep(0)
     assert (history.bytes, history.samples, history.track(fleet.robots["r"])) == (0, 0, None)

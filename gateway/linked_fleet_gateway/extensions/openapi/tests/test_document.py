@@ -112,12 +112,9 @@ def test_who_has_to_say_who_they_are_is_told_how(whole: dict[str, Any]) -> None:
     assert "401" in secured["paths"]["/"]["get"]["responses"]
 
 
-def test_a_description_is_made_once_while_nothing_changes() -> None:
-    async def run() -> None:
-        documents = Documents(())
-        first = await documents.of(_view())
-        assert await documents.of(_view()) is first
-        assert await documents.of(_view("floating")) != first
-        assert await documents.of(_view()) is first
-
-    asyncio.run(run())
+async def test_a_description_is_made_once_while_nothing_changes() -> None:
+    documents = Documents(())
+    first = await documents.of(_view())
+    assert await documents.of(_view()) is first
+    assert await documents.of(_view("floating")) != first
+    assert await documents.of(_view()) is first

@@ -48,23 +48,20 @@ def test_who_waits_with_many_lets_others_in_between() -> None:
     assert "".join(asyncio.run(main())) == "a" * AT_ONCE + "abcaa"
 
 
-def test_few_wait_of_each_and_of_all() -> None:
+async def test_few_wait_of_each_and_of_all() -> None:
     async def refused(asked: Asked, client: str) -> type[FleetError]:
         with pytest.raises(FleetError) as error:
             await (await asked.ask(client))
         return type(error.value)
 
-    async def main() -> None:
-        asked = Asked()
-        for _ in range(AT_ONCE + MAX_OF_CLIENT):
-            await asked.ask("a")
-        assert await refused(asked, "a") is TooManyQueries
-        for client in range(MAX_WAITING - MAX_OF_CLIENT):
-            await asked.ask(f"c{client}")
-        assert await refused(asked, "b") is Busy
-        await asked.end()
-
-    asyncio.run(main())
+    asked = Asked()
+    for _ in range(AT_ONCE + MAX_OF_CLIENT):
+        await asked.ask("a")
+    assert await refused(asked, "a") is TooManyQueries
+    for client in range(MAX_WAITING - MAX_OF_CLIENT):
+        await asked.ask(f"c{client}")
+    assert await refused(asked, "b") is Busy
+    await asked.end()
 
 
 def test_who_goes_away_takes_no_turn() -> None:

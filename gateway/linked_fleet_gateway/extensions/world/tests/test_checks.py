@@ -2,7 +2,7 @@
 
 import asyncio
 import hashlib
-from collections.abc import AsyncIterator, Awaitable, Callable
+from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from pathlib import Path
 
@@ -84,24 +84,17 @@ class Scene:
         return await self.checks.free(Motion(robot, Move({"turn": 1.0}), {"turn": 1.0}, RobotTime(1, 1)), ALL, "")
 
 
-def run(folder: Path, test: Callable[[Scene], Awaitable[None]]) -> None:
-    @asynccontextmanager
-    async def scene() -> AsyncIterator[Scene]:
-        made = Scene(folder)
-        async with asyncio.timeout(PATIENCE_S), made.checks:
-            yield made
-            for each in made.let.values():
-                each.set()
-
-    async def main() -> None:
-        async with scene() as made:
-            await test(made)
-
-    asyncio.run(main())
+@asynccontextmanager
+async def scene_in(folder: Path) -> AsyncIterator[Scene]:
+    made = Scene(folder)
+    async with made.checks:
+        yield made
+        for each in made.let.values():
+            each.set()
 
 
-def test_a_motion_waits_for_the_shapes_of_its_robot(tmp_path: Path) -> None:
-    async def test(scene: Scene) -> None:
+async def test_a_motion_waits_for_the_shapes_of_its_robot(tmp_path: Path) -> None:
+    async with scene_in(tmp_path) as scene:
         robot = scene.robot("early")
         waiting = asyncio.create_task(scene.checks.ready(robot, ALL))
         await scene.asked["early"].wait()
@@ -110,13 +103,10 @@ def test_a_motion_waits_for_the_shapes_of_its_robot(tmp_path: Path) -> None:
         await waiting
         assert scene.checks.prepared and await scene.is_free(robot)
 
-    run(tmp_path, test)
 
-
-def test_it_waits_so_long_and_is_told_to_come_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_it_waits_so_long_and_is_told_to_come_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(checks, "EARLY_S", 0.01)
-
-    async def test(scene: Scene) -> None:
+    async with scene_in(tmp_path) as scene:
         robot = scene.robot("early")
         with pytest.raises(Unchecked) as refused:
             await scene.checks.ready(robot, ALL)
@@ -126,21 +116,17 @@ def test_it_waits_so_long_and_is_told_to_come_again(tmp_path: Path, monkeypatch:
         await scene.checks.ready(robot, ALL)
         assert await scene.is_free(robot)
 
-    run(tmp_path, test)
 
-
-def test_a_robot_that_joins_far_away_makes_its_own_motions_wait_alone(tmp_path: Path) -> None:
-    async def test(scene: Scene) -> None:
+async def test_a_robot_that_joins_far_away_makes_its_own_motions_wait_alone(tmp_path: Path) -> None:
+    async with scene_in(tmp_path) as scene:
         here, _ = scene.robot("here", let=True), scene.robot("there", x=30.0)
         await scene.asked["there"].wait()
         await scene.checks.ready(here, ALL)
         assert await scene.is_free(here) and not scene.checks.prepared
 
-    run(tmp_path, test)
 
-
-def test_a_robot_that_could_be_met_is_waited_for(tmp_path: Path) -> None:
-    async def test(scene: Scene) -> None:
+async def test_a_robot_that_could_be_met_is_waited_for(tmp_path: Path) -> None:
+    async with scene_in(tmp_path) as scene:
         here, _ = scene.robot("here", let=True), scene.robot("beside", x=1.0)
         waiting = asyncio.create_task(scene.checks.ready(here, ALL))
         await scene.asked["beside"].wait()
@@ -148,11 +134,9 @@ def test_a_robot_that_could_be_met_is_waited_for(tmp_path: Path) -> None:
         scene.let["beside"].set()
         await waiting
 
-    run(tmp_path, test)
 
-
-def test_a_robot_of_which_no_shape_can_be_had_is_refused_and_holds_nobody_up(tmp_path: Path) -> None:
-    async def test(scene: Scene) -> None:
+async def test_a_robot_of_which_no_shape_can_be_had_is_refused_and_holds_nobody_up(tmp_path: Path) -> None:
+    async with scene_in(tmp_path) as scene:
         robot = scene.robot("mute", let=True)
         scene.silent.add("mute")
         await scene.checks.ready(robot, ALL)
@@ -160,24 +144,18 @@ def test_a_robot_of_which_no_shape_can_be_had_is_refused_and_holds_nobody_up(tmp
         with pytest.raises(Unchecked):
             await scene.is_free(robot)
 
-    run(tmp_path, test)
 
-
-def test_another_gateway_finds_the_shapes_on_disk_and_asks_no_robot(tmp_path: Path) -> None:
-    async def first(scene: Scene) -> None:
+async def test_another_gateway_finds_the_shapes_on_disk_and_asks_no_robot(tmp_path: Path) -> None:
+    async with scene_in(tmp_path) as scene:
         await scene.checks.ready(scene.robot("arm", let=True), ALL)
-
-    async def second(scene: Scene) -> None:
+    async with scene_in(tmp_path) as scene:
         robot = scene.robot("arm")
         await scene.checks.ready(robot, ALL)
         assert await scene.is_free(robot) and not scene.asked["arm"].is_set()
 
-    run(tmp_path, first)
-    run(tmp_path, second)
 
-
-def test_shapes_are_prepared_again_when_the_process_that_has_them_is_gone(tmp_path: Path) -> None:
-    async def test(scene: Scene) -> None:
+async def test_shapes_are_prepared_again_when_the_process_that_has_them_is_gone(tmp_path: Path) -> None:
+    async with scene_in(tmp_path) as scene:
         robot = scene.robot("arm", let=True)
         await scene.checks.ready(robot, ALL)
         process = scene.checks._checker._worker.process
@@ -186,8 +164,6 @@ def test_shapes_are_prepared_again_when_the_process_that_has_them_is_gone(tmp_pa
         assert not scene.checks.prepared
         await scene.checks.ready(robot, ALL)
         assert await scene.is_free(robot)
-
-    run(tmp_path, test)
 
 
 def test_what_a_motion_waited_does_not_make_it_late_and_a_stop_meanwhile_still_does(tmp_path: Path) -> None:
