@@ -32,12 +32,6 @@ NAMES = ("ada", "bob", "cleo", "dan")
 
 
 @pytest.fixture
-def stage() -> Iterator[Hub]:
-    with hub() as stage:
-        yield stage
-
-
-@pytest.fixture
 def engine(tmp_path: Path) -> Iterator[Servers]:
     with cluster(tmp_path) as servers:
         yield servers

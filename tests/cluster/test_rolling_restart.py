@@ -3,6 +3,6 @@
 import pytest
 
 from cluster.on_cluster import memory
-from fleet.test_rolling_restart import stage, test_a_rolling_restart_under_load_loses_nothing
+from fleet.test_rolling_restart import test_a_rolling_restart_under_load_loses_nothing
 
 pytestmark = [pytest.mark.processes, pytest.mark.test_all]

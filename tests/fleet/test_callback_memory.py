@@ -2,14 +2,14 @@
 
 import contextlib
 import signal
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
 from browser import HYBRIT, LF
 from receivers import receiving
-from redis_servers import Server, Servers, single
+from redis_servers import Server, Servers
 from running import eventually, free_port
 from several import arrived, deliveries, gateway, gateways, hub
 from subscribers import Socket
@@ -60,12 +60,6 @@ def terminate(server: Server) -> None:
     """Terminate a server as an operator does, with a regular end."""
     server.ask("SHUTDOWN")
     server.kill()
-
-
-@pytest.fixture
-def memory(tmp_path: Path) -> Iterator[Servers]:
-    with single(tmp_path / "redis") as servers:
-        yield servers
 
 
 @pytest.mark.parametrize("end", [terminate, kill])

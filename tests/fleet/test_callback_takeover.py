@@ -1,26 +1,19 @@
 """A killed or delayed gateway loses no callback: another one continues where it was."""
 
 import signal
-from collections.abc import Iterator, Sequence
-from pathlib import Path
+from collections.abc import Sequence
 
 import httpx
 import pytest
 
 from browser import HYBRIT, LF
 from receivers import Answer, CallbackReceiver, receiving
-from redis_servers import Servers, single
+from redis_servers import Servers
 from running import eventually
 from several import Gateway, Hub, arrived, deliveries, gateways, hub, number, present
 
 pytestmark = pytest.mark.virtual
 CHANGES = 100
-
-
-@pytest.fixture
-def memory(tmp_path: Path) -> Iterator[Servers]:
-    with single(tmp_path / "redis") as servers:
-        yield servers
 
 
 def paths(first: int, end: int) -> list[str]:

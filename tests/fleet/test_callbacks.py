@@ -35,12 +35,6 @@ def pair(stage: Hub, memory: Servers) -> Iterator[tuple[Gateway, Gateway]]:
         yield one, other
 
 
-@pytest.fixture
-def receiver() -> Iterator[CallbackReceiver]:
-    with receiving() as receiver:
-        yield receiver
-
-
 def path(gateway: Gateway, iri: str) -> str:
     return gateway.here(iri).removeprefix(gateway.browser.root.rstrip("/"))
 

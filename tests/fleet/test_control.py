@@ -2,7 +2,6 @@
 
 import signal
 from collections.abc import Iterator
-from pathlib import Path
 
 import httpx
 import pytest
@@ -33,7 +32,7 @@ from commanding import (
     slowly,
     state_at,
 )
-from redis_servers import Servers, single
+from redis_servers import Servers
 from running import eventually
 from several import Gateway, gateway, gateways, hub
 from subscribers import events
@@ -46,15 +45,6 @@ _taken: list[dict[str, str]] = []
 _STRANGE = "<urn:uuid:00000000-0000-4000-8000-000000000000>"
 
 
-@pytest.fixture(scope="module")
-def two(tmp_path_factory: pytest.TempPathFactory) -> Iterator[list[Gateway]]:
-    folder = tmp_path_factory.mktemp("redis")
-    with hub() as stage, single(folder) as memory, arm(stage.endpoint), gateways(stage, memory.url) as found:
-        all_see(found)
-        yield found
-        assert not [each.process.output for each in found if "Traceback" in each.process.output]
-
-
 @pytest.fixture
 def pair(two: list[Gateway]) -> Iterator[tuple[Gateway, Gateway]]:
     one, other = two
@@ -64,12 +54,6 @@ def pair(two: list[Gateway]) -> Iterator[tuple[Gateway, Gateway]]:
         _release(one, **fields)
     _taken.clear()
     begun(post(one.browser, of_robot(one.browser, LF.StopRobot), prefer="wait=30"))
-
-
-@pytest.fixture
-def memory(tmp_path: Path) -> Iterator[Servers]:
-    with single(tmp_path) as servers:
-        yield servers
 
 
 def _lease(gateway: Gateway) -> Page:

@@ -40,9 +40,9 @@ from commanding import (
     state_at,
 )
 from parallel import at_once, pool
-from redis_servers import Servers, single
+from redis_servers import Servers
 from running import eventually, process
-from several import Gateway, Hub, gateway, gateways, hub
+from several import Gateway, Hub, gateway, gateways
 from small_fleet import Place, live, offline
 from subscribers import events
 
@@ -51,33 +51,12 @@ _JOINTS = (PAN, LIFT, "elbow_joint", "wrist_1_joint", "wrist_2_joint", WRIST)
 _numbers = itertools.count()
 
 
-@pytest.fixture(scope="module")
-def two(tmp_path_factory: pytest.TempPathFactory) -> Iterator[list[Gateway]]:
-    folder = tmp_path_factory.mktemp("redis")
-    with hub() as stage, single(folder) as memory, arm(stage.endpoint), gateways(stage, memory.url) as found:
-        all_see(found)
-        yield found
-        assert not [each.process.output for each in found if "Traceback" in each.process.output]
-
-
 @pytest.fixture
 def pair(two: list[Gateway]) -> Iterator[tuple[Gateway, Gateway]]:
     one, other = two
     yield one, other
     stop = begun(post(one.browser, of_robot(one.browser, LF.StopRobot), prefer="wait=30"))
     at_all(two, lambda each: state_at(each, stop) == LF.succeeded, "a robot that stands")
-
-
-@pytest.fixture
-def stage() -> Iterator[Hub]:
-    with hub() as stage:
-        yield stage
-
-
-@pytest.fixture
-def memory(tmp_path: Path) -> Iterator[Servers]:
-    with single(tmp_path) as servers:
-        yield servers
 
 
 def _key() -> dict[str, str]:

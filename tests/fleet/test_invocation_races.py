@@ -1,8 +1,6 @@
 """Gateways, agents and Redis learn of events at different times but agree: no motion is lost or misreported."""
 
 import signal
-from collections.abc import Iterator
-from pathlib import Path
 
 import httpx
 import pytest
@@ -32,19 +30,13 @@ from commanding import (
     state_at,
 )
 from parallel import at_once
-from redis_servers import Servers, single
+from redis_servers import Servers
 from running import eventually
 from several import Gateway, gateway, gateways, hub
 from small_fleet import number, property_page
 
 pytestmark = pytest.mark.virtual
 _KEY = {"idempotency-key": "once"}
-
-
-@pytest.fixture
-def memory(tmp_path: Path) -> Iterator[Servers]:
-    with single(tmp_path) as servers:
-        yield servers
 
 
 def _target(each: Gateway) -> float | URIRef:

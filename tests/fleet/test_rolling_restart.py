@@ -2,8 +2,6 @@
 
 import contextlib
 import signal
-from collections.abc import Iterator
-from pathlib import Path
 
 import httpx
 import pytest
@@ -31,25 +29,13 @@ from commanding import (
 from load import EventFollower, Front, Mover, Reader, SocketFollower, going_on
 from parallel import pool
 from receivers import Answer, receiving
-from redis_servers import Servers, single
+from redis_servers import Servers
 from running import Process, eventually, free_port
-from several import Gateway, Hub, arrived, deliveries, gateway, gateways, hub
+from several import Gateway, Hub, arrived, deliveries, gateway, gateways
 from subscribers import Socket, events
 
 pytestmark = pytest.mark.virtual
 _UNWELCOME = ("Traceback", "Exception", "ERROR", "could not be remembered", "never retrieved")
-
-
-@pytest.fixture
-def stage() -> Iterator[Hub]:
-    with hub() as stage:
-        yield stage
-
-
-@pytest.fixture
-def memory(tmp_path: Path) -> Iterator[Servers]:
-    with single(tmp_path) as servers:
-        yield servers
 
 
 def calmly(process: Process) -> None:

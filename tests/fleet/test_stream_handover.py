@@ -56,12 +56,6 @@ def pair(two: list[Gateway]) -> tuple[Gateway, Gateway]:
     return one, other
 
 
-@pytest.fixture
-def receiver() -> Iterator[CallbackReceiver]:
-    with receiving() as receiver:
-        yield receiver
-
-
 def calm(process: Process, unwelcome: tuple[str, ...] = _UNWELCOME) -> None:
     """Check that its log has no unexpected errors."""
     found = [line for line in process.lines if any(word in line for word in unwelcome)]

@@ -9,7 +9,7 @@ from rdflib import Literal, URIRef
 from browser import HYBRIT, LDP, LF, Page
 from commanding import problem
 from linked_fleet_gateway.rdf.sparql_syntax import MAX_QUERY_BYTES
-from receivers import Answer, CallbackReceiver, receiving
+from receivers import Answer, CallbackReceiver
 from redis_servers import single
 from running import eventually
 from several import Gateway, Hub, deliveries, gateways, hub, number
@@ -33,12 +33,6 @@ def two(stage: Hub, tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[
         yield one, other
         for each in (one, other):
             assert "Traceback" not in each.process.output
-
-
-@pytest.fixture
-def receiver() -> Iterator[CallbackReceiver]:
-    with receiving() as receiver:
-        yield receiver
 
 
 def _patch(gateway: Gateway, iri: str, update: str, **fields: str) -> httpx.Response:

@@ -10,7 +10,7 @@ import pytest
 from browser import HYBRIT, LF, Browser
 from guarded import ALL, SEEN, Guarded, Listening, guarded
 from issuer import Issuer, issuing
-from receivers import CallbackReceiver, receiving
+from receivers import CallbackReceiver
 from running import eventually, process
 from small_fleet import Place
 from subscribers import Events
@@ -37,12 +37,6 @@ def own(tmp_path_factory: pytest.TempPathFactory, issuer: Issuer) -> Iterator[Gu
 def root(own: Guarded) -> Iterator[Browser]:
     with own.browsing("root") as browser:
         yield browser
-
-
-@pytest.fixture
-def receiver() -> Iterator[CallbackReceiver]:
-    with receiving() as receiver:
-        yield receiver
 
 
 def _joint(browser: Browser) -> str:

@@ -1,7 +1,6 @@
 """R0.5: what of a robot may be replaced by PUT, at any gateway and permanently, and what may not."""
 
 import signal
-from collections.abc import Iterator
 from pathlib import Path
 
 import httpx
@@ -34,15 +33,6 @@ from several import Gateway, gateway, gateways, hub
 pytestmark = pytest.mark.virtual
 _READ = "GET, HEAD, OPTIONS"
 _TYPES = "text/turtle, application/ld+json, application/n-triples, application/rdf+xml"
-
-
-@pytest.fixture(scope="module")
-def two(tmp_path_factory: pytest.TempPathFactory) -> Iterator[list[Gateway]]:
-    folder = tmp_path_factory.mktemp("redis")
-    with hub() as stage, single(folder) as memory, arm(stage.endpoint), gateways(stage, memory.url) as found:
-        all_see(found)
-        yield found
-        assert not [each.process.output for each in found if "Traceback" in each.process.output]
 
 
 @pytest.fixture

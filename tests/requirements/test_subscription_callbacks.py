@@ -13,7 +13,7 @@ from rdflib import RDF, XSD, Literal, URIRef
 from rdflib.compare import isomorphic
 
 from browser import HYBRIT, LF, links
-from receivers import CallbackReceiver, Seen, receiving
+from receivers import CallbackReceiver, Seen
 from running import eventually
 from small_fleet import Place
 from subscribers import FORMATS, Theatre, Toy, angle_in, graph_of, members, said, theatre
@@ -27,12 +27,6 @@ _SECRET = base64.b64encode(b"0123456789abcdef0123456789abcdef").decode()
 @pytest.fixture(scope="module")
 def scene(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Theatre]:
     with theatre(Place(tmp_path_factory.mktemp("callbacks"))) as opened:
-        yield opened
-
-
-@pytest.fixture
-def receiver() -> Iterator[CallbackReceiver]:
-    with receiving() as opened:
         yield opened
 
 
