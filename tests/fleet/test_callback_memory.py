@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from browser import HYBRIT, LF
+from browser import LF
 from receivers import receiving
 from redis_servers import Server, Servers
 from running import eventually, free_port
@@ -120,22 +120,3 @@ def test_the_memory_goes_away_and_comes_back_under_load(memory: Servers, end: Ca
         assert receiver.log("/refused") == []
         eventually(lambda: len(one.listed()) == len(paths), "closed streams listed no more")
         assert one.listed() == other.listed()
-
-
-def test_a_stream_that_ends_while_the_memory_is_away_is_forgotten(memory: Servers) -> None:
-    with hub() as stage, gateways(stage, memory.url, 1) as (one,):
-        with Socket(one.rotation) as early:
-            early.next()
-            assert len(one.listed()) == 1
-            memory.kill()
-            with Socket(one.rotation) as late:
-                late.next()
-        assert one.get(one.container).status_code == 503
-        memory.start()
-        eventually(lambda: one.get(one.container).status_code == 200, "the container again")
-        eventually(lambda: one.listed() == set(), "an empty container")
-        with Socket(one.rotation) as again:
-            again.next()
-            assert len(one.listed()) == 1
-            (page,) = [one.description(f"{one.browser.root.rstrip('/')}{path}") for path in one.listed()]
-            assert HYBRIT.WebSocket in page.types or LF.WebSocketStream in page.types

@@ -113,18 +113,26 @@ def test_streams_are_told_to_come_back_and_find_the_latest_value(stage: Hub, mem
 
 
 def test_a_delivery_under_way_is_handed_over(stage: Hub, memory: Servers) -> None:
-    """Its receiver does not respond: another gateway repeats it before the lease of the first would expire."""
+    """Its receiver does not respond: another gateway repeats it before the lease of the first would expire.
+
+    It also ends in good order with many callbacks whose receivers do not respond or are not there.
+    """
+    with receiving() as closed:
+        nobody = closed.url()
     with receiving() as receiver, gateways(stage, memory.url) as (one, other):
         iri = one.subscribed(receiver.url())
         receiver.wait(1)
+        receiver.script(*20 * [Answer(stalls=True)], path="/stalls")
+        dead = {path(one.subscribed(url)) for url in 20 * (nobody, receiver.url("/stalls"))}
+        receiver.wait(20, "/stalls")
         receiver.script(Answer(stalls=True))
         stage.step()
-        receiver.wait(2)
+        receiver.wait(2, "/callback")
         calmly(one.process)
         stage.step()
         arrived(receiver, "/callback", stage.angle)
-        deliveries(receiver.log())
-        assert other.listed() == {path(iri)}
+        deliveries(receiver.log("/callback"))
+        assert other.listed() == {path(iri), *dead}
 
 
 def test_a_gateway_ends_while_redis_hangs(stage: Hub, memory: Servers) -> None:

@@ -1,7 +1,6 @@
 """R0.12, R0.14, R0.15 and R0.17 of the paper by WebSocket and event stream; clients follow links from the root."""
 
 import contextlib
-import itertools
 import json
 from collections.abc import Iterator
 from urllib.parse import urlsplit
@@ -118,14 +117,16 @@ def test_r0_15_websocket_on_an_invocation(browser: Browser) -> None:
     emptied(browser, str(joint.one(HYBRIT.subscriptions)))
 
 
-def test_r0_12_refusals_come_before_the_handshake(scene: Theatre) -> None:
-    """R0.12: a missing resource is 404, an unobservable one 409, and no subscription is created."""
+def test_r0_12_and_r0_14_what_cannot_be_observed_says_so(scene: Theatre) -> None:
+    """R0.12, R0.14: a missing resource is 404, a container 409, by WebSocket and callback; nothing is created."""
     with scene.toy() as toy:
-        assert refused(toy.part().url + "/nothing").status_code == 404
-        container = toy.subscriptions()
-        answer = refused(container.url)
-        assert answer.status_code == 409
+        container, missing = toy.subscriptions().url, toy.part().url + "/nothing"
+        fields = {"upgrade": "callback", "connection": "upgrade", "callback": "http://127.0.0.1:9/"}
+        assert refused(missing).status_code == scene.browser.http.get(missing, headers=fields).status_code == 404
+        answer, callback = refused(container), scene.browser.http.get(container, headers=fields)
+        assert (answer.status_code, callback.status_code) == (409, 409)
         assert "cannot be subscribed to" in json.loads(answer.body)["detail"]
+        assert callback.headers["content-type"] == "application/problem+json"
         assert not members(toy.subscriptions())
 
 
@@ -301,19 +302,7 @@ def test_r0_17_unacceptable_types_are_406_with_what_there_is(scene: Theatre) -> 
         assert not members(toy.subscriptions())
 
 
-# -- what is news ---------------------------------------------------------------------------------------------------
-
-
-def test_change_means_change(scene: Theatre) -> None:
-    """Frames that repeat a value, or move it by less than its resolution, cause no message."""
-    with scene.toy(0.25) as toy, Socket(toy.rotation()) as socket, events(toy.rotation()) as stream:
-        first = socket.next()
-        assert stream.next().version == first.version
-        for angle in (0.25, 0.25, 0.250004, 0.249996, 0.25):
-            toy.pose(angle)
-        toy.pose(0.5)
-        for message in (socket.next(), stream.next()):
-            assert (message.angle, message.previous) == (0.5, first.version)
+# -- what is news: tests/gateway/subscriptions/test_fan_out.py has the rest -----------------------------------------
 
 
 def test_presence_is_news_of_all_that_a_robot_has(scene: Theatre) -> None:
@@ -333,26 +322,11 @@ def test_presence_is_news_of_all_that_a_robot_has(scene: Theatre) -> None:
             _same(message, scene.browser, socket.url.partition("?")[0])
 
 
-def test_depth_this_is_without_values(scene: Theatre) -> None:
-    """``depth=this``: for a joint values are no news, presence is; the description shows the requested depth."""
-    with scene.toy() as toy:
-        url = toy.part().url
-        this = Socket(url + "?depth=this")
-        first = this.next()
-        with Socket(url) as both:
-            both.next()
-            for angle in (0.25, 0.5):
-                toy.pose(angle)
-                assert angle_in(both.next().graph, URIRef(toy.rotation())) == angle
-        assert scene.browser.page(this.description).one(LF.depth) == LF.thisAlone
-    with this:
-        message = this.next()
-        assert message.previous == first.version
-        _same(message, scene.browser, url)
-
-
 def test_subtree_watches_a_robot_on_one_connection(scene: Theatre) -> None:
-    """``depth=subtree``: all below the robot, each once; then each message is one resource that changed."""
+    """``depth=subtree``: all below the robot, each once; then each message is one resource that changed.
+
+    The version of one resource says nothing about the others, so who resumes gets the whole subtree.
+    """
     with scene.toy() as toy, Socket(toy.page.url + "?depth=subtree") as socket:
         parts = [scene.browser.page(str(part)) for part in toy.page.graph.objects(toy.page.iri, DCTERMS.hasPart)]
         covered = {page.url for page in (toy.page, *parts)}
@@ -370,80 +344,37 @@ def test_subtree_watches_a_robot_on_one_connection(scene: Theatre) -> None:
         for message in news:
             _same(message, scene.browser, str(message.iri))
         assert {message.previous for message in news} <= {message.version for message in first}
+        last = max(news, key=lambda message: [int(n) for n in message.version.replace(".", "-").split("-")]).version
+        with events(socket.url, last=last) as stream, Socket(socket.url, last=last) as again:
+            for channel in (stream, again):
+                assert {str(channel.next().iri) for _ in covered} == covered
 
 
-def test_deadband_and_interval(scene: Theatre) -> None:
-    """A move below the deadband is no news; within an interval values are conflated and the last one comes."""
-    with scene.toy() as toy:
-        url = toy.rotation()
-        with Socket(url) as all_, Socket(url + "?deadband=0.2") as rough, events(url + "?interval=1") as rare:
-            every, rough_first = [all_.next()], rough.next()
-            seen = [rare.next()]
-            for angle in (0.05, 0.15, 0.19, 0.3, 0.45):
-                toy.pose(angle)
-                every.append(all_.next())
-                assert every[-1].angle == angle
-            coarse = rough.next()
-            assert (coarse.angle, coarse.previous == rough_first.version) == (0.3, False)
-            while seen[-1].angle != 0.45:
-                seen.append(rare.next())
-            versions = [message.version for message in every]
-            assert [message.previous for message in every] == [None, *versions[:-1]]
-            for before, message in itertools.pairwise(seen):
-                place = versions.index(message.version)
-                nothing_between = versions.index(before.version) == place - 1
-                assert (message.previous == before.version) == nothing_between
-        bad = [
-            f"{url}?{query}"
-            for query in (
-                "deadband=-1",
-                "deadband=nan",
-                "interval=1e9",
-                "interval=x",
-                "depth=all",
-                "intervall=1",
-                "depth=this&depth=this",
-            )
-        ]
-        assert [refused(each).status_code for each in bad] == [400] * len(bad)
-        for each in bad:
-            assert scene.browser.http.get(each, headers={"accept": EVENTS}).status_code == 400
+# -- options --------------------------------------------------------------------------------------------------------
 
 
-# -- resuming -------------------------------------------------------------------------------------------------------
+def test_resuming_by_header_and_by_query(scene: Theatre) -> None:
+    """With the present version nothing comes before a change; with another one the present state comes at once.
 
-
-def test_resuming_with_the_present_version(scene: Theatre) -> None:
-    """With the present version nothing comes before a change: by header, by query, by event stream."""
+    Versions belong to the resource: they are the same for all watchers and media types.
+    """
     with scene.toy(0.25) as toy:
         url = toy.rotation()
         with events(url) as before:
             first = before.next()
             assert before.last_event_id == first.version
             assert before.comments, "an event stream begins with a comment"
-        query = f"{url}?last-event-id={first.version}"
         with (
-            Socket(url, last=first.version) as one,
-            Socket(query) as two,
+            Socket(url, "application/ld+json", last=first.version) as one,
+            Socket(f"{url}?last-event-id={first.version}") as two,
             events(url, last=first.version) as three,
         ):
             assert {one.description, two.description, three.description} <= members(toy.subscriptions())
             toy.pose(0.25)
             toy.pose(0.5)
-            for channel in (one, two, three):
-                message = channel.next()
-                assert (message.angle, message.previous) == (0.5, first.version)
-            assert three.last_event_id == message.version
-
-
-def test_resuming_after_a_change_that_was_missed(scene: Theatre) -> None:
-    """After a missed change, or with a version that never existed, the present state comes at once."""
-    with scene.toy(0.25) as toy:
-        url = toy.rotation()
-        with Socket(url) as before:
-            first = before.next()
-        toy.pose(0.5)
-        eventually(lambda: angle_in(scene.browser.page(url).graph, URIRef(url)) == 0.5, "the frame")
+            messages = [one.next("application/ld+json"), two.next(), three.next()]
+            assert {(each.angle, each.previous) for each in messages} == {(0.5, first.version)}
+            assert {each.version for each in messages} == {three.last_event_id}
         for last in (first.version, "0-1", "nonsense"):
             with (
                 Socket(url, last=last) as one,
@@ -455,31 +386,13 @@ def test_resuming_after_a_change_that_was_missed(scene: Theatre) -> None:
                     assert (message.angle, message.version != last, message.previous != last) == (0.5, True, True)
 
 
-def test_resuming_a_subtree_brings_all_of_it(scene: Theatre) -> None:
-    """The version of one resource says nothing about the others: the whole subtree is sent, including its root."""
+def test_options_that_do_not_exist_are_refused(scene: Theatre) -> None:
     with scene.toy() as toy:
-        url = toy.part().url + "?depth=subtree"
-        joint = toy.part()
-        covered = {joint.url} | {str(each) for each in joint.graph.objects(joint.iri, HYBRIT.property)}
-        with events(url) as before:
-            first = [before.next() for _ in covered]
-        newest = max(first, key=lambda message: [int(n) for n in message.version.replace(".", "-").split("-")])
-        with events(url, last=newest.version) as stream, Socket(url, last=newest.version) as socket:
-            assert {str(stream.next().iri) for _ in covered} == covered
-            assert {str(socket.next().iri) for _ in covered} == covered
-
-
-def test_versions_are_the_same_for_all(scene: Theatre) -> None:
-    """Versions belong to the resource: they are the same for all watchers, whenever and however they began."""
-    with scene.toy() as toy:
-        url = toy.rotation()
-        with Socket(url, "application/ld+json") as one, events(url) as two:
-            one.next("application/ld+json"), two.next()
-            toy.pose(0.5)
-            known = {one.next("application/ld+json").version, two.next().version}
-            with Socket(url) as late:
-                known.add(late.next().version)
-        assert len(known) == 1
+        for query in ("deadband=-1", "deadband=nan", "interval=1e9", "interval=x", "depth=all", "intervall=1",
+                      "depth=this&depth=this"):  # fmt: skip
+            url = f"{toy.rotation()}?{query}"
+            assert refused(url).status_code == 400, query
+            assert scene.browser.http.get(url, headers={"accept": EVENTS}).status_code == 400, query
 
 
 def test_r0_12_streams_under_every_name_of_the_gateway(fleet: RunningFleet, browser: Browser) -> None:

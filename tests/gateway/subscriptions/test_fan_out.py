@@ -212,15 +212,23 @@ def watch(world: World, path: str, sent: dict[str, str] | None = None, patient: 
     return outlet
 
 
+async def begin(world: World, path: str, **more: object) -> Outlet:
+    """Return an outlet that is ready and has got the present state."""
+    outlet = watch(world, path, **more)
+    outlet.watcher.ready()
+    await world.settle()
+    return outlet
+
+
 async def test_every_change_is_a_message_when_there_is_room() -> None:
-    """First the present state; each message names the version before it; a repeated value is no message."""
+    """First the present state; each message names the version before it; no value within its resolution is one."""
     world = await World().up()
     outlet = watch(world, _ROTATION)
     assert not outlet.messages, "nothing is written before somebody is ready"
     outlet.watcher.ready()
     await world.settle()
-    await world.move(0.0, 0.1, 0.1, 0.100004, 0.2)
-    assert outlet.versions[1:] == ["1-3", "1-6"]
+    await world.move(0.0, 0.1, 0.1, 0.100004, 0.099996, 0.1, 0.2)
+    assert outlet.versions[1:] == ["1-3", "1-8"]
     assert outlet.previous == [None, *outlet.versions[:-1]]
 
 
@@ -243,9 +251,7 @@ async def test_a_full_outlet_gets_the_latest_and_sees_the_gap() -> None:
 
 async def test_who_missed_a_move_to_and_fro_missed_nothing() -> None:
     world = await World().up()
-    outlet = watch(world, _ROTATION)
-    outlet.watcher.ready()
-    await world.settle()
+    outlet = await begin(world, _ROTATION)
     outlet.room = False
     await world.move(0.1, 0.0)
     outlet.room = True
@@ -259,9 +265,7 @@ async def test_who_missed_a_move_to_and_fro_missed_nothing() -> None:
 async def test_a_burst_of_frames_is_read_once() -> None:
     """Frames that arrive together are not queued: the latest is read, and the gap is shown."""
     world = await World().up()
-    outlet = watch(world, _ROTATION)
-    outlet.watcher.ready()
-    await world.settle()
+    outlet = await begin(world, _ROTATION)
     await world.apply(*(world.frame(angle) for angle in (0.1, 0.2, 0.3)))
     assert len(outlet.messages) == 2
     assert b"0.3" in outlet.messages[-1].body
@@ -276,6 +280,7 @@ async def test_deadband_counts_from_what_was_sent() -> None:
     await world.move(0.125, 0.1875, 0.25, 0.375, 0.0)
     assert len(fine.messages) == 6
     assert rough.versions == [fine.versions[index] for index in (0, 3, 5)]
+    assert rough.previous[1:] == [fine.versions[index] for index in (2, 4)]
     await world.apply(Vanished("r", 1))  # presence is no value
     assert len(rough.messages) == 4
 
@@ -283,15 +288,14 @@ async def test_deadband_counts_from_what_was_sent() -> None:
 async def test_interval_has_a_trailing_edge() -> None:
     """At once after a pause; then nothing before the interval has passed, and then the last value."""
     world = await World().up()
-    outlet = watch(world, _ROTATION, interval_s=2.0)
-    outlet.watcher.ready()
-    await world.settle()
+    outlet = await begin(world, _ROTATION, interval_s=2.0)
     await world.move(0.1, 0.2)
     await world.advance(1.9)
     assert len(outlet.messages) == 1
     await world.advance(0.2)
     assert len(outlet.messages) == 2
     assert b"0.2" in outlet.messages[-1].body
+    assert outlet.previous[-1] != outlet.versions[0], "one was left out"
     await world.advance(10)
     assert len(outlet.messages) == 2
     await world.move(0.3, 0.4)
@@ -308,9 +312,7 @@ async def test_resuming() -> None:
     With any other, whatever its order: the present state at once.
     """
     world = await World().up()
-    before = watch(world, _ROTATION)
-    before.watcher.ready()
-    await world.settle()
+    before = await begin(world, _ROTATION)
     (version,) = before.versions
     before.watcher.close()
     same, later = watch(world, _ROTATION, {_ROTATION: version}), watch(world, _ROTATION, {_ROTATION: "1-1000"})
@@ -346,9 +348,7 @@ async def test_depths_of_a_joint() -> None:
 async def test_a_subtree_follows_its_members() -> None:
     """A robot described anew, robots that join, invocations: new resources are covered, up to their last state."""
     world = await World().up()
-    outlet = watch(world, "/", depth=Depth.SUBTREE)
-    outlet.watcher.ready()
-    await world.settle()
+    outlet = await begin(world, "/", depth=Depth.SUBTREE)
     assert "/" in outlet.take()
     await world.apply(Appeared("s", 1))
     assert set(outlet.take()) == {"/", "/s/"}
@@ -393,9 +393,7 @@ async def test_what_ceases_ends_its_watchers_but_patient_ones_wait() -> None:
 
 async def test_a_subtree_ends_with_its_root() -> None:
     world = await World().up()
-    outlet = watch(world, _JOINT, depth=Depth.SUBTREE)
-    outlet.watcher.ready()
-    await world.settle()
+    outlet = await begin(world, _JOINT, depth=Depth.SUBTREE)
     await world.apply(Described(described(urdf=_URDF.replace("elbow", "wrist"), joints=("wrist",))))
     assert outlet.ending is Ending.GONE
     assert world.fan_out.empty
@@ -418,9 +416,7 @@ async def test_a_robot_that_says_nothing_usable_for_a_while_ends_nobody() -> Non
 async def test_a_message_shows_the_state_of_its_version() -> None:
     """A frame that arrives before a message is rendered is read first: no body is newer than its version."""
     world = await World().up()
-    outlet = watch(world, _ROTATION)
-    outlet.watcher.ready()
-    await world.settle()
+    outlet = await begin(world, _ROTATION)
     outlet.room = False
     await world.move(1.5)
     for change in world.fleet.apply(world.frame(2.0), 1):
@@ -438,9 +434,7 @@ async def test_the_first_round_has_all_of_a_subtree_however_long_it_takes_to_fin
     turns = itertools.count()
     monkeypatch.setattr(fan_out.time, "perf_counter", lambda: next(turns) * fan_out.TURN_S / 4)  # a few steps per turn
     world = await World().up()
-    outlet = watch(world, _ROBOT, depth=Depth.SUBTREE, interval_s=8.0)
-    outlet.watcher.ready()
-    await world.settle()
+    outlet = await begin(world, _ROBOT, depth=Depth.SUBTREE, interval_s=8.0)
     first = outlet.take()
     await world.advance(8.0)
     assert outlet.take() == [] and len(first) == len(set(first)) > 5
@@ -449,9 +443,7 @@ async def test_the_first_round_has_all_of_a_subtree_however_long_it_takes_to_fin
 async def test_the_interval_lies_between_rounds_of_a_subtree() -> None:
     """News during a round waits for the next one."""
     world = await World().up()
-    outlet = watch(world, _ROBOT, depth=Depth.SUBTREE, interval_s=8.0)
-    outlet.watcher.ready()
-    await world.settle()
+    outlet = await begin(world, _ROBOT, depth=Depth.SUBTREE, interval_s=8.0)
     outlet.take()
     await world.move(0.1)
     assert outlet.take() == []
@@ -583,9 +575,7 @@ def _change(world: World, outlet: Outlet, **options: object) -> None:
 async def test_another_interval_counts_from_the_message_before() -> None:
     """A longer one delays a pending message, a shorter one releases it, and none leaves no timer behind."""
     world = await World().up()
-    outlet = watch(world, _ROTATION, interval_s=2.0)
-    outlet.watcher.ready()
-    await world.settle()
+    outlet = await begin(world, _ROTATION, interval_s=2.0)
     await world.move(0.1)
     _change(world, outlet, interval_s=5.0)
     await world.advance(4.9)
@@ -620,9 +610,7 @@ async def test_who_had_no_interval_waits_from_the_change() -> None:
 async def test_another_deadband_is_held_against_what_was_sent() -> None:
     """A smaller one releases what was no news before; a larger one holds back what is no longer news."""
     world = await World().up()
-    outlet = watch(world, _ROTATION, deadband=0.5)
-    outlet.watcher.ready()
-    await world.settle()
+    outlet = await begin(world, _ROTATION, deadband=0.5)
     await world.move(0.3)
     assert len(outlet.messages) == 1
     _change(world, outlet, deadband=0.2)
@@ -643,9 +631,7 @@ async def test_another_deadband_is_held_against_what_was_sent() -> None:
 async def test_another_depth_or_media_type_begins_with_the_present_state(options: dict[str, object]) -> None:
     """Everything covered is sent, whatever was sent before, and nothing of the former watch is kept."""
     world = await World().up()
-    outlet = watch(world, _JOINT)
-    outlet.watcher.ready()
-    await world.settle()
+    outlet = await begin(world, _JOINT)
     await world.move(0.1)
     outlet.take()
     _change(world, outlet, **options)
