@@ -119,7 +119,8 @@ def test_every_constraint_failure_names_its_constraint(browser: Browser, crate: 
                 assert problem(answer)
                 assert answer.json()["constraint"] == constraint
                 seen.add((url, method, answer.status_code))
-    assert {url for url, *_ in seen} >= {crate, _objects(browser), _setting(browser, "title")}
+    settings = {_setting(browser, name) for name in ("title", "annotations", "maximumSpeedScale", "placement")}
+    assert {url for url, *_ in seen} >= {crate, _objects(browser), *settings}
     each = {(method, status) for method in ("PUT", "POST", "PATCH") for status in (413, 415, 422)}
     assert {(method, status) for _, method, status in seen} == each
     assert len(seen) > 45
