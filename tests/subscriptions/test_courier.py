@@ -353,6 +353,28 @@ async def test_who_lost_the_subscription_while_it_kept_the_rate_delivers_no_more
         await taker.stop()
 
 
+async def test_who_lost_the_subscription_before_it_repeats_a_delivery_delivers_no_more(
+    url: str, there: CallbackReceiver
+) -> None:
+    """As a gateway that was suspended for longer than its lease: no older number follows a higher one."""
+    there.script(Answer(), retry_after(5))
+    namespace = uuid.uuid4().hex
+    async with work(url, there, namespace=namespace, loses=True) as at, Store(url, namespace, "b") as other:
+        await at.requests(1)
+        at.toy.become(1)
+        await at.until(lambda record: record.delivery.failures == 1, "the failure")
+        (record,) = [record async for record in other.adopt("a")]
+        taker = another(replace(at, store=other), record)
+        taker.start()
+        await at.requests(3)
+        at.toy.become(2)
+        await at.requests(4)
+        assert at.courier._task is not None
+        await at.courier._task  # by itself, after its pause
+        assert numbers(there.log()) == [1, 2, 2, 3]
+        await taker.stop()
+
+
 async def test_an_address_that_changes_between_look_and_delivery_is_asked_again(
     url: str, there: CallbackReceiver
 ) -> None:
