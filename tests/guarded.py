@@ -4,13 +4,8 @@ import contextlib
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from types import TracebackType
-
-from websockets.exceptions import ConnectionClosed, InvalidStatus
-from websockets.http11 import Response
 
 from browser import Browser
-from connections import websocket
 from issuer import AUDIENCE, CLIENT, SECRET, Issuer
 from linked_fleet_gateway.identity.__main__ import new_token
 from running import Process, eventually, process
@@ -94,41 +89,3 @@ def guarded(folder: Path, *more: str, robots: bool = True, issuer: Issuer | None
             for name in (SEEN, HIDDEN) if robots else ():
                 live(browser, name)
         yield here
-
-
-class Listening:
-    """A WebSocket with custom headers."""
-
-    def __init__(self, url: str, **headers: str) -> None:
-        self._open = contextlib.ExitStack()
-        self._connection = self._open.enter_context(websocket(url, headers))
-
-    def __enter__(self) -> "Listening":
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._open.close()
-
-    def next(self) -> str:
-        said = self._connection.recv(timeout=PATIENCE_S)
-        assert isinstance(said, str)
-        return said
-
-    def until_closed(self) -> int:
-        try:
-            while True:
-                self.next()
-        except ConnectionClosed as end:
-            assert end.rcvd is not None
-            return end.rcvd.code
-
-
-def refusal(url: str, **headers: str) -> Response:
-    """Return the response to a WebSocket handshake that is refused."""
-    try:
-        with Listening(url, **headers):
-            raise AssertionError(f"{url} was opened")
-    except InvalidStatus as error:
-        return error.response

@@ -3,6 +3,7 @@
 import contextlib
 import itertools
 import math
+import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from types import TracebackType
@@ -17,6 +18,7 @@ from websockets.http11 import Response
 from actor import Actor, joint, link, robot, stage
 from browser import DCTERMS, HYBRIT, LDP, LF, ROS, SPATIAL, VOM, Browser, Page
 from connections import http_client, websocket
+from event_source import EventSource
 from graphs import read
 from running import eventually, process
 from small_fleet import Place, presence
@@ -94,10 +96,17 @@ def said(body: bytes | str, media_type: str, base: str) -> Said:
 class Socket:
     """A WebSocket on a resource; ``subprotocol`` as sent by browsers, ``accept`` as sent by other clients."""
 
-    def __init__(self, url: str, accept: str | None = None, subprotocol: str | None = None, last: str | None = None):
+    def __init__(
+        self,
+        url: str,
+        accept: str | None = None,
+        subprotocol: str | None = None,
+        last: str | None = None,
+        **fields: str,
+    ):
         self.url = url
         self._open = contextlib.ExitStack()
-        opening = websocket(url, {"Accept": accept, "Last-Event-ID": last}, subprotocol)
+        opening = websocket(url, {"Accept": accept, "Last-Event-ID": last, **fields}, subprotocol)
         self.connection = self._open.enter_context(opening)
 
     def __enter__(self) -> "Socket":
@@ -136,10 +145,10 @@ class Socket:
             return end.rcvd.code, end.rcvd.reason
 
 
-def refused(url: str, accept: str | None = None, subprotocol: str | None = None) -> Response:
+def refused(url: str, accept: str | None = None, subprotocol: str | None = None, **fields: str) -> Response:
     """Return the response to a WebSocket handshake that is refused."""
     try:
-        Socket(url, accept, subprotocol).close()
+        Socket(url, accept, subprotocol, **fields).close()
     except InvalidStatus as error:
         return error.response
     raise AssertionError(f"{url} was opened")
@@ -150,20 +159,26 @@ class StreamEnded(AssertionError):  # noqa: N818 - it is an outcome
 
 
 class Events:
-    """Reads an event stream by the standard (WHATWG HTML, 9.2.6), as an EventSource does."""
+    """An event stream, read as an EventSource reads it."""
 
     def __init__(self, response: httpx.Response) -> None:
         self.response = response
         self.url = str(response.url)
-        self.last_event_id = ""
-        self.comments: list[str] = []
+        self._source = EventSource()
         self._pieces = response.iter_raw()
-        self._waiting: list[str] = []
-        self._rest = self._data = self._id = ""
 
     @property
     def description(self) -> str:
         return self.response.headers["link"].partition(">")[0].removeprefix("<")
+
+    @property
+    def last_event_id(self) -> str:
+        """The id of the last event that was received, even if it is not yet taken by ``next``."""
+        return self._source.last_event_id
+
+    @property
+    def comments(self) -> int:
+        return self._source.comments
 
     def next(self, media_type: str = "text/turtle") -> Said:
         data = self._event()
@@ -172,32 +187,19 @@ class Events:
         return said(data, media_type, self.url)
 
     def ended(self) -> bool:
-        """Return True if the stream ends without another event."""
+        """Take another event; return True if the stream ends without one."""
         return self._event() is None
 
     def _event(self) -> str | None:
-        while not self._waiting:
+        """Return the data of the next event, or None if the stream ends. Heartbeats do not prolong the wait."""
+        deadline_s = time.monotonic() + PATIENCE_S
+        while not self._source.events:
+            assert time.monotonic() < deadline_s, f"no event within {PATIENCE_S} s"
             piece = next(self._pieces, None)
             if piece is None:
                 return None
-            self._feed(piece.decode())
-        return self._waiting.pop(0)
-
-    def _feed(self, text: str) -> None:
-        *lines, self._rest = (self._rest + text).split("\n")
-        for line in lines:
-            name, _, value = line.partition(":")
-            value = value.removeprefix(" ")
-            if not line:
-                self.last_event_id = self._id
-                self._waiting += [self._data.removesuffix("\n")] if self._data else []
-                self._data = ""
-            elif not name:
-                self.comments.append(value)
-            elif name == "data":
-                self._data += value + "\n"
-            elif name == "id":
-                self._id = value
+            self._source.feed(piece.decode())
+        return self._source.events.pop(0)[1]
 
 
 @contextlib.contextmanager

@@ -9,9 +9,10 @@ import rdflib
 from rdflib import DCTERMS, PROV, URIRef
 
 from browser import LDP, LF, Browser
-from guarded import SEEN, Guarded, Listening, guarded
+from guarded import SEEN, Guarded, guarded
 from redis_servers import single
 from running import eventually
+from subscribers import Socket
 
 pytestmark = pytest.mark.virtual
 
@@ -38,8 +39,8 @@ def test_commands_and_subscriptions_are_noted(here: Guarded) -> None:
         assert answer.status_code == 204
         reader.http.post(stop)
         reader.http.post(here.root + "hall-9/actions/stop")  # does not exist
-        with Listening(robot.url, Authorization=f"Bearer {here.tokens['all']}") as listening:
-            listening.next()
+        with Socket(robot.url, Authorization=f"Bearer {here.tokens['all']}") as listening:
+            listening.raw()
         expected = {
             ("all", f"POST {path}", "204"),
             ("reader", f"POST {path}", "403"),

@@ -9,9 +9,10 @@ from rdflib import URIRef
 from walk import walk
 
 from browser import HYBRIT, LDP, LF, MATHS, VOM, Browser, links
-from guarded import HIDDEN, SEEN, Guarded, Listening, refusal
+from guarded import HIDDEN, SEEN, Guarded
 from running import eventually, process
 from small_fleet import live, offline
+from subscribers import Socket, refused
 
 pytestmark = pytest.mark.virtual
 _TURTLE = {"content-type": "text/turtle"}
@@ -81,7 +82,7 @@ def test_however_one_asks(lab: Browser, headers: dict[str, str]) -> None:
 
 def test_a_websocket_to_a_hidden_robot_is_refused_like_one_to_none(here: Guarded) -> None:
     bearer = f"Bearer {here.tokens['lab']}"
-    answers = [refusal(f"{here.root}{name}/", Authorization=bearer) for name in (HIDDEN, "none-1")]
+    answers = [refused(f"{here.root}{name}/", Authorization=bearer) for name in (HIDDEN, "none-1")]
     assert [each.status_code for each in answers] == [404, 404]
     bodies = [
         (each.body or b"").decode().replace(name, "") for each, name in zip(answers, (HIDDEN, "none-1"), strict=True)
@@ -102,18 +103,18 @@ def test_a_subtree_shows_what_is_seen_and_also_what_comes(here: Guarded, root: B
     """A robot of each kind comes later: one is reported, the other is not."""
     url = here.root + "?depth=subtree"
     with (
-        Listening(url, Authorization=f"Bearer {here.tokens['lab-subscriber']}") as narrow,
-        Listening(url, Authorization=f"Bearer {here.tokens['subscriber']}") as wide,
+        Socket(url, Authorization=f"Bearer {here.tokens['lab-subscriber']}") as narrow,
+        Socket(url, Authorization=f"Bearer {here.tokens['subscriber']}") as wide,
         process(
             "-m", "linked_fleet_agent", "--robot=hall-2=ur5", "--robot=lab-2=ur5", "--connect", here.place.zenoh
         ),
     ):  # fmt: skip
         live(root, "hall-2")
         live(root, "lab-2")
-        assert any("/hall-2/wrist_3_joint" in wide.next() for _ in range(20_000))
+        assert any("/hall-2/wrist_3_joint" in wide.raw() for _ in range(20_000))
         told = ""
         while "/lab-2/wrist_3_joint" not in told:
-            told = narrow.next()
+            told = narrow.raw()
             assert "hall-" not in told
     offline(root, "hall-2")
     offline(root, "lab-2")

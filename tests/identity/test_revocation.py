@@ -8,12 +8,12 @@ import httpx
 import pytest
 
 from browser import HYBRIT, LF, Browser
-from guarded import ALL, SEEN, Guarded, Listening, guarded
+from guarded import ALL, SEEN, Guarded, guarded
 from issuer import Issuer, issuing
 from receivers import CallbackReceiver
 from running import eventually, process
 from small_fleet import Place
-from subscribers import Events
+from subscribers import Events, Socket
 
 pytestmark = pytest.mark.virtual
 _TURTLE = {"content-type": "text/turtle"}
@@ -50,10 +50,10 @@ def _bearer(own: Guarded, name: str) -> str:
 def test_a_websocket_ends_with_the_token(own: Guarded, root: Browser) -> None:
     own.add("short", "read", "subscribe")
     own.known("short")
-    with Listening(_joint(root), Authorization=_bearer(own, "short")) as open_:
-        open_.next()
+    with Socket(_joint(root), Authorization=_bearer(own, "short")) as open_:
+        open_.raw()
         own.revoke("short")
-        assert open_.until_closed() == 1008
+        assert open_.until_closed()[0] == 1008
     with own.browsing("short") as browser:
         assert browser.http.get(own.root).status_code == 401
 
@@ -62,14 +62,14 @@ def test_a_websocket_ends_with_the_token(own: Guarded, root: Browser) -> None:
 def test_a_websocket_ends_when_rights_change(own: Guarded, root: Browser, change: str) -> None:
     own.add("changing", "read", "subscribe")
     own.known("changing")
-    with Listening(_joint(root), Authorization=_bearer(own, "changing")) as open_:
-        open_.next()
+    with Socket(_joint(root), Authorization=_bearer(own, "changing")) as open_:
+        open_.raw()
         before = own.tables["changing"]
         own.tables["changing"] = (
             before.replace(', "subscribe"', "") if change == "fewer rights" else before.replace('["*"]', '["lab-*"]')
         )
         own.write()
-        assert open_.until_closed() == 1008
+        assert open_.until_closed()[0] == 1008
 
 
 def test_an_event_stream_ends_with_the_token_and_does_not_come_back(own: Guarded, root: Browser) -> None:
@@ -86,18 +86,18 @@ def test_an_event_stream_ends_with_the_token_and_does_not_come_back(own: Guarded
 
 def test_a_stream_ends_when_a_token_of_an_issuer_expires(own: Guarded, root: Browser, issuer: Issuer) -> None:
     token = issuer.token(exp=int(time.time()) - 25)  # within the leeway of 30 s
-    with Listening(_joint(root), Authorization=f"Bearer {token}") as open_:
-        open_.next()
-        assert open_.until_closed() == 1008
+    with Socket(_joint(root), Authorization=f"Bearer {token}") as open_:
+        open_.raw()
+        assert open_.until_closed()[0] == 1008
 
 
 def test_a_stream_that_is_still_allowed_goes_on(own: Guarded, root: Browser) -> None:
     own.add("lasting", "read", "subscribe")
     own.known("lasting")
-    with Listening(own.root, Authorization=_bearer(own, "lasting")) as lasting:
-        lasting.next()
-        with Listening(own.root, Authorization=_bearer(own, "root")) as other:
-            other.next()
+    with Socket(own.root, Authorization=_bearer(own, "lasting")) as lasting:
+        lasting.raw()
+        with Socket(own.root, Authorization=_bearer(own, "root")) as other:
+            other.raw()
             own.tables["another"] = (
                 own.tables["lasting"]
                 .replace("lasting", "another")
@@ -105,7 +105,7 @@ def test_a_stream_that_is_still_allowed_goes_on(own: Guarded, root: Browser) -> 
             )
             own.write()
             with process("-m", "linked_fleet_agent", "--robot=lab-9=ur5", "--connect", own.place.zenoh):
-                while "lab-9" not in lasting.next():
+                while "lab-9" not in lasting.raw():
                     pass
 
 

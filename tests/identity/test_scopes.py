@@ -9,10 +9,10 @@ import rdflib
 from rdflib import URIRef
 
 from browser import HYBRIT, LDP, LF, Browser, links
-from guarded import SEEN, Guarded, Listening, refusal
+from guarded import SEEN, Guarded
 from running import eventually
 from small_fleet import live
-from subscribers import PATIENCE_S
+from subscribers import PATIENCE_S, Socket, refused
 
 pytestmark = pytest.mark.virtual
 
@@ -120,11 +120,11 @@ def test_invocations_are_cancelled_by_who_may_stop_and_deleted_by_who_may_act(he
 
 def test_websockets_are_for_who_may_subscribe(here: Guarded, root: Browser) -> None:
     url = root.part(SEEN, _JOINT).url
-    assert refusal(url).status_code == 401
-    assert refusal(url, Authorization=f"Bearer {here.tokens['reader']}").status_code == 403
-    assert refusal(url, Authorization="Bearer nonsense").status_code == 401
-    with Listening(url, Authorization=f"Bearer {here.tokens['subscriber']}") as open_:
-        assert _JOINT in open_.next()
+    assert refused(url).status_code == 401
+    assert refused(url, Authorization=f"Bearer {here.tokens['reader']}").status_code == 403
+    assert refused(url, Authorization="Bearer nonsense").status_code == 401
+    with Socket(url, Authorization=f"Bearer {here.tokens['subscriber']}") as open_:
+        assert _JOINT in open_.raw()
 
 
 def test_callbacks_by_upgrade_are_for_who_may_subscribe(here: Guarded, root: Browser) -> None:

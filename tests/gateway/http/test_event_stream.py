@@ -10,6 +10,7 @@ import httpx
 import pytest
 from starlette.types import Receive, Scope, Send
 
+from event_source import EventSource
 from linked_fleet_gateway.http.backpressure import HIGH_WATER_BYTES
 from linked_fleet_gateway.http.event_stream import chunk, framed, serve_event_stream
 from linked_fleet_gateway.http.protocol import HTTP, HttpProtocol
@@ -20,39 +21,6 @@ pytestmark = pytest.mark.virtual
 TURTLE = Message("/a", "7-1", "text/turtle", '<> <urn:p> "ü" .\n\n<> <urn:q> 1 .\n'.encode())
 GET = b"GET /a HTTP/1.1\r\nHost: x\r\n\r\n"
 LARGE = 20_000
-
-
-class EventSource:
-    """9.2.6, interpreting an event stream, written from the standard and independent of the writer."""
-
-    def __init__(self) -> None:
-        self.events: list[tuple[str, str]] = []
-        self.last_event_id = ""
-        self.retry = 0
-        self.comments = 0
-        self._rest = self._data = self._id = ""
-
-    def feed(self, text: str) -> None:
-        *lines, self._rest = (self._rest + text).replace("\r\n", "\n").replace("\r", "\n").split("\n")
-        for line in lines:
-            name, _, value = line.partition(":")
-            value = value.removeprefix(" ")
-            if not line:
-                self._dispatch()
-            elif not name:
-                self.comments += 1
-            elif name == "data":
-                self._data += value + "\n"
-            elif name == "id" and "\0" not in value:
-                self._id = value
-            elif name == "retry" and value.isdecimal():
-                self.retry = int(value)
-
-    def _dispatch(self) -> None:
-        self.last_event_id = self._id
-        if self._data:
-            self.events.append((self.last_event_id, self._data.removesuffix("\n")))
-        self._data = ""
 
 
 class App(Channel):

@@ -7,8 +7,9 @@ import httpx
 import pytest
 
 from browser import LF
-from guarded import SEEN, Guarded, Listening, refusal
+from guarded import SEEN, Guarded
 from running import eventually
+from subscribers import Socket, refused
 
 pytestmark = pytest.mark.virtual
 _HTML = "text/html,application/xhtml+xml,*/*;q=0.8"
@@ -78,9 +79,9 @@ def test_a_session_acts_for_our_pages_alone(
 def test_a_session_listens_for_our_pages_alone(here: Guarded, http: httpx.Client) -> None:
     cookie, ours = f"linked-fleet={http.cookies['linked-fleet']}", here.root[:-1]
     for origin in ({}, {"Origin": "https://evil.example"}, {"Origin": "null"}):
-        assert refusal(here.root, Cookie=cookie, **origin).status_code == 403
-    with Listening(here.root, Cookie=cookie, Origin=ours) as open_:
-        assert SEEN in open_.next()
+        assert refused(here.root, Cookie=cookie, **origin).status_code == 403
+    with Socket(here.root, Cookie=cookie, Origin=ours) as open_:
+        assert SEEN in open_.raw()
     events = {"accept": "text/event-stream"}
     for headers, status in (
         ({}, 403),
@@ -95,7 +96,7 @@ def test_a_session_listens_for_our_pages_alone(here: Guarded, http: httpx.Client
 
 def test_a_foreign_page_opens_no_websocket_whatever_it_brings(here: Guarded) -> None:
     bearer = f"Bearer {here.tokens['all']}"
-    assert refusal(here.root, Authorization=bearer, Origin="https://evil.example").status_code == 403
+    assert refused(here.root, Authorization=bearer, Origin="https://evil.example").status_code == 403
 
 
 def test_one_logs_out_and_the_session_is_over(here: Guarded, http: httpx.Client) -> None:
@@ -108,15 +109,15 @@ def test_one_logs_out_and_the_session_is_over(here: Guarded, http: httpx.Client)
 def test_a_copied_cookie_is_worth_nothing_once_its_owner_has_logged_out(here: Guarded, http: httpx.Client) -> None:
     """Streams of that session end; other sessions with the same token continue."""
     copy, ours = f"linked-fleet={http.cookies['linked-fleet']}", {"origin": here.root[:-1]}
-    with httpx.Client() as tablet, Listening(here.root, Cookie=copy, Origin=here.root[:-1]) as open_:
+    with httpx.Client() as tablet, Socket(here.root, Cookie=copy, Origin=here.root[:-1]) as open_:
         log_in(here, tablet, here.tokens["all"])
-        open_.next()
+        open_.raw()
         assert http.post(here.root + "logout", headers=ours).status_code == 303
-        assert open_.until_closed() == 1008
+        assert open_.until_closed()[0] == 1008
         for method, headers in (("GET", {}), ("POST", ours)):
             answer = httpx.request(method, _stop_all(here), headers={"cookie": copy} | headers)
             assert answer.status_code == 401 and "invalid_token" in answer.headers["www-authenticate"]
-        assert refusal(here.root, Cookie=copy, Origin=here.root[:-1]).status_code == 401
+        assert refused(here.root, Cookie=copy, Origin=here.root[:-1]).status_code == 401
         assert (
             httpx.post(here.root + "logout", headers={"cookie": copy} | ours).status_code == 303
         )  # any number of times
