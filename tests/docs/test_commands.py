@@ -1,4 +1,4 @@
-"""Every command of README.md, of the pages in docs/ and of extensions, run against the demo as shipped."""
+"""Every command of the pages for users, run against the demo as shipped; a page says why it cannot be run."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -14,7 +14,14 @@ _DEMO_PORT = "8000"
 _EXTENSIONS = ROOT / "gateway/linked_fleet_gateway/extensions"
 _FIRST = (ROOT / "README.md", ROOT / "docs" / "TUTORIAL.md")
 """They run as a newcomer runs them: the UR5 still sways."""
-_PAGES = [*_FIRST, *sorted({*(ROOT / "docs").glob("*.md"), *_EXTENSIONS.glob("*/README.md")} - {*_FIRST})]
+_PAGES = [
+    *_FIRST,
+    *sorted({
+        *(ROOT / "docs").glob("*.md"), *(ROOT / "client").glob("*.md"), *(ROOT / "deploy").rglob("*.md"),
+        *(ROOT / "gateway" / "linked_fleet_gateway").glob("*/*.md"), *_EXTENSIONS.glob("*/README.md"),
+        *(ROOT / folder / "README.md" for folder in ("agents", "shapes", "examples")),
+    } - {*_FIRST}),
+]  # fmt: skip
 _ALONE = (_EXTENSIONS / "world/README.md",)
 """It puts a thing next to a robot that other pages move."""
 _PAGES.sort(key=lambda page: page not in _ALONE)
