@@ -19,9 +19,11 @@ class Namespace:
 
     def __getattr__(self, term: str) -> NamedNode:
         try:
-            return self.terms[term.rstrip("_")]
+            found = self.terms[term.rstrip("_")]
         except KeyError:
             raise AttributeError(f"{self.iri} has no term {term!r} here") from None
+        self.__dict__[term] = found  # so that this is called once for each term
+        return found
 
 
 RDF = Namespace("http://www.w3.org/1999/02/22-rdf-syntax-ns#", "type first rest nil langString")
