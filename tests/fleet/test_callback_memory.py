@@ -64,7 +64,10 @@ def terminate(server: Server) -> None:
 
 @pytest.mark.parametrize("end", [terminate, kill])
 def test_the_memory_goes_away_and_comes_back_under_load(memory: Servers, end: Callable[[Server], None]) -> None:
-    """Streams continue; a callback is only accepted if it is on disk, and is then delivered once the server is back."""
+    """Streams continue; a callback is only accepted if it is on disk, and is then delivered once the server is back.
+
+    Streams that end meanwhile are listed no more.
+    """
     with (
         hub() as stage,
         receiving() as receiver,
@@ -85,8 +88,13 @@ def test_the_memory_goes_away_and_comes_back_under_load(memory: Servers, end: Ca
                     assert {reader.next().angle for reader in readers} == {stage.angle}
 
             drive(25)
+            early = later.enter_context(Socket(one.rotation))
+            early.next()
             for node in memory.nodes:
                 end(node)
+            early.close()
+            with Socket(one.rotation) as late:
+                late.next()
             drive(25)
             refused = one.subscribe(receiver.url("/refused"))
             assert refused.status_code == 503
