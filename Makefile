@@ -62,7 +62,7 @@ endef
 
 .PHONY: architecture docs demo release try-release test test-long test-all check check-collisions docs-settings requirements fleet-check bench bench-robots bench-routers fuzz mutants soak assets pictures node-wot shacl-suite chromium egl tools wrk caddy clean helm
 
-demo: .venv/stamp $(ASSETS)
+demo: .venv/demo-stamp $(ASSETS)
 	@$(BIN)/python -m linked_fleet_demo --port $(PORT)
 
 # Those marked test_all are slow: the contract of the stores on clusters of Valkey, and with real replicas.
@@ -203,7 +203,7 @@ pictures: .venv/stamp $(ASSETS) chromium
 # Scripts and styles of the pages, with three.js and others from npm ($(SCRIPTS)/package-lock.json).
 assets: $(ASSETS)
 
-$(ASSETS): $(SCRIPTS)/package.json $(SCRIPTS)/package-lock.json $(SCRIPTS)/build $(SCRIPTS)/build.mjs $(wildcard $(SCRIPTS)/src/*) | .venv/stamp
+$(ASSETS): $(SCRIPTS)/package.json $(SCRIPTS)/package-lock.json $(SCRIPTS)/build $(SCRIPTS)/build.mjs $(wildcard $(SCRIPTS)/src/*) | .venv/demo-stamp
 	@echo "Bundling the scripts of the pages. The first time fetches their packages."
 	@$(SCRIPTS)/build $(BIN)/python
 
@@ -229,10 +229,16 @@ $(SHACL_SUITE): tests/shacl/suite.txt | .venv/stamp
 	@tar -xzf build/shacl-suite/pyshacl-*.tar.gz -C build/shacl-suite --strip-components=4 --wildcards '*/sht_tests/core'
 	@touch $@
 
-# One environment for everything. A later start finds it as it is and asks nobody for packages.
-.venv/stamp: pyproject.toml agents/pyproject.toml constraints.txt
-	@echo "Making .venv: the gateway, the simulation and the tools. The first time takes a minute or two."
+# One environment for everything: first what the demo needs, then the tools. A later start finds it as it is and asks nobody
+# for packages.
+.venv/demo-stamp: pyproject.toml agents/pyproject.toml constraints.txt
+	@echo "Making .venv: the gateway and the simulation. The first time takes a minute or two."
 	@$(call make_venv,.venv)
+	@$(BIN)/python -m pip install -q -e './agents[sim]' -e .
+	@touch $@
+
+.venv/stamp: .venv/demo-stamp
+	@echo "Adding the tools for tests, documentation and benchmarks to .venv."
 	@$(BIN)/python -m pip install -q -e './agents[sim,ros,tracing]' -e '.[dev,bench]'
 	@touch $@
 
