@@ -7,6 +7,7 @@ from pyoxigraph import NamedNode, Triple
 from linked_fleet_agent.wire.codec import layout
 from linked_fleet_agent.wire.messages import WIRE_VERSION, Camera, Description
 from linked_fleet_gateway.extensions.cameras.resources import cameras_branch
+from linked_fleet_gateway.extensions.history.listing import list_branch
 from linked_fleet_gateway.extensions.history.recorder import History
 from linked_fleet_gateway.extensions.history.resources import RecordedHistory
 from linked_fleet_gateway.extensions.history.resources import history_branches as histories
@@ -142,7 +143,8 @@ def tree() -> Tree:
         *THINGS,
         rules_branch(rules),
         FleetBranch(WORLD[1:], LF.world, lambda view, rest: resolve_world(view, rest, objects, _collisions())),
-        *histories(History(fleet, 60.0, 10.0, 1_000_000)),
+        *histories(recorded := History(fleet, 60.0, 10.0, 1_000_000)),
+        list_branch(recorded),
         cameras_branch(lambda robot, camera: {}),
         ASSETS,
     )

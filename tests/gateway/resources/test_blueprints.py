@@ -20,7 +20,7 @@ _SH = rdflib.SH
 _OPTIONAL = {
     LF.placement, HYBRIT.action, LDP.contains, DCTERMS.hasPart, LF.fault, LF.reason, LF.currentTask, LF.lastSeen,
     LF.parentJoint, LF.childJoint, XHV.prev, XHV.next, LF.mimic, LF.targetRotation, LF.targetTranslation,
-    LF.modelName, LF.things, LF.rules, LF.world, LF.cameras, LF.history, SOSA.hosts, LF.mesh,
+    LF.modelName, LF.things, LF.rules, LF.world, LF.cameras, LF.history, LF.histories, SOSA.hosts, LF.mesh,
     PROV.wasAssociatedWith, PROV.startedAtTime, PROV.endedAtTime, SOSA.actsOnProperty, LF.duration, LF.target,
     LF.result, LF.answer, LF.preempts, LF.body, LF.binding, LF.sample, LF.field, LF.collision,
 }  # fmt: skip

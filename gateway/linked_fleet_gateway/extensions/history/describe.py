@@ -15,9 +15,12 @@ from linked_fleet_gateway.extensions.history.series import Numbers, Series
 from linked_fleet_gateway.extensions.history.span import Span, moment, query
 from linked_fleet_gateway.extensions.history.terms import LF
 from linked_fleet_gateway.extensions.history.track import Excerpt, Track
+from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.rdf.graph import Graph, integer, number, timestamp
 from linked_fleet_gateway.rdf.units import METRE, METRE_PER_SECOND, RADIAN_PER_SECOND, SECOND
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, HYDRA, QUDT, RDFS, SOSA
+from linked_fleet_gateway.resources.describe import Describer
+from linked_fleet_gateway.resources.paths import robot_path
 from linked_fleet_gateway.resources.property import Property
 
 _READY = {"the last 10 s": "PT10S", "the last minute": "PT1M"}
@@ -71,21 +74,25 @@ def page_of(track: Track | None, span: Span, most: int) -> Page:
 
 
 def describe_robot(
-    graph: Graph, iri: NamedNode, robot: NamedNode, title: str, history: History, page: Page,
+    graph: Graph, base: str, iri: NamedNode, robot: Robot, history: History, page: Page,
     parts: Sequence[tuple[NamedNode, NamedNode]],
 ) -> None:  # fmt: skip
     """Describe the history of a robot: its extent, its files, and the histories of its properties.
 
-    ``parts`` are pairs of a property and its history.
+    ``parts`` are pairs of a property and its history. The presence of the robot says whether samples are added.
     """
+    say, path = Describer(base), robot_path(robot.name)
+    about = say.iri(path)
     graph.a(iri, LF.History)
-    graph.add(iri, DCTERMS.title, Literal(f"History of {title}"))
-    graph.add(iri, RDFS.seeAlso, robot)
-    graph.add(iri, LF.ofRobot, robot)
+    graph.add(iri, DCTERMS.title, Literal(f"History of {robot.name}"))
+    graph.add(iri, RDFS.seeAlso, about)
+    graph.add(iri, LF.ofRobot, about)
+    say.presence(graph, about, robot)
+    graph.add(about, LF.jointState, say.iri(path + "jointState"))
     graph.add(iri, HYBRIT.blueprint, LF.HistoryShape, NamedNode(iri.value + "/blueprint"))
     graph.scalar(iri, LF.historySpan, history.span_s, SECOND)
     graph.scalar(iri, LF.samplingPeriod, 1 / history.rate_hz, SECOND)
-    _extent(graph, iri, page)
+    describe_extent(graph, iri, page)
     for title, span in _READY.items():
         _view(graph, iri, f"?last={span}&as=csv", f"{title}, joint states", CSV)
     _view(graph, iri, "?as=csv", "all joint states", CSV)
@@ -107,7 +114,7 @@ def describe_property(
     graph.add(iri, SOSA.observedProperty, of)
     graph.add(iri, SOSA.hasFeatureOfInterest, thing)
     graph.add(iri, HYBRIT.blueprint, LF.HistoryShape, NamedNode(iri.value + "/blueprint"))
-    _extent(graph, iri, page)
+    describe_extent(graph, iri, page)
     for title, span in _READY.items():
         _view(graph, iri, f"?last={span}", title)
     _search(graph, iri)
@@ -140,7 +147,7 @@ def _result(graph: Graph, one: BlankNode, item: Property, values: Numbers) -> No
         graph.vector(result, LF.angular, values[3:], RADIAN_PER_SECOND)
 
 
-def _extent(graph: Graph, iri: NamedNode, page: Page) -> None:
+def describe_extent(graph: Graph, iri: NamedNode, page: Page) -> None:
     """Add the times of the oldest and newest sample, and the number of samples."""
     for term, end in ((LF.oldestSample, 0), (LF.newestSample, 1)):
         graph.add(iri, term, LF.unknown if page.ends is None else timestamp(page.ends[end]))

@@ -7,10 +7,12 @@ from pathlib import Path
 from prometheus_client.metrics_core import Metric
 
 from linked_fleet_gateway.extensions.history.http import read_past
+from linked_fleet_gateway.extensions.history.listing import HISTORIES, list_branch
 from linked_fleet_gateway.extensions.history.recorder import History
 from linked_fleet_gateway.extensions.history.resources import RecordedHistory, history_branches
 from linked_fleet_gateway.extensions.history.settings import HistorySettings
 from linked_fleet_gateway.http.extension import Core, Extension, Mount
+from linked_fleet_gateway.http.html import NavigationEntry
 from linked_fleet_gateway.runtime.metrics import gauge
 
 
@@ -18,7 +20,13 @@ class HistoryExtension(Extension):
     name = "history"
     vocabulary = (Path(__file__).with_name("vocabulary.ttl"),)
     shapes = (Path(__file__).with_name("shapes.ttl"),)
+    at_root = ("history",)
     in_robot = ("history",)
+    views = (
+        "linked_fleet_gateway.extensions.history.page:LIST",
+        "linked_fleet_gateway.extensions.history.page:HISTORY",
+    )
+    navigation = (NavigationEntry("History", HISTORIES, 40),)
     operations = ("linked_fleet_gateway.extensions.history.operations:operations",)
     settings = HistorySettings
 
@@ -27,7 +35,7 @@ class HistoryExtension(Extension):
         settings = core.section(HistorySettings)
         async with History(core.live.fleet, float(settings.s), float(settings.hz), settings.mb * 10**6) as history:
             yield Mount(
-                branches=history_branches(history) if settings.s else (),
+                branches=(list_branch(history), *(history_branches(history) if settings.s else ())),
                 readers={RecordedHistory: read_past},
                 formats={"csv": ("CSV", "text/csv"), "mcap": ("MCAP", "application/vnd.mcap")},
                 services=(history,),

@@ -1,6 +1,7 @@
 """Operations on histories, for descriptions of the whole gateway."""
 
 from linked_fleet_gateway.extensions.history.files import CSV, MCAP
+from linked_fleet_gateway.extensions.history.listing import HISTORIES
 from linked_fleet_gateway.extensions.history.resources import SEGMENT, measured
 from linked_fleet_gateway.http.operations import described, names, parameter, reading, segment
 from linked_fleet_gateway.resources.branches import RequestView
@@ -18,13 +19,15 @@ _SPAN = [
 
 
 def operations(view: RequestView) -> dict[str, Json]:
-    """Return the path items of the histories of a robot and of its measured properties."""
+    """Return the path items of the list, of the histories of a robot, and of those of its measured properties."""
     robots = [each for each in view.robots.values() if each.model is not None]
     of = {"robot": names(segment(robot_path(each.name)) for each in robots)}
     paths = [path.split("/")[2:] for each in robots for path in measured(each)]
     own, parts = [each for each in paths if len(each) == 1], [each for each in paths if len(each) == 2]
     whole = reading("readHistory", "The last minutes of a robot", None, {"csv": CSV, "mcap": MCAP}, _SPAN)
-    found = described(f"/{{robot}}/{SEGMENT}", of, "History", "The last minutes of a robot", whole) if robots else {}
+    found = described(HISTORIES, {}, "Histories", "The histories of all robots")
+    if robots:
+        found |= described(f"/{{robot}}/{SEGMENT}", of, "History", "The last minutes of a robot", whole)
     if own:
         get = reading("readOwnHistory", "The last minutes of a property of a robot", None, {"csv": CSV}, _SPAN)
         template, parameters = f"/{{robot}}/{{property}}/{SEGMENT}", of | {"property": names(each[0] for each in own)}

@@ -82,8 +82,7 @@ def _of_robot(history: History, view: RequestView, robot: Robot) -> Resource:
 
         def describe(graph: Graph) -> None:
             parts = [(view.iri(each), view.iri(f"{each}/{SEGMENT}")) for each in measured(robot)]
-            about = view.iri(robot_path(robot.name))
-            describe_robot(graph, view.iri(path), about, robot.name, history, page, parts)
+            describe_robot(graph, view.base, view.iri(path), robot, history, page, parts)
 
         def csv() -> bytes:
             excerpt = _kept(file, joints)

@@ -3,5 +3,6 @@
 from linked_fleet_gateway.rdf.vocabulary import LF as CORE
 
 LF = CORE.extended(
-    "History HistoryShape history historySpan samplingPeriod oldestSample newestSample sampleCount from to last limit"
+    "History HistoryList HistoryListShape HistoryShape histories history historySpan samplingPeriod oldestSample "
+    "newestSample sampleCount from to last limit"
 )

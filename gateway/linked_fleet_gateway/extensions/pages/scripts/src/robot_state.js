@@ -1,4 +1,4 @@
-// The joints of the robot of this page, from its frames, for the table, the sliders and other listeners.
+// The joints of the robot of this page, from its frames, for the table, the sliders, the chart and other listeners.
 
 import { give } from "./live.js";
 import { graphOfState } from "./frames.js";
@@ -27,8 +27,9 @@ export function onJoints(listener) {
 }
 
 export function start() {
-  const iri = document.querySelector("[data-state][data-model]")?.dataset.state;
-  if (!iri || document.body.dataset.kind !== "robot") return;
+  const { state: drawn, jointState: charted } = document.querySelector("[data-state][data-model], [data-joint-state]")?.dataset ?? {};
+  const iri = drawn ?? charted;
+  if (!iri) return;
   describe(iri).then(() => watch(iri, { protocol: "lf.frame", interval: INTERVAL_S }, (frame) => take(iri, frame)));
 }
 

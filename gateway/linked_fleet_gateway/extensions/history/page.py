@@ -1,0 +1,129 @@
+"""The pages of histories: the list, a chart of a robot's joints with its files, and a table of observations."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+
+from pyoxigraph import NamedNode
+
+from linked_fleet_gateway.extensions.history.terms import LF
+from linked_fleet_gateway.extensions.pages import labels, sentences
+from linked_fleet_gateway.extensions.pages.thing_views import Presence, presence
+from linked_fleet_gateway.extensions.pages.values import Facts, Link, Value
+from linked_fleet_gateway.extensions.pages.views import PageView, Part
+from linked_fleet_gateway.rdf.turtle import Term
+from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYDRA, QUDT, RDFS, SOSA
+
+_TEMPLATES = Path(__file__).parent / "templates"
+
+
+# -- the list -------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Listed:
+    """The history of a robot, and its extent. ``length``: the time between its ends, empty if it is empty."""
+
+    link: Link
+    robot: Link
+    presence: Presence
+    length: str
+    samples: str
+
+
+def histories(facts: Facts, iri: NamedNode) -> Part:
+    members = [each for each in facts.all(iri, DCTERMS.hasPart) if isinstance(each, NamedNode)]
+    robots = [facts.one(each, LF.ofRobot) for each in members]
+    listed = [_listed(facts, *each) for each in zip(members, robots, strict=True)]
+    presences = sorted({each.presence.state.name for each in listed if each.presence.state})
+    more = {"listed": listed, "choices": [("presence", "Presence", presences)]}
+    done = {*members, *(each for each in robots if isinstance(each, NamedNode))}
+    return Part(more, {DCTERMS.hasPart, LF.historySpan, RDFS.seeAlso}, done)
+
+
+def _listed(facts: Facts, iri: NamedNode, robot: Term | None) -> Listed:
+    assert isinstance(robot, NamedNode)  # the shape of the list
+    link = Link(labels.place(robot.value, facts.root), iri.value, iri.value)
+    length = _length(facts.text(iri, LF.oldestSample), facts.text(iri, LF.newestSample))
+    return Listed(link, facts.link(robot), presence(facts, robot), length, facts.text(iri, LF.sampleCount))
+
+
+def _length(oldest: str, newest: str) -> str:
+    """Return the time between two xsd:dateTime in words; empty if one is unknown."""
+    if not oldest or not newest:
+        return ""
+    length = datetime.fromisoformat(newest) - datetime.fromisoformat(oldest)
+    minutes, seconds = divmod(round(length.total_seconds()), 60)
+    return " ".join([f"{minutes} min", *([f"{seconds} s"] if seconds else [])]) if minutes else f"{seconds} s"
+
+
+# -- one history ----------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class PartHistory:
+    """The histories of the properties of a joint, a link or the robot itself. ``is_joint``: it has a velocity."""
+
+    link: Link
+    is_joint: bool
+    histories: Sequence[Link]
+
+
+@dataclass(frozen=True)
+class Observed:
+    when: Value | None
+    values: Sequence[Value]
+
+
+def history(facts: Facts, iri: NamedNode) -> Part:
+    robot = facts.one(iri, LF.ofRobot)
+    shown = {HYDRA.search, HYDRA.view, HYDRA.next, HYDRA.previous, SOSA.hasMember, DCTERMS.hasPart, QUDT.unit}
+    more = {
+        "presence": Presence(None, None, ""),
+        "state": "",
+        "parts": list(_parts(facts, iri)),
+        "spans": [Link(facts.text(each, DCTERMS.title), each.value, each.value) for each in _views(facts, iri)],
+        "observed": [_observed(facts, each) for each in facts.all(iri, SOSA.hasMember)],
+        "unit": labels.unit(facts.unit_of(iri)) if facts.unit_of(iri) else "",
+        "previous": facts.iri_of(iri, HYDRA.previous),
+        "next": facts.iri_of(iri, HYDRA.next),
+    }
+    if isinstance(robot, NamedNode):
+        more |= {"presence": presence(facts, robot), "state": facts.iri_of(robot, LF.jointState)}
+    properties = {each for each in facts.of if isinstance(each, NamedNode) and each.value.startswith(facts.root)}
+    nodes = {*facts.all(iri, HYDRA.search), *facts.all(iri, SOSA.hasMember)}
+    title = f"History of {sentences.thing(iri.value.rpartition('/')[0], facts.root)}"
+    return Part(more, shown, {*properties, *nodes} - {iri}, title)  # type: ignore[arg-type]
+
+
+def _views(facts: Facts, iri: NamedNode) -> list[NamedNode]:
+    return [each for each in facts.all(iri, HYDRA.view) if isinstance(each, NamedNode)]
+
+
+def _parts(facts: Facts, iri: NamedNode) -> Iterator[PartHistory]:
+    """Yield the histories in a robot's history by the part that owns the property."""
+    by_owner: dict[str, list[Link]] = {}
+    for each in facts.all(iri, DCTERMS.hasPart):
+        if isinstance(each, NamedNode):
+            of = each.value.rpartition("/")[0]
+            owner, _, name = of.rpartition("/")
+            by_owner.setdefault(owner, []).append(Link(labels.words(name), each.value, each.value))
+    for owner, found in by_owner.items():
+        own = len(sentences.segments(owner, facts.root)) == 1
+        address = owner + "/" if own else owner
+        name = "the robot itself" if own else labels.place(owner, facts.root)
+        yield PartHistory(Link(name, address, address), any(each.text == "velocity" for each in found), found)
+
+
+def _observed(facts: Facts, node: Term) -> Observed:
+    results = [value for each in (SOSA.hasSimpleResult, SOSA.hasResult) for value in facts.values(node, each)]  # type: ignore[arg-type]
+    return Observed(_first(facts, node, SOSA.resultTime), results)
+
+
+def _first(facts: Facts, subject: Term, predicate: NamedNode) -> Value | None:
+    return next(iter(facts.values(subject, predicate)), None)  # type: ignore[arg-type]
+
+
+LIST = PageView(LF.HistoryList, _TEMPLATES / "histories.html", histories)
+HISTORY = PageView(LF.History, _TEMPLATES / "history.html", history)
