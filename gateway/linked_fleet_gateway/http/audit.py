@@ -8,8 +8,7 @@ from urllib.parse import urlsplit
 from pyoxigraph import Literal, NamedNode
 
 from linked_fleet_gateway.base.errors import NotFound, StoreAway
-from linked_fleet_gateway.http.request import Connection
-from linked_fleet_gateway.identity.rights import Right
+from linked_fleet_gateway.http.request import AUDIT_NEEDS, Connection
 from linked_fleet_gateway.rdf.graph import Graph, integer, timestamp
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, LDP, LF, PROV, RDFS, XHV
 from linked_fleet_gateway.resources.paths import AUDIT as PATH
@@ -19,7 +18,6 @@ from linked_fleet_gateway.runtime.audit_log import PAGE, Audit, Entry
 from linked_fleet_gateway.runtime.redis import StoreUnavailable
 from linked_fleet_gateway.runtime.request_context import present
 
-NEEDS = (Right.ADMIN,)
 _NOTHING_DONE = (401, 404, 405)
 _LONGEST = 500
 
@@ -59,7 +57,7 @@ def with_audit(connection: Connection, resource: Resource) -> Resource:
 
     The RDF does not contain the link, because it is equal for all callers with the same view, like messages about it.
     """
-    if not connection.caller.may_any(NEEDS, None):
+    if not connection.caller.may_any(AUDIT_NEEDS, None):
         return resource
     if resource.path == "/":
         return replace(resource, own=(*resource.own, PATH))

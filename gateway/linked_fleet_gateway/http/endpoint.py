@@ -22,7 +22,6 @@ from linked_fleet_gateway.base.errors import (
     UnsupportedMediaType,
 )
 from linked_fleet_gateway.http.arrival import fields_of
-from linked_fleet_gateway.http.audit import NEEDS as AUDIT_NEEDS
 from linked_fleet_gateway.http.audit import audit_resource, is_audit, note, with_audit
 from linked_fleet_gateway.http.containers import preferred_part, shown_part
 from linked_fleet_gateway.http.control import control_lease, put_setting
@@ -35,7 +34,7 @@ from linked_fleet_gateway.http.models import check_model
 from linked_fleet_gateway.http.preconditions import await_preconditions
 from linked_fleet_gateway.http.problem import problem
 from linked_fleet_gateway.http.read import READ, allowed, method_headers, read_in_turns, read_mesh
-from linked_fleet_gateway.http.request import Connection, Request, WebSocket, gateway_of
+from linked_fleet_gateway.http.request import AUDIT_NEEDS, Connection, Request, WebSocket, gateway_of
 from linked_fleet_gateway.http.rights import SEES_SUBSCRIPTIONS, require_right, visible_subscriptions
 from linked_fleet_gateway.http.streams import EventStream, is_over, open_websocket, wants_events
 from linked_fleet_gateway.http.subscribe import (
@@ -223,17 +222,14 @@ async def _find(connection: Connection) -> Resource | Redirect:
 
 
 def _read_by(request: Request, found: Resource) -> Resource:
-    """Return the resource with the reader's name and rights, and what only some readers are shown."""
-    caller, robot = request.caller, robot_of(found.path)
-    rights = None
-    if request.services.identities is not None:
-        rights = tuple(each.value for each in Right if caller.may(each, robot))
+    """Return the resource with its reader, and what only some readers are shown."""
+    reader = request.reader(found.path)
     found = replace(
         found,
-        reader=caller.name if request.on_page else "",
-        rights=rights,
-        audited=caller.may_any(AUDIT_NEEDS, None),
-        links_subscriptions=caller.may_any(SEES_SUBSCRIPTIONS, robot),
+        reader=reader.name,
+        rights=reader.rights,
+        audited=reader.audited,
+        links_subscriptions=request.caller.may_any(SEES_SUBSCRIPTIONS, robot_of(found.path)),
         warning=store_warning(request.services.embedded),
     )
     return with_audit(request, found)
@@ -292,7 +288,8 @@ def problem_response(request: Connection, error: FleetError) -> Response:
     """Return problem details for ``error`` in the form that Accept prefers."""
     path = percent(request.scope["path"], safe="/~")
     instance = request.base + path if len(path) <= _LONGEST_NAMED else None
-    body, headers = problem(error, field(request, "accept"), instance, request.services.representations.html)
+    reader = request.reader(request.scope["path"])
+    body, headers = problem(error, field(request, "accept"), instance, request.services.representations.html, reader)
     # HEAD has the headers of GET including Content-Length; the server leaves out the body.
     return Response(body, error.status, headers)
 

@@ -23,6 +23,22 @@ class NavigationEntry:
     rank: int = 50
 
 
+@dataclass(frozen=True)
+class Reader:
+    """The reader of a page.
+
+    ``name``: that of the person who has logged in, else empty. ``rights``: over the resource of the page, None if
+    authentication is off. ``audited``: True if the reader may read the audit log.
+    """
+
+    name: str = ""
+    rights: tuple[str, ...] | None = None
+    audited: bool = False
+
+
+NOBODY = Reader()
+
+
 class HtmlWriter(Protocol):
     modules: Sequence[str]
     """Modules that are slow to import and needed for pages only."""
@@ -33,8 +49,13 @@ class HtmlWriter(Protocol):
     def write_resource(self, resource: Resource, triples: Sequence[Triple], base: str, formats: Formats) -> bytes:
         """Return the page of a resource; ``base`` is scheme and authority."""
 
-    def write_problem(self, error: FleetError, instance: str | None, report: Sequence[Mapping[str, str]]) -> bytes:
-        """Return the page of an error; ``report`` has the results of a SHACL report."""
+    def write_problem(
+        self, error: FleetError, instance: str | None, report: Sequence[Mapping[str, str]], reader: Reader | None
+    ) -> bytes:
+        """Return the page of an error; ``report`` has the results of a SHACL report.
+
+        ``reader`` is None as long as nobody knows who asks.
+        """
 
     def policy(self, forms: bool) -> str:
         """Return the Content-Security-Policy of a page; ``forms`` permits submitting forms without a script."""

@@ -7,7 +7,7 @@ from typing import Any
 from pyoxigraph import BlankNode, Literal, NamedNode, Triple
 
 from linked_fleet_gateway.base.errors import FleetError
-from linked_fleet_gateway.http.html import HTML, HtmlWriter
+from linked_fleet_gateway.http.html import HTML, HtmlWriter, Reader
 from linked_fleet_gateway.http.negotiation import choose, parse_accept, weight
 from linked_fleet_gateway.rdf.serialise import RDF_TYPES, render
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, LF, PREFIXES, RDF, SH, XSD
@@ -24,10 +24,14 @@ _REPORTED = {
 
 
 def problem(
-    error: FleetError, accept: str | None, instance: str | None = None, html: HtmlWriter | None = None
+    error: FleetError,
+    accept: str | None,
+    instance: str | None = None,
+    html: HtmlWriter | None = None,
+    reader: Reader | None = None,
 ) -> tuple[bytes, dict[str, str]]:
     """Return body and header fields, including those of the error; ``html`` renders pages, if available."""
-    body, content_type = problem_body(error, accept, instance, html)
+    body, content_type = problem_body(error, accept, instance, html, reader)
     own = {name.lower(): value for name, value in error.headers.items()}
     headers = {"content-type": content_type, "vary": "Accept", "cache-control": "no-store"}
     if html is not None and content_type.startswith(HTML):
@@ -36,7 +40,11 @@ def problem(
 
 
 def problem_body(
-    error: FleetError, accept: str | None, instance: str | None = None, html: HtmlWriter | None = None
+    error: FleetError,
+    accept: str | None,
+    instance: str | None = None,
+    html: HtmlWriter | None = None,
+    reader: Reader | None = None,
 ) -> tuple[bytes, str]:
     """Return body and content type. A client that accepts none of the types gets JSON (RFC 9110, 15.5.7)."""
     offered = (PROBLEM_JSON, *RDF_TYPES, *(() if html is None else (HTML,)))
@@ -44,7 +52,7 @@ def problem_body(
     if media_type == PROBLEM_JSON:
         return _json(error, instance), PROBLEM_JSON
     if media_type == HTML and html is not None:
-        page = html.write_problem(error, instance, _report(error.report) if error.report else [])
+        page = html.write_problem(error, instance, _report(error.report) if error.report else [], reader)
         return page, f"{media_type}; charset=utf-8"
     body = render(_triples(error), media_type, PREFIXES, base=instance or "")
     return body, f"{media_type}; charset=utf-8" if media_type.startswith("text/") else media_type

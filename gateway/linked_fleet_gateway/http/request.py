@@ -16,19 +16,23 @@ from linked_fleet_gateway.actions.service import Actions
 from linked_fleet_gateway.http.answers import Answers, Reply
 from linked_fleet_gateway.http.arrival import arrival_of
 from linked_fleet_gateway.http.authentication import Scheme
-from linked_fleet_gateway.http.html import HtmlWriter
+from linked_fleet_gateway.http.html import HtmlWriter, Reader
 from linked_fleet_gateway.http.offload import Offload
 from linked_fleet_gateway.http.rates import TokenBuckets
 from linked_fleet_gateway.http.representation import Representations
 from linked_fleet_gateway.http.stop_priority import StopPriority
-from linked_fleet_gateway.identity.rights import Identity
+from linked_fleet_gateway.identity.rights import Identity, Right
 from linked_fleet_gateway.identity.service import Identities
+from linked_fleet_gateway.resources.paths import robot_of
 from linked_fleet_gateway.resources.things import NO_SUBSCRIPTIONS, SubscriptionsByOwner
 from linked_fleet_gateway.resources.tree import Tree
 from linked_fleet_gateway.runtime.audit_log import Audit
 from linked_fleet_gateway.runtime.embedded_redis import Embedded
 from linked_fleet_gateway.subscriptions.live import Live
 from linked_fleet_gateway.subscriptions.service import Subscriptions
+
+AUDIT_NEEDS = (Right.ADMIN,)
+"""The rights, any of which permits reading the audit log."""
 
 
 class Entrance(Protocol):
@@ -125,6 +129,13 @@ class _Resolved:
     def on_page(self) -> bool:
         """True if the page shows who has logged in."""
         return arrival_of(self.scope).authenticated.on_page
+
+    def reader(self, path: str) -> Reader:
+        """Return the caller as the reader of the page at ``path``."""
+        caller, rights = self.caller, None
+        if self.services.identities is not None:
+            rights = tuple(each.value for each in Right if caller.may(each, robot_of(path)))
+        return Reader(caller.name if self.on_page else "", rights, caller.may_any(AUDIT_NEEDS, None))
 
     @property
     def caller_name(self) -> str:

@@ -13,7 +13,7 @@ from linked_fleet_gateway.extensions.pages.policy import FORMS, POLICY
 from linked_fleet_gateway.extensions.pages.resources import BRANCH, THUMBNAIL, THUMBNAILS
 from linked_fleet_gateway.extensions.pages.views import add_view
 from linked_fleet_gateway.http.extension import Core, Extension, Mount
-from linked_fleet_gateway.http.html import Formats
+from linked_fleet_gateway.http.html import Formats, Reader
 from linked_fleet_gateway.resources.resource import Resource
 
 
@@ -29,9 +29,10 @@ class Pages:
     def write_resource(self, resource: Resource, triples: Sequence[Triple], base: str, formats: Formats) -> bytes:
         return page.write(resource, triples, base, formats)
 
-    def write_problem(self, error: FleetError, instance: str | None, report: Sequence[Mapping[str, str]]) -> bytes:
-        members = {name: value for name, value in error.members.items() if value}
-        return page.render("problem.html", error=error, instance=instance, members=members, report=report)
+    def write_problem(
+        self, error: FleetError, instance: str | None, report: Sequence[Mapping[str, str]], reader: Reader | None
+    ) -> bytes:
+        return page.write_problem(error, instance, report, reader)
 
     def policy(self, forms: bool) -> str:
         return FORMS if forms else POLICY

@@ -1,20 +1,23 @@
 """Resources as HTML: the triples of their description in readable form; scripts only add live updates."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
+from urllib.parse import urlsplit
 
 from markupsafe import Markup
 from pyoxigraph import Triple
 
+from linked_fleet_gateway.base.errors import FleetError
 from linked_fleet_gateway.base.lazy_imports import LazyModule
+from linked_fleet_gateway.extensions.pages import sentences
 from linked_fleet_gateway.extensions.pages.assets import assets
 from linked_fleet_gateway.extensions.pages.labels import clean
 from linked_fleet_gateway.extensions.pages.navigation import places
 from linked_fleet_gateway.extensions.pages.view import view_of
 from linked_fleet_gateway.extensions.pages.views import added_views
-from linked_fleet_gateway.http.html import Formats
+from linked_fleet_gateway.http.html import Formats, Reader
 from linked_fleet_gateway.http.representation import FORMATS
 from linked_fleet_gateway.rdf import jsonld
 from linked_fleet_gateway.rdf.vocabulary import PREFIXES
@@ -32,7 +35,27 @@ def write(resource: Resource, triples: Sequence[Triple], base: str, formats: For
     """Return the page of a resource; ``base`` is scheme and authority. Equal triples give equal bytes."""
     view = view_of(resource, triples, base, formats)
     data = embedded(jsonld.write(triples, PREFIXES))
-    return render(f"{view.kind}.html", view=view, data=data, places=view.places)
+    reader = Reader(resource.reader, resource.rights, resource.audited)
+    return render(f"{view.kind}.html", view=view, data=data, places=view.places, reader=reader)
+
+
+def write_problem(
+    error: FleetError, instance: str | None, report: Sequence[Mapping[str, str]], reader: Reader | None
+) -> bytes:
+    """Return the page of an error. It has a Stop button if its address and its reader are known."""
+    address = urlsplit(instance) if instance and reader else None
+    root = f"{address.scheme}://{address.netloc}/" if address else ""
+    return render(
+        "problem.html",
+        error=error,
+        detail=sentences.plain(error.detail, root) if root else error.detail,
+        instance=instance,
+        root=root,
+        places=places(address.path if address else None, bool(reader and reader.audited)),
+        reader=reader,
+        members={name: value for name, value in error.members.items() if value},
+        report=report,
+    )
 
 
 def render(template: str, **variables: object) -> bytes:

@@ -9,7 +9,7 @@ from linked_fleet_gateway.extensions.pages import labels
 from linked_fleet_gateway.resources.paths import reserved_at_root
 
 _ACTIONS = "actions"
-_ADDRESS = re.compile(r"https?://\S+|(?<=\bof )/\S*")
+_ADDRESS = re.compile(r"https?://\S*[^\s.,;:]|(?<=\bof )/\S*")
 
 
 def segments(iri: str, root: str) -> list[str]:

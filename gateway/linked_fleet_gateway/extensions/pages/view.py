@@ -58,8 +58,7 @@ class View:
     """A page.
 
     ``crumbs``: names with IRIs, the last one without. ``stop``: what the Stop button stops, and the IRI of the action.
-    ``places``: the navigation. ``reader``: the identity that has logged in; ``rights``: its rights over this resource,
-    None if no log-in is required. ``warning``: about the gateway.
+    ``places``: the navigation. ``warning``: about the gateway.
     """
 
     iri: str
@@ -81,8 +80,6 @@ class View:
     rows: Sequence[Row]
     others: Sequence[Described]
     places: Sequence[Place]
-    reader: str
-    rights: Sequence[str] | None
     warning: str
 
     @property
@@ -130,8 +127,6 @@ def view_of(resource: Resource, triples: Sequence[Triple], base: str, formats: F
         rows=facts.rows(iri, without=_FRAME | part.shown),
         others=[described(facts, each) for each in facts.outline.headings if each != iri and each not in part.done],
         places=places(resource.path, resource.audited, root=facts.root),
-        reader=resource.reader,
-        rights=resource.rights,
         warning=resource.warning,
     )
 

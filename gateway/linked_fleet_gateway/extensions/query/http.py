@@ -21,7 +21,6 @@ from linked_fleet_gateway.http.preconditions import await_preconditions
 from linked_fleet_gateway.http.problem import PROBLEM_JSON, problem
 from linked_fleet_gateway.http.read import read as read_resource
 from linked_fleet_gateway.http.request import Request
-from linked_fleet_gateway.identity.rights import Right
 from linked_fleet_gateway.rdf.serialise import RDF_TYPES
 from linked_fleet_gateway.rdf.sparql_syntax import MAX_QUERY_BYTES, Dataset, Query, read
 from linked_fleet_gateway.resources.resource import Resource
@@ -135,7 +134,7 @@ async def _answer(request: Request, endpoint: Endpoint, asked: _Asked) -> Respon
         if html is None or choose(accept, (PROBLEM_JSON, *RDF_TYPES, HTML)) != HTML:
             raise
         _, headers = problem(error, HTML, html=html)
-        body = page.refusal_page(asked.query, request.base, request.caller.may(Right.ADMIN, None), error)
+        body = page.refusal_page(asked.query, request.base, request.reader(PATH), error)
         return Response(body, error.status, headers | {"content-security-policy": html.policy(forms=True)})
 
 
@@ -150,7 +149,7 @@ async def _evaluated(request: Request, endpoint: Endpoint, asked: _Asked) -> Res
         media_type,
         dataset=asked.dataset,
         client=request.caller_name,
-        audited=request.caller.may(Right.ADMIN, None),
+        reader=request.reader(PATH),
     )
     content_type = media_type + ("; charset=utf-8" if media_type.startswith("text/") else "")
     html = request.services.representations.html

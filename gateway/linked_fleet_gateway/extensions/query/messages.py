@@ -8,6 +8,7 @@ from msgspec import Struct
 from linked_fleet_agent.wire.messages import Description
 from linked_fleet_gateway.fleet.invocation import Invocation, Lease
 from linked_fleet_gateway.fleet.model import Pose
+from linked_fleet_gateway.http.html import NOBODY, Reader
 
 Member = tuple[str, str]
 """Predicate and path of a statement that a branch adds."""
@@ -72,7 +73,7 @@ class Ask(Struct, frozen=True, kw_only=True):
     query: str
     navigation: list[tuple[str, str, int]] = []
     """Navigation entries of extensions on result pages: title, path and rank."""
-    audited: bool = False
+    reader: Reader = NOBODY
     base: str
     base_iri: str
     patterns: tuple[str, ...]

@@ -17,7 +17,7 @@ from linked_fleet_gateway.extensions.pages.views import PageView, Part, add_view
 from linked_fleet_gateway.extensions.query.examples import EXAMPLES
 from linked_fleet_gateway.extensions.query.messages import Ask, Refused, too_large
 from linked_fleet_gateway.extensions.query.terms import LF
-from linked_fleet_gateway.http.html import NavigationEntry
+from linked_fleet_gateway.http.html import NOBODY, NavigationEntry, Reader
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, NUMERIC, PREFIXES, RDFS, SD, SH
 
 _CELL_BYTES = 64
@@ -47,15 +47,15 @@ class Problem:
 def warm() -> None:
     """Load everything that pages need: afterwards no file can be opened."""
     add_view(VIEW)  # its folder contains the template
-    _page("", "http://localhost", [])
+    _page("", "http://localhost", [], NOBODY)
 
 
 def page_of(result: QuerySolutions | QueryBoolean | Sequence[Triple], ask: Ask) -> bytes:
     """Return the result as a page. Raises Refused if it is too large."""
-    entries = places("/query", ask.audited, entries=[NavigationEntry(*each) for each in ask.navigation])
+    entries = places("/query", ask.reader.audited, entries=[NavigationEntry(*each) for each in ask.navigation])
     if isinstance(result, QueryBoolean):
         summary, formats = "Yes." if result else "No.", _formats(ask, ("json", "xml"))
-        return _page(ask.query, ask.base, entries, summary=summary, formats=formats)
+        return _page(ask.query, ask.base, entries, ask.reader, summary=summary, formats=formats)
     if isinstance(result, QuerySolutions):
         names, others = [each.value for each in result.variables], ("csv", "json", "tsv", "xml")
         rows = ([row[name] for name in names] for row in result)
@@ -65,14 +65,14 @@ def page_of(result: QuerySolutions | QueryBoolean | Sequence[Triple], ask: Ask) 
     shown = _bounded(rows, ask)
     summary = f"{len(shown)} rows" if len(shown) != 1 else "1 row"
     formats = _formats(ask, others)
-    return _page(ask.query, ask.base, entries, summary=summary, names=names, rows=shown, formats=formats)
+    return _page(ask.query, ask.base, entries, ask.reader, summary=summary, names=names, rows=shown, formats=formats)
 
 
-def refusal_page(query: str, base: str, audited: bool, error: FleetError) -> bytes:
+def refusal_page(query: str, base: str, reader: Reader, error: FleetError) -> bytes:
     """Return a page with the query and the reason for its refusal."""
     line, column = (error.line, error.column) if isinstance(error, BadRequest) else (None, None)
-    entries = places("/query", audited)
-    return _page(query, base, entries, problem=Problem(error.title, error.detail, line or 0, column or 0))
+    entries = places("/query", reader.audited)
+    return _page(query, base, entries, reader, problem=Problem(error.title, error.detail, line or 0, column or 0))
 
 
 def _bounded(rows: Iterable[Sequence[object]], ask: Ask) -> list[list[Cell]]:
@@ -137,6 +137,7 @@ def _page(
     query: str,
     base: str,
     entries: Sequence[Place],
+    reader: Reader,
     *,
     summary: str = "",
     names: Sequence[str] = (),
@@ -145,8 +146,8 @@ def _page(
     problem: Problem | None = None,
 ) -> bytes:
     return render(
-        "results.html", query=clean(query), root=f"{base}/", places=entries, summary=summary, names=names, rows=rows,
-        formats=formats, problem=problem, examples=EXAMPLES,
+        "results.html", query=clean(query), root=f"{base}/", places=entries, reader=reader, summary=summary,
+        names=names, rows=rows, formats=formats, problem=problem, examples=EXAMPLES,
     )  # fmt: skip
 
 

@@ -18,7 +18,7 @@ from linked_fleet_gateway.extensions.query.messages import Ask, Instead
 from linked_fleet_gateway.extensions.query.process import QueryProcess
 from linked_fleet_gateway.extensions.query.snapshot import Feed
 from linked_fleet_gateway.extensions.query.turns import FairTurns
-from linked_fleet_gateway.http.html import HTML, NavigationEntry
+from linked_fleet_gateway.http.html import HTML, NOBODY, NavigationEntry, Reader
 from linked_fleet_gateway.identity.rights import View
 from linked_fleet_gateway.rdf.sparql_syntax import Dataset, Query, check_select, read
 from linked_fleet_gateway.resources.access_filter import InvocationsInView, RobotsInView
@@ -104,11 +104,11 @@ class Queries:
         instead: Sequence[Instead] = (),
         most: int = MAX_RESULT_BYTES,
         only_check: bool = False,
-        audited: bool = False,
+        reader: Reader = NOBODY,
     ) -> bytes:
         """Return the result in a media type that suits the query form.
 
-        ``dataset`` overrides that of the query. ``audited`` says that the caller may read the audit log. Raises
+        ``dataset`` overrides that of the query. ``reader`` is that of a page. Raises
         BadRequest, ResultTooLarge, QueryTooCostly, TooManyQueries, Busy.
         """
         asked = query.dataset if dataset is None or dataset == Dataset() else dataset
@@ -137,7 +137,7 @@ class Queries:
                 poses=self._live.branches.poses(),
                 instead=tuple(instead),
                 only_check=only_check,
-                audited=audited,
+                reader=reader,
             )
 
         async with self._turns.turn(client if client is not None else "view " + sees.name):
