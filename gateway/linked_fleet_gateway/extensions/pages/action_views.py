@@ -98,7 +98,7 @@ def _done(facts: Facts, iri: NamedNode) -> Done:
     return Done(
         Link(_motion(facts, iri), iri.value, iri.value),
         _only(facts, iri, LF.state),
-        facts.text(iri, LF.reason),
+        labels.sentence(facts.text(iri, LF.reason)),
         _only(facts, iri, DCTERMS.created),
         facts.text(agent, DCTERMS.title) if agent is not None else "",
     )

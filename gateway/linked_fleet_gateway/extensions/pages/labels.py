@@ -30,6 +30,7 @@ _WORD = re.compile(r"\d+D(?![a-z])|[A-Z]+(?![a-z])|[A-Z]?[a-z0-9.]+|[^A-Za-z0-9\
 _TERM = re.compile(
     r"\b(?:lf|hydra|maths|vom|sh|ros|hybrit|spatial|qudt|unit|xsd|prov|sosa|dcterms|ldp|rdfs?):[A-Za-z][\w-]*"
 )
+_COMMAND = re.compile(r"\bcommand [0-9a-f]{8}-[0-9a-f-]{27}")
 _CONTROL = re.compile("[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\ufffe\uffff]")
 _SPELT = {XHV.prev.value: "previous", ROS.preceedingLink.value: "preceding link"}
 _LINK_MARK = "~link"
@@ -114,8 +115,8 @@ def _inside(label: str) -> str:
 
 
 def sentence(text: str) -> str:
-    """Return a comment for people: terms in it, such as ``lf:lastSeen``, become words."""
-    return _TERM.sub(lambda found: words(found[0].partition(":")[2]), text)
+    """Return a text for people: terms in it, such as ``lf:lastSeen``, become words, ids of commands are left out."""
+    return _TERM.sub(lambda found: words(found[0].partition(":")[2]), _COMMAND.sub("another command", text))
 
 
 def local_name(iri: str) -> str:
@@ -134,6 +135,8 @@ def segment_name(segment: str, depth: int) -> str:
 
 def place(iri: str, root: str) -> str:
     """Return the name of a resource of this fleet from its path; ``root`` ends with a slash."""
+    if "#" in iri:
+        return words(iri)
     segments = [each for each in iri.removeprefix(root).split("/") if each]
     return step(segments, len(segments) - 1) if segments else "fleet"
 

@@ -176,6 +176,7 @@ class Plot {
     const { width, height } = this.size();
     this.chart = new uPlot(options(width, height, width >= NARROW_PX), this.data.until(Date.now() / 1000), this.canvas);
     this.wide = width >= NARROW_PX;
+    this.draw(Date.now() / 1000);
     this.speak(Date.now());
   }
 

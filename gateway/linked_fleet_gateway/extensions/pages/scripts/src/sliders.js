@@ -184,7 +184,7 @@ class Row {
     this.mark.style.setProperty("--at", share.toFixed(4));
     if (this.target !== undefined) return;
     this.range.value = String(position * scale);
-    if (document.activeElement !== this.field) this.field.value = (position * scale).toFixed(decimals);
+    if (document.activeElement !== this.field) this.field.value = fixed(position * scale, decimals);
   }
 
   chosen(input) {
@@ -192,7 +192,7 @@ class Row {
     const value = Number(input.value);
     if (input.value === "" || !Number.isFinite(value)) return;
     this.target = Math.min(this.max, Math.max(this.min, value / scale));
-    if (input === this.range) this.field.value = value.toFixed(decimals);
+    if (input === this.range) this.field.value = fixed(value, decimals);
     else this.range.value = input.value;
     this.element.dataset.aimed = "";
     this.form.changed();
@@ -202,7 +202,7 @@ class Row {
     const { scale, decimals } = SHOWN[this.unit];
     this.target = position;
     this.range.value = String(position * scale);
-    this.field.value = (position * scale).toFixed(decimals);
+    this.field.value = fixed(position * scale, decimals);
     this.element.dataset.aimed = "";
   }
 
@@ -212,6 +212,11 @@ class Row {
     delete this.element.dataset.aimed;
     this.now(this.position);
   }
+}
+
+/** Round without a minus before zero. */
+function fixed(value, decimals) {
+  return (Number(value.toFixed(decimals)) + 0).toFixed(decimals);
 }
 
 function shown(position, unit) {

@@ -11,6 +11,8 @@ const INTERVAL_S = 0.2;
 const SEEN_MS = 8000;
 const WANTED = new Set(["succeeded", "cancelled", "preempted"]);
 const OPEN = new Set(["accepted", "running", "unknown"]);
+// Its id means nothing to people.
+const COMMAND = /\bcommand [0-9a-f]{8}-[0-9a-f-]{27}/;
 const STORED = "linked-fleet tasks";
 
 /** @type {Map<string, Card>} */
@@ -108,7 +110,7 @@ class Card {
   }
 
   say(text) {
-    this.reason.textContent = text;
+    this.reason.textContent = text.replace(COMMAND, "another command");
     this.reason.hidden = !text;
   }
 
