@@ -84,8 +84,7 @@ def history(facts: Facts, iri: NamedNode) -> Part:
         "state": "",
         "parts": list(_parts(facts, iri)),
         "spans": [Link(facts.text(each, DCTERMS.title), each.value, each.value) for each in _views(facts, iri)],
-        "observed": [_observed(facts, each) for each in facts.all(iri, SOSA.hasMember)],
-        "unit": labels.unit(facts.unit_of(iri)) if facts.unit_of(iri) else "",
+        "observed": [_observed(facts, each, facts.unit_of(iri)) for each in facts.all(iri, SOSA.hasMember)],
         "previous": facts.iri_of(iri, HYDRA.previous),
         "next": facts.iri_of(iri, HYDRA.next),
     }
@@ -116,8 +115,9 @@ def _parts(facts: Facts, iri: NamedNode) -> Iterator[PartHistory]:
         yield PartHistory(Link(name, address, address), any(each.text == "velocity" for each in found), found)
 
 
-def _observed(facts: Facts, node: Term) -> Observed:
-    results = [value for each in (SOSA.hasSimpleResult, SOSA.hasResult) for value in facts.values(node, each)]  # type: ignore[arg-type]
+def _observed(facts: Facts, node: Term, unit: str) -> Observed:
+    simple = [facts.number(each, None, unit) for each in facts.all(node, SOSA.hasSimpleResult)]
+    results = [*simple, *facts.values(node, SOSA.hasResult)]  # type: ignore[arg-type]
     return Observed(_first(facts, node, SOSA.resultTime), results)
 
 

@@ -1,8 +1,9 @@
-// Drawings of robots on their cards: fetched again while the card is seen, and shown when the pose is another.
+// Drawings of robots on their cards: fetched while the card is seen, and shown when the pose is another. Browsers fetch
+// lazy images of cards that are not laid out, of a thousand robots hundreds.
 
 const BUSY_MS = 1000;
 const IDLE_MS = 10_000; // a robot may be moved by others than this gateway
-const FIRST = "img.thumbnail";
+const PLACE = "[data-thumbnail]";
 
 /** @typedef {{seen: boolean, busy: boolean, moved?: string, tag?: string, timer?: ReturnType<typeof setTimeout>, url?: string}} Drawing */
 
@@ -13,6 +14,7 @@ const sight = new IntersectionObserver((entries) => {
   for (const { target, isIntersecting } of entries) {
     const drawing = drawings.get(target);
     drawing.seen = isIntersecting;
+    if (isIntersecting) image(target);
     plan(target, drawing);
   }
 });
@@ -21,7 +23,7 @@ document.addEventListener("visibilitychange", () => document.querySelectorAll("#
 /** Follow the cards in this part of the page. */
 export function watch(root) {
   for (const card of root.querySelectorAll("li[data-robot]")) {
-    if (drawings.has(card) || !card.querySelector(FIRST)) continue;
+    if (drawings.has(card) || !card.querySelector(PLACE)) continue;
     drawings.set(card, { seen: false, busy: false });
     sight.observe(card);
   }
@@ -48,18 +50,26 @@ function plan(card, drawing, wait = drawing.busy ? BUSY_MS : IDLE_MS) {
   drawing.timer = setTimeout(() => draw(card, drawing).finally(() => plan(card, drawing)), wait);
 }
 
+/** @returns {HTMLImageElement} of the card, made when it is seen first */
+function image(card) {
+  const place = card.querySelector(PLACE);
+  const found = place.querySelector("img");
+  if (found) return found;
+  const made = Object.assign(document.createElement("img"), { src: place.dataset.thumbnail, alt: "", width: 160, height: 120 });
+  place.append(made);
+  return made;
+}
+
 /** @param {Element} card @param {Drawing} drawing */
 async function draw(card, drawing) {
-  /** @type {HTMLImageElement} */
-  const image = card.querySelector(FIRST);
+  const shown = image(card);
   try {
     const headers = { Accept: "image/svg+xml", ...(drawing.tag ? { "If-None-Match": drawing.tag } : {}) };
-    const response = await fetch(image.dataset.source ?? image.src, { headers, cache: "no-store" });
-    image.dataset.source ??= image.src;
+    const response = await fetch(shown.parentElement.dataset.thumbnail, { headers, cache: "no-store" });
     if (!response.ok) return; // the same pose, or a robot that has gone
     drawing.tag = response.headers.get("etag") ?? undefined;
     const url = URL.createObjectURL(await response.blob());
-    image.src = url;
+    shown.src = url;
     if (drawing.url) URL.revokeObjectURL(drawing.url);
     drawing.url = url;
   } catch (error) {
