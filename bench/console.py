@@ -6,22 +6,20 @@ graphics card, so that the processor draws.
 
 import gzip
 import os
-import shutil
 import tempfile
-import threading
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from urllib.parse import urlsplit
 
-from playwright.sync_api import CDPSession, Page, sync_playwright
+from playwright.sync_api import Page, sync_playwright
 
-from actor import Actor, stage
-from bench.pages import ARGUMENTS
+from actor import crowd, stage
 from bench.scene import pid_of
 from bench.table import Row, UnavailableError, known
 from browser import Browser, all_live
+from chromium import EXECUTABLE, MISSING, MainThread, launch
 from linked_fleet_demo.tree import PLACES
 from linked_fleet_demo.tree import place as place_robot
 from running import Process, eventually, process
@@ -49,11 +47,10 @@ _FILTER = """() => {
 
 
 def rows(seconds: float) -> list[Row]:
-    chromium = shutil.which("chromium")
-    if chromium is None:
-        raise UnavailableError("Chromium is not here: apt install chromium")
+    if EXECUTABLE is None:
+        raise UnavailableError(MISSING)
     with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=chromium, args=ARGUMENTS)
+        browser = launch(playwright)
         found = [*_moving(browser.new_page(), max(seconds, 10.0)), *_thousand(browser.new_page(), max(seconds, 10.0))]
         browser.close()
     return found
@@ -79,7 +76,7 @@ def _demo() -> Iterator[Browser]:
 
 def _moving(page: Page, seconds: float) -> Iterator[Row]:
     with _demo() as browser:
-        chromium = Measured(page)
+        chromium = MainThread(page)
         page.goto(browser.root, wait_until="domcontentloaded")
         name = "front page of five robots"
         timing = "performance.getEntriesByType('navigation')[0].domContentLoadedEventEnd"
@@ -95,25 +92,12 @@ def _moving(page: Page, seconds: float) -> Iterator[Row]:
         yield from _share(f"{name}, all moving, out of sight", page, chromium, seconds)
 
 
-def _share(name: str, page: Page, chromium: "Measured", seconds: float) -> Iterator[Row]:
+def _share(name: str, page: Page, chromium: "MainThread", seconds: float) -> Iterator[Row]:
     before, drawn, begin = chromium.busy_s(), page.evaluate("window.drawn"), time.monotonic()
     page.wait_for_timeout(seconds * 1000)
     busy, took = chromium.busy_s() - before, time.monotonic() - begin
     yield known(f"{name}: main thread", "%", 100 * busy / took)
     yield known(f"{name}: drawings", "1/s", (page.evaluate("window.drawn") - drawn) / took)
-
-
-class Measured:
-    """The main thread of a page, by the DevTools protocol."""
-
-    def __init__(self, page: Page) -> None:
-        self._session: CDPSession = page.context.new_cdp_session(page)
-        self._session.send("Performance.enable", {"timeDomain": "threadTicks"})
-
-    def busy_s(self) -> float:
-        """Return the processor time of tasks so far, without other programs on the machine."""
-        metrics = self._session.send("Performance.getMetrics")["metrics"]
-        return float(next(each["value"] for each in metrics if each["name"] == "TaskDuration"))
 
 
 # -- a thousand robots ----------------------------------------------------------------------------------------------
@@ -123,18 +107,10 @@ def _thousand(page: Page, seconds: float) -> Iterator[Row]:
     """Measure a thousand robots, each of which sends a new position once a second."""
     with tempfile.TemporaryDirectory() as folder:
         place = Place(Path(folder))
-        with place.gateway() as (gateway, browser), stage(place.zenoh) as session:
-            actors = [Actor(session, f"robot-{number:04}").appear() for number in range(_THOUSAND)]
-            ended = threading.Event()
-            sender = threading.Thread(target=_send, args=(actors, ended))
-            sender.start()
-            try:
-                eventually(lambda: _listed(browser) == _THOUSAND, "a thousand robots")
-                yield from _written(browser, gateway)
-                yield from _shown(page, browser, seconds)
-            finally:
-                ended.set()
-                sender.join()
+        with place.gateway() as (gateway, browser), stage(place.zenoh) as session, crowd(session, _THOUSAND):
+            eventually(lambda: _listed(browser) == _THOUSAND, "a thousand robots")
+            yield from _written(browser, gateway)
+            yield from _shown(page, browser, seconds)
 
 
 def _listed(browser: Browser) -> int:
@@ -167,7 +143,7 @@ def _cpu_s(pid: int) -> float:
 
 
 def _shown(page: Page, browser: Browser, seconds: float) -> Iterator[Row]:
-    chromium = Measured(page)
+    chromium = MainThread(page)
     page.goto(browser.root, wait_until="domcontentloaded")
     page.wait_for_function(f"document.querySelectorAll('#robots .card').length === {_THOUSAND}")
     yield known("front page of 1,000 robots: until it is usable, main thread", "ms", chromium.busy_s() * 1000)
@@ -181,14 +157,6 @@ def _shown(page: Page, browser: Browser, seconds: float) -> Iterator[Row]:
 
 
 _FETCHED = "performance.getEntriesByType('resource').filter(({ name }) => name.endsWith('/thumbnail')).length"
-
-
-def _send(actors: list[Actor], ended: threading.Event) -> None:
-    angle = 0.0
-    while not ended.wait(1.0):
-        angle = 0.5 - angle
-        for actor in actors:
-            actor.put("state", actor.frame([angle]))
 
 
 if __name__ == "__main__":

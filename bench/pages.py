@@ -1,6 +1,5 @@
 """The cost of pages for the browser: the fleet with 200 robots of which some come and go, and a moving joint."""
 
-import shutil
 import tempfile
 import threading
 from pathlib import Path
@@ -9,15 +8,10 @@ from playwright.sync_api import Page, sync_playwright
 
 from actor import Actor, stage
 from bench.table import Row, UnavailableError, bounded, known, percentile
+from chromium import EXECUTABLE, MISSING, launch
 from running import eventually, process
 from small_fleet import Place, live
 
-ARGUMENTS = [
-    "--no-sandbox",
-    "--use-angle=swiftshader",
-    "--enable-unsafe-swiftshader",
-    "--disable-background-networking",
-]
 # Times between two animation frames, for so many seconds.
 _FRAMES = """seconds => new Promise(done => {
   const gaps = [], end = performance.now() + seconds * 1000;
@@ -39,11 +33,10 @@ _COUNT = """() => {
 
 
 def rows(seconds: float, robots: int = 200) -> list[Row]:
-    chromium = shutil.which("chromium")
-    if chromium is None:
-        raise UnavailableError("Chromium is not here: apt install chromium")
+    if EXECUTABLE is None:
+        raise UnavailableError(MISSING)
     with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=chromium, args=ARGUMENTS)
+        browser = launch(playwright)
         found = [
             *_fleet(browser.new_page(), robots, seconds),
             *_joint(browser.new_page(), seconds),

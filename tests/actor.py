@@ -164,3 +164,25 @@ def stage(endpoint: str) -> Iterator[zenoh.Session]:
         yield session
     finally:
         session.close()
+
+
+@contextlib.contextmanager
+def crowd(session: zenoh.Session, count: int) -> Iterator[list[Actor]]:
+    """Yield robots ``robot-0000`` and so on, each of which sends a new position once a second."""
+    actors = [Actor(session, f"robot-{number:04}").appear() for number in range(count)]
+    ended = threading.Event()
+
+    def send() -> None:
+        angle = 0.0
+        while not ended.wait(1.0):
+            angle = 0.5 - angle
+            for actor in actors:
+                actor.put("state", actor.frame([angle]))
+
+    sender = threading.Thread(target=send)
+    sender.start()
+    try:
+        yield actors
+    finally:
+        ended.set()
+        sender.join()

@@ -1,27 +1,21 @@
 """A real Chromium on real pages. A test fails if its page logs an error or contacts another origin."""
 
 import os
-import shutil
 from collections.abc import Iterator
-from pathlib import Path
 from urllib.parse import urlsplit
 
 import pytest
-from playwright.sync_api import Browser, ConsoleMessage, Page, Request, ViewportSize, expect, sync_playwright
+from playwright.sync_api import Browser, ConsoleMessage, Page, Request, expect, sync_playwright
 
 from browser import Browser as Client
+from chromium import DESK, EXECUTABLE, MISSING, launch
+from operators import SIZES, Operator, operating
 from running import PATIENCE_S
 from several import Gateway, Hub, gateway, hub
 from small_fleet import Place, live
 
-CHROMIUM = os.environ.get("CHROMIUM") or shutil.which("chromium") or shutil.which("chromium-browser")
-_CALMLY = Path(__file__).with_name("calmly")
-# Containers have no sandbox for root and no graphics card; WebGL is rendered in software.
-ARGUMENTS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist"]
-QUIET = ["--disable-background-networking", "--disable-component-update", "--disable-sync", "--no-first-run"]
 # a folder for the pictures of README.md, which are then taken in high resolution
 PICTURES = os.environ.get("LINKED_FLEET_PICTURES")
-DESK: ViewportSize = {"width": 1280, "height": 900}
 NO_WEBGL = """
     const own = HTMLCanvasElement.prototype.getContext;
     HTMLCanvasElement.prototype.getContext = function (kind, ...more) {
@@ -32,16 +26,11 @@ NO_WEBGL = """
 
 @pytest.fixture(scope="module")
 def chromium() -> Iterator[Browser]:
-    if CHROMIUM is None:
-        pytest.fail("the tests of the pages need Chromium, which is not there: apt install chromium", pytrace=False)
+    if EXECUTABLE is None:
+        pytest.fail(f"the tests of the pages need Chromium. {MISSING}", pytrace=False)
     expect.set_options(timeout=PATIENCE_S * 1000)
-    calmly = os.geteuid() == 0 and shutil.which("setpriv") is not None
     with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(
-            executable_path=_CALMLY if calmly else CHROMIUM,
-            args=[*ARGUMENTS, *QUIET],
-            env={**os.environ, "CHROMIUM": CHROMIUM},
-        )
+        browser = launch(playwright)
         yield browser
         browser.close()
 
@@ -106,19 +95,20 @@ def page(chromium: Browser, request: pytest.FixtureRequest) -> Iterator[Page]:
     context.close()
 
 
+@pytest.fixture(params=list(SIZES))
+def operator(request: pytest.FixtureRequest, chromium: Browser, no_webgl: str) -> Iterator[Operator]:
+    """Yield somebody at an empty page, on a desktop and on a phone; with WebGL in tests that are marked ``webgl``."""
+    drawing = request.node.get_closest_marker("webgl") is not None
+    with operating(chromium, request.param, "" if drawing else no_webgl) as one:
+        yield one
+
+
 @pytest.fixture
 def watched(page: Page) -> Iterator[Watched]:
     """Record all console messages and requests of ``page``; checked at the end of the test."""
     found = Watched(page)
     yield found
     found.check()
-
-
-@pytest.fixture(scope="session")
-def axe() -> str:
-    """The source of axe-core, to be evaluated in a page."""
-    source = Path(__file__).parents[1] / "scripts" / "node_modules" / "axe-core" / "axe.min.js"
-    return source.read_text(encoding="utf-8")
 
 
 @pytest.fixture

@@ -9,14 +9,13 @@ from playwright.sync_api import Browser, Locator, Page, ViewportSize, expect
 
 from browser import LF, MATHS
 from browser import Browser as Client
+from chromium import DESK, PHONE
 from commanding import PREFIXES, TURTLE
 from graphs import read
 from running import PATIENCE_S, eventually
 from small_fleet import Place, live
 
 pytestmark = [pytest.mark.processes, pytest.mark.test_all, pytest.mark.webgl]
-DESK: ViewportSize = {"width": 1280, "height": 900}
-PHONE: ViewportSize = {"width": 390, "height": 844}
 REACH_M = 0.5
 JOINT = "shoulder_pan_joint"
 

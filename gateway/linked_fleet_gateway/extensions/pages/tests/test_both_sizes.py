@@ -1,18 +1,26 @@
 """Tasks of an operator on a desktop and on a phone, counted in clicks or taps, and in drags."""
 
+import re
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any
 
 import pytest
-from playwright.sync_api import Browser, Locator, Page, ViewportSize, expect
+from playwright.sync_api import Locator, Page, expect
 
+from actor import Actor, crowd, stage
 from browser import LF
 from browser import Browser as Client
+from chromium import MainThread
 from commanding import TURTLE, of_joint, of_robot, slowly
-from running import PATIENCE_S, eventually
+from operators import Operator
+from running import eventually
+from small_fleet import Place
 
 pytestmark = [pytest.mark.processes, pytest.mark.test_all]
-SIZES: dict[str, ViewportSize] = {"desk": {"width": 1280, "height": 900}, "phone": {"width": 390, "height": 844}}
+THOUSAND = 1000
+CARDS = "document.querySelectorAll('#robots .card').length"
+FETCHED = "performance.getEntriesByType('resource').filter(({ name }) => name.endsWith('/thumbnail')).length"
 # Where the target is on the screen that is dragged in the scene of a robot.
 TARGET = """() => {
     const { view, robot } = document.getElementById("scene").scene;
@@ -22,53 +30,6 @@ TARGET = """() => {
     const { left, top, width, height } = view.canvas.getBoundingClientRect();
     return [left + ((at.x + 1) / 2) * width, top + ((1 - at.y) / 2) * height];
 }"""
-
-
-class Operator:
-    """Somebody at a page, who clicks or taps; ``made`` counts that."""
-
-    def __init__(self, page: Page, size: str) -> None:
-        self.page, self.touch, self.made = page, size == "phone", 0
-
-    def press(self, place: Locator) -> None:
-        self.made += 1
-        (place.tap if self.touch else place.click)()
-
-    def drag(self, x: float, y: float, right: int) -> None:
-        self.made += 1
-        if not self.touch:
-            self.page.mouse.move(x, y)
-            self.page.mouse.down()
-            self.page.mouse.move(x + right, y, steps=4)
-            self.page.mouse.up()
-            return
-        session = self.page.context.new_cdp_session(self.page)
-        places = [x, *(x + right * step / 4 for step in range(1, 5))]
-        for kind, place in zip(("touchStart", *["touchMove"] * 4), places, strict=True):
-            session.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": [{"x": place, "y": y}]})
-        session.send("Input.dispatchTouchEvent", {"type": "touchEnd", "touchPoints": []})
-
-
-@pytest.fixture(params=list(SIZES))
-def operator(request: pytest.FixtureRequest, chromium: Browser, no_webgl: str) -> Iterator[Operator]:
-    """Whose pages say nothing on the console and are not wider than their screen."""
-    touch, said = request.param == "phone", []
-    context = chromium.new_context(
-        viewport=SIZES[request.param],
-        has_touch=touch,
-        is_mobile=touch,
-        reduced_motion="reduce",
-        device_scale_factor=0.5,
-    )
-    context.set_default_timeout(PATIENCE_S * 1000)
-    if request.node.get_closest_marker("webgl") is None:
-        context.add_init_script(no_webgl)
-    page = context.new_page()
-    page.on("console", lambda message: message.type in ("error", "warning") and said.append(message.text))
-    yield Operator(page, request.param)
-    assert page.evaluate("document.documentElement.scrollWidth") == SIZES[request.param]["width"]
-    assert [each for each in said if "closed before the connection is established" not in each] == []
-    context.close()
 
 
 @pytest.fixture
@@ -86,7 +47,7 @@ def test_what_moves_is_found_with_one_click(operator: Operator, client: Client, 
     page.goto(client.root)
     card = page.locator("#robots .card", has=page.locator(".activity.busy"))
     expect(card).to_contain_text("shoulder_pan_joint")
-    thumbnail = card.locator("img.thumbnail")
+    thumbnail = card.locator(".thumbnail img")
     assert thumbnail.evaluate("async (image) => { await image.decode(); return image.naturalWidth; }") > 0
     before = thumbnail.get_attribute("src")
     eventually(_changed(thumbnail, before), "another pose on the card")
@@ -142,3 +103,68 @@ def test_a_recording_is_downloaded_with_one_click(operator: Operator, client: Cl
     assert download.value.suggested_filename == "ur5-history.mcap"
     assert download.value.path().read_bytes().startswith(b"\x89MCAP")
     assert operator.made == 1
+
+
+def test_the_history_of_a_robot_is_found_with_two_clicks(operator: Operator, client: Client) -> None:
+    """From any page: its chart is filled with the past, of several joints, and reaches as far back as one likes."""
+    page = operator.page
+    page.goto(client.part("ur5", "elbow_joint").url)
+    operator.press(page.get_by_role("navigation", name="Sections").get_by_role("link", name="History"))
+    expect(page.get_by_role("heading", level=1)).to_have_text("History")
+    assert operator.fits()
+    operator.press(page.get_by_role("row", name=re.compile("^ur5")).get_by_role("link", name="ur5", exact=True))
+    assert operator.made == 2
+    figure = page.locator("figure.chart")
+    eventually(lambda: int(figure.get_attribute("data-remembered") or 0) > 5, "the past")
+    drawing = figure.locator("[role=img]")
+    expect(drawing).to_have_attribute("aria-label", re.compile("^position of .*, .*, .*, last 60 s$"))
+    figure.get_by_label("wrist_1_joint").check()
+    figure.get_by_label("of the last").select_option("5 minutes")
+    expect(drawing).to_have_attribute("aria-label", re.compile("wrist_1_joint.*, last 300 s$"))
+    operator.press(page.get_by_role("link", name="velocity of elbow_joint"))
+    expect(page.locator("#observed tbody tr").first).to_contain_text("rad/s")
+
+
+@pytest.fixture
+def thousand(tmp_path: Path) -> Iterator[tuple[Client, list[Actor]]]:
+    """A thousand robots, each of which sends a position once a second."""
+    place = Place(tmp_path)
+    with place.gateway() as (_, client), stage(place.zenoh) as session, crowd(session, THOUSAND) as actors:
+        eventually(lambda: _cards(client) == THOUSAND, "a thousand robots")
+        yield client, actors
+
+
+def test_a_thousand_robots_can_be_searched(thousand: tuple[Client, list[Actor]], operator: Operator) -> None:
+    """Measured in processor time of the main thread, so that other programs do not count."""
+    (client, actors), page = thousand, operator.page
+    thread = MainThread(page)
+    page.goto(client.root, wait_until="domcontentloaded")
+    eventually(lambda: page.evaluate(CARDS) == THOUSAND, "a thousand cards")
+    assert thread.busy_s() < 2.0
+    assert _share(page, thread) < 0.3
+    before = thread.busy_s()
+    page.locator("#filter-text").fill("robot-09 robot")
+    expect(page.locator("#shown")).to_have_text(f"100 of {THOUSAND} shown")
+    assert thread.busy_s() - before < 0.5
+    for actor in actors[900:905]:
+        actor.leave()
+    page.get_by_label("Presence").select_option("offline")
+    expect(page.locator("#shown")).to_have_text(f"5 of {THOUSAND} shown")
+    page.get_by_label("Kind").select_option("synthetic")
+    page.locator("#filter-text").fill("robot-0903")
+    expect(page.locator("#shown")).to_have_text(f"1 of {THOUSAND} shown")
+    assert page.evaluate(FETCHED) < 60
+    operator.press(page.locator("#robots .card:visible a"))
+    expect(page.get_by_role("heading", level=1)).to_have_text("The robot-0903")
+    assert operator.made == 1
+
+
+def _cards(client: Client) -> int:
+    return client.http.get(client.root, headers={"accept": "text/html"}).text.count('<li class="card robot"')
+
+
+def _share(page: Page, thread: MainThread) -> float:
+    """Return the share of the main thread in three seconds of the page."""
+    before, begin = thread.busy_s(), page.evaluate("performance.now()")
+    page.wait_for_timeout(3000)
+    return (thread.busy_s() - before) * 1000 / float(page.evaluate("begin => performance.now() - begin", begin))

@@ -9,11 +9,10 @@ from playwright.sync_api import Browser, Page, ViewportSize, expect
 
 from browser import LF
 from browser import Browser as Client
+from chromium import DESK, PHONE
 from running import PATIENCE_S
 
 pytestmark = [pytest.mark.processes, pytest.mark.test_all]
-DESK: ViewportSize = {"width": 1280, "height": 900}
-PHONE: ViewportSize = {"width": 390, "height": 844}
 
 
 @pytest.fixture

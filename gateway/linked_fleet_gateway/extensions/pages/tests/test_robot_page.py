@@ -3,16 +3,16 @@
 import re
 
 import pytest
-from playwright.sync_api import Browser, Locator, Page, Position, ViewportSize, expect
+from playwright.sync_api import Browser, Locator, Page, Position, expect
 
 from browser import LF
 from browser import Browser as Client
+from chromium import PHONE
 from commanding import angle
 from running import PATIENCE_S, eventually
 
 pytestmark = [pytest.mark.processes, pytest.mark.test_all]
 JOINT = "wrist_3_joint"
-PHONE: ViewportSize = {"width": 390, "height": 844}
 
 
 @pytest.fixture

@@ -8,12 +8,11 @@ from playwright.sync_api import Browser, Locator, Page, ViewportSize, expect
 
 from browser import LDP, LF
 from browser import Browser as Client
+from chromium import DESK, PHONE
 from commanding import PREFIXES, TURTLE
 from running import PATIENCE_S, eventually
 
 pytestmark = [pytest.mark.processes, pytest.mark.test_all]
-DESK: ViewportSize = {"width": 1280, "height": 900}
-PHONE: ViewportSize = {"width": 390, "height": 844}
 TITLE = "The UR5 stands up when its wrist turns too far"
 
 
@@ -139,17 +138,3 @@ def test_rules_are_read_and_conditions_tried_without_scripts(chromium: Browser, 
     page.get_by_role("button", name="Try the condition").click()
     expect(page.locator("#results tbody td")).to_have_text(["7"])
     context.close()
-
-
-def test_no_page_of_a_rule_shuts_anybody_out(rules: Page, axe: str) -> None:
-    """In light and dark mode; the list with its editor, a rule and its firings."""
-    rules.get_by_role("button", name="Save the rule").click()
-    expect(row(rules).locator(".state")).to_have_text("active")
-    iri = row(rules).get_by_role("link", name=TITLE).get_attribute("href")
-    for url in (rules.url, f"{iri}", f"{iri}/firings"):
-        for scheme in ("light", "dark"):
-            rules.emulate_media(color_scheme=scheme)  # type: ignore[arg-type]
-            rules.goto(url)
-            rules.evaluate(axe)
-            found = rules.evaluate("axe.run({ resultTypes: ['violations'] })")["violations"]
-            assert [(url, scheme, each["id"], each["nodes"][0]["html"]) for each in found] == []
