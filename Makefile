@@ -60,7 +60,7 @@ $$python -c 'import ensurepip' 2>/dev/null || { echo "$$python has no venv: apt 
 $$python -m venv --clear $(1)
 endef
 
-.PHONY: architecture docs demo release try-release test test-long test-all check check-collisions docs-settings requirements fleet-check bench bench-robots bench-routers fuzz mutants soak assets pictures node-wot shacl-suite chromium egl tools wrk caddy clean helm
+.PHONY: architecture docs demo release try-release test test-long test-all check check-collisions docs-settings requirements fleet-check bench bench-robots bench-routers fuzz mutants soak assets pictures node-wot shacl-suite chromium egl java tools wrk caddy clean helm
 
 demo: .venv/demo-stamp $(ASSETS)
 	@$(BIN)/python -m linked_fleet_demo --port $(PORT)
@@ -83,6 +83,13 @@ egl:
 	  { $$run apt-get update -qq && $$run apt-get install -qqy --no-install-recommends libegl1 libgl1 libgl1-mesa-dri; } >/dev/null || \
 	  echo "EGL cannot be installed here; the tests of pictures are skipped: apt install libegl1 libgl1 libgl1-mesa-dri"; }
 
+# For the checker of HTML, with which a test reads all pages.
+java:
+	@command -v java >/dev/null || { echo "Installing Java for the checker of HTML."; \
+	  run=; [ "$$(id -u)" = 0 ] || run="sudo -n"; \
+	  { $$run apt-get update -qq && $$run apt-get install -qqy --no-install-recommends default-jre-headless; } >/dev/null || \
+	  echo "Java cannot be installed here; the test of HTML will fail: apt install default-jre-headless"; }
+
 # For the commands of the documentation, which a test runs.
 tools:
 	@command -v curl >/dev/null && command -v jq >/dev/null || { echo "Installing curl and jq for the tests of the documentation."; \
@@ -92,7 +99,7 @@ tools:
 
 # Clusters, long histories, most of what a browser, another program or many processes show, and all examples of each property.
 test-long: export LONG_TESTS := 1
-test-long: .venv/stamp $(ASSETS) $(NODE_WOT) chromium egl tools helm
+test-long: .venv/stamp $(ASSETS) $(NODE_WOT) chromium egl java tools helm
 	$(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder $(SECOND_TRY) -m 'test_all or hypothesis' $(LONG_ARGS)
 
 test-all: test test-long fuzz soak fleet-check
@@ -207,7 +214,8 @@ $(ASSETS): $(SCRIPTS)/package.json $(SCRIPTS)/package-lock.json $(SCRIPTS)/build
 	@echo "Bundling the scripts of the pages. The first time fetches their packages."
 	@$(SCRIPTS)/build $(BIN)/python
 
-# The clients of others that the tests set on the fleet (Web of Things, Foxglove, MCP), and the schema of Thing Descriptions.
+# The clients of others that the tests set on the fleet (Web of Things, Foxglove, MCP), the schema of Thing Descriptions, and
+# the checker of HTML.
 node-wot: $(NODE_WOT)
 
 $(NODE_WOT): $(THINGS)/package.json $(THINGS)/package-lock.json | $(ASSETS)

@@ -1,25 +1,59 @@
 """Accessibility of pages: by keyboard, by screen reader, in the dark, on a phone, and without scripts."""
 
+from pathlib import Path
 from typing import Any
 
 import pytest
 from playwright.sync_api import Browser as Chromium
-from playwright.sync_api import Page, ViewportSize, expect
+from playwright.sync_api import Page, expect
 
-from browser import DCTERMS, HYBRIT, LF, Browser
+from accessibility import violations, violations_in_both_schemes
+from browser import DCTERMS, HYBRIT, LF, ROS, Browser
+from commanding import PREFIXES, TURTLE, radian
+from html_checker import errors
+from operators import Operator
+from plain_words import FOR_PROGRAMS, faults
+from ruling import BY_SIDE, a_rule, fired, posted, sides
+from running import eventually
 from shared_fixtures import RunningFleet
 
 pytestmark = [pytest.mark.processes, pytest.mark.test_all]
-PHONE: ViewportSize = {"width": 360, "height": 740}
-IN_THE_DARK = ("fleet", "audit", "results", "joint", "action", "subscriptions")
+READ = """(hidden) => {
+    const walker = document.createTreeWalker(document.body, NodeFilter.SHOW_TEXT);
+    const found = [];
+    while (walker.nextNode()) {
+        const { parentElement: parent, data } = walker.currentNode;
+        if (data.trim() && !parent.closest(hidden)) found.push(data.trim());
+    }
+    return found;
+}"""
+# A query and a shape in Turtle are for programs, wherever an editor shows them.
+FOR_PROGRAMS_ON_SCREEN = ", ".join((*FOR_PROGRAMS, ".cm-editor", ".solutions"))
+
+
+CRATE = f"""{PREFIXES}
+<> a lf:Obstacle ; dcterms:title "crate" ; lf:position [ maths:x 9 ; maths:y 9 ; maths:z 0 ; vom:unit unit:M ] ;
+    lf:geometry [ a lf:Sphere ; lf:radius [ vom:numericalValue 0.2 ; vom:unit unit:M ] ] .
+"""
 
 
 @pytest.fixture(scope="module")
 def pages(fleet: RunningFleet, browser: Browser) -> dict[str, str]:
     """A page of each kind."""
-    robot, joint = browser.robot("ur5"), browser.part("ur5", "elbow_joint")
+    robot, joint, root = browser.robot("ur5"), browser.part("ur5", "elbow_joint"), browser.page(browser.root)
     rotate, stop = browser.action(joint, LF.Rotate), browser.action(robot, LF.StopRobot)
-    tiago = browser.part("tiago", "torso_lift_joint")
+    tiago, history = browser.part("tiago", "torso_lift_joint"), str(robot.one(LF.history))
+    rotation = str(next(joint.graph.objects(joint.iri, ROS.rotation)))
+    subscribed = browser.http.post(str(joint.one(HYBRIT.subscriptions)), content=_watching(rotation), headers=TURTLE)
+    assert subscribed.status_code == 201, subscribed.text
+    _turn(browser, rotate, 0.0)
+    rule = posted(browser, a_rule(sides(joint.url, 0.2), stop, more=BY_SIDE))
+    eventually(lambda: browser.page(rule).one(LF.state) == LF.active, "evaluated once")
+    _turn(browser, rotate, 0.4)
+    fired(browser, rule, 1)
+    world = browser.page(str(root.one(LF.world)))
+    crate = browser.http.post(str(world.one(LF.objects)), content=CRATE, headers=TURTLE)
+    assert crate.status_code == 201, crate.text
     return {
         "fleet": browser.root,
         "robot": robot.url,
@@ -28,60 +62,77 @@ def pages(fleet: RunningFleet, browser: Browser) -> dict[str, str]:
         "prismatic": tiago.url,
         "link": browser.part("ur5", "wrist_3_link").url,
         "property": str(next(joint.graph.objects(joint.iri, LF.velocity))),
+        "setting": str(robot.property(LF.TextProperty)),
         "action": rotate,
         "nested action": browser.action(robot, LF.FollowTrajectory),
         "invocation": browser.http.post(stop, headers={"prefer": "wait=30"}).headers["location"],
-        "subscriptions": str(joint.one(HYBRIT.subscriptions)),
-        "blueprint": rotate.removesuffix("/actions/rotate") + "/blueprint",
-        "vocabulary": str(browser.page(browser.root).one(LF.vocabulary)),
-        "lease": str(robot.one(LF.lease)),
-        "joint state": str(robot.one(LF.jointState)),
         "invocations": rotate + "/invocations",
+        "subscriptions": str(joint.one(HYBRIT.subscriptions)),
+        "subscription": subscribed.headers["location"],
+        "blueprint": rotate.removesuffix("/actions/rotate") + "/blueprint",
+        "vocabulary": str(root.one(LF.vocabulary)),
+        "lease": str(robot.one(LF.lease)),
+        "annotations": robot.url + "annotations",
+        "joint state": str(robot.one(LF.jointState)),
+        "histories": str(root.one(LF.histories)),
+        "history": history,
+        "history of a property": rotation + "/history",
         "audit": browser.root + "audit",
-        "query": str(browser.page(browser.root).one(LF.query)),
+        "world": world.url,
+        "objects": str(world.one(LF.objects)),
+        "object": crate.headers["location"],
+        "collisions": str(world.one(LF.collisions)),
+        "rules": str(root.one(LF.rules)),
+        "rule": rule,
+        "firings": rule + "/firings",
+        "query": str(root.one(LF.query)),
         "results": browser.root + "query?query=SELECT%20%3Fa%20%7B%20%3Fa%20a%20%3Fb%20%7D%20LIMIT%209",
-        "things": str(browser.page(browser.root).one(LF.things)),
+        "no query": browser.root + "query?query=SELECT",
+        "things": str(root.one(LF.things)),
         "nothing": browser.root + "nothing/of/this/name",
     }
 
 
-def _violations(page: Page, axe: str) -> list[str]:
-    """Return the findings of axe-core, a line each."""
-    page.evaluate(axe)
-    found: list[dict[str, Any]] = page.evaluate("axe.run({ resultTypes: ['violations'] })")["violations"]
-    return [
-        f"{each['id']}: {each['help']} at {[node['html'] for node in each['nodes']][:3]}"
-        for each in found
-        if each["impact"] in ("serious", "critical")
-    ]
+def _turn(browser: Browser, rotate: str, angle: float) -> None:
+    answer = browser.http.put(rotate, content=radian(angle), headers=TURTLE | {"prefer": "wait=30"}, timeout=40)
+    assert answer.is_success, answer.text
 
 
-def test_no_page_shuts_anybody_out(page: Page, watched: Any, pages: dict[str, str], axe: str) -> None:
-    """No serious violation in light or dark mode, and no sideways scrolling on a phone, with all actions unfolded."""
-    desk, found = page.viewport_size, []
-    assert desk is not None
+def _watching(resource: str) -> str:
+    watches = f"<{HYBRIT.onResource}> <{resource}> ; <{HYBRIT.callbackURL}> 'http://127.0.0.1:9/nobody'"
+    return f"<> a <{HYBRIT.Subscription}>, <{HYBRIT.WebCallback}> ; {watches} ."
+
+
+def test_no_page_shuts_anybody_out(operator: Operator, pages: dict[str, str]) -> None:
+    """No violation in light and dark mode, no sideways scrolling, and plain words, with all actions unfolded."""
+    page, found = operator.page, list[Any]()
     for kind, url in pages.items():
-        page.set_viewport_size(desk)
         page.emulate_media(color_scheme="light")
         page.goto(url)
         for details in page.locator("details.action").all():
             details.locator("summary").first.click()
             expect(details.locator("form.invoke, .problem").first).to_be_visible()
-        found += [(kind, each) for each in _violations(page, axe)]
-        if kind in IN_THE_DARK:
-            page.emulate_media(color_scheme="dark")
-            found += [(kind, "in the dark", each) for each in _violations(page, axe)]
-        page.set_viewport_size(PHONE)
-        width = page.evaluate("document.documentElement.scrollWidth")
-        found += [(kind, f"{width} pixels wide")] if width > PHONE["width"] else []
-    watched.forgive("404")
+        if page.locator("textarea[data-editor]").count():
+            expect(page.locator(".cm-editor").first).to_be_visible()
+        found += [(kind, *each) for each in violations_in_both_schemes(page)]
+        found += [] if operator.fits() else [(kind, "scrolls sideways")]
+        found += [(kind, each) for text in page.evaluate(READ, FOR_PROGRAMS_ON_SCREEN) for each in faults(text)]
+    operator.forgive("404", "400")
     assert found == []
 
 
-def test_a_violation_would_be_found(page: Page, pages: dict[str, str], axe: str) -> None:
+def test_pages_are_valid_html(browser: Browser, pages: dict[str, str], tmp_path: Path) -> None:
+    documents = {kind: browser.http.get(url, headers={"accept": "text/html"}).content for kind, url in pages.items()}
+    assert len(documents) > 30
+    assert errors(documents, tmp_path) == []
+
+
+def test_faults_would_be_found(page: Page, pages: dict[str, str], tmp_path: Path) -> None:
     page.goto(pages["nothing"])
-    page.evaluate("document.querySelector('main').append(document.createElement('input'))")
-    assert [each for each in _violations(page, axe) if each.startswith("label:")]
+    page.evaluate("document.querySelector('main').append(document.createElement('input'), 'https://bare.example/')")
+    assert [each for each in violations(page) if each.startswith("label:")]
+    assert [each for text in page.evaluate(READ, FOR_PROGRAMS_ON_SCREEN) for each in faults(text)]
+    assert len(errors({"wrong": b"<!DOCTYPE html><title>x</title><ul><p>"}, tmp_path)) >= 1
 
 
 def test_stop_is_reached_by_keyboard_alone(page: Page, watched: object, pages: dict[str, str]) -> None:

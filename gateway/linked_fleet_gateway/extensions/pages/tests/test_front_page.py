@@ -1,6 +1,7 @@
 """The front page: the world on top, loaded on demand and drawn while visible; a click leads to a robot."""
 
 from collections.abc import Iterator
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -8,12 +9,12 @@ from playwright.sync_api import Browser, Page, ViewportSize, expect
 
 from browser import LF
 from browser import Browser as Client
-from commanding import PREFIXES, TURTLE, of_joint, radian
+from chromium import PHONE
+from commanding import PREFIXES, TURTLE, of_joint, radian, slowly
 from running import PATIENCE_S, eventually
 from small_fleet import Place, live
 
 pytestmark = [pytest.mark.processes, pytest.mark.test_all, pytest.mark.webgl]
-PHONE: ViewportSize = {"width": 390, "height": 844}
 LOW: ViewportSize = {"width": 1280, "height": 320}
 MIDDLE = """() => {
     const { view, robots } = document.getElementById("scene").scene;
@@ -26,6 +27,15 @@ MIDDLE = """() => {
     const at = mesh.geometry.boundingSphere.center.clone().applyMatrix4(mesh.matrixWorld).project(view.camera);
     const { left, top, width, height } = view.canvas.getBoundingClientRect();
     return [left + ((at.x + 1) / 2) * width, top + ((1 - at.y) / 2) * height];
+}"""
+TIMES = """() => {
+    const { view } = document.getElementById("scene").scene;
+    const draw = view.draw;
+    window.times = [];
+    view.draw = (now) => {
+        window.times.push(now);
+        draw.call(view, now);
+    };
 }"""
 COUNT = """() => {
     const { view } = document.getElementById("scene").scene;
@@ -123,6 +133,32 @@ def test_nothing_is_drawn_while_it_is_not_seen(front: Page, client: Client) -> N
     assert front.evaluate("() => window.drawn") == 0
     front.evaluate("() => scrollTo(0, 0)")
     eventually(lambda: front.evaluate("() => window.drawn") > 0, "a drawing")
+
+
+def test_a_processor_draws_at_most_fifteen_times_a_second(front: Page, client: Client) -> None:
+    """Here it has to; a graphics card draws with the screen."""
+    assert front.evaluate("() => document.getElementById('scene').scene.view.pacing.software")
+    front.evaluate(TIMES)
+    for angle in (1.5, 0.4):
+        body = slowly(angle, speed=0.5)
+        answer = client.http.put(
+            of_joint(client, "wrist_3_joint"), content=body, headers=TURTLE | {"prefer": "wait=30"}, timeout=40
+        )
+        assert answer.is_success, answer.text
+        front.wait_for_timeout(100)  # the time until its events arrive
+    times = front.evaluate("() => window.times")
+    assert len(times) > 2
+    assert min(after - before for before, after in pairwise(times)) > 0.9 * 1000 / 15
+
+
+def test_the_first_page_is_light(front: Page, client: Client) -> None:
+    """What it takes to see and use it, and to draw the world apart from the meshes of robots."""
+    weights = front.evaluate(
+        """() => [...performance.getEntriesByType("navigation"), ...performance.getEntriesByType("resource")]
+            .map(({ name, encodedBodySize }) => [name, encodedBodySize])"""
+    )
+    ours = [size for name, size in weights if "/model/" not in name and "/mesh" not in name]
+    assert sum(ours) < 300_000, weights
 
 
 def test_a_phone_draws_the_world_when_it_is_asked_for(chromium: Browser, client: Client) -> None:

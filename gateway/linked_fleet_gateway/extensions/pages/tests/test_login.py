@@ -6,9 +6,11 @@ from collections.abc import Iterator
 import pytest
 from playwright.sync_api import Browser, Page, expect
 
+from accessibility import violations_in_both_schemes
 from browser import LF
 from guarded import ALL, HIDDEN, SEEN, Guarded, guarded
 from issuer import Issuer, issuing
+from operators import Operator
 from running import eventually
 from subscribers import members
 
@@ -35,16 +37,18 @@ def _log_in(page: Page, own: Guarded, name: str) -> None:
     page.get_by_role("button", name="Log in").click()
 
 
-@pytest.mark.parametrize("width", [1280, 390], ids=["desk", "phone"])
-def test_a_token_opens_what_it_is_for(page: Page, watched: object, own: Guarded, width: int) -> None:
-    """The requested page follows the login; it is live, and can stop a robot."""
-    page.set_viewport_size({"width": width, "height": 844})
+def test_a_token_opens_what_it_is_for(operator: Operator, own: Guarded) -> None:
+    """The requested page follows the login with one click; it is live, and can stop a robot."""
+    page = operator.page
     page.goto(f"{own.root}{SEEN}/")
     expect(page).to_have_url(re.compile("/login"))
-    _log_in(page, own, "lab")
+    assert violations_in_both_schemes(page) == []
+    page.get_by_label("Token", exact=True).fill(own.tokens["lab"])
+    operator.press(page.get_by_role("button", name="Log in"))
     expect(page).to_have_url(f"{own.root}{SEEN}/")
+    assert operator.made == 1
     expect(page.locator("#who")).to_have_text("lab")
-    assert page.evaluate("document.documentElement.scrollWidth") == width
+    assert operator.fits()
     with own.browsing("root") as root:
         invocations = str(root.page(root.action(root.robot(SEEN), LF.StopRobot)).one(LF.invocations))
         before = set(members(root.page(invocations)))
@@ -53,6 +57,8 @@ def test_a_token_opens_what_it_is_for(page: Page, watched: object, own: Guarded,
     page.goto(own.root)
     expect(page.get_by_role("link", name=f"The {SEEN}").or_(page.get_by_text(SEEN)).first).to_be_visible()
     assert HIDDEN not in page.content()
+    page.goto(own.root + "login")
+    assert violations_in_both_schemes(page) == [] and operator.fits()
 
 
 def test_a_page_of_a_session_is_live(page: Page, watched: object, own: Guarded) -> None:
@@ -98,6 +104,7 @@ def test_a_wrong_token_says_so(page: Page, watched: object, own: Guarded) -> Non
     expect(field).to_have_attribute("aria-invalid", "true")
     expect(field).to_have_accessible_description("This token is not accepted: it is unknown.")
     expect(field).to_be_focused()
+    assert violations_in_both_schemes(page) == []
     watched.forgive(REFUSED)  # type: ignore[attr-defined]
 
 

@@ -4,6 +4,7 @@ import os
 import re
 import signal
 from collections.abc import Iterator
+from itertools import combinations
 from pathlib import Path
 from urllib.parse import urlsplit
 
@@ -16,6 +17,7 @@ from browser import all_live
 from commanding import angle
 from linked_fleet_demo.tree import PLACES
 from linked_fleet_demo.tree import place as place_robot
+from operators import Operator
 from running import Process, eventually, process
 from shared_fixtures import ROBOTS
 from small_fleet import Place
@@ -95,6 +97,36 @@ def test_from_the_root_to_a_joint_that_moves(
     measured = angle(client, "right_s1", "baxter")
     assert measured < -0.9
     eventually(lambda: abs(_drawn(page, "right_s1") - measured) < 0.01, f"the drawn joint at {measured} rad")
+
+
+NAMES = """() => [...document.querySelectorAll(".scene-names a")].filter((each) => !each.hidden).map((each) => {
+    const { left, right, top, bottom } = each.getBoundingClientRect();
+    return { name: each.textContent, left, right, top, bottom };
+})"""
+TURN = """() => new Promise((resolve) => {
+    document.getElementById("scene").scene.view.turn(Math.PI / 4, 0);
+    requestAnimationFrame(() => requestAnimationFrame(resolve));
+})"""
+
+
+def test_names_of_robots_do_not_cover_each_other(operator: Operator, demo: tuple[Client, Process]) -> None:
+    """From eight sides of the world, and none of them leaves the drawing; from the first, all have one."""
+    page = operator.page
+    page.goto(demo[0].root)
+    if operator.touch:
+        operator.press(page.get_by_role("button", name="Show the world"))
+    expect(page.locator("#scene")).to_have_attribute("data-phase", "ready")
+    expect(page.locator(".scene-names a:visible")).to_have_count(len(ROBOTS))
+    for _ in range(8):
+        shown, frame = page.evaluate(NAMES), page.locator("#scene canvas").bounding_box()
+        assert shown and frame is not None
+        for one, other in combinations(shown, 2):
+            beside = one["right"] <= other["left"] or other["right"] <= one["left"]
+            assert beside or one["bottom"] <= other["top"] or other["bottom"] <= one["top"], (one, other)
+        for each in shown:
+            assert frame["x"] - 1 <= each["left"] and each["right"] <= frame["x"] + frame["width"] + 1, each
+            assert frame["y"] - 1 <= each["top"] and each["bottom"] <= frame["y"] + frame["height"] + 1, each
+        page.evaluate(TURN)
 
 
 def test_a_robot_that_left_is_marked(page: Page, watched: "Watched", demo: tuple[Client, Process]) -> None:  # noqa: F821
