@@ -13,7 +13,7 @@ from linked_fleet_gateway.extensions.pages.policy import FORMS, POLICY
 from linked_fleet_gateway.extensions.pages.resources import BRANCH, THUMBNAIL, THUMBNAILS
 from linked_fleet_gateway.extensions.pages.views import add_view
 from linked_fleet_gateway.http.extension import Core, Extension, Mount
-from linked_fleet_gateway.http.html import Formats, Reader
+from linked_fleet_gateway.http.html import NOBODY, Formats, Reader
 from linked_fleet_gateway.resources.resource import Resource
 
 
@@ -24,7 +24,7 @@ class Pages:
 
     def prepare(self) -> None:
         """Compile the templates of problems, which alone are written on the event loop."""
-        self.write_problem(FleetError("a page that nobody sees"), None, [])
+        self.write_problem(FleetError("a page that nobody sees"), "http://localhost/", [], NOBODY)
 
     def write_resource(self, resource: Resource, triples: Sequence[Triple], base: str, formats: Formats) -> bytes:
         return page.write(resource, triples, base, formats)
