@@ -13,7 +13,7 @@ import httpx
 import pyshacl
 import pytest
 import rdflib
-from rdflib import RDF, URIRef
+from rdflib import RDF
 
 from browser import HYBRIT, LDP, LF, MATHS, ROS, SH, Browser, Page
 from commanding import PAN, PREFIXES, TURTLE, of_joint, post, problem
@@ -186,18 +186,6 @@ def test_the_other_robot_is_in_the_way_where_it_stands(browser: Browser) -> None
     assert other.startswith(str(browser.robot("panda").url)) and browser.page(other).types >= {ROS.Link}
     put_robot(browser, "panda", 0, -5, 0)
     assert said_free(turn(browser, 60, **DRY)) is True
-
-
-def test_an_object_is_replaced_under_a_condition_and_by_its_own_description(browser: Browser) -> None:
-    url = put_object(browser, crate("crate", 1, 1, 0))
-    page = browser.page(url)
-    tag = {"if-match": page.response.headers["etag"]}
-    assert browser.http.put(url, content=page.response.content, headers=TURTLE | tag).status_code == 204
-    assert browser.http.put(url, content=crate("box", 1, 2, 0), headers=TURTLE | tag).status_code == 204
-    assert browser.http.put(url, content=crate("late", 1, 3, 0), headers=TURTLE | tag).status_code == 412
-    assert [str(each) for each in browser.page(url).graph.objects(URIRef(url), rdflib.DCTERMS.title)] == ["box"]
-    assert browser.http.delete(url).status_code == 204
-    assert browser.http.get(url).status_code == 404
 
 
 @pytest.mark.parametrize(

@@ -7,8 +7,8 @@ import pytest
 import rdflib
 from rdflib import URIRef
 
-from browser import HYBRIT, LF, MATHS, PROV, SPATIAL, VOM, Browser, Page
-from running import eventually
+from browser import HYBRIT, LF, MATHS, PROV, SPATIAL, VOM, Browser
+from commanding import ended
 
 pytestmark = pytest.mark.virtual
 
@@ -34,14 +34,6 @@ def _number(graph: rdflib.Graph, subject: object, predicate: URIRef) -> float:
 def _angle(browser: Browser, robot: str, joint: str) -> float:
     page = browser.page(str(browser.part(robot, joint).one(URIRef("http://ros.org/#rotation"))))
     return _number(page.graph, page.iri, SPATIAL.rotationAngle)
-
-
-def _ended(browser: Browser, url: str) -> Page:
-    def probe() -> Page | None:
-        page = browser.page(url)
-        return page if page.one(LF.state) not in (LF.accepted, LF.running) else None
-
-    return eventually(probe, f"the end of {url}")
 
 
 def _put(browser: Browser, url: str, body: str, **headers: str) -> httpx.Response:
@@ -73,7 +65,7 @@ def test_put_is_bound_as_well_and_radians_are_understood(browser: Browser) -> No
     url = _action(browser, "ur5", "wrist_3_joint")
     answer = _put(browser, url, _PREFIXES + "<> vom:numericalValue 0.4 ; vom:unit unit:RAD .")
     assert answer.status_code == 204, answer.text
-    assert _ended(browser, answer.headers["location"]).one(LF.state) == LF.succeeded
+    assert ended(browser, answer.headers["location"]).one(LF.state) == LF.succeeded
     assert _angle(browser, "ur5", "wrist_3_joint") == pytest.approx(0.4, abs=0.01)
 
 
@@ -94,7 +86,7 @@ def test_continuous_joint_takes_a_whole_turn_of_angles(browser: Browser) -> None
     body = _PREFIXES + "<> vom:numericalValue 350 ; vom:unit maths:Degree ."
     answer = _put(browser, url, body, prefer="wait=30")
     assert answer.status_code == 204, answer.text
-    assert _ended(browser, answer.headers["location"]).one(LF.state) == LF.succeeded
+    assert ended(browser, answer.headers["location"]).one(LF.state) == LF.succeeded
     assert math.degrees(_angle(browser, "tiago", "wheel_left_joint")) == pytest.approx(-10, abs=1)
     assert _put(browser, url, body.replace("350", "360")).status_code == 422
 
@@ -132,8 +124,8 @@ def test_new_motion_preempts_the_old(browser: Browser) -> None:
     body = _PREFIXES + "<> vom:numericalValue {} ; vom:unit maths:Degree ."
     first = _put(browser, url, body.format(60))
     second = _put(browser, url, body.format(-20), prefer="wait=30")
-    assert _ended(browser, first.headers["location"]).one(LF.state) == LF.preempted
-    assert _ended(browser, second.headers["location"]).one(LF.state) == LF.succeeded
+    assert ended(browser, first.headers["location"]).one(LF.state) == LF.preempted
+    assert ended(browser, second.headers["location"]).one(LF.state) == LF.succeeded
     members = browser.page(str(browser.page(url).one(LF.invocations))).response.text
     assert all(each.headers["location"].rpartition("/")[2] in members for each in (first, second))
 
@@ -156,33 +148,6 @@ def test_if_match_takes_the_tag_of_any_representation(browser: Browser) -> None:
     assert _put(browser, url, body, **{"if-match": '"stale"'}).status_code == 412
     tag = browser.http.get(url, headers={"accept": "application/ld+json"}).headers["etag"]
     assert _put(browser, url, body, **{"if-match": tag}).status_code == 204
-
-
-_BAD = {
-    "not a number": ('"NaN"^^xsd:float', "vom:Degree", "NaN"),
-    "infinite": ('"INF"^^xsd:double', "vom:Degree", "INF"),
-    "no number at all": ('"abc"^^xsd:float', "vom:Degree", "abc"),
-    "a string": ('"43.6"', "vom:Degree", "numericalValue"),
-    "beyond the limit": ("99", "vom:Degree", "59.988681"),
-    "beyond the limit in radian": ("1.2", "maths:Radian", "1.047"),
-    "a foreign unit": ("1", "unit:M", "unit"),
-    "two values": ("1, 2", "vom:Degree", "1 value at most"),
-    "two units": ("1", "vom:Degree, maths:Radian", "unit"),
-    "a huge number": ("9" * 400, "vom:Degree", "59.988681"),
-}
-
-
-@pytest.mark.parametrize("case", _BAD)
-def test_bad_values_are_refused_with_the_reason(browser: Browser, case: str) -> None:
-    """Each is a 422 problem that names what was wrong and links the shape; the joint is not commanded."""
-    value, unit, named = _BAD[case]
-    url = _action(browser, "baxter", "right_s1")
-    before = browser.page(str(browser.page(url).one(LF.invocations))).response.text
-    answer = _put(browser, url, _PREFIXES + f"<> vom:numericalValue {value} ; vom:unit {unit} .")
-    assert answer.status_code == 422, answer.text
-    assert answer.headers["content-type"] == "application/problem+json"
-    assert named in answer.json()["detail"]
-    assert browser.page(str(browser.page(url).one(LF.invocations))).response.text == before
 
 
 def test_other_bad_bodies(browser: Browser) -> None:

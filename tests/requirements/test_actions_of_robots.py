@@ -7,6 +7,7 @@ import rdflib
 from rdflib import RDF, URIRef
 
 from browser import HYBRIT, LF, MATHS, ROS, Browser, Page
+from commanding import ended
 from commands import PREFIXES, Commanded, pose_body, scalar
 from running import eventually
 from small_fleet import number, property_page
@@ -42,14 +43,6 @@ def _positions(client: Commanded) -> dict[str, float]:
     samples = page.graph.objects(page.iri, LF.sample)
     found = {s: (page.graph.value(s, LF.ofJoint), page.graph.value(s, LF.position)) for s in samples}
     return {titles[str(joint)]: float(str(position)) for joint, position in found.values()}
-
-
-def _ended(browser: Browser, url: str) -> Page:
-    def probe() -> Page | None:
-        page = browser.page(url)
-        return page if page.one(LF.state) not in _OPEN else None
-
-    return eventually(probe, f"the end of {url}")
 
 
 def _kinds(browser: Browser, thing: Page) -> set[object]:
@@ -127,7 +120,7 @@ def test_hold_cancels_the_motion_of_the_joint(ur5: Commanded) -> None:
     motion = ur5.begin(LF.Rotate, scalar(1.5, more=_SLOWLY), "shoulder_pan_joint")
     eventually(lambda: _positions(ur5)["shoulder_pan_joint"] > 0.05, "a motion under way")
     hold = ur5.do(LF.Hold, joint="shoulder_pan_joint")
-    page = _ended(ur5.browser, motion)
+    page = ended(ur5.browser, motion)
     assert (page.one(LF.state), page.one(LF.preemptedBy)) == (LF.cancelled, hold.iri)
     assert hold.one(LF.preempts) == page.iri
     assert 0.05 < _positions(ur5)["shoulder_pan_joint"] < 1.4
@@ -201,7 +194,7 @@ def test_stop_cancels_all_motions_of_the_robot(ur5: Commanded) -> None:
     eventually(lambda: _positions(ur5)["wrist_3_joint"] > 0.05, "both under way")
     stop = ur5.do(LF.StopRobot)
     assert {str(each) for each in stop.graph.objects(stop.iri, LF.preempts)} == set(motions)
-    assert {_ended(ur5.browser, url).one(LF.state) for url in motions} == {LF.cancelled}
+    assert {ended(ur5.browser, url).one(LF.state) for url in motions} == {LF.cancelled}
 
 
 def test_stop_all_is_answered_by_every_robot(browser: Browser, ur5: Commanded, tiago: Commanded) -> None:
@@ -217,7 +210,7 @@ def test_stop_all_is_answered_by_every_robot(browser: Browser, ur5: Commanded, t
     assert stop.one(LF.state) == LF.succeeded
     answered = {str(stop.graph.value(node, LF.ofRobot)) for node in stop.graph.objects(stop.iri, LF.answer)}
     assert answered == {robot.url for robot in browser.robots()}
-    assert {_ended(browser, url).one(LF.state) for url in motions} == {LF.cancelled}
+    assert {ended(browser, url).one(LF.state) for url in motions} == {LF.cancelled}
 
 
 def test_dry_run_moves_nothing(ur5: Commanded) -> None:

@@ -38,6 +38,7 @@ _PREFIXES = f"""@prefix xsd: <http://www.w3.org/2001/XMLSchema#> .
 @prefix rdf: <http://www.w3.org/1999/02/22-rdf-syntax-ns#> .
 @prefix maths: <{_MATHS}> .
 @prefix vom: <{_VOM}> .
+@prefix unit: <http://qudt.org/vocab/unit/> .
 """
 _ZERO = _PREFIXES + "<> vom:numericalValue 0 ; vom:unit maths:Degree ."
 _JSON_LD = {"@context": {"vom": _VOM, "maths": _MATHS}, "vom:unit": {"@id": "maths:Degree"}, "vom:numericalValue": 0.5}
@@ -305,23 +306,40 @@ def test_every_numeric_type_is_taken(browser: Browser, action: str, datatype: st
     assert _put(browser, action, body).status_code == 204
 
 
+_DEGREE = "maths:Degree"
+
+
 @pytest.mark.parametrize(
-    ("value", "named"),
+    ("value", "unit", "named"),
     [
-        ('"1_0"^^xsd:float', "1_0"),
-        ('"٣"^^xsd:integer', "٣"),
-        ('"1e1"^^xsd:decimal', "1e1"),
-        ('"0.5"^^xsd:integer', "0.5"),
-        ('"300"^^xsd:byte', "numericalValue"),
-        ('"0"^^xsd:boolean', "numericalValue"),
-        (", ".join(map(str, range(900))), " more"),
-        (", ".join(f'"<a>{n}"^^rdf:HTML' for n in range(900)), " more"),
+        ('"1_0"^^xsd:float', _DEGREE, "1_0"),
+        ('"٣"^^xsd:integer', _DEGREE, "٣"),
+        ('"1e1"^^xsd:decimal', _DEGREE, "1e1"),
+        ('"0.5"^^xsd:integer', _DEGREE, "0.5"),
+        ('"300"^^xsd:byte', _DEGREE, "numericalValue"),
+        ('"0"^^xsd:boolean', _DEGREE, "numericalValue"),
+        ('"NaN"^^xsd:float', "vom:Degree", "NaN"),
+        ('"INF"^^xsd:double', "vom:Degree", "INF"),
+        ('"abc"^^xsd:float', "vom:Degree", "abc"),
+        ('"43.6"', "vom:Degree", "numericalValue"),
+        ("99", "vom:Degree", "59.988681"),
+        ("9" * 400, "vom:Degree", "59.988681"),
+        ("1.2", "maths:Radian", "1.047"),
+        ("1, 2", "vom:Degree", "1 value at most"),
+        (", ".join(map(str, range(900))), _DEGREE, " more"),
+        (", ".join(f'"<a>{n}"^^rdf:HTML' for n in range(900)), _DEGREE, " more"),
+        ("1", "unit:M", "unit"),
+        ("1", "vom:Degree, maths:Radian", "unit"),
     ],
 )
-def test_numbers_that_are_none(browser: Browser, action: str, value: str, named: str) -> None:
-    """Ill-typed, doubled and extreme values get 422 with a report, however many there are."""
-    answer = _put(browser, action, _PREFIXES + f"<> vom:numericalValue {value} ; vom:unit maths:Degree .")
+def test_quantities_that_are_none(browser: Browser, value: str, unit: str, named: str) -> None:
+    """Ill-typed, doubled, extreme and foreign values get 422 with what was wrong; the joint is not commanded."""
+    action = _rotate(browser, "right_s1")
+    before = _moved(browser, action)
+    answer = _put(browser, action, _PREFIXES + f"<> vom:numericalValue {value} ; vom:unit {unit} .")
     assert (answer.status_code, named in answer.json()["detail"]) == (422, True), answer.text[:500]
+    assert answer.headers["content-type"] == "application/problem+json"
+    assert _moved(browser, action) == before
 
 
 def test_limits_belong_to_the_range(browser: Browser) -> None:
