@@ -27,6 +27,7 @@ PAGES = (
     "gateway/linked_fleet_gateway/subscriptions/PROTOCOL.md",
     "client/README.md",
     "SECURITY.md",
+    "tests/README.md",
     "docs/IDENTITIES.md",
     "docs/THREATS.md",
     "gateway/linked_fleet_gateway/extensions/things/README.md",
