@@ -55,7 +55,7 @@ def _has_the_figures(demo: Demo) -> None:
         test_actions.test_figure_5b_turns_the_joint(browser)
 
 
-def test_it_starts_answers_and_ctrl_c_ends_it_whole(demo: Demo) -> None:
+def test_the_demo_starts_serves_and_ends_on_ctrl_c(demo: Demo) -> None:
     eventually(lambda: demo.robots_online() == 5, "five robots online")
     eventually(lambda: f"The fleet is at http://127.0.0.1:{demo.port}/" in demo.output, "the root's address is printed")
     _turns_what_it_says(demo)

@@ -53,7 +53,7 @@ def _live() -> Live:
     return new_live(GatewaySettings(), ZenohNetwork().gateway("g"))
 
 
-def test_what_cannot_be_remembered_is_bounded_and_what_is_open_is_given_up_last(
+def test_unsaved_invocations_are_bounded_and_open_ones_dropped_last(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
     memory = ReplicatedInvocations(_live(), ActionStore("redis://127.0.0.1:1", "n", "run"), _stop, lambda _: None)
@@ -118,7 +118,7 @@ def test_an_end_that_overtakes_the_answer_is_remembered_with_what_the_answer_say
         asyncio.run(scenario(servers.url))
 
 
-def test_what_is_deleted_while_it_is_read_stays_deleted(tmp_path: Path) -> None:
+def test_an_invocation_deleted_during_a_read_stays_deleted(tmp_path: Path) -> None:
     """The store's answers to both arrive on different connections, in any order."""
     invocation = Invocation("i", "r", "/r/j/actions/rotate", {"j": 1.0}, time.time_ns(), time.time_ns() + 10**10)
 
@@ -138,7 +138,7 @@ def test_what_is_deleted_while_it_is_read_stays_deleted(tmp_path: Path) -> None:
         asyncio.run(scenario(servers.url))
 
 
-def test_what_is_taken_back_while_the_store_cannot_be_reached_is_no_longer_set(tmp_path: Path) -> None:
+def test_a_setting_removed_during_an_outage_is_no_longer_set(tmp_path: Path) -> None:
     class CutOff(ActionStore):
         """The next request for settings fails as in an outage."""
 

@@ -137,7 +137,7 @@ def test_a_move_is_described_accepted_reached_and_reported_below_the_velocity_li
     run(scenario)
 
 
-def test_what_must_not_run_is_refused() -> None:
+def test_invalid_commands_are_refused_with_their_codes() -> None:
     """Stale, out-of-limit, repeated and malformed commands are refused, each with its code."""
 
     async def scenario(gateway: Gateway, agent: Process) -> None:

@@ -219,7 +219,7 @@ def test_a_command_that_is_cancelled_before_it_comes_never_runs() -> None:
     assert _code(bench.command("b")) == "repeated"
 
 
-def test_what_was_asked_for_before_the_last_gateway_went_does_not_run_after_it_is_back() -> None:
+def test_commands_from_before_the_loss_of_all_gateways_are_refused() -> None:
     bench = Bench()
     bench.link.gateway_present = False
     bench.tick()
@@ -249,7 +249,7 @@ def test_a_rehearsal_is_judged_and_answered_and_nothing_moves() -> None:
     assert _code(bench.command("c", rehearsal=True)) == "fault"
 
 
-def test_what_is_not_as_expected_does_not_move() -> None:
+def test_a_command_with_an_unmet_expectation_is_refused() -> None:
     """The reason contains both positions; a continuous joint may be whole turns away."""
     bench = Bench()
     bench.robot.positions["wheel"] = 4 * math.pi + 0.01

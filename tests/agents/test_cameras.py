@@ -72,7 +72,7 @@ def test_depths_are_those_of_the_floor(seeing: MujocoRobot) -> None:
             assert depths[row * COLUMNS + column] == pytest.approx(expected, rel=2e-3)
 
 
-def test_where_nothing_is_in_range_depth_is_unknown(seeing: MujocoRobot) -> None:
+def test_depth_out_of_range_is_nan(seeing: MujocoRobot) -> None:
     cameras = Cameras(seeing, seeing.describe().cameras)
     _, content = decode_picture(cameras.take(question(), shown(-DOWN_RAD)), "depth")
     assert all(map(math.isnan, struct.unpack(f"<{ROWS * COLUMNS}f", content)))
@@ -108,7 +108,7 @@ def test_a_renderer_that_ended_is_started_again(seeing: MujocoRobot) -> None:
         (question(), shown(math.nan), "cannot be measured"),
     ],
 )
-def test_what_cannot_be_shown_is_refused_with_a_reason(asked: bytes, reading: State | None, why: str) -> None:
+def test_an_impossible_picture_is_refused_with_a_reason(asked: bytes, reading: State | None, why: str) -> None:
     robot = mast()
     with pytest.raises(PictureError, match=why):
         Cameras(robot, robot.describe().cameras).take(asked, reading)

@@ -77,7 +77,7 @@ def test_a_stop_holds_until_a_person_begins_the_demonstration_anew(caplog: pytes
         assert abs(bench.pan() - stood) > 0.01
 
 
-def test_what_does_not_take_its_joint_ends_no_demonstration(caplog: pytest.LogCaptureFixture) -> None:
+def test_commands_of_other_joints_do_not_end_a_demonstration(caplog: pytest.LogCaptureFixture) -> None:
     """Stops and commands of other joints, and rehearsals, do not end it; a command of its joint does."""
     bench = Bench()
     bench.stop("s", joints=("elbow_joint",))

@@ -112,11 +112,11 @@ def test_no_name_leads_out_of_the_package(urdf: Path, uri: str) -> None:
 
 
 @pytest.mark.parametrize("uri", ["", "a" * 5000 + ".stl", "nul\0.stl"])
-def test_what_cannot_be_a_file_is_none(urdf: Path, uri: str) -> None:
+def test_uris_that_name_no_file_are_ignored(urdf: Path, uri: str) -> None:
     assert locate(uri, urdf) is None
 
 
-def test_what_is_offered_is_true_and_can_be_read(tmp_path: Path) -> None:
+def test_offered_meshes_have_the_stated_digests_and_can_be_read(tmp_path: Path) -> None:
     path = _put(tmp_path / "a.stl", b"solid a")
     files = MeshFiles("r", {"package://r/a.stl": path})
     (mesh,) = files.offers
@@ -145,7 +145,7 @@ def test_a_file_that_changed_or_went_is_not_handed_out(tmp_path: Path) -> None:
         files.read(question)
 
 
-def test_what_is_too_large_or_empty_or_gone_is_not_offered(tmp_path: Path) -> None:
+def test_too_large_empty_and_missing_meshes_are_not_offered(tmp_path: Path) -> None:
     large, empty = _put(tmp_path / "large.stl"), _put(tmp_path / "empty.stl", b"")
     with large.open("r+b") as file:
         file.truncate(MAX_MESH_BYTES + 1)

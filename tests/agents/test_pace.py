@@ -11,7 +11,7 @@ pytestmark = pytest.mark.virtual
 PERIOD_S = 0.02
 
 
-async def test_it_is_done_at_once_and_then_so_often_until_it_is_cancelled() -> None:
+async def test_calls_begin_at_once_and_repeat_until_cancelled() -> None:
     times, loop = list[float](), asyncio.get_running_loop()
     begin = loop.time()
     with pytest.raises(TimeoutError):
@@ -21,7 +21,7 @@ async def test_it_is_done_at_once_and_then_so_often_until_it_is_cancelled() -> N
     assert times == pytest.approx([begin + number * PERIOD_S for number in range(5)], rel=0, abs=1e-6)
 
 
-async def test_what_it_raises_ends_it() -> None:
+async def test_an_exception_ends_the_repetition() -> None:
     calls = list[int]()
 
     def act() -> None:
@@ -34,7 +34,7 @@ async def test_what_it_raises_ends_it() -> None:
     assert len(calls) == 3
 
 
-async def test_what_was_missed_is_not_made_up() -> None:
+async def test_missed_calls_are_skipped() -> None:
     """After a stall of ten periods one call follows at once, not ten, and then those due."""
     times, loop = list[float](), running_loop()
 

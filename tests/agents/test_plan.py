@@ -75,7 +75,7 @@ def test_a_joint_that_would_swing_far_brakes_first() -> None:
         assert path.at(30.0) == (0.01, 0.0)
 
 
-def test_what_moves_faster_than_is_allowed_must_be_stopped_first() -> None:
+def test_a_trajectory_from_an_excessive_velocity_is_refused() -> None:
     """Scaling the times would not help."""
     with pytest.raises(
         ImpossibleError, match=r"still moving at 0\.7 rad/s, and 0\.4 rad/s are allowed; stop it first$"
@@ -94,6 +94,6 @@ def test_what_moves_faster_than_is_allowed_must_be_stopped_first() -> None:
         (Move({"arm": 1.0}, {"arm": 5e-324}), "too slow"),
     ],
 )
-def test_what_is_too_fast_or_too_slow_is_refused_with_what_would_do(motion: Move | Follow, says: str) -> None:
+def test_a_trajectory_with_wrong_timing_is_refused_with_a_valid_one(motion: Move | Follow, says: str) -> None:
     with pytest.raises(ImpossibleError, match=says):
         plan(motion, 0.5, [Start(JOINTS[name], 0.0) for name in joints_of(motion)])

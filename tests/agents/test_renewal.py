@@ -68,7 +68,7 @@ def test_again_and_again_while_a_gateway_is_missing_though_another_is_alive() ->
     assert FORGOTTEN_S <= due[-1] <= FORGOTTEN_S + LONGEST_S
 
 
-def test_as_long_as_no_gateway_is_alive_and_once_more_when_one_comes() -> None:
+def test_declarations_are_renewed_while_no_gateway_is_alive_and_once_after() -> None:
     robot = Robot()
     due = robot.run(2 * FORGOTTEN_S)
     assert due[:3] == [2 * RENEW_S, 4 * RENEW_S, 8 * RENEW_S]

@@ -31,5 +31,5 @@ def test_ends_are_told_when_a_gateway_arrives_and_once_more() -> None:
     assert ids(told.repeat(2, NOW_NS + 2 * AGAIN_NS)) == ["done"]
 
 
-def test_what_is_long_over_is_told_to_nobody() -> None:
+def test_old_ends_are_not_repeated() -> None:
     assert report().repeat(1, NOW_NS + KEPT_NS + 1) == []

@@ -152,7 +152,7 @@ def test_rounding_is_clamped() -> None:
         ("finger", 1.2, "give or take 0.1 m"),
     ],
 )
-def test_what_is_expected_is_compared_by_the_tolerance(joint: str, measured: float, says: str) -> None:
+def test_expected_positions_are_compared_within_the_tolerance(joint: str, measured: float, says: str) -> None:
     """A continuous joint may be a whole turn away; an unknown position never matches."""
     found = unexpected({joint: Expectation(1.0, 0.1)}, {joint: measured}, JOINTS)
     assert (says in found, bool(found)) == (True, bool(says)), found

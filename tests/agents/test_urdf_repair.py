@@ -83,7 +83,7 @@ def test_a_repaired_inertia_is_physical(values: list[float]) -> None:
 
 
 @pytest.mark.parametrize("text", ["", "<html/>", "<robot><joint type='revolute'/></robot>"])
-def test_what_is_no_urdf_is_refused_with_a_reason(text: str) -> None:
+def test_an_invalid_urdf_is_refused_with_a_reason(text: str) -> None:
     """The error is one of the project's own types."""
     with pytest.raises(UrdfError):
         joints_of(text)

@@ -49,7 +49,7 @@ def test_the_table_has_a_line_for_each_row() -> None:
     assert len(lines) == 3
 
 
-def test_what_was_not_measured_says_why() -> None:
+def test_a_missing_figure_has_a_reason() -> None:
     said = text(result(ABOUT, {"answers": ROWS}, {"transports": "Caddy is not here"}))
     assert "Not measured: transports. Caddy is not here" in said
     assert "1 of 2 goals reached" in said

@@ -93,9 +93,7 @@ def test_no_wait_says_where_to_look(other_tree: Any) -> None:
         ([], 2, "Usage"),
     ],
 )
-def test_what_cannot_be_done_has_a_code_and_says_why(
-    other_tree: Any, arguments: list[str], code: int, said: str
-) -> None:
+def test_errors_have_an_exit_code_and_a_reason(other_tree: Any, arguments: list[str], code: int, said: str) -> None:
     done = run(other_tree.root, *arguments)
     assert (done.returncode, said in done.stderr) == (code, True), done.stderr
     assert "Traceback" not in done.stderr

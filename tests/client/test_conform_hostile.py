@@ -108,14 +108,14 @@ NASTY: dict[str, Reply] = {
 
 
 @pytest.mark.parametrize("name", NASTY)
-def test_whatever_is_answered_becomes_results(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_any_response_yields_results(name: str, capsys: pytest.CaptureFixture[str]) -> None:
     with hostile(NASTY[name]) as server:
         found = results(server.root, capsys)
     assert "failed" in {found["R0.1"], found["R1.2"]}
     assert found["R0.12"] == "failed"
 
 
-def test_who_never_finishes_is_not_waited_for(capsys: pytest.CaptureFixture[str]) -> None:
+def test_endless_responses_are_cut_at_the_time_limit(capsys: pytest.CaptureFixture[str]) -> None:
     """Each endless body costs the time limit of one request, and all of them at most the total limit."""
     with hostile(lambda method, path: b"HTTP/1.1 200 OK\r\nContent-Length: 9\r\n\r\n", stalls=True) as server:
         found = results(server.root, capsys, "--timeout", "1", "--limit", "2")
@@ -135,7 +135,7 @@ def test_endless_trees_end(capsys: pytest.CaptureFixture[str]) -> None:
         assert len({line for line in server.lines if line.startswith("GET ")}) <= 13
 
 
-def test_it_never_leaves_the_server(capsys: pytest.CaptureFixture[str]) -> None:
+def test_no_link_or_redirect_leads_to_another_server(capsys: pytest.CaptureFixture[str]) -> None:
     """Neither a link, a Link field, a redirect, a Location, nor the redirect of a WebSocket leads away."""
     with hostile(lambda method, path: http("200 OK")) as elsewhere:
 
@@ -192,13 +192,13 @@ def test_shapes_with_programs_are_not_run(capsys: pytest.CaptureFixture[str]) ->
         assert results(server.root, capsys)["R1.11"] == "cantTell"
 
 
-def test_who_is_not_there_is_unreachable(capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_absent_server_is_unreachable(capsys: pytest.CaptureFixture[str]) -> None:
     assert command([f"http://127.0.0.1:{free_port()}/"]) == 3
     assert "cannot be reached" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("url", ["ftp://127.0.0.1/", "127.0.0.1", "http://user@127.0.0.1/", "http://[::1/", "http://"])
-def test_what_is_no_url_is_wrong_usage(url: str) -> None:
+def test_an_invalid_url_is_a_usage_error(url: str) -> None:
     with pytest.raises(SystemExit) as ended:
         command([url])
     assert ended.value.code == 2

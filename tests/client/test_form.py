@@ -53,7 +53,7 @@ def built(graph: Graph, given_: dict[str, Any], node: Node = EX["in"]) -> Graph:
 
 @settings(max_examples=examples(60))
 @given(st.floats(-100, 100) | st.sampled_from([-90, 45.5, -1.5, 0.8]), st.sampled_from(["deg", "rad"]))
-def test_what_is_built_conforms_and_what_is_refused_would_not(value: float, unit: str) -> None:
+def test_built_bodies_conform_and_refused_input_would_not(value: float, unit: str) -> None:
     """The form and pySHACL agree on every number."""
     graph = shapes(TURN)
     by_hand = shapes(f'[] vom:numericalValue "{Decimal(repr(value)):f}"^^xsd:decimal ; vom:unit unit:{unit.upper()} .')

@@ -56,7 +56,7 @@ def test_blueprints_are_judged_by_what_is_written() -> None:
 @pytest.mark.parametrize(
     "broken", ["<a> <b> <c d> .", "<a> <b> <<( <c> <d> <e> )>> .", "[" * 5000, "<a> <b> <http://[> ."]
 )
-def test_what_is_no_turtle_of_rdf_1_1_is_refused(broken: str) -> None:
+def test_turtle_beyond_rdf_1_1_is_refused(broken: str) -> None:
     with pytest.raises(BadAnswer, match="is not valid turtle"):
         parsed(broken, "text/turtle", BASE)
 

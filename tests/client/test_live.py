@@ -85,7 +85,7 @@ def test_a_server_that_is_busy_is_asked_again(script: Any, web: Web, monkeypatch
     assert numbers(Feed(web, f"{script.url}/x")) == [(1.5, False)]
 
 
-def test_what_was_there_may_be_gone_for_a_moment(script: Any, web: Web) -> None:
+def test_a_resource_may_be_missing_for_a_moment(script: Any, web: Web) -> None:
     """A restarted gateway does not know its robots at once."""
     gone = b"HTTP/1.1 404 X\r\ncontent-length: 0\r\nconnection: close\r\n\r\n"
     script.answers["/x"] = [HEAD + event("1", "0", 1.5), gone, HEAD + event("2", "1", 2.5), gone]
@@ -97,7 +97,7 @@ def test_what_was_there_may_be_gone_for_a_moment(script: Any, web: Web) -> None:
     assert len(script.at("/x")) > 5
 
 
-def test_what_is_gone_is_an_error(script: Any, web: Web) -> None:
+def test_a_missing_resource_is_an_error(script: Any, web: Web) -> None:
     with pytest.raises(Problem, match="404"):
         list(Feed(web, f"{script.url}/nothing"))
 

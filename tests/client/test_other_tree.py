@@ -123,7 +123,9 @@ def test_a_nested_body_is_built_and_conforms(bend: Action, elbow: Thing) -> None
         ({"goal": {"axis": "Elbow", "value": 1, "unit": "deg"}, "mode": "rude"}, "mode: 'rude' is none of soft, hard"),
     ],
 )
-def test_what_is_wrong_is_said_and_not_sent(bend: Action, other_tree: Any, given: dict[str, Any], said: str) -> None:
+def test_invalid_input_is_reported_and_not_sent(
+    bend: Action, other_tree: Any, given: dict[str, Any], said: str
+) -> None:
     with pytest.raises(InvalidInput, match=said):
         bend(**given)
     assert other_tree.sent("PUT") == []
@@ -158,7 +160,7 @@ def test_an_action_without_shape_and_binding_is_done_as_options_allows(fleet: Fl
     assert other_tree.sent("POST") == [("/do/rest", b"")]
 
 
-def test_what_does_not_end_is_said_and_can_be_cancelled(bend: Action, elbow: Thing, other_tree: Any) -> None:
+def test_an_endless_invocation_is_reported_and_can_be_cancelled(bend: Action, elbow: Thing, other_tree: Any) -> None:
     """By the action that the invocation links."""
     other_tree.endless = True
     run = bend(goal={"axis": elbow, "value": 45, "unit": "deg"})
@@ -182,7 +184,7 @@ def test_a_refusal_is_an_exception_with_its_problem_details(fleet: Fleet) -> Non
     assert (problem.status, problem.title, problem.detail, problem.messages) == (409, "No", "it is broken", ("a: m",))
 
 
-def test_what_has_not_changed_is_not_sent_again(elbow: Thing, other_tree: Any) -> None:
+def test_unchanged_resources_are_read_conditionally(elbow: Thing, other_tree: Any) -> None:
     """Every reading is conditional, with the last ETag."""
     angle = elbow.properties["angle"]
     assert angle.value == angle.value
@@ -191,7 +193,7 @@ def test_what_has_not_changed_is_not_sent_again(elbow: Thing, other_tree: Any) -
     assert ["if-none-match" in headers for headers in asked] == [False, True]
 
 
-def test_what_cannot_be_had_as_events_is_polled(elbow: Thing) -> None:
+def test_resources_without_event_streams_are_polled(elbow: Thing) -> None:
     changes = list(elbow.properties["angle"].subscribe(timeout_s=0.2))
     assert [change.reading.main.number for change in changes if change.reading.main] == [12.5]
     assert changes[0].resource == URIRef(elbow.properties["angle"].iri)

@@ -53,7 +53,7 @@ def test_the_very_unit_comes_before_one_that_it_converts_to() -> None:
     [("1.5", XSD.float, 1.5), (" 2 ", XSD.integer, 2.0), ("INF", XSD.double, math.inf), ("NaN", XSD.float, None),
      ("x", XSD.float, None), ("1_0", XSD.integer, None), ("1", XSD.string, None)],
 )  # fmt: skip
-def test_what_says_no_number_is_none(lexical: str, datatype: URIRef, value: float | None) -> None:
+def test_text_without_a_number_is_no_quantity(lexical: str, datatype: URIRef, value: float | None) -> None:
     assert number(Literal(lexical, datatype=datatype, normalize=False)) == value
 
 
@@ -83,7 +83,7 @@ def test_a_literal_is_what_the_shape_takes(
     [("x", (XSD.float,)), (math.nan, (XSD.float,)), (1.5, (XSD.integer,)), (-1, (XSD.nonNegativeInteger,)),
      ("maybe", (XSD.boolean,)), (True, (XSD.float,)), ("soon", (XSD.dateTime,)), ("1e999", (XSD.double,))],
 )  # fmt: skip
-def test_what_the_shape_does_not_take_is_said(value: object, datatypes: tuple[URIRef, ...]) -> None:
+def test_a_unit_that_the_shape_excludes_is_reported(value: object, datatypes: tuple[URIRef, ...]) -> None:
     with pytest.raises(ValueError, match=r"is no|finite"):
         literal(value, datatypes)
 

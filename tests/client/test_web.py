@@ -64,7 +64,7 @@ def test_nobody_there_is_unreachable(web: Web) -> None:
 
 
 @pytest.mark.parametrize("iri", ["file:///etc/passwd", "ftp://a/", "urn:x", "http://a/<b>", "http://", "javascript:1"])
-def test_what_is_not_on_the_web_is_not_asked_for(web: Web, iri: str) -> None:
+def test_iris_without_http_are_not_requested(web: Web, iri: str) -> None:
     with pytest.raises(BadAnswer):
         web.get(iri)
 

@@ -218,7 +218,7 @@ def test_an_external_redis_takes_the_place_of_ours() -> None:
         (("publicUrl=https://a.example", "allowAnonymous=true", "gateways.replica=3"), "replica"),
     ],
 )
-def test_what_cannot_work_is_refused_with_a_sentence(settings: tuple[str, ...], reason: str) -> None:
+def test_impossible_values_are_refused_with_a_sentence(settings: tuple[str, ...], reason: str) -> None:
     assert reason in refused(*settings)
 
 

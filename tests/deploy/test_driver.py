@@ -58,7 +58,7 @@ def _forgetful(door: Any, tmp_path: Path) -> Any:
 
 
 @pytest.mark.parametrize(("broken", "reason"), [(_unlimited, "within the limits"), (_forgetful, "one value for each")])
-def test_what_is_no_driver_is_found_out(door: dict[str, Any], tmp_path: Path, broken: Any, reason: str) -> None:
+def test_the_contract_detects_invalid_drivers(door: dict[str, Any], tmp_path: Path, broken: Any, reason: str) -> None:
     (tmp_path / "angle").write_text("0")
     with pytest.raises(AssertionError, match=reason):
         check_driver(broken(door["Door"], tmp_path))

@@ -69,7 +69,7 @@ def outcomes(reads: ModuleType, *answers: bytes) -> list[str]:
         return user.end()[: len(answers)]
 
 
-def test_it_tells_an_answer_that_breaks_off_from_a_read_that_fails(reads: ModuleType) -> None:
+def test_truncated_responses_are_distinguished_from_failed_reads(reads: ModuleType) -> None:
     whole, broken = OK + b"body", OK + b"bo"
     bad = b"HTTP/1.1 502 Bad Gateway\r\nContent-Length: 0\r\n\r\n"
     first, second, third, fourth, last = outcomes(reads, whole, broken, bad, b"", whole)

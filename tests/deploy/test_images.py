@@ -182,7 +182,7 @@ def test_images_install_nothing_without_a_hash(text: str) -> None:
 
 
 @pytest.mark.parametrize("text", DOCKERFILES)
-def test_what_images_copy_is_in_the_context_of_the_build(text: str) -> None:
+def test_copied_paths_are_in_the_build_context(text: str) -> None:
     """Each path exists, and .dockerignore, an allowlist, includes it."""
     lines = (ROOT / ".dockerignore").read_text().splitlines()
     assert lines[1] == "*"

@@ -142,7 +142,7 @@ def _summed(folder: Path) -> None:
     (folder / "SHA256SUMS").write_text("".join(lines))
 
 
-def test_what_was_built_passes(built: Path) -> None:
+def test_a_built_release_passes_the_check(built: Path) -> None:
     done = _release("--check", built)
     assert done.returncode == 0, done.stderr
 

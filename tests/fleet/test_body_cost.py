@@ -167,7 +167,7 @@ def test_a_body_that_is_short_enough_to_be_read_on_the_loop_keeps_within_the_tim
 
 
 @pytest.mark.parametrize("accept", [each for each in ACCEPTED if "problem" not in each])
-def test_what_was_put_keeps_no_reader_waiting(gateway: Gateway, accept: str) -> None:
+def test_large_annotations_delay_no_reader(gateway: Gateway, accept: str) -> None:
     """The robot with as many annotations as permitted, and they themselves, in any media type."""
     (put,) = [each for each in ENDPOINTS if each.families == "annotations"]
     for attack in attacks(put, syntaxes=False):

@@ -38,7 +38,7 @@ def _begin(at: Gateway, joint: str, **fields: str) -> str:
     return begun(put(at.browser, of_joint(at.browser, joint), slowly(here - 2 if here > 0 else here + 2), **fields))
 
 
-def test_who_has_begun_many_motions_begins_no_more_until_some_have_ended(tmp_path: Path) -> None:
+def test_a_client_at_its_limit_of_motions_is_refused_until_some_end(tmp_path: Path) -> None:
     """At any gateway; a repeated request gets its former response, and stops are never refused."""
     with hub() as stage, single(tmp_path) as memory, arm(stage.endpoint):
         flags = ("--redis-url", memory.url, "--invocations-per-client=2")

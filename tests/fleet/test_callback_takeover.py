@@ -58,7 +58,7 @@ def test_a_gateway_killed_among_many_changes_loses_nothing(memory: Servers) -> N
             eventually(lambda iri=iri: survivor.description(iri).one(LF.deliveryState) == LF.active, "all served")
 
 
-def test_what_a_killed_gateway_left_undone_is_taken_up(memory: Servers) -> None:
+def test_deliveries_of_a_killed_gateway_are_completed(memory: Servers) -> None:
     """A delivery in progress is repeated with the same id; a suspended callback can be resumed elsewhere.
 
     An unchanged value is delivered once more at most.

@@ -44,7 +44,7 @@ def literal(page: Page, predicate: URIRef) -> str | None:
     return None if found is None else str(found)
 
 
-def test_what_is_deleted_through_another_gateway_ends(
+def test_a_subscription_deleted_at_another_gateway_ends(
     stage: Hub, pair: tuple[Gateway, Gateway], receiver: CallbackReceiver
 ) -> None:
     """A callback gets no messages, a WebSocket closes with 1000, an event stream ends; both containers show it.

@@ -238,7 +238,7 @@ def _tasks(gateway: Gateway) -> set[object]:
 # -- motions that are tied to it ------------------------------------------------------------------------------------
 
 
-def test_what_is_tied_stops_with_the_lease(pair: tuple[Gateway, Gateway]) -> None:
+def test_a_tied_motion_stops_when_the_lease_ends(pair: tuple[Gateway, Gateway]) -> None:
     """When it expires because its client vanished, and when it is released, at any gateway."""
     one, other = pair
     for taking, moved in ((one, one), (one, other), (other, one)):
@@ -250,7 +250,7 @@ def test_what_is_tied_stops_with_the_lease(pair: tuple[Gateway, Gateway]) -> Non
         _let_go(other, invocation)
 
 
-def test_what_is_tied_goes_on_while_the_lease_is_renewed(pair: tuple[Gateway, Gateway]) -> None:
+def test_a_tied_motion_continues_while_the_lease_is_renewed(pair: tuple[Gateway, Gateway]) -> None:
     """To its end, longer than the initial lease; an untied motion continues without the lease."""
     one, other = pair
     target = angle(one.browser, WRIST) + (1.2 if angle(one.browser, WRIST) < 0 else -1.2)
@@ -307,7 +307,7 @@ def test_a_lease_outlives_its_gateway(memory: Servers) -> None:
             assert _release(back, **mine).status_code == 204
 
 
-def test_what_is_tied_stops_although_its_gateway_was_killed(memory: Servers) -> None:
+def test_a_tied_motion_stops_after_its_gateway_was_killed(memory: Servers) -> None:
     """The other gateway watches the lease: the motion continues while it is renewed, and then stops."""
     with hub() as stage, arm(stage.endpoint), gateway(stage, "--redis-url", memory.url) as other:
         with gateway(stage, "--redis-url", memory.url) as one:
@@ -321,7 +321,7 @@ def test_what_is_tied_stops_although_its_gateway_was_killed(memory: Servers) -> 
 
 
 @pytest.mark.parametrize("outage", ["killed", "hanging"])
-def test_what_is_tied_stops_although_redis_is_away(memory: Servers, outage: str) -> None:
+def test_a_tied_motion_stops_during_an_outage_of_redis(memory: Servers, outage: str) -> None:
     """Nobody can renew the lease: it ends on time. Requests for control get 503 meanwhile."""
     node = memory.nodes[0]
     with hub() as stage, arm(stage.endpoint), gateways(stage, memory.url) as found:

@@ -33,5 +33,5 @@ def fleet(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Scene]:
 @pytest.mark.parametrize(
     "killed", [("router", "Redis"), ("agent", "router", "gateway", "Redis", "front")], ids="+".join
 )
-def test_they_come_back_with_what_was_accepted(fleet: Scene, killed: tuple[str, ...]) -> None:
+def test_restarted_parts_keep_accepted_subscriptions_and_invocations(fleet: Scene, killed: tuple[str, ...]) -> None:
     come_back(fleet, killed)

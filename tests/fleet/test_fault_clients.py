@@ -29,7 +29,7 @@ def _served(answer: httpx.Response) -> httpx.Response | None:
     return answer if answer.status_code == 200 and "lf:running" not in answer.text else None
 
 
-def test_who_asks_too_often_is_told_so_and_stops_robots_all_the_same(tmp_path: Path) -> None:
+def test_a_client_above_its_rate_is_refused_and_can_still_stop_robots(tmp_path: Path) -> None:
     with narrow(tmp_path, "--requests-per-client", "40") as (place, _, browser), place.ur5():
         live(browser, "ur5")
         stop = of_robot(browser, LF.StopRobot)

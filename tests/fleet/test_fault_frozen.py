@@ -8,7 +8,7 @@ from tests.fleet.test_fault_partition import Scene, scene
 from tests.fleet.test_fault_partition import (
     test_a_gateway_that_freezes_is_lost_and_executes_nothing_when_it_goes_on as freezes,
 )
-from tests.fleet.test_fault_partition import test_what_was_asked_for_while_it_was_cut_off_never_runs as never_runs
+from tests.fleet.test_fault_partition import test_commands_during_a_partition_never_run as never_runs
 from tests.fleet.test_fault_pause import test_a_robot_goes_on_after_a_pause_and_its_motion_ends_well as goes_on
 
 pytestmark = pytest.mark.processes
@@ -24,5 +24,5 @@ def test_a_gateway_that_freezes_is_lost(scene: Scene) -> None:
 
 
 @pytest.mark.test_all
-def test_what_was_asked_for_while_it_was_cut_off_never_runs(scene: Scene) -> None:
+def test_commands_to_a_frozen_agent_never_run(scene: Scene) -> None:
     never_runs(scene)

@@ -90,7 +90,7 @@ def _held(robot: Simulated) -> list[float] | None:
     return before if robot.setpoints() == before and robot.speed() < RESTING_RAD_S else None
 
 
-def test_what_must_not_run_is_refused_and_moves_nothing(pair: tuple[Hostile, Simulated]) -> None:
+def test_invalid_commands_are_refused_and_move_nothing(pair: tuple[Hostile, Simulated]) -> None:
     hostile, robot = pair
     eventually(lambda: isinstance(hostile.move(**{PAN: 0.0}), Accepted), "an agent that sees the gateway")
     before = eventually(lambda: _held(robot), "a robot that holds")
@@ -116,7 +116,7 @@ def test_what_must_not_run_is_refused_and_moves_nothing(pair: tuple[Hostile, Sim
     assert robot.setpoints() == before
 
 
-def test_whatever_is_accepted_keeps_within_the_limits(pair: tuple[Hostile, Simulated]) -> None:
+def test_accepted_commands_keep_within_the_limits(pair: tuple[Hostile, Simulated]) -> None:
     """As many commands as it can send, each contrary to the one before, with stops in between; then it vanishes."""
     hostile, robot = pair
     chance = random.Random(7)

@@ -105,7 +105,7 @@ _PARTS = ("agent", "gateway", "Redis")
 
 
 @pytest.mark.parametrize("pair", [*itertools.combinations(_PARTS, 2), _PARTS], ids="+".join)
-def test_they_come_back_with_what_was_accepted(fleet: Scene, pair: tuple[str, ...]) -> None:
+def test_restarted_pairs_keep_accepted_subscriptions_and_invocations(fleet: Scene, pair: tuple[str, ...]) -> None:
     come_back(fleet, pair)
 
 

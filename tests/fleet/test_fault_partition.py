@@ -85,7 +85,7 @@ def test_a_robot_that_is_cut_off_holds_and_serves_again(scene: Scene) -> None:
     assert scene.robot.positions()[WRIST] == pytest.approx(0.5, abs=0.01)
 
 
-def test_what_was_asked_for_while_it_was_cut_off_never_runs(scene: Scene) -> None:
+def test_commands_during_a_partition_never_run(scene: Scene) -> None:
     """Commands wait in the connection, arrive after the partition, and are all refused as late."""
     actions = [of_joint(scene.browser, joint) for joint in (WRIST, PAN, "elbow_joint")]
     before = scene.rests()
@@ -108,7 +108,7 @@ def test_what_was_asked_for_while_it_was_cut_off_never_runs(scene: Scene) -> Non
     scene.robot.check_limits()
 
 
-def test_it_is_stopped_though_it_stands_when_the_way_is_back(scene: Scene) -> None:
+def test_a_robot_can_be_stopped_after_a_partition(scene: Scene) -> None:
     """A stop during the partition reports that the robot did not answer; afterwards it can be stopped."""
     _far(scene)
     scene.way.cut()

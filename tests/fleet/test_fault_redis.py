@@ -87,7 +87,7 @@ def _far(browser: Browser) -> float:
 
 
 @pytest.mark.parametrize("outage", _OUTAGES)
-def test_what_needs_redis_is_refused_and_all_else_goes_on(scene: Scene, outage: str) -> None:
+def test_an_outage_of_redis_refuses_only_what_needs_it(scene: Scene, outage: str) -> None:
     begin, end = _OUTAGES[outage]
     refused_and_remembered(scene, begin, end, f"/{outage.replace(' ', '-')}")
 

@@ -355,7 +355,7 @@ def _named(each: Gateway, invocation: URIRef, predicate: URIRef) -> set[object]:
     return set(each.browser.page(str(invocation)).graph.objects(invocation, predicate))
 
 
-def test_what_only_the_first_gateway_knew_stays_known(pair: tuple[Gateway, Gateway]) -> None:
+def test_facts_known_to_one_gateway_are_shared(pair: tuple[Gateway, Gateway]) -> None:
     """Durations and preempted motions are known to one gateway only, and both learn of the end at once."""
     one, _ = pair
     url, target = of_joint(one.browser, WRIST), angle(one.browser, WRIST)

@@ -130,7 +130,7 @@ def test_nobody_refused_what_nobody_answered_in_time(memory: Servers) -> None:
         assert {problem(ask(each)) for each in two} == {(504, "agent-silent")}
 
 
-def test_what_an_agent_was_at_fails_when_it_is_started_anew(memory: Servers) -> None:
+def test_running_invocations_of_a_restarted_agent_fail(memory: Servers) -> None:
     """At both gateways, and at one that starts later; nothing is left for the robot to do."""
     with hub() as stage, gateways(stage, memory.url) as two:
         with arm(stage.endpoint) as agent:

@@ -58,7 +58,7 @@ def at_both(two: list[Gateway], url: str, read: Callable[[Page], str], write: Ca
     assert sum(refused) > 0, "nobody was in anybody's way"
 
 
-def test_of_objects_in_the_world(two: list[Gateway]) -> None:
+def test_concurrent_changes_of_objects_are_not_lost(two: list[Gateway]) -> None:
     def read(page: Page) -> str:
         return str(page.one(rdflib.DCTERMS.title))
 
@@ -79,7 +79,7 @@ def test_of_objects_in_the_world(two: list[Gateway]) -> None:
     assert not list(container.graph.objects(container.iri, LDP.contains))
 
 
-def test_of_settings_of_a_robot(two: list[Gateway]) -> None:
+def test_concurrent_changes_of_settings_are_not_lost(two: list[Gateway]) -> None:
     def read(page: Page) -> str:
         return str(page.one(LF.value))
 

@@ -51,7 +51,7 @@ def path(url: str) -> str:
 # -- one that ends --------------------------------------------------------------------------------------------------
 
 
-def test_who_waits_for_a_motion_is_answered_and_it_goes_on(stage: Hub, memory: Servers) -> None:
+def test_a_waiting_request_is_answered_and_its_motion_continues(stage: Hub, memory: Servers) -> None:
     with arm(stage.endpoint), gateways(stage, memory.url) as two, pool(1) as workers:
         all_see(two)
         one, other = two

@@ -152,7 +152,7 @@ def test_world_and_objects_conform_to_their_blueprints(browser: Browser) -> None
     conforms(browser, browser.page(placement(browser, "ur5")))
 
 
-def test_what_is_in_the_way_is_named_by_the_refusal_and_by_the_dry_run(browser: Browser) -> None:
+def test_refusals_and_rehearsals_name_the_colliding_thing(browser: Browser) -> None:
     put_robot(browser, "ur5", 0, 0, 0)
     there = put_object(browser, crate("crate", 0.5, 0.4, 0.3))
     assert said_free(turn(browser, -20, **DRY)) is True
@@ -200,7 +200,7 @@ def test_the_other_robot_is_in_the_way_where_it_stands(browser: Browser) -> None
         "a lf:TriangleMesh ; lf:mesh <mesh>",
     ],
 )
-def test_what_has_no_form_is_no_object(browser: Browser, geometry: str) -> None:
+def test_a_body_without_geometry_is_no_object(browser: Browser, geometry: str) -> None:
     body = f'{PREFIXES}<> a lf:Obstacle ; dcterms:title "x" ; {stands(0, 0, 0)} ; lf:geometry [ {geometry} ] .'
     answer = browser.http.post(container(browser).url, content=body, headers=TURTLE)
     assert problem(answer) == (422, "unprocessable-content")

@@ -77,7 +77,7 @@ def _value(page: Page, predicate: URIRef) -> Node | None:
     return page.graph.value(page.iri, predicate)
 
 
-def test_what_was_read_can_be_put_back(browser: Browser, crate: str) -> None:
+def test_writable_resources_accept_their_own_representation(browser: Browser, crate: str) -> None:
     """Each writable resource accepts its own representation, in every syntax of it; nothing changes.
 
     An object of the world is written in plain JSON too, in which it is not served.
@@ -342,7 +342,7 @@ def test_other_parts_of_a_container(browser: Browser, crate: str) -> None:
             assert "preference-applied" not in answer.headers
 
 
-def test_what_is_an_rdf_source_says_so(browser: Browser, crate: str) -> None:
+def test_rdf_sources_state_their_type(browser: Browser, crate: str) -> None:
     """In the body as in the Link field, so that no inference is needed (R1.7)."""
     robot, joint = browser.robot("ur5"), browser.part("ur5", "shoulder_pan_joint")
     pages = [robot, joint, browser.page(crate), browser.page(browser.root)]

@@ -123,7 +123,7 @@ def test_another_robot_joins_with_its_own(scene: Scene) -> None:
 # -- an impostor: the certificate of b ------------------------------------------------------------------------------
 
 
-def test_it_publishes_nothing_as_another(scene: Scene) -> None:
+def test_an_agent_cannot_publish_as_another_robot(scene: Scene) -> None:
     """Neither state nor progress; what it then publishes about itself arrives, so that would have arrived before."""
     with scene.linked("gateway") as gateway, scene.linked("agents/b") as impostor:
         heard: list[tuple[str, bytes]] = []
@@ -161,7 +161,7 @@ def test_robots_hear_the_heartbeat_of_gateways_alone(scene: Scene) -> None:
         kept.undeclare()
 
 
-def test_it_answers_nothing_for_another(scene: Scene) -> None:
+def test_an_agent_cannot_answer_for_another_robot(scene: Scene) -> None:
     """Neither questions to the other robot, nor, with the other's key, questions to itself."""
     kinds = ("description", "command", "stop")
     with scene.linked("gateway") as gateway, scene.linked("agents/b") as impostor:
@@ -198,7 +198,7 @@ def test_it_answers_nothing_for_another(scene: Scene) -> None:
         assert len(kept) == 2 * len(kinds)
 
 
-def test_it_is_seen_neither_as_another_nor_as_a_gateway(scene: Scene) -> None:
+def test_an_agent_cannot_declare_tokens_of_others(scene: Scene) -> None:
     """A token of a later run would take over the robot, one of a gateway would make robots move without any."""
     with scene.linked("gateway") as gateway, scene.linked("agents/c") as robot, scene.linked("agents/b") as impostor:
         late = 2**62
@@ -244,7 +244,7 @@ def test_nobody_but_gateways_commands(scene: Scene) -> None:
         kept.undeclare()
 
 
-def test_it_hears_nothing_of_another(scene: Scene) -> None:
+def test_an_agent_receives_no_commands_of_another_robot(scene: Scene) -> None:
     with scene.linked("gateway") as gateway, scene.linked("agents/b") as impostor:
         spied: list[str] = []
         kept = [impostor.declare_subscriber(key, lambda said: spied.append(str(said.key_expr)))

@@ -40,7 +40,7 @@ def calm(there: Living) -> None:
     assert not tally.findings, tally.findings
 
 
-def test_who_leaves_in_the_middle_of_a_body_is_no_error(there: Living) -> None:
+def test_a_client_that_disconnects_within_a_body_is_no_error(there: Living) -> None:
     for path in (path_of("rotate"), path_of("title")):
         head = f"PUT {path} HTTP/1.1\r\nHost: 127.0.0.1:{there.port}\r\nContent-Type: text/turtle\r\n"
         assert said(there, f"{head}Content-Length: 50\r\n\r\n<> ".encode()) == b""

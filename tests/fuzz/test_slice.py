@@ -72,7 +72,7 @@ def test_an_input_depends_on_its_number_alone() -> None:
     assert len({bodies.body(random_of(SEED, number), "rotate") for number in range(9)}) > 1
 
 
-def test_what_a_target_raises_is_a_finding_with_the_command_that_repeats_it(capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_exception_is_a_finding_with_a_reproducing_command(capsys: pytest.CaptureFixture[str]) -> None:
     def take(random: Random) -> None:
         if random.random() < 0.01:
             raise ZeroDivisionError("as an example")

@@ -148,7 +148,7 @@ def test_stop_all_reaches_whom_one_may_stop_and_tells_of_those_alone(
         assert button.http.get(here.root).status_code == 403
 
 
-def test_what_a_motion_ended_is_told_to_who_sees_it(lab: Browser, root: Browser) -> None:
+def test_ended_invocations_are_linked_only_if_visible(lab: Browser, root: Browser) -> None:
     """The invocation of stopAll, which includes a hidden robot, is not linked for callers that may not see it."""
     rotate = root.action(root.part(SEEN, "wrist_3_joint"), LF.Rotate)
     body = (
@@ -168,7 +168,7 @@ def test_what_a_motion_ended_is_told_to_who_sees_it(lab: Browser, root: Browser)
     assert ended_by(lab) == []
 
 
-def test_what_is_in_the_way_is_not_named_to_who_may_not_see_it(lab: Browser, root: Browser) -> None:
+def test_invisible_robots_are_not_named_in_collisions(lab: Browser, root: Browser) -> None:
     """Nor its place, by poses or in the world."""
     prefixes = "".join(
         f"@prefix {name}: <{iri}> .\n"

@@ -62,7 +62,7 @@ def test_an_odd_end_is_far_away_or_none(issuer: Issuer, exp: object) -> None:
         assert isinstance(said, str)
 
 
-def test_what_is_refused(issuer: Issuer) -> None:
+def test_invalid_tokens_are_refused(issuer: Issuer) -> None:
     now_s = int(time.time())
     refused = {
         "wrong key": issuer.token(Key("first")),

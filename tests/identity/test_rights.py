@@ -35,7 +35,7 @@ def test_rights_of_several_grants_stay_apart() -> None:
     assert who.may(Right.READ, "hall") and not who.may(Right.ACT, "hall") and who.may(Right.ACT, "lab-1")
 
 
-def test_of_the_fleet_one_robot_is_enough_but_not_to_administer() -> None:
+def test_rights_on_one_robot_suffice_for_the_fleet_except_administration() -> None:
     assert identity(("read stop admin", ("lab-*",))).may(Right.STOP, None)
     assert not identity(("read stop admin", ("lab-*",))).may(Right.ADMIN, None)
     assert identity(("admin", ("*",))).may(Right.ADMIN, None)
@@ -58,14 +58,14 @@ def test_one_of_several_rights_is_enough(rights: str, robot: str | None, may: bo
     assert who.may_any(map(Right, rights.split()), robot) is may
 
 
-def test_who_sees_all_sees_the_same() -> None:
+def test_views_of_everything_are_equal() -> None:
     assert identity(("read", ("lab-*", "*"))).sees is ALL
     assert view(frozenset({"a"}), "ada") is view(frozenset({"a"}), "ada")
     assert view(frozenset({"a"}), "ada") != view(frozenset({"a"}), "bob")  # each also has invocations of the fleet
     assert identity(("read", ("a",))).sees == view(frozenset({"a"}), "ada")
 
 
-def test_who_is_not_known_has_no_name() -> None:
+def test_unknown_callers_have_no_name() -> None:
     """Callers are counted and audited by name, or without a name by address."""
     assert (EVERYBODY.name, NOBODY.name, ALL.name) == ("", "", "")
 

@@ -42,7 +42,7 @@ def test_a_token_expires() -> None:
     assert known.holder("b", at_ns - 1) is None
 
 
-def test_what_an_issuer_says_is_held_against_the_grants() -> None:
+def test_claims_are_matched_with_grants() -> None:
     known = roster(
         _ISSUER
         + '[[issuer.grant]]\nscopes = ["read"]\n'
@@ -63,7 +63,7 @@ def test_what_an_issuer_says_is_held_against_the_grants() -> None:
 
 
 @pytest.mark.parametrize("said", [{}, {"sub": 7}, {"sub": ""}, {"sub": "a\nb"}, {"sub": "x" * 256}])
-def test_who_has_no_name_is_nobody(said: dict[str, object]) -> None:
+def test_claims_without_a_name_are_refused(said: dict[str, object]) -> None:
     (issuer,) = roster(_ISSUER).issuers.values()
     assert issuer.claims(said, _YEAR_NS) is None
 
@@ -73,7 +73,7 @@ def test_a_subject_has_at_most_255_characters() -> None:
     assert issuer.claims({"sub": "x" * 255}, _YEAR_NS) == Claims(issuer.url, "x" * 255, frozenset(), _YEAR_NS)
 
 
-def test_who_is_known_by_an_issuer_can_be_looked_up_again() -> None:
+def test_claims_can_be_looked_up_again() -> None:
     """A session keeps the claims, and looks them up again when the file has changed."""
     known = roster(_ISSUER)
     claims = Claims("https://id.example/realms/plant", "7", frozenset(), _YEAR_NS)

@@ -138,7 +138,7 @@ def test_callbacks_by_upgrade_are_for_who_may_subscribe(here: Guarded, root: Bro
         assert subscriber.http.delete(answer.headers["location"]).status_code == 204
 
 
-def test_who_says_nothing_or_nonsense_is_told_how_to_say_it(here: Guarded, root: Browser) -> None:
+def test_missing_or_malformed_credentials_get_a_challenge(here: Guarded, root: Browser) -> None:
     with here.browsing(None) as nobody:
         for path in ("", "no-such-robot", "hall-1/", "audit"):
             answer = nobody.http.get(here.root + path)
@@ -194,7 +194,7 @@ def test_a_subscription_is_seen_and_changed_by_its_creator_and_by_who_administer
         assert mine not in seen("subscriber")
 
 
-def test_who_administers_has_no_subscription_of_another_cover_the_fleet(here: Guarded, root: Browser) -> None:
+def test_administrators_cannot_extend_subscriptions_of_others_to_the_fleet(here: Guarded, root: Browser) -> None:
     """Its messages contain what its creator may read, possibly more than the administrator may subscribe to."""
     body = _PREFIXES + f"[] a hybrit:Subscription ; hybrit:onResource <{root.root}> ; lf:depth lf:thisAlone ."
     headers = {"content-type": "text/turtle"}
@@ -217,7 +217,7 @@ def _patch(browser: Browser, url: str, update: str) -> httpx.Response:
     return browser.http.patch(url, content=f"PREFIX lf: <{LF}> {update}", headers=headers)
 
 
-def test_who_only_reads_finds_no_subscriptions(here: Guarded, root: Browser) -> None:
+def test_readers_cannot_see_subscriptions(here: Guarded, root: Browser) -> None:
     """Containers of robots and of the fleet are 403 for each method of reading; a subscription seems not to exist.
 
     This also applies to the creator of a subscription that has lost the right to subscribe.

@@ -107,7 +107,7 @@ async def test_frames_of_one_publisher_come_in_their_order_and_once(part: Networ
 
 
 @contract
-async def test_what_is_reliable_arrives_all_in_order(part: Network) -> None:
+async def test_reliable_messages_arrive_in_order(part: Network) -> None:
     gateway, agent = await part.gateway(), await part.agent("r")
     heard = await listening(gateway, agent)
     with agent.declare_publisher(PROGRESS, reliable=True, express=True) as ends:
@@ -118,7 +118,7 @@ async def test_what_is_reliable_arrives_all_in_order(part: Network) -> None:
 
 
 @contract
-async def test_of_a_payload_above_the_limit_only_the_size_is_told(part: Network) -> None:
+async def test_too_large_payloads_are_reported_by_size(part: Network) -> None:
     gateway, agent = await part.gateway(), await part.agent("r")
     heard = await listening(gateway, agent)
     with (
@@ -187,7 +187,7 @@ async def test_a_question_and_its_answer_arrive_whole(part: Network) -> None:
 
 
 @contract
-async def test_of_an_answer_above_the_limit_only_the_size_is_told(part: Network) -> None:
+async def test_too_large_replies_are_reported_by_size(part: Network) -> None:
     gateway, agent = await part.gateway(), await part.agent("r")
     with answers(agent, COMMAND, bytes(LIMIT + 1)):
         await met(gateway, agent)
@@ -360,7 +360,7 @@ async def test_agents_see_the_token_of_a_gateway_as_long_as_it_is_there(part: Ne
 
 
 @contract
-async def test_what_a_gateway_declares_anew_is_announced_again_and_goes_on(part: Network) -> None:
+async def test_renewed_declarations_are_announced_and_keep_working(part: Network) -> None:
     """Except its subscriptions to tokens, which would miss tokens that vanish meanwhile."""
     gateway, agent = await part.gateway(), await part.agent("r")
     seen, told, heard = Seen(), Seen(), await listening(gateway, agent)
@@ -416,7 +416,7 @@ async def test_a_token_that_two_have_goes_with_the_last(part: Network) -> None:
 
 
 @contract
-async def test_whoever_sees_a_robot_can_ask_it(part: Network) -> None:
+async def test_a_visible_robot_can_be_queried(part: Network) -> None:
     """The token that was declared last becomes visible last."""
     gateway, agent = await part.gateway(), await part.agent("r")
     loop, news = asyncio.get_running_loop(), asyncio.Queue[str]()
@@ -454,7 +454,7 @@ async def test_all_of_a_session_that_ends_is_gone(part: Network, end: str) -> No
 
 
 @contract
-async def test_what_was_declared_to_a_gateway_is_known_to_the_next(part: Network) -> None:
+async def test_declarations_are_known_to_later_gateways(part: Network) -> None:
     first, agent = await part.gateway(), await part.agent("r")
     heard = await listening(first, agent)
     with answers(agent, COMMAND, b"yes"), agent.declare_token(TOKEN):

@@ -168,7 +168,7 @@ async def test_each_of_two_runs_of_one_robot_gets_its_own_description(part: Netw
 
 @in_memory
 @contract
-async def test_whoever_sees_the_gateway_is_heard_and_seen_by_it(part: Memory) -> None:
+async def test_a_gateway_receives_robots_that_see_it(part: Memory) -> None:
     gateway = Gateway(part)
     async with gateway.link:
         session = await part.agent("r")

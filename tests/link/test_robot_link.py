@@ -76,7 +76,7 @@ async def until_listed(gateway: Any, run: int) -> None:
 
 @in_memory
 @contract
-async def test_of_two_agents_that_start_in_the_same_instant_the_elder_run_stays(part: Network) -> None:
+async def test_of_two_simultaneous_agents_the_older_run_stays(part: Network) -> None:
     await part.gateway()
     links = [link(await part.agent(f"run {run}"), run) for run in (1, 2)]
     await asyncio.sleep(0.1)
@@ -116,7 +116,7 @@ async def test_each_question_is_answered_by_what_is_for_it(part: Network) -> Non
 
 @in_memory
 @contract
-async def test_whoever_sees_the_robot_can_ask_it(part: Memory) -> None:
+async def test_a_visible_robot_answers_queries(part: Memory) -> None:
     gateway, session = await part.gateway(), await part.agent("r")
     part.network.set_faults(latency_s=(0.0, 0.05))
     asking: list[asyncio.Task[list[Answer]]] = []
@@ -231,7 +231,7 @@ async def test_publications_that_nobody_takes_are_dropped_and_said_once(
 
 
 @contract
-async def test_what_an_agent_publishes_has_its_own_keys(part: Network) -> None:
+async def test_an_agent_publishes_under_its_own_keys(part: Network) -> None:
     gateway, session = await part.gateway(), await part.agent("r")
     heard = set[tuple[str, object]]()
     for key in (KEYS.all_states, KEYS.all_progress):

@@ -13,7 +13,7 @@ from small_fleet import Place, live, offline
 pytestmark = pytest.mark.processes
 
 
-def test_who_is_killed_comes_back_and_who_is_terminated_ends_cleanly(tmp_path: Path) -> None:
+def test_killed_processes_restart_and_terminated_ones_end_cleanly(tmp_path: Path) -> None:
     """The gateway restarts on its ports; SIGTERM ends both with 0 and without a traceback."""
     place = Place(tmp_path)
     with place.gateway() as (first, browser):

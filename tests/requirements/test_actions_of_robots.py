@@ -225,7 +225,7 @@ def test_dry_run_moves_nothing(ur5: Commanded) -> None:
     assert _positions(ur5) == pytest.approx(before, abs=1e-3)  # it may still settle
 
 
-def test_what_no_shape_covers_is_ignored(ur5: Commanded) -> None:
+def test_statements_outside_the_shape_are_ignored(ur5: Commanded) -> None:
     """JSON-LD with foreign types and predicates at every level works as without them."""
     ur5.assume("home")
     body = {

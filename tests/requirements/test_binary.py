@@ -135,7 +135,7 @@ def test_layouts_conform_to_their_blueprints(scene: Theatre) -> None:
                 assert not pyshacl.validate(less, shacl_graph=shapes)[0], predicate
 
 
-def test_what_is_not_measured_has_no_frames(scene: Theatre) -> None:
+def test_resources_without_measured_values_have_no_frames(scene: Theatre) -> None:
     """Constants and things have neither frames nor a layout, and say so."""
     with scene.toy() as toy:
         limits = str(toy.part().one(LF.limits))

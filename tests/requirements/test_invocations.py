@@ -126,7 +126,7 @@ def test_r0_7_and_r0_8_of_what_else_there_is(tree: Walk, browser: Browser, metho
     assert done == ({*_OTHERS, *_NO_BODY} if method == "POST" else {LF.MoveJoints, LF.Reach, LF.AssumePose})
 
 
-def test_what_is_bound_to_no_method_is_not_possible(tree: Walk, browser: Browser) -> None:
+def test_methods_without_a_binding_are_not_allowed(tree: Walk, browser: Browser) -> None:
     """405 with exactly the methods that the description binds."""
     for action in tree.of("action"):
         bound = {method for method in ("POST", "PUT") if _bound(action, method)}

@@ -220,7 +220,7 @@ def _options(browser: Browser, url: str) -> httpx.Headers:
     return answer.headers
 
 
-def test_what_can_be_put_says_so(pair: tuple[Gateway, Gateway]) -> None:
+def test_writable_properties_state_accept_put(pair: tuple[Gateway, Gateway]) -> None:
     """OPTIONS and GET of every property of robot and joint state Allow and Accept-Put; the rest is 405."""
     one, _ = pair
     robot, joint = one.browser.robot("ur5"), one.browser.part("ur5", WRIST)

@@ -52,7 +52,7 @@ _LEAST_5 = (SHACL.minInclusive, _literal("5", XSD.decimal))
         ((SHACL.minExclusive, _literal("5", XSD.byte)), _literal("300", XSD.byte), "ill-typed: beyond a byte"),
     ],
 )
-def test_what_pyshacl_lets_pass_and_the_recommendation_does_not(
+def test_violations_that_pyshacl_misses_are_reported(
     constraint: tuple[NamedNode, Term], value: Literal, reason: str
 ) -> None:
     """SHACL 4.1.2 and 4.3: ill-typed literals have no datatype, and a comparison that is not true is a violation."""
@@ -165,7 +165,7 @@ def _compile(text: str) -> None:
         ("ex:Other sh:class ex:C", "<http://example.org/Shape> is not described as a shape"),
     ],
 )
-def test_what_the_compiler_does_not_know_it_refuses(text: str, reason: str) -> None:
+def test_unknown_constraints_are_refused(text: str, reason: str) -> None:
     """A constraint is compiled or refused, never ignored; the reason states why."""
     with pytest.raises(Unsupported) as refused:
         _compile(text + " .")
@@ -179,7 +179,7 @@ def test_targets_that_it_does_not_know_are_refused() -> None:
             compile_graph(turtle(text + " ."))
 
 
-def test_what_constrains_nothing_is_passed_over() -> None:
+def test_terms_without_constraints_are_ignored() -> None:
     """Names and other texts for people, targets, and terms outside SHACL."""
     _compile("""ex:Shape a sh:NodeShape ; rdfs:label "a shape" ; ex:note 1 ; sh:severity sh:Violation ;
         sh:targetClass ex:C ; sh:targetSubjectsOf ex:p ; sh:deactivated false ;

@@ -138,16 +138,16 @@ def _choice(names: str) -> str:
         ("ex:q ex:a ; ex:p 1", "ex:r: must have 1 value or more, and has none; a: 1 must be an IRI"),
     ],
 )
-def test_of_a_choice_the_branch_that_is_meant_speaks(names: str, body: str, message: str) -> None:
+def test_the_intended_branch_of_a_choice_is_reported(names: str, body: str, message: str) -> None:
     """The number of branches, which decides whether branches are indexed, makes no difference."""
     assert _message(_choice(names), body) == message
 
 
-def test_of_many_branches_none_is_meant_by_an_unknown_value() -> None:
+def test_an_unknown_value_selects_no_branch() -> None:
     assert _message(_choice("abcd"), "ex:q ex:x") == "ex:q must be one of ex:a, ex:b, ex:c, ex:d"
 
 
-def test_where_there_is_no_room_for_details_a_choice_says_what_would_be_right() -> None:
+def test_a_report_at_its_limit_lists_valid_branches() -> None:
     """A report has at most 50 details: these are enough for 16 values of three faults each, and two of the next."""
     shape, names = f"sh:property [ sh:path ex:target ; {_choice('abcd')} ]", [f"t{number}" for number in range(20)]
     body = f"ex:target {' , '.join(f'ex:{name}' for name in names)} . "

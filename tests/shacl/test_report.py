@@ -182,7 +182,7 @@ def test_a_node_that_many_ways_lead_to_is_judged_once(limit: str) -> None:
     assert data.looked_up < 2 * len(body)
 
 
-def test_what_conforms_is_looked_at_once_for_an_explanation() -> None:
+def test_conforming_nodes_are_checked_once_for_an_explanation() -> None:
     """Only the last node of the last layer is wrong; no path to another node is followed twice to find it."""
     layers = [[NamedNode(f"http://example.org/{layer}-{n}") for n in range(40)] for layer in range(4)]
     body = [Triple(_BODY, LF.target, node) for node in layers[0]]

@@ -45,7 +45,7 @@ async def test_an_invocation_is_read_as_it_was_written_by_whichever_gateway(a: A
 
 
 @pytest.mark.parametrize("kept_s", [0.3])
-async def test_what_is_over_is_forgotten_after_its_time_and_what_is_open_not_before_its_deadline(
+async def test_ended_invocations_expire_and_open_ones_last_until_their_deadline(
     server: Backend, a: ActionStore
 ) -> None:
     over, still, later = ended(an_invocation()), an_invocation(), an_invocation(robot="x", deadline_ns=0)
@@ -69,14 +69,14 @@ async def test_what_is_over_is_forgotten_after_its_time_and_what_is_open_not_bef
     assert server.lasting_keys() == [KEYS.news]
 
 
-async def test_of_a_robot_that_nobody_asks_about_again_nothing_lasts(server: Backend, a: ActionStore) -> None:
+async def test_keys_of_an_abandoned_robot_expire(server: Backend, a: ActionStore) -> None:
     await a.open(ended(an_invocation()), key="k", digest="d")
     await a.open(an_invocation())
     await a.take("r", "Ada", 60)
     assert {*server.lasting_keys()} <= {KEYS.news, KEYS.robots}
 
 
-async def test_what_this_version_cannot_read_is_left_alone(a: ActionStore, caplog: pytest.LogCaptureFixture) -> None:
+async def test_records_of_other_versions_are_kept(a: ActionStore, caplog: pytest.LogCaptureFixture) -> None:
     one, strange = an_invocation(), an_invocation()
     await a.open(one)
     await a.open(strange)

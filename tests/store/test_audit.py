@@ -43,9 +43,7 @@ async def test_entries_are_read_as_they_were_noted_in_pages_newest_first(audit: 
             await audit.page(wrong)
 
 
-async def test_what_is_noted_while_redis_is_away_is_there_afterwards_in_its_order(
-    server: Backend, audit: Audit
-) -> None:
+async def test_entries_made_during_an_outage_are_stored_in_order(server: Backend, audit: Audit) -> None:
     note(audit, 1)
     await noted(audit, 1)
     server.kill()
@@ -66,7 +64,7 @@ async def test_the_rest_is_written_when_a_gateway_ends(server: Backend) -> None:
 
 
 @pytest.mark.parametrize("server", ["memory"], indirect=True)
-async def test_of_what_waits_too_long_the_oldest_is_given_up_and_said(
+async def test_beyond_the_limit_the_oldest_entry_is_dropped_and_logged(
     server: Backend, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     monkeypatch.setattr(audit_module, "MOST_WAITING", 3)

@@ -55,7 +55,7 @@ async def test_options_are_changed_under_the_condition_that_they_are_as_they_wer
         assert await a.record(one.id) is None
 
 
-async def test_what_its_holder_writes_takes_no_change_back(a: Store, b: Store) -> None:
+async def test_writes_of_the_holder_do_not_revert_changes(a: Store, b: Store) -> None:
     """A gateway that does not know it yet opens the stream and records its end, and another takes it over."""
     stream = a_subscription(kind=Kind.STREAM)
     await a.add(stream, Delivery(DeliveryState.WAITING), LIMIT)
@@ -74,7 +74,7 @@ async def test_what_its_holder_writes_takes_no_change_back(a: Store, b: Store) -
 @pytest.mark.parametrize(
     ("options", "anew"), [({"interval_s": 1.0}, False), ({"media_type": "x/y"}, True), ({"depth": Depth.THIS}, True)]
 )
-async def test_what_was_rendered_before_a_change_counts_as_sent_unless_all_begins_anew(
+async def test_messages_queued_before_a_change_count_as_sent(
     a: Store, b: Store, options: dict[str, Any], anew: bool
 ) -> None:
     """Queued messages stay queued with their numbers. A subscriber that begins anew gets the present state."""

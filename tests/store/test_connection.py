@@ -18,7 +18,7 @@ def connection(server: Backend) -> Iterator[Connection]:
     yield from opened(server, closing(Connection(server.url, "news")))
 
 
-async def test_who_writes_while_all_connections_are_cut_hears_of_it(connection: Connection) -> None:
+async def test_writes_during_a_disconnection_raise(connection: Connection) -> None:
     """The client of a cluster closes all connections when one fails, including those about to be used by others."""
 
     async def ask(*command: str | int) -> bool:
@@ -46,9 +46,7 @@ async def test_many_commands_are_answered_in_their_order(connection: Connection)
     assert await connection.all([("RPUSH", "a", "x")] * 600) == list(range(1, 601))
 
 
-async def test_what_is_followed_begins_at_the_first_contact_and_nothing_is_missed_after(
-    connection: Connection, server: Backend
-) -> None:
+async def test_following_begins_at_the_first_contact_without_gaps(connection: Connection, server: Backend) -> None:
     async with closing(Connection(server.url, "another")) as writer:
         await writer.one("XADD", "news", "*", "n", "before")
         await connection.one("PING")

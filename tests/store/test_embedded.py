@@ -84,7 +84,7 @@ def at_once(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(embedded, "_PAUSES_S", (embedded._PAUSES_S[0], 3600.0))
 
 
-async def test_it_serves_a_store_and_its_data_survive_it(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+async def test_the_embedded_server_keeps_its_data(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     state_dir = tmp_path / "a folder" / "of ours #1"
     with caplog.at_level(logging.WARNING):
         async with Embedded(state_dir) as server, Store(server.url, "fleet", "a") as store:

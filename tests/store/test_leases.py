@@ -86,7 +86,7 @@ async def test_only_who_knows_the_token_acts_on_a_robot_that_is_held(a: ActionSt
     assert await b.open(an_invocation(robot=FLEET)) is None
 
 
-async def test_of_many_who_want_a_lease_one_gets_it(a: ActionStore, b: ActionStore) -> None:
+async def test_one_of_many_clients_gets_the_lease(a: ActionStore, b: ActionStore) -> None:
     taken = await asyncio.gather(
         *((a, b)[number % 2].take("r", str(number), 60) for number in range(20)), return_exceptions=True
     )
@@ -105,7 +105,7 @@ async def test_a_renewal_is_the_same_lease_for_longer(a: ActionStore, b: ActionS
     assert await a.lease("r") == renewed
 
 
-async def test_what_is_left_of_a_lease_is_told_by_who_looks_at_it(a: ActionStore, b: ActionStore) -> None:
+async def test_a_read_lease_has_its_remaining_time(a: ActionStore, b: ActionStore) -> None:
     lease, token = await a.take("r", "Ada", 60)
     assert lease.left_s == pytest.approx(60, abs=5)
 
@@ -181,9 +181,7 @@ async def test_a_setting_takes_the_place_of_what_was_there_and_of_nothing_else(
 # Names
 
 
-async def test_whatever_a_robot_is_called_what_is_its_own_is_nobody_else_s(
-    a: ActionStore, b: ActionStore, heard: Listener
-) -> None:
+async def test_keys_of_robots_with_unusual_names_are_distinct(a: ActionStore, b: ActionStore, heard: Listener) -> None:
     made = {robot: an_invocation(robot=robot, client=robot) for robot in (*HOSTILE, FLEET, "r")}
     for robot, one in made.items():
         assert await a.open(one, key="k", digest=robot) is None
@@ -199,7 +197,7 @@ async def test_whatever_a_robot_is_called_what_is_its_own_is_nobody_else_s(
 
 
 @pytest.mark.parametrize("robot", ["a" * 129, "\udcff"])
-async def test_what_cannot_be_a_name_is_refused(robot: str, a: ActionStore) -> None:
+async def test_invalid_names_are_refused(robot: str, a: ActionStore) -> None:
     for act in (a.open(an_invocation(robot=robot)), a.lease(robot), a.settings(robot), a.read(robot, "i")):
         with pytest.raises(ValueError, match=r"a name has|surrogates not allowed"):
             await act
@@ -247,7 +245,9 @@ async def test_after_an_outage_a_listener_is_told_to_read_anew_and_hears_the_res
     assert await heard.next(2) == [None, News("settings", "r", "second")]
 
 
-async def test_who_met_an_outage_before_listening_is_told_too(server: Backend, a: ActionStore, b: ActionStore) -> None:
+async def test_a_follower_that_starts_in_an_outage_gets_the_news(
+    server: Backend, a: ActionStore, b: ActionStore
+) -> None:
     server.kill()
     with pytest.raises(StoreUnavailable):
         await a.load()
@@ -265,7 +265,7 @@ async def test_a_listener_ends_when_it_is_told_to_even_as_news_come(a: ActionSto
             await heard_by_a.next(1)
 
 
-async def test_what_could_not_be_told_is_told_later(a: ActionStore, b: ActionStore, heard: Listener) -> None:
+async def test_news_during_an_outage_is_delivered_later(a: ActionStore, b: ActionStore, heard: Listener) -> None:
     tell = a._redis.all
 
     async def away(*_: object) -> Any:

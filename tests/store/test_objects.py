@@ -52,7 +52,7 @@ def deafened(one: Known) -> None:
         task.cancel()
 
 
-async def test_who_would_replace_what_another_gateway_has_replaced_learns_of_it_instead(known: Open) -> None:
+async def test_replacing_an_outdated_object_raises_changed(known: Open) -> None:
     async with known() as one, known() as other:
         deafened(other)
         id = await one.objects.add(ball("first"))
@@ -89,9 +89,7 @@ async def test_there_is_room_for_so_many_objects_and_bytes(known: Open, monkeypa
         assert await store.load() == {"a": b"54321"}
 
 
-async def test_what_was_there_before_the_server_came_is_known_as_soon_as_it_is_there(
-    server: Backend, known: Open
-) -> None:
+async def test_stored_objects_are_known_once_the_server_is_reachable(server: Backend, known: Open) -> None:
     async with known() as one:
         id = await one.objects.add(ball("kept"))
     server.kill()

@@ -345,5 +345,5 @@ async def _both(*work: Awaitable[Any]) -> list[Any]:
     return await asyncio.gather(*work)
 
 
-def test_whatever_gateways_do_nothing_is_lost_or_doubled(server: Backend) -> None:
+def test_no_delivery_is_lost_or_doubled(server: Backend) -> None:
     hold_to(CallbackQueue, server, 25)

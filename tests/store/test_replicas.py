@@ -90,7 +90,7 @@ def a(server: ReplicatedMemory | Replicated) -> Iterator[Store]:
 
 
 @pytest.mark.parametrize("server", REAL, indirect=True)
-async def test_what_is_accepted_is_with_a_replica(server: Replicated, a: Store) -> None:
+async def test_accepted_callbacks_are_on_a_replica(server: Replicated, a: Store) -> None:
     for _ in range(30):
         one = a_subscription()
         await a.add(one, Delivery(), LIMIT)
@@ -98,9 +98,7 @@ async def test_what_is_accepted_is_with_a_replica(server: Replicated, a: Store) 
         assert server.has(KEYS.queue(one.id))
 
 
-async def test_what_no_replica_confirms_is_not_accepted_and_nothing_is_left(
-    server: ReplicatedMemory | Replicated, a: Store
-) -> None:
+async def test_an_unconfirmed_callback_is_refused_and_removed(server: ReplicatedMemory | Replicated, a: Store) -> None:
     before = [a_subscription() for _ in range(9)]  # connections whose earlier writes are confirmed
     await asyncio.gather(*(a.add(one, Delivery(), LIMIT) for one in before))
     server.pause()

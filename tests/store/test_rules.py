@@ -112,7 +112,7 @@ async def test_one_run_serves_until_it_leaves(a: RuleStore, b: RuleStore) -> Non
     assert await b.advance(known, began("row"), ()) == [1]
 
 
-async def test_what_holds_is_remembered_and_what_was_begun_is_unknown_to_the_next(a: RuleStore, b: RuleStore) -> None:
+async def test_rows_are_kept_and_unfinished_firings_become_unknown(a: RuleStore, b: RuleStore) -> None:
     rule = a_rule()
     known = await evaluated(a, rule, "held", "gone")
     assert await a.advance(known, began("first", "second"), ["gone"]) == [1, 2]
@@ -129,7 +129,7 @@ async def test_what_holds_is_remembered_and_what_was_begun_is_unknown_to_the_nex
     assert await b.recall(replace(known, revision=2)) is None
 
 
-async def test_what_comes_too_early_is_suppressed_and_counted(a: RuleStore) -> None:
+async def test_early_firings_are_suppressed_and_counted(a: RuleStore) -> None:
     known = await evaluated(a, a_rule(interval_s=3600.0))
     many = [f"row{n:02}" for n in range(18)]
     assert await a.advance(known, began(*many), ()) == list(range(1, 17))  # at once, as far as permitted

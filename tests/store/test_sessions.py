@@ -30,7 +30,7 @@ def a_session(id: str) -> Session:
     return new_session(TokenHash("ab" * 32), id, time.time_ns())
 
 
-async def test_what_is_ended_at_one_gateway_is_over_at_all_and_for_those_that_come_later(
+async def test_a_session_ended_at_one_gateway_is_over_at_all(
     server: Backend, a: EndedSessions, b: EndedSessions
 ) -> None:
     await b.look()
@@ -59,7 +59,7 @@ async def test_while_redis_is_away_it_is_over_here_and_the_others_hear_of_it_aft
     assert session in b
 
 
-async def test_what_would_be_over_by_now_is_forgotten(a: EndedSessions) -> None:
+async def test_expired_entries_are_forgotten(a: EndedSessions) -> None:
     past, lasting = Session("past", TokenHash("ab" * 32), time.time_ns()), a_session("lasting")
     for each in (past, lasting):
         await a.end(each)

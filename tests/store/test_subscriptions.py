@@ -123,7 +123,7 @@ async def test_nothing_written_late_brings_a_removed_subscription_back(server: B
 
 
 @pytest.mark.parametrize("commands", range(5))
-async def test_what_a_crash_left_half_added_is_invisible_and_reclaimed(
+async def test_an_incomplete_addition_is_invisible_and_reclaimed(
     commands: int, server: Backend, a: Store, b: Store
 ) -> None:
     one = a_subscription()
@@ -139,7 +139,7 @@ async def test_what_a_crash_left_half_added_is_invisible_and_reclaimed(
 
 
 @pytest.mark.parametrize("commands", range(1, 4))
-async def test_what_a_crash_left_half_removed_is_reclaimed_by_its_holder(
+async def test_an_incomplete_removal_is_reclaimed_by_its_holder(
     commands: int, server: Backend, a: Store, b: Store
 ) -> None:
     one = a_subscription()
@@ -164,7 +164,7 @@ async def test_ten_thousand_resources_may_be_no_more_at_once(a: Store) -> None:
     assert await a.backlog(one.id) == Backlog([], {}, 1)
 
 
-async def test_what_is_noted_of_many_says_which_are_lost(a: Store, b: Store) -> None:
+async def test_noting_many_returns_the_lost_ones(a: Store, b: Store) -> None:
     mine, others, gone = (a_subscription() for _ in range(3))
     await a.add(mine, Delivery(), LIMIT)
     await b.add(others, Delivery(), LIMIT)

@@ -129,7 +129,7 @@ async def test_an_add_whose_first_steps_others_cleared_away_is_whole_in_the_end(
     assert await adopted(b, "a") == [one]
 
 
-async def test_what_a_gateway_leaves_is_adopted_at_once(a: Store, b: Store) -> None:
+async def test_subscriptions_of_an_ended_gateway_are_adopted_at_once(a: Store, b: Store) -> None:
     one = a_subscription()
     await a.renew()
     await a.add(one, Delivery(), LIMIT)

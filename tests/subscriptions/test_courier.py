@@ -213,7 +213,7 @@ async def test_failures_count_on_with_another_gateway(url: str, there: CallbackR
         assert (await at.in_state(DeliveryState.SUSPENDED)).failures == SUSPEND_AFTER
 
 
-async def test_what_is_suspended_is_not_tried_by_who_takes_it_over(url: str, there: CallbackReceiver) -> None:
+async def test_a_suspended_callback_is_not_tried_after_takeover(url: str, there: CallbackReceiver) -> None:
     async with work(url, there, Delivery(DeliveryState.SUSPENDED, failures=SUSPEND_AFTER)) as at:
         at.toy.become(1)
         # resumed only in the store: for a courier that begins later, as after a takeover
@@ -324,9 +324,7 @@ async def test_the_rate_that_is_allowed_is_kept_when_a_delivery_is_repeated(
         assert numbers(await at.requests(3, "POST")) == [1, 1, 1]
 
 
-async def test_who_lost_the_subscription_while_it_kept_the_rate_delivers_no_more(
-    url: str, there: CallbackReceiver
-) -> None:
+async def test_a_courier_that_lost_its_subscription_in_a_pause_stops(url: str, there: CallbackReceiver) -> None:
     """The pause can be longer than a lease: another gateway has made progress by then."""
     there.consent = consents("*", "20")
     outside, namespace = Outside(), uuid.uuid4().hex
@@ -392,7 +390,7 @@ async def test_an_address_that_changes_between_look_and_delivery_is_asked_again(
 # Its numbers
 
 
-async def test_what_a_late_command_queued_is_delivered_before_what_follows(url: str, there: CallbackReceiver) -> None:
+async def test_entries_queued_by_a_late_command_are_delivered_in_order(url: str, there: CallbackReceiver) -> None:
     """A command thought lost in an outage was executed: its number must not be skipped."""
     async with work(url, there) as at:
         await at.requests(1)
@@ -463,7 +461,7 @@ async def test_a_courier_that_has_lost_its_subscription_ends(url: str, there: Ca
         assert len(there.log()) == 1
 
 
-async def test_who_is_cancelled_while_a_courier_stops_is_cancelled(url: str, there: CallbackReceiver) -> None:
+async def test_stopping_a_courier_can_be_cancelled(url: str, there: CallbackReceiver) -> None:
     """Otherwise a gateway that ends while a subscription is deleted would never end."""
     async with work(url, there) as at:
         record = Record(at.courier.subscription, Delivery(DeliveryState.SUSPENDED), "a")

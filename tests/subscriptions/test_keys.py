@@ -36,7 +36,7 @@ def test_every_key_is_parsed_as_it_was_built() -> None:
     ["2001:db8::1", "fe80::1%eth0", "", "192.0.2.1, 10.0.0.1", "{runs}", "}{", "%7Bruns%7D", "7}:queue",
      "x\r\nDEL fleet:news\r\n", "\0\x1b[2J", "später", "*?[a]", "\udcff", "a" * 9000],
 )  # fmt: skip
-def test_whatever_a_client_is_called_its_key_is_plain_and_its_own(client: str) -> None:
+def test_keys_of_clients_are_plain_and_distinct(client: str) -> None:
     keys = Keys("fleet")
     key = keys.client(client)
     assert keys.parse(key) == Key("client", client)

@@ -49,7 +49,7 @@ def resolve(network: Network, host: str = "receiver.example") -> list[Address]:
 
 
 @pytest.mark.parametrize("address", INSIDE)
-def test_what_is_not_public_is_forbidden(address: str) -> None:
+def test_non_public_addresses_are_forbidden(address: str) -> None:
     with pytest.raises(Forbidden, match="LINKED_FLEET_CALLBACK_ALLOW") as refused:
         resolve(Network(lookup=answering(address)))
     assert address not in str(refused.value)
@@ -294,7 +294,7 @@ def test_another_is_refused_with_what_would_have_been_right(url: str, right: str
 
 
 @given(st.sampled_from(["http://", "https://"]), st.text(st.sampled_from("aZ09._-:[]@%/?#\\f2\t é"), max_size=30))
-def test_what_is_accepted_means_the_same_to_the_http_client(scheme: str, rest: str) -> None:
+def test_accepted_urls_mean_the_same_to_the_http_client(scheme: str, rest: str) -> None:
     try:
         url = callback_url(scheme + rest)
     except ValueError:

@@ -204,7 +204,7 @@ async def gateways(servers: Servers, count: int = 1) -> AsyncIterator[list[Gatew
 # A stream that was made by POST, between its connections
 
 
-async def test_what_is_opened_again_and_again_stays(servers: Servers, soon: None) -> None:
+async def test_a_stream_that_is_reopened_stays(servers: Servers, soon: None) -> None:
     """No wait between its connections ends it later: it is still open when later waits have expired."""
     async with gateways(servers) as (at,):
         posted = stream()
@@ -236,7 +236,7 @@ async def test_what_is_opened_again_and_again_stays(servers: Servers, soon: None
         await until(lambda: len(outlet.messages) > count, "another message")
 
 
-async def test_what_is_not_opened_again_vanishes(servers: Servers, soon: None) -> None:
+async def test_a_stream_that_is_not_reopened_is_removed(servers: Servers, soon: None) -> None:
     async with gateways(servers) as (at,):
         never, once = stream(), stream()
         for each in (never, once):
@@ -258,7 +258,7 @@ async def test_a_wait_at_the_gateway_before_does_not_end_it(servers: Servers, so
         assert outlet.ending is None
 
 
-async def test_who_closes_late_does_not_take_it_back(servers: Servers, soon: None) -> None:
+async def test_a_late_close_does_not_affect_the_new_connection(servers: Servers, soon: None) -> None:
     async with gateways(servers, 2) as (one, other):
         posted = stream()
         await one.streams.offer(posted)
@@ -301,7 +301,7 @@ async def test_a_client_with_too_many_leaves_nothing(servers: Servers) -> None:
         await at.emptied()
 
 
-async def test_who_is_cancelled_while_it_registers_leaves_nothing(servers: Servers, soon: None) -> None:
+async def test_a_cancelled_registration_leaves_nothing(servers: Servers, soon: None) -> None:
     """At any step of the store; also a stream created by POST, which continues to wait."""
     async with gateways(servers) as (at,):
         for steps in range(0, 60, 6):
@@ -367,7 +367,7 @@ async def test_a_posted_stream_that_is_opened_again_after_an_outage_stays_listed
         await at.store.note(posted.id, Delivery())  # it is held here
 
 
-async def test_what_is_deleted_while_it_is_being_opened_ends(servers: Servers, soon: None) -> None:
+async def test_a_stream_deleted_while_opening_ends(servers: Servers, soon: None) -> None:
     async with gateways(servers) as (at,):
         posted, outlet = stream(), Outlet()
         await at.streams.offer(posted)
@@ -382,7 +382,7 @@ async def test_what_is_deleted_while_it_is_being_opened_ends(servers: Servers, s
         await at.emptied()
 
 
-async def test_what_reached_the_store_too_late_is_found(servers: Servers) -> None:
+async def test_leftovers_of_a_late_command_are_reconciled(servers: Servers) -> None:
     """A command that was given up is executed after the end was stored: reconciling finds the leftover."""
     async with gateways(servers) as (at,):
         posted = stream()
@@ -397,7 +397,7 @@ async def test_what_reached_the_store_too_late_is_found(servers: Servers) -> Non
         assert outlet.ending is None
 
 
-async def test_what_is_deleted_while_its_close_is_being_noted_does_not_come_back(servers: Servers) -> None:
+async def test_a_stream_deleted_during_its_close_stays_deleted(servers: Servers) -> None:
     async with gateways(servers) as (at,):
         posted, note = stream(), at.store.note
         await at.streams.offer(posted)
@@ -413,7 +413,7 @@ async def test_what_is_deleted_while_its_close_is_being_noted_does_not_come_back
         assert await at.listed() == set()
 
 
-async def test_what_is_deleted_just_when_it_is_closed_does_not_come_back(servers: Servers) -> None:
+async def test_a_stream_deleted_elsewhere_at_its_close_stays_deleted(servers: Servers) -> None:
     """Through another gateway, unknown to this one."""
     async with gateways(servers) as (at,):
         posted = stream()

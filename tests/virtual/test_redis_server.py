@@ -125,7 +125,7 @@ def test_an_answer_can_be_lost_although_the_command_ran(loop: VirtualLoop, serve
     on(loop, server, scenario)
 
 
-def test_what_takes_long_takes_it_in_order(loop: VirtualLoop, server: RedisServer) -> None:
+def test_slow_commands_run_in_order(loop: VirtualLoop, server: RedisServer) -> None:
     async def scenario(connection: Connection) -> None:
         server.latency_s = 0.125
         assert await connection.all([("RPUSH", "a", number) for number in range(3)]) == [1, 2, 3]

@@ -104,7 +104,7 @@ def test_keys_that_match(one: str, other: str, same: bool) -> None:
     assert intersects(one, other) == intersects(other, one) == same
 
 
-def test_what_may_be_dropped_is_lost_by_chance_and_nothing_else() -> None:
+def test_only_droppable_messages_are_lost() -> None:
     scene = run(talk, seed=3, loss=0.25)
     states = scene.of(STATE)
     assert 100 < len(states) < 180

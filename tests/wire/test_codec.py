@@ -151,7 +151,7 @@ class TestMessages:
             codec.decode(json.dumps(whole | changes).encode(), Stop)
 
     @pytest.mark.parametrize("number", ["-1", "9223372036854775808", "123456789012345678901234567890", "1.5", "1e30"])
-    def test_what_is_no_time_is_refused(self, number: str) -> None:
+    def test_invalid_times_are_refused(self, number: str) -> None:
         """Below zero or beyond 63 bits, it is no valid time."""
         told = Progress(version=1, id="a", incarnation=1, state="succeeded", wall_ns=2**63 - 1)
         payload = codec.encode(told)
@@ -219,7 +219,7 @@ class TestMessages:
             b'{"version":1,"id":"\\ud800"}',
         ],
     )
-    def test_what_is_no_message_is_refused(self, payload: bytes) -> None:
+    def test_invalid_messages_are_refused(self, payload: bytes) -> None:
         for kind in KINDS:
             with pytest.raises(WireError):
                 codec.decode(payload, kind)

@@ -34,7 +34,7 @@ def test_two_names_never_share_a_segment(one: str, other: str) -> None:
 
 
 @given(st.text() | st.text("~09AFaf.-x"))
-def test_whatever_is_taken_is_canonical(segment: str) -> None:
+def test_accepted_names_are_canonical(segment: str) -> None:
     try:
         name = unescape(segment)
     except ValueError:
@@ -58,6 +58,6 @@ def test_other_spellings_are_refused(segment: str) -> None:
 
 
 @pytest.mark.parametrize("name", ["", "x" * 129, "ä" * 65, "\ud800"])
-def test_what_is_no_name_has_no_segment(name: str) -> None:
+def test_invalid_names_have_no_segment(name: str) -> None:
     with pytest.raises(ValueError):
         escape(name)

@@ -21,7 +21,7 @@ def test_a_picture_comes_out_as_it_went_in(format: PictureFormat, content: bytes
 
 
 @pytest.mark.parametrize("format", ["png", "jpeg"])
-def test_what_pillow_writes_is_one(format: PictureFormat) -> None:
+def test_pictures_of_pillow_are_valid(format: PictureFormat) -> None:
     image, to = pytest.importorskip("PIL.Image").new("RGB", (3, 2)), BytesIO()
     image.save(to, format.upper())
     assert decode_picture(encode_picture(format, SHOWN, to.getvalue()), format)[0] == SHOWN
@@ -52,11 +52,11 @@ def _with(**changes: int) -> bytes:
         ("depth", HEADER.pack(b"LD", 1, *SHOWN) + bytes(MAX_CONTENT_BYTES + 1)),
     ],
 )
-def test_what_is_no_picture_of_its_stated_size_is_refused(format: PictureFormat, payload: bytes) -> None:
+def test_pictures_of_another_size_are_refused(format: PictureFormat, payload: bytes) -> None:
     with pytest.raises(WireError):
         decode_picture(payload, format)
 
 
-def test_what_is_too_large_is_not_sent() -> None:
+def test_too_large_pictures_are_not_sent() -> None:
     with pytest.raises(WireError, match="are the most"):
         encode_picture("depth", SHOWN, bytes(MAX_CONTENT_BYTES + 1))

@@ -14,7 +14,7 @@ TRACE, SPAN = "0af7651916cd43dd8448eb211c80319c", "b7ad6b7169203331"
 
 
 @given(st.integers(1, 2**128 - 1), st.integers(1, 2**64 - 1), st.booleans())
-def test_what_is_written_is_read(trace_id: int, span_id: int, sampled: bool) -> None:
+def test_a_written_traceparent_is_parsed(trace_id: int, span_id: int, sampled: bool) -> None:
     parent = TraceParent(trace_id, span_id, sampled)
     assert traceparent.parse(str(parent)) == parent
     assert len(str(parent)) == 55

@@ -34,7 +34,7 @@ AT = "ros2:tcp/192.0.2.1:7447"
         ),
     ],
 )
-def test_what_is_one(options: str, expected: Address) -> None:
+def test_valid_addresses_are_parsed(options: str, expected: Address) -> None:
     assert parse_address(AT + options) == expected
 
 
@@ -69,6 +69,6 @@ def test_what_is_one(options: str, expected: Address) -> None:
         (f"{AT}?commands=a:j&commands=a:k", "may be there once"),
     ],
 )
-def test_what_is_none_is_refused_with_what_would_be_right(text: str, named: str) -> None:
+def test_an_invalid_address_is_refused_with_the_valid_form(text: str, named: str) -> None:
     with pytest.raises(AddressError, match=named):
         parse_address(text)

@@ -81,7 +81,7 @@ def test_a_trajectory_is_written_as_ros_writes_it() -> None:
         bytes(cdr.MAX_STATE_BYTES + 1),
     ],
 )
-def test_what_is_no_joint_state_is_refused(payload: bytes) -> None:
+def test_invalid_joint_states_are_refused(payload: bytes) -> None:
     with pytest.raises(CdrError):
         cdr.read_joint_state(payload)
 

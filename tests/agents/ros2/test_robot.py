@@ -42,12 +42,12 @@ def driver(robot: RosRobot) -> Iterator[Ros2Robot]:
     driver.close()
 
 
-def test_it_is_a_driver(robot: RosRobot) -> None:
+def test_the_ros_driver_fulfils_the_driver_contract(robot: RosRobot) -> None:
     check_driver(find(robot), lambda now_s: time.sleep(0.01), tolerance=1e-3, settle_s=0.4)
     assert robot.refused == 0
 
 
-def test_it_finds_the_robot_and_reads_it(robot: RosRobot, driver: Ros2Robot) -> None:
+def test_the_ros_driver_finds_and_reads_a_robot(robot: RosRobot, driver: Ros2Robot) -> None:
     facts = driver.describe()
     assert (facts.title, facts.urdf) == ("Stand-in", URDF)
     assert [joint.name for joint in facts.joints] == ["pan", "lift", "grip", "thumb_grip"]
@@ -175,7 +175,7 @@ def test_a_router_may_demand_certificates(tmp_path: Path) -> None:
             Ros2Robot.find("arm", parse_address(f"ros2:{tls}#root_ca_certificate_file={folder}/ca.pem"), 0.0)
 
 
-def test_what_is_not_there_is_said() -> None:
+def test_a_missing_topic_is_reported() -> None:
     nowhere = endpoint()
     with pytest.raises(ConnectionError):
         Ros2Robot.find("arm", parse_address(f"ros2:{nowhere}"), patience_s=0.0)

@@ -27,7 +27,7 @@ def scene(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Scene]:
         yield browser, robot, agent
 
 
-def test_it_is_browsed_and_read(scene: Scene) -> None:
+def test_a_ros_robot_is_served_as_resources(scene: Scene) -> None:
     browser, _, _ = scene
     page = browser.robot("arm")
     assert "ros2" not in str(page.response.text)  # its address would reveal the robot's own network
@@ -38,7 +38,7 @@ def test_it_is_browsed_and_read(scene: Scene) -> None:
     assert LF.unknown in set(effort.graph.objects())
 
 
-def test_it_is_moved_and_falls_silent(scene: Scene) -> None:
+def test_a_ros_robot_moves_and_is_faulty_without_states(scene: Scene) -> None:
     browser, robot, agent = scene
     rotate = browser.action(browser.part("arm", "pan"), LF.Rotate)
     assert move(browser, rotate, 0.75, Prefer="respond-async").status_code in (201, 202, 204)

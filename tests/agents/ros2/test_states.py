@@ -24,7 +24,7 @@ def states() -> JointStates:
     return JointStates("arm", ["a", "b"], "/joint_states", 0.5)
 
 
-def test_what_was_never_said_is_unknown_and_nothing_at_all_is_a_fault(states: JointStates) -> None:
+def test_joints_without_states_are_unknown_and_none_at_all_is_a_fault(states: JointStates) -> None:
     with pytest.raises(RobotFaultError, match=r"/joint_states for 0\.5 s"):
         states.reading(0.0)
     states.take(said(a=1.0), 0.0)

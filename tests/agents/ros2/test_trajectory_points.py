@@ -28,7 +28,7 @@ def test_after_a_pause_what_others_have_moved_stays_there(follower: TrajectoryPo
     }  # what it holds it continues to hold
 
 
-def test_what_is_unknown_is_left_out(follower: TrajectoryPoints) -> None:
+def test_joints_with_unknown_positions_are_left_out(follower: TrajectoryPoints) -> None:
     assert follower.next({"a": 0.1}, {"a": 0.0, "b": math.nan}, 0.0) == {"a": 0.1}
     assert follower.next({"a": 0.1}, {"a": 0.0, "b": 1.0}, 0.1) == {"a": 0.1, "b": 1.0}
     assert follower.hold({"a": math.nan, "b": math.nan}, 0.2) == {}

@@ -33,7 +33,7 @@ def _waypoint(time: float, *targets: str) -> str:
 
 @pytest.mark.parametrize("unit", ["DEG", "RAD"])
 @pytest.mark.parametrize(("low", "high"), [(-2.147, 1.047), (-math.pi, math.pi), (0.1, 0.2), (-1e-5, 1e-5)])
-def test_what_is_admitted_is_within_the_limits(bench: Any, low: float, high: float, unit: str) -> None:
+def test_admitted_targets_are_within_the_limits(bench: Any, low: float, high: float, unit: str) -> None:
     """A command for exactly the limit that the shape states in any unit does not exceed the URDF's limit."""
     bench.robot(_limited(low, high), (low,))
     size = math.pi / 180 if unit == "DEG" else 1.0

@@ -125,7 +125,7 @@ def test_an_input_may_have_the_name_of_one_of_its_predicates(bench: Any) -> None
         ("/r/actions/moveJoints", "vom:numericalValue 1"),
     ],
 )
-def test_what_our_vocabularies_say_in_vain_is_refused(bench: Any, path: str, said: str) -> None:
+def test_unused_statements_in_own_vocabularies_are_refused(bench: Any, path: str, said: str) -> None:
     """A misspelt option, or one of another action: 422 names it, and nothing moves at full speed."""
     bench.robot(_elbow())
     good = _ONE if path == _ROTATE else _move("elbow")

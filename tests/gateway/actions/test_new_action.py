@@ -92,7 +92,7 @@ def test_its_description_conforms(bench: Any, extended: None) -> None:
     assert bench.described(path + "/produceshape").triples
 
 
-def test_it_is_planned(bench: Any, extended: None) -> None:
+def test_the_new_action_is_planned(bench: Any, extended: None) -> None:
     """The page's request moves the joint to the middle, no faster than the robot permits."""
     bench.robot(_JOINTS)
     for joint in ("elbow", "lift"):

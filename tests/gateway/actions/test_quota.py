@@ -32,7 +32,7 @@ def test_motions_count_while_they_are_open_and_halts_never() -> None:
     assert not quota.is_full("ada")
 
 
-def test_those_that_begin_at_the_same_time_do_not_overtake_each_other() -> None:
+def test_concurrent_starts_do_not_exceed_the_quota() -> None:
     quota = Quota(Invocations(), 2)
     with quota.beginning("ada") as first, quota.beginning("ada") as second, quota.beginning("ada") as third:
         assert (first, second, third) == (False, False, True)

@@ -6,7 +6,7 @@ from linked_fleet_gateway.actions import stall_detector as alertness
 from linked_fleet_gateway.actions.stall_detector import CATCH_UP_S, HELD_S, StallDetector
 
 
-def test_who_was_held_up_is_for_a_while(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_stall_counts_for_a_while_after_its_end(monkeypatch: pytest.MonkeyPatch) -> None:
     now_s = 100.0
     monkeypatch.setattr(alertness.time, "monotonic", lambda: now_s)
     one = StallDetector()

@@ -55,7 +55,7 @@ def refusal(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str])
         (("--zenoh-access", "no.json"), ("LINKED_FLEET_ZENOH_ACCESS", "no.json cannot be read")),
     ],
 )
-def test_what_is_refused_is_said_in_one_line(
+def test_refused_settings_are_reported_in_one_line(
     refusal: Refusal, arguments: tuple[str, ...], named: Sequence[str]
 ) -> None:
     line = refusal(*arguments)
@@ -75,7 +75,7 @@ def test_certificates_without_access_control_leave_a_listener_open(refusal: Refu
     assert "ACCESS" in refusal("--zenoh-listen", "tls/[::]:7447", *given)
 
 
-def test_what_is_asked_for_by_name_is_taken() -> None:
+def test_waived_requirements_are_accepted() -> None:
     def found(*allowed: str, tls: bool = False, identities: bool = False) -> int:
         return len(
             exposure_problems(exposed=True, tls=tls, identities=identities, open_endpoints=["tcp/x:1"], allowed=allowed)

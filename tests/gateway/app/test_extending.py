@@ -83,7 +83,7 @@ def here(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Here]:
         sys.modules.pop("odometer", None)
 
 
-def test_it_is_linked_and_read_in_any_media_type(here: Here) -> None:
+def test_the_resource_of_the_extension_is_linked_and_served_in_all_types(here: Here) -> None:
     robot = here.browser.page(here.url.removesuffix("odometer"))
     assert (robot.iri, URIRef(_ODOMETER + "odometer"), URIRef(here.url)) in robot.graph
     assert (robot.iri, HYBRIT.property, URIRef(here.url)) not in robot.graph
@@ -92,7 +92,7 @@ def test_it_is_linked_and_read_in_any_media_type(here: Here) -> None:
         assert answer.headers["content-type"].startswith(media_type)
 
 
-def test_it_counts_and_is_set_back(here: Here) -> None:
+def test_the_extension_counts_and_can_be_reset(here: Here) -> None:
     assert here.browser.http.post(here.url).status_code == 204
     for angle in (0.5, 0.25, 0.0):
         here.turn(angle)
@@ -105,6 +105,6 @@ def test_it_counts_and_is_set_back(here: Here) -> None:
     assert here.browser.http.put(here.url).status_code == 405
 
 
-def test_it_is_among_the_numbers(here: Here) -> None:
+def test_the_metric_of_the_extension_is_exported(here: Here) -> None:
     numbers = here.browser.http.get(here.url.replace("odd/odometer", "metrics")).text
     assert 'linked_fleet_odometer{robot="odd"}' in numbers

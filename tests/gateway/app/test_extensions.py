@@ -84,7 +84,7 @@ def test_sections_of_extensions_are_read_with_that_of_the_core() -> None:
     assert GatewaySettings().section(HistorySettings) == HistorySettings(300, 10, 24)
 
 
-def test_what_is_off_is_not_there_and_its_settings_can_stay() -> None:
+def test_a_disabled_extension_is_absent_and_its_settings_are_ignored() -> None:
     assert set(BUILT_NAMES) - set(names("--extensions-off", "history, things", "--history-s", "5")) == {
         "history",
         "things",

@@ -24,7 +24,7 @@ class _Describing(Extension):
         yield Mount()
 
 
-async def test_who_describes_the_gateway_finds_operations_of_extensions_that_start_later() -> None:
+async def test_descriptions_include_operations_of_extensions_started_later() -> None:
     live, actions = SimpleNamespace(add=lambda *_: None), SimpleNamespace(handlers={})
     core = Core(*cast(Any, (live, actions, None, None, "", "", "", (), None)))
     async with AsyncExitStack() as stack:

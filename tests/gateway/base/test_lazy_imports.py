@@ -25,11 +25,11 @@ def test_a_gateway_starts_without_what_most_never_need() -> None:
     assert found.stdout.split() == []
 
 
-def test_it_is_there_when_something_of_it_is_used() -> None:
+def test_a_lazy_module_is_imported_on_first_access() -> None:
     assert LazyModule("decimal").Decimal("1.5") * 2 == 3
 
 
 @pytest.mark.parametrize("names", [("no_such_module",), ("json", "no_such_module")])
-def test_what_is_not_installed_is_missed_at_once(names: tuple[str, ...]) -> None:
+def test_a_missing_module_is_reported_at_once(names: tuple[str, ...]) -> None:
     with pytest.raises(ModuleNotFoundError, match="no_such_module is not installed"):
         LazyModule(*names)

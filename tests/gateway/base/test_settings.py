@@ -90,7 +90,7 @@ def test_flags_win_over_the_environment_and_an_empty_variable_is_none() -> None:
         ("DOORS", "1-65536", "LINKED_FLEET_LAMP_DOORS is of ports such as 443 or 8000-8999, not '1-65536'"),
     ],
 )  # fmt: skip
-def test_what_cannot_be_used_is_refused_in_one_sentence(name: str, text: str, sentence: str) -> None:
+def test_invalid_settings_are_refused_in_one_sentence(name: str, text: str, sentence: str) -> None:
     with pytest.raises(ValueError, match="LINKED") as refused:
         lamp({f"LINKED_FLEET_LAMP_{name}": text})
     assert str(refused.value).startswith(sentence)

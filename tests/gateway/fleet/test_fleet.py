@@ -252,7 +252,7 @@ def test_a_robot_that_cannot_be_understood_is_visible_with_the_reason() -> None:
     assert (robot.online, robot.fault, robot.description, robot.model) == (True, "wire version 9", None, None)
 
 
-def test_where_links_are_is_of_the_present_frame() -> None:
+def test_link_poses_are_of_the_present_frame() -> None:
     fleet, robot = fleet_after(*UP, framed(1, slide=0.5))
     for slide in (0.5, 0.75):
         fleet.apply(framed(2 + int(slide * 4), slide=slide), 9)
@@ -289,7 +289,7 @@ def test_values_are_rounded_to_decimals_that_print_short(value: float, resolutio
     assert repr(rounded(value, resolution)) == repr(expected)
 
 
-def test_of_robots_that_never_described_themselves_a_few_are_shown() -> None:
+def test_undescribed_robots_are_shown_up_to_a_limit() -> None:
     fleet = Fleet()
     changes = [change for number in range(10_000) for change in fleet.apply(Appeared(f"flood{number}", 5), 1)]
     assert len(fleet.robots) == len(changes) == MAX_UNDESCRIBED

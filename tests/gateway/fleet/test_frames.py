@@ -47,7 +47,7 @@ def robot(fleet: Fleet) -> Robot:
     return fleet.robots["r"]
 
 
-def test_who_asks_for_a_robot_gets_its_latest_frame(fleet: Fleet) -> None:
+def test_reading_a_robot_returns_its_latest_frame(fleet: Fleet) -> None:
     held = robot(fleet)
     assert put(fleet, frame(2, 0.2), 7)
     assert (held.positions["turn"], held.sequence, held.last_seen_ns) == (0.1, 1, 7)
@@ -73,7 +73,7 @@ def test_who_asks_for_a_robot_gets_its_latest_frame(fleet: Fleet) -> None:
         frame(3)[:2] + b"\x09\x00" + frame(3)[4:],
     ],
 )
-def test_what_is_not_known_to_be_good_is_judged_and_displaces_nothing(fleet: Fleet, payload: bytes) -> None:
+def test_an_unchecked_frame_is_judged_and_replaces_nothing(fleet: Fleet, payload: bytes) -> None:
     assert put(fleet, frame(2, 0.2))
     assert not put(fleet, payload)
     assert fleet.apply(Framed("r", payload), 3) == []
@@ -116,7 +116,7 @@ def test_a_change_that_no_frame_brought_is_counted_on_from_the_frame_before(flee
     assert robot(fleet).news == (5, 1)
 
 
-def test_who_watches_is_told_once_until_somebody_has_looked(fleet: Fleet) -> None:
+def test_a_watched_robot_is_reported_once_until_it_is_read(fleet: Fleet) -> None:
     frames = fleet.frames
     first = frames.put("key/r", frame(2, 0.2), 2)
     assert first is not None

@@ -61,13 +61,13 @@ def test_text_stays_text() -> None:
     assert robot.find("link/visual").get("name") == robot.find("link/visual").text == "</robot>\"'<script>"
 
 
-def test_what_is_nested_endlessly_is_cut() -> None:
+def test_deeply_nested_xml_is_refused() -> None:
     depth = 50_000
     assert len(drawable(f'<robot name="r">{"<a>" * depth}{"</a>" * depth}</robot>', {})) < 1000
 
 
 @pytest.mark.parametrize("urdf", ["", "<robot>", '<!DOCTYPE r [<!ENTITY x "y">]><robot name="r">&x;</robot>'])
-def test_what_is_no_plain_xml_is_refused(urdf: str) -> None:
+def test_xml_with_a_doctype_is_refused(urdf: str) -> None:
     with pytest.raises(ModelError):
         drawable(urdf, {})
 

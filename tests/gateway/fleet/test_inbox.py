@@ -18,7 +18,7 @@ def test_the_progress_of_one_is_bounded_and_that_of_others_heard() -> None:
     assert list(inbox.take().progress) == [("loud", b"again")]
 
 
-def test_of_states_the_latest_of_each_key_is_kept() -> None:
+def test_the_latest_state_of_each_key_is_kept() -> None:
     inbox = Inbox(lambda: None)
     for number in range(2 * MAX_KEYS):
         inbox.put_state("loud", b"%d" % number)

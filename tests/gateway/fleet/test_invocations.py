@@ -84,7 +84,7 @@ def test_when_the_agent_is_gone_what_was_open_is_unknown_until_news(state: Invoc
 
 
 @pytest.mark.parametrize("state", [InvocationState.ACCEPTED, InvocationState.RUNNING, InvocationState.UNKNOWN])
-def test_what_is_open_after_its_deadline_failed(state: InvocationState) -> None:
+def test_an_invocation_open_after_its_deadline_fails(state: InvocationState) -> None:
     invocations = with_one(state)
     assert invocations.late(100) == []
     (late,) = invocations.late(101)
@@ -94,7 +94,7 @@ def test_what_is_open_after_its_deadline_failed(state: InvocationState) -> None:
     assert invocations.late(102) == []
 
 
-def test_what_failed_for_want_of_news_is_open_again_when_the_robot_says_that_it_runs() -> None:
+def test_an_expired_invocation_reopens_when_its_robot_reports_it_as_running() -> None:
     invocations = with_one()
     (one,) = invocations.late(101)
     invocations.expire(one, 101)
@@ -107,7 +107,7 @@ def test_what_failed_for_want_of_news_is_open_again_when_the_robot_says_that_it_
     assert invocations.apply("r", progress("running")) is None
 
 
-def test_what_an_earlier_run_of_the_agent_was_asked_for_has_failed() -> None:
+def test_invocations_of_an_earlier_run_fail() -> None:
     invocations = Invocations()
     for id, incarnation in (("old", 1), ("present", 2), ("later", 3), ("of nobody knows which", 0)):
         invocations.add(invocation(id, InvocationState.UNKNOWN, incarnation=incarnation))
@@ -117,7 +117,7 @@ def test_what_an_earlier_run_of_the_agent_was_asked_for_has_failed() -> None:
     assert invocations.outlived("r", 2, now_ns=50) == invocations.outlived("x", 9, now_ns=50) == []
 
 
-def test_those_of_an_action_and_of_a_robot_come_newest_first() -> None:
+def test_invocations_are_listed_newest_first() -> None:
     invocations = Invocations()
     for id in "abc":
         invocations.add(invocation(id))
@@ -182,7 +182,7 @@ def test_a_busy_robot_does_not_make_the_others_be_forgotten() -> None:
 # Written by another gateway
 
 
-def test_what_another_gateway_wrote_changes_the_one_that_is_waited_for() -> None:
+def test_a_stored_state_updates_the_object_that_is_waited_for() -> None:
     invocations = with_one()
     waited = invocations.get("i")
     other = invocation(state=InvocationState.FAILED, ended_ns=7, reason="It said so.", facts={"residual_m": 0.1})
@@ -202,7 +202,7 @@ def test_what_another_gateway_wrote_changes_the_one_that_is_waited_for() -> None
         (InvocationState.RUNNING, InvocationState.ACCEPTED),
     ],
 )
-def test_what_another_gateway_wrote_earlier_takes_nothing_back(held: InvocationState, written: InvocationState) -> None:
+def test_an_older_stored_state_reverts_nothing(held: InvocationState, written: InvocationState) -> None:
     invocations = with_one(held)
     assert invocations.put(invocation(state=written)) is None
     assert invocations.get("i") == invocation(state=held)
@@ -221,7 +221,7 @@ def test_an_older_copy_takes_nothing_away_that_is_known() -> None:
     assert (held.state, held.duration_s, held.preempts) == (InvocationState.CANCELLED, 50.0, ("a",))
 
 
-def test_what_only_the_gateway_knew_that_asked_joins_what_was_heard_of_the_robot() -> None:
+def test_facts_of_the_requesting_gateway_and_reports_are_merged() -> None:
     invocations = with_one()
     held = invocations.apply("r", progress("running", progress=0.5))
     assert held is not None
@@ -231,7 +231,7 @@ def test_what_only_the_gateway_knew_that_asked_joins_what_was_heard_of_the_robot
 
 
 @pytest.mark.parametrize("first", ["held", "found"])
-def test_of_two_copies_the_guess_counts_of_who_allowed_more_time(first: str) -> None:
+def test_of_two_expiries_the_later_deadline_counts(first: str) -> None:
     """In whichever order they are written."""
     failed = invocation(state=InvocationState.FAILED, expired=True, ended_ns=101)
     again = invocation(state=InvocationState.RUNNING, deadline_ns=900)

@@ -125,7 +125,7 @@ def test_to_plan_with_absurdly_many_joints_is_refused_before_it_takes_memory() -
         build_model(f"<robot name='r'>{links}{joints}</robot>", floating=False)
 
 
-def test_what_pinocchio_refuses_is_a_model_error() -> None:
+def test_models_refused_by_pinocchio_raise_model_error() -> None:
     with pytest.raises(ModelError, match="Pinocchio refuses"):
         build_model("<robot name='r'/>", floating=False)
 

@@ -5,7 +5,7 @@ import pytest
 from linked_fleet_gateway.fleet.presence import MAX_RUNS, MAX_UNDESCRIBED, Presence
 
 
-def test_of_many_runs_of_one_robot_the_highest_are_kept() -> None:
+def test_the_latest_runs_of_one_robot_are_kept() -> None:
     presence = Presence()
     presence.add(("other", 1))
     for run in range(5000):

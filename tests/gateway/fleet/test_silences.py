@@ -77,7 +77,7 @@ def test_one_that_was_offline_is_silent_from_its_return() -> None:
     assert gateway.until_asked() == SILENT_S
 
 
-def test_what_was_not_read_while_the_gateway_was_paused_is_no_silence() -> None:
+def test_frames_missed_while_the_gateway_was_paused_are_no_silence() -> None:
     gateway = Gateway()
     gateway.hear("r", 7)
     gateway.check()
@@ -85,7 +85,7 @@ def test_what_was_not_read_while_the_gateway_was_paused_is_no_silence() -> None:
     assert gateway.until_asked() == SILENT_S - 2 * PERIOD_S
 
 
-def test_it_can_be_called_more_often_than_it_has_something_to_do() -> None:
+def test_frequent_calls_change_nothing() -> None:
     gateway = Gateway()
     gateway.hear("r", 7)
     asked = [doubt for _ in range(100) for doubt in gateway.check(gap_s=PERIOD_S / 4)]

@@ -52,7 +52,7 @@ def stage() -> Stage:
     return Stage()
 
 
-def test_what_lasts_holds_for_ever(stage: Stage) -> None:
+def test_constant_documents_stay_valid(stage: Stage) -> None:
     """A document that never changes belongs to no robot."""
     lasting = Resource("/vocabulary", "Vocabulary", None, lasting=True)
     stage.answers.keep(scope(b"/vocabulary"), Answer(lasting, None, None, b"terms", _FIELDS, ()))
@@ -60,7 +60,7 @@ def test_what_lasts_holds_for_ever(stage: Stage) -> None:
     assert stage.content(path=b"/vocabulary") == b"terms"
 
 
-def test_it_holds_whatever_else_the_request_says(stage: Stage) -> None:
+def test_unrelated_request_fields_do_not_invalidate_an_answer(stage: Stage) -> None:
     stage.keep(b"one", accept="text/turtle")
     assert stage.content(accept="text/turtle", traceparent="00-1", user_agent="x") == b"one"
     assert stage.content(accept="text/turtle", method="HEAD") == b"one"
@@ -100,7 +100,7 @@ def test_a_robot_of_the_same_name_is_another(stage: Stage) -> None:
     assert stage.content() is None
 
 
-def test_it_is_for_those_who_see_the_same(stage: Stage) -> None:
+def test_an_answer_is_kept_per_view(stage: Stage) -> None:
     one, other = (Identity(name, (Grant(frozenset({Right.READ}), (name,)),)) for name in ("r", "q"))
     stage.keep(b"one", caller=one)
     assert stage.content(caller=other) is None

@@ -68,7 +68,7 @@ async def test_answers_come_in_the_order_of_the_requests() -> None:
         ('GET / HTTP/1.1\r\nHost: test\r\nIf-None-Match: "x"\r\nConnection: close\r\n\r\n', b"close\r\n\r\n"),
     ],
 )
-async def test_they_are_framed_as_any_other(request_text: str, end: bytes) -> None:
+async def test_immediate_responses_are_framed_as_others(request_text: str, end: bytes) -> None:
     answer = await _answers(request_text)
     assert answer.startswith((b"HTTP/1.1 200 OK\r\n", b"HTTP/1.1 304 Not Modified\r\n"))
     assert b"\r\nvary: Accept\r\n" in answer and b"\r\ndate: " in answer

@@ -19,7 +19,7 @@ _JOINT = "baxter/right_s1"
         (b"gzip;q=x", False), (b"*;q=0", False),
     ],
 )  # fmt: skip
-def test_what_a_field_takes(field: bytes, takes: bool) -> None:
+def test_accept_encoding_is_parsed(field: bytes, takes: bool) -> None:
     assert takes_gzip(field) is takes
 
 
@@ -71,7 +71,7 @@ def test_the_content_is_the_same_and_the_tag_another(browser: Browser, path: str
 
 
 @pytest.mark.parametrize("coding", ["identity", "gzip"])
-def test_who_has_either_is_told_so(browser: Browser, coding: str) -> None:
+def test_either_entity_tag_matches(browser: Browser, coding: str) -> None:
     for have in ("identity", "gzip"):
         tag = _get(browser, f"{_JOINT}/blueprint", have).headers["etag"]
         again = _get(browser, f"{_JOINT}/blueprint", coding, **{"if-none-match": tag})

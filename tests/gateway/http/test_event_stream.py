@@ -254,7 +254,7 @@ async def _stalled(app: App, port: int) -> asyncio.StreamWriter:
 
 
 @pytest.mark.parametrize("half_closed", [False, True])
-async def test_who_never_reads_again_is_dropped(half_closed: bool) -> None:
+async def test_a_stalled_reader_is_disconnected(half_closed: bool) -> None:
     app = App(heartbeat_s=0.01)
     async with serving(app, http=Impatient) as (server, port):
         writer = await _stalled(app, port)

@@ -21,7 +21,7 @@ def _client(*fields: tuple[str, str], peer: str = _FRONT) -> str:
 
 @pytest.mark.parametrize("name", ["x-forwarded-for", "forwarded"])
 @pytest.mark.parametrize("peer", ["192.0.2.7", "2001:db8::7", "10.0.1.1", ""])
-def test_who_is_no_front_is_believed_nothing(peer: str, name: str) -> None:
+def test_forwarding_fields_of_others_than_fronts_are_ignored(peer: str, name: str) -> None:
     """A client cannot choose its own address."""
     prefix = "for=" if name == "forwarded" else ""
     assert _client((name, f"{prefix}198.51.100.1"), peer=peer) == peer

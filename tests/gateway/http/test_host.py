@@ -77,7 +77,7 @@ def test_unknown_authority(host: str) -> None:
     assert start["status"] == 421 and "http://127.0.0.1:8000" in json.loads(body["body"])["detail"]
 
 
-def test_what_was_refused_is_refused_again() -> None:
+def test_a_refused_host_is_refused_again() -> None:
     """A request is looked at a second time where its answer is not there at once."""
     headers = [(b"host", b"fleet.example")]
     scope: Scope = {

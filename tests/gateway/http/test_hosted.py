@@ -80,7 +80,7 @@ def test_a_stream_ends_with_its_client_and_with_the_gateway(who: str) -> None:
     assert ended == ([] if who == "client" else [True])
 
 
-def test_what_begins_after_the_end_is_over_at_once() -> None:
+def test_an_application_started_during_shutdown_ends_at_once() -> None:
     async def silent(scope: Scope, receive: Receive, send: Send) -> None:
         await receive()
         assert (await receive())["type"] == "http.disconnect"

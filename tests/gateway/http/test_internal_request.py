@@ -130,7 +130,7 @@ async def test_the_outer_request_stays_the_present_one_and_gives_its_id() -> Non
     assert present() is begun
 
 
-async def test_who_cancels_cancels_the_request() -> None:
+async def test_cancellation_is_passed_on_to_the_request() -> None:
     begun, ended = asyncio.Event(), asyncio.Event()
 
     async def slow(_: Request) -> Response:

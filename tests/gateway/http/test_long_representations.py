@@ -67,7 +67,7 @@ def test_others_run_between_the_steps(monkeypatch: pytest.MonkeyPatch) -> None:
     assert len(written) >= _STEPS
 
 
-def test_it_is_written_in_a_thread(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_long_representations_are_written_in_a_thread(monkeypatch: pytest.MonkeyPatch) -> None:
     """In each media type; and a page, of whatever it is."""
     threads = list[int]()
     write = representation.write

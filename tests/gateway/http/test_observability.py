@@ -177,7 +177,7 @@ def test_commands_streams_and_open_invocations_are_counted(place: Place, http: h
     eventually(lambda: sample(http, "linked_fleet_robots", presence="offline") > 0, "the robot offline")
 
 
-def test_what_becomes_of_callbacks_is_counted_and_logged_by_subscription(tmp_path: Path) -> None:
+def test_deliveries_are_counted_and_logged_by_subscription(tmp_path: Path) -> None:
     place = Place(tmp_path)
     with (
         receiving() as receiver,
@@ -324,7 +324,7 @@ def test_expressions_select_and_group_by_labels_that_there_are() -> None:
         assert each.count("(") == each.count(")")
 
 
-def test_what_prometheus_scrapes_is_what_the_alerts_are_about_and_the_gateways_of_the_compose_fleet() -> None:
+def test_alerts_use_exported_metrics_of_the_scraped_gateways() -> None:
     config = yaml.safe_load((ROOT / "deploy/prometheus/prometheus.yml").read_text())
     (scraped,) = config["scrape_configs"]
     assert {job for each in expressions() for job in re.findall(r'job="([^"]+)"', each)} == {scraped["job_name"]}

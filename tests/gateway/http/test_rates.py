@@ -69,7 +69,7 @@ def test_however_many_clients_come_few_are_remembered() -> None:
         ("unix", "unix", True),
     ],
 )
-def test_who_is_one_client(one: str, other: str, same: bool) -> None:
+def test_clients_are_told_apart_by_identity_or_network(one: str, other: str, same: bool) -> None:
     assert (_counted(one) == _counted(other)) is same
 
 
@@ -113,7 +113,7 @@ def _ask(pace: RateLimiter, method: str, path: str, kind: str = "http") -> tuple
     return sent[0]["status"], {name.decode(): value.decode() for name, value in sent[0]["headers"]}, sent[1]["body"]
 
 
-def test_who_asks_too_often_is_told_when_to_come_back_and_stops_robots_all_the_same() -> None:
+def test_a_client_above_its_rate_gets_retry_after_and_can_still_stop() -> None:
     clock = Clock()
     pace = RateLimiter(TokenBuckets(0.1, clock))
     assert _ask(pace, "GET", "/")[0] == 200

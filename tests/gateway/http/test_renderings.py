@@ -110,7 +110,7 @@ def without_id(answer: Answer) -> Answer:
         b"X-Request-Id: my-own\r\n",
     ],
 )
-def test_it_is_the_same_answer_each_time(stand: Stand, connection: Connection, fields: bytes) -> None:
+def test_compiled_responses_equal_each_other(stand: Stand, connection: Connection, fields: bytes) -> None:
     stand.at(0.25)
     first, *others = [connection.ask(fields) for _ in range(4)]
     assert [without_id(each) for each in others] == [without_id(first)] * 3
@@ -118,7 +118,7 @@ def test_it_is_the_same_answer_each_time(stand: Stand, connection: Connection, f
     assert len(ids) == (1 if b"X-Request-Id" in fields else 4)
 
 
-def test_it_is_the_present_value(stand: Stand, connection: Connection) -> None:
+def test_compiled_responses_have_the_present_value(stand: Stand, connection: Connection) -> None:
     for angle in (0.5, 0.75, 0.5):
         stand.at(angle)
         asked = [connection.ask() for _ in range(3)]
@@ -126,7 +126,7 @@ def test_it_is_the_present_value(stand: Stand, connection: Connection) -> None:
         assert len({fields[b"etag"] for _, fields, _ in asked}) == 1
 
 
-def test_what_the_client_has_is_not_sent_again_until_it_is_another(stand: Stand, connection: Connection) -> None:
+def test_an_unchanged_representation_is_304(stand: Stand, connection: Connection) -> None:
     stand.at(0.125)
     mine = b"If-None-Match: %b\r\n" % connection.ask()[1][b"etag"]
     assert [connection.ask(mine)[0] for _ in range(3)] == [b"HTTP/1.1 304 Not Modified"] * 3
@@ -135,7 +135,7 @@ def test_what_the_client_has_is_not_sent_again_until_it_is_another(stand: Stand,
     assert all(status == b"HTTP/1.1 200 OK" and b'"0.375"' in body for status, _, body in changed)
 
 
-def test_how_requests_come_in_pieces_makes_no_difference(stand: Stand, connection: Connection) -> None:
+def test_split_requests_have_the_same_response(stand: Stand, connection: Connection) -> None:
     stand.at(0.25)
     expected = without_id(connection.ask())
     request = _GET % (connection.host, b"")

@@ -38,7 +38,7 @@ _OTHERS = [_scope(f"/r/{number}", "GET") for number in range(50)]
 
 
 @pytest.mark.parametrize("segment", sorted(URGENT))
-def test_what_stops_robots_overtakes_those_that_wait(segment: str) -> None:
+def test_stops_overtake_waiting_requests(segment: str) -> None:
     served = _served(_OTHERS, _scope(f"/r/actions/{segment}"))
     assert served.index(f"/r/actions/{segment}") <= 2
     assert [path for path in served if "actions" not in path] == [each["path"] for each in _OTHERS]

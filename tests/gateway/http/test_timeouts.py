@@ -57,7 +57,7 @@ async def drip(writer: asyncio.StreamWriter, piece: bytes) -> None:
         (b"", b"", b""),
     ],
 )
-async def test_who_drips_is_dropped_and_delays_nobody(begin: bytes, piece: bytes, answer: bytes) -> None:
+async def test_slow_requests_are_disconnected_and_delay_nobody(begin: bytes, piece: bytes, answer: bytes) -> None:
     async with serving(echo, http=Hasty) as (server, port):
         reader, writer = await connect(port, begin)
         dripping = asyncio.create_task(drip(writer, piece)) if piece else None
@@ -116,7 +116,7 @@ async def test_an_answer_that_nobody_reads_is_given_up() -> None:
         writer.close()
 
 
-async def test_who_only_listens_is_waited_for_by_nobody() -> None:
+async def test_a_silent_websocket_has_no_request_deadline() -> None:
     """A WebSocket client need not send anything; h11 would wait for a body of its handshake that never comes."""
 
     async def late(scope: Scope, receive: Receive, send: Send) -> None:
@@ -136,7 +136,7 @@ async def test_who_only_listens_is_waited_for_by_nobody() -> None:
         await until(lambda: not server.server_state.connections)
 
 
-async def test_what_comes_in_time_is_whole_however_it_is_cut() -> None:
+async def test_requests_in_time_are_served_however_they_are_split() -> None:
     """A deadline applies to one request: many on one connection may take longer."""
 
     class Patient(HttpProtocol):  # with a margin for a busy machine
@@ -174,7 +174,7 @@ async def _crowded(most: int, of_one: int, app: ASGIApp = echo) -> AsyncIterator
 
 
 @pytest.mark.parametrize(("most", "of_one"), [(3, 100), (100, 3)])
-async def test_those_that_ask_nothing_give_way(most: int, of_one: int) -> None:
+async def test_idle_connections_are_closed_for_new_ones(most: int, of_one: int) -> None:
     """Beyond the limit the oldest idle connection is closed, and active clients are served."""
     async with _crowded(most, of_one) as (sockets, port):
         idle = []
@@ -193,7 +193,7 @@ async def test_those_that_ask_nothing_give_way(most: int, of_one: int) -> None:
             writer.close()
 
 
-async def test_where_all_are_at_work_a_new_one_is_refused_until_one_is_done() -> None:
+async def test_a_connection_beyond_busy_ones_is_refused() -> None:
     waiting, done = 0, asyncio.Event()
 
     async def app(scope: Scope, receive: Receive, send: Send) -> None:

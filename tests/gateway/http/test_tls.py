@@ -98,7 +98,9 @@ async def _fill(app: App) -> None:
 
 
 @pytest.mark.parametrize("request_", [EVENTS, UPGRADE], ids=["events", "websocket"])
-def test_who_never_reads_is_dropped_and_costs_little(folder: Path, certificate: Certificate, request_: bytes) -> None:
+def test_a_stalled_reader_over_tls_is_disconnected_at_bounded_cost(
+    folder: Path, certificate: Certificate, request_: bytes
+) -> None:
     async def test() -> None:
         app = App()
         http = secured(ImpatientHttp, certificate.context)
@@ -119,7 +121,7 @@ def test_who_never_reads_is_dropped_and_costs_little(folder: Path, certificate: 
     run_on_sockets(test)
 
 
-def test_what_is_encrypted_already_is_seen_to_wait(folder: Path, certificate: Certificate) -> None:
+def test_encrypted_bytes_in_the_buffer_are_counted(folder: Path, certificate: Certificate) -> None:
     """If a reader stalls near the end, nothing is buffered above TLS; it is disconnected nevertheless."""
 
     async def test() -> None:

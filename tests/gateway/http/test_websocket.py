@@ -185,7 +185,7 @@ TEXT, BINARY, CONT, PING, CLOSE = Opcode.TEXT, Opcode.BINARY, Opcode.CONT, Opcod
     ],
     ids=map(str, itertools.count()),  # masks are random, but test names must not be
 )
-async def test_what_a_client_must_not_send(sent: bytes, code: int) -> None:
+async def test_invalid_client_frames_close_the_connection(sent: bytes, code: int) -> None:
     """7.4.1; the close frame arrives although the server reads nothing more, and nothing follows it."""
     app = App(TURTLE)
     async with serving(app, ws=Impatient) as (_, port):
@@ -276,7 +276,7 @@ async def _stalled(app: App, port: int) -> asyncio.StreamWriter:
     return writer
 
 
-async def test_who_never_reads_again_is_dropped() -> None:
+async def test_a_stalled_websocket_is_disconnected() -> None:
     app = App()
     async with serving(app, ws=Impatient) as (server, port):
         writer = await _stalled(app, port)

@@ -163,7 +163,7 @@ def test_only_who_answers_and_says_so_is_in_the_replies() -> None:
     run(scenario)
 
 
-def test_what_was_asked_for_before_a_stop_does_not_run_after_it() -> None:
+def test_commands_requested_before_a_stop_are_refused() -> None:
     """However recent it is; a client with a frame later than the reply to the stop may continue."""
 
     async def scenario(gateway: Gateway, other: Process) -> None:

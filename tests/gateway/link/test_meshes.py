@@ -82,7 +82,7 @@ async def test_no_answer_says_why() -> None:
         await Agents().meshes.get(_robot(), _mesh(b"one"))
 
 
-async def test_of_an_offline_robot_there_is_what_was_asked_for_before() -> None:
+async def test_cached_meshes_of_an_offline_robot_are_served() -> None:
     agents, offline = Agents(b"one", b"two"), _robot(online=False)
     await agents.meshes.get(_robot(), _mesh(b"one"))
     assert await agents.meshes.get(offline, _mesh(b"one")) == b"one"

@@ -44,7 +44,7 @@ def test_a_query_is_known_by_its_first_keyword(query: str, form: str) -> None:
         "SELECT \0 {}",
     ],
 )
-def test_what_is_not_evaluated_is_refused_with_a_reason(query: str) -> None:
+def test_unsupported_queries_are_refused_with_a_reason(query: str) -> None:
     with pytest.raises(BadRequest, match=r"\w+"):
         read(query, BASE)
 

@@ -96,7 +96,7 @@ def test_an_update_does_what_sparql_says(update: str) -> None:
         "PREFIX",
     ],
 )
-def test_what_else_there_is_of_sparql_is_refused(update: str) -> None:
+def test_other_update_operations_are_refused(update: str) -> None:
     """400: no other graph, no other server, and nothing that could take long."""
     with pytest.raises(BadRequest):
         _after(update, _graph())

@@ -38,7 +38,9 @@ def test_quantities_are_in_si(value: float, unit: NamedNode) -> None:
         ("1e-323", XSD.double, UNIT.terms["DEG-PER-SEC"]),
     ],
 )
-def test_what_only_a_float_takes_for_zero_is_refused(text: str, datatype: NamedNode, unit: NamedNode | None) -> None:
+def test_numbers_that_a_float_rounds_to_zero_are_refused(
+    text: str, datatype: NamedNode, unit: NamedNode | None
+) -> None:
     """A shape that requires a positive number admits them; as zero they would mean the opposite."""
     with pytest.raises(UnprocessableContent, match="too near zero"):
         _scalar(text, datatype, unit).quantity(_ROOT)

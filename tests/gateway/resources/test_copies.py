@@ -59,7 +59,7 @@ def test_a_copy_is_what_writing_gives(media_type: str) -> None:
     assert copied > 40
 
 
-def test_what_is_like_nothing_else_is_not_copied() -> None:
+def test_resources_without_a_template_are_not_copied() -> None:
     copies = Copies()
     resource = next(_blueprints())
     assert copies.body(replace(resource, template=None), "text/turtle", _BASE) is None

@@ -147,7 +147,7 @@ def test_annotations_describe_what_the_robot_is_related_to() -> None:
         "<./> ex:as lf:Robot . lf:Robot ex:p 1 .",
     ],
 )
-def test_what_annotations_would_lose_is_refused(more: str) -> None:
+def test_annotations_that_could_not_be_stored_are_refused(more: str) -> None:
     """Statements unconnected to the robot, and those about the fleet's own resources."""
     with pytest.raises(UnprocessableContent, match="nothing uses") as caught:
         _admit("annotations", f"<./> ex:colour 'red' . {more}")
@@ -183,7 +183,7 @@ def _all(robot: Robot, clients: str) -> Graph:
     return graph
 
 
-def test_what_the_agent_says_is_a_layer_below() -> None:
+def test_annotations_of_clients_leave_those_of_the_agent() -> None:
     """PUT replaces the clients' statements: the agent's stay, whether or not they are sent back, without duplicates."""
     robot = _robot_with(_AGENTS)
     own = _all(robot, "").triples
@@ -265,7 +265,7 @@ _AT = "<> lf:position [ maths:x 1 ; maths:y 0 ; maths:z 0 ; vom:unit unit:M"
         ("placement", f"{_AT} ] ; lf:inFrame <../s/> .", 1),
     ],
 )
-def test_what_a_setting_does_not_use_is_refused(name: str, body: str, count: int) -> None:
+def test_unused_statements_in_settings_are_refused(name: str, body: str, count: int) -> None:
     """Nothing is dropped silently: with a misspelt orientation the robot would face the wrong way."""
     with pytest.raises(UnprocessableContent, match="Nothing here uses") as caught:
         _admit(name, body)
@@ -274,7 +274,7 @@ def test_what_a_setting_does_not_use_is_refused(name: str, body: str, count: int
 
 @pytest.mark.parametrize("name", ["title", "annotations", "maximumSpeedScale", "placement"])
 @pytest.mark.parametrize("media_type", BODY_TYPES)
-def test_what_was_read_can_be_put(name: str, media_type: str) -> None:
+def test_settings_accept_their_own_representation(name: str, media_type: str) -> None:
     """In every accepted syntax, the stored value stays the same."""
     robot = _robot_with(_AGENTS)
     clients = _put(robot, "<./> ex:colour 'red' ; ex:by [ ex:name 'Ada' ] .")
@@ -316,7 +316,7 @@ def test_the_unit_of_a_speed_scale(unit: str, taken: bool) -> None:
                "1e-400", "0." + "0" * 400 + "1", "[]", "<x>", '"0.5"@en', '"1_0e-2"^^xsd:double', '" 1 "^^xsd:decimal',
                '"0x1"^^xsd:integer'],
 )  # fmt: skip
-def test_what_is_no_speed_scale(number: str) -> None:
+def test_invalid_speed_scales_are_refused(number: str) -> None:
     """Above all numbers that are rounded to zero, with which no command would be possible any more."""
     with pytest.raises(UnprocessableContent):
         _admit("maximumSpeedScale", f"<> lf:value [ vom:numericalValue {number} ] .")

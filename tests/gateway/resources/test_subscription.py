@@ -123,7 +123,7 @@ def test_a_stream_has_no_callback(kind: Kind, types: set[NamedNode]) -> None:
     assert {t.subject for t in graph.triples} == {iri}
 
 
-def test_what_became_of_it() -> None:
+def test_the_delivery_state_is_described() -> None:
     """Delivery state with its reason; before the first delivery its time is unknown, and there is no status."""
     iri, graph = _described(_record(DeliveryState.AWAITING_CONSENT))
     assert Triple(iri, LF.lastDelivery, LF.unknown) in graph.triples
@@ -152,7 +152,7 @@ def test_the_secret_is_never_shown() -> None:
 
 @pytest.mark.parametrize("state", DeliveryState)
 @pytest.mark.parametrize("kind", Kind)
-def test_what_can_be_resumed_says_so(state: DeliveryState, kind: Kind) -> None:
+def test_resumable_callbacks_link_their_action(state: DeliveryState, kind: Kind) -> None:
     """Only callbacks, while something delays them; the linked action accepts a POST without a body."""
     record = _record(state, kind=kind)
     iri, graph = _described(record)
@@ -340,7 +340,7 @@ def test_the_report_is_about_the_container() -> None:
         "; lf:deadband [ lf:deadband 1 ] .",
     ],
 )
-def test_what_a_subscription_cannot_keep_is_refused(more: str) -> None:
+def test_unused_statements_about_a_subscription_are_refused(more: str) -> None:
     """Foreign or misspelt terms and statements about other resources get 422, and no subscription is created."""
     _refusal(f"<> a hybrit:Subscription ; hybrit:onResource <{_ROTATION}> {more}")
 

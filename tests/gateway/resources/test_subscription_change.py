@@ -107,14 +107,14 @@ def test_a_stream_keeps_its_media_type_and_has_no_secret() -> None:
         ("INSERT DATA { <http://example.org/x> lf:deadband 1 }", "http://example.org/x"),
     ],
 )
-def test_what_breaks_the_shape_or_nothing_uses_is_refused(update: str, said: str) -> None:
+def test_invalid_or_unused_statements_are_refused(update: str, said: str) -> None:
     """By the shape of a posted subscription; properties managed by the gateway cannot get a second value."""
     refusal = _refused(update)
     assert said.removeprefix("lf:") in refusal.detail
     assert not any(secret in f"{refusal.detail}{refusal.report}{refusal.unused}" for secret in (_SECRET, _OTHER))
 
 
-def test_what_the_gateway_manages_is_what_it_does_not_take() -> None:
+def test_managed_properties_are_not_in_the_shape_of_input() -> None:
     graph = Graph()
     describe_subscription(graph, _BASE, Record(_CALLBACK, Delivery(reason="Gone."), "run"))
     kept = {

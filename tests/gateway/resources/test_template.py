@@ -93,7 +93,7 @@ def test_all_that_is_measured_compiles() -> None:
 @pytest.mark.parametrize(("path", "media_type"), list(itertools.product(_RESOURCES, TEXT_TYPES)))
 @settings(max_examples=examples(20))
 @given(data=st.data())
-def test_it_says_what_the_description_says(path: str, media_type: str, data: st.DataObject) -> None:
+def test_compiled_renderings_equal_rendered_descriptions(path: str, media_type: str, data: st.DataObject) -> None:
     """For one document after another, also when values become unknown and known again."""
     resource = _RESOURCES[path]
     rendering, counts = Rendering(resource, media_type, _BASE), _counts(resource)

@@ -33,7 +33,7 @@ async def test_a_swallowed_cancellation_is_repeated() -> None:
     await end(tasks)  # nothing to do
 
 
-async def test_who_ends_them_can_be_cancelled() -> None:
+async def test_ending_tasks_can_be_cancelled() -> None:
     stubborn = _Stubborn(float("inf"))
     await asyncio.sleep(0)
     ending = asyncio.create_task(end([stubborn.task]))

@@ -124,7 +124,7 @@ def test_a_stop_is_traced_and_a_trace_begins_here_where_the_caller_has_none(trac
         known.add(trace)
 
 
-def test_what_is_only_read_is_not_traced_and_what_the_caller_does_not_record_neither(traced: Traced) -> None:
+def test_reads_and_unsampled_requests_are_not_traced(traced: Traced) -> None:
     stop = of_robot(traced.browser, LF.StopRobot)
     read = uuid.uuid4().hex
     assert (
@@ -196,7 +196,7 @@ def test_without_its_packages_a_process_that_is_to_trace_says_so_and_ends(
 
 
 @pytest.mark.parametrize("module", ["linked_fleet_gateway", "linked_fleet_agent"])
-def test_where_tracing_is_not_asked_for_its_packages_are_not_imported(module: str) -> None:
+def test_packages_of_tracing_are_imported_only_if_it_is_on(module: str) -> None:
     """For a gateway only those that export: its Redis client imports the others itself."""
     code = f"import sys, {module}.__main__; sys.exit('opentelemetry.exporter' in sys.modules)"
     with process("-c", code) as child:

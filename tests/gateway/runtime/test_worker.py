@@ -39,14 +39,14 @@ async def said(worker: Worker, word: str) -> bytes:
     return await process.stdout.readline()
 
 
-async def test_it_has_its_arguments_its_part_of_the_environment_and_a_session_of_its_own() -> None:
+async def test_a_worker_gets_arguments_a_limited_environment_and_its_own_session() -> None:
     async with started() as worker:
         assert not worker.running
         assert await said(worker, "word") == b"word own None True\n"
         assert worker.running
 
 
-async def test_it_can_be_ended_also_when_it_is_frozen_and_is_replaced_by_the_next() -> None:
+async def test_a_frozen_worker_is_killed_and_replaced() -> None:
     async with started() as worker:
         await said(worker, "first")
         first = worker.process

@@ -249,7 +249,7 @@ async def test_a_full_outlet_gets_the_latest_and_sees_the_gap() -> None:
     assert slow.previous[-1] == fast.versions[-2] != slow.versions[0]
 
 
-async def test_who_missed_a_move_to_and_fro_missed_nothing() -> None:
+async def test_a_value_that_returned_to_the_sent_one_is_no_news() -> None:
     world = await World().up()
     outlet = await begin(world, _ROTATION)
     outlet.room = False
@@ -373,7 +373,7 @@ async def test_a_subtree_follows_its_members() -> None:
     assert path not in outlet.take()
 
 
-async def test_what_ceases_ends_its_watchers_but_patient_ones_wait() -> None:
+async def test_a_removed_resource_ends_watchers_except_patient_ones() -> None:
     """GONE without a resource; a patient watcher, such as a callback, continues when it is back."""
     world = await World().up()
     stream, callback = watch(world, _ROTATION), watch(world, _ROTATION, patient=True)
@@ -470,7 +470,7 @@ def _turns_of(monkeypatch: pytest.MonkeyPatch, looks: int) -> None:
 
 
 @pytest.mark.parametrize("seed", range(5))
-async def test_whoever_has_room_has_the_latest_however_slow_the_others_are(
+async def test_readers_with_room_have_the_latest_message_beside_slow_ones(
     seed: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Readers join, stall, catch up and leave in any order, and sending takes many turns.
@@ -593,7 +593,7 @@ async def test_another_interval_counts_from_the_message_before() -> None:
     assert len(outlet.messages) == 5
 
 
-async def test_who_had_no_interval_waits_from_the_change() -> None:
+async def test_a_new_interval_counts_from_the_change_of_options() -> None:
     world = await World().up()
     outlet, other = watch(world, _ROTATION), watch(world, _ROTATION)
     outlet.watcher.ready(), other.watcher.ready()

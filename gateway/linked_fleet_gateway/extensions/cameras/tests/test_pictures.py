@@ -180,9 +180,7 @@ def _with(content: bytes, **changes: Any) -> bytes:
     ],
     ids=["a page", "another format", "another size inside", "another size outside", "another run", "another range"],
 )
-def test_what_is_no_picture_of_this_camera_is_counted_and_never_passed_on(
-    hall: Hall, content: bytes, changes: dict[str, Any]
-) -> None:
+def test_an_invalid_picture_is_counted_and_not_served(hall: Hall, content: bytes, changes: dict[str, Any]) -> None:
     seer, page = hall.seer(EYE)
     seer.payload = _with(content, **({"incarnation": seer.actor.incarnation} | changes))
     before = malformed(hall)
@@ -225,7 +223,7 @@ def test_without_a_renderer_the_picture_is_unknown_and_says_why(hall: Hall) -> N
 
 
 @pytest.mark.parametrize("camera", [EYE, BLIND], ids=["seeing", "blind"])
-def test_what_is_said_of_cameras_conforms_to_its_blueprints(hall: Hall, camera: Camera) -> None:
+def test_descriptions_of_cameras_conform_to_their_blueprints(hall: Hall, camera: Camera) -> None:
     _, page = hall.seer(camera)
     above = hall.browser.page(page.url.rpartition("/")[0])
     layouts = [hall.browser.page(f"{page.url}/layout")] if camera.formats else []
@@ -237,7 +235,7 @@ def test_what_is_said_of_cameras_conforms_to_its_blueprints(hall: Hall, camera: 
         assert conforms, text
 
 
-def test_of_a_robot_that_is_away_nobody_knows_what_it_sees(hall: Hall) -> None:
+def test_a_camera_of_an_offline_robot_has_no_picture(hall: Hall) -> None:
     seer, page = hall.seer(EYE)
     seer.actor.leave()
     eventually(lambda: get(page, "image/jpeg").status_code == 503, "the picture of a robot that left is refused")

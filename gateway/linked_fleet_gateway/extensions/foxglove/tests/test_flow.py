@@ -202,7 +202,7 @@ def test_a_slow_reader_misses_frames_and_holds_up_nobody(hall: Hall) -> None:
         assert len(heard(slow, 1)) > 90, "who reads again gets all frames again"
 
 
-def test_who_reads_nothing_is_given_up_and_gets_the_state_when_it_comes_again(hall: Hall) -> None:
+def test_a_stalled_client_is_disconnected_and_gets_the_state_when_it_reconnects(hall: Hall) -> None:
     loop = current()
     assert loop is not None
     url = hall.place.root.replace("http", "ws", 1) + "foxglove"

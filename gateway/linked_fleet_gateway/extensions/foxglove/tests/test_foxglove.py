@@ -28,7 +28,7 @@ def said_by(here: Guarded, name: str, subprotocol: str, messages: int) -> dict[s
 
 
 @pytest.mark.parametrize(("subprotocol", "messages"), [(SUBPROTOCOLS[0], 1000), (SUBPROTOCOLS[1], 50)])
-def test_it_lists_channels_decodes_messages_of_five_schemas_and_calls_a_service(
+def test_a_client_lists_channels_decodes_five_schemas_and_calls_a_service(
     here: Guarded, subprotocol: str, messages: int
 ) -> None:
     said = said_by(here, "root", subprotocol, messages)
@@ -39,7 +39,7 @@ def test_it_lists_channels_decodes_messages_of_five_schemas_and_calls_a_service(
     assert said["response"]["status"] == 204
 
 
-def test_it_is_refused_without_the_right_and_sees_no_other_robots(here: Guarded) -> None:
+def test_a_client_without_the_right_is_refused_and_sees_no_other_robots(here: Guarded) -> None:
     said = said_by(here, "watcher", SUBPROTOCOLS[0], 1000)
     assert str(said["failure"]).startswith("403")
     assert not [topic for topic in said["channels"] if "hall-1" in topic]

@@ -97,7 +97,7 @@ def test_the_base_of_a_floating_robot_is_placed(bench: Any) -> None:
     assert poses((math.nan,) * 3, 2) == {}  # type: ignore[arg-type]
 
 
-def test_of_a_frame_with_an_infinite_value_nothing_is_known(bench: Any) -> None:
+def test_a_frame_with_an_infinite_value_is_ignored(bench: Any) -> None:
     robot = bench.robot(_JOINTS, None)
     good = encode_state(state((0.0, 0.0), run=robot.incarnation))
     bench.fleet.apply(Framed("r", good[:-8] + struct.pack("<d", math.inf)), 1)

@@ -198,7 +198,7 @@ def test_a_query_that_is_none_is_refused(moving: Moving, query: str) -> None:
         assert moving.http.get(f"{url}?{query}").status_code == (406 if query.startswith("as") else 400)
 
 
-def test_what_has_no_history_has_none(moving: Moving) -> None:
+def test_properties_without_a_history_have_no_resource_for_it(moving: Moving) -> None:
     joint = moving.browser.part("ur5", JOINT)
     for path in ("limits/history", "rotation/history/x", "history"):
         assert moving.http.get(f"{joint.url}/{path}").status_code == 404
@@ -210,7 +210,7 @@ def test_a_span_without_samples_is_an_empty_answer(moving: Moving) -> None:
     assert observations(page) == {}
 
 
-def test_who_has_sent_nothing_yet_has_empty_files(moving: Moving, place: Place) -> None:
+def test_files_of_a_robot_without_frames_are_empty(moving: Moving, place: Place) -> None:
     def described() -> Page | None:
         page = presence(moving.browser, "silent")
         return page if page is not None and (page.iri, LF.history, None) in page.graph else None

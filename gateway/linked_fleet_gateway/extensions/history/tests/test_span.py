@@ -44,14 +44,14 @@ def test_a_query_is_a_span(said: list[tuple[str, str]], span: Span) -> None:
         [("form", "2026-11-22T00:00:01Z")],
     ],
 )
-def test_what_is_none_is_refused_with_what_would_be_one(said: list[tuple[str, str]]) -> None:
+def test_an_invalid_span_is_refused_with_a_valid_example(said: list[tuple[str, str]]) -> None:
     with pytest.raises(BadRequest) as refused:
         parse_span(said)
     assert len(str(refused.value)) < 200
 
 
 @given(st.integers(0, 2**63 - 1), st.integers(1, 999_999_999))
-def test_what_is_written_is_read_as_the_same_time(stamp_ns: int, limit: int) -> None:
+def test_a_written_time_is_parsed_to_the_same_time(stamp_ns: int, limit: int) -> None:
     assert parse_span(parse_qsl(query(from_=moment(stamp_ns), limit=limit))) == Span(begin_ns=stamp_ns, limit=limit)
 
 

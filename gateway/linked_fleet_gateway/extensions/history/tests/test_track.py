@@ -55,15 +55,13 @@ def test_with_a_beginning_the_first_samples_are_shown_and_without_the_newest() -
     assert ([*map(wall_ns, last.frames)], last.before, last.after) == ([20, 30], 10, None)
 
 
-def test_what_a_clock_called_later_before_it_was_set_back_is_let_go() -> None:
+def test_samples_later_than_a_clock_that_was_set_back_are_dropped() -> None:
     assert stamps(track(10, 20, 30, 25, 26)) == [10, 20, 25, 26]
     assert stamps(track(10, 20, 20)) == [10, 20]
 
 
 @given(st.lists(st.integers(0, 10**12), min_size=1, max_size=60), st.integers(0, 20_000), st.integers(1, 10**12))
-def test_whatever_comes_samples_are_in_order_bytes_are_bounded_and_the_newest_stays(
-    stamps_ns: list[int], most: int, keep_ns: int
-) -> None:
+def test_samples_stay_in_order_and_bounded_with_the_newest_kept(stamps_ns: list[int], most: int, keep_ns: int) -> None:
     kept = track(*stamps_ns, keep_ns=keep_ns)
     newest, before = kept.newest, stamps(kept)
     assert before == sorted(set(before)) and before[-1] - before[0] <= keep_ns
@@ -94,7 +92,7 @@ def test_a_track_that_may_take_more_again_is_dense_again() -> None:
     assert len(kept) > 700
 
 
-def test_what_is_old_stays_however_long_a_small_track_goes_on() -> None:
+def test_old_samples_of_a_small_track_are_kept() -> None:
     kept, spans = track(0), []
     one = kept.bytes
     for stamp_ns in range(S // 10, 1200 * S, S // 10):

@@ -68,7 +68,7 @@ def test_tools_are_few_and_say_what_they_take(lab: Speaker) -> None:
     assert [name for name, each in tools.items() if not each["annotations"]["readOnlyHint"]] == ["act", "stop"]
 
 
-def test_what_is_found_can_be_called_and_is_what_the_caller_sees(lab: Speaker, here: Guarded) -> None:
+def test_the_find_tool_returns_callable_actions_that_the_caller_may_see(lab: Speaker, here: Guarded) -> None:
     robots = lab.call("find", kind="robot")["structuredContent"]["items"]
     assert [each["name"] for each in robots] == [SEEN]
     found = lab.call("find", text="elbow_joint absolute", kind="action")["structuredContent"]
@@ -104,7 +104,7 @@ def test_resources_are_the_tree(lab: Speaker, here: Guarded) -> None:
 
 
 @pytest.mark.parametrize("path", [f"{HIDDEN}/", "nothing/", "nothing", "?as=nothing"])
-def test_what_cannot_be_read_is_an_error_of_the_protocol(lab: Speaker, here: Guarded, path: str) -> None:
+def test_an_unreadable_resource_is_a_protocol_error(lab: Speaker, here: Guarded, path: str) -> None:
     error = lab.ask("resources/read", {"uri": here.root + path})["error"]
     assert error["code"] == -32602 and error["data"]["status"] in (404, 406)
 
@@ -138,7 +138,7 @@ def test_a_motion_is_followed_to_its_end(lab: Speaker) -> None:
     _moved_to(lab, 90)
 
 
-def test_who_does_not_wait_is_told_where_to_look(lab: Speaker) -> None:
+def test_a_call_without_waiting_returns_the_invocation(lab: Speaker) -> None:
     result = lab.call("act", action=ROTATE, body=_degrees(0, speedScale=0.1), wait_s=0)
     assert result["isError"] is False and "goes on" in text_of(result)
     iri = result["structuredContent"]["iri"]
@@ -237,7 +237,7 @@ def _running(speaker: Speaker) -> str | None:
 
 
 @pytest.mark.parametrize("target", ["/", f"/{SEEN}/", ELBOW, f"{ELBOW}/rotation", f"/{SEEN}/actions/stop", None])
-def test_whatever_is_named_stops(lab: Speaker, target: str | None) -> None:
+def test_the_stop_tool_stops_joints_robots_and_invocations(lab: Speaker, target: str | None) -> None:
     lab.call("act", action=ROTATE, body=_degrees(0))
     moving = lab.call("act", action=ROTATE, body=_degrees(120, speedScale=0.02), wait_s=0)["structuredContent"]["iri"]
     result = lab.call("stop", **({} if target is None else {"target": target}))
@@ -313,7 +313,7 @@ def test_bad_messages_get_the_errors_of_json_rpc(lab: Speaker, content: bytes, s
     assert (answer.status_code, json.loads(text)["error"]["code"]) == (status, code)
 
 
-def test_what_is_no_message_is_refused_as_anywhere_else(lab: Speaker) -> None:
+def test_an_invalid_message_is_refused_as_by_other_resources(lab: Speaker) -> None:
     assert lab.post(b'"' + b"x" * 300_000 + b'"').status_code == 413
     assert lab.post({}, **{"content-type": "text/turtle"}).status_code == 415
     assert lab.post({}, **{"content-encoding": "gzip"}).status_code == 415

@@ -55,7 +55,7 @@ def _text(result: CallToolResult) -> str:
 
 
 @pytest.mark.parametrize("era", ERAS)
-def test_it_discovers_and_moves_a_robot(root: str, era: str) -> None:
+def test_the_sdk_finds_and_moves_a_robot(root: str, era: str) -> None:
     told: list[float] = []
 
     async def progress(done: float, whole: float | None, state: str | None) -> None:
@@ -78,13 +78,13 @@ def test_it_discovers_and_moves_a_robot(root: str, era: str) -> None:
 
 
 @pytest.mark.parametrize("era", ERAS)
-def test_it_is_refused_with_the_reason(root: str, era: str) -> None:
+def test_the_sdk_gets_the_reason_of_a_refusal(root: str, era: str) -> None:
     result = _called(root, "act", era, action=ROTATE, body={"value": 100, "unit": DEGREE})
     assert result.is_error and "100 must be at most -3.999" in _text(result)
 
 
 @pytest.mark.parametrize("era", ERAS)
-def test_it_cancels(root: str, era: str) -> None:
+def test_the_sdk_cancels_a_motion(root: str, era: str) -> None:
     body = {"value": -150 if era == ERAS[0] else -30, "unit": DEGREE, "speedScale": 0.02}
 
     async def run() -> None:

@@ -44,7 +44,7 @@ def _paths(template: str, item: dict[str, Any]) -> list[str]:
     return paths
 
 
-def test_it_is_a_document_of_openapi_3_1(whole: dict[str, Any]) -> None:
+def test_the_description_is_valid_openapi_3_1(whole: dict[str, Any]) -> None:
     """By the schema included in schemathesis."""
     errors = [f"{each.instance_path}: {each.message[:200]}" for each in OPENAPI_31_VALIDATOR.iter_errors(whole)]
     assert not errors, errors[:5]
@@ -97,14 +97,14 @@ def test_every_schema_is_one_and_takes_its_examples(whole: dict[str, Any]) -> No
 
 
 @pytest.mark.parametrize("hidden", [("floating",), ("fixed", "floating"), ("fixed", "floating", "faulty", "mute")])
-def test_what_the_caller_does_not_see_is_not_in_the_description(hidden: tuple[str, ...]) -> None:
+def test_invisible_robots_are_not_in_the_description(hidden: tuple[str, ...]) -> None:
     """Neither by name nor by the addresses of its joints, as if the robots did not exist."""
     text = json.dumps(_described(*hidden))
     for name in hidden:
         assert f"{BASE}/{name}/" not in text and f'"{name}"' not in text.replace('"const": "floating"', "")
 
 
-def test_who_has_to_say_who_they_are_is_told_how(whole: dict[str, Any]) -> None:
+def test_the_description_names_the_authentication_schemes(whole: dict[str, Any]) -> None:
     assert "security" not in whole and "securitySchemes" not in whole["components"]
     secured = _described(secured=True)
     assert secured["security"] == [{"bearer": []}]

@@ -45,7 +45,7 @@ def test_every_extension_describes_its_operations(paths: dict[str, Any]) -> None
     assert set(EXTENSIONS) <= paths.keys()
 
 
-def test_what_is_described_is_there_with_these_methods(browser: Browser, paths: dict[str, Any]) -> None:
+def test_described_paths_exist_with_the_described_methods(browser: Browser, paths: dict[str, Any]) -> None:
     known = {"object": made(browser, paths, "/world/objects"), "rule": made(browser, paths, "/rules")}
     for template, item in paths.items():
         if not template.startswith((*EXTENSIONS, "/{robot}/{part}/{property}/history")):

@@ -103,7 +103,7 @@ def test_a_motion_is_cancelled(page: Page, form: Locator) -> None:
     expect(task(page)).to_contain_text("cancelled by a client")
 
 
-def test_what_is_wrong_is_said_before_anything_is_sent(page: Page, form: Locator) -> None:
+def test_invalid_input_is_reported_beside_its_field_and_not_sent(page: Page, form: Locator) -> None:
     """The message is beside the field, with the limits; missing values are reported too."""
     sent: list[Request] = []
     page.on("request", lambda request: sent.append(request) if request.method not in ("GET", "HEAD") else None)

@@ -123,7 +123,7 @@ def test_an_object_is_added_dragged_and_deleted(world: Page, client: Client) -> 
     assert client.http.get(iri).status_code == 404
 
 
-def test_what_somebody_else_has_changed_is_not_undone(world: Page, watched: Forgiving, client: Client) -> None:
+def test_a_concurrent_change_is_not_overwritten(world: Page, watched: Forgiving, client: Client) -> None:
     item = _add(world, "shelf", (3, 0, 0.2))
     item.locator("summary").click()
     form = item.locator("form.invoke")

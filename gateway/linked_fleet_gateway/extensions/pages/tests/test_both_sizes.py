@@ -41,7 +41,7 @@ def moving(client: Client) -> Iterator[str]:
     client.http.post(of_robot(client, LF.StopRobot))
 
 
-def test_what_moves_is_found_with_one_click(operator: Operator, client: Client, moving: str) -> None:
+def test_a_moving_robot_is_reached_with_one_click(operator: Operator, client: Client, moving: str) -> None:
     """The card of the robot says what it does; a press on it leads to the robot, whose page shows how far that is."""
     page = operator.page
     page.goto(client.root)

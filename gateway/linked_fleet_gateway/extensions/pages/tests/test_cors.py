@@ -37,7 +37,9 @@ def _site() -> Iterator[str]:
         thread.join()
 
 
-def test_it_reads_and_acts_with_its_token(page: Page, tmp_path_factory: pytest.TempPathFactory) -> None:
+def test_a_page_of_another_origin_reads_and_acts_with_its_token(
+    page: Page, tmp_path_factory: pytest.TempPathFactory
+) -> None:
     """Preflight requests are answered, and response fields can be read."""
     with _site() as twin, guarded(tmp_path_factory.mktemp("cors"), "--cors-origins", twin) as fleet:
         fleet.add("all", *ALL)

@@ -104,7 +104,7 @@ def test_joints_are_chosen_by_name_and_have_their_own_limits(browser: Browser) -
     assert ends["head_pan"] != ends["right_s1"]
 
 
-def test_what_may_be_repeated_can_be_added_and_removed(browser: Browser) -> None:
+def test_repeatable_fields_can_be_added_and_removed(browser: Browser) -> None:
     """Waypoints, and targets in each of them."""
     form = form_of(browser, browser.action(browser.robot("ur5"), LF.FollowTrajectory))
     waypoints = next(each for each in form.all("div") if each.get("class") == "repeat")

@@ -117,7 +117,7 @@ def test_a_lost_connection_is_shown_and_recovers(
     watched.forgive("WebSocket connection", "Failed to load resource")
 
 
-def test_what_is_no_live_value_follows_too(page: Page, watched: object, toy: tuple[Hub, Gateway]) -> None:
+def test_changes_of_other_facts_are_shown_live(page: Page, watched: object, toy: tuple[Hub, Gateway]) -> None:
     """The title of a robot is changed elsewhere; opened parts of the page stay open."""
     _, one = toy
     robot = one.browser.robot("toy")

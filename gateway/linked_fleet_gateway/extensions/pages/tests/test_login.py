@@ -128,7 +128,7 @@ def test_an_issuer_says_who_one_is(page: Page, own: Guarded, issuer: Issuer) -> 
     assert names == {"linked-fleet"}  # that of the pending login is gone
 
 
-def test_who_the_issuer_gives_no_rights_finds_nothing(page: Page, own: Guarded, issuer: Issuer) -> None:
+def test_a_login_without_rights_sees_no_robots(page: Page, own: Guarded, issuer: Issuer) -> None:
     issuer.subject, issuer.claims = "eve", {"groups": ["visitors"]}
     try:
         page.goto(f"{own.root}{SEEN}/")
@@ -165,7 +165,7 @@ def test_a_page_whose_session_is_over_leads_to_the_login(page: Page, own: Guarde
     expect(page).to_have_url(re.compile("/login"))
 
 
-def test_who_may_not_subscribe_is_told_that_the_page_stands_still(page: Page, own: Guarded) -> None:
+def test_a_page_without_the_right_to_subscribe_says_that_it_is_not_live(page: Page, own: Guarded) -> None:
     own.add("reader", "read")
     own.known("reader")
     page.goto(f"{own.root}{SEEN}/")

@@ -75,7 +75,7 @@ def test_terms_of_n_triples_are_told_apart(module: Page) -> None:
     ]
 
 
-def test_what_is_no_n_triples_is_refused(module: Page) -> None:
+def test_invalid_n_triples_are_refused(module: Page) -> None:
     refused = module.evaluate(
         """async () => {
             const { parse } = await import("/ntriples.js");

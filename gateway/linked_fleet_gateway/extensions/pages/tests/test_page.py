@@ -38,7 +38,7 @@ def said(predicate: NamedNode, value: NamedNode | BlankNode | Literal) -> Triple
 
 @pytest.mark.parametrize("evil", EVIL)
 @pytest.mark.parametrize("kind", [LF.Robot, LF.Fleet, LF.Joint, HYBRIT.Property, HYBRIT.Action, LF.Invocation, None])
-def test_whatever_a_robot_says_stays_text(evil: str, kind: NamedNode | None) -> None:
+def test_texts_of_a_robot_are_escaped(evil: str, kind: NamedNode | None) -> None:
     """In titles, facts, language attributes and the embedded JSON-LD."""
     node = BlankNode("n")
     triples = [

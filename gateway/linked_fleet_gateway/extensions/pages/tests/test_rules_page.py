@@ -94,7 +94,7 @@ def test_a_condition_is_tried_before_it_is_saved(rules: Page, watched: Any, clie
     watched.forgive("400", "422")
 
 
-def test_what_a_saved_rule_says_is_changed_by_its_form(rules: Page, watched: Any, client: Client) -> None:
+def test_a_saved_rule_is_edited_by_its_form(rules: Page, watched: Any, client: Client) -> None:
     """Its options as well; not after somebody else has changed it, but after it has fired."""
     rules.get_by_role("button", name="Save the rule").click()
     expect(row(rules).locator(".state")).to_have_text("active")

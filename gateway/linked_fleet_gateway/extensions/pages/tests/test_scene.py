@@ -143,7 +143,7 @@ def test_a_robot_that_walks_is_drawn_where_it_stands(page: Page, watched: object
         assert _drawn(page, links)["links"]["base"][2] > 0.2
 
 
-def test_what_is_under_a_place_is_known_before_the_next_drawing(
+def test_a_click_finds_the_object_before_the_next_drawing(
     page: Page, watched: object, ur5: tuple[Browser, Process]
 ) -> None:
     _show(page, ur5[0].robot("ur5").url)

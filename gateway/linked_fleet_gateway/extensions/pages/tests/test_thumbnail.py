@@ -51,7 +51,7 @@ def test_absurd_robots_are_drawn_in_finite_numbers(bench: Any, offset: str) -> N
     assert "nan" not in svg and "inf" not in svg and len(svg) < 2000
 
 
-def test_it_is_found_below_its_robot(bench: Any) -> None:
+def test_a_thumbnail_is_a_resource_below_its_robot(bench: Any) -> None:
     robot = bench.robot(_ARM, [0, 0, 0])
     resource = _resolved(bench, "/r/thumbnail")
     assert resource.documents[SVG]() == drawing(robot) and resource.describe is None
@@ -87,7 +87,7 @@ def _charges(bench: Any) -> list[Literal]:
     return [each.object for each in triples if each.predicate == LF.batteryCharge]
 
 
-def test_what_the_agent_says_of_its_battery_counts(bench: Any) -> None:
+def test_the_battery_charge_comes_from_the_annotations_of_the_agent(bench: Any) -> None:
     bench.robot(_ARM, annotations="<> lf:batteryCharge 80 .")
     bench.fleet.configure("r", {"annotations": bench.prefixed("<./> lf:batteryCharge 5 .")})
     assert [each.value for each in _charges(bench)] == ["80.0"]

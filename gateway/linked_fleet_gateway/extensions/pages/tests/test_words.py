@@ -100,7 +100,7 @@ def test_a_motion_is_a_sentence() -> None:
         ("POST", "/world/objects", "add to world objects"),
     ],
 )
-def test_what_was_asked_is_said_in_words(what: str, path: str, said: str) -> None:
+def test_a_request_is_described_in_words(what: str, path: str, said: str) -> None:
     assert sentences.done(what, path) == said
 
 

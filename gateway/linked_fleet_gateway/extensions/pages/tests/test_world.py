@@ -39,7 +39,7 @@ def _rounded(found: dict[str, list[float]]) -> dict[str, list[float]]:
     return {name: [round(each, 6) for each in where] for name, where in found.items()}
 
 
-def test_what_stands_in_the_world_is_drawn_there_and_followed(page: Page, watched: object, browser: Browser) -> None:
+def test_objects_of_the_world_are_drawn_and_updated(page: Page, watched: object, browser: Browser) -> None:
     world = browser.page(str(browser.page(browser.root).one(LF.world)))
     page.goto(world.url)
     expect(page.locator("#scene")).to_have_attribute("data-phase", "ready")

@@ -27,7 +27,7 @@ except OSError as error:
 """
 
 
-def test_it_reaches_nobody() -> None:
+def test_a_query_reaches_no_other_server() -> None:
     with socket.create_server(("127.0.0.1", 0)) as listener:
         address = f"http://127.0.0.1:{listener.getsockname()[1]}/"
         done = subprocess.run(

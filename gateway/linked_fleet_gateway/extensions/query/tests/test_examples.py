@@ -34,7 +34,7 @@ def rows(browser: Browser, example: Example) -> list[list[str]]:
     return [line.split("\t") for line in answer.text.splitlines()[1:]]
 
 
-def test_who_can_reach_a_point_is_answered(browser: Browser) -> None:
+def test_the_example_with_reachability_has_an_answer(browser: Browser) -> None:
     """The first time, without warm caches."""
     found = [link.strip("<>").removeprefix(browser.root) for _, link in rows(browser, REACH)]
     assert found == ["baxter/left_gripper", "baxter/right_gripper", "panda/panda_hand", "ur5/tool0"]

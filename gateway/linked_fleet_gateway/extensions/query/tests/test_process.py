@@ -33,7 +33,7 @@ def _with_process(idle_s: float, run: Callable[[QueryProcess], Awaitable[None]])
     asyncio.run(main())
 
 
-def test_it_ends_when_nobody_asks_and_is_started_for_the_next_query() -> None:
+def test_an_idle_query_process_ends_and_is_restarted_for_the_next_query() -> None:
     async def run(process: QueryProcess) -> None:
         for _ in range(2):
             assert b"true" in await process.ask(_ask)
@@ -43,7 +43,7 @@ def test_it_ends_when_nobody_asks_and_is_started_for_the_next_query() -> None:
     _with_process(0.0, run)
 
 
-def test_it_stays_for_a_while() -> None:
+def test_a_query_process_outlives_its_query() -> None:
     async def run(process: QueryProcess) -> None:
         await process.ask(_ask)
         child = process._worker.process
@@ -53,7 +53,7 @@ def test_it_stays_for_a_while() -> None:
     _with_process(_LONG_S, run)
 
 
-def test_it_does_not_end_while_somebody_asks() -> None:
+def test_a_query_process_does_not_end_during_a_query() -> None:
     async def run(process: QueryProcess) -> None:
         await process.ask(_ask)
         child = process._worker.process

@@ -134,7 +134,7 @@ def test_all_formats_say_the_same(http: httpx.Client, root: str) -> None:
         ({"method": "DELETE"}, 405),
     ],
 )
-def test_what_is_no_query_is_refused(http: httpx.Client, arguments: Mapping[str, Any], status: int) -> None:
+def test_an_invalid_query_is_refused(http: httpx.Client, arguments: Mapping[str, Any], status: int) -> None:
     response = http.request(**({"method": "GET", "url": "/query"} | arguments))
     assert response.status_code == status, (arguments, response.text)
     if "json" in response.headers["content-type"]:
@@ -248,7 +248,7 @@ def test_results_are_text_on_a_page(http: httpx.Client) -> None:
     assert 'href="javascript:' not in page
 
 
-def test_what_is_constructed_is_what_the_robot_says(http: httpx.Client, root: str) -> None:
+def test_a_construct_query_returns_the_served_description(http: httpx.Client, root: str) -> None:
     query = "PREFIX dcterms: <http://purl.org/dc/terms/> CONSTRUCT WHERE { <ur5/> dcterms:hasPart ?part }"
     graph = rdflib.Graph().parse(data=ask(http, query, accept="text/turtle").text, format="turtle")
     robot = rdflib.Graph().parse(data=http.get("/ur5/").text, format="turtle", publicID=f"{root}ur5/")

@@ -110,7 +110,7 @@ def test_each_query_sees_one_instant(asking: Asking) -> None:
     assert len(set.union(*seen)) > 1
 
 
-def test_what_is_not_seen_is_not_there(asking: Asking) -> None:
+def test_queries_exclude_invisible_robots(asking: Asking) -> None:
     assert {row[0] for row in asking.values(POSITIONS, ONE)} == {"The a"}
     for hidden in ("b", "nobody"):
         graph = f"<{BASE}/{hidden}/>"

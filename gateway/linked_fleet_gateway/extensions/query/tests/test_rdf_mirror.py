@@ -65,7 +65,7 @@ def invocation(id: str, robot: str, state: InvocationState = InvocationState.RUN
     return Invocation(id, robot, action, state=state, **(given | more))  # type: ignore[arg-type]
 
 
-def test_it_stays_what_is_served(pictured: Pictured) -> None:
+def test_the_mirror_equals_the_served_descriptions(pictured: Pictured) -> None:
     rdf_mirror = RdfMirror(BASE)
 
     def same(*names: str) -> None:
@@ -102,7 +102,7 @@ def test_it_stays_what_is_served(pictured: Pictured) -> None:
 
 
 @pytest.mark.parametrize("moved", [(0.1, 0.2), (0.1000001, 0.2)])
-def test_what_has_not_moved_is_not_written_again(pictured: Pictured, moved: tuple[float, float]) -> None:
+def test_unchanged_values_are_not_written_again(pictured: Pictured, moved: tuple[float, float]) -> None:
     rdf_mirror = RdfMirror(BASE)
     pictured.describe("a")
     pictured.stand("a", (0.1, 0.2))
@@ -114,7 +114,7 @@ def test_what_has_not_moved_is_not_written_again(pictured: Pictured, moved: tupl
     assert {quad.predicate.value for quad in changed} == {"https://w3id.org/linked-fleet#lastFrame"}
 
 
-def test_what_becomes_unusable_is_taken_back(pictured: Pictured) -> None:
+def test_statements_of_an_unusable_description_are_removed(pictured: Pictured) -> None:
     rdf_mirror = RdfMirror(BASE)
     pictured.describe("a")
     pictured.stand("a", (0.1, 0.2))

@@ -37,7 +37,7 @@ class Asked:
         await asyncio.gather(*self.tasks, return_exceptions=True)
 
 
-def test_who_waits_with_many_lets_others_in_between() -> None:
+def test_a_client_with_many_queries_alternates_with_others() -> None:
     async def main() -> list[str]:
         asked = Asked()
         for client in [*"a" * (AT_ONCE + 3), "b", "c"]:
@@ -64,7 +64,7 @@ async def test_few_wait_of_each_and_of_all() -> None:
     await asked.end()
 
 
-def test_who_goes_away_takes_no_turn() -> None:
+def test_a_cancelled_query_takes_no_turn() -> None:
     async def main() -> list[str]:
         asked = Asked()
         for _ in range(AT_ONCE):

@@ -18,7 +18,7 @@ ASK = Ask(
 
 
 @pytest.mark.parametrize("ask", [ASK, msgspec.structs.replace(ASK, query="this is no query")])
-def test_it_ends_without_a_word_when_nobody_waits_for_an_answer_any_more(ask: Ask) -> None:
+def test_the_worker_ends_silently_when_the_gateway_has_gone(ask: Ask) -> None:
     ours, theirs = socket.socketpair()
     arguments = [sys.executable, "-m", "linked_fleet_gateway.extensions.query.worker", str(theirs.fileno())]
     with subprocess.Popen(arguments, pass_fds=[theirs.fileno()], stderr=subprocess.PIPE) as worker:
@@ -33,7 +33,7 @@ def test_it_ends_without_a_word_when_nobody_waits_for_an_answer_any_more(ask: As
     assert (worker.returncode, said) == (0, b"")
 
 
-def test_it_ends_without_a_word_in_the_middle_of_a_question() -> None:
+def test_the_worker_ends_silently_within_an_incomplete_message() -> None:
     ours, theirs = socket.socketpair()
     arguments = [sys.executable, "-m", "linked_fleet_gateway.extensions.query.worker", str(theirs.fileno())]
     with subprocess.Popen(arguments, pass_fds=[theirs.fileno()], stderr=subprocess.PIPE) as worker:

@@ -266,7 +266,7 @@ def test_an_unknown_position_is_named(joint: str) -> None:
         )
 
 
-def test_what_is_not_between_root_and_link_may_be_unknown() -> None:
+def test_joints_beside_the_chain_may_have_unknown_positions() -> None:
     assert arm(finger=math.nan).residual_m <= TOLERANCE_M
 
 

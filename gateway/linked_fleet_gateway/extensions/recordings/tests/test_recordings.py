@@ -99,7 +99,7 @@ def test_stops_in_a_row_are_one_recording(made: Bench) -> None:
     assert made.begun == ["r0"]
 
 
-def test_what_redis_brings_at_the_start_begins_no_recording_but_what_is_open_may_still_fail(made: Bench) -> None:
+def test_invocations_loaded_at_the_start_are_recorded_only_when_they_fail_later(made: Bench) -> None:
     before_ns = time.time_ns() - 10**9
     made._begun_ns = time.time_ns()
     made.begin(FAILED, created_ns=before_ns)

@@ -44,6 +44,6 @@ def test_terms_that_are_written_alike_are_not_the_same() -> None:
     [[{"x": BlankNode()}], [{"x": Literal("x" * 10_000)}], [{"x": Literal(n)} for n in range(MOST_ROWS + 1)]],
     ids=["blank", "long", "many"],
 )
-def test_what_cannot_be_compared_is_refused(rows: list[dict[str, Literal]]) -> None:
+def test_rows_that_cannot_be_compared_are_refused(rows: list[dict[str, Literal]]) -> None:
     with pytest.raises(Unusable):
         holding(rows)

@@ -40,7 +40,7 @@ def test_a_rule_that_fires_because_of_itself_so_often_in_a_minute_is_disabled() 
     assert disabled_at(known(0, 2), 4, "a") == ""
 
 
-def test_what_others_cause_is_not_counted_and_ends_no_count() -> None:
+def test_firings_with_other_causes_neither_count_nor_reset_the_count() -> None:
     rule = known(*range(FIRINGS - 1))
     assert disabled_at(rule, 10, "b") == disabled_at(rule, 10) == ""
     times = self_caused(rule, {"b"}, 10 * SECOND)
@@ -53,11 +53,11 @@ def test_firings_of_more_than_a_minute_ago_are_not_counted() -> None:
     assert disabled_at(known(*range(1, FIRINGS)), WITHIN_S, "a")
 
 
-def test_who_enables_a_rule_again_begins_to_count_anew() -> None:
+def test_enabling_a_rule_resets_the_count() -> None:
     assert disabled_at(replace(known(*range(FIRINGS - 1)), revision=2), 10, "a") == ""
 
 
-def test_what_was_suppressed_is_not_counted() -> None:
+def test_suppressed_firings_are_not_counted() -> None:
     rule = known(*range(FIRINGS - 1))
     suppressed = replace(rule.firings[1], state=FiringState.SUPPRESSED)
     assert disabled_at(replace(rule, firings={1: suppressed}), 10, "a") == ""

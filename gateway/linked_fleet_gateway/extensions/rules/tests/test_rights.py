@@ -80,7 +80,7 @@ def test_nobody_writes_for_robots_that_he_does_not_see_or_may_not_move(here: Gua
         assert answer.json()["detail"].replace(HIDDEN, "hall-9") == absent.json()["detail"]
 
 
-def test_who_does_not_see_its_robots_does_not_find_it(here: Guarded, root: Browser, rule: str) -> None:
+def test_a_rule_is_invisible_without_the_right_to_its_robots(here: Guarded, root: Browser, rule: str) -> None:
     with here.browsing("hall") as browser:
         assert browser.http.get(rule).status_code == browser.http.get(rule + "/firings").status_code == 404
         assert not list(browser.page(container(browser)).graph.objects(None, LDP.contains))
@@ -89,9 +89,7 @@ def test_who_does_not_see_its_robots_does_not_find_it(here: Guarded, root: Brows
         assert browser.page(rule).one(LF.enabled)
 
 
-def test_it_is_for_its_creator_to_change_and_for_who_administers_to_end(
-    here: Guarded, root: Browser, rule: str
-) -> None:
+def test_creators_change_rules_and_administrators_delete_them(here: Guarded, root: Browser, rule: str) -> None:
     with here.browsing("colleague") as browser:
         assert put(browser, rule, "lf:enabled true", "lf:enabled false").status_code == 403
         assert browser.http.delete(rule).status_code == 403
@@ -103,7 +101,7 @@ def test_it_is_for_its_creator_to_change_and_for_who_administers_to_end(
     reaches(root, rule, LF.active)
 
 
-def test_it_fires_with_the_rights_that_its_creator_has_now(here: Guarded, root: Browser, rule: str) -> None:
+def test_a_rule_fires_with_the_present_rights_of_its_creator(here: Guarded, root: Browser, rule: str) -> None:
     turn(root, 1.2)
     assert fired(root, rule, 1) == [("accepted", "up")]
     whole = here.tables["writer"]
@@ -131,7 +129,7 @@ def test_a_client_has_so_many_rules(here: Guarded, root: Browser, rule: str) -> 
         assert writer.http.delete(second).status_code == 204
 
 
-def test_what_it_does_is_in_the_audit(root: Browser, rule: str) -> None:
+def test_firings_are_audited(root: Browser, rule: str) -> None:
     turn(root, 1.2)
     fired(root, rule, 1)
     path = rule.removeprefix(root.root.rstrip("/")) + "/firings/1"

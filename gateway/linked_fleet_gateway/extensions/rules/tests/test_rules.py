@@ -95,7 +95,7 @@ def test_a_firing_says_what_it_did(scene: Scene) -> None:
     assert '"0.15"' in invocation.response.text
 
 
-def test_what_starts_too_soon_is_suppressed_and_not_made_up_for(scene: Scene) -> None:
+def test_a_firing_within_the_interval_is_suppressed_for_good(scene: Scene) -> None:
     rule = scene.rule('lf:minimumInterval 3600 ; lf:toldApartBy "side"')
     scene.turn(1.5)
     fired(scene.one.browser, rule, 1)
@@ -106,7 +106,7 @@ def test_what_starts_too_soon_is_suppressed_and_not_made_up_for(scene: Scene) ->
     assert len(firings(scene.one.browser, rule)) == 2
 
 
-def test_what_the_action_refuses_is_what_became_of_it(scene: Scene) -> None:
+def test_a_refused_action_is_recorded_in_the_firing(scene: Scene) -> None:
     rule = scene.rule(body="vom:numericalValue 99 ; vom:unit unit:RAD")
     scene.turn(1.5)
     assert fired(scene.one.browser, rule, 1) == [("failed", "up")]
@@ -152,7 +152,7 @@ def test_an_action_is_named_under_any_public_url_of_the_fleet(scene: Scene) -> N
         assert fired(scene.one.browser, each, 1) == [("accepted", "up")]
 
 
-def test_who_stops_all_robots_disables_what_would_move_them(scene: Scene) -> None:
+def test_stopping_all_robots_disables_rules_that_move_them(scene: Scene) -> None:
     moves, stops = scene.rule(), scene.rule(body="", action=scene.one.browser.action(ur5(scene), LF.StopRobot))
     stop_all = scene.one.browser.action(scene.one.browser.page(scene.one.browser.root), LF.StopAll)
     assert scene.other.browser.http.post(scene.other.here(stop_all)).status_code == 204
@@ -230,7 +230,7 @@ def disabled(browser: Browser, rule: str) -> Page | None:
         ),
     ],
 )  # fmt: skip
-def test_what_is_no_rule_is_refused_with_the_way_to_the_shape(scene: Scene, text: str, says: str) -> None:
+def test_an_invalid_rule_is_refused_with_a_link_to_the_shape(scene: Scene, text: str, says: str) -> None:
     text = text.replace("{rotate}", scene.rotate).replace("{root}", scene.one.browser.root)
     answer = post(scene.one.browser, text)
     assert answer.status_code == 422 and says in answer.json()["detail"], answer.text

@@ -45,7 +45,7 @@ def test_a_session_of_an_issuer_ends_after_a_shift() -> None:
     assert open_session(seal_session(new_session(claims, "one", now_ns - 9 * _HOUR_NS), _KEY), _KEY) is None
 
 
-def test_what_is_sealed_for_one_purpose_is_nothing_for_another() -> None:
+def test_a_cookie_sealed_for_one_purpose_is_invalid_for_another() -> None:
     now_ns = time.time_ns()
     assert open_login(seal_login(_LOGIN, _KEY, now_ns), _KEY) == _LOGIN
     assert open_session(seal_login(_LOGIN, _KEY, now_ns), _KEY) is None

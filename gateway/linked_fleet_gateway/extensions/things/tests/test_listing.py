@@ -156,7 +156,7 @@ def test_head_describes_nothing() -> None:
     assert _get(method="HEAD").body == b"[]"
 
 
-def test_it_is_rdf_by_pages_too() -> None:
+def test_the_directory_is_available_in_rdf_by_pages() -> None:
     """The same things in the same order, as RDF."""
     ids, found, query = _get().ids, [], "limit=20"
     for _ in range(2):

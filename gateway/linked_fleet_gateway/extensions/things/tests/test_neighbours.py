@@ -45,7 +45,7 @@ def _joint(http: httpx.Client) -> dict:
     raise AssertionError("no joint turns")
 
 
-def test_what_the_schema_refuses_the_guard_refuses(http: httpx.Client) -> None:
+def test_bodies_that_the_schema_refuses_are_refused_by_the_shape(http: httpx.Client) -> None:
     rotate = _joint(http)["actions"]["rotate"]
     href = rotate["forms"][0]["href"]
     for body in ({"value": 100, "unit": RAD}, {"value": 0.1}, {"value": 0.1, "unit": RAD, "speedScale": 2}):

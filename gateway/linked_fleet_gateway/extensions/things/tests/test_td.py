@@ -109,7 +109,7 @@ def test_values_are_as_the_description_says(path: str) -> None:
             assert value and fits(value, item), (name, value)
 
 
-def test_what_is_not_known_is_null() -> None:
+def test_unknown_values_are_null() -> None:
     value = json.loads(_resource("/r/slide/translation").documents[JSON]())
     metre = UNIT.M.value
     assert value == {"value": None, "unit": metre, "axis": {"x": 1.0, "y": 0.0, "z": 0.0}, "time": None}
@@ -227,14 +227,14 @@ def test_the_guard_agrees_with_the_schema(body: dict, right: bool) -> None:
         (b'{"precondition": [%s{}]}' % (b"{}," * 2000), BadRequest),
     ],
 )  # fmt: skip
-def test_what_is_no_body_is_refused(body: bytes, error: type[Exception]) -> None:
+def test_an_invalid_json_body_is_refused(body: bytes, error: type[Exception]) -> None:
     invoke = _resource("/r/a~20turn/actions/rotate").affords
     assert isinstance(invoke, Invoke)
     with pytest.raises(error):
         triples_of(body, form_of_input(invoke.offer, BASE), BASE, 1000)
 
 
-def test_who_may_not_see_a_robot_is_not_told_of_it() -> None:
+def test_things_exclude_invisible_robots() -> None:
     tree = _tree(view(frozenset({"r"}), "who"), secured=True)
     said = json.dumps(_td("/", tree)) + json.dumps(_td("/.well-known/wot", tree))
     assert "secret" not in said and f"{BASE}/r/" in said

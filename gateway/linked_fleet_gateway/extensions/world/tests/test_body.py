@@ -56,7 +56,7 @@ def test_an_object_may_be_put_as_it_was_read(geometry: Geometry, media_type: str
         (f"{_AT.replace('vom:unit', 'qudt:unit unit:MilliM ; vom:unit')} ; {_BALL}", 1),
     ],
 )
-def test_what_an_object_does_not_use_is_refused(said: str, count: int) -> None:
+def test_unused_statements_about_an_object_are_refused(said: str, count: int) -> None:
     """Misspelt, foreign, of another geometry, or about another resource: it would be lost."""
     with pytest.raises(UnprocessableContent) as caught:
         _read(f"<> dcterms:title 'ball' ; {said} .")

@@ -104,7 +104,9 @@ async def test_a_motion_waits_for_the_shapes_of_its_robot(tmp_path: Path) -> Non
         assert scene.checks.prepared and await scene.is_free(robot)
 
 
-async def test_it_waits_so_long_and_is_told_to_come_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_a_motion_waits_for_shapes_until_the_limit_and_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(checks, "EARLY_S", 0.01)
     async with scene_in(tmp_path) as scene:
         robot = scene.robot("early")
@@ -166,7 +168,7 @@ async def test_shapes_are_prepared_again_when_the_process_that_has_them_is_gone(
         assert await scene.is_free(robot)
 
 
-def test_what_a_motion_waited_does_not_make_it_late_and_a_stop_meanwhile_still_does(tmp_path: Path) -> None:
+def test_waiting_for_a_check_does_not_make_a_motion_late_but_a_stop_overrides_it(tmp_path: Path) -> None:
     """A command is dated to its request: a robot that was stopped afterwards refuses it."""
 
     robot = Scene(tmp_path).robot("arm")

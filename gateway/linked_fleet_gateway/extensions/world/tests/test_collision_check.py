@@ -79,7 +79,7 @@ def test_a_free_way_is_free() -> None:
 
 
 @pytest.mark.parametrize("degrees", [30, 90, 150])
-def test_where_on_its_way_it_meets_something(degrees: int) -> None:
+def test_a_collision_has_its_place_on_the_path(degrees: int) -> None:
     where = math.radians(degrees)
     met = go({"turn": math.pi}, (Sphere(0.05), at(0.8 * math.cos(where), 0.8 * math.sin(where))))
     assert isinstance(met, CollisionFound)
@@ -127,7 +127,7 @@ def test_out_of_a_zone_and_not_further_in() -> None:
     assert isinstance(met, CollisionFound) and met.share < 0.1
 
 
-def test_what_is_near_may_stay_near() -> None:
+def test_bodies_that_are_close_at_the_start_may_stay_close() -> None:
     table = Box((2.0, 2.0, 0.1)), at(0, 0, -0.065)  # 5 mm below the rod, all along its path; the foot stands in it
     assert isinstance(go({"turn": 2.0}, table), Free)
 
@@ -152,7 +152,7 @@ def test_a_robot_that_is_out_of_reach_need_not_be_known() -> None:
     assert unknown == CheckFailed("of near it is unknown where joint turn is")
 
 
-def test_it_meets_itself_with_more_than_one_joint_between() -> None:
+def test_links_with_several_joints_between_them_collide() -> None:
     met = go({f"j{i}": 2.1 for i in range(3)}, robot="chain")
     assert isinstance(met, CollisionFound) and (met.kind, {met.link, met.other}) == ("self", {"part0", "part3"})
     met = go({"j1": 2.2, "j2": 2.2}, robot="chain")
@@ -257,20 +257,20 @@ def test_a_robot_that_has_to_be_prepared_again_is_not_free() -> None:
     assert isinstance(check(_own("nobody"), ROBOTS, {}), CheckFailed)
 
 
-def test_what_mimics_moves_along() -> None:
+def test_mimicking_joints_move_in_the_check() -> None:
     ball = Sphere(0.05), at(0.4 * math.cos(0.5), -0.4 * math.sin(0.5), 0.3)
     met = go({"turn": 1.0}, ball, robot="pair")
     assert isinstance(met, CollisionFound) and met.link == "right"
 
 
-def test_where_the_robot_stands_counts() -> None:
+def test_the_placement_of_the_robot_is_considered() -> None:
     quarter = Pose((2.0, 1.0, 0.0), (0.0, 0.0, math.sin(math.pi / 4), math.cos(math.pi / 4)))
     ball = (Sphere(0.05), at(2.0 - 0.8 * math.sin(0.5), 1.0 + 0.8 * math.cos(0.5)))
     assert isinstance(go({"turn": 1.0}, ball, base=quarter), CollisionFound)
     assert isinstance(go({"turn": -1.0}, ball, base=quarter), Free)
 
 
-def test_what_takes_too_long_is_not_free() -> None:
+def test_a_check_beyond_its_time_limit_is_not_free() -> None:
     assert isinstance(go({"turn": 1e4}, (Sphere(0.1), at(0.5, 0, 0.2))), CheckFailed)
 
 

@@ -59,7 +59,7 @@ def test_a_refused_motion_is_listed_with_both_things_and_the_place(bench: Any) -
     assert [each for each in triples if each.predicate == LF.position] and touched == [COLLISIONS]
 
 
-def test_who_may_not_see_the_other_robot_learns_the_reason_alone(bench: Any) -> None:
+def test_a_collision_does_not_name_an_invisible_robot(bench: Any) -> None:
     known, _ = refused(bench)
     triples, (one,) = page(known, view(bench, "other"))
     assert (one.reason, one.things) == (_REFUSED.reason, [])
@@ -69,12 +69,12 @@ def test_who_may_not_see_the_other_robot_learns_the_reason_alone(bench: Any) -> 
     ]
 
 
-def test_who_may_not_see_the_robot_learns_nothing(bench: Any) -> None:
+def test_collisions_of_invisible_robots_are_hidden(bench: Any) -> None:
     known, _ = refused(bench)
     assert page(known, view(bench, "r"))[1] == []
 
 
-def test_it_is_forgotten_when_a_motion_is_found_free(bench: Any) -> None:
+def test_a_collision_is_removed_by_a_free_motion(bench: Any) -> None:
     """Subscribers hear of it; of a motion that was free before there is no news."""
     known, touched = refused(bench)
     known.forget("r")

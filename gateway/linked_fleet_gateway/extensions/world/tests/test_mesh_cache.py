@@ -33,7 +33,7 @@ def size_of(surface: Surface, tmp_path: Path) -> int:
     return (tmp_path / "size" / NAMES[0]).stat().st_size
 
 
-def test_what_was_put_is_got_by_another_process_too_and_makes_shapes(folder: Path) -> None:
+def test_a_cached_mesh_is_usable_by_another_process(folder: Path) -> None:
     for name, surface in zip(NAMES, (SURFACE, read(BOX)), strict=False):
         MeshCache(folder).put(name, surface)
         found = MeshCache(folder).get(name)
@@ -77,7 +77,7 @@ def test_a_file_that_is_whole_and_says_nonsense_is_as_if_it_were_not_there(folde
     assert (folder / NAMES[0]).exists() and cache.get(NAMES[0]) is None
 
 
-def test_what_others_could_have_written_is_not_read(folder: Path, tmp_path: Path) -> None:
+def test_a_folder_writable_by_others_is_not_read(folder: Path, tmp_path: Path) -> None:
     cache = MeshCache(folder)
     cache.put(NAMES[0], SURFACE)
     elsewhere = tmp_path / "elsewhere"
@@ -101,7 +101,7 @@ def test_a_name_is_the_digest_of_a_mesh_and_nothing_else(folder: Path, name: str
     assert cache.get(name) is None and list(folder.iterdir()) == []
 
 
-def test_it_takes_no_more_room_than_it_may_and_keeps_what_was_used_last(folder: Path, tmp_path: Path) -> None:
+def test_the_cache_is_bounded_and_keeps_recently_used_meshes(folder: Path, tmp_path: Path) -> None:
     room = 3 * size_of(SURFACE, tmp_path)
     cache = MeshCache(folder, room)
     (folder / ".new-of-a-crash").write_bytes(b"x" * (room // 3))

@@ -34,7 +34,7 @@ def test_two_joints_at_nearly_one_place_are_one() -> None:
     assert _chain(0.01) == set()
 
 
-def test_what_is_fixed_to_a_part_is_that_part() -> None:
+def test_links_with_a_fixed_joint_are_one_body() -> None:
     fixed = _joint("bd", "b", "d", 0.1, kind="fixed")
     found = pairs(*map(_link, "abcd"), _joint("ab", "a", "b", 0.25), _joint("bc", "b", "c", 0.25), fixed)
     assert found == {frozenset("ac")}

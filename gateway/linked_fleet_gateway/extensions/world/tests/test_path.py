@@ -43,7 +43,7 @@ def test_a_trajectory_that_leaves_a_waypoint_fast_has_no_longer_steps() -> None:
     assert _longest(path(Follow(("a",), (10.0, 10.1), ((1.2,), (2.2,))))) <= STEP_M
 
 
-def test_what_mimics_goes_along_on_the_finer_path() -> None:
+def test_mimicking_joints_follow_between_samples() -> None:
     found = path(Move({"a": 1.2}))
     for place in range(0, found.steps, 7):
         a, b = found.between(place).positions.T

@@ -46,7 +46,7 @@ def test_a_mesh_of_too_many_triangles_counts_as_its_hull(monkeypatch: pytest.Mon
 
 
 @pytest.mark.parametrize("content", [b"", b"solid", stl([]), stl([((0, 0, 0),) * 3]), stl(BOX)[:200]])
-def test_what_is_no_mesh_is_refused(content: bytes) -> None:
+def test_an_invalid_mesh_is_refused(content: bytes) -> None:
     with pytest.raises(ModelError):
         read_mesh("stl", content)
 
@@ -94,7 +94,7 @@ def test_a_part_goes_where_the_concave_link_is_not_and_its_hull_is() -> None:
     assert isinstance(met, CollisionFound) and {met.link, met.other} == {"rod", "foot"}
 
 
-def test_it_meets_the_walls_of_what_it_is_in() -> None:
+def test_a_body_inside_a_mesh_collides_with_its_surface() -> None:
     met = _go({"lift": 0.0}, {"spin": 1.57})
     assert isinstance(met, CollisionFound) and 0.1 < met.share < 0.5
 

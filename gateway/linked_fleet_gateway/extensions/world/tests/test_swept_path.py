@@ -31,7 +31,7 @@ def test_joints_that_go_elsewhere_meanwhile_are_here_there_and_on_the_way() -> N
     assert (along.start, along.legs[-1].ends) == ({"a": 0.0, "b": 0.0}, {"a": 1.0, "b": 2.0})
 
 
-def test_who_stands_has_one_stance_and_who_moves_has_more_up_to_its_end() -> None:
+def test_a_standing_robot_has_one_stance_and_a_moving_one_several() -> None:
     assert stances_of({"a": 0.0}, {}) == ({"a": 0.0},)
     assert stances_of({"a": 0.0}, {"a": 0.1})[1:] == ({"a": 0.05}, {"a": 0.1})
     many = stances_of({"a": 0.0, "b": 1.0}, {"a": 30.0})

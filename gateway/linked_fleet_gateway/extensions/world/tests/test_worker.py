@@ -39,7 +39,7 @@ def told(worker: Worker, name: str) -> object:
     return worker.answer(PrepareMesh(name, MESHES[name]))
 
 
-def test_it_asks_for_the_meshes_of_collision_geometry_alone() -> None:
+def test_the_worker_requests_collision_meshes_only() -> None:
     worker = Worker(MeshCache(None))
     name = NAMES["package://r/u.stl"]
     assert worker.answer(prepare(urdf())) == MeshesMissing((name,))
@@ -62,7 +62,7 @@ def test_another_process_finds_what_was_read_before(tmp_path: Path) -> None:
     assert isinstance(Worker(MeshCache(tmp_path)).answer(prepare(urdf())), MeshesMissing)
 
 
-def test_it_holds_no_more_meshes_than_it_may() -> None:
+def test_meshes_in_memory_are_bounded() -> None:
     worker = Worker(MeshCache(None), most_triangles=len(BOX))
     for name in MESHES:
         told(worker, name)
@@ -70,7 +70,7 @@ def test_it_holds_no_more_meshes_than_it_may() -> None:
     assert worker.answer(prepare(urdf(collision="package://r/box.stl"))) == Ready()
 
 
-def test_what_cannot_be_used_is_said_and_the_process_goes_on() -> None:
+def test_an_unusable_message_is_reported_and_the_worker_continues() -> None:
     worker = Worker(MeshCache(None))
     hostile: list[Question] = [
         PrepareMesh(f"{'0' * 64}.stl", b"\xff" * 200),
