@@ -101,7 +101,7 @@ async def _rendered_us(robots: int) -> float:
             each.send(epoch_ns, JOINTS)
             latest = fleet.frames.put(each.name, each.publisher.frame, time.time_ns())
             assert latest is not None
-            latest.rung = True
+            latest.scheduled = True
         before, begin = _Sink.messages, time.process_time()
         for each in crowd:
             if fleet.apply(Moved(each.name), time.time_ns()):

@@ -20,7 +20,7 @@ from linked_fleet_gateway.actions.redis_scripts import Keys, hashed, robot_of, t
 from linked_fleet_gateway.fleet.invocation import Lease
 from linked_fleet_gateway.fleet.invocations import MAX_TERMINAL, Invocation
 from linked_fleet_gateway.runtime.background import end, finish, supervised
-from linked_fleet_gateway.runtime.redis import GATHER_S, Connection, StoreUnavailable, heed_cancellation
+from linked_fleet_gateway.runtime.redis import GATHER_S, Connection, StoreUnavailable, raise_cancellation
 
 __all__ = ["KEPT_S", "ActionStore", "Full", "KeyReused", "Lease", "LeaseHeld", "LeaseOver", "News", "StoreUnavailable"]
 _log = logging.getLogger(__name__)
@@ -250,7 +250,7 @@ class ActionStore:
 
     async def _tell_others(self) -> None:
         await self._to_tell.wait()
-        heed_cancellation()
+        raise_cancellation()
         self._to_tell.clear()
         await self._tell_rest()
 

@@ -111,25 +111,25 @@ class Inbox:
                 batch.tokens[robot] += not known
             else:
                 batch.presence_lost = True
-            self._ring()
+            self._wake_reader()
 
     def put_state(self, key: str, payload: Payload) -> None:
         with self._lock:
             if len(self._batch.states) < MAX_KEYS or key in self._batch.states:
                 self._batch.states[key] = payload
-            self._ring()
+            self._wake_reader()
 
     def put_moved(self, robot: str) -> None:
         with self._lock:
             self._batch.moved[robot] = None
-            self._ring()
+            self._wake_reader()
 
     def put_progress(self, key: str, payload: Payload) -> None:
         with self._lock:
             if self._batch.told[key] < MAX_PROGRESS_OF_ONE:
                 self._batch.told[key] += 1
                 self._batch.progress.append((key, payload))
-            self._ring()
+            self._wake_reader()
 
     def take(self) -> Batch:
         with self._lock:
@@ -146,7 +146,7 @@ class Inbox:
         with self._lock:
             self._wake, self._batch, self._woken = None, Batch(), False
 
-    def _ring(self) -> None:
+    def _wake_reader(self) -> None:
         if not self._woken and self._wake is not None:
             self._woken = True
             self._wake()

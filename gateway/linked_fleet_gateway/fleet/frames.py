@@ -22,15 +22,15 @@ class Latest:
     ``frame`` holds the payload and its gateway wall time of arrival (ns).
     """
 
-    __slots__ = ("_begin", "_size", "frame", "robot", "rung", "sequence", "untold")
+    __slots__ = ("_begin", "_size", "frame", "robot", "scheduled", "sequence", "unreported")
 
     def __init__(self, robot: str, sequence: int, payload: bytes, now_ns: int) -> None:
         self.robot = robot
         self.sequence = sequence
         self.frame = (payload, now_ns)
-        self.untold = False
+        self.unreported = False
         """True if the watchers of the robot have not been told of the frame."""
-        self.rung = False
+        self.scheduled = False
         """True if the event loop is already scheduled to read it."""
         self._begin, self._size = payload[:_BEGIN], len(payload)
 
@@ -43,20 +43,21 @@ class Latest:
             return False
         self.sequence = sequence
         self.frame = (payload, now_ns)
-        self.untold = True
+        self.unreported = True
         return True
 
 
 class Frames:
     """The latest frame of each robot. ``key_of`` maps a robot's name to the key of its frames.
 
-    ``taken`` counts stored frames. Frames are reported at once for robots in ``watched``, and for all while ``heeded``.
+    ``taken`` counts stored frames. Frames are reported at once for robots in ``watched``, or for all robots
+    while ``has_listeners``.
     """
 
     def __init__(self, key_of: Callable[[str], str] = str) -> None:
         self.taken = 0
         self.watched: Container[str | None] = frozenset()
-        self.heeded = False
+        self.has_listeners = False
         self._key_of = key_of
         self._latest: dict[str, Latest] = {}
 
@@ -81,9 +82,9 @@ class Frames:
 
     def urgent(self, latest: Latest) -> bool:
         """Return True if the event loop must be told and is not scheduled yet."""
-        return not latest.rung and (self.heeded or latest.robot in self.watched)
+        return not latest.scheduled and (self.has_listeners or latest.robot in self.watched)
 
-    def untold(self, robot: str) -> bool:
+    def unreported(self, robot: str) -> bool:
         """Return True if a frame has arrived that was not reported, because nobody watched the robot then."""
         latest = self._latest.get(self._key_of(robot))
-        return latest is not None and latest.untold
+        return latest is not None and latest.unreported

@@ -251,7 +251,7 @@ class Robot:
     def tell(self) -> None:
         """Record that watchers are being told of all frames so far."""
         if self._latest is not None:
-            self._latest.rung = self._latest.untold = False
+            self._latest.scheduled = self._latest.unreported = False
             self.look()
 
     def last_sequence(self) -> int:

@@ -70,7 +70,7 @@ class Incoming:
         if latest is None:
             self._inbox.put_state(key, payload)
         elif self._frames.urgent(latest):
-            latest.rung = True
+            latest.scheduled = True
             self._inbox.put_moved(latest.robot)
 
     # -- in the event loop ------------------------------------------------------------------------------------------

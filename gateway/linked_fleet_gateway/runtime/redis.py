@@ -151,7 +151,7 @@ class Connection:
 
         After news, the next call first collects further entries for ``GATHER_S``.
         """
-        heed_cancellation()
+        raise_cancellation()
         await asyncio.sleep(self._rested_s - time.monotonic())
         async with self._contact():  # takes no slot, because it waits most of the time
             command = ("XREAD", "COUNT", 100, "BLOCK", _BLOCK_MS, "STREAMS", self._stream, self._position)
@@ -268,7 +268,7 @@ async def _disconnect(client: Any) -> None:
             await node.disconnect_free_connections()
 
 
-def heed_cancellation() -> None:
+def raise_cancellation() -> None:
     """Raise a pending cancellation.
 
     redis-py sends with ``asyncio.wait_for``, which before Python 3.12 loses a cancellation that arrives when sending

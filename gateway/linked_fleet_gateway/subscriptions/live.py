@@ -81,8 +81,8 @@ class Live:
         Also evaluate what is the absence of an event: limits that were left for a while, and missing frames.
         """
         frames = self.fleet.frames
-        watched = self.fleet.robots if frames.heeded else self.fan_out.watched
-        self._on_events([Moved(name) for name in watched if name and frames.untold(name)])
+        watched = self.fleet.robots if frames.has_listeners else self.fan_out.watched
+        self._on_events([Moved(name) for name in watched if name and frames.unreported(name)])
         for change in self.fleet.judge_limits(time.time_ns()):
             self._on_change(change)
         self.link.doubt(self._silences.check(asyncio.get_running_loop().time(), self._present()))
@@ -139,12 +139,12 @@ class Live:
         It is given the robot's name for a frame, even if no value changed, and None for anything else.
         """
         self._listeners[hear] = None
-        self.fleet.frames.heeded = True
+        self.fleet.frames.has_listeners = True
 
     def remove_listener(self, hear: Callable[[str | None], None]) -> None:
         """Remove a listener; does nothing if it is not registered."""
         self._listeners.pop(hear, None)
-        self.fleet.frames.heeded = bool(self._listeners)
+        self.fleet.frames.has_listeners = bool(self._listeners)
 
     def add_invocation_listener(self, hear: Callable[[Invocation], None]) -> None:
         """Call ``hear`` whenever a field of an invocation changes, and once more when it is forgotten.

@@ -122,14 +122,14 @@ def test_a_watched_robot_is_reported_once_until_it_is_read(fleet: Fleet) -> None
     assert first is not None
     assert not frames.urgent(first)
     frames.watched = {"r"}
-    assert frames.untold("r")
+    assert frames.unreported("r")
     assert frames.urgent(first)
-    first.rung = True
+    first.scheduled = True
     assert frames.put("key/r", frame(3, 0.3), 3) is first
     assert not frames.urgent(first)
     robot(fleet)  # something else reads meanwhile
     assert fleet.apply(Moved("r"), 4) == [Change("r", "frame")]
-    assert not frames.untold("r")
+    assert not frames.unreported("r")
     assert frames.urgent(first)
 
 

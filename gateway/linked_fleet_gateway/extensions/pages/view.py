@@ -7,8 +7,7 @@ from typing import Any
 
 from pyoxigraph import NamedNode, Triple
 
-from linked_fleet_gateway.extensions.pages import action_views as doings
-from linked_fleet_gateway.extensions.pages import labels, sentences
+from linked_fleet_gateway.extensions.pages import action_views, labels, sentences
 from linked_fleet_gateway.extensions.pages import thing_views as things
 from linked_fleet_gateway.extensions.pages.audit_view import audit
 from linked_fleet_gateway.extensions.pages.fleet_view import fleet
@@ -29,17 +28,17 @@ from linked_fleet_gateway.resources.resource import Resource
 _KINDS: Mapping[NamedNode, tuple[str, Callable[[Facts, NamedNode], Part]]] = {
     LF.Fleet: ("fleet", fleet),
     LF.Audit: ("audit", audit),
-    LF.InvocationList: ("invocations", doings.invocations),
+    LF.InvocationList: ("invocations", action_views.invocations),
     OWL.Ontology: ("vocabulary", vocabulary),
     LF.Robot: ("robot", things.robot),
     LF.Joint: ("joint", things.joint),
     ROS.Link: ("link", things.link),
-    LF.Invocation: ("invocation", doings.invocation),
-    HYBRIT.Action: ("action", doings.action),
+    LF.Invocation: ("invocation", action_views.invocation),
+    HYBRIT.Action: ("action", action_views.action),
     LF.JointState: ("joint_state", things.joint_state),
     HYBRIT.Property: ("property", things.property_),
-    HYBRIT.Subscription: ("subscription", doings.subscription),
-    LF.ControlLease: ("lease", doings.lease),
+    HYBRIT.Subscription: ("subscription", action_views.subscription),
+    LF.ControlLease: ("lease", action_views.lease),
 }
 # Types that everything of a kind has, which help nobody in the heading of a page.
 _PLAIN_TYPES = frozenset(
@@ -132,8 +131,8 @@ def view_of(resource: Resource, triples: Sequence[Triple], base: str, formats: F
 
 
 def _kind(facts: Facts, iri: NamedNode) -> tuple[str, Part]:
-    if doings.is_subscriptions(facts, iri):
-        return "subscriptions", doings.subscriptions(facts, iri)
+    if action_views.is_subscriptions(facts, iri):
+        return "subscriptions", action_views.subscriptions(facts, iri)
     types = facts.all(iri, RDF.type)
     for view in added_views():
         if view.type in types:

@@ -19,11 +19,11 @@ from websockets.exceptions import InvalidStatus
 
 from actor import Actor, stage
 from browser import DCTERMS, HYBRIT, LDP, LF, SH, Browser, Page
+from camera_robot import BLIND, DEPTH, EYE, JPEG, PNG, CameraRobot
 from connections import websocket
 from linked_fleet_agent.wire.messages import Camera
 from linked_fleet_agent.wire.pictures import HEADER, PictureHeader, encode_picture
 from running import eventually
-from seer import BLIND, DEPTH, EYE, JPEG, PNG, Seer
 from small_fleet import Place
 
 pytestmark = pytest.mark.virtual
@@ -37,9 +37,9 @@ class Hall:
     session: zenoh.Session
     names: Iterator[str] = field(default_factory=lambda: (f"seer{number}" for number in itertools.count()))
 
-    def seer(self, *cameras: Camera) -> tuple[Seer, Page]:
+    def seer(self, *cameras: Camera) -> tuple[CameraRobot, Page]:
         """Return a robot, and the page of its first camera."""
-        seer = Seer(Actor(self.session, next(self.names))).appear(*cameras)
+        seer = CameraRobot(Actor(self.session, next(self.names))).appear(*cameras)
         return seer, self.camera(seer.actor.name)
 
     def camera(self, robot: str) -> Page:

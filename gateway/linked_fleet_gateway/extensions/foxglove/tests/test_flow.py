@@ -13,12 +13,12 @@ from websockets.exceptions import ConnectionClosed
 
 from actor import Actor, stage
 from browser import Browser
+from camera_robot import EYE, JPEG, CameraRobot
 from foxglove_client import Client, connected
 from linked_fleet_gateway.extensions.foxglove import messages
 from linked_fleet_gateway.extensions.foxglove.protocol import SUBPROTOCOLS
 from linked_fleet_gateway.http.backpressure import HIGH_WATER_BYTES, STALL_S
 from linked_fleet_gateway.rdf.vocabulary import PREFIXES
-from seer import EYE, JPEG, Seer
 from small_fleet import Place, live
 from virtual.client import WebSocket
 from virtual.loop import current
@@ -41,14 +41,14 @@ class Hall:
 
     place: Place
     browser: Browser
-    seer: Seer
+    seer: CameraRobot
 
 
 @pytest.fixture(scope="module")
 def hall(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Hall]:
     place = Place(tmp_path_factory.mktemp("state"))
     with place.gateway() as (_, browser), place.ur5(), stage(place.zenoh) as session:
-        seer = Seer(Actor(session, "seer")).appear(EYE)
+        seer = CameraRobot(Actor(session, "seer")).appear(EYE)
         for name in ("ur5", "seer"):
             live(browser, name)
         yield Hall(place, browser, seer)

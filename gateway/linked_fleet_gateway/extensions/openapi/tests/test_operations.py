@@ -8,7 +8,7 @@ import pytest
 
 from actor import Actor, stage
 from browser import Browser
-from seer import EYE, Seer
+from camera_robot import EYE, CameraRobot
 from small_fleet import Place, live
 
 pytestmark = pytest.mark.virtual
@@ -20,7 +20,7 @@ EXTENSIONS = ("/world", "/rules", "/query", "/things", "/{robot}/history", "/{ro
 def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
     place = Place(tmp_path_factory.mktemp("state"))
     with place.gateway() as (_, browser), stage(place.zenoh) as session:
-        Seer(Actor(session, "seer")).appear(EYE)
+        CameraRobot(Actor(session, "seer")).appear(EYE)
         live(browser, "seer")
         yield browser
 

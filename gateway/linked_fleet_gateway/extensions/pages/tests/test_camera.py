@@ -8,8 +8,8 @@ from playwright.sync_api import Page, expect
 
 from actor import Actor, stage
 from browser import Browser
+from camera_robot import BLIND, EYE, CameraRobot
 from running import eventually
-from seer import BLIND, EYE, Seer
 from small_fleet import Place
 
 pytestmark = [pytest.mark.processes, pytest.mark.test_all, pytest.mark.usefixtures("watched")]
@@ -17,19 +17,19 @@ Image = pytest.importorskip("PIL.Image")
 
 
 @pytest.fixture(scope="module")
-def seer(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Seer, str]]:
+def seer(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[CameraRobot, str]]:
     place = Place(tmp_path_factory.mktemp("state"))
     with place.gateway() as (_, browser), stage(place.zenoh) as session:
-        seer = Seer(Actor(session, "seer")).appear(EYE)
+        seer = CameraRobot(Actor(session, "seer")).appear(EYE)
         seer.contents["jpeg"] = picture("red")
-        Seer(Actor(session, "blind")).appear(BLIND)
+        CameraRobot(Actor(session, "blind")).appear(BLIND)
         for name in ("seer", "blind"):
             eventually(lambda name=name: there(browser, name), f"{name} with cameras")
         yield seer, f"{browser.root}seer/cameras/eye"
 
 
 @pytest.fixture
-def blind(seer: tuple[Seer, str]) -> str:
+def blind(seer: tuple[CameraRobot, str]) -> str:
     """A camera whose robot has no renderer."""
     return seer[1].replace("/seer/", "/blind/")
 
@@ -51,7 +51,7 @@ SHOWS = """(channel) => {
 }"""
 
 
-def test_the_page_shows_the_picture_and_each_that_follows(seer: tuple[Seer, str], page: Page) -> None:
+def test_the_page_shows_the_picture_and_each_that_follows(seer: tuple[CameraRobot, str], page: Page) -> None:
     robot, url = seer
     page.goto(url)
     page.wait_for_function(SHOWS, arg=0)
@@ -65,7 +65,7 @@ def test_the_page_says_why_there_is_no_picture(blind: str, page: Page) -> None:
     assert page.locator("#seen > img").count() == 0
 
 
-def test_the_page_of_a_robot_has_thumbnails_of_what_its_cameras_see(seer: tuple[Seer, str], page: Page) -> None:
+def test_the_page_of_a_robot_has_thumbnails_of_what_its_cameras_see(seer: tuple[CameraRobot, str], page: Page) -> None:
     """Live while they are seen; each leads to the page of its camera."""
     robot, url = seer
     robot.contents["jpeg"] = picture("red")

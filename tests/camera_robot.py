@@ -24,7 +24,7 @@ BLIND = replace(EYE, formats=(), unavailable="nothing renders here")
 
 
 @dataclass
-class Seer:
+class CameraRobot:
     """A robot played by the test: its answers, and the requests that it got."""
 
     actor: Actor
@@ -33,7 +33,7 @@ class Seer:
     payload: bytes | None = None
     sequence: Iterator[int] = field(default_factory=itertools.count)
 
-    def appear(self, *cameras: Camera) -> "Seer":
+    def appear(self, *cameras: Camera) -> "CameraRobot":
         said = codec.decode(self.actor.description(SIMPLE), Description)
         key = KEYS.robot(self.actor.name, "picture")
         self.actor.keep(self.actor.session.declare_queryable(key, lambda query: self._answer(key, query)))
