@@ -59,7 +59,7 @@ def test_every_path_that_a_page_names_exists(page: str) -> None:
     assert [path for path in sorted(links) if not (ROOT / page).parent.joinpath(path).exists()] == []
 
 
-def test_every_test_that_shows_what_stops_a_threat_is_there() -> None:
+def test_tests_named_by_the_page_of_threats_exist() -> None:
     named = re.findall(r"`((?:tests|gateway)/[\w/.]+\.py)(?:::(\w+))?`", (ROOT / "docs/THREATS.md").read_text())
     assert len(named) > 30
     texts = {path: (ROOT / path).read_text() for path, test in named if test}

@@ -91,7 +91,7 @@ def test_a_stop_that_ends_before_it_is_recorded_is_remembered(tmp_path: Path) ->
         asyncio.run(scenario(servers.url))
 
 
-def test_an_end_that_overtakes_the_answer_is_remembered_with_what_the_answer_says(tmp_path: Path) -> None:
+def test_an_end_before_the_reply_is_stored_with_the_facts_of_the_reply(tmp_path: Path) -> None:
     moved = Invocation("i", "r", "/r/j/actions/rotate", {"j": 1.0}, time.time_ns(), time.time_ns() + 10**10)
     later = Invocation("k", "r", "/r/j/actions/rotate", {"j": 1.0}, time.time_ns(), time.time_ns() + 10**10)
 
@@ -167,7 +167,7 @@ def test_a_setting_removed_during_an_outage_is_no_longer_set(tmp_path: Path) -> 
         asyncio.run(scenario(servers.url))
 
 
-def test_an_answer_that_comes_late_is_not_taken_for_what_is_set_now(tmp_path: Path) -> None:
+def test_a_late_read_does_not_replace_a_newer_setting(tmp_path: Path) -> None:
     async def scenario(url: str) -> None:
         live = _live()
         async with Slow(url, "settings") as store, ReplicatedInvocations(live, store, _stop, lambda _: None) as memory:

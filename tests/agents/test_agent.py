@@ -183,7 +183,7 @@ def test_the_robot_holds_when_the_last_gateway_goes_and_serves_the_next() -> Non
     run(scenario, "--sway", "ur5:shoulder_pan_joint")
 
 
-def test_a_stop_by_the_key_of_all_robots_ends_what_runs() -> None:
+def test_a_stop_of_all_robots_ends_running_motions() -> None:
     """It needs neither a gateway's token nor a time: anybody may stop, and the joints come to rest."""
 
     async def scenario(gateway: Gateway, agent: Process) -> None:

@@ -300,7 +300,7 @@ def _motions(draw: st.DrawFn) -> dict[str, object]:
 
 
 @given(st.lists(st.tuples(_motions(), st.floats(5e-324, 1.0), st.booleans(), st.integers(1, 20)), max_size=5))
-def test_no_command_whatever_makes_an_agent_stumble(
+def test_random_commands_do_not_break_an_agent(
     orders: list[tuple[dict[str, object], float, bool, int]],
 ) -> None:
     """Each is accepted with a duration or refused with a reason, and the joints stay within their limits."""

@@ -226,7 +226,7 @@ def test_a_stuck_joint_fails_and_is_no_longer_pushed(target: float) -> None:
     assert robot.positions["arm"] == 0.0
 
 
-def test_a_halt_brakes_and_fails_what_runs() -> None:
+def test_a_halt_brakes_and_fails_running_motions() -> None:
     """The joint decelerates within its ramp, without a jump, and then stays still."""
     robot = Robot()
     robot.move("a", arm=2.0)
@@ -237,7 +237,7 @@ def test_a_halt_brakes_and_fails_what_runs() -> None:
     assert robot.paths["arm"][-1] == robot.paths["arm"][-2] < 1.0
 
 
-def test_a_stop_cancels_what_runs_brakes_and_succeeds_when_all_stand() -> None:
+def test_a_stop_cancels_running_motions_and_succeeds_when_all_joints_stand() -> None:
     """The joint decelerates within its ramp, and the stop succeeds only when it stands."""
     robot = Robot([Sway("wheel", 0.4, 2.0)])
     robot.move("a", arm=2.0, lift=0.1)
@@ -288,7 +288,7 @@ def test_a_stop_is_repeated_overtaken_and_not_undone_by_another() -> None:
     assert robot.states("b") == ["running", "succeeded"]
 
 
-def test_a_stop_of_what_does_not_come_to_rest_fails_and_says_what() -> None:
+def test_a_stop_fails_and_names_joints_that_do_not_come_to_rest() -> None:
     """Its setpoint stands, but the joint is measured to keep moving."""
     motions, positions = Motions(JOINTS), dict.fromkeys(JOINTS, 0.0)
     motions.stop("s", list(JOINTS), "", "stopped", positions)

@@ -162,7 +162,7 @@ def test_a_position_at_the_end_of_the_tolerance_is_as_expected() -> None:
     assert unexpected({"arm": Expectation(1.0, 0.5)}, {"arm": 1.5}, JOINTS) == ""
 
 
-def test_a_stop_is_refused_only_for_what_is_not_there() -> None:
+def test_a_stop_is_refused_only_for_unknown_joints() -> None:
     """Joints that mimic others can be stopped as well."""
     assert judge_stop(Stop(version=WIRE_VERSION, id="s", joints=("arm", "finger")), JOINTS) is None
     assert judge_stop(Stop(version=WIRE_VERSION, id="s", command="whatever"), JOINTS) is None

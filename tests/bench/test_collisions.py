@@ -26,7 +26,7 @@ def test_no_contact_is_passed_and_nothing_is_refused_without_one(scene: Scene, n
     assert (trial.verdicts.passed, trial.verdicts.needless, trial.verdicts.unable) == ([], [], 0)
 
 
-def test_figure_5b_is_free_where_the_demo_stands_and_what_would_hit_is_not(scene: Scene) -> None:
+def test_figure_5b_is_free_in_the_demo_and_a_colliding_target_is_refused(scene: Scene) -> None:
     home = scene.home["baxter"]
     assert isinstance(scene.check("baxter", home, {"right_s1": math.radians(43.6)}), Free)
     met = scene.check("baxter", home, {"right_s1": math.radians(43.6), "right_s0": math.radians(90)})

@@ -43,7 +43,7 @@ def test_without_loss_all_arrive_in_order() -> None:
     assert arrived(0.0) == list(range(COUNT))
 
 
-def test_with_loss_some_do_not() -> None:
+def test_with_loss_some_messages_are_missing() -> None:
     found = arrived(0.1)
     assert sorted(set(range(COUNT)) - set(found))
     assert len(found) > COUNT * 0.8

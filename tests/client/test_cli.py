@@ -100,7 +100,7 @@ def test_errors_have_an_exit_code_and_a_reason(other_tree: Any, arguments: list[
     assert other_tree.sent("PUT") == []
 
 
-def test_nobody_there_is_3() -> None:
+def test_an_unreachable_server_has_exit_code_3() -> None:
     done = run("http://127.0.0.1:1/", "--url", f"http://127.0.0.1:{free_port()}/", "ls")
     assert (done.returncode, "cannot be reached" in done.stderr) == (3, True)
 
@@ -153,7 +153,7 @@ def test_ctrl_c_cancels_what_is_running(other_tree: Any) -> None:
     assert (child.returncode, json.loads(out)["state"]) == (1, "cancelled"), err
 
 
-def test_completion_offers_what_is_there(other_tree: Any) -> None:
+def test_completion_offers_existing_names(other_tree: Any) -> None:
     def offered(*words: str, url: str = other_tree.root) -> list[str]:
         *before, typed = words
         with patch.dict(os.environ, LINKED_FLEET_URL=url):

@@ -157,9 +157,7 @@ def test_no_link_or_redirect_leads_to_another_server(capsys: pytest.CaptureFixtu
 
 @pytest.mark.parametrize("listed", ["", "<> ldp:contains </robot> ."])
 @pytest.mark.parametrize("known", ["/robot", "/other"])
-def test_nothing_is_deleted_that_is_not_surely_ours(
-    known: str, listed: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_only_own_subscriptions_are_deleted(known: str, listed: str, capsys: pytest.CaptureFixture[str]) -> None:
     """A server may name its robot as the new subscription: no robot is deleted, whether already known or not."""
     posted: list[str] = []
 

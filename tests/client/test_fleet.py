@@ -139,7 +139,7 @@ def test_a_motion_is_cancelled_by_its_own_action(here: Fleet) -> None:
     assert run.progress < 1
 
 
-def test_an_iri_is_what_its_types_say(here: Fleet, joint: Thing) -> None:
+def test_the_types_determine_the_kind_of_thing(here: Fleet, joint: Thing) -> None:
     run = joint.actions["rotate"](value=angle(joint), unit="deg")
     assert isinstance(here.get(run.iri), Invocation)
     assert isinstance(here.get(joint.iri), Thing)

@@ -52,7 +52,7 @@ def test_a_path_is_names(fleet: Fleet) -> None:
     assert isinstance(fleet.at("cell/lefty/elbow/bend"), Action)
 
 
-def test_a_name_that_nothing_has_says_what_there_is(fleet: Fleet) -> None:
+def test_an_unknown_name_is_reported_with_the_valid_ones(fleet: Fleet) -> None:
     with pytest.raises(NoSuchThing, match="Elbow"):
         fleet["cell"]["lefty"]["Elbwo"]
 
@@ -171,7 +171,7 @@ def test_an_endless_invocation_is_reported_and_can_be_cancelled(bend: Action, el
     assert run.wait(30) == "cancelled"
 
 
-def test_nothing_is_sent_where_a_trial_might_be_the_real_thing(bend: Action, elbow: Thing, other_tree: Any) -> None:
+def test_a_rehearsal_is_not_sent_to_a_server_that_might_execute_it(bend: Action, elbow: Thing, other_tree: Any) -> None:
     with pytest.raises(Unsupported, match="dryRun"):
         bend.rehearse(goal={"axis": elbow, "value": 45, "unit": "deg"})
     assert other_tree.sent("PUT") == []

@@ -58,7 +58,7 @@ def test_a_bad_answer_is_an_error_of_its_kind(script: Any, web: Web, answer: byt
     assert len(str(raised.value)) < 1000
 
 
-def test_nobody_there_is_unreachable(web: Web) -> None:
+def test_a_missing_server_is_unreachable(web: Web) -> None:
     with pytest.raises(Unreachable):
         web.get(f"http://127.0.0.1:{free_port()}/")
 
@@ -83,7 +83,7 @@ def test_doing_is_not_tried_again(script: Any, web: Web, answer: bytes) -> None:
     assert len(script.at("/x")) == 1
 
 
-def test_doing_follows_only_redirects_that_keep_it_what_it_is(script: Any, web: Web) -> None:
+def test_writes_follow_only_redirects_that_keep_the_method(script: Any, web: Web) -> None:
     """308 is followed with the same method; 303 names where to look, and the action is not repeated."""
     script.answers |= {
         "/a": [status(308, "location: /b")],
@@ -95,7 +95,7 @@ def test_doing_follows_only_redirects_that_keep_it_what_it_is(script: Any, web: 
     assert [(method, path) for method, path, _ in script.asked] == [("POST", "/a"), ("POST", "/b"), ("POST", "/d")]
 
 
-def test_an_etag_is_shown_again_and_304_is_what_was_seen(script: Any, web: Web) -> None:
+def test_a_read_with_an_etag_reuses_the_document_on_304(script: Any, web: Web) -> None:
     script.answers["/x"] = [ok(b"<> a <x> .", "text/turtle", 'etag: "1"'), status(304)]
     first, second = web.get(f"{script.url}/x#one"), web.get(f"{script.url}/x#other")
     assert first is second

@@ -62,7 +62,7 @@ def test_the_bill_lists_each_package_with_its_licence(tmp_path: Path) -> None:
     assert "Redistribution and use in source and binary forms" in licences, "the texts are there, msgspec's for one"
 
 
-def test_the_bill_lists_what_pages_are_made_of_and_not_what_builds_them(tmp_path: Path) -> None:
+def test_the_bill_lists_packages_of_pages_without_build_tools(tmp_path: Path) -> None:
     face = tmp_path / "face"
     packages = {"three": {}, "loader": {"dependencies": {"deep": "1"}}, "deep": {}, "bundler": {}}
     for name, more in packages.items():

@@ -100,9 +100,7 @@ def test_a_tail_that_was_cut_off_costs_nothing(scene: Scene, tmp_path: Path) -> 
 
 @pytest.mark.test_all
 @pytest.mark.parametrize("types", [False, True], ids=["values", "types"])
-def test_values_that_nobody_wrote_do_not_keep_a_gateway_from_stopping_robots(
-    types: bool, scene: Scene, tmp_path: Path
-) -> None:
+def test_foreign_values_in_redis_do_not_prevent_stops(types: bool, scene: Scene, tmp_path: Path) -> None:
     """Valkey has no checksums for commands: damage inside a command reaches the gateway."""
     with scene.gateway(tmp_path) as (browser, _):
         stops(browser, _TURN)

@@ -12,7 +12,7 @@ from small_fleet import Place, live
 pytestmark = pytest.mark.processes
 
 
-def test_a_signal_begins_anew_what_was_stopped(tmp_path: Path) -> None:
+def test_a_signal_restarts_stopped_demonstrations(tmp_path: Path) -> None:
     """The agent's log contains the command to copy."""
     place = Place(tmp_path)
     with place.gateway() as (_, browser), place.ur5("--sway", f"ur5:{PAN}") as agent:

@@ -25,7 +25,7 @@ def _closed(connection: socket.socket) -> bool:
         return True
 
 
-def test_crowds_that_drip_cost_nobody_else_a_connection(tmp_path: Path) -> None:
+def test_many_slow_requests_cost_no_other_client_a_connection(tmp_path: Path) -> None:
     """Ten times as many as permitted, all in the middle of a header block or a body."""
     begun_with = (b"GET / HTTP/1.1\r\nHost: x\r\n", b"POST / HTTP/1.1\r\nHost: x\r\nContent-Length: 9\r\n\r\n")
     with narrow(tmp_path, "--sockets", str(SOCKETS)) as (place, _, browser), contextlib.ExitStack() as open_:

@@ -20,7 +20,7 @@ pytestmark = pytest.mark.processes
 __all__ = ["scene"]
 
 
-def test_a_server_without_memory_refuses_what_needs_it(scene: Scene) -> None:
+def test_a_full_redis_refuses_only_requests_that_need_it(scene: Scene) -> None:
     def configure(node: Server, maxmemory: int) -> None:
         for name, value in (("maxmemory-policy", "noeviction"), ("maxmemory", maxmemory)):
             assert node.ask("CONFIG SET", name, value) == "+OK"

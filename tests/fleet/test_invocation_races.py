@@ -117,7 +117,7 @@ def test_a_request_repeated_while_the_agent_hangs(memory: Servers) -> None:
         assert {problem(ask(each)) for each in two} == {(504, "agent-silent")}
 
 
-def test_nobody_refused_what_nobody_answered_in_time(memory: Servers) -> None:
+def test_an_unanswered_command_is_unknown_rather_than_refused(memory: Servers) -> None:
     """The deadline has passed: a repeated request still hears that there was no answer."""
     with hub() as stage, gateways(stage, memory.url) as two:
 

@@ -137,7 +137,7 @@ def conforms(browser: Browser, page: Page) -> None:
     assert ok, text
 
 
-def test_a_robot_that_nobody_placed_has_no_known_place_and_is_held_against_nothing(browser: Browser) -> None:
+def test_a_robot_without_placement_is_not_checked(browser: Browser) -> None:
     page = browser.page(placement(browser, "ur5"))
     assert {page.graph.value(each, MATHS.x) for each in page.graph.objects(page.iri, LF.position)} == {LF.unknown}
     put_object(browser, crate("all over it", 0, 0, 0, size_mm=3000))

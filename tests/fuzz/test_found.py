@@ -47,7 +47,7 @@ def test_a_client_that_disconnects_within_a_body_is_no_error(there: Living) -> N
     calm(there)
 
 
-def test_a_ping_behind_what_is_refused_is_no_error(there: Living) -> None:
+def test_a_ping_after_a_refused_message_is_no_error(there: Living) -> None:
     """Both in one piece: after the first, the gateway writes nothing any more."""
     head = (
         f"GET /arm/pan/rotation HTTP/1.1\r\nHost: 127.0.0.1:{there.port}\r\nConnection: Upgrade\r\nUpgrade: websocket"

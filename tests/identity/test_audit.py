@@ -82,13 +82,13 @@ def test_more_than_a_page_is_linked(here: Guarded) -> None:
 @pytest.mark.parametrize(
     ("name", "status"), [(None, 401), ("reader", 403), ("lab", 403), ("actor", 403), ("admin", 200), ("scraper", 200)]
 )
-def test_the_audit_is_for_who_administers_all(here: Guarded, name: str | None, status: int) -> None:
+def test_the_audit_needs_administration_of_the_fleet(here: Guarded, name: str | None, status: int) -> None:
     with here.browsing(name) as browser:
         assert browser.http.get(here.root + "audit").status_code == status
 
 
 @pytest.mark.parametrize(("name", "linked"), [("reader", False), ("lab", False), ("admin", True)])
-def test_the_root_links_the_audit_for_who_may_read_it(here: Guarded, name: str, linked: bool) -> None:
+def test_the_root_links_the_audit_if_readable(here: Guarded, name: str, linked: bool) -> None:
     with here.browsing(name) as browser:
         audit = f"{here.root}audit"
         root = browser.http.get(here.root)

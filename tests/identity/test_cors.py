@@ -50,7 +50,7 @@ def test_their_token_is(open_to: Guarded) -> None:
     assert "Origin" in done.headers["vary"]
 
 
-def test_nobody_is_logged_in_by_them(open_to: Guarded) -> None:
+def test_pages_of_other_origins_have_no_session(open_to: Guarded) -> None:
     answer = httpx.post(open_to.root + "login", data={"token": open_to.tokens["all"]}, headers={"origin": TWIN})
     assert answer.status_code == 403 and "set-cookie" not in answer.headers
 

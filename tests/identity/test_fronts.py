@@ -31,7 +31,7 @@ def test_failures_behind_a_front_count_for_the_client_and_not_for_the_front(fron
     assert _log_in(fronted, fronted.tokens["root"], "192.0.2.8") == 303
 
 
-def test_without_a_front_nobody_gets_another_count_by_saying_to_be_elsewhere(here: Guarded) -> None:
+def test_forged_addresses_do_not_change_rate_limits(here: Guarded) -> None:
     statuses = [_log_in(here, f"guess{n}", f"192.0.2.{n}") for n in range(FAILURES + 1)]
     assert statuses[-1] == 429
 

@@ -39,7 +39,7 @@ def test_a_walk_of_everything_meets_no_hidden_robot(lab: Browser) -> None:
         assert HIDDEN not in page.response.text and HIDDEN not in str(page.response.headers), page.url
 
 
-def test_the_fleet_lists_what_is_seen(here: Guarded, lab: Browser, root: Browser) -> None:
+def test_the_fleet_lists_visible_robots(here: Guarded, lab: Browser, root: Browser) -> None:
     def listed(browser: Browser) -> set[str]:
         page = browser.page(browser.root)
         names = {str(each).removeprefix(browser.root) for each in page.graph.objects(page.iri, LDP.contains)}
@@ -99,7 +99,7 @@ def test_nothing_hidden_can_be_subscribed_to(lab: Browser) -> None:
     assert told[0] == told[1] and told[0][0] == 422
 
 
-def test_a_subtree_shows_what_is_seen_and_also_what_comes(here: Guarded, root: Browser) -> None:
+def test_a_subtree_covers_visible_robots_also_new_ones(here: Guarded, root: Browser) -> None:
     """A robot of each kind comes later: one is reported, the other is not."""
     url = here.root + "?depth=subtree"
     with (
@@ -200,7 +200,7 @@ def test_invisible_robots_are_not_named_in_collisions(lab: Browser, root: Browse
         assert root.http.delete(str(root.robot(name).one(LF.placement))).status_code == 204
 
 
-def test_the_version_of_the_fleet_is_of_what_one_sees(here: Guarded, lab: Browser, root: Browser) -> None:
+def test_the_version_of_the_fleet_depends_on_the_view(here: Guarded, lab: Browser, root: Browser) -> None:
     def etag(browser: Browser) -> str:
         return str(browser.http.get(browser.root).headers["etag"])
 

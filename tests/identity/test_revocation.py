@@ -109,7 +109,7 @@ def test_a_stream_that_is_still_allowed_goes_on(own: Guarded, root: Browser) -> 
                     pass
 
 
-def test_a_callback_is_suspended_with_the_token_of_who_made_it(
+def test_a_callback_is_suspended_when_the_token_of_its_creator_is_revoked(
     own: Guarded, root: Browser, receiver: CallbackReceiver
 ) -> None:
     own.add("caller", "read", "subscribe")
@@ -164,7 +164,7 @@ def test_a_gateway_does_not_start_with_a_bad_file(tmp_path: Path, text: str | No
         assert str(file) in line and "Traceback" not in gateway.output
 
 
-def test_all_below_the_fleet_is_for_who_may_subscribe_to_all_that_he_reads(own: Guarded, issuer: Issuer) -> None:
+def test_a_subtree_subscription_needs_the_right_for_all_readable_robots(own: Guarded, issuer: Issuer) -> None:
     """Otherwise it would reveal robots to which the caller may not subscribe."""
     grant = '[[issuer.grant]]\nclaim = "groups"\nvalue = "visitors"\n'
     own.tables["issuer"] += grant + 'scopes = ["read"]\n' + grant + 'scopes = ["subscribe"]\nrobots = ["lab-*"]\n'
@@ -177,7 +177,7 @@ def test_all_below_the_fleet_is_for_who_may_subscribe_to_all_that_he_reads(own: 
                 assert response.status_code == status, path
 
 
-def test_subscriptions_are_counted_by_who_makes_them(own: Guarded, root: Browser) -> None:
+def test_subscriptions_are_counted_by_creator(own: Guarded, root: Browser) -> None:
     """Not by address, which is the same for all of them here."""
     own.add("eager", "read", "subscribe")
     own.add("modest", "read", "subscribe")

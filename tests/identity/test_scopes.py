@@ -80,7 +80,7 @@ def _deeds(browser: Browser) -> list[Deed]:
     ]
 
 
-def test_each_right_opens_what_it_says_and_nothing_else(here: Guarded, root: Browser) -> None:
+def test_each_right_permits_its_own_requests_only(here: Guarded, root: Browser) -> None:
     for deed in _deeds(root):
         for name in NAMES:
             with here.browsing(name) as browser:
@@ -101,7 +101,7 @@ def _events(http: httpx.Client, url: str) -> tuple[int, str]:
         return response.status_code, response.headers.get("www-authenticate", "")
 
 
-def test_invocations_are_cancelled_by_who_may_stop_and_deleted_by_who_may_act(here: Guarded, root: Browser) -> None:
+def test_cancelling_needs_stop_and_deleting_needs_act(here: Guarded, root: Browser) -> None:
     rotate = root.action(root.part(SEEN, _JOINT), LF.Rotate)
     with here.browsing("actor") as actor, here.browsing("stopper") as stopper, here.browsing("reader") as reader:
         deed = Deed("rotate", (), "POST", rotate, _ROTATE.replace("0.1", "3.0"))
@@ -118,7 +118,7 @@ def test_invocations_are_cancelled_by_who_may_stop_and_deleted_by_who_may_act(he
         assert actor.http.delete(invocation).status_code == 204
 
 
-def test_websockets_are_for_who_may_subscribe(here: Guarded, root: Browser) -> None:
+def test_websockets_need_the_right_to_subscribe(here: Guarded, root: Browser) -> None:
     url = root.part(SEEN, _JOINT).url
     assert refused(url).status_code == 401
     assert refused(url, Authorization=f"Bearer {here.tokens['reader']}").status_code == 403
@@ -127,7 +127,7 @@ def test_websockets_are_for_who_may_subscribe(here: Guarded, root: Browser) -> N
         assert _JOINT in open_.raw()
 
 
-def test_callbacks_by_upgrade_are_for_who_may_subscribe(here: Guarded, root: Browser) -> None:
+def test_callbacks_by_upgrade_need_the_right_to_subscribe(here: Guarded, root: Browser) -> None:
     url = root.part(SEEN, _JOINT).url
     headers = {"connection": "upgrade", "upgrade": "callback", "callback": "http://127.0.0.1:9/"}
     with here.browsing("reader") as reader:
@@ -152,7 +152,7 @@ def test_missing_or_malformed_credentials_get_a_challenge(here: Guarded, root: B
             assert nobody.http.get(here.root + path).status_code == 200
 
 
-def test_answers_are_for_who_asked(here: Guarded, root: Browser) -> None:
+def test_responses_are_private_to_the_caller(here: Guarded, root: Browser) -> None:
     answer = root.http.get(here.root)
     assert answer.headers["cache-control"] == "private, no-cache"
     assert answer.headers["vary"] == "Accept, Prefer, Accept-Encoding, Authorization, Cookie"
@@ -163,14 +163,14 @@ def test_answers_are_for_who_asked(here: Guarded, root: Browser) -> None:
 @pytest.mark.parametrize(
     ("name", "status"), [(None, 401), ("reader", 403), ("lab", 403), ("scraper", 200), ("admin", 200)]
 )
-def test_the_numbers_are_for_who_administers_all(here: Guarded, name: str | None, status: int) -> None:
+def test_metrics_need_administration_of_the_fleet(here: Guarded, name: str | None, status: int) -> None:
     with here.browsing(name) as browser:
         answer = browser.http.get(here.root + "metrics")
         assert answer.status_code == status
         assert ("linked_fleet_robots" in answer.text) == (status == 200)
 
 
-def test_a_subscription_is_seen_and_changed_by_its_creator_and_by_who_administers(here: Guarded, root: Browser) -> None:
+def test_a_subscription_is_visible_to_its_creator_and_administrators(here: Guarded, root: Browser) -> None:
     joint = root.part(SEEN, _JOINT)
     container = str(joint.one(HYBRIT.subscriptions))
     body = _PREFIXES + f"[] a hybrit:Subscription ; hybrit:onResource <{joint.url}> ."
@@ -247,7 +247,7 @@ def test_readers_cannot_see_subscriptions(here: Guarded, root: Browser) -> None:
             assert {browser.http.get(container).status_code for container in containers} == {200}
 
 
-def test_pages_link_subscriptions_for_who_may_read_them(here: Guarded, root: Browser) -> None:
+def test_pages_link_subscriptions_if_readable(here: Guarded, root: Browser) -> None:
     """No page leads its reader to a 403."""
     for thing in (root.page(root.root), root.robot(SEEN), root.part(SEEN, _JOINT)):
         link = f'href="{thing.one(HYBRIT.subscriptions)}"'

@@ -203,7 +203,7 @@ async def test_a_refusal_has_no_payload(part: Network) -> None:
 
 
 @contract
-async def test_a_question_that_nobody_can_answer_is_over_at_once(part: Network) -> None:
+async def test_a_query_without_queryables_ends_at_once(part: Network) -> None:
     gateway, agent = await part.gateway(), await part.agent("r")
     with answers(agent, STOP, b"of another key"):
         await met(gateway, agent)
@@ -230,7 +230,7 @@ async def test_a_question_that_is_held_ends_with_an_error_when_its_time_is_over(
 
 
 @contract
-async def test_all_who_can_answer_are_asked_and_under_their_own_keys(part: Network) -> None:
+async def test_all_matching_queryables_reply_under_their_keys(part: Network) -> None:
     gateway = await part.gateway()
     expected = set()
     for name in ("a", "b", "c"):
@@ -312,7 +312,7 @@ async def test_a_queryable_that_is_withdrawn_is_asked_no_more(part: Network) -> 
 
 @contract
 @pytest.mark.parametrize("end", ["kill", "leave"])
-async def test_a_question_is_over_when_who_holds_it_is_gone(part: Network, end: str) -> None:
+async def test_a_query_ends_when_its_queryable_is_gone(part: Network, end: str) -> None:
     gateway, agent = await part.gateway(), await part.agent("r")
     held: list[agent_side.Query] = []
     part.keep(agent.declare_queryable(COMMAND, held.append))
@@ -331,7 +331,7 @@ async def test_a_question_is_over_when_who_holds_it_is_gone(part: Network, end: 
 
 
 @contract
-async def test_tokens_of_before_are_told_and_so_is_what_comes_and_goes(part: Network) -> None:
+async def test_earlier_tokens_and_later_changes_are_reported(part: Network) -> None:
     gateway, agent = await part.gateway(), await part.agent("r")
     late = KEYS.presence("late", 2)
     with agent.declare_token(TOKEN):

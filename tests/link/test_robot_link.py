@@ -89,7 +89,7 @@ async def test_of_two_simultaneous_agents_the_older_run_stays(part: Network) -> 
 
 
 @contract
-async def test_each_question_is_answered_by_what_is_for_it(part: Network) -> None:
+async def test_each_query_is_answered_by_its_handler(part: Network) -> None:
     gateway, session = await part.gateway(), await part.agent("r")
 
     def mesh(payload: bytes) -> bytes:
@@ -215,7 +215,7 @@ async def test_heartbeats_are_subscribed_to_while_the_token_is_there(part: Netwo
 
 
 @contract
-async def test_publications_that_nobody_takes_are_dropped_and_said_once(
+async def test_undeliverable_publications_are_dropped_and_logged_once(
     part: Network, caplog: pytest.LogCaptureFixture
 ) -> None:
     await part.gateway()

@@ -54,7 +54,7 @@ def test_a_configuration_that_means_nothing_is_one_clear_line(
     assert "\n" not in str(caught.value)
 
 
-async def test_a_session_that_is_to_connect_is_connected_when_somebody_is_there() -> None:
+async def test_a_client_session_is_connected_with_a_peer() -> None:
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     session = await open_session((), (endpoint,), {})
     assert not session.connected

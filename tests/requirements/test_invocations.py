@@ -116,7 +116,7 @@ def test_r0_7_and_r0_8_every_joint_answers_204_with_location(tree: Walk, browser
 
 
 @pytest.mark.parametrize("method", ["POST", "PUT"])
-def test_r0_7_and_r0_8_of_what_else_there_is(tree: Walk, browser: Browser, method: str) -> None:
+def test_r0_7_and_r0_8_of_other_resources(tree: Walk, browser: Browser, method: str) -> None:
     """One kind after another, at everything that offers it, because they would end each other."""
     done = set()
     for kind in (*_OTHERS, *_NO_BODY):

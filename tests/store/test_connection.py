@@ -58,7 +58,7 @@ async def test_following_begins_at_the_first_contact_without_gaps(connection: Co
 
 
 @pytest.mark.parametrize("server", ["memory", "valkey"], indirect=True)
-async def test_a_server_that_may_lose_what_was_accepted_is_complained_of_once(
+async def test_a_server_that_may_lose_data_is_warned_of_once(
     server: Backend, connection: Connection, caplog: pytest.LogCaptureFixture
 ) -> None:
     async with closing(Connection(server.url, "another")) as operator:

@@ -65,7 +65,7 @@ def heard(server: Backend, b: ActionStore) -> Iterator[Listener]:
 # Leases
 
 
-async def test_only_who_knows_the_token_acts_on_a_robot_that_is_held(a: ActionStore, b: ActionStore) -> None:
+async def test_only_the_holder_of_the_token_acts_on_a_leased_robot(a: ActionStore, b: ActionStore) -> None:
     lease, token = await a.take("r", "Ada", 60)
     assert (lease.robot, lease.holder, lease.duration_s) == ("r", "Ada", 60)
     assert lease.expires_ns - lease.taken_ns == 60 * 10**9
@@ -206,9 +206,7 @@ async def test_invalid_names_are_refused(robot: str, a: ActionStore) -> None:
 # News
 
 
-async def test_others_hear_what_was_done_and_nobody_what_he_did_himself(
-    a: ActionStore, b: ActionStore, heard: Listener
-) -> None:
+async def test_news_reaches_other_gateways_only(a: ActionStore, b: ActionStore, heard: Listener) -> None:
     async with listening(a) as heard_by_a:
         one = an_invocation()
         await a.open(one, key="k", digest="d")

@@ -140,7 +140,7 @@ async def test_early_firings_are_suppressed_and_counted(a: RuleStore) -> None:
     assert [n for n, each in known.firings.items() if each.state is FiringState.SUPPRESSED] == [17]
 
 
-async def test_so_many_firings_are_kept(a: RuleStore, monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_firings_are_kept_up_to_the_limit(a: RuleStore, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(store_module, "KEPT", 5)
     rule = a_rule()
     known = await evaluated(a, rule)
@@ -151,7 +151,7 @@ async def test_so_many_firings_are_kept(a: RuleStore, monkeypatch: pytest.Monkey
     assert 1 not in (await read(a)).firings
 
 
-async def test_others_hear_of_what_was_done_and_why_a_rule_does_not_fire(a: RuleStore, b: RuleStore) -> None:
+async def test_news_of_rules_and_faults_reaches_other_gateways(a: RuleStore, b: RuleStore) -> None:
     await b.load()
     rule = a_rule()
     known = await evaluated(a, rule)

@@ -44,7 +44,7 @@ async def test_a_session_ended_at_one_gateway_is_over_at_all(
             assert [each in gateway for each in many] == [True, True, False]
 
 
-async def test_while_redis_is_away_it_is_over_here_and_the_others_hear_of_it_afterwards(
+async def test_a_session_ended_in_an_outage_is_over_elsewhere_afterwards(
     server: Backend, a: EndedSessions, b: EndedSessions
 ) -> None:
     await b.look()

@@ -182,7 +182,7 @@ def news(server: Backend, a: Store) -> Iterator[AsyncIterator[News]]:
     yield from opened(server, aclosing(a.news()))
 
 
-async def test_a_holder_hears_what_others_did_even_over_an_outage(
+async def test_a_holder_gets_news_after_an_outage(
     server: Backend, a: Store, b: Store, news: AsyncIterator[News]
 ) -> None:
     mine, woken, removed, later = (a_subscription() for _ in range(4))

@@ -171,7 +171,7 @@ def test_streams_vanish_with_the_lease_of_their_gateway_and_callbacks_stay(serve
 # Streams that are opened through another gateway
 
 
-async def test_a_stream_goes_over_to_the_gateway_that_adds_it_and_the_other_hears_of_it(
+async def test_adding_a_stream_takes_it_over_and_tells_its_holder(
     server: Backend, a: Store, b: Store, c: Store, stream: Subscription
 ) -> None:
     async with aclosing(a.news()) as news:

@@ -177,7 +177,7 @@ def numbers(log: list[Seen]) -> list[int]:
 # When it gives up
 
 
-async def test_after_so_many_failures_it_is_suspended_until_somebody_resumes_it(
+async def test_repeated_failures_suspend_a_callback_until_it_is_resumed(
     url: str, there: CallbackReceiver, at_once: list[int]
 ) -> None:
     there.default = Answer(500)
@@ -351,9 +351,7 @@ async def test_a_courier_that_lost_its_subscription_in_a_pause_stops(url: str, t
         await taker.stop()
 
 
-async def test_who_lost_the_subscription_before_it_repeats_a_delivery_delivers_no_more(
-    url: str, there: CallbackReceiver
-) -> None:
+async def test_a_courier_that_lost_its_subscription_does_not_repeat(url: str, there: CallbackReceiver) -> None:
     """As a gateway that was suspended for longer than its lease: no older number follows a higher one."""
     there.script(Answer(), retry_after(5))
     namespace = uuid.uuid4().hex

@@ -288,7 +288,7 @@ def test_a_usable_callback_url_stays_as_it_is(url: str) -> None:
 
 
 @pytest.mark.parametrize(("url", "right"), REFUSED)
-def test_another_is_refused_with_what_would_have_been_right(url: str, right: str) -> None:
+def test_other_urls_are_refused_with_the_valid_form(url: str, right: str) -> None:
     with pytest.raises(ValueError, match=right):
         callback_url(url)
 

@@ -207,7 +207,7 @@ def test_a_body_cut_short_does_not_undo_a_delivery(there: CallbackReceiver) -> N
     assert using(there.url(), deliver).verdict is Verdict.DELIVERED
 
 
-def test_nobody_there_is_tried_again_and_the_reason_names_no_port() -> None:
+def test_an_absent_receiver_is_retried_without_naming_ports() -> None:
     port = free_port()
     outcome = using(f"http://127.0.0.1:{port}/", deliver)
     assert outcome == Outcome(Verdict.RETRY, None, None, "No connection: nobody listens there.")
@@ -334,7 +334,7 @@ def test_consent_is_for_everybody_or_for_us(there: CallbackReceiver, origin: str
         (Answer(hangs_up=True), None),
     ],
 )
-def test_everything_else_is_no_consent(there: CallbackReceiver, answer: Answer, status: int | None) -> None:
+def test_other_responses_are_no_consent(there: CallbackReceiver, answer: Answer, status: int | None) -> None:
     there.consent = answer
     consent = using(there.url(), ask)
     assert (consent.granted, consent.status) == (False, status)

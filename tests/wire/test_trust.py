@@ -39,7 +39,7 @@ def test_files_that_are_no_credentials(folder: Path) -> None:
         assert "\n" not in str(caught.value)
 
 
-def test_no_agent_is_called_as_those_who_command() -> None:
+def test_agents_cannot_have_names_of_gateways() -> None:
     for name in ("gateway", "router"):
         with pytest.raises(ValueError, match="taken for one"):
             of_router(Keys(), {name: [name]})

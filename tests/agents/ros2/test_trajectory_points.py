@@ -19,7 +19,7 @@ def test_all_joints_of_the_controller_are_in_it_and_those_that_are_told_nothing_
     assert follower.next({"a": 0.2}, {"a": 0.1, "b": 0.95}, 0.01) == {"a": 0.2, "b": 1.0}  # it sags, but is not let go
 
 
-def test_after_a_pause_what_others_have_moved_stays_there(follower: TrajectoryPoints) -> None:
+def test_joints_moved_by_others_in_a_pause_stay(follower: TrajectoryPoints) -> None:
     follower.next({"a": 0.1}, {"a": 0.0, "b": 1.0}, 0.0)
     assert follower.next({"a": 0.2}, {"a": 0.1, "b": 2.0}, 0.6) == {"a": 0.2, "b": 2.0}
     assert follower.next({"a": 0.3}, {"a": 0.2, "b": 2.005}, 1.2) == {

@@ -51,7 +51,7 @@ def tree(http: httpx.Client, root: str) -> Walk:
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_a_gateway_is_whole_without_one(tmp_path: Path, name: str) -> None:
+def test_a_gateway_works_without_each_extension(tmp_path: Path, name: str) -> None:
     off = needing(name)
     with gateway(tmp_path, off) as (http, root):
         found = tree(http, root)

@@ -102,7 +102,7 @@ def test_robots_are_in_the_order_of_their_names() -> None:
     assert [robot.name for robot in fleet.robots.values()] == ["a", "b", "c"]
 
 
-def test_a_robot_that_comes_disturbs_nobody_who_goes_through_them() -> None:
+def test_a_new_robot_does_not_disturb_iteration() -> None:
     fleet = Fleet()
     for name in ("b", "d"):
         fleet.apply(Appeared(name, 1), 1)
@@ -201,7 +201,7 @@ def test_a_frame_with_an_infinite_value_has_no_values() -> None:
     assert fleet.malformed["r"] == 1
 
 
-def test_a_restart_forgets_what_was_measured_and_keeps_the_tree() -> None:
+def test_a_restart_drops_measured_values_and_keeps_the_tree() -> None:
     fleet, robot = fleet_after(*UP, framed(9), Vanished("r", 5))
     assert kinds(fleet.apply(Appeared("r", 6), 9)) == ["appeared"]
     assert (robot.incarnation, robot.frame) == (6, None)
@@ -274,7 +274,7 @@ def test_a_value_changes_when_it_moves_by_the_resolution() -> None:
     assert robot.observe("x", (0.13, 0.0), 0.01).values == (0.13, 0.0)
 
 
-def test_a_restart_resets_what_was_observed() -> None:
+def test_a_restart_resets_observations() -> None:
     fleet, robot = fleet_after(*UP, framed(1))
     robot.observe("x", (1.0,), 0.1)
     fleet.apply(Appeared("r", 6), 9)

@@ -133,5 +133,5 @@ def test_a_watched_robot_is_reported_once_until_it_is_read(fleet: Fleet) -> None
     assert frames.urgent(first)
 
 
-def test_nobody_is_told_of_a_robot_that_there_is_not(fleet: Fleet) -> None:
+def test_frames_of_an_unknown_robot_are_not_reported(fleet: Fleet) -> None:
     assert fleet.apply(Moved("s"), 4) == []

@@ -71,7 +71,7 @@ def test_progress_of_others_and_after_the_end_is_nothing() -> None:
 
 
 @pytest.mark.parametrize("state", [InvocationState.ACCEPTED, InvocationState.RUNNING])
-def test_when_the_agent_is_gone_what_was_open_is_unknown_until_news(state: InvocationState) -> None:
+def test_open_invocations_of_a_lost_agent_are_unknown_until_reported(state: InvocationState) -> None:
     invocations = with_one(state)
     assert invocations.lose("x") == []
     (lost,) = invocations.lose("r")
@@ -308,7 +308,7 @@ def test_the_target_of_a_joint_is_that_of_the_last_motion_that_was_not_stopped(
     assert invocations.targets("r", 1).get("elbow") == elbow
 
 
-def test_no_target_comes_back_when_what_followed_it_is_removed() -> None:
+def test_removing_a_later_invocation_does_not_restore_an_older_target() -> None:
     for after in (moved(2, RUNNING), stopped(2), stopped(2, "elbow")):
         invocations = Invocations()
         invocations.add(moved(1, SUCCEEDED, targets={"elbow": 1.0, "wrist": 1.0}))

@@ -107,7 +107,7 @@ def test_one_bad_frame_is_a_complaint_and_no_fault(pictured: Pictured) -> None:
     assert (robot_of(pictured).presence, fleet.malformed["r"]) == ("online", 2)
 
 
-def test_what_is_requested_after_a_stop_is_later_than_the_stop_even_before_the_next_frame(pictured: Pictured) -> None:
+def test_a_request_after_a_stop_is_later_than_it_before_the_next_frame(pictured: Pictured) -> None:
     robot = robot_of(pictured)
     frame = robot.frame
     assert frame is not None and robot.incarnation is not None

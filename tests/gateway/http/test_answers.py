@@ -84,7 +84,7 @@ def test_streams_are_never_kept(stage: Stage) -> None:
     assert len(stage.answers) == 0
 
 
-def test_other_facts_and_news_of_the_robot_end_it(stage: Stage) -> None:
+def test_a_kept_answer_ends_with_other_facts_of_the_robot(stage: Stage) -> None:
     stage.keep(b"one")
     stage.facts = 2
     assert stage.content() is None
@@ -108,7 +108,7 @@ def test_an_answer_is_kept_per_view(stage: Stage) -> None:
     assert stage.content(caller=one) == b"one"
 
 
-def test_a_client_that_has_it_is_told_so(stage: Stage) -> None:
+def test_a_client_with_the_entity_tag_gets_304(stage: Stage) -> None:
     stage.keep(b"one")
     found = stage.answers.find(scope(), stage.live)
     assert found is not None

@@ -212,7 +212,7 @@ async def test_disconnect(reset: bool) -> None:
         app.outlets[0].end(Ending.CANCELLED)
 
 
-async def test_a_stalled_reader_holds_up_nobody_and_has_the_latest_in_the_end() -> None:
+async def test_a_stalled_reader_delays_nobody_and_ends_with_the_latest_state() -> None:
     app, source = App(), EventSource()
     async with serving(app) as (_, port):
         slow_reader, slow_writer = await connect(port, GET, receive_buffer=8192)
@@ -264,7 +264,7 @@ async def test_a_stalled_reader_is_disconnected(half_closed: bool) -> None:
         writer.transport.abort()
 
 
-async def test_a_plain_answer_that_nobody_reads_is_dropped_too() -> None:
+async def test_an_unread_plain_response_is_dropped() -> None:
     async def app(scope: Scope, receive: Receive, send: Send) -> None:
         await send({"type": "http.response.start", "status": 200, "headers": []})
         for _ in range(100):

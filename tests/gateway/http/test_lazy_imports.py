@@ -34,11 +34,11 @@ def asked(*requests: tuple[str, str, str]) -> list[str]:
     return happened
 
 
-def test_a_page_waits_for_what_pages_are_made_with() -> None:
+def test_a_page_waits_for_the_modules_of_pages() -> None:
     page = ("GET", "/a", "text/html,*/*;q=0.8")
     assert asked(("GET", "/t", "text/turtle"), page, page) == ["/t", *Pages.modules, "/a", "/a"]
 
 
-def test_a_subscription_waits_for_what_judges_it() -> None:
+def test_a_subscription_waits_for_its_modules() -> None:
     there = ("POST", "/r/subscriptions", "*/*")
     assert asked(("POST", "/r/actions/stop", "text/html"), there) == ["/r/actions/stop", *SUBSCRIPTIONS, there[1]]

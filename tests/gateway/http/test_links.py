@@ -40,7 +40,7 @@ def test_own_first_then_parts_then_the_link_set() -> None:
     assert value.endswith('</baxter/linkset>; rel="linkset"; type="application/linkset+json"')
 
 
-def test_nothing_escapes_its_place() -> None:
+def test_values_cannot_break_out_of_a_link_field() -> None:
     """Brackets, quotes and letters beyond ASCII cannot end a target or a parameter."""
     value = link_header([Link('/a>; rel="x", <é%20%', 'a"b\\')], [])
     assert value == '</a%3E;%20rel=%22x%22,%20%3C%C3%A9%20%25>; rel="a\\"b\\\\"'.replace("%C3%A9%20%25", "%C3%A9%20%25")
@@ -61,7 +61,7 @@ def test_link_set_documents() -> None:
     assert linkset_text("/x", links[:1]) == b'</a>; rel="related"; type="text/turtle"; anchor="/x"'
 
 
-def test_the_fleet_links_what_an_extension_describes_it_in_by_a_relation_of_its_own() -> None:
+def test_the_fleet_has_links_of_extensions_with_their_relations() -> None:
     """In the Link field and in the link set, with the media type."""
     branch = FleetBranch("api", None, lambda view, rest: None, link=("service-desc", "application/x-api"))
     tree = Tree(Fleet(), Invocations(), "http://fleet.example", branches=Branches().having(branch))

@@ -288,7 +288,7 @@ def expressions() -> list[str]:
     return [*asked, *variables, *(rule["expr"] for group in alerts["groups"] for rule in group["rules"])]
 
 
-def test_dashboard_alerts_and_page_name_what_is_exported_and_all_of_it(http: httpx.Client) -> None:
+def test_dashboard_alerts_and_page_name_all_exported_metrics(http: httpx.Client) -> None:
     http.get("/")  # so that each method and status has a value
     text = http.get("/metrics").text
     families = list(text_string_to_metric_families(text))

@@ -54,7 +54,7 @@ def test_a_carrier_takes_its_turn_later() -> None:
     assert served.index("/calls") <= 2
 
 
-async def test_one_that_goes_away_keeps_nobody_waiting() -> None:
+async def test_a_cancelled_request_delays_no_other() -> None:
     turns = StopPriority()
     waiting = [asyncio.ensure_future(turns.turn(_scope("/r", "GET"))) for _ in range(3)]
     await asyncio.sleep(0)

@@ -105,7 +105,7 @@ async def test_an_answer_may_take_longer_to_read_than_the_next_request_may_take_
         writer.close()
 
 
-async def test_an_answer_that_nobody_reads_is_given_up() -> None:
+async def test_an_unread_response_is_given_up() -> None:
     class Impatient(Hasty):
         stall_s = 0.1
 

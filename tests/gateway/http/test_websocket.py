@@ -237,7 +237,7 @@ async def test_abrupt_disconnect(linger: bool) -> None:
         await until(lambda: app.returned and not server.server_state.connections)
 
 
-async def test_a_stalled_reader_holds_up_nobody_and_has_the_latest_in_the_end() -> None:
+async def test_a_stalled_reader_delays_nobody_and_ends_with_the_latest_state() -> None:
     app = App()
     async with serving(app) as (_, port):
         reader, writer = await connect(port, handshake(), receive_buffer=8192)
@@ -303,7 +303,7 @@ async def test_a_stalled_reader_cannot_keep_a_connection_that_is_over(leave: str
         writer.transport.abort()
 
 
-async def test_keepalive_spares_who_reads_slowly_and_drops_who_is_silent() -> None:
+async def test_keepalive_spares_slow_readers_and_drops_silent_ones() -> None:
     """A ping behind 64 KiB is not late; a lone one is."""
     app = App()
     async with serving(app) as (server, port):

@@ -41,7 +41,7 @@ class Gateway:
         return event
 
 
-async def test_the_event_loop_hears_of_frames_that_somebody_watches_or_that_have_to_be_judged() -> None:
+async def test_frames_that_are_watched_or_unchecked_reach_the_event_loop() -> None:
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     gateway = Gateway(endpoint)
     async with gateway.link:

@@ -146,7 +146,7 @@ def test_a_stop_is_answered_while_many_commands_wait_for_a_frozen_agent() -> Non
     run(scenario)
 
 
-def test_only_who_answers_and_says_so_is_in_the_replies() -> None:
+def test_only_valid_replies_are_returned() -> None:
     """A missing robot is left out; a refusal is a reply; a stop is for one robot only if it says so."""
 
     async def scenario(gateway: Gateway, other: Process) -> None:

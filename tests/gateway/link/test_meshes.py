@@ -48,7 +48,7 @@ def _robot(name: str = "r", online: bool = True) -> Robot:
     return robot
 
 
-async def test_many_who_want_it_at_once_have_the_robot_asked_once() -> None:
+async def test_concurrent_requests_query_the_robot_once() -> None:
     agents, mesh = Agents(b"one"), _mesh(b"one")
     got = await asyncio.gather(*(agents.meshes.get(_robot(), mesh) for _ in range(20)))
     assert set(got) == {b"one"}
@@ -56,7 +56,7 @@ async def test_many_who_want_it_at_once_have_the_robot_asked_once() -> None:
     assert len(agents.asked) == 1
 
 
-async def test_one_who_goes_away_takes_it_from_nobody() -> None:
+async def test_a_cancelled_request_does_not_cancel_others() -> None:
     agents, mesh = Agents(b"one"), _mesh(b"one")
     agents.open.clear()
     first, second = (asyncio.create_task(agents.meshes.get(_robot(), mesh)) for _ in range(2))
@@ -105,7 +105,7 @@ async def test_memory_is_bounded_and_the_one_not_used_for_longest_goes(monkeypat
         await agents.meshes.get(offline, _mesh(b"larger than all"))
 
 
-async def test_a_silent_robot_holds_up_nobody_and_too_many_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_a_silent_robot_delays_nobody_and_excess_requests_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(meshes, "MAX_UNDER_WAY", 12)
     monkeypatch.setattr(meshes, "MAX_UNDER_WAY_OF_A_ROBOT", 11)
     contents = [b"%d" % number for number in range(13)]

@@ -65,7 +65,7 @@ def test_many_faults_are_told_briefly() -> None:
     assert len([t for t in found[1] if t.predicate == SH.result]) == 9
 
 
-def test_reachable_is_what_hangs_below() -> None:
+def test_reachable_statements_are_those_below_the_root() -> None:
     """Through IRIs and blank nodes and around cycles, each triple once, and nothing else."""
     a, b = BlankNode("a"), BlankNode("b")
     focus, p, other = NamedNode(_REQUEST), NamedNode("urn:p"), NamedNode("urn:other")

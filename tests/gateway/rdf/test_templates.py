@@ -99,7 +99,7 @@ def test_things_of_one_form_share_a_template(media_type: str) -> None:
 
 
 @pytest.mark.parametrize("media_type", TEXT_TYPES)
-def test_what_a_syntax_writes_otherwise_is_of_another_form(media_type: str) -> None:
+def test_values_written_differently_have_another_template(media_type: str) -> None:
     """Names that are equal by chance, texts with quotes, and names with a colon."""
     templates = Templates()
     for named in (

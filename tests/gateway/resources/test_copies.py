@@ -48,7 +48,7 @@ def _blueprints() -> Iterator[Resource]:
 
 
 @pytest.mark.parametrize("media_type", sorted(TEXT_TYPES))
-def test_a_copy_is_what_writing_gives(media_type: str) -> None:
+def test_a_copy_equals_the_rendered_document(media_type: str) -> None:
     copies, copied = Copies(), 0
     for resource in _blueprints():
         body = copies.body(resource, media_type, _BASE)

@@ -116,7 +116,7 @@ def test_after_an_unforeseen_error_everything_is_read_anew(caplog: pytest.LogCap
     ]
 
 
-def test_an_answer_that_comes_late_is_not_taken_for_what_was_written_meanwhile() -> None:
+def test_a_late_read_does_not_replace_a_newer_write() -> None:
     async def test() -> None:
         shared = Shared(a="slow")
         late = asyncio.create_task(shared.replica.refresh("a"))

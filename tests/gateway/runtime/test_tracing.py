@@ -140,7 +140,7 @@ def test_reads_and_unsampled_requests_are_not_traced(traced: Traced) -> None:
 
 
 @pytest.mark.parametrize("attachment", [b"", b"\xff\x00", b"00-" + b"0" * 52, b"x" * 1_000_000])
-def test_an_agent_answers_whatever_is_attached(traced: Traced, attachment: bytes) -> None:
+def test_an_agent_answers_with_any_attachment(traced: Traced, attachment: bytes) -> None:
     with stage(traced.place.zenoh) as session:
         replies = session.get(KEYS.robot("ur5", "command"), payload=b"{}", attachment=attachment)
         (reply,) = [decode_reply(each.ok.payload.to_bytes()) for each in replies if each.ok is not None]

@@ -271,7 +271,7 @@ async def test_a_burst_of_frames_is_read_once() -> None:
     assert b"0.3" in outlet.messages[-1].body
 
 
-async def test_deadband_counts_from_what_was_sent() -> None:
+async def test_the_deadband_counts_from_the_sent_value() -> None:
     """A slow drift is news once it adds up; a subscriber without deadband gets each step."""
     world = await World().up()
     rough, fine = watch(world, _ROTATION, deadband=0.25), watch(world, _ROTATION)
@@ -607,7 +607,7 @@ async def test_a_new_interval_counts_from_the_change_of_options() -> None:
     assert len(outlet.messages) == 3
 
 
-async def test_another_deadband_is_held_against_what_was_sent() -> None:
+async def test_a_changed_deadband_is_compared_with_the_sent_value() -> None:
     """A smaller one releases what was no news before; a larger one holds back what is no longer news."""
     world = await World().up()
     outlet = await begin(world, _ROTATION, deadband=0.5)

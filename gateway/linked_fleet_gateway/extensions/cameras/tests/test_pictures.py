@@ -113,7 +113,7 @@ def test_depth_is_a_frame_that_its_layout_describes(hall: Hall) -> None:
     assert rows == 3
 
 
-def test_only_who_gets_bytes_has_the_robot_asked(hall: Hall) -> None:
+def test_only_requests_for_bytes_query_the_robot(hall: Hall) -> None:
     seer, page = hall.seer(EYE)
     answer = httpx.head(page.url, headers={"accept": "image/jpeg"})
     assert (answer.status_code, answer.headers["content-type"]) == (200, "image/jpeg")

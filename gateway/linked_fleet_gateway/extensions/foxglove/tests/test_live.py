@@ -156,7 +156,7 @@ def test_bad_input_gets_the_status_message_of_the_protocol(here: Guarded, bad: s
         assert client.next("parameterValues")["parameters"], "the connection goes on"
 
 
-def test_calls_of_what_is_no_service_fail(here: Guarded) -> None:
+def test_calls_of_unknown_services_fail(here: Guarded) -> None:
     client = opened(here)
     with client.socket:
         client.socket.send(struct.pack("<BIII", 2, 999_999, 3, 4) + b"json{}")

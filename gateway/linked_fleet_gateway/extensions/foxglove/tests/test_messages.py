@@ -74,7 +74,7 @@ def test_transforms_are_of_all_links_whose_pose_is_known(bench: Any) -> None:
     assert set(transforms(bench, (0.0, 0.0), AT)) == {"r/base", "r/pan_link", "r/lift_link"}
 
 
-def test_a_robot_that_nobody_has_placed_stands_in_a_world_of_its_own(bench: Any) -> None:
+def test_a_robot_without_placement_has_a_frame_of_its_own(bench: Any) -> None:
     found = transforms(bench, (0.0, 0.0), None)
     assert {each.parent_frame_id for each in found.values()} == {"r/world"}
     assert vector(found["r/base"]) == (0.0, 0.0, 0.0)

@@ -83,7 +83,7 @@ def test_a_frame_with_an_infinity_was_never_a_measurement() -> None:
     assert [stamp for stamp, _ in samples(excerpt((S, 0.25), (2 * S, math.inf), (3 * S, -math.inf)))] == [S]
 
 
-def test_a_table_has_units_in_its_head_and_nothing_for_what_is_unknown() -> None:
+def test_a_table_has_units_in_its_header_and_empty_cells_for_unknown_values() -> None:
     kept = excerpt((S + 7, 0.25))
     content = table(all_columns("r", kept.joints), samples(kept))
     assert content.endswith(b"\r\n") and content.count(b"\n") == 2

@@ -94,7 +94,7 @@ def observations(page: Page) -> dict[str, float]:
     }
 
 
-def test_the_history_of_a_robot_is_what_it_said(moving: Moving) -> None:
+def test_the_history_has_the_values_of_the_frames(moving: Moving) -> None:
     rows = moving.rows(moving.whole)
     begin = min(moving.said)
     held = {moment(stamp): state for stamp, state in list(moving.said.items())}
@@ -236,7 +236,7 @@ def test_a_page_shows_it_and_leads_to_the_files(moving: Moving) -> None:
     assert "MCAP" not in answer.text
 
 
-def test_metrics_say_what_histories_take(moving: Moving) -> None:
+def test_metrics_have_the_memory_of_histories(moving: Moving) -> None:
     text = moving.http.get(moving.browser.root + "metrics").text
     numbers = dict(line.split() for line in text.splitlines() if line.startswith("linked_fleet_history_"))
     samples, size = float(numbers["linked_fleet_history_samples"]), float(numbers["linked_fleet_history_bytes"])

@@ -131,7 +131,7 @@ def test_many_robots_stay_within_their_memory_and_all_keep_what_is_old_and_what_
     assert history.bytes == history.samples * (len(frame(1)) + 41)
 
 
-async def test_nothing_is_recorded_where_none_is_asked_for() -> None:
+async def test_nothing_is_recorded_with_a_span_of_zero() -> None:
     fleet, history = make("r", span_s=0)
     async with history:
         await asyncio.sleep(0)

@@ -51,7 +51,7 @@ def _moved_to(speaker: Speaker, value: float) -> None:
 # -- what there is --------------------------------------------------------------------------------------------------
 
 
-def test_a_session_opens_with_what_the_server_can(here: Guarded) -> None:
+def test_a_session_begins_with_the_capabilities_of_the_server(here: Guarded) -> None:
     speaker = Speaker(here.root, here.tokens["lab"])
     opened = speaker.open()
     assert opened["serverInfo"]["name"] == "linked-fleet" and "rehearse" in opened["instructions"]
@@ -60,7 +60,7 @@ def test_a_session_opens_with_what_the_server_can(here: Guarded) -> None:
     assert speaker.post({"jsonrpc": "2.0", "id": 1, "method": "ping"}).status_code == 404
 
 
-def test_tools_are_few_and_say_what_they_take(lab: Speaker) -> None:
+def test_tools_are_few_and_describe_their_arguments(lab: Speaker) -> None:
     tools = {each["name"]: each for each in lab.ask("tools/list")["result"]["tools"]}
     assert [*tools] == ["find", "read", "query", "rehearse", "act", "stop"]
     assert tools["act"]["inputSchema"]["required"] == ["action"]
@@ -81,7 +81,7 @@ def test_the_find_tool_returns_callable_actions_that_the_caller_may_see(lab: Spe
     assert lab.call("find", limit=2)["structuredContent"]["more"] is True
 
 
-def test_actions_are_found_by_who_has_the_right_to_them(here: Guarded) -> None:
+def test_only_permitted_actions_are_found(here: Guarded) -> None:
     def kinds(name: str) -> set[str]:
         with speaking(here.root, here.tokens[name]) as one:
             items = one.call("find", kind="action", robot=SEEN, limit=50)["structuredContent"]["items"]
@@ -181,7 +181,7 @@ def test_a_refusal_has_the_reason_of_the_shape(lab: Speaker, rehearse: bool) -> 
         ({"action": ROTATE, "body": _degrees(1), "wait_s": 1e9}, "wait_s"),
     ],
 )
-def test_a_call_that_is_wrong_says_how_to_mend_it(lab: Speaker, arguments: dict[str, object], reason: str) -> None:
+def test_an_invalid_call_is_answered_with_a_correction(lab: Speaker, arguments: dict[str, object], reason: str) -> None:
     result = lab.call("act", **arguments)
     assert result["isError"] is True and reason in text_of(result)
 
@@ -262,7 +262,7 @@ def test_reads_hold_up_no_stop(tmp_path: Path) -> None:
 # -- sessions and bounds ----------------------------------------------------------------------------------------------
 
 
-def test_a_session_is_of_who_opened_it(here: Guarded, lab: Speaker) -> None:
+def test_a_session_belongs_to_its_caller(here: Guarded, lab: Speaker) -> None:
     other = {"authorization": f"Bearer {here.tokens['reader']}"}
     ping = {"jsonrpc": "2.0", "id": 1, "method": "ping"}
     assert [lab.post(ping, **other).status_code, lab.post(ping).status_code] == [404, 200]

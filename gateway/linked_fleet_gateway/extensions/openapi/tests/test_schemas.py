@@ -24,7 +24,7 @@ def _takes(schema: Json, **value: object) -> bool:
     return Draft202012Validator(schema).is_valid(value)
 
 
-def test_the_union_takes_what_one_of_them_takes_in_each_unit() -> None:
+def test_the_union_accepts_values_of_each_schema_in_each_unit() -> None:
     schema = closed(union([_turn(1.0), _turn(3.0), _turn(2.0)]))
     assert _takes(schema, value=2.9, unit=RAD) and _takes(schema, value=170, unit=DEG)
     assert not _takes(schema, value=3.1, unit=RAD) and not _takes(schema, value=181, unit=DEG)

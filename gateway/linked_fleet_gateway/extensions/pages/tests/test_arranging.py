@@ -137,7 +137,7 @@ def test_a_concurrent_change_is_not_overwritten(world: Page, watched: Forgiving,
     assert _placed(client, _iri(item)) == (3, 0, 0.2)
 
 
-def test_a_form_asks_for_what_its_geometry_has(world: Page) -> None:
+def test_a_form_has_the_fields_of_its_geometry(world: Page) -> None:
     world.locator("#objects > details > summary").click()
     form = world.locator("#objects > details form.invoke")
     expect(form.get_by_role("group", name="size")).to_be_visible()

@@ -65,7 +65,7 @@ def front(page: Page, watched: object, client: Client) -> Page:
     return page
 
 
-def test_the_world_is_drawn_with_what_each_robot_does(front: Page) -> None:
+def test_the_scene_shows_the_activity_of_each_robot(front: Page) -> None:
     label = front.locator(".scene-names a")
     expect(label).to_be_visible()
     expect(label).to_contain_text("ur5")

@@ -39,7 +39,7 @@ def test_the_robot_fills_its_frame_and_stays_in_it(bench: Any) -> None:
     assert max(max(across) - min(across), max(down) - min(down)) > HEIGHT * 0.6
 
 
-def test_a_pose_that_nobody_knows_is_not_invented(bench: Any) -> None:
+def test_an_unknown_pose_is_not_drawn(bench: Any) -> None:
     root = ET.fromstring(drawing(bench.robot(_ARM, None)))
     assert [each.text for each in root] == ["?"] and not list(root.iter(f"{{{NS}}}path"))
 

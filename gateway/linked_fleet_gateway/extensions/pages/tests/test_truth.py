@@ -62,7 +62,7 @@ def test_a_page_that_is_left_alone_stays_live(page: Page, watched: object, toy: 
         expect(page.locator("body")).to_have_attribute("data-connection", "live")
 
 
-def test_stop_says_that_nobody_answers(
+def test_a_stop_without_reply_is_reported(
     page: Page,
     watched: "Watched",  # noqa: F821
     toy: tuple[Hub, Gateway],

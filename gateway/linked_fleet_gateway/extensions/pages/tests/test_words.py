@@ -64,7 +64,7 @@ def walked_from(browser: Browser, url: str) -> dict[str, Element]:
     return {url: parsed(answer.content)}
 
 
-def test_nobody_reads_what_is_for_programs(pages: dict[str, Element]) -> None:
+def test_texts_for_programs_are_not_shown(pages: dict[str, Element]) -> None:
     assert {next(page.all("body"))["data-kind"] for page in pages.values()} >= KINDS
     wrong = {url: found for url, page in pages.items() if (found := for_programs(page))}
     assert not wrong, "\n".join(f"{url} {each}" for url, found in wrong.items() for each in found)
@@ -111,7 +111,7 @@ def test_terms_are_words_and_have_help() -> None:
     assert not re.search(r"[a-z]:[a-z]", labels.sentence("see lf:lastSeen, maths:x"))
 
 
-def test_an_id_is_called_by_what_it_is_one_of() -> None:
+def test_an_id_is_named_by_its_container() -> None:
     one = "10421415-23b7-4b39-9e85-93fa4776e84d"
     assert labels.place(f"/ur5/elbow/actions/hold/invocations/{one}", "/") == "invocation"
     assert labels.place(f"/world/objects/{one}", "/") == "object"

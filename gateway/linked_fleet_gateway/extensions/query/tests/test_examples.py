@@ -47,7 +47,7 @@ def test_a_joint_that_comes_near_its_limit_is_found(browser: Browser) -> None:
     assert len(found) == 1
 
 
-def test_a_motion_is_found_with_who_asked_for_it(browser: Browser) -> None:
+def test_the_example_finds_motions_with_their_clients(browser: Browser) -> None:
     action = of_joint(browser, "wrist_3_joint")
     begun(post(browser, action, slowly(3.0, speed=0.05)))
     (row,) = [row for row in rows(browser, MOVING) if row[1] == f"<{action}>"]

@@ -256,7 +256,7 @@ def _answers(ask: Callable[[], Awaitable[list[dict[str, Term]]]], asking: Asking
     return asking.loop.run(answered())
 
 
-def test_branches_say_what_they_have_to_who_may_see_it(asking: Asking) -> None:
+def test_branches_state_their_resources_for_the_view(asking: Asking) -> None:
     place = NamedNode("http://world.example/place")
 
     def contribution(seen_by: RequestView) -> list[tuple[str, list[Triple]]]:

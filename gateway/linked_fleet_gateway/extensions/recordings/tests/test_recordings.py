@@ -126,7 +126,7 @@ def read(content: bytes) -> dict[str, list[tuple[int, Any]]]:
     return found
 
 
-def test_the_file_ends_with_what_became_of_the_invocation(bench: Any) -> None:
+def test_the_file_ends_with_the_outcome_of_the_invocation(bench: Any) -> None:
     joints = joints_of(bench.robot({"pan": ("continuous", "")}))
     assert isinstance(joints, Joints)
     unmeasured = frame(2, 6, math.nan)[:-8] + b"\0\0\0\0\0\0\xf0\x7f"

@@ -27,7 +27,7 @@ def test_the_order_of_an_answer_does_not_matter() -> None:
     assert list(holding([ONE, OTHER])) == list(holding([OTHER, ONE]))
 
 
-def test_rows_are_told_apart_by_what_the_rule_says() -> None:
+def test_rows_are_compared_by_the_selected_variables() -> None:
     turned = {**ONE, "angle": Literal(2.0)}
     assert edge(set(holding([ONE])), holding([turned])).began
     assert not edge(set(holding([ONE], ("arm",))), holding([turned], ("arm",)))

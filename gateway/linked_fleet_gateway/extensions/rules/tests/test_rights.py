@@ -72,7 +72,7 @@ def test_a_rule_takes_the_rights_to_be_told_and_to_act(here: Guarded, root: Brow
         assert answer.status_code == 403
 
 
-def test_nobody_writes_for_robots_that_he_does_not_see_or_may_not_move(here: Guarded, root: Browser) -> None:
+def test_rules_need_the_right_to_see_and_move_their_robots(here: Guarded, root: Browser) -> None:
     with here.browsing("writer") as writer:
         answer = post(writer, a_rule(sides(joint(root, SEEN)), rotate(root, HIDDEN), _BODY))
         absent = post(writer, a_rule(sides(joint(root, SEEN)), rotate(root, HIDDEN).replace(HIDDEN, "hall-9"), _BODY))

@@ -87,7 +87,7 @@ def test_a_rule_fires_each_time_that_its_condition_starts_to_hold(scene: Scene) 
     assert [state for state, _ in fired(scene.other.browser, here, 3)] == ["accepted"] * 3
 
 
-def test_a_firing_says_what_it_did(scene: Scene) -> None:
+def test_a_firing_links_its_invocation(scene: Scene) -> None:
     rule, browser = scene.rule(), scene.one.browser
     scene.turn(1.5)
     fired(browser, rule, 1)

@@ -23,7 +23,7 @@ _LOGIN = PendingLogin("https://id.example", "state", "nonce", "verifier", "/ur5/
 _HOUR_NS = 3600 * 10**9
 
 
-def test_a_session_is_what_was_sealed_and_for_nobody_else() -> None:
+def test_a_sealed_session_is_opened_with_its_key_only() -> None:
     session = new_session(TokenHash("ab" * 32), "one", time.time_ns())
     sealed = seal_session(session, _KEY)
     assert open_session(sealed, _KEY) == session

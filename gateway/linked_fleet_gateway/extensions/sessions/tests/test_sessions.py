@@ -94,7 +94,7 @@ def test_a_session_listens_for_our_pages_alone(here: Guarded, http: httpx.Client
     assert http.get(here.root, headers=callback).status_code == 403
 
 
-def test_a_foreign_page_opens_no_websocket_whatever_it_brings(here: Guarded) -> None:
+def test_a_foreign_page_cannot_open_a_websocket(here: Guarded) -> None:
     bearer = f"Bearer {here.tokens['all']}"
     assert refused(here.root, Authorization=bearer, Origin="https://evil.example").status_code == 403
 

@@ -8,7 +8,7 @@ _HERE = Path(__file__).parent
 _PAGE = _HERE.parents[4] / "gateway/linked_fleet_gateway/extensions/things/README.md"
 
 
-def test_the_page_pins_what_is_tested() -> None:
+def test_the_page_pins_the_tested_version() -> None:
     """npm would choose a schema without TD 1.1: the versions of that package are not ordered by date."""
     tested = json.loads((_HERE / "package.json").read_text())["devDependencies"]
     (command,) = re.findall(r"^npm install (.+)$", _PAGE.read_text(), re.MULTILINE)

@@ -84,7 +84,7 @@ def test_every_thing_has_a_description_by_the_standard(path: str) -> None:
 
 
 @pytest.mark.parametrize("path", _things())
-def test_every_form_leads_to_what_can_be_done(path: str) -> None:
+def test_every_form_leads_to_an_existing_operation(path: str) -> None:
     td, tree = _td(path), _tree()
     for name, item in td["properties"].items():
         for form in item["forms"]:

@@ -137,7 +137,7 @@ async def test_a_robot_that_could_be_met_is_waited_for(tmp_path: Path) -> None:
         await waiting
 
 
-async def test_a_robot_of_which_no_shape_can_be_had_is_refused_and_holds_nobody_up(tmp_path: Path) -> None:
+async def test_a_robot_without_usable_shapes_is_refused_and_delays_nobody(tmp_path: Path) -> None:
     async with scene_in(tmp_path) as scene:
         robot = scene.robot("mute", let=True)
         scene.silent.add("mute")

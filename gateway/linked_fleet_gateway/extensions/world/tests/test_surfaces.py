@@ -33,7 +33,7 @@ def test_a_closed_mesh_that_fills_its_hull_is_its_hull() -> None:
     assert not read(plate(1.0)).fills_hull
 
 
-def test_a_point_is_inside_of_what_is_closed_around_it() -> None:
+def test_a_point_within_a_closed_mesh_is_inside() -> None:
     surface = read(channel())
     assert abs(winding(surface, np.array([0.0, -0.075, 0.0]))) == pytest.approx(1.0)
     assert winding(surface, np.array([0.0, 0.05, 0.0])) == pytest.approx(0.0, abs=1e-9)

@@ -53,7 +53,7 @@ def test_visual_geometry_stands_for_meshes_that_are_not_handed_out() -> None:
     )
 
 
-def test_another_process_finds_what_was_read_before(tmp_path: Path) -> None:
+def test_another_process_uses_cached_meshes(tmp_path: Path) -> None:
     first = Worker(MeshCache(tmp_path))
     told(first, NAMES["package://r/u.stl"])
     assert Worker(MeshCache(tmp_path)).answer(prepare(urdf())) == Ready()
