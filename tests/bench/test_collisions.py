@@ -16,9 +16,8 @@ def scene() -> Scene:
     return Scene()
 
 
-@pytest.mark.parametrize(
-    "name", [name if name == "ur5" else pytest.param(name, marks=pytest.mark.test_all) for name in MODELS]
-)
+@pytest.mark.test_all
+@pytest.mark.parametrize("name", MODELS)
 def test_no_contact_is_passed_and_nothing_is_refused_without_one(scene: Scene, name: str) -> None:
     trial = Trial(scene, name, SEED)
     for _ in range(COUNT):

@@ -10,7 +10,7 @@ from playwright.sync_api import Locator, Page, Request, expect
 from browser import LF, ROS, SPATIAL, Browser
 from small_fleet import Place, live, move, number, property_page
 
-pytestmark = pytest.mark.processes
+pytestmark = [pytest.mark.processes, pytest.mark.test_all]
 JOINT = "wrist_3_joint"
 REFUSED = "Failed to load resource"
 

@@ -12,7 +12,7 @@ from running import eventually
 from several import Gateway, Hub
 from small_fleet import Place, live
 
-pytestmark = pytest.mark.processes
+pytestmark = [pytest.mark.processes, pytest.mark.test_all]
 
 
 @pytest.mark.parametrize("width", [1280, 390], ids=["desk", "phone"])
