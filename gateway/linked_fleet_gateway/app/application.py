@@ -83,7 +83,7 @@ def create_app(settings: GatewaySettings, tracing: Tracing | None = None, open_s
             subscriptions = Subscriptions(
                 store, run, live.fan_out, network,
                 consent=settings.callback_consent, limit=settings.subscriptions_per_client,
-                vouches=identities.vouches if identities else lambda *_: True,
+                may_continue=identities.may_continue if identities else lambda *_: True,
             )  # fmt: skip
             await stack.enter_async_context(subscriptions)
             sampler = await stack.enter_async_context(Sampler(live.fleet))

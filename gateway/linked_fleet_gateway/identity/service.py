@@ -119,7 +119,7 @@ class Identities:
         now = self.roster.identity(guarded.identity.credential, time.time_ns())
         return now is not None and _subscribes(now, guarded.robot, guarded.identity.sees)
 
-    def vouches(self, creator: str, robot: str | None, sees: View) -> bool:
+    def may_continue(self, creator: str, robot: str | None, sees: View) -> bool:
         """Return True if a callback of ``creator``, who saw the robots of ``sees`` when creating it, may continue.
 
         Subjects of issuers are not checked again, because only a new token would show their present rights.
@@ -134,7 +134,7 @@ class Identities:
 
     async def _look(self) -> None:
         await self._look_at_file()
-        self.end_what_must()
+        self.end_revoked()
 
     async def _look_at_file(self) -> None:
         try:
@@ -150,7 +150,7 @@ class Identities:
         self._stamp, self._complaint = stamp, ""
         log.info("identities read anew: %d tokens, %d issuers", len(self.roster.tokens), len(self.roster.issuers))
 
-    def end_what_must(self) -> None:
+    def end_revoked(self) -> None:
         """End all streams whose caller has lost the right."""
         for each in list(self._guarded):
             if not self._lasts(each):

@@ -90,7 +90,7 @@ class FleetLink:
 
     async def __aenter__(self) -> Self:
         self._discovery = Discovery(
-            self._ask_description, self._list_tokens, self._on_events, lambda: self._heartbeat.hasten(),
+            self._ask_description, self._list_tokens, self._on_events, lambda: self._heartbeat.send_now(),
             lambda: self._session.declare_anew(),
         )  # fmt: skip
         self._incoming = Incoming(self._keys, self._frames, self._discovery, self._on_events, self._on_progress)

@@ -29,7 +29,7 @@ class Heartbeat:
         self._wanted.set()
         self._task = supervised(self._beat, "heartbeat", _log, "no heartbeat can be sent", _SHORTEST_S)
 
-    def hasten(self) -> None:
+    def send_now(self) -> None:
         """Send the next one now, for an agent that has just appeared."""
         self._wanted.set()
 

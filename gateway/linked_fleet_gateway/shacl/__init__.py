@@ -17,7 +17,7 @@ from linked_fleet_gateway.shacl.check import CompiledGraph, CompiledShape
 from linked_fleet_gateway.shacl.compiler import compile_graph, compile_shape
 from linked_fleet_gateway.shacl.data import Data
 from linked_fleet_gateway.shacl.report import Violation, report
-from linked_fleet_gateway.shacl.stated import Unsupported
+from linked_fleet_gateway.shacl.statements import Unsupported
 
 __all__ = [
     "CompiledGraph",

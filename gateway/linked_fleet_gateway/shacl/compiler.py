@@ -18,7 +18,7 @@ from linked_fleet_gateway.shacl.data import (
 )
 from linked_fleet_gateway.shacl.relations import RELATIONS
 from linked_fleet_gateway.shacl.report import Words, brief, shown
-from linked_fleet_gateway.shacl.stated import Stated, Unsupported, at_most_one, natural, one, true
+from linked_fleet_gateway.shacl.statements import Statements, Unsupported, at_most_one, natural, one, true
 from linked_fleet_gateway.shacl.targets import TARGETS, targets
 from linked_fleet_gateway.shacl.terms import PREFIXES, RDF, SHACL, Node, Term
 
@@ -119,7 +119,7 @@ class _Compiler:
             raise Unsupported(f"sh:property {shown(node)} without sh:path")
         return shape
 
-    def _requires(self, shape: Shape, stated: Stated) -> dict[NamedNode, frozenset[Term]]:
+    def _requires(self, shape: Shape, stated: Statements) -> dict[NamedNode, frozenset[Term]]:
         if shape.path is None:
             return {p: terms for each in shape.properties for p, terms in each.requires.items()}
         if not isinstance(shape.path, NamedNode):
@@ -166,7 +166,7 @@ class _Compiler:
         self._open.discard(path)
         return reach
 
-    def _complex_path(self, stated: Stated, path: BlankNode) -> Reach:
+    def _complex_path(self, stated: Statements, path: BlankNode) -> Reach:
         if RDF.first in stated:
             return sequence_path(self._ways(path))
         if len(stated) != 1:
@@ -191,7 +191,7 @@ class _Compiler:
         return ways
 
 
-def _refuse_unknown(stated: Stated) -> None:
+def _refuse_unknown(stated: Statements) -> None:
     known = _KNOWN.union(_WITH_QUALIFIED) if SHACL.qualifiedValueShape in stated else _KNOWN
     for predicate in stated:
         if predicate.value.startswith(SHACL.iri) and predicate not in known:
@@ -200,7 +200,7 @@ def _refuse_unknown(stated: Stated) -> None:
         raise Unsupported("sh:qualifiedValueShapesDisjoint")
 
 
-def _text(stated: Stated, predicate: NamedNode) -> str | None:
+def _text(stated: Statements, predicate: NamedNode) -> str | None:
     texts = [term.value for term in stated.get(predicate, ()) if isinstance(term, Literal)]
     return texts[0] if texts else None
 

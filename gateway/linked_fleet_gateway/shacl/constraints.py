@@ -13,7 +13,16 @@ from linked_fleet_gateway.shacl.check import Constraint, Count, Either, Shape, S
 from linked_fleet_gateway.shacl.data import Data, comparable
 from linked_fleet_gateway.shacl.literals import NUMERIC, Number, well_typed
 from linked_fleet_gateway.shacl.report import brief, shown
-from linked_fleet_gateway.shacl.stated import Shapes, Stated, Unsupported, at_most_one, fixed, natural, one, text_of
+from linked_fleet_gateway.shacl.statements import (
+    Shapes,
+    Statements,
+    Unsupported,
+    at_most_one,
+    fixed,
+    natural,
+    one,
+    text_of,
+)
 from linked_fleet_gateway.shacl.terms import SHACL, Term
 
 _FEWEST_BRANCHES = 4  # branches of an sh:or; with fewer, a lookup of the applicable one does not pay
@@ -27,17 +36,17 @@ _KINDS: Mapping[Term, tuple[tuple[type, ...], str]] = {
 }
 
 
-def _min_count(_shapes: Shapes, stated: Stated, _depth: int) -> Iterable[Count]:
+def _min_count(_shapes: Shapes, stated: Statements, _depth: int) -> Iterable[Count]:
     least = _of_property(stated, natural(stated, SHACL.minCount))
     yield Count(SHACL.MinCountConstraintComponent, f"have {_values(least)} or more", lambda _, v: len(v) >= least)
 
 
-def _max_count(_shapes: Shapes, stated: Stated, _depth: int) -> Iterable[Count]:
+def _max_count(_shapes: Shapes, stated: Statements, _depth: int) -> Iterable[Count]:
     most = _of_property(stated, natural(stated, SHACL.maxCount))
     yield Count(SHACL.MaxCountConstraintComponent, f"have {_values(most)} at most", lambda _, v: len(v) <= most)
 
 
-def _of_property(stated: Stated, count: int) -> int:
+def _of_property(stated: Statements, count: int) -> int:
     if SHACL.path not in stated:
         raise Unsupported("a count in a node shape")
     return count
@@ -47,7 +56,7 @@ def _values(count: int) -> str:
     return f"{count} value" if count == 1 else f"{count} values"
 
 
-def _has_value(shapes: Shapes, stated: Stated, _depth: int) -> Iterable[Count]:
+def _has_value(shapes: Shapes, stated: Statements, _depth: int) -> Iterable[Count]:
     for term in fixed(stated[SHACL.hasValue]):
         yield Count(SHACL.HasValueConstraintComponent, f"include {shapes.words.shown(term)}", _including(term))
 
@@ -56,7 +65,7 @@ def _including(term: Term) -> Callable[[Data, Values], bool]:
     return lambda _, values: term in values
 
 
-def _qualified(shapes: Shapes, stated: Stated, depth: int) -> Iterable[Count]:
+def _qualified(shapes: Shapes, stated: Statements, depth: int) -> Iterable[Count]:
     shape = shapes.shape(one(stated, SHACL.qualifiedValueShape), depth)
     if SHACL.qualifiedMinCount not in stated and SHACL.qualifiedMaxCount not in stated:
         raise Unsupported("sh:qualifiedValueShape without a count")
@@ -74,7 +83,7 @@ def _qualified(shapes: Shapes, stated: Stated, depth: int) -> Iterable[Count]:
         yield Count(SHACL.QualifiedMaxCountConstraintComponent, text, lambda data, v: conforming(data, v) <= most)
 
 
-def _datatype(shapes: Shapes, stated: Stated, _depth: int) -> Iterable[Constraint]:
+def _datatype(shapes: Shapes, stated: Statements, _depth: int) -> Iterable[Constraint]:
     wanted = one(stated, SHACL.datatype)
     if not isinstance(wanted, NamedNode):
         raise Unsupported(f"sh:datatype {shown(wanted)}")
@@ -98,7 +107,7 @@ def _of_type(wanted: NamedNode, formed: Callable[[Literal], bool]) -> Callable[[
     return lambda _, value: isinstance(value, Literal) and value.datatype == wanted and formed(value)
 
 
-def _node_kind(_shapes: Shapes, stated: Stated, _depth: int) -> Iterable[Constraint]:
+def _node_kind(_shapes: Shapes, stated: Statements, _depth: int) -> Iterable[Constraint]:
     wanted = one(stated, SHACL.nodeKind)
     if wanted not in _KINDS:
         raise Unsupported(f"sh:nodeKind {shown(wanted)}")
@@ -106,7 +115,7 @@ def _node_kind(_shapes: Shapes, stated: Stated, _depth: int) -> Iterable[Constra
     yield Constraint(SHACL.NodeKindConstraintComponent, text, lambda _, value: isinstance(value, types))
 
 
-def _class(shapes: Shapes, stated: Stated, _depth: int) -> Iterable[Constraint]:
+def _class(shapes: Shapes, stated: Statements, _depth: int) -> Iterable[Constraint]:
     for wanted in stated[SHACL.class_]:
         if not isinstance(wanted, NamedNode):
             raise Unsupported(f"sh:class {shown(wanted)}")
@@ -117,7 +126,7 @@ def _of_class(wanted: NamedNode) -> Callable[[Data, Term], bool]:
     return lambda data, value: data.is_a(value, wanted)
 
 
-def _in(shapes: Shapes, stated: Stated, _depth: int) -> Iterable[Constraint]:
+def _in(shapes: Shapes, stated: Statements, _depth: int) -> Iterable[Constraint]:
     members = dict.fromkeys(fixed(shapes.items(one(stated, SHACL.in_))))
     listed = shapes.words.listed(members)
     text = f"one of {listed}" if len(members) != 1 else listed
@@ -126,8 +135,8 @@ def _in(shapes: Shapes, stated: Stated, _depth: int) -> Iterable[Constraint]:
 
 def _limit(
     parameter: NamedNode, component: NamedNode, compare: Callable[[Number, Number], bool], text: str
-) -> Callable[[Shapes, Stated, int], Iterable[Constraint]]:
-    def constraints(shapes: Shapes, stated: Stated, _depth: int) -> Iterable[Constraint]:
+) -> Callable[[Shapes, Statements, int], Iterable[Constraint]]:
+    def constraints(shapes: Shapes, stated: Statements, _depth: int) -> Iterable[Constraint]:
         for term in stated[parameter]:
             bound = comparable(term, Data(()))
             if bound is None:
@@ -152,7 +161,7 @@ def _within(bound: Number, compare: Callable[[Number, Number], bool]) -> Callabl
     return holds
 
 
-def _min_length(_shapes: Shapes, stated: Stated, _depth: int) -> Iterable[Constraint]:
+def _min_length(_shapes: Shapes, stated: Statements, _depth: int) -> Iterable[Constraint]:
     least = natural(stated, SHACL.minLength)
     # As in pySHACL, minLength 0 accepts everything, even a blank node, which has no length.
     yield Constraint(
@@ -162,7 +171,7 @@ def _min_length(_shapes: Shapes, stated: Stated, _depth: int) -> Iterable[Constr
     )
 
 
-def _max_length(_shapes: Shapes, stated: Stated, _depth: int) -> Iterable[Constraint]:
+def _max_length(_shapes: Shapes, stated: Statements, _depth: int) -> Iterable[Constraint]:
     most = natural(stated, SHACL.maxLength)
     yield Constraint(
         SHACL.MaxLengthConstraintComponent,
@@ -171,7 +180,7 @@ def _max_length(_shapes: Shapes, stated: Stated, _depth: int) -> Iterable[Constr
     )
 
 
-def _pattern(shapes: Shapes, stated: Stated, _depth: int) -> Iterable[Constraint]:
+def _pattern(shapes: Shapes, stated: Statements, _depth: int) -> Iterable[Constraint]:
     flags = at_most_one(stated, SHACL.flags)
     if flags is not None and flags != Literal("i"):
         raise Unsupported(f"sh:flags {shown(flags)}")
@@ -187,7 +196,7 @@ def _matching(pattern: re.Pattern[str]) -> Callable[[Data, Term], bool]:
     return lambda _, value: isinstance(value, NamedNode | Literal) and pattern.search(value.value) is not None
 
 
-def _language_in(shapes: Shapes, stated: Stated, _depth: int) -> Iterable[Constraint]:
+def _language_in(shapes: Shapes, stated: Statements, _depth: int) -> Iterable[Constraint]:
     tags = [text_of(term, SHACL.languageIn).lower() for term in shapes.items(one(stated, SHACL.languageIn))]
     yield Constraint(SHACL.LanguageInConstraintComponent, f"in the language {' or '.join(tags)}", _speaking(tags))
 
@@ -202,7 +211,7 @@ def _speaking(ranges: Sequence[str]) -> Callable[[Data, Term], bool]:
     return holds
 
 
-def _node(shapes: Shapes, stated: Stated, depth: int) -> Iterable[Constraint]:
+def _node(shapes: Shapes, stated: Statements, depth: int) -> Iterable[Constraint]:
     for term in stated[SHACL.node]:
         shape = shapes.shape(term, depth)
         if shape.path is not None:
@@ -210,7 +219,7 @@ def _node(shapes: Shapes, stated: Stated, depth: int) -> Iterable[Constraint]:
         yield Constraint(SHACL.NodeConstraintComponent, shape.expected, shape.conforms, (shape,))
 
 
-def _not(shapes: Shapes, stated: Stated, depth: int) -> Iterable[Constraint]:
+def _not(shapes: Shapes, stated: Statements, depth: int) -> Iterable[Constraint]:
     for term in stated[SHACL.not_]:
         shape = shapes.shape(term, depth)
         yield Constraint(SHACL.NotConstraintComponent, f"other than {shape.expected}", _refused(shape))
@@ -227,7 +236,7 @@ def _members(shapes: Shapes, head: Term, depth: int) -> tuple[Shape, ...]:
     return members
 
 
-def _and(shapes: Shapes, stated: Stated, depth: int) -> Iterable[Constraint]:
+def _and(shapes: Shapes, stated: Statements, depth: int) -> Iterable[Constraint]:
     for head in stated[SHACL.and_]:
         members = _members(shapes, head, depth)
         text = brief(" and ".join(dict.fromkeys(shape.expected for shape in members)))
@@ -238,14 +247,14 @@ def _conforming(members: tuple[Shape, ...], count: int) -> Callable[[Data, Term]
     return lambda data, value: sum(shape.conforms(data, value) for shape in members) == count
 
 
-def _xone(shapes: Shapes, stated: Stated, depth: int) -> Iterable[Constraint]:
+def _xone(shapes: Shapes, stated: Statements, depth: int) -> Iterable[Constraint]:
     for head in stated[SHACL.xone]:
         members = _members(shapes, head, depth)
         text = brief("just one of: " + "; ".join(shape.expected for shape in members))
         yield Constraint(SHACL.XoneConstraintComponent, text, _conforming(members, 1))
 
 
-def _or(shapes: Shapes, stated: Stated, depth: int) -> Iterable[Constraint]:
+def _or(shapes: Shapes, stated: Statements, depth: int) -> Iterable[Constraint]:
     for head in stated[SHACL.or_]:
         members = _members(shapes, head, depth)
         text = brief(" or ".join(dict.fromkeys(shape.expected for shape in members)))
@@ -278,13 +287,13 @@ def _switch(members: tuple[Shape, ...], predicate: NamedNode, text: str) -> Swit
     return Switch(SHACL.OrConstraintComponent, text, holds, members, predicate=predicate, table=table)
 
 
-COUNTS: Mapping[NamedNode, Callable[[Shapes, Stated, int], Iterable[Count]]] = {
+COUNTS: Mapping[NamedNode, Callable[[Shapes, Statements, int], Iterable[Count]]] = {
     SHACL.minCount: _min_count,
     SHACL.maxCount: _max_count,
     SHACL.hasValue: _has_value,
     SHACL.qualifiedValueShape: _qualified,
 }
-EACH: Mapping[NamedNode, Callable[[Shapes, Stated, int], Iterable[Constraint]]] = {
+EACH: Mapping[NamedNode, Callable[[Shapes, Statements, int], Iterable[Constraint]]] = {
     SHACL.datatype: _datatype,
     SHACL.nodeKind: _node_kind,
     SHACL.class_: _class,

@@ -7,11 +7,11 @@ from pyoxigraph import Literal, NamedNode
 
 from linked_fleet_gateway.shacl.check import Relation, Values
 from linked_fleet_gateway.shacl.data import Data
-from linked_fleet_gateway.shacl.stated import Shapes, Stated, Unsupported, at_most_one, predicate_of, true
+from linked_fleet_gateway.shacl.statements import Shapes, Statements, Unsupported, at_most_one, predicate_of, true
 from linked_fleet_gateway.shacl.terms import SHACL, Term
 
 
-def _unique_lang(_shapes: Shapes, stated: Stated, _depth: int) -> Iterable[Relation]:
+def _unique_lang(_shapes: Shapes, stated: Statements, _depth: int) -> Iterable[Relation]:
     if SHACL.path not in stated:
         raise Unsupported("sh:uniqueLang in a node shape")
     if true(stated, SHACL.uniqueLang):
@@ -24,7 +24,7 @@ def _repeated(_data: Data, _focus: Term, values: Values) -> Iterable[tuple[None,
     return ((None, None) for count in tags.values() if count > 1)
 
 
-def _equals(shapes: Shapes, stated: Stated, _depth: int) -> Iterable[Relation]:
+def _equals(shapes: Shapes, stated: Statements, _depth: int) -> Iterable[Relation]:
     for other in stated[SHACL.equals]:
         text = f"have the values of {shapes.words.shown(other)}"
         yield Relation(SHACL.EqualsConstraintComponent, text, _differing(predicate_of(other, SHACL.equals)))
@@ -39,7 +39,7 @@ def _differing(other: NamedNode) -> Callable[[Data, Term, Values], Iterable[tupl
     return breaches
 
 
-def _disjoint(shapes: Shapes, stated: Stated, _depth: int) -> Iterable[Relation]:
+def _disjoint(shapes: Shapes, stated: Statements, _depth: int) -> Iterable[Relation]:
     for other in stated[SHACL.disjoint]:
         text = f"have no value of {shapes.words.shown(other)}"
         yield Relation(SHACL.DisjointConstraintComponent, text, _shared(predicate_of(other, SHACL.disjoint)))
@@ -53,7 +53,7 @@ def _shared(other: NamedNode) -> Callable[[Data, Term, Values], Iterable[tuple[N
     return breaches
 
 
-def _closed(shapes: Shapes, stated: Stated, _depth: int) -> Iterable[Relation]:
+def _closed(shapes: Shapes, stated: Statements, _depth: int) -> Iterable[Relation]:
     if not true(stated, SHACL.closed):
         return
     known = set(shapes.paths(stated.get(SHACL.property, ())))
@@ -69,7 +69,7 @@ def _closed(shapes: Shapes, stated: Stated, _depth: int) -> Iterable[Relation]:
     yield Relation(SHACL.ClosedConstraintComponent, "have no other properties", breaches)
 
 
-RELATIONS: Mapping[NamedNode, Callable[[Shapes, Stated, int], Iterable[Relation]]] = {
+RELATIONS: Mapping[NamedNode, Callable[[Shapes, Statements, int], Iterable[Relation]]] = {
     SHACL.uniqueLang: _unique_lang,
     SHACL.equals: _equals,
     SHACL.disjoint: _disjoint,

@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterable, Mapping
 from pyoxigraph import NamedNode, Triple
 
 from linked_fleet_gateway.shacl.data import Data
-from linked_fleet_gateway.shacl.stated import fixed
+from linked_fleet_gateway.shacl.statements import fixed
 from linked_fleet_gateway.shacl.terms import RDF, RDFS, SHACL, Node, Term
 
 

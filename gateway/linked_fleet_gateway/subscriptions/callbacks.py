@@ -16,14 +16,14 @@ from linked_fleet_gateway.subscriptions.network import Network, Unresolvable
 from linked_fleet_gateway.subscriptions.receiver import Receiver
 from linked_fleet_gateway.subscriptions.store import Store, StoreUnavailable
 
-Vouches = Callable[[str, str | None, View], bool]
+MayContinue = Callable[[str, str | None, View], bool]
 UNENTITLED = "the rights of its creator ended"
 
 
 class Callbacks:
     """``limit``: subscriptions per client. ``consent``: whether receivers must consent to deliveries.
 
-    ``vouches``: returns whether the creator may still subscribe to the robot and still sees what it saw.
+    ``may_continue``: returns whether the creator may still subscribe to the robot and still sees what it saw.
     """
 
     def __init__(
@@ -34,9 +34,9 @@ class Callbacks:
         network: Network,
         limit: int,
         consent: bool,
-        vouches: Vouches = lambda *_: True,
+        may_continue: MayContinue = lambda *_: True,
     ) -> None:
-        self._vouches = vouches
+        self._may_continue = may_continue
         self._store, self._run, self._fan_out, self._network = store, run, fan_out, network
         self._limit, self._consent = limit, consent
         self._couriers: dict[str, Courier] = {}
@@ -86,7 +86,7 @@ class Callbacks:
 
     def entitled(self, subscription: Subscription) -> bool:
         """Return True if the creator may still have this subscription."""
-        return self._vouches(subscription.creator, robot_of(subscription.resource), subscription.view)
+        return self._may_continue(subscription.creator, robot_of(subscription.resource), subscription.view)
 
     async def suspend_unentitled(self) -> None:
         """Suspend every callback whose creator has lost the right to it, even one that was resumed."""

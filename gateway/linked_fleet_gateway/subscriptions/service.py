@@ -9,7 +9,7 @@ from types import TracebackType
 
 from linked_fleet_gateway.resources.subscription import Changeable, Record, Subscription
 from linked_fleet_gateway.runtime.background import end, finish, supervised
-from linked_fleet_gateway.subscriptions.callbacks import Callbacks, Vouches
+from linked_fleet_gateway.subscriptions.callbacks import Callbacks, MayContinue
 from linked_fleet_gateway.subscriptions.fan_out import FanOut
 from linked_fleet_gateway.subscriptions.message import Ending
 from linked_fleet_gateway.subscriptions.network import Network
@@ -39,11 +39,11 @@ class Subscriptions:
         *,
         consent: bool,
         limit: int,
-        vouches: Vouches = lambda *_: True,
+        may_continue: MayContinue = lambda *_: True,
     ) -> None:
         self._store, self._run = store, run
         self.streams = Streams(store, run, fan_out, limit)
-        self.callbacks = Callbacks(store, run, fan_out, network, limit, consent, vouches)
+        self.callbacks = Callbacks(store, run, fan_out, network, limit, consent, may_continue)
         self._refreshing = asyncio.Lock()
         self._tasks: list[asyncio.Task[None]] = []
         self._renewed_s = float("-inf")

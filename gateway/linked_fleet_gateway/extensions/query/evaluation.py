@@ -43,7 +43,7 @@ Function = Callable[..., Any]
 
 
 @dataclass(frozen=True)
-class Seen:
+class VisibleGraphs:
     """The graphs that the caller may see; ``whole`` if the store has no others."""
 
     graphs: Sequence[NamedNode]
@@ -59,7 +59,7 @@ def warm(media_type: str) -> None:
         page.warm()
 
 
-def evaluate(store: Store, ask: Ask, seen: Seen, functions: Mapping[NamedNode, Function]) -> bytes:
+def evaluate(store: Store, ask: Ask, seen: VisibleGraphs, functions: Mapping[NamedNode, Function]) -> bytes:
     """Return the result in ``ask.media_type``. Raises Refused."""
     try:
         result = store.query(
@@ -85,7 +85,7 @@ def evaluate(store: Store, ask: Ask, seen: Seen, functions: Mapping[NamedNode, F
         raise Refused(Refusal(reason="wrong", detail="The query cannot be evaluated here.")) from error
 
 
-def _dataset(ask: Ask, seen: Seen) -> dict[str, Any]:
+def _dataset(ask: Ask, seen: VisibleGraphs) -> dict[str, Any]:
     """Restrict the dataset to visible graphs. Both parts are always set, or the query's own FROM would apply."""
     if ask.default is None and ask.named is None and seen.whole:
         return {"use_default_graph_as_union": True}

@@ -10,8 +10,8 @@ from asyncio.subprocess import DEVNULL
 from collections.abc import Callable
 
 from linked_fleet_gateway.base.errors import BadRequest, Busy, FleetError
+from linked_fleet_gateway.extensions.query.contributions import contributions
 from linked_fleet_gateway.extensions.query.errors import QueryTooCostly, ResultTooLarge
-from linked_fleet_gateway.extensions.query.extended import extended
 from linked_fleet_gateway.extensions.query.messages import (
     DONE,
     FORKED,
@@ -121,7 +121,7 @@ class QueryProcess:
         self._feed = self._new_feed()
         ours, theirs = socket.socketpair()
         with theirs:
-            await self._worker.start(str(theirs.fileno()), extended(), pass_fds=[theirs.fileno()], stdin=DEVNULL)
+            await self._worker.start(str(theirs.fileno()), contributions(), pass_fds=[theirs.fileno()], stdin=DEVNULL)
         ours.setblocking(False)
         self._control = ours
         return ours

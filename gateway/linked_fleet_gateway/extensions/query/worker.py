@@ -16,8 +16,8 @@ from pathlib import Path
 
 from pyoxigraph import NamedNode, RdfFormat, parse
 
-from linked_fleet_gateway.extensions.query.evaluation import Seen, evaluate, warm
-from linked_fleet_gateway.extensions.query.extended import decode_extended, extend
+from linked_fleet_gateway.extensions.query.contributions import decode_contributions, register
+from linked_fleet_gateway.extensions.query.evaluation import VisibleGraphs, evaluate, warm
 from linked_fleet_gateway.extensions.query.fleet_mirror import Mirror
 from linked_fleet_gateway.extensions.query.functions import functions_of
 from linked_fleet_gateway.extensions.query.messages import (
@@ -111,7 +111,7 @@ class Worker:
             return encode(refused.refusal) + REFUSED
 
 
-def _complete(ask: Ask, rdf_mirror: RdfMirror, mirror: Mirror, sees: View) -> Seen:
+def _complete(ask: Ask, rdf_mirror: RdfMirror, mirror: Mirror, sees: View) -> VisibleGraphs:
     """Add the statements that depend on the caller. Return the visible graphs."""
     robots = {name: held.robot for name, held in sorted(mirror.robots.items()) if sees.sees(name)}
     graph = Graph()
@@ -126,7 +126,7 @@ def _complete(ask: Ask, rdf_mirror: RdfMirror, mirror: Mirror, sees: View) -> Se
         rdf_mirror.add(path, [quad.triple for quad in parse(content, format=RdfFormat.N_TRIPLES)], f"c{count}x")
     more = {path for path, _ in ask.graphs} | {"/", VOCABULARY, SHAPES}
     names = {NamedNode(ask.base + path) for path in more} | {rdf_mirror.graph_of(name) for name in robots}
-    return Seen(sorted(names, key=lambda each: each.value), len(robots) == len(mirror.robots))
+    return VisibleGraphs(sorted(names, key=lambda each: each.value), len(robots) == len(mirror.robots))
 
 
 def limit(seconds: float) -> None:
@@ -163,7 +163,7 @@ def main() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C ends the gateway, which then ends this process
     signal.signal(signal.SIGCHLD, signal.SIG_IGN)  # nobody collects the exit status of a query
     if len(sys.argv) > 2:
-        extend(decode_extended(sys.argv[2]))
+        register(decode_contributions(sys.argv[2]))
     with socket.socket(fileno=int(sys.argv[1])) as control:
         Worker().serve(control)
 

@@ -70,7 +70,7 @@ class Sessions:
         """End a session: here at once, elsewhere within a second, or as soon as Redis is available."""
         with suppress(StoreUnavailable):  # sent with the next look
             await self._ended.end(session)
-        self.identities.end_what_must()
+        self.identities.end_revoked()
 
     async def _hear(self) -> None:
         if not self.key.known:  # read as early as possible, because sessions must survive an outage of Redis

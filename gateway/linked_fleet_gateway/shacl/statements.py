@@ -10,7 +10,7 @@ from linked_fleet_gateway.shacl.check import Shape
 from linked_fleet_gateway.shacl.report import Words, shown
 from linked_fleet_gateway.shacl.terms import XSD, Term
 
-Stated = Mapping[NamedNode, Sequence[Term]]
+Statements = Mapping[NamedNode, Sequence[Term]]
 
 
 class Unsupported(ValueError):  # noqa: N818 - named for the state of the shape
@@ -30,18 +30,18 @@ class Shapes(Protocol):
 _TRUE, _FALSE = (Literal(text, datatype=XSD.boolean) for text in ("true", "false"))
 
 
-def one(stated: Stated, predicate: NamedNode) -> Term:
+def one(stated: Statements, predicate: NamedNode) -> Term:
     values = stated.get(predicate, ())
     if len(values) != 1:
         raise Unsupported(f"{len(values)} values of {shown(predicate)}")
     return values[0]
 
 
-def at_most_one(stated: Stated, predicate: NamedNode) -> Term | None:
+def at_most_one(stated: Statements, predicate: NamedNode) -> Term | None:
     return one(stated, predicate) if predicate in stated else None
 
 
-def natural(stated: Stated, predicate: NamedNode) -> int:
+def natural(stated: Statements, predicate: NamedNode) -> int:
     term = one(stated, predicate)
     digits = isinstance(term, Literal) and term.datatype == XSD.integer and re.fullmatch("[0-9]{1,18}", term.value)
     if not digits:
@@ -49,7 +49,7 @@ def natural(stated: Stated, predicate: NamedNode) -> int:
     return int(digits.string)
 
 
-def true(stated: Stated, predicate: NamedNode) -> bool:
+def true(stated: Statements, predicate: NamedNode) -> bool:
     """Return a boolean. Only ``true`` and ``false`` are valid: in the W3C suite "1"^^xsd:boolean is not true."""
     term = one(stated, predicate)
     if term not in (_TRUE, _FALSE):

@@ -12,7 +12,7 @@ from linked_fleet_gateway.resources.property import LINK_STATEMENTS, ROBOT_PROPE
 from linked_fleet_gateway.resources.relative_poses import PLACEMENTS
 
 
-class Extended(msgspec.Struct):
+class Contributions(msgspec.Struct):
     """Reserved segments, Turtle files, and ``module:attribute`` names of other contributions."""
 
     at_root: list[str]
@@ -24,9 +24,9 @@ class Extended(msgspec.Struct):
     placements: list[str]
 
 
-def extended() -> str:
+def contributions() -> str:
     """Return the contributions in this process as an argument of the query process."""
-    known = Extended(
+    known = Contributions(
         sorted(reserved_at_root()),
         sorted(reserved_in_robot()),
         {name: [str(each) for each in added_to(name)] for name in (ACTIONS, VOCABULARY, BLUEPRINTS)},
@@ -38,11 +38,11 @@ def extended() -> str:
     return msgspec.json.encode(known).decode()
 
 
-def decode_extended(text: str) -> Extended:
-    return msgspec.json.decode(text, type=Extended)
+def decode_contributions(text: str) -> Contributions:
+    return msgspec.json.decode(text, type=Contributions)
 
 
-def extend(said: Extended) -> None:
+def register(said: Contributions) -> None:
     """Register the same contributions in this process."""
     reserve(said.at_root, said.in_robot)
     add_kinds(map(Path, said.files[ACTIONS]))
