@@ -9,16 +9,20 @@ wheel=$(echo /dist/linked_fleet-*.whl)
 root=http://127.0.0.1:8000/
 mkdir -p /tmp/newcomer && cd /tmp/newcomer
 
-step() { # step NAME FUNCTION
-  local begin end log="/tmp/newcomer/$2.log"
+step() { # step NAME FUNCTION: bash ignores -e in a function that is part of a condition, so its status is read here
+  local begin status log="/tmp/newcomer/$2.log"
   begin=$(date +%s%N)
-  if ! (set -e; "$2") > "$log" 2>&1; then
+  set +e
+  (set -e; "$2") > "$log" 2>&1
+  status=$?
+  set -e
+  local tenths=$((($(date +%s%N) - begin) / 100000000))
+  if [ "$status" != 0 ]; then
     tail -n 60 "$log" >&2
-    printf 'failed %7s s  %s\n' "$((($(date +%s%N) - begin) / 1000000000))" "$1"
+    printf 'failed %5s.%s s  %s\n' $((tenths / 10)) $((tenths % 10)) "$1"
     exit 1
   fi
-  end=$(date +%s%N)
-  printf 'held   %5s.%s s  %s\n' "$(((end - begin) / 1000000000))" "$(((end - begin) / 100000000 % 10))" "$1"
+  printf 'held   %5s.%s s  %s\n' $((tenths / 10)) $((tenths % 10)) "$1"
 }
 
 awaited() { # awaited SECONDS COMMAND…: until it succeeds
