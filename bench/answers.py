@@ -5,6 +5,7 @@ JSON-LD, with the fields of a browser in random order and its own trace id. The 
 answers each with a constant body and fields, as long as those of the median response of the gateway.
 """
 
+import contextlib
 import os
 import re
 import shutil
@@ -13,6 +14,7 @@ import tempfile
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from http.client import HTTPConnection
 from pathlib import Path
 from urllib.parse import urlsplit
 
@@ -115,17 +117,17 @@ def _walk(root: str) -> tuple[list[str], list[str], float]:
     """Follow all links; return paths of measured values, other paths, and the seconds for the first ``_WALKED``."""
     values, others, pending, seen = list[str](), list[str](), [root], {root}
     begin, walked_s, count = time.monotonic(), 0.0, 0
-    with httpx.Client(headers={"accept": "application/n-triples"}, timeout=60) as http:
+    with contextlib.closing(_connected(root)) as http:
         while pending:
             iri = pending.pop()
-            answer = http.get(iri)
-            if not answer.headers.get("content-type", "").startswith("application/n-triples"):
+            media_type, content = _read(http, urlsplit(iri).path, "application/n-triples")
+            if not media_type.startswith("application/n-triples"):
                 continue
             count += 1
             if count == _WALKED:
                 walked_s = time.monotonic() - begin
             types = set()
-            for triple in parse(answer.content, RdfFormat.N_TRIPLES):
+            for triple in parse(content, RdfFormat.N_TRIPLES):
                 for term in (triple.subject, triple.object):
                     if isinstance(term, NamedNode) and term.value not in seen and _is_walked(term.value, root):
                         seen.add(term.value)
@@ -148,10 +150,21 @@ def _is_walked(iri: str, root: str) -> bool:
 def _read_all(root: str, paths: list[str], media_type: str) -> float:
     """Read each path once; return the seconds for as many as were walked."""
     begin = time.monotonic()
-    with httpx.Client(base_url=root, headers={"accept": media_type}, timeout=60) as http:
+    with contextlib.closing(_connected(root)) as http:
         for path in paths:
-            http.get(path).raise_for_status()
+            assert _read(http, path, media_type)[0].startswith(media_type), path
     return (time.monotonic() - begin) / len(paths) * _WALKED
+
+
+def _connected(root: str) -> HTTPConnection:
+    return HTTPConnection(urlsplit(root).netloc, timeout=60)
+
+
+def _read(http: HTTPConnection, path: str, media_type: str) -> tuple[str, bytes]:
+    """Return media type and content. The client of the standard library takes a fifth of the time of httpx."""
+    http.request("GET", path, headers={"accept": media_type})
+    answer = http.getresponse()
+    return answer.headers.get_content_type(), answer.read()
 
 
 def _tags(root: str, path: str) -> Iterator[str]:

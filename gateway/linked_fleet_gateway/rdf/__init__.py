@@ -2,7 +2,8 @@
 
 ``vocabulary``: every IRI, spelt once (``vocabulary.ttl`` describes our own). ``units``: units and their IRIs.
 ``graph``: building blocks of a description. ``parsing``, ``json_input``: documents from clients, bounded and offline.
-``serialise``: every media type; ``turtle``, ``jsonld``, ``jelly`` write theirs. ``shapes``: the Turtle of ``shapes/``
+``serialise``: every media type; ``turtle``, ``jsonld``, ``jelly`` write theirs; ``templates`` fills in what was written
+for another description of the same form. ``shapes``: the Turtle of ``shapes/``
 and of extensions. ``validation``: validates request bodies with a published shape. ``unused``: statements of a body
 that a write would lose. ``sparql_syntax``, ``sparql_update``: lexical checks of queries, and updates of one graph.
 """
