@@ -104,8 +104,11 @@ class Answer:
             and self._source.facts() == self._facts
         )
 
-    def reply(self, known: str | None, takes_gzip: bool) -> Reply:
-        """Return the reply to a request, or 304. ``known`` is the client's If-None-Match."""
+    def reply(self, known: str | None, takes_gzip: bool, plain: bytes | None = None) -> Reply:
+        """Return the reply to a request, or 304. ``known`` is the client's If-None-Match.
+
+        ``plain``: the content without a coding, if it is there and no value in it is measured.
+        """
         if self._rendering is not None:
             self._write(self._rendering)
         content, coded = self._content, self._packed and takes_gzip
@@ -113,7 +116,7 @@ class Answer:
         if known is not None and (known == tag or not_modified(known, tag)):
             return Reply(304, self._fields, self._block, [(b"etag", tag.encode())], b"")
         if self._packed and not coded:
-            content = expanded(content)
+            content = expanded(content) if plain is None else plain
         more = [(b"etag", tag.encode()), (b"content-length", b"%d" % len(content))]
         if coded:
             more.append(GZIP)

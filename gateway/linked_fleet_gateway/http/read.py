@@ -62,7 +62,8 @@ def _response(request: Request, resource: Resource, representation: Representati
     answer = _kept(request, resource, representation, headers | of_content)
     accepted = (field(request, "accept-encoding") or "").encode("latin-1")
     if answer is not None:
-        return _Ready(answer.reply(field(request, "if-none-match"), takes_gzip(accepted)))
+        plain = None if resource.source.measured else representation.body
+        return _Ready(answer.reply(field(request, "if-none-match"), takes_gzip(accepted), plain))
     tag, body = representation.etag, representation.body
     coding = preferred_coding(accepted, _codings(resource, representation))
     headers["etag"] = coded_tag(tag, coding)
