@@ -54,6 +54,8 @@ class Answer:
     __slots__ = (
         "_block",
         "_block_of_content",
+        "_codable",
+        "_coded",
         "_content",
         "_facts",
         "_fields",
@@ -84,8 +86,12 @@ class Answer:
         """
         self._source, self._robot, self._rendering = resource.source, robot, rendering
         self._tag = etag(content) if rendering is None else ""
-        self._packed = resource.compressible and is_compressible(content)
+        self._codable = is_compressible(content, resource.measured is not None)
+        self._packed = self._codable and rendering is None
+        """True if the content is kept in gzip alone."""
         self._content = compressed(content) if self._packed else content
+        self._coded: bytes | None = None
+        """The content in gzip, if it is kept as it is and somebody has asked for that."""
         self.size = len(self._content)
         """Approximate size of the cached content in bytes."""
         self._quiet = resource.quiet
@@ -111,16 +117,25 @@ class Answer:
         """
         if self._rendering is not None:
             self._write(self._rendering)
-        content, coded = self._content, self._packed and takes_gzip
+        coded = self._codable and takes_gzip
         tag = coded_tag(self._tag, "gzip" if coded else "")
         if known is not None and (known == tag or not_modified(known, tag)):
             return Reply(304, self._fields, self._block, [(b"etag", tag.encode())], b"")
-        if self._packed and not coded:
-            content = expanded(content) if plain is None else plain
+        content = self._in_gzip() if coded else self._plain() if plain is None else plain
         more = [(b"etag", tag.encode()), (b"content-length", b"%d" % len(content))]
         if coded:
             more.append(GZIP)
         return Reply(200, self._of_content, self._block_of_content, more, content)
+
+    def _in_gzip(self) -> bytes:
+        if self._packed:
+            return self._content
+        if self._coded is None:
+            self._coded = compressed(self._content)
+        return self._coded
+
+    def _plain(self) -> bytes:
+        return expanded(self._content) if self._packed else self._content
 
     def _write(self, rendering: Rendering) -> None:
         """Write the values, unless the last written observations are unchanged."""
@@ -128,9 +143,8 @@ class Answer:
         shown = (*observations, *chain.from_iterable(look() for look in self._quiet)) if self._quiet else observations
         before = self._shown
         if not self._tag or len(before) != len(shown) or any(map(is_not, before, shown)):
-            content = rendering.of(observations)
-            self._content = compressed(content) if self._packed else content
-            self._tag, self._shown = etag(content), shown
+            self._content, self._coded = rendering.of(observations), None
+            self._tag, self._shown = etag(self._content), shown
 
 
 class Answers:

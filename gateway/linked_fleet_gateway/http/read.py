@@ -62,7 +62,7 @@ def _response(request: Request, resource: Resource, representation: Representati
     answer = _kept(request, resource, representation, headers | of_content)
     accepted = (field(request, "accept-encoding") or "").encode("latin-1")
     if answer is not None:
-        plain = None if resource.source.measured else representation.body
+        plain = representation.body if resource.measured is None else None
         return _Ready(answer.reply(field(request, "if-none-match"), takes_gzip(accepted), plain))
     tag, body = representation.etag, representation.body
     coding = preferred_coding(accepted, _codings(resource, representation))
@@ -90,7 +90,7 @@ def _codings(resource: Resource, representation: Representation) -> tuple[str, .
         return tuple(resource.coded)
     text = media_type.startswith("text/") or media_type.endswith(("json", "xml", "n-triples"))
     secret = media_type == HTML and bool(resource.reader)
-    coded = text and resource.compressible and not secret and is_compressible(representation.body)
+    coded = text and not secret and is_compressible(representation.body, resource.measured is not None)
     return ("gzip",) if coded else ()
 
 

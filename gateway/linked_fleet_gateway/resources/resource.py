@@ -146,11 +146,6 @@ class Resource:
         return self.path.rstrip("/") + "/linkset"
 
     @property
-    def compressible(self) -> bool:
-        """True if a content coding is worth it. It is not for measured values alone, which change with each frame."""
-        return self.measured is None or bool(self.quiet)
-
-    @property
     def observable(self) -> bool:
         """True if it can be subscribed to. Subscriptions cannot, because they change with every message about them."""
         return self.describe is not None and self.followed and not isinstance(self.affords, _OF_SUBSCRIPTIONS)

@@ -91,5 +91,12 @@ def test_a_write_may_name_the_tag_of_a_coding(browser: Browser) -> None:
 
 
 def test_values_and_short_contents_are_sent_as_they_are(browser: Browser) -> None:
-    for path in (f"{_JOINT}/rotation", _JOINT):
-        assert "content-encoding" not in _get(browser, path, "gzip").headers
+    assert "content-encoding" not in _get(browser, f"{_JOINT}/rotation", "gzip").headers
+
+
+def test_long_contents_with_values_are_coded_too(browser: Browser) -> None:
+    for _ in range(2):
+        coded = _get(browser, _JOINT, "gzip")
+        assert coded.headers["content-encoding"] == "gzip" and coded.headers["etag"].endswith('-gzip"')
+        assert len(coded.content) > 2 * int(coded.headers["content-length"])
+        assert "content-encoding" not in _get(browser, _JOINT, "identity").headers
