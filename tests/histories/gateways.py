@@ -12,6 +12,7 @@ from weakref import WeakSet
 
 from histories.history import History
 from histories.robots import LossyLink, Toy
+from linked_fleet_gateway.actions import lifecycle as lifecycle_module
 from linked_fleet_gateway.actions import service as actions_module
 from linked_fleet_gateway.actions.service import Actions
 from linked_fleet_gateway.actions.store import ActionStore
@@ -43,7 +44,8 @@ _ANSWER_LOST, _REFUSED = 0.05, 0.05  # shares of deliveries
 def hurried() -> Iterator[None]:
     """Make services check and retry more often than in production."""
     with (
-        patch.object(actions_module, "_ANSWER_TIMEOUT_S", 0.1),
+        patch.object(actions_module, "ANSWER_TIMEOUT_S", 0.1),
+        patch.object(lifecycle_module, "ANSWER_TIMEOUT_S", 0.1),
         patch.object(subscriptions_module, "KEEP_S", 0.1),
         patch.object(subscriptions_module, "RECONCILE_S", 0.5),
         patch.object(courier_module, "_STORE_PAUSE_S", 0.02),
