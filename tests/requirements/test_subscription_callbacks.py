@@ -121,7 +121,7 @@ def test_r0_14_unusable_callbacks_are_refused(scene: Theatre) -> None:
     """R0.14, R0.16: a problem that says what is wrong, by Upgrade and by POST; nothing is stored."""
     with scene.toy() as toy:
         container, rotation = toy.subscriptions(), toy.rotation()
-        for callback in ("ftp://127.0.0.1/x", "receiver", "http://10.0.0.1/"):
+        for callback in ("ftp://127.0.0.1/x", "receiver", "http://user:secret@127.0.0.1/x", "http://10.0.0.1/"):
             body = f"""@prefix hybrit: <{HYBRIT}> .
                 [] a hybrit:Subscription ; hybrit:onResource <{rotation}> ; hybrit:callbackURL "{callback}" ."""
             posted = scene.browser.http.post(container.url, content=body, headers={"content-type": "text/turtle"})
