@@ -348,6 +348,10 @@ def test_subtree_watches_a_robot_on_one_connection(scene: Theatre) -> None:
         with events(socket.url, last=last) as stream, Socket(socket.url, last=last) as again:
             for channel in (stream, again):
                 assert {str(channel.next().iri) for _ in covered} == covered
+        joint = toy.part()  # without the other one
+        below = {joint.url, *(str(each) for each in joint.graph.objects(joint.iri, HYBRIT.property))}
+        with Socket(joint.url + "?depth=subtree") as part:
+            assert {str(part.next().iri) for _ in below} == below
 
 
 # -- options --------------------------------------------------------------------------------------------------------
