@@ -123,6 +123,7 @@ tutorial() {
   make demo &
   local process=$!
   awaited 300 online 5
+  awaited 60 curl -sf -o /dev/null "${root}health/ready"
   .venv/bin/python tests/run_page.py docs/TUTORIAL.md
   ended "$process"
 }
