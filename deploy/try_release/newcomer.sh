@@ -58,7 +58,7 @@ demo() { # demo COMMAND…: five robots are there, then it is ended
 
 packages() {
   apt-get update -qq
-  apt-get install -qqy --no-install-recommends pipx python3 python3-venv ca-certificates curl git make
+  apt-get install -qqy --no-install-recommends pipx python3 python3-venv ca-certificates curl git make libgomp1
 }
 
 by_pipx() { demo pipx run --spec "$wheel" linked-fleet demo; }
@@ -128,7 +128,7 @@ tutorial() {
   ended "$process"
 }
 
-step "packages of the system: apt install pipx python3-venv curl git make" packages
+step "packages of the system: apt install pipx python3-venv curl git make libgomp1" packages
 step "pipx run linked-fleet demo, until five robots are online, and Ctrl-C" by_pipx
 cp by_pipx.log by_pipx_first.log
 step "the same again" by_pipx
