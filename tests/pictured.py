@@ -7,7 +7,7 @@ from actor import joint, link, robot
 from linked_fleet_agent.wire.codec import encode_state, layout
 from linked_fleet_agent.wire.messages import Base, Description, State
 from linked_fleet_gateway.extensions.query.fleet_mirror import Mirror
-from linked_fleet_gateway.extensions.query.messages import Ask, decode_ask, encode
+from linked_fleet_gateway.extensions.query.messages import QueryRequest, decode_ask, encode
 from linked_fleet_gateway.extensions.query.snapshot import Feed
 from linked_fleet_gateway.fleet.events import Appeared, Described, Framed, Vanished
 from linked_fleet_gateway.fleet.fleet import Fleet
@@ -51,7 +51,7 @@ class Pictured:
         self.fleet.apply(Vanished(name, run), 2)
 
     def bring(self) -> Mirror:
-        ask = Ask(
+        ask = QueryRequest(
             news=self._feed.news(), query="", base="", base_iri="", patterns=("*",), caller="", default=None,
             named=None, branches=[], invocations=self._feed.of_fleet(), graphs=[], media_type="",
             most_bytes=1, limit_s=1.0,

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from prometheus_client.metrics_core import Metric
 
-from linked_fleet_gateway.extensions.history.http import read_past
+from linked_fleet_gateway.extensions.history.http import read_history
 from linked_fleet_gateway.extensions.history.listing import HISTORIES, list_branch
 from linked_fleet_gateway.extensions.history.recorder import History
 from linked_fleet_gateway.extensions.history.resources import RecordedHistory, history_branches
@@ -36,7 +36,7 @@ class HistoryExtension(Extension):
         async with History(core.live.fleet, float(settings.s), float(settings.hz), settings.mb * 10**6) as history:
             yield Mount(
                 branches=(list_branch(history), *(history_branches(history) if settings.s else ())),
-                readers={RecordedHistory: read_past},
+                readers={RecordedHistory: read_history},
                 formats={"csv": ("CSV", "text/csv"), "mcap": ("MCAP", "application/vnd.mcap")},
                 services=(history,),
                 metrics=lambda: _metrics(history),

@@ -21,7 +21,7 @@ _LINK_BYTES = 512
 _SUFFIXES = {CSV: "csv", MCAP: "mcap"}
 
 
-async def read_past(request: Request, found: Resource, past: RecordedHistory) -> Response:
+async def read_history(request: Request, found: Resource, past: RecordedHistory) -> Response:
     """Return the requested part of a history, rendered in a thread. Raises BadRequest, Busy."""
 
     def work(resource: Resource) -> Response:

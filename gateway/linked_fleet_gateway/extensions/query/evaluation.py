@@ -21,7 +21,7 @@ from pyoxigraph import (
 )
 
 from linked_fleet_gateway.extensions.query import page
-from linked_fleet_gateway.extensions.query.messages import Ask, Refusal, Refused, too_large
+from linked_fleet_gateway.extensions.query.messages import QueryRequest, Refusal, Refused, too_large
 from linked_fleet_gateway.rdf.serialise import RDF_TYPES, WriteError, render
 from linked_fleet_gateway.rdf.vocabulary import LF, PREFIXES, RDF
 
@@ -59,7 +59,7 @@ def warm(media_type: str) -> None:
         page.warm()
 
 
-def evaluate(store: Store, ask: Ask, seen: VisibleGraphs, functions: Mapping[NamedNode, Function]) -> bytes:
+def evaluate(store: Store, ask: QueryRequest, seen: VisibleGraphs, functions: Mapping[NamedNode, Function]) -> bytes:
     """Return the result in ``ask.media_type``. Raises Refused."""
     try:
         result = store.query(
@@ -85,7 +85,7 @@ def evaluate(store: Store, ask: Ask, seen: VisibleGraphs, functions: Mapping[Nam
         raise Refused(Refusal(reason="wrong", detail="The query cannot be evaluated here.")) from error
 
 
-def _dataset(ask: Ask, seen: VisibleGraphs) -> dict[str, Any]:
+def _dataset(ask: QueryRequest, seen: VisibleGraphs) -> dict[str, Any]:
     """Restrict the dataset to visible graphs. Both parts are always set, or the query's own FROM would apply."""
     if ask.default is None and ask.named is None and seen.whole:
         return {"use_default_graph_as_union": True}
@@ -111,7 +111,7 @@ def _bindings(said: Mapping[str, Mapping[str, str]]) -> Iterator[tuple[Variable,
             yield Variable(name), Literal(value, datatype=NamedNode(datatype) if datatype else None)
 
 
-def _written(result: Any, ask: Ask) -> bytes:
+def _written(result: Any, ask: QueryRequest) -> bytes:
     if isinstance(result, QuerySolutions | QueryBoolean):
         if ask.media_type == "text/html":
             return page.page_of(result, ask)

@@ -5,7 +5,7 @@ import logging
 import msgspec
 
 from linked_fleet_agent.wire.codec import encode_state, read_header
-from linked_fleet_gateway.extensions.query.messages import Instead, Member, News, RobotFacts
+from linked_fleet_gateway.extensions.query.messages import HypotheticalRobot, Member, News, RobotFacts
 from linked_fleet_gateway.fleet.frames import Frames
 from linked_fleet_gateway.fleet.invocation import Invocation
 from linked_fleet_gateway.fleet.robot import Robot
@@ -47,7 +47,7 @@ class Mirror:
         for name, frame in news.frames.items():
             _show(self.robots[name], frame)
 
-    def suppose(self, instead: Instead) -> None:
+    def suppose(self, instead: HypotheticalRobot) -> None:
         """Replace a robot's state by a hypothetical one; only for a forked copy that gets no further news."""
         held = self.robots.get(instead.robot)
         if held is None:

@@ -48,7 +48,7 @@ _COUNTS = "SELECT ?graph (COUNT(*) AS ?triples) { GRAPH ?graph { ?s ?p ?o } } GR
 
 
 @dataclass(frozen=True)
-class _Asked:
+class _ParsedQuery:
     """A query request: text, dataset, and a replacement for ``Accept``."""
 
     query: str
@@ -105,7 +105,7 @@ def _text(body: bytes) -> str:
         raise BadRequest("The query is no UTF-8.") from error
 
 
-def _asked(said: Sequence[tuple[str, str]], base: str) -> _Asked:
+def _asked(said: Sequence[tuple[str, str]], base: str) -> _ParsedQuery:
     def all_of(name: str) -> list[str]:
         return [value for key, value in said if key == name]
 
@@ -121,10 +121,10 @@ def _asked(said: Sequence[tuple[str, str]], base: str) -> _Asked:
     if len(queries) != 1:
         raise BadRequest(f"Send one query, not {len(queries)}.")
     dataset = Dataset.of(graphs("default-graph-uri"), graphs("named-graph-uri"))
-    return _Asked(queries[0], dataset, next(iter(all_of("as")), None))
+    return _ParsedQuery(queries[0], dataset, next(iter(all_of("as")), None))
 
 
-async def _answer(request: Request, endpoint: Endpoint, asked: _Asked) -> Response:
+async def _answer(request: Request, endpoint: Endpoint, asked: _ParsedQuery) -> Response:
     """Return the result or, for browsers, a page with the query and the error."""
     try:
         return await _evaluated(request, endpoint, asked)
@@ -138,7 +138,7 @@ async def _answer(request: Request, endpoint: Endpoint, asked: _Asked) -> Respon
         return Response(body, error.status, headers | {"content-security-policy": html.policy(forms=True)})
 
 
-async def _evaluated(request: Request, endpoint: Endpoint, asked: _Asked) -> Response:
+async def _evaluated(request: Request, endpoint: Endpoint, asked: _ParsedQuery) -> Response:
     offload: Offload = request.services.offload
     query = await offload.run(partial(read, asked.query, request.base + PATH), len(asked.query), _SHORT)
     media_type = _chosen(request, query, asked.picked)

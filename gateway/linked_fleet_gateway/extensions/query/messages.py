@@ -36,7 +36,7 @@ Measured = tuple[float, float, float]
 """Position (rad or m), velocity and effort of a joint."""
 
 
-class Instead(Struct, frozen=True, kw_only=True):
+class HypotheticalRobot(Struct, frozen=True, kw_only=True):
     """A robot in a hypothetical state: values of joints, targets, and motions by id.
 
     None stands for a target or a motion that does not exist.
@@ -59,7 +59,7 @@ class News(Struct, frozen=True, kw_only=True):
     forgotten: list[str] = []
 
 
-class Ask(Struct, frozen=True, kw_only=True):
+class QueryRequest(Struct, frozen=True, kw_only=True):
     """One query on the present snapshot for a caller who sees the robots of ``patterns``.
 
     ``base`` is scheme and authority of all IRIs, ``base_iri`` the base of relative ones in the query. ``default`` and
@@ -88,7 +88,7 @@ class Ask(Struct, frozen=True, kw_only=True):
     limit_s: float
     bindings: dict[str, dict[str, str]] = {}
     poses: dict[str, Pose] = {}
-    instead: tuple[Instead, ...] = ()
+    instead: tuple[HypotheticalRobot, ...] = ()
     only_check: bool = False
 
 
@@ -125,15 +125,15 @@ PATIENCE = 4
 """Ratio of wall time to processor time that a query may take, on a machine with other load."""
 
 _encode = msgspec.msgpack.Encoder().encode
-_ask = msgspec.msgpack.Decoder(Ask)
+_ask = msgspec.msgpack.Decoder(QueryRequest)
 _refusal = msgspec.msgpack.Decoder(Refusal)
 
 
-def encode(message: Ask | Refusal) -> bytes:
+def encode(message: QueryRequest | Refusal) -> bytes:
     return _encode(message)
 
 
-def decode_ask(content: bytes) -> Ask:
+def decode_ask(content: bytes) -> QueryRequest:
     return _ask.decode(content)
 
 

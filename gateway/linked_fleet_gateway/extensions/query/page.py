@@ -15,7 +15,7 @@ from linked_fleet_gateway.extensions.pages.page import render
 from linked_fleet_gateway.extensions.pages.values import Facts
 from linked_fleet_gateway.extensions.pages.views import PageView, Part, add_view
 from linked_fleet_gateway.extensions.query.examples import EXAMPLES
-from linked_fleet_gateway.extensions.query.messages import Ask, Refused, too_large
+from linked_fleet_gateway.extensions.query.messages import QueryRequest, Refused, too_large
 from linked_fleet_gateway.extensions.query.terms import LF
 from linked_fleet_gateway.http.html import NOBODY, NavigationEntry, Reader
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, NUMERIC, PREFIXES, RDFS, SD, SH
@@ -50,7 +50,7 @@ def warm() -> None:
     _page("", "http://localhost", [], NOBODY)
 
 
-def page_of(result: QuerySolutions | QueryBoolean | Sequence[Triple], ask: Ask) -> bytes:
+def page_of(result: QuerySolutions | QueryBoolean | Sequence[Triple], ask: QueryRequest) -> bytes:
     """Return the result as a page. Raises Refused if it is too large."""
     entries = places("/query", ask.reader.audited, entries=[NavigationEntry(*each) for each in ask.navigation])
     if isinstance(result, QueryBoolean):
@@ -75,7 +75,7 @@ def refusal_page(query: str, base: str, reader: Reader, error: FleetError) -> by
     return _page(query, base, entries, reader, problem=Problem(error.title, error.detail, line or 0, column or 0))
 
 
-def _bounded(rows: Iterable[Sequence[object]], ask: Ask) -> list[list[Cell]]:
+def _bounded(rows: Iterable[Sequence[object]], ask: QueryRequest) -> list[list[Cell]]:
     shown: list[list[Cell]] = []
     size = 0
     for row in rows:
@@ -125,7 +125,7 @@ def _title(term: Literal, text: str) -> str:
     return clean(kind if text == term.value else f"{term.value} {kind}")
 
 
-def _formats(ask: Ask, keys: Sequence[str]) -> dict[str, str]:
+def _formats(ask: QueryRequest, keys: Sequence[str]) -> dict[str, str]:
     """Return the URLs of other representations of the same result, by format name."""
     said = [("query", ask.query)]
     said += [("default-graph-uri", each) for each in ask.default or ()]

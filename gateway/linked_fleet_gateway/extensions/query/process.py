@@ -17,7 +17,7 @@ from linked_fleet_gateway.extensions.query.messages import (
     FORKED,
     PATIENCE,
     REFUSED,
-    Ask,
+    QueryRequest,
     Refusal,
     decode_refusal,
     encode,
@@ -49,7 +49,7 @@ class QueryProcess:
         self._worker = Worker("linked_fleet_gateway.extensions.query.worker", _ALONE)
         self._telling = asyncio.Lock()
 
-    async def ask(self, make: Callable[[Feed], Ask]) -> bytes:
+    async def ask(self, make: Callable[[Feed], QueryRequest]) -> bytes:
         """Return the result of the query that ``make`` builds from the present snapshot. Raises FleetError."""
         self._under_way += 1
         try:
@@ -58,7 +58,7 @@ class QueryProcess:
             self._under_way -= 1
             self._rest()
 
-    async def _ask(self, make: Callable[[Feed], Ask]) -> bytes:
+    async def _ask(self, make: Callable[[Feed], QueryRequest]) -> bytes:
         ours, theirs = socket.socketpair()
         with ours, theirs:
             ours.setblocking(False)
@@ -93,7 +93,7 @@ class QueryProcess:
             if not self._under_way:
                 await self.close()
 
-    async def _begin(self, make: Callable[[Feed], Ask], ours: socket.socket, theirs: socket.socket) -> float:
+    async def _begin(self, make: Callable[[Feed], QueryRequest], ours: socket.socket, theirs: socket.socket) -> float:
         """Start a query in the process. Return its time limit in seconds."""
         async with self._telling:
             try:

@@ -14,7 +14,7 @@ from pyoxigraph import (
     serialize,
 )
 
-from linked_fleet_gateway.extensions.query.messages import Ask, Instead
+from linked_fleet_gateway.extensions.query.messages import HypotheticalRobot, QueryRequest
 from linked_fleet_gateway.extensions.query.process import QueryProcess
 from linked_fleet_gateway.extensions.query.snapshot import Feed
 from linked_fleet_gateway.extensions.query.turns import FairTurns
@@ -65,7 +65,7 @@ class Queries:
         sees: View,
         bindings: Mapping[str, Term] = {},
         *,
-        instead: Sequence[Instead] = (),
+        instead: Sequence[HypotheticalRobot] = (),
     ) -> list[dict[str, Term]]:
         """Return the solutions of a SELECT query, without unbound variables.
 
@@ -101,7 +101,7 @@ class Queries:
         dataset: Dataset | None = None,
         client: str | None = None,
         bindings: Mapping[str, Term] = {},
-        instead: Sequence[Instead] = (),
+        instead: Sequence[HypotheticalRobot] = (),
         most: int = MAX_RESULT_BYTES,
         only_check: bool = False,
         reader: Reader = NOBODY,
@@ -113,11 +113,11 @@ class Queries:
         """
         asked = query.dataset if dataset is None or dataset == Dataset() else dataset
 
-        def make(feed: Feed) -> Ask:
+        def make(feed: Feed) -> QueryRequest:
             robots = RobotsInView(self._live.fleet.robots, sees)
             invocations = InvocationsInView(self._live.invocations, sees)
             view = RequestView(base, robots, invocations, sees)
-            return Ask(
+            return QueryRequest(
                 news=feed.news(),
                 query=query.text,
                 navigation=self._navigation if media_type == HTML else [],

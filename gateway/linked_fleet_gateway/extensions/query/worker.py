@@ -25,7 +25,7 @@ from linked_fleet_gateway.extensions.query.messages import (
     FORKED,
     PATIENCE,
     REFUSED,
-    Ask,
+    QueryRequest,
     Refused,
     decode_ask,
     encode,
@@ -64,7 +64,7 @@ class Worker:
             with socket.socket(fileno=answer) as to:
                 self._answer(decode_ask(content), to, control)
 
-    def _answer(self, ask: Ask, to: socket.socket, control: socket.socket) -> None:
+    def _answer(self, ask: QueryRequest, to: socket.socket, control: socket.socket) -> None:
         self._mirror.take(ask.news)
         rdf_mirror = self._rdf_mirror(ask.base)
         rdf_mirror.bring(self._mirror)
@@ -94,7 +94,7 @@ class Worker:
             self._rdf_mirrors.popitem(last=False)
         return rdf_mirror
 
-    def _result(self, ask: Ask, rdf_mirror: RdfMirror) -> bytes:
+    def _result(self, ask: QueryRequest, rdf_mirror: RdfMirror) -> bytes:
         sees = View(ask.patterns, ask.caller)
         robots = {name: held.robot for name, held in self._mirror.robots.items() if sees.sees(name)}
         if ask.instead:
@@ -111,7 +111,7 @@ class Worker:
             return encode(refused.refusal) + REFUSED
 
 
-def _complete(ask: Ask, rdf_mirror: RdfMirror, mirror: Mirror, sees: View) -> VisibleGraphs:
+def _complete(ask: QueryRequest, rdf_mirror: RdfMirror, mirror: Mirror, sees: View) -> VisibleGraphs:
     """Add the statements that depend on the caller. Return the visible graphs."""
     robots = {name: held.robot for name, held in sorted(mirror.robots.items()) if sees.sees(name)}
     graph = Graph()

@@ -2,13 +2,13 @@
 
 A rule caused a firing if the condition would not have started to hold had the joints and motions moved by earlier
 firings of that rule kept their state of the last evaluation. This is determined by evaluating the condition on the
-fleet in that hypothetical state (``Instead``), not by analysis of the query.
+fleet in that hypothetical state (``HypotheticalRobot``), not by analysis of the query.
 """
 
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, replace
 
-from linked_fleet_gateway.extensions.query.messages import Instead, Measured
+from linked_fleet_gateway.extensions.query.messages import HypotheticalRobot, Measured
 from linked_fleet_gateway.extensions.rules.rule import FiringState, RuleRecord
 from linked_fleet_gateway.fleet.invocation import Invocation
 from linked_fleet_gateway.fleet.invocations import Invocations
@@ -50,7 +50,7 @@ class Counterfactual:
     """The fleet as if some motions had had no effect since the last evaluation, and the rules that caused them."""
 
     rules: frozenset[str]
-    instead: tuple[Instead, ...]
+    instead: tuple[HypotheticalRobot, ...]
 
 
 class Causes:
@@ -106,7 +106,7 @@ class Causes:
         asked = list(rules_of.items())[:MOST_QUESTIONS]
         return [Counterfactual(frozenset(rules), self._without(ids, look)) for ids, rules in asked]
 
-    def _without(self, ids: Collection[str], look: Look) -> tuple[Instead, ...]:
+    def _without(self, ids: Collection[str], look: Look) -> tuple[HypotheticalRobot, ...]:
         found = []
         for name in dict.fromkeys(self._motions[id].robot for id in ids):
             of_robot = {id: each for id, each in self._motions.items() if id in ids and each.robot == name}
@@ -115,7 +115,7 @@ class Causes:
             state = look.get(name) or next(iter(of_robot.values())).before
             joints = frozenset().union(*(each.joints for each in of_robot.values()))
             found.append(
-                Instead(
+                HypotheticalRobot(
                     robot=name,
                     joints={joint: state.joints[joint] for joint in joints if joint in state.joints},
                     targets={joint: state.targets.get(joint) for joint in joints},

@@ -12,7 +12,7 @@ from typing import Protocol
 from linked_fleet_gateway.actions.plan import robot_time
 from linked_fleet_gateway.actions.service import Actions
 from linked_fleet_gateway.base.errors import AgentSilent, Busy, FleetError
-from linked_fleet_gateway.extensions.query.messages import Instead
+from linked_fleet_gateway.extensions.query.messages import HypotheticalRobot
 from linked_fleet_gateway.extensions.rules.causes import Causes, Look, state_of
 from linked_fleet_gateway.extensions.rules.creators import RightsEnded, check_action
 from linked_fleet_gateway.extensions.rules.edges import Edge, Row, Unusable, edge, holding
@@ -41,7 +41,7 @@ class Select(Protocol):
     """Answers a query under a base URL for a view, optionally with robots in hypothetical states."""
 
     def __call__(
-        self, query: str, base: str, sees: View, *, instead: Sequence[Instead] = ()
+        self, query: str, base: str, sees: View, *, instead: Sequence[HypotheticalRobot] = ()
     ) -> Awaitable[Sequence[Row]]: ...
 
 
@@ -162,7 +162,7 @@ class Engine:
         await self._advance(known, creator, edge(before, now), causes, moments)
         return evaluated
 
-    async def _ask(self, rule: Rule, sees: View, instead: Sequence[Instead] = ()) -> dict[str, Row]:
+    async def _ask(self, rule: Rule, sees: View, instead: Sequence[HypotheticalRobot] = ()) -> dict[str, Row]:
         async with self._one:
             rows = await self._select(rule.condition, rule.base, sees, instead=instead)
         return holding(rows, rule.told_apart_by)

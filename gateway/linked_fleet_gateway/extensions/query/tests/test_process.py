@@ -5,7 +5,7 @@ from collections.abc import Awaitable, Callable
 
 import pytest
 
-from linked_fleet_gateway.extensions.query.messages import Ask, News
+from linked_fleet_gateway.extensions.query.messages import News, QueryRequest
 from linked_fleet_gateway.extensions.query.process import QueryProcess
 from linked_fleet_gateway.extensions.query.snapshot import Feed
 from linked_fleet_gateway.fleet.fleet import Fleet
@@ -14,8 +14,8 @@ pytestmark = pytest.mark.processes
 _LONG_S = 3600.0
 
 
-def _ask(_: Feed) -> Ask:
-    return Ask(
+def _ask(_: Feed) -> QueryRequest:
+    return QueryRequest(
         news=News(robots=[], frames={}), query="ASK {}", base="http://fleet", base_iri="http://fleet/query",
         patterns=("*",), caller="", default=None, named=None, branches=[], invocations=[], graphs=[],
         media_type="application/sparql-results+json", most_bytes=1000, limit_s=5.0,

@@ -17,7 +17,7 @@ from linked_fleet_gateway.app.extensions import BUILT_IN, install
 from linked_fleet_gateway.app.settings import GatewaySettings
 from linked_fleet_gateway.base.errors import BadRequest, FleetError
 from linked_fleet_gateway.extensions.query.errors import QueryTooCostly, ResultTooLarge
-from linked_fleet_gateway.extensions.query.messages import Instead
+from linked_fleet_gateway.extensions.query.messages import HypotheticalRobot
 from linked_fleet_gateway.extensions.query.service import Queries, Term
 from linked_fleet_gateway.fleet.invocation import Invocation
 from linked_fleet_gateway.fleet.kinematics import ORIGIN
@@ -179,7 +179,7 @@ def test_robots_can_be_supposed_to_be_in_another_state(asking: Asking) -> None:
     motion = Invocation("1", "a", "/a/elbow/actions/rotate", {"elbow": 1.0}, 1, 2)
     asking.live.invocations.add(motion)
     tasks = "SELECT ?robot { ?of lf:currentTask ?task ; dcterms:title ?robot }"
-    instead = Instead(robot="a", joints={"elbow": (0.75, 0.0, 0.0)}, targets={}, motions={"1": None})
+    instead = HypotheticalRobot(robot="a", joints={"elbow": (0.75, 0.0, 0.0)}, targets={}, motions={"1": None})
 
     async def suppose(query: str) -> list[tuple[str, ...]]:
         rows = await asking.queries.select(PREFIXES + query, BASE, ALL, instead=[instead])

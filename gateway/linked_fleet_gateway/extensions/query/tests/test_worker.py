@@ -7,10 +7,10 @@ import sys
 import msgspec
 import pytest
 
-from linked_fleet_gateway.extensions.query.messages import Ask, News, encode
+from linked_fleet_gateway.extensions.query.messages import News, QueryRequest, encode
 
 pytestmark = pytest.mark.processes
-ASK = Ask(
+ASK = QueryRequest(
     news=News(robots=[], frames={}), query="ASK {}", base="http://fleet", base_iri="http://fleet/query",
     patterns=("*",), caller="", default=None, named=None, branches=[], invocations=[], graphs=[],
     media_type="application/sparql-results+json", most_bytes=1000, limit_s=1.0,
@@ -18,7 +18,7 @@ ASK = Ask(
 
 
 @pytest.mark.parametrize("ask", [ASK, msgspec.structs.replace(ASK, query="this is no query")])
-def test_the_worker_ends_silently_when_the_gateway_has_gone(ask: Ask) -> None:
+def test_the_worker_ends_silently_when_the_gateway_has_gone(ask: QueryRequest) -> None:
     ours, theirs = socket.socketpair()
     arguments = [sys.executable, "-m", "linked_fleet_gateway.extensions.query.worker", str(theirs.fileno())]
     with subprocess.Popen(arguments, pass_fds=[theirs.fileno()], stderr=subprocess.PIPE) as worker:

@@ -2,7 +2,7 @@
 
 import itertools
 
-from linked_fleet_gateway.extensions.query.messages import Instead
+from linked_fleet_gateway.extensions.query.messages import HypotheticalRobot
 from linked_fleet_gateway.extensions.rules.causes import KEPT_S, SETTLING_S, Causes, Counterfactual, Look, state_of
 from linked_fleet_gateway.extensions.rules.rule import Firing, FiringState, Rule, RuleRecord
 from linked_fleet_gateway.fleet.invocation import Invocation, InvocationState
@@ -36,7 +36,7 @@ class Scene:
     def questions(self, rule: str, since_s: float, look: Look) -> list[set[str]]:
         return [set(each.rules) for each in self.causes.questions(rule, since_s, look)]
 
-    def question(self, rule: str, since_s: float, look: Look) -> Instead:
+    def question(self, rule: str, since_s: float, look: Look) -> HypotheticalRobot:
         (found,) = self.causes.questions(rule, since_s, look)
         assert isinstance(found, Counterfactual)
         (instead,) = found.instead
