@@ -2,6 +2,7 @@
 
 import tempfile
 import threading
+import time
 from pathlib import Path
 
 from playwright.sync_api import Page, sync_playwright
@@ -108,11 +109,12 @@ def _robot(page: Page, seconds: float) -> list[Row]:
             page.goto(live(browser, "baxter").url)
             eventually(lambda: page.wait_for_timeout(50) or len(messages) > _FIRST, "messages")
             messages.clear()
-            page.wait_for_timeout(seconds * 1e3)
-            found = messages[:]
+            began_s = time.monotonic()
+            eventually(lambda: page.wait_for_timeout(seconds * 1e3) or messages, "a message from a very busy machine")
+            found, took_s = messages[:], time.monotonic() - began_s
     return [
         bounded(f"{name}, mean", "B", sum(found) / len(found), 1000),
-        known(f"{name}, each second", "1/s", len(found) / seconds),
+        known(f"{name}, each second", "1/s", len(found) / took_s),
     ]
 
 
