@@ -242,7 +242,7 @@ $(SHACL_SUITE): tests/shacl/suite.txt | .venv/stamp
 .venv/demo-stamp: pyproject.toml agents/pyproject.toml constraints.txt
 	@echo "Making .venv: the gateway and the simulation. The first time takes a minute or two."
 	@$(call make_venv,.venv)
-	@$(BIN)/python -m pip install -q -e './agents[sim]' -e .
+	@$(BIN)/python -m pip install -q -e './agents[sim]' -e '.[mcp,foxglove]'
 	@touch $@
 
 .venv/stamp: .venv/demo-stamp
