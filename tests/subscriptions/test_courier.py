@@ -352,7 +352,7 @@ async def test_a_courier_that_lost_its_subscription_in_a_pause_stops(url: str, t
 
 
 async def test_a_courier_that_lost_its_subscription_does_not_repeat(url: str, there: CallbackReceiver) -> None:
-    """As a gateway that was suspended for longer than its lease: no older number follows a higher one."""
+    """A gateway that was suspended for longer than its lease sends no older number after a higher one."""
     there.script(Answer(), retry_after(5))
     namespace = uuid.uuid4().hex
     async with work(url, there, namespace=namespace, loses=True) as at, Store(url, namespace, "b") as other:

@@ -67,7 +67,7 @@ class RequestLineReader:
 
     def __init__(self) -> None:
         self.method = self.target = b""
-        """Those of the request, if the parser was given others."""
+        """Method and target of the request if the parser gets substitutes for them; empty otherwise."""
         self._start = b""
 
     @property

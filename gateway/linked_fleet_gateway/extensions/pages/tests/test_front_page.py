@@ -154,7 +154,7 @@ def test_a_processor_draws_at_most_fifteen_times_a_second(front: Page, client: C
 
 
 def test_the_first_page_is_light(front: Page, client: Client) -> None:
-    """What it takes to see and use it, and to draw the world apart from the meshes of robots."""
+    """The first page and all its scripts are within the limit, which does not count meshes of robots."""
     weights = front.evaluate(
         """() => [...performance.getEntriesByType("navigation"), ...performance.getEntriesByType("resource")]
             .map(({ name, encodedBodySize }) => [name, encodedBodySize])"""
