@@ -1,3 +1,3 @@
 """The fixtures of all tests, wherever these are."""
 
-pytest_plugins = ("shared_fixtures", "several_fixtures")
+pytest_plugins = ("shared_fixtures", "gateway_group_fixtures")

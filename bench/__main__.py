@@ -22,7 +22,10 @@ class Suite(NamedTuple):
 
 
 SUITES = (
+    Suite("start", repeated=False),
     Suite("answers"),
+    Suite("encodings", repeated=False),
+    Suite("large", repeated=False),
     Suite("fan_out"),
     Suite("ingest"),
     Suite("footprint", repeated=False),
@@ -76,7 +79,7 @@ def run(suite: Suite, seconds: float, runs: int) -> list[Row]:
     begin, found = time.monotonic(), list[Sequence[Row]]()
     for _ in range(runs if suite.repeated else 1):
         found.append(rows(seconds))
-    print(f"{suite.name}: {time.monotonic() - begin:.0f} s", file=sys.stderr, flush=True)  # progress for whoever waits
+    print(f"{suite.name}: {time.monotonic() - begin:.0f} s", file=sys.stderr, flush=True)  # progress
     return median(found)
 
 

@@ -164,7 +164,7 @@ def _measure(
 ) -> tuple[list[float], float]:
     """Return the times of requests in ms, and the processor time of the gateway for one in ms.
 
-    What the gateway takes for the frames of its robots meanwhile is measured before, and subtracted.
+    The gateway's processor time for frames of its robots is measured before, and subtracted.
     """
     # A gateway's first search loads its modules; on a busy machine the robot then refuses because the motion is too
     # late.

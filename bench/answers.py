@@ -23,12 +23,12 @@ from urllib.parse import urlsplit
 import httpx
 from pyoxigraph import NamedNode, RdfFormat, parse
 
-from actor import Actor
 from bench.beside import BARE, Constant, bare
 from bench.scene import Scene, browsing, cpu_s, scene
 from bench.synthetic import urdf
 from bench.table import Row, UnavailableError, at_least, at_most, known
 from browser import HYBRIT, LF
+from fake_robots import FakeRobot
 from running import eventually, process
 from shared_fixtures import ROBOTS
 from small_fleet import live
@@ -116,7 +116,7 @@ def _changed(place: Scene) -> tuple[float, float]:
     joints = tuple(f"joint_{number}" for number in range(_JOINTS))
     with contextlib.closing(_connected(place.place.root)) as http:
         for model in range(_CHANGES):
-            run = Actor(place.session, "changing")
+            run = FakeRobot(place.session, "changing")
             run.appear(run.description(urdf(_JOINTS, model), joints))
             eventually(partial(_is_listed, http, f"synthetic-{model}"), f"model {model} of the robot")
             for media_type in _MEDIA_TYPES:
@@ -184,7 +184,7 @@ def _is_walked(iri: str, root: str) -> bool:
 
 
 def _read_all(root: str, paths: list[str], media_type: str) -> float:
-    """Read each path once; return the seconds for as many as were walked."""
+    """Read each path once; return the time in seconds, scaled to the number of resources that were walked."""
     begin = time.monotonic()
     with contextlib.closing(_connected(root)) as http:
         for path in paths:

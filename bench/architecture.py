@@ -11,7 +11,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
-SCRIPTS = ROOT / "gateway/linked_fleet_gateway/extensions/pages/scripts"
+EXTENSIONS = ROOT / "gateway/linked_fleet_gateway/extensions"
 FOLDERS = {
     "linked_fleet_agent": "agents", "linked_fleet_gateway": "gateway", "linked_fleet_client": "client",
     "linked_fleet_demo": "demo", "bench": ".", "fuzzing": "tests",
@@ -63,13 +63,16 @@ def imports(files: Mapping[str, Path]) -> dict[str, set[str]]:
 
 
 def scripts() -> dict[str, set[str]]:
-    """Return the imports of the pages' scripts."""
+    """Return the imports of the pages' scripts, and of those that extensions add."""
     found: dict[str, set[str]] = {}
-    for path in sorted((SCRIPTS / "src").rglob("*.js")):
+    added = {str(path.relative_to(ROOT)) for path in EXTENSIONS.glob("*/scripts/page.js")}
+    for path in sorted([*EXTENSIONS.glob("pages/scripts/src/*.js"), *EXTENSIONS.glob("*/scripts/*.js")]):
         named = re.findall(r"""(?:from|import)\s*\(?\s*["'](\.[^"']+)["']""", path.read_text())
         found[str(path.relative_to(ROOT))] = {
             str((path.parent / each).resolve().relative_to(ROOT.resolve())) for each in named
         }
+        if re.search(r"""from ["']extensions["']""", path.read_text()):
+            found[str(path.relative_to(ROOT))] |= added
     return found
 
 

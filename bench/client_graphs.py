@@ -186,8 +186,8 @@ def walk(loader: Loader) -> float:
     def once(_: int) -> None:
         with Fleet(root) as fleet:
             for thing in fleet.walk():
-                for prop in thing.properties_in(thing.learn()):
-                    prop.within(thing.learn())
+                for prop in thing.properties_in(thing.document()):
+                    prop.reading_in(thing.document())
 
     with tree() as root, patch("linked_fleet_client.web.load", loader):
         return median_ms(once, 5)

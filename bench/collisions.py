@@ -17,8 +17,8 @@ from pathlib import Path
 import numpy as np
 
 from bench.rigid import Around, Rigid
-from linked_fleet_agent.meshes import named
 from linked_fleet_agent.robots.catalogue import MODELS, data_folder
+from linked_fleet_agent.urdf import named
 from linked_fleet_demo.tree import PLACES
 from linked_fleet_gateway.extensions.world.collision_check import CLEARANCE_M, check
 from linked_fleet_gateway.extensions.world.messages import (
@@ -145,7 +145,7 @@ class Trial:
         return {each: float(self._random.uniform(*self._rigid.joints[each].limits)) for each in chosen}
 
     def _start(self) -> dict[str, float]:
-        """Return positions without additional contacts or near objects; home if none are found."""
+        """Return random positions with no more contacts or near objects than at home; home if none are found."""
         self._around.moving(self._rigid.joints.keys())
         for _ in range(_MOST_STARTS):
             start = self._rigid.complete({**self._scene.home[self._name], **self._targets(100)})

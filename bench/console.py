@@ -15,11 +15,11 @@ from urllib.parse import urlsplit
 
 from playwright.sync_api import Page, sync_playwright
 
-from actor import crowd, stage
 from bench.scene import pid_of
 from bench.table import Row, UnavailableError, known
 from browser import Browser, all_live
 from chromium import EXECUTABLE, MISSING, MainThread, launch
+from fake_robots import many_robots, open_session
 from linked_fleet_demo.tree import PLACES
 from linked_fleet_demo.tree import place as place_robot
 from running import Process, eventually, process
@@ -107,7 +107,11 @@ def _thousand(page: Page, seconds: float) -> Iterator[Row]:
     """Measure a thousand robots, each of which sends a new position once a second."""
     with tempfile.TemporaryDirectory() as folder:
         place = Place(Path(folder))
-        with place.gateway() as (gateway, browser), stage(place.zenoh) as session, crowd(session, _THOUSAND):
+        with (
+            place.gateway() as (gateway, browser),
+            open_session(place.zenoh) as session,
+            many_robots(session, _THOUSAND),
+        ):
             eventually(lambda: _listed(browser) == _THOUSAND, "a thousand robots")
             yield from _written(browser, gateway)
             yield from _shown(page, browser, seconds)

@@ -121,7 +121,7 @@ def main() -> None:
 
 
 def rows(seconds: float, cases: Sequence[Case] = CASES, robots: int = 50) -> list[Row]:
-    """``robots``: number of robots; one value of each has one subscriber."""
+    """Return the rows of the fan-out. ``robots`` is the number of robots; one value of each has one subscriber."""
     found: list[Row] = []
     for case in (each for each in cases if each.goal):
         ours, bare, starlette = beside(case, seconds)

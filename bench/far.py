@@ -55,7 +55,7 @@ class Http1:
 
 
 class Streams:
-    """Responses interleaved on one connection, with a queue each; None marks the end."""
+    """Queues of response bodies that share one connection, by stream number; None marks the end of a body."""
 
     def __init__(self) -> None:
         self._queues: dict[int, asyncio.Queue[bytes | None]] = {}

@@ -19,7 +19,7 @@ JOINTS, RATE_HZ = 20, 100.0
 _FRAME_BYTES = 40 + 3 * 8 * JOINTS
 MOST_MB, MOST_KB, MOST_AGENT_MB, MOST_AGENT_PERCENT = 64.0, 300.0, 40.0, 3.0
 # The libraries of the gateway and a listening Zenoh session, without the gateway's own code.
-_PARTS = """
+LIBRARIES = """
 import asyncio, json, sys
 import h11, msgspec, pyoxigraph, redis.asyncio, starlette.applications, uvicorn, uvloop, websockets, zenoh
 from linked_fleet_gateway.link.zenoh_session import settings
@@ -75,7 +75,7 @@ def rows(seconds: float, size: Size = SIZE) -> list[Row]:
 
 
 def _grown_kib(scene: Scene) -> int:
-    """Return the growth by all robots, after reading each once."""
+    """Return the growth of the gateway's memory (KiB) by all robots, after each was read once."""
     one = scene.gateways[0]
     before = rss_kib(one.pid)
     scene.crowd.ask("rate 1")
@@ -87,7 +87,7 @@ def _grown_kib(scene: Scene) -> int:
 
 
 def _floor_kib() -> int:
-    with _child("-c", _PARTS) as pid:
+    with _child("-c", LIBRARIES) as pid:
         return rss_kib(pid)
 
 

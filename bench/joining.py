@@ -6,7 +6,7 @@ import statistics
 import time
 from collections.abc import Callable, Sequence
 
-import actor
+import fake_robots
 from bench.crowd import Gateway, Scene, Size, stage
 from bench.scene import cpu_s, pid_of
 from bench.synthetic import name_of
@@ -19,7 +19,10 @@ _JOINING, _ROUNDS, _PAUSE_S, _SETTLED_S = 50, 3, 0.3, 1.0
 
 
 def rows(seconds: float, already: Sequence[int] = ALREADY) -> list[Row]:
-    """``seconds`` is ignored: each robot joins once. Processor time of the gateway covers all threads."""
+    """Return the rows of joining. ``seconds`` is ignored, because each robot joins once.
+
+    Processor times of the gateway cover all threads.
+    """
     found, ours, zenoh = list[Row](), list[float](), list[float]()
     for robots in already:
         with stage(Size(robots=robots, joints=18, models=20), 1) as scene:
@@ -71,10 +74,10 @@ def _one_more(scene: Scene, pid: int, knows: Callable[[str], bool]) -> float:
     time.sleep(1.0)
     idle_share = (cpu_s(pid) - idle) / (time.monotonic() - begin)
     for number in range(_ROUNDS):
-        with actor.stage(scene.endpoint) as session:
+        with fake_robots.open_session(scene.endpoint) as session:
             time.sleep(_SETTLED_S)  # the robots of the round before have left, and a session has come
             before, begin = cpu_s(pid), time.monotonic()
-            there = [actor.Actor(session, f"late-{pid}-{number}-{each}") for each in range(_JOINING)]
+            there = [fake_robots.FakeRobot(session, f"late-{pid}-{number}-{each}") for each in range(_JOINING)]
             for each in there:
                 each.appear()
             while not knows(there[-1].name):  # polling must not dominate the measurement

@@ -61,7 +61,7 @@ async def beat(rate_hz: float, act: Callable[[], Awaitable[None]]) -> None:
 
 
 class Bare(asyncio.Protocol):
-    """Accepts any request, and is written to afterwards."""
+    """A connection that accepts any request; the server writes prepared bytes to it afterwards."""
 
     def __init__(self, how: How, audience: set[asyncio.Transport]) -> None:
         self._how, self._audience, self._asked = how, audience, b""

@@ -29,7 +29,7 @@ _SEED = 20_260
 
 @dataclass(frozen=True)
 class Network:
-    """``name``: the namespace at the far end. ``here`` and ``there``: the addresses of the two ends."""
+    """A link to the network namespace ``name``. ``here`` and ``there`` are the addresses of its two ends."""
 
     name: str
     here: str

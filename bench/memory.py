@@ -7,10 +7,10 @@ import time
 from collections.abc import Iterator
 from typing import NamedTuple
 
-from actor import Actor
 from bench.scene import cpu_s, rss_kib, scene
 from bench.table import Row, known
 from browser import Browser
+from fake_robots import FakeRobot
 from small_fleet import live
 from tests.fleet.test_subscription_memory import Client, emptied
 
@@ -50,7 +50,7 @@ class Step(NamedTuple):
 
 def cycles(steps: int, size: int, way: str = "all") -> Iterator[Step]:
     with scene("--requests-per-client", "0") as place, contextlib.closing(Browser(place.place.root)) as browser:
-        Actor(place.session, "toy").appear().stand(0.25)
+        FakeRobot(place.session, "toy").appear().stand(0.25)
         live(browser, "toy")
         client = Client(f"{place.place.root}toy/elbow/rotation")
         for number in range(1, steps + 1):

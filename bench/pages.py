@@ -7,9 +7,9 @@ from pathlib import Path
 
 from playwright.sync_api import Page, sync_playwright
 
-from actor import Actor, stage
 from bench.table import Row, UnavailableError, bounded, known, percentile
 from chromium import EXECUTABLE, MISSING, launch
+from fake_robots import FakeRobot, open_session
 from running import eventually, process
 from small_fleet import Place, live
 
@@ -48,11 +48,11 @@ def rows(seconds: float, robots: int = 200) -> list[Row]:
 
 
 def _fleet(page: Page, robots: int, seconds: float) -> list[Row]:
-    """All robots send frames at 20 Hz from one thread; ten come and go twice a second."""
+    """Measure the page of the fleet. Robots send frames at 20 Hz from one thread; ten come and go twice a second."""
     with tempfile.TemporaryDirectory() as folder:
         place = Place(Path(folder))
-        with place.gateway() as (_, browser), stage(place.zenoh) as session:
-            actors = [Actor(session, f"robot-{number:03}").appear() for number in range(robots)]
+        with place.gateway() as (_, browser), open_session(place.zenoh) as session:
+            actors = [FakeRobot(session, f"robot-{number:03}").appear() for number in range(robots)]
             ended = threading.Event()
             threads = [
                 threading.Thread(target=_send, args=(actors, ended)),
@@ -71,7 +71,7 @@ def _fleet(page: Page, robots: int, seconds: float) -> list[Row]:
     return found
 
 
-def _send(actors: list[Actor], ended: threading.Event) -> None:
+def _send(actors: list[FakeRobot], ended: threading.Event) -> None:
     angle = 0.0
     while not ended.wait(0.05):
         angle = 0.5 - angle
@@ -79,7 +79,7 @@ def _send(actors: list[Actor], ended: threading.Event) -> None:
             actor.put("state", actor.frame([angle]))
 
 
-def _come_and_go(actors: list[Actor], ended: threading.Event) -> None:
+def _come_and_go(actors: list[FakeRobot], ended: threading.Event) -> None:
     while not ended.wait(0.25):
         for actor in actors:
             actor.leave()

@@ -17,17 +17,16 @@ from bench.table import Row, known
 from linked_fleet_agent.wire.codec import decode
 from linked_fleet_agent.wire.messages import Description
 from linked_fleet_gateway.actions import redis_scripts as scripts
-from linked_fleet_gateway.fleet.events import Appeared, Described, Framed, Moved
+from linked_fleet_gateway.fleet.events import Appeared, Described, Framed, Frames, Moved
 from linked_fleet_gateway.fleet.fleet import Fleet
-from linked_fleet_gateway.fleet.frames import Frames
 from linked_fleet_gateway.fleet.invocations import Invocations
 from linked_fleet_gateway.http.websocket import framed
 from linked_fleet_gateway.resources.subscription import Kind, Subscription
 from linked_fleet_gateway.resources.things import NO_SUBSCRIPTIONS
 from linked_fleet_gateway.resources.tree import Tree
 from linked_fleet_gateway.runtime.redis import Connection
+from linked_fleet_gateway.subscriptions.broadcast import Ending, Message
 from linked_fleet_gateway.subscriptions.fan_out import FanOut
-from linked_fleet_gateway.subscriptions.message import Ending, Message
 from redis_servers import Server, single
 
 ROBOTS, JOINTS = 50, 10

@@ -64,7 +64,7 @@ def measure(size: Size, count: int) -> Figures:
         for part in (joining, *(partial(at_rate, rate_hz=rate_hz) for rate_hz in size.rates_hz), pages, returning):
             found = part(scene)
             figures |= found
-            print(count, *found.items(), sep="\n  ", file=sys.stderr, flush=True)  # progress for whoever waits
+            print(count, *found.items(), sep="\n  ", file=sys.stderr, flush=True)  # progress
     return figures
 
 

@@ -16,9 +16,9 @@ from pathlib import Path
 from types import FrameType
 from typing import Any
 
-from actor import Actor, stage
 from bench.architecture import ROOT, rank, room_of
 from browser import Browser
+from fake_robots import FakeRobot, open_session
 from running import eventually, process
 from small_fleet import Place
 from virtual.client import clients_in_memory
@@ -99,7 +99,7 @@ def main() -> None:
         stack.enter_context(clients_in_memory(loop))
         place = Place(Path(stack.enter_context(tempfile.TemporaryDirectory())))
         stack.enter_context(process(*place.command(), "--history-s", "0")).said("serving")
-        actor = Actor(stack.enter_context(stage(place.zenoh)), "odd").appear()
+        actor = FakeRobot(stack.enter_context(open_session(place.zenoh)), "odd").appear()
         browser = stack.enter_context(contextlib.closing(Browser(place.root)))
         value, action = f"{place.root}odd/elbow/rotation", f"{place.root}actions/stopAll"
         eventually(lambda: browser.http.get(value).status_code == 200, "the robot")

@@ -13,7 +13,7 @@ from typing import Any
 import zenoh
 
 KINDS = ("token", "queryable", "subscriber")
-_TIMEOUT_S = 60.0
+_TIMEOUT_S = 180.0
 
 
 def main(endpoint: str) -> None:

@@ -10,7 +10,7 @@ import json
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -26,6 +26,17 @@ AREAS = {"area-1": ("hall-1", "hall-2"), "area-2": ("hall-3", "hall-4")}
 HALLS = tuple(hall for halls in AREAS.values() for hall in halls)
 _BELOW = {CORE: tuple(AREAS), **AREAS} | dict.fromkeys(HALLS, ())
 LEASE_MS = 10_000
+BATCH = 400
+"""Robots that join before the gateways are asked if they have them.
+
+Thousands at once make routers of Zenoh 1.10 wait for each other (docs/SCALE.md).
+"""
+_QUEUE = {
+    "size": {"control": 16, "data": 16},
+    "congestion_control": {"block": {"wait_before_close": 20_000_000}},
+}
+"""Room for the declarations of a batch, and 20 s (in µs) for a neighbour on a busy machine to take them."""
+_CLOSED = "Closing transport!"
 _PORT = 7447
 
 
@@ -38,6 +49,10 @@ class Site:
     north: Link | None = None
     router: Process | None = None
     crowd: Crowd | None = None
+    first: int = 0
+    """Number of the first robot there."""
+    appeared: int = 0
+    """Count of robots there that have appeared."""
     _open: contextlib.ExitStack = field(default_factory=contextlib.ExitStack)
 
     def start(self) -> None:
@@ -48,6 +63,7 @@ class Site:
 
     def robots(self, size: Size, first: int) -> None:
         """Start the process of robots, which have not appeared yet."""
+        self.first = first
         self.crowd = Crowd(f"tcp/127.0.0.1:{_PORT}", size, (first, size.namespaces), inside(self.name))
         self._open.callback(self.crowd.close)
 
@@ -58,7 +74,7 @@ class Site:
         if self.router is not None:
             self.router.send(signal.SIGKILL)
         self._open.pop_all()
-        self.router = self.crowd = None
+        self.router, self.crowd, self.appeared = None, None, 0
 
     def close(self) -> None:
         self._open.close()
@@ -67,6 +83,11 @@ class Site:
     def pid(self) -> int:
         assert self.router is not None
         return pid_of(self.router)
+
+    @property
+    def closings(self) -> int:
+        """How often the router has closed a connection whose other end did not take its messages in time."""
+        return 0 if self.router is None else self.router.output.count(_CLOSED)
 
     def known(self) -> dict[str, dict[str, int]]:
         """Return the declarations that the router knows (``bench.router_tables``)."""
@@ -99,7 +120,7 @@ def configuration(site: str, north: Link | None) -> dict[str, object]:
         "scouting": {"multicast": {"enabled": False}, "gossip": {"enabled": False}},
         "transport": {
             "shared_memory": {"enabled": False},
-            "link": {"tx": {"lease": LEASE_MS}},
+            "link": {"tx": {"lease": LEASE_MS, "queue": _QUEUE}},
             "unicast": {"max_sessions": 20000},
         },
         "adminspace": {"enabled": True},
@@ -140,17 +161,37 @@ class Tree:
         for hall in halls:
             self.sites[hall].robots(replace(self.size, robots=share), HALLS.index(hall) * share)
 
-    def appear(self, halls: Sequence[str], rate_hz: float) -> int:
-        """Let the robots of these halls appear at once. Return when the first one did (CLOCK_MONOTONIC, ns)."""
+    def appear(self, halls: Sequence[str], rate_hz: float, taken: Callable[[], None]) -> int:
+        """Let the robots of these halls appear, a batch at a time, and call ``taken`` after each batch.
 
-        def one(hall: str) -> int:
+        Return when the first one did (CLOCK_MONOTONIC, ns).
+        """
+        count, share = BATCH // len(halls), self.size.robots // len(HALLS)
+
+        def batch(hall: str) -> int:
+            site = self.sites[hall]
+            assert site.crowd is not None
+            first_ns = int(site.crowd.ask(f"appear {count}")["first_ns"])
+            site.appeared = min(site.appeared + count, share)
+            return first_ns
+
+        for hall in halls:
             crowd = self.sites[hall].crowd
             assert crowd is not None
             crowd.ask(f"rate {rate_hz}")
-            return int(crowd.ask("appear")["first_ns"])
-
+        first_ns = []
         with ThreadPoolExecutor(len(halls)) as pool:
-            return min(pool.map(one, halls))
+            while any(self.sites[hall].appeared < share for hall in halls):
+                first_ns += pool.map(batch, halls)
+                taken()
+        return min(first_ns)
+
+    @property
+    def expected(self) -> int:
+        """How many robots of the gateways' namespace have appeared."""
+        sites = (self.sites[hall] for hall in HALLS)
+        numbers = (range(each.first, each.first + each.appeared) for each in sites)
+        return sum(number % self.size.namespaces == 0 for each in numbers for number in each)
 
     def close(self) -> None:
         for kept in self._open.values():

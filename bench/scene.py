@@ -2,6 +2,7 @@
 
 import contextlib
 import json
+import os
 import subprocess
 import sys
 import tempfile
@@ -14,8 +15,8 @@ from typing import Any
 
 import zenoh
 
-from actor import Actor, stage
 from browser import Browser
+from fake_robots import FakeRobot, open_session
 from running import Process, process
 from small_fleet import Place, live
 
@@ -29,6 +30,12 @@ def cpu_s(pid: int) -> float:
         with contextlib.suppress(FileNotFoundError, ProcessLookupError):  # a thread that has just ended
             spent_ns += int(path.read_text().split()[0])
     return spent_ns / 1e9
+
+
+def process_cpu_s(pid: int) -> float:
+    """Return the processor time of a process, also of threads that have ended; in ticks of 10 ms."""
+    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
 def rss_kib(pid: int) -> int:
@@ -48,7 +55,7 @@ class Scene:
 
     @contextlib.contextmanager
     def robot(self, name: str, rate_hz: float) -> Iterator["Mover"]:
-        mover = Mover(Actor(self.session, name).appear(), rate_hz)
+        mover = Mover(FakeRobot(self.session, name).appear(), rate_hz)
         with mover.moving():
             with browsing(self.place) as browser:
                 live(browser, name)
@@ -66,7 +73,7 @@ def scene(*flags: str) -> Iterator[Scene]:
         place = Place(Path(state))
         with process(*place.command(), *flags) as gateway:
             gateway.said("serving")
-            with stage(place.zenoh) as session:
+            with open_session(place.zenoh) as session:
                 yield Scene(place, session, pid_of(gateway))
 
 
@@ -75,7 +82,7 @@ class Mover:
 
     STEP = 0.001
 
-    def __init__(self, actor: Actor, rate_hz: float) -> None:
+    def __init__(self, actor: FakeRobot, rate_hz: float) -> None:
         self.actor, self.rate_hz = actor, rate_hz
         self.sent_ns: list[int] = []
         """Time of sending frame number ``i`` (CLOCK_MONOTONIC)."""

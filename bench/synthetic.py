@@ -4,9 +4,9 @@
 With two more arguments, the number of its first robot and a count of namespaces, it is a client of the router at
 ENDPOINT, and robot n is in namespace n modulo that count.
 
-Each line on standard input is answered with one line of JSON: ``appear`` announces the robots, ``rate HZ`` sets the
-frames per second of each, ``moving COUNT`` the number of moving joints of each (initially one), and an empty line asks
-for the work since the last one. It ends when its input ends.
+Each line on standard input is answered with one line of JSON: ``appear`` announces all robots, ``appear COUNT`` the
+next ones, ``rate HZ`` sets the frames per second of each, ``moving COUNT`` the number of moving joints of each
+(initially one), and an empty line asks for the work since the last one. It ends when its input ends.
 
 The first joints of every robot have as position, in rad, the time of its frame in seconds since the ``epoch_ns`` of
 CLOCK_MONOTONIC, so that a reader can compute the age of a value.
@@ -127,10 +127,13 @@ class Crowd:
         for each in self._threads:
             each.start()
 
-    def appear(self) -> dict[str, int]:
-        """Announce robots in turn, each with its first frame; return the first and last time (CLOCK_MONOTONIC)."""
-        first_ns = time.monotonic_ns()
-        for each in self._all:
+    def appear(self, count: int | None = None) -> dict[str, int]:
+        """Announce the next robots in turn, all by default, each with its first frame.
+
+        Return the first and last time (CLOCK_MONOTONIC).
+        """
+        first_ns, begin = time.monotonic_ns(), len(self._here)
+        for each in self._all[begin : None if count is None else begin + count]:
             self._declare(each)
             each.send(self.epoch_ns)
             self._here.append(each)
@@ -198,12 +201,12 @@ class Crowd:
 
     def _send(self) -> None:
         """Send frames evenly over time; frames that are late are left out, never made up for."""
-        begin, sent, rate_hz, number = time.monotonic(), 0, 0.0, 0
+        begin, sent, rate_hz, here, number = time.monotonic(), 0, 0.0, 0, 0
         while not self._ended.wait(_TICK_S):
-            if rate_hz != self.rate_hz or not self._here:
-                begin, sent, rate_hz = time.monotonic(), 0, self.rate_hz
-            due = int((time.monotonic() - begin) * rate_hz * len(self._here))
-            for _ in range(min(due - sent, len(self._here))):
+            if rate_hz != self.rate_hz or here != len(self._here):
+                begin, sent, rate_hz, here = time.monotonic(), 0, self.rate_hz, len(self._here)
+            due = int((time.monotonic() - begin) * rate_hz * here)
+            for _ in range(min(due - sent, here)):
                 self._here[number % len(self._here)].send(self.epoch_ns, self.moving)
                 self._done["frame"] += 1
                 number += 1
@@ -236,7 +239,8 @@ def main() -> None:
                     crowd.rate_hz = float(value)
                 elif what == "moving":
                     crowd.moving = int(value)
-                print(json.dumps(crowd.appear() if what == "appear" else crowd.counted()), flush=True)
+                said = crowd.appear(int(value) if value else None) if what == "appear" else crowd.counted()
+                print(json.dumps(said), flush=True)
         finally:
             crowd.close()
 

@@ -10,6 +10,7 @@ from urllib.parse import urlsplit
 
 _AGENTS = ("curl/8.14", "python-httpx/0.28.1", "Mozilla/5.0 (X11; Linux x86_64; rv:140.0) Gecko/20100101 Firefox/140.0")
 _ACCEPTED = ("*/*", "text/turtle", "application/ld+json", "text/turtle, application/ld+json;q=0.9, */*;q=0.1")
+ENCODINGS = "gzip, deflate, br, zstd"
 _LANGUAGES = ("en-US,en;q=0.5", "de", "*")
 
 
@@ -21,10 +22,21 @@ class Target(NamedTuple):
 
 
 class Client:
-    """A connection of one client. ``prefer``: its Prefer field, if any. ``seed`` makes its requests repeatable."""
+    """A connection of one client.
 
-    def __init__(self, url: str, seed: int = 1, prefer: str = "") -> None:
-        self._prefer = prefer
+    ``prefer``: its Prefer field, if any. ``seed`` makes its requests repeatable. ``accepted``: values of its Accept
+    field, of which each request has one; ``encodings``: that of Accept-Encoding.
+    """
+
+    def __init__(
+        self,
+        url: str,
+        seed: int = 1,
+        prefer: str = "",
+        accepted: Sequence[str] = _ACCEPTED,
+        encodings: str = ENCODINGS,
+    ) -> None:
+        self._prefer, self._accepted, self._encodings = prefer, accepted, encodings
         self._connection = http.client.HTTPConnection(urlsplit(url).netloc)
         self._random = random.Random(seed)  # noqa: S311
 
@@ -50,8 +62,8 @@ class Client:
         chance = self._random
         trace = f"00-{chance.getrandbits(128):032x}-{chance.getrandbits(64):016x}-01"
         fields = [
-            ("User-Agent", chance.choice(_AGENTS)), ("Accept", chance.choice(_ACCEPTED)), ("Traceparent", trace),
-            ("Accept-Language", chance.choice(_LANGUAGES)), ("Accept-Encoding", "gzip, deflate, br, zstd"),
+            ("User-Agent", chance.choice(_AGENTS)), ("Accept", chance.choice(self._accepted)), ("Traceparent", trace),
+            ("Accept-Language", chance.choice(_LANGUAGES)), ("Accept-Encoding", self._encodings),
             ("Content-Length", str(size)),
         ]  # fmt: skip
         fields += [(name, value) for name, value in (("Content-Type", media_type), ("Prefer", self._prefer)) if value]

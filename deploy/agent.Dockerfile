@@ -1,6 +1,6 @@
 # The agent for a robot:   docker build -f deploy/agent.Dockerfile --target agent .
 # with simulated robots:   docker build -f deploy/agent.Dockerfile --target agent-sim .
-# Where packages come from is the business of the machine: its PIP_* variables are build arguments.
+# The building machine decides on the package index: its PIP_* variables are build arguments.
 
 # An exact version, by tag; where you deploy, give one with its digest: --build-arg PYTHON_TAG=…@sha256:…
 ARG PYTHON_TAG=3.11.15-slim-bookworm
@@ -11,7 +11,7 @@ ARG PIP_EXTRA_INDEX_URL
 ENV PIP_NO_CACHE_DIR=1 PIP_DISABLE_PIP_VERSION_CHECK=1 PIP_ROOT_USER_ACTION=ignore
 WORKDIR /build
 COPY deploy/requirements-agent.txt deploy/requirements-build.txt deploy/
-# No package whose hash is not in these files, which "make requirements" writes from pyproject.toml and constraints.txt.
+# Only packages whose hash is in these files are installed. "make requirements" writes them from pyproject.toml and constraints.txt.
 RUN pip install -q --require-hashes -r deploy/requirements-build.txt \
  && python -m venv --without-pip /opt/linked-fleet \
  && pip --python /opt/linked-fleet/bin/python install -q --require-hashes -r deploy/requirements-agent.txt

@@ -85,7 +85,7 @@ def component(part: Part) -> dict[str, Any]:
 
 
 def _python_licence(distribution: Distribution) -> str:
-    """Return the expression, the first line of the free text, or the classifiers, whichever exists."""
+    """Return the licence expression, else the first line of the free text, else the classifiers."""
     metadata = distribution.metadata
     stated = (metadata.get("License-Expression") or metadata.get("License") or "").strip().splitlines()
     classifiers = [c.rpartition(" :: ")[2] for c in metadata.get_all("Classifier") or [] if c.startswith("License ::")]

@@ -1,5 +1,5 @@
 # The gateway:   docker build -f deploy/gateway.Dockerfile .
-# Where packages come from is the business of the machine: its PIP_* and NPM_CONFIG_* variables are build arguments.
+# The building machine decides on package registries: its PIP_* and NPM_CONFIG_* variables are build arguments.
 
 # An exact version, by tag; where you deploy, give one with its digest: --build-arg PYTHON_TAG=…@sha256:…
 ARG PYTHON_TAG=3.11.15-slim-bookworm
@@ -10,10 +10,15 @@ ARG PIP_EXTRA_INDEX_URL
 ENV PIP_NO_CACHE_DIR=1 PIP_DISABLE_PIP_VERSION_CHECK=1 PIP_ROOT_USER_ACTION=ignore
 WORKDIR /build
 COPY deploy/requirements.txt deploy/requirements-build.txt deploy/
-# No package whose hash is not in these files, which "make requirements" writes from pyproject.toml and constraints.txt.
+# Only packages whose hash is in these files are installed. "make requirements" writes them from pyproject.toml and constraints.txt.
 RUN pip install -q --require-hashes -r deploy/requirements-build.txt \
  && python -m venv --without-pip /opt/linked-fleet \
  && pip --python /opt/linked-fleet/bin/python install -q --require-hashes -r deploy/requirements.txt
+
+# Only the sources of the scripts, so that a change of other files does not bundle them again.
+FROM packages AS scripts
+COPY gateway/linked_fleet_gateway/extensions /extensions
+RUN find /extensions -type f -not -path '*/scripts/*' -delete && find /extensions -type d -empty -delete
 
 # The scripts and styles of the pages; Node.js is not in the image that runs.
 FROM packages AS pages
@@ -23,7 +28,7 @@ ARG NPM_CONFIG_REGISTRY
 ENV NODE_EXTRA_CA_CERTS=/etc/ssl/certs/ca-certificates.crt NPM_CONFIG_CAFILE=/etc/ssl/certs/ca-certificates.crt
 COPY deploy/requirements-pages.txt deploy/
 RUN pip install -q --require-hashes -r deploy/requirements-pages.txt
-COPY gateway/linked_fleet_gateway/extensions/pages/scripts gateway/linked_fleet_gateway/extensions/pages/scripts
+COPY --from=scripts /extensions gateway/linked_fleet_gateway/extensions
 RUN gateway/linked_fleet_gateway/extensions/pages/scripts/build "$(command -v python)"
 
 FROM packages AS built

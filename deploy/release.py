@@ -98,7 +98,7 @@ def bill_of_materials(name: str) -> str:
     text = json.dumps(bill, indent=1) + "\n"
     error = JsonStrictValidator(SchemaVersion.V1_6).validate_str(text)
     if error is not None:
-        raise ReleaseError(f"the bill of materials of {name} is no CycloneDX: {error}")
+        raise ReleaseError(f"the bill of materials of {name} is not CycloneDX: {error}")
     return text
 
 

@@ -29,7 +29,7 @@ _BINFMT = Path("/proc/sys/fs/binfmt_misc")
 
 
 def engine_command(given: str) -> list[str]:
-    """Return the words of ``given``; else docker or podman, whichever works; empty if neither does."""
+    """Return the words of the engine's command: ``given``, else docker or podman if it works; empty if neither does."""
     if given:
         return shlex.split(given)
     return next(([name] for name in ("docker", "podman") if shutil.which(name) and not _failure([name, "info"])), [])
@@ -45,7 +45,7 @@ def obstacle(engine: list[str], processor: str, binfmt: Path = _BINFMT) -> str:
     base = f"python:{_python_tag()}"
     if _failure([*engine, "image", "inspect", base]):
         said = _failure([*engine, "pull", "--platform", f"linux/{processor}", base])
-        return said and f"its base image cannot be had: {said}"
+        return said and f"its base image is not available: {said}"
     return ""
 
 
@@ -86,7 +86,9 @@ def _failure(words: list[str]) -> str:
 
 def main() -> int:
     parser = argparse.ArgumentParser(prog="deploy/release_images.py", description="Build the images of a release.")
-    parser.add_argument("--engine", default="", help="docker, podman or another command (default: whichever works)")
+    parser.add_argument(
+        "--engine", default="", help="docker, podman or another command (default: the first that works)"
+    )
     engine = engine_command(parser.parse_args().engine)
     version = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["version"]
     failed = missing = 0

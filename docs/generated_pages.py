@@ -1,16 +1,13 @@
 """Reference pages generated from the code: HTTP, commands, terms, errors, the Python API."""
 
 import inspect
-import pkgutil
 from collections.abc import Callable, Iterable, Mapping
-from importlib import import_module
 from importlib.resources import files
 
 import click
 from http_reference import http
 from pyoxigraph import Literal, NamedNode, RdfFormat, Store, parse
 
-import linked_fleet_gateway.extensions
 import linked_fleet_shapes
 from linked_fleet_client.cli import programs
 from linked_fleet_client.cli.main import cli
@@ -21,7 +18,7 @@ _RDF_TYPE = NamedNode("http://www.w3.org/1999/02/22-rdf-syntax-ns#type")
 _RDFS = "http://www.w3.org/2000/01/rdf-schema#"
 _TERMS = "https://w3id.org/linked-fleet#"
 _API = {
-    "The client": ("linked_fleet_client.fleet", "linked_fleet_client.thing", "linked_fleet_client.reading",
+    "The client": ("linked_fleet_client.fleet", "linked_fleet_client.reading",
                    "linked_fleet_client.quantity", "linked_fleet_client.live", "linked_fleet_client.action",
                    "linked_fleet_client.form", "linked_fleet_client.invocation", "linked_fleet_client.errors"),
     "Drivers of robots": ("linked_fleet_agent.robot", "linked_fleet_agent.agent", "linked_fleet_agent.serving",
@@ -29,9 +26,9 @@ _API = {
     "Extensions of gateways": ("linked_fleet_gateway.http.extension", "linked_fleet_gateway.resources.resource",
                                "linked_fleet_gateway.resources.branches",
                                "linked_fleet_gateway.resources.fleet_functions",
-                               "linked_fleet_gateway.http.internal_request", "linked_fleet_gateway.http.authentication",
-                               "linked_fleet_gateway.http.conversation", "linked_fleet_gateway.http.hosted",
-                               "linked_fleet_gateway.http.html", "linked_fleet_gateway.http.pace",
+                               "linked_fleet_gateway.http.internal_request", "linked_fleet_gateway.http.arrival",
+                               "linked_fleet_gateway.http.websocket", "linked_fleet_gateway.http.hosted",
+                               "linked_fleet_gateway.http.html", "linked_fleet_gateway.http.entrance",
                                "linked_fleet_gateway.extensions.pages.views", "linked_fleet_gateway.base.settings",
                                "linked_fleet_gateway.base.errors"),
 }  # fmt: skip
@@ -59,12 +56,7 @@ def parse_terms() -> Iterable[object]:
 
 
 def errors() -> str:
-    """Return a table of the problem types, including those of extensions."""
-    for module in pkgutil.walk_packages(
-        linked_fleet_gateway.extensions.__path__, linked_fleet_gateway.extensions.__name__ + "."
-    ):
-        if module.name.endswith(".errors"):
-            import_module(module.name)
+    """Return a table of the problem types, including those of extensions, which ``BUILT_IN`` has imported."""
     found = sorted({(each.status, each.code, each.title, _meaning(each)) for each in _below(FleetError)})
     rows = [(str(status), f"`{code}`", title, meaning) for status, code, title, meaning in found]
     return (

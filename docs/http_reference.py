@@ -9,7 +9,7 @@ from typing import Any
 from linked_fleet_agent.wire.codec import layout
 from linked_fleet_agent.wire.messages import WIRE_VERSION, Description
 from linked_fleet_gateway.app.extensions import BUILT_IN, install
-from linked_fleet_gateway.extensions.openapi.document import Documents
+from linked_fleet_gateway.extensions.openapi.extension import Documents
 from linked_fleet_gateway.fleet.events import Appeared, Described
 from linked_fleet_gateway.fleet.fleet import Fleet
 from linked_fleet_gateway.fleet.invocations import Invocations

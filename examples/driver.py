@@ -1,4 +1,4 @@
-"""A robot of one's own in the fleet: a camera head that pans and tilts.
+"""Connect a robot to the fleet by a driver: a camera head that pans and tilts.
 
 Usage: python driver.py [--connect tcp/127.0.0.1:7447] and further flags of linked-fleet-agent
 
@@ -36,7 +36,7 @@ SERVO_RAD_PER_S = 3.0
 
 
 class Head:
-    """Five methods, called by one thread a hundred times a second, as linked_fleet_agent/robot.py describes them."""
+    """A driver: one thread calls these five methods a hundred times a second (linked_fleet_agent/robot.py)."""
 
     def __init__(self) -> None:
         self._joints = {joint.name: joint for joint in joints_of(URDF)}

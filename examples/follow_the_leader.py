@@ -26,17 +26,17 @@ def within_limits(rotate: Action, angle: float) -> float:
 
 
 def follow(fleet: Fleet, leader: str, follower: str) -> None:
-    """Each motion ends the one before; so the follower is late by what the network and its own speed take."""
+    """Command the follower after each change of the leader. Each motion preempts the one before."""
     rotate = fleet.at(follower).actions["rotate"]
     for change in fleet.at(leader).properties["rotation"].subscribe(interval_s=PERIOD_S):
         angle = change.reading.main
         if angle is None or angle.number is None:
-            continue  # nobody knows where the leader is
+            continue  # the position of the leader is unknown
         goal = within_limits(rotate, angle.number)
         try:
             rotate(value=goal, unit="rad", speedScale=SPEED_SCALE)
             print(f"{angle} -> {goal:.3f} rad", flush=True)
-        except Problem as problem:  # such as a collision, or somebody else has control
+        except Problem as problem:  # such as a collision, or another client has the control lease
             print(f"{angle} -> refused: {problem}", flush=True)
 
 

@@ -8,10 +8,10 @@ from dataclasses import dataclass, field
 import zenoh
 from msgspec.structs import replace
 
-from actor import KEYS, SIMPLE, Actor
+from fake_robots import KEYS, SIMPLE, FakeRobot
 from linked_fleet_agent.wire import codec
+from linked_fleet_agent.wire.codec import PictureHeader, encode_picture
 from linked_fleet_agent.wire.messages import Camera, Description, PictureQuery
-from linked_fleet_agent.wire.pictures import PictureHeader, encode_picture
 
 PNG = b"\x89PNG\r\n\x1a\n\x00\x00\x00\rIHDR" + struct.pack(">II", 4, 3) + bytes(5)
 JPEG = b"\xff\xd8\xff\xc0\x00\x0b\x08" + struct.pack(">HH", 3, 4) + b"\x03"
@@ -27,7 +27,7 @@ BLIND = replace(EYE, formats=(), unavailable="nothing renders here")
 class CameraRobot:
     """A robot played by the test: its answers, and the requests that it got."""
 
-    actor: Actor
+    actor: FakeRobot
     contents: dict[str, bytes] = field(default_factory=lambda: {"jpeg": JPEG, "png": PNG, "depth": DEPTH})
     asked: list[PictureQuery] = field(default_factory=list)
     payload: bytes | None = None

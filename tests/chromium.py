@@ -15,16 +15,16 @@ _ARGUMENTS = [
     "--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist",
     "--disable-background-networking", "--disable-component-update", "--disable-sync", "--no-first-run",
 ]  # fmt: skip
-_CALMLY = Path(__file__).with_name("calmly")
+_LOW_PRIORITY = Path(__file__).with_name("chromium_low_priority")
 
 
 def launch(playwright: Playwright) -> Browser:
     """Start Chromium. Raises FileNotFoundError if it is not installed."""
     if EXECUTABLE is None:
         raise FileNotFoundError(MISSING)
-    calmly = os.geteuid() == 0 and shutil.which("setpriv") is not None
+    low_priority = os.geteuid() == 0 and shutil.which("setpriv") is not None
     return playwright.chromium.launch(
-        executable_path=_CALMLY if calmly else EXECUTABLE,
+        executable_path=_LOW_PRIORITY if low_priority else EXECUTABLE,
         args=_ARGUMENTS,
         env={**os.environ, "CHROMIUM": EXECUTABLE},
     )

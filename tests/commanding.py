@@ -8,9 +8,9 @@ import httpx
 from rdflib import URIRef
 
 from browser import LDP, LF, ROS, SPATIAL, VOM, Browser, Page
+from gateway_group import Gateway
 from graphs import read
 from running import Process, eventually, process
-from several import Gateway
 from small_fleet import live
 
 TURTLE = {"content-type": "text/turtle"}

@@ -14,7 +14,7 @@ from collections.abc import Iterator
 _PIECE_BYTES = 65_536
 
 
-class Way:
+class Proxy:
     """A proxy from ``port`` to ``target``. While it is cut nothing arrives, and sent data waits, as in TCP."""
 
     def __init__(self, target: int, port: int = 0) -> None:
@@ -105,9 +105,9 @@ async def _end_all() -> None:
 
 
 @contextlib.contextmanager
-def way(target: int) -> Iterator[Way]:
+def proxy(target: int) -> Iterator[Proxy]:
     """Run a proxy to a loopback port."""
-    found, ready = Way(target), threading.Event()
+    found, ready = Proxy(target), threading.Event()
     thread = threading.Thread(target=found.run, args=(ready,))
     thread.start()
     try:
@@ -125,4 +125,4 @@ class _Ready(threading.Event):
 
 
 if __name__ == "__main__":
-    Way(int(sys.argv[2]), int(sys.argv[1])).run(_Ready())
+    Proxy(int(sys.argv[2]), int(sys.argv[1])).run(_Ready())

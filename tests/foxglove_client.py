@@ -14,7 +14,7 @@ from linked_fleet_gateway.extensions.foxglove.protocol import SUBPROTOCOLS
 
 @dataclass
 class Client:
-    """A client of the protocol that keeps what it is told."""
+    """A client of the protocol that keeps all received messages."""
 
     socket: WebSocket
     heard: list[dict[str, Any]] = field(default_factory=list)

@@ -5,15 +5,15 @@ from collections.abc import Mapping, Sequence
 
 import pytest
 
-from actor import link, robot
+from fake_robots import link, robot
 from linked_fleet_agent.wire.codec import encode_state, layout
 from linked_fleet_agent.wire.messages import Description, State
+from linked_fleet_gateway.actions.action_handlers import HANDLERS
 from linked_fleet_gateway.actions.admission import admit
-from linked_fleet_gateway.actions.handler_table import HANDLERS
 from linked_fleet_gateway.actions.plan import ActionRequest, Plan, robot_time
 from linked_fleet_gateway.app.extensions import BUILT_IN, install
-from linked_fleet_gateway.extensions.reach.handler import reach
-from linked_fleet_gateway.extensions.reach.terms import LF
+from linked_fleet_gateway.extensions.reach.can_reach import LF
+from linked_fleet_gateway.extensions.reach.extension import reach
 from linked_fleet_gateway.fleet.events import Appeared, Described, Framed
 from linked_fleet_gateway.fleet.fleet import Fleet
 from linked_fleet_gateway.fleet.invocations import Invocations
@@ -21,9 +21,9 @@ from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.rdf.graph import Graph
 from linked_fleet_gateway.rdf.serialise import parse
 from linked_fleet_gateway.rdf.vocabulary import PREFIXES
-from linked_fleet_gateway.resources.action_body import Body
 from linked_fleet_gateway.resources.action_offer import Offer
 from linked_fleet_gateway.resources.affordance import Invoke
+from linked_fleet_gateway.resources.body_values import Body
 from linked_fleet_gateway.resources.resource import Resource
 from linked_fleet_gateway.resources.tree import Tree
 

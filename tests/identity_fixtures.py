@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from guarded import ALL, SEEN, Guarded, guarded
+from authenticated_gateway import ALL, SEEN, AuthenticatedGateway, run_authenticated
 from issuer import Issuer, issuing
 
 LAB = ("lab-*",)
@@ -17,9 +17,9 @@ def issuer() -> Iterator[Issuer]:
 
 
 @pytest.fixture(scope="module")
-def here(tmp_path_factory: pytest.TempPathFactory, issuer: Issuer) -> Iterator[Guarded]:
+def here(tmp_path_factory: pytest.TempPathFactory, issuer: Issuer) -> Iterator[AuthenticatedGateway]:
     """Tokens are named by their rights; ``lab`` has all of them for one robot, ``all`` for both."""
-    with guarded(tmp_path_factory.mktemp("guarded"), issuer=issuer) as one:
+    with run_authenticated(tmp_path_factory.mktemp("guarded"), issuer=issuer) as one:
         one.add("all", *ALL)
         one.add("lab", *ALL, robots=LAB)
         one.add("reader", "read")

@@ -11,10 +11,10 @@ import rdflib
 from websockets.exceptions import ConnectionClosed, WebSocketException
 
 from commanding import TURTLE, radian
+from gateway_group import Hub
 from graphs import read
 from parallel import pool
 from running import PATIENCE_S, eventually
-from several import Hub
 from subscribers import Said, Socket, StreamEnded, angle_in, events
 
 Work = Callable[[threading.Event], None]

@@ -15,7 +15,7 @@ from starlette.types import ASGIApp
 
 from linked_fleet_gateway.http.protocol import HttpProtocol
 from linked_fleet_gateway.http.websocket_protocol import WebSocketProtocol
-from linked_fleet_gateway.subscriptions.message import Message, Outlet
+from linked_fleet_gateway.subscriptions.broadcast import Message, Outlet
 from virtual.loop import VirtualLoop
 from virtual.tcp import KERNEL_BYTES, Listener
 

@@ -15,10 +15,10 @@ from rdflib import URIRef
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.http11 import Response
 
-from actor import Actor, joint, link, robot, stage
 from browser import DCTERMS, HYBRIT, LDP, LF, ROS, SPATIAL, VOM, Browser, Page
 from connections import http_client, websocket
 from event_source import EventSource
+from fake_robots import FakeRobot, joint, link, open_session, robot
 from graphs import read
 from running import eventually, process
 from small_fleet import Place, presence
@@ -215,10 +215,10 @@ def events(url: str, accept: str = EVENTS, last: str | None = None) -> Iterator[
         yield Events(response)
 
 
-class Toy:
+class TwoJointRobot:
     """A robot with two joints that does only what the test says."""
 
-    def __init__(self, actor: Actor, browser: Browser) -> None:
+    def __init__(self, actor: FakeRobot, browser: Browser) -> None:
         self.actor, self.browser = actor, browser
 
     @property
@@ -241,7 +241,7 @@ class Toy:
 
 
 @dataclass(frozen=True)
-class Theatre:
+class ObservedFleet:
     """A gateway for one test, with robots that the test plays."""
 
     place: Place
@@ -252,13 +252,13 @@ class Theatre:
         return self.browser.root
 
     @contextlib.contextmanager
-    def toy(self, elbow: float = 0.0, shoulder: float = 0.0) -> Iterator[Toy]:
+    def toy(self, elbow: float = 0.0, shoulder: float = 0.0) -> Iterator[TwoJointRobot]:
         """Run a robot that is online, described and has sent one frame; its agent ends regularly."""
         name = f"toy{next(_robots)}"
-        with stage(self.place.zenoh) as session:
-            actor = Actor(session, name)
+        with open_session(self.place.zenoh) as session:
+            actor = FakeRobot(session, name)
             actor.appear(actor.description(ARM, ("shoulder", "elbow")))
-            toy = Toy(actor, self.browser)
+            toy = TwoJointRobot(actor, self.browser)
             self._has(name, lambda page: (page.iri, LF.rootLink, None) in page.graph)
             toy.pose(elbow, shoulder)
             self._has(name, lambda page: page.one(LF.lastFrame) != LF.unknown)
@@ -273,10 +273,10 @@ class Theatre:
 
 
 @contextlib.contextmanager
-def theatre(place: Place, *flags: str) -> Iterator[Theatre]:
+def observed_fleet(place: Place, *flags: str) -> Iterator[ObservedFleet]:
     with process(*place.command(), *flags) as gateway, contextlib.closing(Browser(place.root)) as browser:
         gateway.said("serving")
-        yield Theatre(place, browser)
+        yield ObservedFleet(place, browser)
 
 
 def members(container: Page) -> set[str]:

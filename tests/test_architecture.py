@@ -9,7 +9,7 @@ import pytest
 from linked_fleet_gateway.app.extensions import BUILT_IN
 from linked_fleet_gateway.rdf.serialise import parse
 from linked_fleet_gateway.resources import joint_kinds as kinds
-from linked_fleet_gateway.resources.action_definition import definitions
+from linked_fleet_gateway.resources.action_offer import definitions
 from linked_fleet_gateway.resources.subscription_resource import requested
 
 ROOT = Path(__file__).parents[1]

@@ -17,7 +17,7 @@ NAMES = {name for each in BUILT_IN for name in (each.name, *each.at_root, *each.
 """The extensions, and the segments that are theirs."""
 WORDS = {
     ("http/operations.py", "query"),  # OpenAPI 3.1, 4.8.12: where a parameter is
-    ("identity/jwts.py", ".well-known"),  # OpenID Connect Discovery, 4
+    ("identity/issuers.py", ".well-known"),  # OpenID Connect Discovery, 4
     ("resources/properties.py", "world"),  # the name of a frame of reference, as ROS has it
 }
 """Strings that mean something else, by file."""

@@ -45,8 +45,8 @@ def test_there_are_bounds_to_look_at() -> None:
 @pytest.mark.parametrize(
     "path",
     [
-        *(f"gateway/linked_fleet_gateway/http/{name}.py" for name in ("invoke", "body", "control")),
-        "gateway/linked_fleet_gateway/extensions/world/http.py",
+        *(f"gateway/linked_fleet_gateway/http/{name}.py" for name in ("invoke", "body", "writes")),
+        "gateway/linked_fleet_gateway/extensions/world/extension.py",
         "gateway/linked_fleet_gateway/extensions/sessions/login.py",
     ],
 )
@@ -74,7 +74,7 @@ def test_threats_refer_to_the_bounds_and_repeat_none() -> None:
         (
             "gateway/linked_fleet_gateway/extensions/world/README.md",
             r"in a body of at most (\d+) KiB",
-            "gateway/linked_fleet_gateway/extensions/world/http.py",
+            "gateway/linked_fleet_gateway/extensions/world/extension.py",
             "MAX_BODY_BYTES",
             2**10,
         ),

@@ -86,7 +86,7 @@ def test_has_no_processes(noted):
 
 @pytest.mark.parametrize("workers", [(), ("-n", "1", "--dist", "loadscope")], ids=["one process", "a worker"])
 def test_one_second_try_with_fixtures_that_stay(tmp_path: Path, workers: tuple[str, ...]) -> None:
-    """Fixtures of a module and of the session are not made anew for it, those of a function are."""
+    """Fixtures of modules and of the session are reused for the second try; those of functions are created again."""
     for name, text in (
         ("pytest.ini", CONFIGURATION),
         ("conftest.py", FIXTURES),

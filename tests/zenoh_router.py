@@ -8,6 +8,7 @@ import zenoh
 
 
 def main(listen: str, *others: str) -> None:
+    zenoh.init_log_from_env_or("error")
     config = zenoh.Config.from_file(listen) if listen.endswith(".json5") else _configuration(listen, *others)
     with zenoh.open(config):
         print("routing", flush=True)

@@ -47,7 +47,7 @@ async def _run(settings: AgentSettings, agents: list[Agent], tracing: Tracing | 
     loop = asyncio.get_running_loop()
     for number in (signal.SIGINT, signal.SIGTERM):
         loop.add_signal_handler(number, stop.set)
-    loop.add_signal_handler(signal.SIGUSR1, _begin_demonstrations_anew, agents)
+    loop.add_signal_handler(signal.SIGUSR1, _restart_demonstrations, agents)
     serving = asyncio.create_task(serve(settings, agents, tracing))
     stopping = asyncio.create_task(stop.wait())
     await asyncio.wait({serving, stopping}, return_when=asyncio.FIRST_COMPLETED)
@@ -64,9 +64,9 @@ async def _run(settings: AgentSettings, agents: list[Agent], tracing: Tracing | 
         raise next(error for error in taken.exceptions) from None
 
 
-def _begin_demonstrations_anew(agents: list[Agent]) -> None:
+def _restart_demonstrations(agents: list[Agent]) -> None:
     for agent in agents:
-        agent.demonstration.begin_anew()
+        agent.demonstration.restart()
 
 
 if __name__ == "__main__":

@@ -10,15 +10,13 @@ from functools import partial
 from typing import Protocol, TypeVar
 
 from linked_fleet_agent import safety
-from linked_fleet_agent.cameras import Cameras
 from linked_fleet_agent.demonstration import Demonstration
-from linked_fleet_agent.frames import Frames, describe
-from linked_fleet_agent.meshes import MeshFiles
 from linked_fleet_agent.motion import Measured, Motions, Outcome, Sway
 from linked_fleet_agent.pace import every
 from linked_fleet_agent.plan import ImpossibleError, Plan, joints_of, plan
-from linked_fleet_agent.report import Report
+from linked_fleet_agent.publications import Cameras, Frames, Report, describe
 from linked_fleet_agent.robot import Reading, Robot
+from linked_fleet_agent.urdf import MeshFiles
 from linked_fleet_agent.wire import codec
 from linked_fleet_agent.wire.codec import VersionError, WireError
 from linked_fleet_agent.wire.messages import Accepted, Command, Refused, Reply, Stop
@@ -115,7 +113,7 @@ class Agent:
         finally:
             self._link = None
             self._outcomes += self._motions.forget("the agent ends")
-            self._tell(link, self._monotonic_ns())
+            self._publish_progress(link, self._monotonic_ns())
             self._stop_robot()
             self._robot.close()
 
@@ -127,7 +125,7 @@ class Agent:
         self._watch_gateways(link, now_ns)
         if self._reading is not None:
             self._move(now_ns)
-        self._tell(link, now_ns)
+        self._publish_progress(link, now_ns)
 
     def handle(self, payload: bytes) -> bytes:
         """Check one command and start it. The reply is Accepted, or Refused with the reason. Never raises."""
@@ -146,10 +144,10 @@ class Agent:
         if isinstance(reply, Refused):
             _log.warning("%s: stop %s refused (%s): %s", self.name, reply.id, reply.code, reply.reason)
         elif self._link is not None:
-            asyncio.get_running_loop().call_soon(self._show)
+            asyncio.get_running_loop().call_soon(self._publish_extra_frame)
         return codec.encode(reply)
 
-    def _show(self) -> None:
+    def _publish_extra_frame(self) -> None:
         """Publish a frame after a stop, for gateways that have not sent it. Many stops in a row share one frame."""
         now_ns = self._monotonic_ns()
         if self._link is not None and now_ns - self._frames.published_ns >= _LEAST_APART * 1e9 / self.rate_hz:
@@ -178,15 +176,17 @@ class Agent:
             stops=self._stops,
         )
         return (
-            verdict if isinstance(verdict, Refused) else self._hindrance(command) or self._start(command, verdict.at_ns)
+            verdict
+            if isinstance(verdict, Refused)
+            else self._refuse_now(command) or self._start(command, verdict.at_ns)
         )
 
-    def _hindrance(self, command: Command) -> Refused | None:
+    def _refuse_now(self, command: Command) -> Refused | None:
         """Return the refusal of a valid command that cannot run now, or None."""
         if self._fault is not None:
             return Refused(command.id, "fault", f"the robot has a fault: {self._fault}"[:1024])
         if not self._gateway_present:
-            return Refused(command.id, "fault", "no gateway is present, and without one the robot holds")
+            return Refused(command.id, "fault", "no gateway is present, and the robot holds until one is")
         concerned = dict.fromkeys((*joints_of(command.motion), *command.expects))
         unknown = [name for name in concerned if not math.isfinite(self._measured.positions[name])]
         if unknown:
@@ -311,7 +311,7 @@ class Agent:
             except Exception as error:  # noqa: BLE001 - as in _read
                 self._fail(error, "apply")
 
-    def _tell(self, link: Link, now_ns: int) -> None:
+    def _publish_progress(self, link: Link, now_ns: int) -> None:
         for payload in self._report.repeat(link.arrivals, now_ns):
             link.publish_progress(payload, final=True)
         outcomes = [*self._outcomes, *(self._motions.underway() if self._report.due(now_ns) else ())]

@@ -21,17 +21,17 @@ class Demonstration:
         if ended:
             joints, process = ", ".join(sorted(ended)), os.getpid()
             _log.warning(
-                "%s: the demonstration of %s has ended; to begin it anew: kill -USR1 %d", self._robot, joints, process
+                "%s: the demonstration of %s has ended; to restart it: kill -USR1 %d", self._robot, joints, process
             )
 
-    def begin_anew(self) -> None:
+    def restart(self) -> None:
         """Restart the ended demonstrations of idle joints. Call it only because a person asks for it.
 
         A program that undid a stop would move a robot that somebody has just stopped.
         """
-        begun = self._motions.sway_anew()
+        begun = self._motions.restart_demonstrations()
         self._swaying = self._motions.swaying
         if begun:
-            _log.warning("%s: the demonstration of %s begins anew", self._robot, ", ".join(begun))
+            _log.warning("%s: the demonstration of %s restarts", self._robot, ", ".join(begun))
         else:
-            _log.info("%s: there is no demonstration that could begin anew now", self._robot)
+            _log.info("%s: no demonstration can be restarted now", self._robot)

@@ -1,12 +1,24 @@
-"""Liveness of gateways from tokens and heartbeats, measured in the running time of this agent.
+"""The gateways that an agent knows of, and the renewal of its Zenoh declarations.
 
-Pure: time is passed in.
+``GatewayWatch`` subscribes for one robot to the liveliness tokens and heartbeats of gateways. ``Gateways`` derives from
+them which gateways are alive, in the running time of this agent. ``Renewal`` decides when the robot declares its Zenoh
+resources again. ``Gateways`` and ``Renewal`` are pure: time is passed in.
+
+Routers whose connection breaks and returns within a tenth of a second may not exchange their declarations again (Zenoh
+1.10). Then a gateway does not see a robot, or a robot a gateway, until the declarations are renewed. The robot cannot
+tell this from a gateway that has ended: it only sees that tokens of gateways go and come.
 """
 
+import asyncio
 import logging
 import math
+import time
+from collections.abc import Callable
+from contextlib import ExitStack
 from dataclasses import dataclass
 
+from linked_fleet_agent.transport import Session
+from linked_fleet_agent.wire.keys import Keys
 from linked_fleet_agent.wire.transport import GATEWAY_LEASE_MS
 
 _log = logging.getLogger(__name__)
@@ -118,8 +130,129 @@ class Gateways:
 
 def _silence(gateway: _Gateway) -> str:
     if gateway.beats:
-        return f"sent no heartbeat for {LEASE_S:g} s: it hangs, or the machine has no time for it"
+        return f"sent no heartbeat for {LEASE_S:g} s: it hangs, or its machine is overloaded"
     return (
-        "is there and sends no heartbeat: it hangs, is older than heartbeats are, or a router lets none "
-        'through ("Trust" in PROTOCOL.md)'
+        "has a token but sends no heartbeat: it hangs, its version sends none, or a router blocks them "
+        '("Trust" in PROTOCOL.md)'
     )
+
+
+RENEW_S = 5.0
+"""Delay from the last such event to the renewal. It doubles while a gateway is missing."""
+LONGEST_S = 60.0
+FORGOTTEN_S = 3600.0
+"""A gateway that has been gone for this long no longer counts as missing."""
+MAX_MISSING = 256
+
+
+class Renewal:
+    """Renewal times of a robot that starts at ``now_s``. A gateway is missing from ``left`` to ``appeared``."""
+
+    def __init__(self, now_s: float) -> None:
+        self._settled_s = now_s + RENEW_S
+        self._missing: dict[str, float] = {}
+        self._alive = False
+        self._wait_s, self._due_s = RENEW_S, math.inf
+
+    def appeared(self, gateway: str, now_s: float) -> None:
+        missing = self._missing.pop(gateway, None) is not None
+        if missing or (not self._alive and now_s >= self._settled_s):
+            self._begin(now_s)
+
+    def left(self, gateway: str, now_s: float) -> None:
+        if len(self._missing) < MAX_MISSING:
+            self._missing[gateway] = now_s
+        self._begin(now_s)
+
+    def due(self, now_s: float, alive: bool) -> bool:
+        """Return True if the robot must renew its declarations now. Call it periodically.
+
+        ``alive`` says that some gateway is alive. While none is, renewals are scheduled as while one is missing.
+        """
+        self._alive = alive
+        if not alive and self._due_s == math.inf and now_s >= self._settled_s:
+            self._begin(now_s)
+        if now_s < self._due_s:
+            return False
+        self._missing = {name: left_s for name, left_s in self._missing.items() if now_s < left_s + FORGOTTEN_S}
+        self._wait_s = min(2 * self._wait_s, LONGEST_S)
+        self._due_s = now_s + self._wait_s if self._missing or not alive else math.inf
+        return True
+
+    def _begin(self, now_s: float) -> None:
+        self._wait_s, self._due_s = RENEW_S, now_s + RENEW_S
+
+
+# Delay after the token of a gateway has gone. A router tells its peers only about the first subscriber of a key. After
+# this delay all agents behind one router have unsubscribed, so it announces the next subscriber.
+_SETTLE_S = 0.5
+
+
+class GatewayWatch:
+    """Subscribes to the heartbeats of a gateway while its token exists.
+
+    ``declare_anew`` is called when the robot must undeclare its presence and queryables and declare them again.
+    """
+
+    def __init__(self, session: Session, keys: Keys, robot: str, declare_anew: Callable[[], None]) -> None:
+        self._session, self._keys, self._robot, self._declare_anew = session, keys, robot, declare_anew
+        self._gateways, self._renewal = Gateways(robot), Renewal(time.monotonic())
+        self._declared = ExitStack()
+        self._heartbeats: dict[str, ExitStack] = {}
+        self._left_s = -_SETTLE_S
+        self._closed = False
+
+    @property
+    def present(self) -> bool:
+        return self._gateways.present
+
+    @property
+    def arrivals(self) -> int:
+        return self._gateways.arrivals
+
+    def declare(self) -> None:
+        self._declared.enter_context(self._session.subscribe_tokens(self._keys.all_gateways, self._note_token))
+
+    def close(self) -> None:
+        self._closed = True
+        for declared in (self._declared, *self._heartbeats.values()):
+            declared.close()
+
+    def check(self, period_s: float) -> None:
+        """Check which gateways are alive. The event loop calls this every ``period_s`` seconds."""
+        now_s = time.monotonic()
+        self._gateways.watch(now_s, period_s)
+        if self._renewal.due(now_s, self._gateways.present):
+            _log.debug("%s: renews its Zenoh declarations", self._robot)
+            self._declare_anew()
+
+    def _note_token(self, key: str, present: bool) -> None:
+        try:
+            gateway, now_s = self._keys.gateway_of(key), time.monotonic()
+        except ValueError as error:
+            _log.debug("%s: ignored: %s", self._robot, error)
+            return
+        if self._closed:
+            return
+        if present:
+            self._gateways.appeared(gateway, now_s)
+            self._renewal.appeared(gateway, now_s)
+            self._subscribe(gateway, max(0.0, self._left_s + _SETTLE_S - now_s))
+        else:
+            self._gateways.left(gateway, now_s)
+            self._renewal.left(gateway, now_s)
+            self._heartbeats.pop(gateway, ExitStack()).close()
+            self._left_s = now_s
+
+    def _subscribe(self, gateway: str, delay_s: float) -> None:
+        if gateway in self._heartbeats or len(self._heartbeats) >= MAX_GATEWAYS:
+            return
+        kept = self._heartbeats[gateway] = ExitStack()
+
+        def subscribe() -> None:
+            kept.enter_context(self._session.subscribe(self._keys.heartbeat(gateway), hear))
+
+        def hear(_: str) -> None:
+            self._gateways.heard(gateway, time.monotonic())
+
+        kept.callback(asyncio.get_running_loop().call_later(delay_s, subscribe).cancel)

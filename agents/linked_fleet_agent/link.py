@@ -9,11 +9,11 @@ from functools import partial
 from types import TracebackType
 from typing import Literal, NamedTuple, Self
 
-from linked_fleet_agent.gateway_watch import GatewayWatch
-from linked_fleet_agent.meshes import MeshError
+from linked_fleet_agent.gateways import GatewayWatch
 from linked_fleet_agent.robot import PictureError
 from linked_fleet_agent.tracing import Tracing
 from linked_fleet_agent.transport import Publisher, Query, Session, TransportError
+from linked_fleet_agent.urdf import MeshError
 from linked_fleet_agent.wire.keys import Keys
 
 _log = logging.getLogger(__name__)
@@ -59,7 +59,7 @@ class RobotLink:
         self._answers = {"command": on_command, "stop": on_stop}
         self._tracing = tracing
         slow: dict[_Slow, Callable[[bytes], bytes] | None] = {"mesh": on_mesh, "picture": on_picture}
-        self._slow = {kind: _SlowQueries(read) for kind, read in slow.items() if read is not None}
+        self._slow = {kind: _ThreadedQueries(read) for kind, read in slow.items() if read is not None}
         self._gateways = GatewayWatch(session, keys, robot, self._declare_visible)
         self._dropping = False
         self._declared = ExitStack()
@@ -80,7 +80,7 @@ class RobotLink:
         await self._wait_for_name()
         try:
             self._declare()
-            # Two agents that started at the same instant did not see each other: the elder run keeps the name.
+            # Two agents that started at the same instant did not see each other: the older run keeps the name.
             elder = [other for other in await self._others() if other < self._incarnation]
             if elder:
                 raise self._duplicate(elder[0])
@@ -137,10 +137,10 @@ class RobotLink:
         for kind in kinds:
             yield partial(declare, keys.robot(robot, kind), partial(self._answer, kind))
         for slow in self._slow:
-            yield partial(declare, keys.robot(robot, slow), partial(self._answer_slowly, slow))
-        # Nobody reads this token. Without a declaration on the key, routers search those of all robots for each frame.
+            yield partial(declare, keys.robot(robot, slow), partial(self._answer_in_thread, slow))
+        # No one reads this token. Without a declaration on the key, routers search those of all robots for each frame.
         yield partial(self._session.declare_token, keys.robot(robot, "state"))
-        # The token comes last: whoever sees the robot can query it.
+        # The token comes last, so that a gateway that sees the robot can query it.
         yield partial(self._session.declare_token, keys.presence(robot, self._incarnation))
 
     def _undeclare(self) -> None:
@@ -160,17 +160,17 @@ class RobotLink:
             reply = self._tracing.take(kind, self._robot, query.traceparent, payload, answer)
         self._reply(query, self._keys.robot(self._robot, kind), reply)
 
-    def _answer_slowly(self, kind: _Slow, query: Query) -> None:
+    def _answer_in_thread(self, kind: _Slow, query: Query) -> None:
         """Answer outside the event loop, because a slow disk, renderer or gateway must not delay the robot."""
         slowly = self._slow[kind]
         if len(slowly.waiting) >= _MOST_WAITING[kind]:
             self._reply(query, self._keys.robot(self._robot, kind), _Refusal(f"too many queries are waiting: {kind}"))
             return
-        task = asyncio.get_running_loop().create_task(self._send_slowly(kind, slowly, query))
+        task = asyncio.get_running_loop().create_task(self._run_in_thread(kind, slowly, query))
         slowly.waiting.add(task)
         task.add_done_callback(slowly.waiting.discard)
 
-    async def _send_slowly(self, kind: _Slow, slowly: "_SlowQueries", query: Query) -> None:
+    async def _run_in_thread(self, kind: _Slow, slowly: "_ThreadedQueries", query: Query) -> None:
         async with slowly.one:
             await asyncio.to_thread(self._read_and_reply, kind, slowly.read, query)
 
@@ -222,7 +222,7 @@ class _Refusal(NamedTuple):
 
 
 @dataclass
-class _SlowQueries:
+class _ThreadedQueries:
     """Queries that are answered in threads, one at a time."""
 
     read: Callable[[bytes], bytes]

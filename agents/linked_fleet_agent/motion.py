@@ -9,9 +9,8 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from linked_fleet_agent.plan import Plan, Start
-from linked_fleet_agent.profile import RAMP_S, brake, cruise_of, reach_in
 from linked_fleet_agent.robot import JointFacts
-from linked_fleet_agent.trajectory import Trajectory, hold
+from linked_fleet_agent.trajectory import RAMP_S, Trajectory, brake, cruise_of, hold, reach_in
 
 # If all seven joints of an arm of 1.2 m are off by this much in the same direction, its tip is off by less than 1 mm.
 TOLERANCE_RAD, TOLERANCE_M = 2e-4, 2e-4
@@ -155,7 +154,7 @@ class Motions:
         """The joints with an active demonstration."""
         return frozenset(self._swaying)
 
-    def sway_anew(self) -> list[str]:
+    def restart_demonstrations(self) -> list[str]:
         """Restart the ended demonstrations of joints that no motion moves. Return these joints."""
         moved = {name for motion in self._running for name in motion.joints}
         begun = [sway for sway in self.sways if sway.joint not in moved | self._swaying.keys()]
@@ -239,7 +238,7 @@ class Motions:
         return outcomes
 
     def forget(self, reason: str) -> list[Outcome]:
-        """Fail all motions and drop their trajectories: after a fault the robot may be elsewhere."""
+        """Fail all motions and drop their trajectories, because after a fault positions may differ from setpoints."""
         outcomes = [motion.outcome("failed", reason) for motion in self._running]
         self._running.clear()
         self._axes.clear()

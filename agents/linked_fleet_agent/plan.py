@@ -4,9 +4,8 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
-from linked_fleet_agent.profile import RAMP_S, brake, cruise_of, reach, reach_in
 from linked_fleet_agent.robot import JointFacts
-from linked_fleet_agent.trajectory import Trajectory, through
+from linked_fleet_agent.trajectory import RAMP_S, Trajectory, brake, cruise_of, reach, reach_in, through
 from linked_fleet_agent.wire.messages import Follow, Move
 
 SPEED_SHARE = 0.9  # share of the speed that a command allows, because real joints ripple about their setpoint
@@ -20,7 +19,7 @@ _SWING = 27.0 / 8.0
 
 
 class ImpossibleError(ValueError):
-    """The joints cannot move as requested from where they are; the message says what is allowed."""
+    """The joints cannot move as requested from their present state; the message says what is allowed."""
 
 
 @dataclass(frozen=True)
@@ -52,7 +51,7 @@ def plan(motion: Move | Follow, scale: float, starts: Iterable[Start]) -> Plan:
     """
     made = _move(motion, scale, starts) if isinstance(motion, Move) else _follow(motion, scale, starts)
     if not made.duration_s <= MAX_DURATION_S:
-        raise ImpossibleError(f"the motion would take {made.duration_s:.3g} s; {MAX_DURATION_S:g} s are the most")
+        raise ImpossibleError(f"the motion would take {made.duration_s:.3g} s; {MAX_DURATION_S:g} s is the maximum")
     return made
 
 

@@ -52,7 +52,7 @@ class JointFacts:
 class Facts:
     """Facts about a robot that are known while it is offline; ``joints`` gives the order of every array in a Reading.
 
-    ``meshes`` maps mesh URIs of the URDF to files (see meshes.py); it may be empty. ``cameras`` needs a driver that is
+    ``meshes`` maps mesh URIs of the URDF to files (see urdf.py); it may be empty. ``cameras`` needs a driver that is
     ``CameraRobot``; their names are unique.
     """
 

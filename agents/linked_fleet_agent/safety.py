@@ -63,10 +63,10 @@ class Stops:
     def overtook(self, command: Command) -> str:
         """Return a sentence about a stop executed after ``command`` was requested; empty if there is none."""
         if command.id in self._cancelled:
-            return f"the command {command.id!r} was cancelled before it came"
+            return f"the command {command.id!r} was cancelled before it arrived"
         for name in joints_of(command.motion):
             if command.seen_ns <= self._stopped_ns.get(name, -1):
-                return f"the robot was stopped after the command was asked for ({name!r}); ask again if it is to move"
+                return f"the robot was stopped after the command was requested ({name!r}); send a new one to move it"
         return ""
 
 
@@ -182,7 +182,7 @@ def _late(command: Command, now_ns: int, stops: Stops) -> _Problem:
 def _unknown(name: str, joints: Mapping[str, JointFacts]) -> _Problem:
     if name in joints:
         return None
-    return "unknown-joint", f"{name!r} is no movable joint of this robot; its joints are {', '.join(joints)}"
+    return "unknown-joint", f"{name!r} is not a movable joint of this robot; its joints are {', '.join(joints)}"
 
 
 def _wrong_joint(name: str, joints: Mapping[str, JointFacts]) -> _Problem:
@@ -192,7 +192,7 @@ def _wrong_joint(name: str, joints: Mapping[str, JointFacts]) -> _Problem:
     if joint.mimics is not None:
         return "unknown-joint", f"{name!r} follows {joint.mimics!r} and takes no command; move that joint"
     if joint.passive:
-        return "unknown-joint", f"{name!r} takes no command: it has no drive that could be told to"
+        return "unknown-joint", f"{name!r} takes no command: it has no actuator"
     return None
 
 

@@ -74,9 +74,9 @@ async def serve(
                 lease_ms=settings.lease_ms,
                 tracing=tracing,
             )
-            tasks.create_task(_attend(agent, link))
+            tasks.create_task(_serve_robot(agent, link))
 
 
-async def _attend(agent: Agent, link: RobotLink) -> None:
+async def _serve_robot(agent: Agent, link: RobotLink) -> None:
     async with link:
         await agent.run(link)

@@ -6,8 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from linked_fleet_agent.motion import Sway
-from linked_fleet_agent.wire.keys import Keys
-from linked_fleet_agent.wire.names import escape
+from linked_fleet_agent.wire.keys import Keys, escape
 from linked_fleet_agent.wire.trust import Credentials, open_to_all
 
 
@@ -170,7 +169,7 @@ def _credentials(authority: str, certificate: str, key: str) -> Credentials | No
 
 def _check_exposure(listen: Sequence[str], credentials: Credentials | None, allowed: Sequence[str]) -> None:
     if not set(allowed) <= {"plain-zenoh"}:
-        raise SettingsError(f"LINKED_FLEET_ALLOW: plain-zenoh is all that can be allowed, not {', '.join(allowed)}")
+        raise SettingsError(f"LINKED_FLEET_ALLOW: only plain-zenoh can be allowed, not {', '.join(allowed)}")
     exposed = open_to_all(listen, credentials)
     if exposed and not allowed:
         raise SettingsError(
@@ -187,5 +186,5 @@ def _number(variable: str, text: str, least: float, most: float) -> float:
 
 def _level(text: str) -> str:
     if text.upper() not in ("DEBUG", "INFO", "WARNING", "ERROR"):
-        raise SettingsError(f"LINKED_FLEET_LOG_LEVEL: {text!r} is none of debug, info, warning, error")
+        raise SettingsError(f"LINKED_FLEET_LOG_LEVEL: {text!r} is not one of debug, info, warning, error")
     return text.upper()

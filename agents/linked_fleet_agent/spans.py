@@ -38,9 +38,9 @@ def open_provider(environment: Mapping[str, str], own: dict[str, str]) -> "Trace
         from opentelemetry.sdk.trace.export import BatchSpanProcessor
     except ImportError as error:
         raise TracingUnavailable(
-            f"{named} is set, but what traces is not installed ({error}): pip install 'linked-fleet-agent[tracing]'"
+            f"{named} is set, but OpenTelemetry is not installed ({error}): pip install 'linked-fleet-agent[tracing]'"
         ) from error
-    logging.getLogger(OTLPSpanExporter.__module__).addFilter(_Seldom())
+    logging.getLogger(OTLPSpanExporter.__module__).addFilter(_RateLimit())
     resource = Resource.create(own).merge(OTELResourceDetector().detect())
     provider = TracerProvider(resource=resource, shutdown_on_exit=False)
     provider.add_span_processor(BatchSpanProcessor(OTLPSpanExporter()))
@@ -56,7 +56,7 @@ def close_provider(provider: "TracerProvider") -> None:
         _log.warning("the collector does not take the last spans; they are lost")
 
 
-def within(asking: TraceParent | None) -> "Context":
+def remote_context(asking: TraceParent | None) -> "Context":
     """Return the context of the remote parent span; an empty context if there is none."""
     from opentelemetry.context import Context
     from opentelemetry.trace import NonRecordingSpan, SpanContext, TraceFlags, set_span_in_context
@@ -68,7 +68,7 @@ def within(asking: TraceParent | None) -> "Context":
     return set_span_in_context(NonRecordingSpan(remote), Context())
 
 
-class _Seldom(logging.Filter):
+class _RateLimit(logging.Filter):
     """Limits log records of the exporter to one a minute, however many spans an absent collector loses."""
 
     _next_s = 0.0

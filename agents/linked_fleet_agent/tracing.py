@@ -3,7 +3,7 @@
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING
 
-from linked_fleet_agent.spans import close_provider, open_provider, within
+from linked_fleet_agent.spans import close_provider, open_provider, remote_context
 from linked_fleet_agent.wire import traceparent
 from linked_fleet_agent.wire.codec import decode_reply
 from linked_fleet_agent.wire.messages import Refused
@@ -27,7 +27,7 @@ class Tracing:
         attributes = {"linked_fleet.robot": robot}
         asking = None if parent is None else traceparent.parse(parent.decode("latin-1"))
         with self._tracer.start_as_current_span(
-            f"take {kind}", context=within(asking), kind=SpanKind.SERVER, attributes=attributes
+            f"take {kind}", context=remote_context(asking), kind=SpanKind.SERVER, attributes=attributes
         ) as span:
             written = answer(payload)
             reply = decode_reply(written)

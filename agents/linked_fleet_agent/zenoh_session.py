@@ -14,10 +14,9 @@ import zenoh
 
 from linked_fleet_agent.transport import Publisher, Query, TransportError
 from linked_fleet_agent.wire import traceparent
-from linked_fleet_agent.wire.access import of_agent
 from linked_fleet_agent.wire.keys import Keys
 from linked_fleet_agent.wire.transport import TRANSPORT
-from linked_fleet_agent.wire.trust import Credentials
+from linked_fleet_agent.wire.trust import Credentials, of_agent
 
 _log = logging.getLogger(__name__)
 
@@ -127,12 +126,14 @@ class ZenohSession:
 
         return await asyncio.to_thread(look)
 
-    def _in_loop(self, handler: Callable[[Any], None]) -> Callable[[Any], None]:
+    def _in_loop(self, handler: Callable[[Any], None]) -> Any:
+        """Return a handler of Zenoh that schedules ``handler`` from Zenoh's own thread, without one in between."""
+
         def callback(item: Any) -> None:
             if not self._loop.is_closed():
                 self._loop.call_soon_threadsafe(handler, item)
 
-        return callback
+        return zenoh.handlers.Callback(callback, indirect=False)
 
 
 class _Publisher:

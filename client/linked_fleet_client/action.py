@@ -9,7 +9,7 @@ from rdflib import Graph
 from rdflib.term import Literal, Node, URIRef
 
 from linked_fleet_client.errors import BadAnswer, NoSuchThing, Unsupported
-from linked_fleet_client.form import FormField, asked, build
+from linked_fleet_client.form import FormField, build, form_fields
 from linked_fleet_client.invocation import Invocation
 from linked_fleet_client.reading import Reading, read
 from linked_fleet_client.resource import Resource
@@ -38,7 +38,7 @@ class Action(Resource):
     def fields(self) -> tuple[FormField, ...]:
         """The fields of the input shape; empty if the action takes no input."""
         shapes, nodes = self._consumed()
-        return asked(_one(shapes, nodes))
+        return form_fields(_one(shapes, nodes))
 
     @property
     def comment(self) -> str:
@@ -68,7 +68,7 @@ class Action(Resource):
     ) -> Invocation:
         """Execute the action once.
 
-        ``body`` is a graph that is sent as it is, or values by field name like ``given``.
+        ``body`` is a graph that is sent as it is, or a mapping of values by field name, like the keyword arguments.
         """
         ready = self._ready(body, given)
         headers = {"idempotency-key": idempotency_key} if idempotency_key else {}
@@ -82,11 +82,13 @@ class Action(Resource):
         it.
         """
         if not self.can_rehearse:
-            raise Unsupported(f"{self.name} cannot be tried without being done: its description has no lf:dryRun true")
+            raise Unsupported(f"{self.name} cannot be rehearsed: its description has no lf:dryRun true")
         answer = self._send(self._ready(body, given), {"prefer": DRY_RUN})
         applied = answer.headers.get("preference-applied", "").lower()
         if DRY_RUN not in [each.strip() for each in applied.split(",")]:
-            raise BadAnswer(f"{self.name} was to be tried only, but nothing confirms that: it may have been done")
+            raise BadAnswer(
+                f"{self.name} was to be rehearsed only, but the server does not confirm that: it may have been executed"
+            )
         return _rehearsed(answer)
 
     def _ready(self, said: Graph | Mapping[str, Any] | None, given: Mapping[str, Any]) -> Graph | None:
@@ -110,7 +112,7 @@ class Action(Resource):
 
     def binding(self) -> tuple[str, str]:
         """Return method and URL of the binding; without one, the method that OPTIONS allows at the action's IRI."""
-        graph, found = self.learn().graph, []
+        graph, found = self.document().graph, []
         for request in graph.objects(self.node, HYBRIT.binding):
             method = graph.value(request, HTTP.mthd) or graph.value(request, HTTP.methodName)
             target = graph.value(request, HTTP.requestURI) or graph.value(request, HTTP.absoluteURI)
@@ -121,12 +123,12 @@ class Action(Resource):
             offered = [(method, document_of(self.iri)) for method in self.web.allowed(self.iri)]
             offered = [each for each in offered if each[0] in ("POST", "PUT")]
         if not offered:
-            raise Unsupported(f"{self.name} says no way to have it done over HTTP")
+            raise Unsupported(f"{self.name} has no HTTP binding in its description")
         return min(offered, key=lambda each: (_METHODS.index(each[0]), each[1]))
 
     def _consumed(self) -> tuple[Graph, list[Node]]:
         """Return the graph of shapes and the nodes that the body must meet. Shapes in other documents are fetched."""
-        document = self.learn()
+        document = self.document()
         nodes = list(document.graph.objects(self.node, HYBRIT.consumes))
         shapes = Graph()
         _copy(document.graph, nodes, shapes)

@@ -8,9 +8,8 @@ from rdflib import BNode, Graph
 from rdflib.term import Literal, Node, URIRef
 
 from linked_fleet_client.errors import InvalidInput
-from linked_fleet_client.quantity import NUMBERS, UNIT_PATHS, Quantity, matching, unit_label
+from linked_fleet_client.quantity import NUMBERS, UNIT_PATHS, Quantity, literal, matching, unit_label
 from linked_fleet_client.shape import Bound, Field, Shape, merged, with_branches
-from linked_fleet_client.term import literal
 from linked_fleet_client.vocabulary import RDF, SH, is_web, local_name
 
 Find = Callable[[str], URIRef | None]
@@ -47,15 +46,15 @@ class FormField:
         return self.min_count > 0 and not self.fixed and self.default is None
 
 
-def asked(shape: Shape) -> tuple[FormField, ...]:
+def form_fields(shape: Shape) -> tuple[FormField, ...]:
     """Return the fields of a shape and of its alternatives: choices merged, each limit with its condition."""
     branches = [branch for group in shape.alternatives for branch in group]
-    fields = every_field(shape)
+    fields = all_fields(shape)
     names = {each.path: each.name for each in fields}
-    return tuple(_asked(each, branches, names) for each in fields)
+    return tuple(_form_field(each, branches, names) for each in fields)
 
 
-def every_field(shape: Shape) -> tuple[Field, ...]:
+def all_fields(shape: Shape) -> tuple[Field, ...]:
     """Return the fields of the shape, followed by those of alternatives only, which are optional."""
     own = {each.path: each for each in shape.fields}
     for branch in (branch for group in shape.alternatives for branch in group):
@@ -66,7 +65,7 @@ def every_field(shape: Shape) -> tuple[Field, ...]:
     return tuple(own.values())
 
 
-def _asked(own: Field, branches: Sequence[Shape], names: Mapping[URIRef, str]) -> FormField:
+def _form_field(own: Field, branches: Sequence[Shape], names: Mapping[URIRef, str]) -> FormField:
     there = [(branch, found) for branch in branches if (found := branch.field(own.path))]
     nested = merged([own.shape, *(found.shape for _, found in there if found.shape.fields)])
     bounded = [(None, own), *there]
@@ -84,7 +83,7 @@ def _asked(own: Field, branches: Sequence[Shape], names: Mapping[URIRef, str]) -
         min_count=own.min_count,
         max_count=own.max_count,
         limits=tuple(limits),
-        fields=asked(nested),
+        fields=form_fields(nested),
         default=own.default,
         fixed=bool(own.fixed),
     )
@@ -130,7 +129,7 @@ class _Writer:
         whole = with_branches(shape, taken)
         for type_ in whole.classes:
             self.graph.add((node, RDF.type, type_))
-        for each in every_field(whole):
+        for each in all_fields(whole):
             offered = self._values(each, values.get(each.path, []))
             if each.path not in refused:
                 self._count(each, offered, where + each.name)
@@ -142,7 +141,7 @@ class _Writer:
         return node
 
     def _by_path(self, shape: Shape, given: Mapping[str, Any], where: str) -> dict[URIRef, list[Any]]:
-        fields = every_field(shape)
+        fields = all_fields(shape)
         found: dict[URIRef, list[Any]] = {}
         for name, value in given.items():
             path = _named(fields, name)
@@ -162,7 +161,7 @@ class _Writer:
         """
         branches = [branch for group in shape.alternatives for branch in group]
         scale = 1.0
-        for each in sorted(every_field(shape), key=lambda each: each.path in UNIT_PATHS):
+        for each in sorted(all_fields(shape), key=lambda each: each.path in UNIT_PATHS):
             there = choices(each, _alive(branches, values))
             if each.path not in values or there is None:
                 continue
@@ -181,7 +180,7 @@ class _Writer:
         if unit is None and (found := self.find(text)) in iris:
             unit = (URIRef(str(found)), 1.0)
         if unit is None:
-            self.wrong.append(f"{name}: {text!r} is none of {said_choices(there)}")
+            self.wrong.append(f"{name}: {text!r} is none of {choices_text(there)}")
         return unit or (None, 1.0)
 
     def _branches(self, shape: Shape, values: Mapping[URIRef, list[Any]], where: str) -> list[Shape]:
@@ -206,7 +205,7 @@ class _Writer:
 
     def _count(self, each: Field, offered: Sequence[Any], name: str) -> None:
         if len(offered) < each.min_count:
-            which = f": one of {said_choices(each.allowed)}" if each.allowed else ""
+            which = f": one of {choices_text(each.allowed)}" if each.allowed else ""
             much = "is missing" if not offered else f"is needed {each.min_count} times"
             self.wrong.append(f"{name} {much}{which}")
         if each.max_count is not None and len(offered) > each.max_count:
@@ -242,7 +241,7 @@ class _Writer:
         low = shape.lower and (value < shape.lower.value or (value == shape.lower.value and not shape.lower.inclusive))
         high = shape.upper and (value > shape.upper.value or (value == shape.upper.value and not shape.upper.inclusive))
         if low or high:
-            self.wrong.append(f"{name}: {value:.9g} is not {said_range(shape.lower, shape.upper)}")
+            self.wrong.append(f"{name}: {value:.9g} is not {range_text(shape.lower, shape.upper)}")
 
 
 def _alive(branches: Iterable[Shape], values: Mapping[URIRef, list[Any]]) -> list[Shape]:
@@ -273,7 +272,7 @@ def _parts_of(value: Any, shape: Shape) -> Mapping[str, Any] | None:
         return value
     if isinstance(value, Quantity):
         said = [(NUMBERS, value.number), (UNIT_PATHS, value.unit)]
-        return {str(each.path): part for each in every_field(shape) for paths, part in said if each.path in paths}
+        return {str(each.path): part for each in all_fields(shape) for paths, part in said if each.path in paths}
     return None
 
 
@@ -281,13 +280,13 @@ def _is_number(each: Field) -> bool:
     return each.path in NUMBERS
 
 
-def said_choices(choices: Iterable[Node]) -> str:
+def choices_text(choices: Iterable[Node]) -> str:
     """Return the choices as text. A choice with several IRIs, such as a unit, appears once."""
     words = dict.fromkeys(unit_label(str(choice)) if isinstance(choice, URIRef) else str(choice) for choice in choices)
     return ", ".join(word or "unitless" for word in words)
 
 
-def said_range(lower: Bound | None, upper: Bound | None) -> str:
+def range_text(lower: Bound | None, upper: Bound | None) -> str:
     """Return the range as text, such as ``from 0 to less than 360``."""
     low = f"{'from' if lower.inclusive else 'more than'} {lower.value:.9g}" if lower else ""
     high = f"{'at most' if upper.inclusive else 'less than'} {upper.value:.9g}" if upper else ""

@@ -14,7 +14,7 @@ from rdflib.term import Literal, Node, URIRef
 from linked_fleet_client.errors import StillRunning, Unsupported
 from linked_fleet_client.live import Change, Feed
 from linked_fleet_client.quantity import Quantity
-from linked_fleet_client.reading import Value, moment, read
+from linked_fleet_client.reading import Value, date_time, read
 from linked_fleet_client.resource import Resource
 from linked_fleet_client.vocabulary import HYBRIT, LF, PROV, document_of, local_name
 from linked_fleet_client.web import Document, Web
@@ -23,7 +23,7 @@ ENDED = frozenset({LF.succeeded, LF.failed, LF.cancelled, LF.preempted})
 _SLICE_S = 5.0
 
 
-class Doable(Protocol):
+class ActionLike(Protocol):
     """The part of an action that an invocation needs."""
 
     @property
@@ -32,7 +32,7 @@ class Doable(Protocol):
     def __call__(self) -> object: ...
 
 
-MakeAction = Callable[[Web, str, Resource, Document | None], Doable]
+MakeAction = Callable[[Web, str, Resource, Document | None], ActionLike]
 
 
 class Invocation(Resource):
@@ -69,21 +69,21 @@ class Invocation(Resource):
     @property
     def reason(self) -> str | None:
         """The reason for the end; None if not stated."""
-        return _text(self.learn().graph.value(self.node, LF.reason))
+        return _text(self.document().graph.value(self.node, LF.reason))
 
     @property
     def result(self) -> dict[str, Value]:
-        """The result, by the names in the description; empty before the end."""
-        return _below(self.learn().graph, self.node, LF.result)
+        """The result values by their names in the description; empty before the end."""
+        return _below(self.document().graph, self.node, LF.result)
 
     @property
     def target(self) -> dict[str, Value]:
         """The goal values."""
-        return _below(self.learn().graph, self.node, LF.target)
+        return _below(self.document().graph, self.node, LF.target)
 
     @property
     def ended_at(self) -> datetime | None:
-        return moment(self.learn().graph.value(self.node, PROV.endedAtTime))
+        return date_time(self.document().graph.value(self.node, PROV.endedAtTime))
 
     def changes(self, timeout_s: float = math.inf) -> Iterator[Change]:
         """Yield its states until it has ended, starting with the present one, or until ``timeout_s`` has passed."""
@@ -103,12 +103,12 @@ class Invocation(Resource):
         if not self.ended:
             within = f" within {timeout_s:g} s" if math.isfinite(timeout_s) else ", as far as the server says"
             raise StillRunning(f"{self.iri} has not ended{within}: it is {self.state}")
-        return _word(self.learn().graph.value(self.node, LF.state))
+        return _word(self.document().graph.value(self.node, LF.state))
 
     def cancel(self) -> None:
         """Cancel it by the action that its description links or, without one, by DELETE."""
         if not self.traced:
-            raise Unsupported("the server does not say where what it was asked to do can be stopped")
+            raise Unsupported("the server gives no way to cancel: it returned no Location")
         self.read()
         actions = [self._action(self.web, iri, self, self._document) for iri in self.linked(HYBRIT.action)]
         if len(actions) > 1:
@@ -123,7 +123,7 @@ class Invocation(Resource):
 
 def has_ended(graph: Graph, node: Node) -> bool:
     """Return True if the state is a final one or, for an unknown state, if a time of its end is stated."""
-    return graph.value(node, LF.state) in ENDED or moment(graph.value(node, PROV.endedAtTime)) is not None
+    return graph.value(node, LF.state) in ENDED or date_time(graph.value(node, PROV.endedAtTime)) is not None
 
 
 def progress_in(graph: Graph, node: Node) -> float | None:

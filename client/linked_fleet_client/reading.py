@@ -120,11 +120,11 @@ def _label(graph: Graph, node: Node) -> str:
 
 
 def _time(graph: Graph, node: Node, above: datetime | None) -> datetime | None:
-    stated = (moment(graph.value(node, predicate)) for predicate in _TIMES)
+    stated = (date_time(graph.value(node, predicate)) for predicate in _TIMES)
     return next((found for found in stated if found is not None), above)
 
 
-def moment(term: Node | None) -> datetime | None:
+def date_time(term: Node | None) -> datetime | None:
     """Return the time in a literal, with UTC as default time zone; None if it is not a dateTime."""
     if not isinstance(term, Literal):
         return None

@@ -29,7 +29,7 @@ def root(body: Graph) -> Node:
     objects = set(body.objects())
     roots = [subject for subject in set(body.subjects()) if subject not in objects]
     if len(roots) != 1:
-        raise InvalidInput([f"the body has {len(roots)} roots; it needs one subject that is nobody's object"])
+        raise InvalidInput([f"the body has {len(roots)} roots; exactly one subject must not be an object"])
     return roots[0]
 
 

@@ -24,8 +24,9 @@ MAX_REDIRECTS = 5
 _KEPT = 512
 _ATTEMPTS = 3
 _PASSING = frozenset({502, 503, 504})
-# rdflib would expand such a number to all its digits: a few bytes on the wire, gigabytes in memory.
-_HUGE_NUMBER = re.compile(r"""["'][\s+-]*[\d._]+[eE][+-]?[\d_]{7,}\s*["']""")
+# rdflib would expand such a number to all its digits: a few bytes on the wire, gigabytes in memory. A literal without a
+# datatype is no number: the digest in a version may look like one.
+_HUGE_NUMBER = re.compile(r"""["'][\s+-]*[\d._]+[eE][+-]?[\d_]{7,}\s*["']+(?:\s|#[^\n]*\n)*\^\^""")
 # rdflib logs a traceback for every ill-typed literal; such a literal is ignored here.
 logging.getLogger("rdflib.term").setLevel(logging.ERROR)
 
@@ -62,11 +63,11 @@ class Answer:
         """Return the target of the Location field. Raises BadAnswer if there is none."""
         target = self.headers.get("location")
         if not target:
-            raise BadAnswer(f"{self.url} answers {self.status} without saying where to look")
+            raise BadAnswer(f"{self.url} answers {self.status} without a Location field")
         try:
             return str(httpx.URL(self.url).join(target))
         except httpx.InvalidURL as error:
-            raise BadAnswer(f"{self.url} leads to what is no URL: {target[:200]!r}") from error
+            raise BadAnswer(f"{self.url} has a Location field that is not a URL: {target[:200]!r}") from error
 
 
 class Bearer(httpx.Auth):
@@ -185,7 +186,7 @@ class Web:
         if not is_web(node):
             raise BadAnswer(f"{url[:200]!r} is not on the Web")
         if self.http.is_closed:
-            raise Unreachable(f"{url} is not asked: the client is closed")
+            raise Unreachable(f"{url} is not requested: the client is closed")
 
     def _recall(self, url: str) -> Document | None:
         with self._lock:
@@ -206,7 +207,9 @@ def parsed(text: str, media_type: str, url: str) -> rdflib.Graph:
     """Parse RDF that was received from ``url``. Raises BadAnswer if it is invalid."""
     known = _FORMATS.get(media_type.partition(";")[0].strip().lower())
     if known is None:
-        raise BadAnswer(f"{url} answers with {media_type or 'no media type'}, which is no RDF that is understood here")
+        raise BadAnswer(
+            f"{url} answers with {media_type or 'no media type'}, which is not an RDF media type that this client reads"
+        )
     if _HUGE_NUMBER.search(text):
         raise BadAnswer(f"{url} has a number that is too large")
     try:

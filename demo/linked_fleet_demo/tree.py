@@ -1,6 +1,6 @@
 """The process tree of the demo: start, readiness and end.
 
-The demo is a fleet of its own: settings of other fleets in the environment do not reach it.
+The demo does not use settings of other fleets in the environment.
 """
 
 import argparse
@@ -30,7 +30,7 @@ PLACES = {
     "go2": (0.0, -4.0, 0.0),
 }  # fmt: skip
 HOST = "127.0.0.1"
-PATIENCE_S = 30.0  # after this the address is printed with a list of what is missing
+_READY_TIMEOUT_S = 30.0  # after this the address is printed although robots are missing
 GRACE_S = 5.0  # a whole fleet takes little more than a second on an idle machine
 POLL_S = 0.1
 _SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
@@ -97,10 +97,13 @@ def _preparation() -> Callable[[], None]:
         # Ctrl-C reaches the whole process group and would end a loading child with a traceback. The demo handles it and
         # sends SIGTERM to its children.
         signal.signal(signal.SIGINT, signal.SIG_IGN)
-        for number in (signal.SIGTERM, signal.SIGHUP):  # an inherited handler would run here, before the program
+        for number in (
+            signal.SIGTERM,
+            signal.SIGHUP,
+        ):  # otherwise an inherited handler would run here, before the program
             signal.signal(number, signal.SIG_DFL)
         signal.pthread_sigmask(signal.SIG_UNBLOCK, _SIGNALS)  # blocked by the parent during the start
-        if prctl is not None:  # a child must not outlive a demo that was killed
+        if prctl is not None:  # the kernel ends the child when the demo is killed
             prctl(_PDEATHSIG, signal.SIGTERM, 0, 0, 0)
             if os.getppid() != parent:
                 os.kill(os.getpid(), signal.SIGTERM)
@@ -111,19 +114,22 @@ def _preparation() -> Callable[[], None]:
 def say(text: str) -> None:
     try:
         print(text, flush=True)
-    except OSError:  # the terminal is gone; the fleet runs until it is told to stop
+    except OSError:  # the terminal is closed; the fleet runs on until a signal ends it
         sys.stdout = Path(os.devnull).open("w")  # noqa: SIM115
 
 
-def complaint_about(port: int) -> str | None:
-    """Return in one line why the demo cannot serve on ``port``, or None."""
+def port_problem(port: int) -> str | None:
+    """Return None if the demo can serve on ``port``, else one line with the reason."""
     with socket.socket() as probe:
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
             probe.bind((HOST, port))
             probe.listen()
         except OSError as error:
-            return f"cannot serve on {HOST}:{port}: {error.strerror}; take another: --port 8123, or make demo PORT=8123"
+            return (
+                f"cannot serve on {HOST}:{port}: {error.strerror}; use another port: --port 8123, or make "
+                "demo PORT=8123"
+            )
     return None
 
 
@@ -188,14 +194,14 @@ def run(root: str, children: list[Child], zenoh: str, cors_origins: str = "") ->
     ):
         with _signals_held_back():  # no signal may arrive between a child's start and its registration
             children.append(Child(name, [module, *arguments]))
-    deadline: float | None = time.monotonic() + PATIENCE_S
+    deadline: float | None = time.monotonic() + _READY_TIMEOUT_S
     seen: set[str] = set()
     while True:
         for child in children:
             code = child.process.poll()
             if code is not None:
                 child.wait(time.monotonic())
-                say(f"The {child.name} process has ended by itself (exit code {code}); so does the demo.")
+                say(f"The {child.name} process has ended by itself (exit code {code}); the demo ends too.")
                 return code if code >= 0 else 128 - code
         if deadline is not None:
             seen = _greet(root, seen)
@@ -224,13 +230,13 @@ def _welcome(root: str, seen: set[str], ready: bool) -> str:
     return f"""
 The fleet is at {root}{"" if ready else f"  ({late})"}
 
-Look at it, or open the address in a browser:
+Read it, or open the address in a browser:
   curl {root}
 Watch a joint that moves:
   curl {root}ur5/shoulder_pan_joint/rotation
-Be told of every change (Ctrl-C ends it):
+Follow its changes as server-sent events (until Ctrl-C):
   curl -N -H 'Accept: text/event-stream' {root}ur5/shoulder_pan_joint/rotation
-Turn another to 20 degrees, and follow the Location of the answer:
+Turn another joint to 20 degrees; Location in the response is the invocation:
   curl -i -H 'Content-Type: text/turtle' {root}baxter/right_s1/actions/rotate --data '
     @prefix maths: <http://vocab.arvida.de/2015/06/maths/vocab#> .
     @prefix vom: <http://vocab.arvida.de/2015/06/vom/vocab#> .
@@ -283,9 +289,9 @@ def main() -> int:
     port = arguments.port
     if not 0 < port < 65536:
         parser.error(f"a port is a number from 1 to 65535, not {port}")
-    complaint = complaint_about(port)
-    if complaint is not None:
-        print(f"demo: {complaint}", file=sys.stderr)
+    problem = port_problem(port)
+    if problem is not None:
+        print(f"demo: {problem}", file=sys.stderr)
         return 1
     children: list[Child] = []
     for number in _SIGNALS:

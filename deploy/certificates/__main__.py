@@ -7,7 +7,7 @@ with all agents of the fleet.
   router.pem, router.key       for routers, with the names and addresses by which they are reached
   gateway.pem, gateway.key     for gateways
   agents/NAME.pem, .key        for each agent
-  access.json                  who may publish what, for the agents named now
+  access.json                  access control of keys, for the agents named now
   router.json5                 the whole configuration of a router: zenohd -c FOLDER/router.json5
 
 An agent that is no longer named is ignored once the router has read its file again, although its certificate is still
@@ -25,9 +25,8 @@ from authority import Authority, CertificateError
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "agents"))
 
-from linked_fleet_agent.wire.access import GATEWAY, ROUTER, common_name, of_router
 from linked_fleet_agent.wire.keys import Keys
-from linked_fleet_agent.wire.trust import mutual_tls
+from linked_fleet_agent.wire.trust import GATEWAY, ROUTER, common_name, mutual_tls, of_router
 
 _MOST_SESSIONS = 20_000
 _LEASE_MS = 2_000
@@ -35,7 +34,7 @@ _LEASE_MS = 2_000
 
 @dataclass(frozen=True)
 class Agent:
-    """``robots``: the names that it may use, None for any. ``hosts``: where it listens, if it does."""
+    """An agent that needs a certificate: robot names that it may use (None: any) and hosts on which it listens."""
 
     name: str
     robots: tuple[str, ...] | None
@@ -78,14 +77,16 @@ def _parser() -> argparse.ArgumentParser:
             "NAME: the robot of that name; NAME=ROBOT+ROBOT: these robots; NAME=*: any robot; …@HOST: it listens there",
         ),
         ("router", "localhost,127.0.0.1", "names and addresses by which routers are reached"),
-        ("gateway", "", "those by which gateways are, where agents connect to them"),
+        ("gateway", "", "names and addresses of gateways, if agents connect to them"),
         ("listen", "tls/[::]:7447", "endpoints on which the router listens"),
         ("connect", "", "endpoints of other routers of the mesh"),
     ):
         said = f"{meaning}; comma-separated" + (f" (default: {default})" if default else "")
         parser.add_argument(f"--{flag}", type=_items, default=_items(default), help=said)
     parser.add_argument("--namespace", default="fleet", help="prefix of every Zenoh key (default: fleet)")
-    parser.add_argument("--installed", type=Path, help="where the router will find the folder (default: where it is)")
+    parser.add_argument(
+        "--installed", type=Path, help="path of the folder on the router's machine (default: the same path)"
+    )
     return parser
 
 

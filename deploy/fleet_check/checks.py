@@ -41,7 +41,7 @@ class Fleet:
 
 def eventually(probe: Callable[[], T], what: str) -> T:
     """Return the first true value of ``probe``; AssertionError naming ``what`` after two minutes."""
-    deadline, last = time.monotonic() + _PATIENCE_S, "it is not so"
+    deadline, last = time.monotonic() + _PATIENCE_S, "the condition is false"
     while time.monotonic() < deadline:
         try:
             if value := probe():
@@ -169,7 +169,7 @@ def agent_stops(fleet: Fleet) -> None:
     try:
         eventually(lambda: "panda" not in _online(fleet), "panda offline")
         assert len(fleet.front.graph(fleet.front.root + "panda/")), "panda is not readable"
-        assert set(ROBOTS) - {"panda"} <= _online(fleet), "other robots went with it"
+        assert set(ROBOTS) - {"panda"} <= _online(fleet), "other robots are offline too"
     finally:
         fleet.stack.start(container)
     eventually(lambda: "panda" in _online(fleet), "panda online")

@@ -1,4 +1,4 @@
-"""A user of the fleet: https, events and WebSockets through the front, whose name no resolver needs to know."""
+"""A client of the fleet: https, event streams and WebSockets through the front, whose name needs no DNS entry."""
 
 import contextlib
 import http.client
@@ -37,7 +37,7 @@ class Answer:
 
 
 class Front:
-    """``authority``: the text of the only trusted certificate."""
+    """A client of the front that trusts only the certificate ``authority``, given as PEM text."""
 
     def __init__(self, domain: str, port: int, authority: str) -> None:
         self.domain, self.port = domain, port

@@ -10,7 +10,7 @@ ANSWERED, BROKEN_OFF = "answered", "broken off"
 
 
 class Reads:
-    """A user who reads repeatedly until told to end; ``read`` returns a status."""
+    """A client that reads repeatedly until ``end`` is called; ``read`` returns the status code."""
 
     def __init__(self, read: Callable[[], int]) -> None:
         self._read, self._over = read, threading.Event()

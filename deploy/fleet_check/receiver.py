@@ -21,7 +21,7 @@ class Receiver(BaseHTTPRequestHandler):
         self.wfile.write(body)
 
     def log_message(self, *_: object) -> None:
-        """Log nothing; deliveries are read by GET."""
+        """Log nothing, because deliveries are read by GET."""
 
 
 if __name__ == "__main__":

@@ -19,7 +19,7 @@ class StackError(Exception):
 
 
 class Stack:
-    """``compose``: the words of the compose command; ``environment``: variables for the compose files."""
+    """A compose project: the words of the command ``compose``, and environment variables for the compose files."""
 
     def __init__(self, compose: Sequence[str], environment: Mapping[str, str]) -> None:
         self._compose = tuple(compose)

@@ -2,8 +2,8 @@
 
 Usage: PYTHON deploy/try_release [--engine COMMAND] [--options "WORDS"] [--dist FOLDER] [IMAGE...]
 
-The container has the files of the release and the checkout as it is committed, and nothing of this machine besides.
-Prints what each step took. Exit code 1 if a step failed or an image cannot be had.
+The container has the files of the release and the committed state of the checkout, and nothing else of this machine.
+Prints the duration of each step. Exit code 1 if a step failed or an image is not available.
 """
 
 import argparse
@@ -31,7 +31,9 @@ def command(engine: list[str], options: list[str], image: str, dist: Path, sourc
 
 def main() -> int:
     parser = argparse.ArgumentParser(prog="deploy/try_release", description="Try a release as a newcomer would.")
-    parser.add_argument("--engine", default="", help="docker, podman or another command (default: whichever works)")
+    parser.add_argument(
+        "--engine", default="", help="docker, podman or another command (default: the first that works)"
+    )
     parser.add_argument("--options", default="", help="further words for its run command, such as --network host")
     parser.add_argument("--dist", type=Path, default=ROOT / "dist", help="files of the release (default: dist)")
     parser.add_argument("images", nargs="*", metavar="IMAGE", help=f"default: {' '.join(IMAGES)}")

@@ -25,7 +25,7 @@ step() { # step NAME FUNCTION: bash ignores -e in a function that is part of a c
   printf 'held   %5s.%s s  %s\n' $((tenths / 10)) $((tenths % 10)) "$1"
 }
 
-awaited() { # awaited SECONDS COMMAND…: until it succeeds
+awaited() { # awaited SECONDS COMMAND…: repeat the command until it succeeds
   local deadline=$(($(date +%s) + $1))
   shift
   until "$@"; do
@@ -34,21 +34,26 @@ awaited() { # awaited SECONDS COMMAND…: until it succeeds
   done
 }
 
-online() { # online COUNT: so many robots are online
+online() { # online COUNT: succeed if COUNT robots are online
   local found
   found=$(curl -sf -H 'Accept: application/n-triples' "$root" | grep -c 'linked-fleet#presence> <https://w3id.org/linked-fleet#online>') || true
   [ "$found" = "$1" ]
 }
 
-ended() { # ended PROCESS: by Ctrl-C, and nothing of it is left
+ended() { # ended PROCESS: end it by Ctrl-C, and check that none of its processes is left
   kill -INT -- "-$1"
   wait "$1" || true
   awaited 30 gone "$root"
+  awaited 30 none_left
+}
+
+none_left() { # also of sessions of their own, in which workers and the embedded server run
+  ! grep -qs 'linked[_-]fleet' /proc/[0-9]*/cmdline
 }
 
 gone() { ! curl -sf -o /dev/null "$1"; }
 
-demo() { # demo COMMAND…: five robots are there, then it is ended
+demo() { # demo COMMAND…: wait until five robots are online, then end it
   set -m
   "$@" &
   local process=$!
@@ -81,10 +86,10 @@ agent() {
 installed() {
   pipx install "$wheel"
   linked-fleet --help
-  linked-fleet doctor || true
+  linked-fleet doctor
 }
 
-own_robot() { # examples/door.py, with files in the place of the devices
+own_robot() { # run examples/door.py with files instead of devices
   tar -xOf /source.tar examples/door.py > door.py
   mkdir servo && echo 0 > servo/angle
   set -m

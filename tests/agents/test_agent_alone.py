@@ -47,7 +47,7 @@ class Memory:
         self.progress.append(codec.decode(payload, Progress))
 
 
-class Brittle:
+class BreakableRobot:
     """A robot with two joints that reach every setpoint at once, and that can be broken."""
 
     broken = unstoppable = short = False
@@ -82,7 +82,7 @@ class Bench:
 
     def __init__(self) -> None:
         self.now_ns = 1_000_000_000
-        self.robot, self.link = Brittle(), Memory()
+        self.robot, self.link = BreakableRobot(), Memory()
         self.agent = Agent("b", self.robot, monotonic_ns=lambda: self.now_ns)
         self.tick()
 
@@ -186,7 +186,7 @@ def test_no_motion_runs_after_a_stop_that_was_asked_for_before_it() -> None:
     assert _code(bench.command("a", seen_ns=stopped.at_ns, rehearsal=True)) == "stale"
     refused = bench.command("a", Move({"wheel": 1.0, "arm": 1.0}), seen_ns=stopped.at_ns)
     assert isinstance(refused, Refused)
-    assert (refused.code, "stopped after the command was asked for" in refused.reason) == ("stale", True)
+    assert (refused.code, "stopped after the command was requested" in refused.reason) == ("stale", True)
     bench.tick(10)
     assert bench.robot.positions == {"arm": 0.0, "wheel": 0.0}
     assert _code(bench.command("b", Move({"wheel": 1.0}), seen_ns=stopped.at_ns)) == "accepted"
@@ -213,7 +213,7 @@ def test_a_command_that_is_cancelled_before_it_comes_never_runs() -> None:
     bench.tick()
     refused = bench.command("a")
     assert isinstance(refused, Refused)
-    assert (refused.code, "cancelled before it came" in refused.reason) == ("stale", True)
+    assert (refused.code, "cancelled before it arrived" in refused.reason) == ("stale", True)
     assert _code(bench.command("b")) == "accepted"
     bench.stop("t", command="b")
     assert _code(bench.command("b")) == "repeated"
@@ -327,7 +327,7 @@ def test_random_commands_do_not_break_an_agent(
 
 
 def test_a_gateway_that_comes_hears_how_motions_ended_and_what_runs() -> None:
-    """Ends of the last minute and running motions are reported once to each new gateway, whoever else is present."""
+    """Each new gateway gets one report of recent ends and running motions, even if other gateways are present."""
     bench = Bench()
     bench.command("old")
     bench.tick(300)

@@ -8,14 +8,14 @@ from pathlib import Path
 
 import pytest
 
-from linked_fleet_agent.cameras import Cameras
+from linked_fleet_agent.publications import Cameras
 from linked_fleet_agent.robot import Facts, PictureError
 from linked_fleet_agent.robots.camera_client import Probe, as_available, probe
 from linked_fleet_agent.robots.mujoco_robot import MujocoRobot
 from linked_fleet_agent.urdf import joints_of
 from linked_fleet_agent.wire import codec
+from linked_fleet_agent.wire.codec import decode_picture
 from linked_fleet_agent.wire.messages import Camera, PictureQuery, State
-from linked_fleet_agent.wire.pictures import decode_picture
 
 HEIGHT_M, DOWN_RAD, FIELD_RAD = 1.5, 0.8, 1.0
 ROWS, COLUMNS = 60, 80
@@ -102,7 +102,7 @@ def test_a_renderer_that_ended_is_started_again(seeing: MujocoRobot) -> None:
 @pytest.mark.parametrize(
     ("asked", "reading", "why"),
     [
-        (b"nonsense", shown(0), "no question"),
+        (b"nonsense", shown(0), "not a picture query"),
         (question("other"), shown(0), "camera 'other'"),
         (question(), None, "cannot be measured"),
         (question(), shown(math.nan), "cannot be measured"),
@@ -122,7 +122,7 @@ def test_without_a_renderer_there_is_a_reason_and_a_robot_all_the_same(way: str)
     robot = mast(reason)
     [camera] = robot.describe().cameras
     assert (camera.formats, camera.unavailable) == ((), reason)
-    with pytest.raises(PictureError, match="can be had"):
+    with pytest.raises(PictureError, match="is available"):
         Cameras(robot, robot.describe().cameras).take(question(), shown(0))
     assert robot.read(0.0).positions == (0.0,)
 

@@ -9,7 +9,7 @@ from rdflib import DCTERMS, Namespace, URIRef
 
 from linked_fleet_agent.robot import JointFacts, Limits
 from linked_fleet_agent.robots.catalogue import MODELS, Model, facts_of, load, poses_of
-from linked_fleet_agent.wire.names import unescape
+from linked_fleet_agent.wire.keys import unescape
 
 LF = Namespace("https://w3id.org/linked-fleet#")
 VOM = Namespace("http://vocab.arvida.de/2015/06/vom/vocab#")

@@ -64,15 +64,15 @@ def test_a_stop_holds_until_a_person_begins_the_demonstration_anew(caplog: pytes
     bench = Bench()
     for turn in (1, 2):
         bench.stop(f"s{turn}")
-        assert f"the demonstration of {PAN} has ended; to begin it anew: kill -USR1 {os.getpid()}" in caplog.text
+        assert f"the demonstration of {PAN} has ended; to restart it: kill -USR1 {os.getpid()}" in caplog.text
         bench.run(3.0)
         caplog.clear()
         stood = bench.pan()
         bench.run(20.0)
         assert bench.pan() == pytest.approx(stood, abs=1e-4)
         assert caplog.text == ""
-        bench.agent.demonstration.begin_anew()
-        assert f"the demonstration of {PAN} begins anew" in caplog.text
+        bench.agent.demonstration.restart()
+        assert f"the demonstration of {PAN} restarts" in caplog.text
         bench.run(1.0)
         assert abs(bench.pan() - stood) > 0.01
 
@@ -95,7 +95,7 @@ def test_there_is_nothing_to_begin_while_it_runs_or_while_a_command_moves_the_jo
 ) -> None:
     bench = Bench()
     with caplog.at_level(logging.INFO):
-        bench.agent.demonstration.begin_anew()
+        bench.agent.demonstration.restart()
         bench.move("a", PAN)
-        bench.agent.demonstration.begin_anew()
-    assert caplog.text.count("no demonstration that could begin anew") == 2
+        bench.agent.demonstration.restart()
+    assert caplog.text.count("no demonstration can be restarted") == 2

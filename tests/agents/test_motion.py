@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 
 from linked_fleet_agent.motion import SETTLE_S, Measured, Motions, Outcome, Sway
 from linked_fleet_agent.plan import ImpossibleError, plan
-from linked_fleet_agent.profile import cruise_of
 from linked_fleet_agent.robot import JointFacts, Limits
+from linked_fleet_agent.trajectory import cruise_of
 from linked_fleet_agent.wire.messages import Follow, Move
 
 ARM = JointFacts("arm", limits=Limits(-3.0, 3.0, 1.0, 5.0))
@@ -332,13 +332,13 @@ def test_a_demonstration_that_was_stopped_stays_so_until_it_is_begun_anew() -> N
     robot.step(130)
     robot.stop("s")
     assert robot.motions.swaying == frozenset()
-    assert robot.motions.sway_anew() == []  # it is still braking
+    assert robot.motions.restart_demonstrations() == []  # it is still braking
     robot.step(6000)
     path = robot.paths["arm"]
     stood = path[-1]
     assert path[-5000] == stood
-    assert robot.motions.sway_anew() == ["arm"]
-    assert robot.motions.sway_anew() == []
+    assert robot.motions.restart_demonstrations() == ["arm"]
+    assert robot.motions.restart_demonstrations() == []
     robot.step(400)
     assert max(path[-400:]) > stood + 0.2
     assert min(path[-400:]) < stood - 0.2

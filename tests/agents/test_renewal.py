@@ -4,7 +4,7 @@ from itertools import pairwise
 
 import pytest
 
-from linked_fleet_agent.renewal import FORGOTTEN_S, LONGEST_S, MAX_MISSING, RENEW_S, Renewal
+from linked_fleet_agent.gateways import FORGOTTEN_S, LONGEST_S, MAX_MISSING, RENEW_S, Renewal
 
 PERIOD_S = 0.25
 
@@ -79,7 +79,7 @@ def test_declarations_are_renewed_while_no_gateway_is_alive_and_once_after() -> 
 
 @pytest.mark.parametrize("back", [False, True])
 def test_a_gateway_that_hangs_is_as_none(back: bool) -> None:
-    """Its token stays, but nothing else is heard of it."""
+    """Its token stays, but it sends no other messages."""
     robot = Robot()
     robot.appear()
     robot.run(60.0)

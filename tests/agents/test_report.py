@@ -1,7 +1,7 @@
 """Reports that are repeated to a gateway that came later."""
 
 from linked_fleet_agent.motion import Outcome
-from linked_fleet_agent.report import AGAIN_NS, KEPT_NS, Report
+from linked_fleet_agent.publications import AGAIN_NS, KEPT_NS, Report
 from linked_fleet_agent.wire import codec
 from linked_fleet_agent.wire.messages import Progress
 

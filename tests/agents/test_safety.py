@@ -59,17 +59,21 @@ def _follow(
         (_command({"arm": 0.0}, seen_ns=NOW - 1_001), "stale", "is 0 ms old, its time to live 0.001 ms"),
         (_command({"arm": 0.0}, seen_ns=NOW - 10**9), "stale", "is 1000 ms old"),
         (_command({"arm": 0.0}, seen_ns=NOW + 1), "stale", "is 1 ns ahead"),
-        (_command({"wheel": 0.0, "arm": 0.0}, seen_ns=NOW - 500), "stale", "stopped after the command was asked for"),
+        (_command({"wheel": 0.0, "arm": 0.0}, seen_ns=NOW - 500), "stale", "stopped after the command was requested"),
         (_command({"arm": 0.0}, seen_ns=NOW - 499), None, ""),
         (_command({"wheel": 0.0}, seen_ns=NOW - 500), None, ""),
         (_command({"wheel": 0.0}, seen_ns=NOW - 500, expects=("arm",)), None, ""),
         (_follow((0.0, 0.0), seen_ns=NOW - 500), "stale", "'arm'"),
-        (_command({"wheel": 0.0}, command_id="cancelled"), "stale", "cancelled before it came"),
+        (_command({"wheel": 0.0}, command_id="cancelled"), "stale", "cancelled before it arrived"),
         (_command({"arm": 0.0}, incarnation=8), "incarnation", "run 7"),
         (_command({"arm": 0.0}, command_id="old"), "repeated", "old"),
-        (_command({"leg": 0.0}), "unknown-joint", "'leg' is no movable joint of this robot; its joints are arm, wheel"),
+        (
+            _command({"leg": 0.0}),
+            "unknown-joint",
+            "'leg' is not a movable joint of this robot; its joints are arm, wheel",
+        ),
         (_command({"finger": 0.0}), "unknown-joint", "thumb"),
-        (_command({"caster": 0.0}), "unknown-joint", "no drive"),
+        (_command({"caster": 0.0}), "unknown-joint", "no actuator"),
         (_command({"arm": 2.1}), "limits", "upper limit 2 rad"),
         (_command({"wheel": 0.0, "arm": -1.1}), "limits", "lower limit -1 rad"),
         (_command({"arm": 2.0 + 2 * ROUNDING}), "limits", "upper limit"),
@@ -126,7 +130,7 @@ def test_a_reason_is_at_most_1024_characters_long() -> None:
     refused = judge_stop(Stop(version=WIRE_VERSION, id="s", joints=("leg",)), joints)
     for each in (reply, refused):
         assert isinstance(each, Refused)
-        assert each.reason.startswith("'leg' is no movable joint") and len(each.reason) == 1024
+        assert each.reason.startswith("'leg' is not a movable joint") and len(each.reason) == 1024
 
 
 def test_rounding_is_clamped() -> None:

@@ -18,7 +18,10 @@ from bench.table import UnavailableError
 pytestmark = [pytest.mark.processes, pytest.mark.test_all]
 
 SHORT: Mapping[str, Mapping[str, Any]] = {
+    "start": {"_": 0.0, "starts": 1},
     "answers": {"seconds": 1.0},
+    "encodings": {"seconds": 0.3},
+    "large": {"seconds": 0.3, "robots": 20, "requests": 2},
     "fan_out": {"seconds": 0.5, "cases": (Case("sse", 50, 200, goal=True),), "robots": 2},
     "ingest": {"seconds": 0.5, "size": Size(robots=20, joints=3, models=2, rates_hz=(50,))},
     "footprint": {"seconds": 0.5, "size": Size(robots=3, joints=3, models=2)},

@@ -196,7 +196,7 @@ class Script:
         return [fields for _, asked, fields in self.asked if asked == path]
 
 
-class Reciter(StreamRequestHandler):
+class ScriptHandler(StreamRequestHandler):
     script: Script
 
     def handle(self) -> None:
@@ -215,7 +215,7 @@ class Reciter(StreamRequestHandler):
 @pytest.fixture
 def script() -> Iterator[Script]:
     said = Script()
-    with ThreadingTCPServer(("127.0.0.1", 0), type("OwnReciter", (Reciter,), {"script": said})) as server:
+    with ThreadingTCPServer(("127.0.0.1", 0), type("OwnReciter", (ScriptHandler,), {"script": said})) as server:
         said.url = f"http://127.0.0.1:{server.server_address[1]}"
         thread = threading.Thread(target=server.serve_forever, args=(0.01,), daemon=True)
         thread.start()

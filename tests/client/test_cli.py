@@ -16,9 +16,9 @@ from unittest.mock import patch
 import pytest
 from click.shell_completion import ShellComplete
 
-from linked_fleet_client.cli.arguments import BadArgument, nested
-from linked_fleet_client.cli.completion import VARIABLE
+from linked_fleet_client.cli.invoke import BadArgument, nested
 from linked_fleet_client.cli.main import cli, main
+from linked_fleet_client.cli.options import VARIABLE
 from linked_fleet_client.cli.output import clean
 from running import ROOT, eventually, free_port
 
@@ -87,7 +87,7 @@ def test_no_wait_says_where_to_look(other_tree: Any) -> None:
         (["get", "cell/nobody"], 4, "lefty"),
         (["stop"], 4, "stop"),
         (["ls", "--wrong"], 2, "Usage"),
-        (["do", "cell/lefty", "rest", "--seconds", "nan"], 2, "nan is no number of seconds"),
+        (["do", "cell/lefty", "rest", "--seconds", "nan"], 2, "nan is not a number of seconds"),
         (["watch", "cell", "--count", "0"], 2, "--count"),
         (["ls", "--url"], 2, "requires an argument"),
         ([], 2, "Usage"),
@@ -107,7 +107,7 @@ def test_an_unreachable_server_has_exit_code_3() -> None:
 
 @pytest.mark.processes
 def test_watch_prints_what_changes(other_tree: Any) -> None:
-    """Runs in a process, whose end also ends its threads."""
+    """It runs in a process, because the end of a process also ends its threads."""
     paths = ("cell/lefty/elbow/angle", "cell/lefty/elbow/load")
     command = [
         sys.executable,

@@ -6,10 +6,9 @@ from collections.abc import Iterator
 import pytest
 
 from linked_fleet_client.errors import InvalidInput, Problem
-from linked_fleet_client.fleet import Fleet
+from linked_fleet_client.fleet import Fleet, Thing
 from linked_fleet_client.invocation import Invocation
 from linked_fleet_client.quantity import Quantity
-from linked_fleet_client.thing import Thing
 from linked_fleet_client.vocabulary import LF
 from running import eventually
 from shared_fixtures import RunningFleet

@@ -11,7 +11,7 @@ from rdflib import Graph, Namespace, URIRef
 from rdflib.term import Node
 
 from linked_fleet_client.errors import BadAnswer, InvalidInput
-from linked_fleet_client.form import asked, build
+from linked_fleet_client.form import build, form_fields
 from linked_fleet_client.quantity import Quantity
 from linked_fleet_client.shape import read_shape
 from linked_fleet_client.validation import validate
@@ -71,7 +71,7 @@ def test_the_shape_of_the_paper_is_a_form() -> None:
     """Figure 5a, whose only unit need not be given."""
     figure = Graph().parse(Path(__file__).parents[1] / "golden/figure_5a.ttl", publicID="http://example.org/baxter/")
     node = next(iter(figure.objects(None, HYBRIT.consumes)))
-    fields = {each.name: each for each in asked(read_shape(figure, node))}
+    fields = {each.name: each for each in form_fields(read_shape(figure, node))}
     assert set(fields) == {"numericalValue", "unit"} or set(fields) == {"value", "unit"}
 
 
@@ -98,7 +98,7 @@ def test_a_quantity_says_number_and_unit() -> None:
     ],
 )  # fmt: skip
 def test_an_odd_shape_is_read_as_far_as_it_is_one(text: str, names: list[str]) -> None:
-    assert [each.name for each in asked(read_shape(shapes(text), EX["in"]))] == names
+    assert [each.name for each in form_fields(read_shape(shapes(text), EX["in"]))] == names
 
 
 def test_a_shape_brings_no_program_and_no_broken_validator_down() -> None:

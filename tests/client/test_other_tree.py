@@ -9,8 +9,7 @@ from rdflib import RDF, Namespace, URIRef
 
 from linked_fleet_client.action import Action
 from linked_fleet_client.errors import InvalidInput, NoSuchThing, Problem, StillRunning, Unsupported
-from linked_fleet_client.fleet import Fleet
-from linked_fleet_client.thing import Thing
+from linked_fleet_client.fleet import Fleet, Thing
 
 EX = Namespace("https://example.org/ns#")
 VOM = Namespace("http://vocab.arvida.de/2015/06/vom/vocab#")
@@ -114,10 +113,10 @@ def test_a_nested_body_is_built_and_conforms(bend: Action, elbow: Thing) -> None
         ({"goal": {"axis": "Elbow", "value": 90, "unit": "deg"}}, "goal.value: 90 is not from -10 to less than 90"),
         ({"goal": {"axis": "Elbow", "value": 1, "unit": "mm"}}, "goal.unit: 'mm' is none of deg, rad"),
         ({"goal": {"axis": "Knee", "value": 1, "unit": "deg"}}, "goal.axis: 'Knee' is none of"),
-        ({"goal": {"axis": "Elbow", "value": "x", "unit": "deg"}}, "goal.value: 'x' is no number"),
+        ({"goal": {"axis": "Elbow", "value": "x", "unit": "deg"}}, "goal.value: 'x' is not a valid number"),
         ({"goal": {"axis": "Elbow", "value": float("nan"), "unit": "deg"}}, "finite"),
         ({"goal": {"axis": "Elbow", "value": 1, "unit": "deg"}, "tries": 4}, "tries: 4 is not from 1 to less than 4"),
-        ({"goal": {"axis": "Elbow", "value": 1, "unit": "deg"}, "tries": 1.5}, "tries: 1.5 is no integer"),
+        ({"goal": {"axis": "Elbow", "value": 1, "unit": "deg"}, "tries": 1.5}, "tries: 1.5 is not a valid integer"),
         ({"goal": [{"axis": "Elbow", "value": 1, "unit": "deg"}] * 3}, "given 3 times; at most 2"),
         ({"goal": {"axis": "Elbow", "value": 1, "unit": "deg"}, "speed": 1}, "speed: there is no such field"),
         ({"goal": {"axis": "Elbow", "value": 1, "unit": "deg"}, "mode": "rude"}, "mode: 'rude' is none of soft, hard"),

@@ -8,8 +8,7 @@ from hypothesis import strategies as st
 from rdflib import XSD, Literal, Namespace, URIRef
 
 from linked_fleet_client.errors import InvalidInput
-from linked_fleet_client.quantity import INTEGERS, UNITS, Quantity, matching, number
-from linked_fleet_client.term import literal
+from linked_fleet_client.quantity import INTEGERS, UNITS, Quantity, literal, matching, number
 
 UNIT = Namespace("http://qudt.org/vocab/unit/")
 MATHS = Namespace("http://vocab.arvida.de/2015/06/maths/vocab#")

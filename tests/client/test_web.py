@@ -37,6 +37,7 @@ def status(number: int, *more: str, body: bytes = b"") -> bytes:
         (ok(b"{}", "application/ld+json"), BadAnswer),
         (ok(b"\xff\xfe\x00", "text/turtle"), BadAnswer),
         (ok(b'<> <p> "1E999999999"^^<http://www.w3.org/2001/XMLSchema#decimal> .'), BadAnswer),
+        (ok(b"<> <p> '''1e999999999''' # 1\n ^^<http://www.w3.org/2001/XMLSchema#decimal> ."), BadAnswer),
         (ok(b" " * (MAX_BODY_BYTES + 1)), BadAnswer),
         (status(302, "location: /x"), BadAnswer),
         (status(302), BadAnswer),
@@ -56,6 +57,12 @@ def test_a_bad_answer_is_an_error_of_its_kind(script: Any, web: Web, answer: byt
     with pytest.raises(error) as raised:
         web.get(f"{script.url}/x")
     assert len(str(raised.value)) < 1000
+
+
+def test_a_text_that_looks_like_a_huge_number_is_read(script: Any, web: Web) -> None:
+    """One in some thousand digests, which are versions of invocations, has this form."""
+    script.answers["/x"] = [ok(b'<> <http://w/version> "12345e1234567890" , "7e12345678"@en .')]
+    assert len(web.get(f"{script.url}/x").graph) == 2
 
 
 def test_a_missing_server_is_unreachable(web: Web) -> None:

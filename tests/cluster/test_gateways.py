@@ -22,10 +22,10 @@ from commanding import (
     radian,
     state_at,
 )
+from gateway_group import Gateway, Hub, arrived, deliveries, gateway, gateways, hub
 from receivers import receiving
 from redis_servers import Servers, cluster
 from running import eventually, process
-from several import Gateway, Hub, arrived, deliveries, gateway, gateways, hub
 
 pytestmark = [pytest.mark.processes, pytest.mark.test_all]
 NAMES = ("ada", "bob", "cleo", "dan")

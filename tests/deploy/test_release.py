@@ -88,6 +88,7 @@ def test_sdists_hold_all_that_their_wheels_are_made_of_and_no_tests(built: Path)
             held = {path.partition("/")[2] for path in archive.getnames()}
         with zipfile.ZipFile(built / wheel) as archive:
             needed = {path for path in archive.namelist() if ".dist-info/" not in path}
+        assert not [path for path in needed if "/scripts/" in path]
         assert needed and all(any(path == each or path.endswith(f"/{each}") for path in held) for each in needed)
         assert not [path for path in held if path.startswith(("tests/", "deploy/")) or "node_modules" in path]
 
@@ -234,7 +235,7 @@ def test_an_image_for_a_processor_whose_programs_do_not_run_here_is_told(
     assert f"runs no programs for {other}" in release_images.obstacle(["true"], names[other], tmp_path)
     (tmp_path / f"qemu-{other}").touch()
     assert release_images.obstacle(["true"], names[other], tmp_path) == ""
-    assert "base image cannot be had" in release_images.obstacle(["false"], names[own], tmp_path)
+    assert "base image is not available" in release_images.obstacle(["false"], names[own], tmp_path)
 
 
 def test_without_an_engine_no_image_is_built_and_that_is_told(tmp_path: Path) -> None:

@@ -2,11 +2,12 @@
 
 import re
 import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 
-from running import ROOT
+from running import ROOT, eventually
 
 STEPS = (ROOT / "deploy" / "try_release" / "newcomer.sh").read_text()
 
@@ -18,3 +19,14 @@ def test_a_step_holds_if_each_of_its_commands_does(command: str, word: str, stat
     done = subprocess.run(["bash", "-c", "\n".join([*lines, "step name try"])], capture_output=True, text=True)
     assert re.fullmatch(rf"{word} +\d+\.\d s  name\n", done.stdout), done.stdout + done.stderr
     assert done.returncode == status
+
+
+def test_a_process_that_is_left_is_found(tmp_path: Path) -> None:
+    """The search is for the name that all processes of the product have in their command lines."""
+    (search,) = re.findall(r"^none_left\(\) \{.*?^\}$", STEPS, re.MULTILINE | re.DOTALL)
+    assert "'linked[_-]fleet' /proc/[0-9]*" in search
+    ours = search.replace("linked[_-]fleet", f"{tmp_path.name[:3]}[{tmp_path.name[3]}]{tmp_path.name[4:]}")
+    command = ["bash", "-c", f"{ours}\nnone_left"]
+    assert subprocess.run(command).returncode == 0
+    with subprocess.Popen([sys.executable, "-c", "input()", tmp_path.name], stdin=subprocess.PIPE):
+        eventually(lambda: subprocess.run(command).returncode == 1, "the process found")

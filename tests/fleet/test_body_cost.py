@@ -18,7 +18,7 @@ from pathlib import Path
 import httpx
 import pytest
 
-from actor import Actor, stage
+from fake_robots import FakeRobot, open_session
 from fuzzing.good import able_arm
 from fuzzing.hostile import (
     ACCEPTED,
@@ -38,7 +38,7 @@ from fuzzing.watched import timed_callbacks
 from linked_fleet_agent.wire.codec import encode
 from linked_fleet_gateway.app.application import create_app
 from linked_fleet_gateway.app.settings import GatewaySettings
-from linked_fleet_gateway.http.offload import SHORT_BYTES
+from linked_fleet_gateway.http.scheduling import SHORT_BYTES
 from running import eventually, free_port
 
 pytestmark = [pytest.mark.processes, pytest.mark.test_all]
@@ -110,7 +110,7 @@ def gateway(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Gateway]:
         life = app.router.lifespan_context(app)
         runner.run(life.__aenter__())
         stack.callback(lambda: runner.run(life.__aexit__(None, None, None)))
-        arm = Actor(stack.enter_context(stage(endpoint)), "arm")
+        arm = FakeRobot(stack.enter_context(open_session(endpoint)), "arm")
         obey(arm)
         arm.appear(encode(able_arm(arm.incarnation))).stand(0.1, 0.1, 0.1, 0.1)
         base = f"http://127.0.0.1:{port}"

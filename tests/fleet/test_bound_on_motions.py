@@ -24,9 +24,9 @@ from commanding import (
     slowly,
     state_at,
 )
+from gateway_group import Gateway, gateway, hub
 from redis_servers import single
 from running import eventually
-from several import Gateway, gateway, hub
 
 pytestmark = pytest.mark.virtual
 _PLANS = [{}, {"prefer": "dry-run"}, {"idempotency-key": "new"}]

@@ -8,10 +8,10 @@ from pathlib import Path
 import pytest
 
 from browser import LF
+from gateway_group import arrived, deliveries, gateway, gateways, hub
 from receivers import receiving
 from redis_servers import Server, Servers
 from running import eventually, free_port
-from several import arrived, deliveries, gateway, gateways, hub
 from subscribers import Socket
 
 pytestmark = pytest.mark.virtual

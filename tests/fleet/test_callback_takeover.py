@@ -9,10 +9,10 @@ import httpx
 import pytest
 
 from browser import HYBRIT, LF
+from gateway_group import Gateway, Hub, angle, arrived, complete, deliveries, gateways, hub, number, present
 from receivers import Answer, CallbackReceiver, receiving
 from redis_servers import Servers
 from running import eventually
-from several import Gateway, Hub, angle, arrived, complete, deliveries, gateways, hub, number, present
 
 pytestmark = pytest.mark.virtual
 CHANGES = 100

@@ -8,10 +8,10 @@ import pytest
 from rdflib import URIRef
 
 from browser import DCTERMS, HYBRIT, LF, Page
+from gateway_group import Gateway, Hub, angle, arrived, deliveries, gateway, gateways, hub, number, present
 from receivers import Answer, CallbackReceiver, receiving, retry_after
 from redis_servers import Servers, single
 from running import eventually
-from several import Gateway, Hub, angle, arrived, deliveries, gateway, gateways, hub, number, present
 from subscribers import Socket, events
 
 pytestmark = pytest.mark.virtual

@@ -32,9 +32,9 @@ from commanding import (
     slowly,
     state_at,
 )
+from gateway_group import Gateway, gateway, gateways, hub
 from redis_servers import Servers
 from running import eventually
-from several import Gateway, gateway, gateways, hub
 from subscribers import events
 
 pytestmark = pytest.mark.virtual
@@ -203,7 +203,7 @@ def test_a_lease_expires_by_itself(pair: tuple[Gateway, Gateway]) -> None:
 
 @pytest.mark.parametrize("how", ["stop", "hold", "stopAll", "cancel", "delete"])
 def test_everybody_may_stop(pair: tuple[Gateway, Gateway], how: str) -> None:
-    """Whoever holds the lease: the motion ends, and the lease stays."""
+    """The motion ends and the lease stays, also if another client holds it."""
     one, other = pair
     mine = _take(one)
     start = angle(one.browser, PAN)

@@ -20,7 +20,7 @@ def test_a_signal_restarts_stopped_demonstrations(tmp_path: Path) -> None:
         moving(browser, PAN)
         stop = browser.action(browser.page(browser.root), LF.StopAll)
         assert post(browser, stop, prefer="wait=30").status_code == 204
-        agent.said(f"the demonstration of {PAN} has ended; to begin it anew: kill -USR1 ")
+        agent.said(f"the demonstration of {PAN} has ended; to restart it: kill -USR1 ")
         agent.send(signal.SIGUSR1)
-        agent.said(f"the demonstration of {PAN} begins anew")
+        agent.said(f"the demonstration of {PAN} restarts")
         moving(browser, PAN)

@@ -9,10 +9,10 @@ import pytest
 
 from browser import LF
 from commanding import PAN, TURTLE, WRIST, angle, begun, control, ended, moving, of_joint, problem, put, radian, slowly
+from gateway_group import Gateway, Hub, arrived, deliveries, gateway, hub
 from receivers import CallbackReceiver, receiving
 from redis_servers import single
 from running import Process, eventually, process
-from several import Gateway, Hub, arrived, deliveries, gateway, hub
 from small_fleet import live, offline
 from subscribers import Socket
 from virtual.loop import current
@@ -65,7 +65,7 @@ def _started_ahead(by_s: float, *command: str) -> Iterator[Process]:
 
 @pytest.mark.parametrize("jump_s", [HOUR_S, -HOUR_S])
 def test_the_clock_of_a_gateway_jumps(scene: Scene, jump_s: float) -> None:
-    """Motion, lease, stream and callback continue as if nothing had happened, and so do new ones."""
+    """Motion, lease, stream and callback continue, and new ones work."""
     at, other, path = scene.at, scene.other, f"/{jump_s}"
     kept = at.subscribed(scene.receiver.url(path))
     lease = str(at.browser.robot("ur5").one(LF.lease))

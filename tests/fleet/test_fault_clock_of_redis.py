@@ -26,10 +26,10 @@ from commanding import (
     slowly,
     state_at,
 )
+from gateway_group import Gateway, arrived, deliveries, gateway, hub
 from receivers import receiving
 from redis_servers import Server, single
 from running import eventually
-from several import Gateway, arrived, deliveries, gateway, hub
 from subscribers import Socket
 
 pytestmark = pytest.mark.virtual

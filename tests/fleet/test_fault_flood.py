@@ -8,10 +8,10 @@ from pathlib import Path
 import pytest
 import zenoh
 
-from actor import Actor
-from actor import stage as session_at
 from browser import LF, ROS, Browser
 from commanding import WRIST, angle, begun, of_joint, of_robot, post, put, radian
+from fake_robots import FakeRobot
+from fake_robots import open_session as session_at
 from linked_fleet_agent.wire.codec import encode
 from linked_fleet_agent.wire.messages import WIRE_VERSION, Progress
 from running import eventually
@@ -22,7 +22,7 @@ pytestmark = [pytest.mark.processes, pytest.mark.test_all]
 
 
 @contextlib.contextmanager
-def flooding(session: zenoh.Session, loud: Actor, kind: str) -> Iterator[None]:
+def flooding(session: zenoh.Session, loud: FakeRobot, kind: str) -> Iterator[None]:
     """Let the robot send the same message as fast as it can, in a thread."""
     end = threading.Event()
     told = Progress(version=WIRE_VERSION, id="x", incarnation=loud.incarnation, state="running", wall_ns=1)
@@ -47,7 +47,7 @@ def test_a_flood_starves_nobody(tmp_path: Path, kind: str) -> None:
     """Meanwhile another robot can be moved, seen and stopped."""
     place = Place(tmp_path)
     with place.gateway() as (gateway, browser), place.ur5(), session_at(place.zenoh) as session:
-        loud = Actor(session, "loud").appear()
+        loud = FakeRobot(session, "loud").appear()
         live(browser, "ur5")
         with flooding(session, loud, kind):
             _is_moved_and_stopped(browser)

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from actor import KEYS
+from fake_robots import KEYS
 from linked_fleet_agent.pace import every
 from linked_fleet_agent.wire import codec
 from linked_fleet_agent.wire.messages import Accepted, Refused, Reply, Stop
@@ -16,7 +16,7 @@ from linked_fleet_agent.wire.transport import HEARTBEAT_S
 from linked_fleet_gateway.fleet.events import Payload
 from linked_fleet_gateway.link.transport import Answer, Question
 from running import eventually, free_port
-from simulated import RESTING_RAD_S, Simulated, simulated
+from simulated_robots import RESTING_RAD_S, SimulatedRobot, simulated
 from virtual.processes import gateway_session
 
 pytestmark = pytest.mark.virtual
@@ -72,7 +72,7 @@ class Hostile:
 
 
 @pytest.fixture
-def pair() -> Iterator[tuple[Hostile, Simulated]]:
+def pair() -> Iterator[tuple[Hostile, SimulatedRobot]]:
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     with simulated(endpoint, ROBOT) as robots:
         hostile = Hostile(endpoint)
@@ -83,14 +83,14 @@ def pair() -> Iterator[tuple[Hostile, Simulated]]:
         robot.check_limits()
 
 
-def _held(robot: Simulated) -> list[float] | None:
+def _held(robot: SimulatedRobot) -> list[float] | None:
     """Return the setpoints of the servos, if they have not changed for a while of the robot's own time."""
     before, start = robot.setpoints(), robot.data.time
     eventually(lambda: robot.data.time > start + 0.3, "the robot's time")
     return before if robot.setpoints() == before and robot.speed() < RESTING_RAD_S else None
 
 
-def test_invalid_commands_are_refused_and_move_nothing(pair: tuple[Hostile, Simulated]) -> None:
+def test_invalid_commands_are_refused_and_move_nothing(pair: tuple[Hostile, SimulatedRobot]) -> None:
     hostile, robot = pair
     eventually(lambda: isinstance(hostile.move(**{PAN: 0.0}), Accepted), "an agent that sees the gateway")
     before = eventually(lambda: _held(robot), "a robot that holds")
@@ -116,7 +116,7 @@ def test_invalid_commands_are_refused_and_move_nothing(pair: tuple[Hostile, Simu
     assert robot.setpoints() == before
 
 
-def test_accepted_commands_keep_within_the_limits(pair: tuple[Hostile, Simulated]) -> None:
+def test_accepted_commands_keep_within_the_limits(pair: tuple[Hostile, SimulatedRobot]) -> None:
     """As many commands as it can send, each contrary to the one before, with stops in between; then it vanishes."""
     hostile, robot = pair
     chance = random.Random(7)

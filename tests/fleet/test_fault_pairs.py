@@ -12,10 +12,10 @@ from rdflib import URIRef
 
 from browser import HYBRIT, LF, ROS, Browser
 from commanding import PAN, WRIST, angle, begun, ended, moving, of_joint, put, radian, slowly
+from gateway_group import complete
 from receivers import CallbackReceiver, receiving
 from redis_servers import Servers, single
 from running import Process, eventually, process
-from several import complete
 from small_fleet import Place, live
 from subscribers import angle_in, graph_of, members
 

@@ -16,9 +16,9 @@ from browser import LF, Browser
 from commanding import PAN, WRIST, begun, ended, moving, of_joint, of_robot, post, put, radian, slowly
 from parallel import pool
 from running import Process, eventually
-from simulated import RESTING_RAD_S, Simulated, simulated
+from simulated_robots import RESTING_RAD_S, SimulatedRobot, simulated
 from small_fleet import Place, live, offline
-from virtual.zenoh_way import ZenohWay, zenoh_way
+from virtual.zenoh_proxy import ZenohProxy, zenoh_proxy
 
 pytestmark = pytest.mark.virtual
 
@@ -27,8 +27,8 @@ pytestmark = pytest.mark.virtual
 class Scene:
     gateway: Process
     browser: Browser
-    robot: Simulated
-    way: ZenohWay
+    robot: SimulatedRobot
+    way: ZenohProxy
 
     def rests(self) -> list[float]:
         """Wait until the robot stands; return the setpoints of its servos."""
@@ -46,7 +46,7 @@ def scene(tmp_path: Path) -> Iterator[Scene]:
     place = Place(tmp_path)
     with (
         place.gateway() as (gateway, browser),
-        zenoh_way(place.zenoh, gateway) as between,
+        zenoh_proxy(place.zenoh, gateway) as between,
         simulated(between.endpoint, "ur5") as robots,
     ):
         live(browser, "ur5")

@@ -26,10 +26,10 @@ from commanding import (
     radian,
     slowly,
 )
+from gateway_group import Gateway, Hub, arrived, deliveries, gateway, gateways, hub
 from receivers import CallbackReceiver, receiving
 from redis_servers import Servers, single
 from running import eventually
-from several import Gateway, Hub, arrived, deliveries, gateway, gateways, hub
 from small_fleet import live
 from subscribers import Socket
 from virtual.redis_servers import MemoryServer

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 import zenoh
 
-from forwarder import Way, way
+from forwarder import Proxy, proxy
 from link.scene import Gateway, Robot, gateway, serves, until
 from linked_fleet_agent.zenoh_session import open_session as open_agent
 from linked_fleet_gateway.link.zenoh_session import open_session as open_gateway
@@ -32,7 +32,7 @@ class Site:
         self._stack = stack
         self.near, self.far = (f"tcp/127.0.0.1:{free_port()}" for _ in range(2))
         self._open_router(self.near)
-        self.way: Way = stack.enter_context(way(int(self.near.rpartition(":")[2])))
+        self.way: Proxy = stack.enter_context(proxy(int(self.near.rpartition(":")[2])))
         self._open_router(self.far, self.way.endpoint)
         self.robots: dict[str, Robot] = {}
         self._gateways: dict[Gateway, AsyncExitStack] = {}

@@ -9,10 +9,10 @@ from pathlib import Path
 import pytest
 
 from commanding import problem
+from gateway_group import arrived, deliveries, gateway, hub
 from receivers import receiving
 from redis_servers import Server
 from running import eventually
-from several import arrived, deliveries, gateway, hub
 from subscribers import Socket
 from tests.fleet.test_fault_redis import Scene, refused_and_remembered, scene, unless_away
 

@@ -14,8 +14,8 @@ import rdflib
 import zenoh
 from rdflib import RDF, URIRef
 
-from actor import KEYS, Actor, link, stage
 from browser import DCTERMS, HYBRIT, LF, Browser, Page, links
+from fake_robots import KEYS, FakeRobot, link, open_session
 from linked_fleet_agent.wire.codec import decode, encode
 from linked_fleet_agent.wire.messages import Description, Mesh
 from running import Process, eventually
@@ -163,19 +163,19 @@ def _said(content: bytes, uri: str, kind: str = "model/stl") -> Mesh:
 
 
 @pytest.fixture
-def theatre(place: tuple[Place, Process, Browser]) -> Iterator[tuple[Process, Browser, zenoh.Session]]:
+def observed_fleet(place: tuple[Place, Process, Browser]) -> Iterator[tuple[Process, Browser, zenoh.Session]]:
     with ExitStack() as stack:
-        yield place[1], place[2], stack.enter_context(stage(place[0].zenoh))
+        yield place[1], place[2], stack.enter_context(open_session(place[0].zenoh))
 
 
-def _appear(session: zenoh.Session, name: str, *meshes: Mesh, urdf: str = URDF) -> Actor:
-    actor = Actor(session, name)
+def _appear(session: zenoh.Session, name: str, *meshes: Mesh, urdf: str = URDF) -> FakeRobot:
+    actor = FakeRobot(session, name)
     said = decode(actor.description(urdf, ()), Description)
     whole = {field: getattr(said, field) for field in said.__struct_fields__} | {"meshes": meshes}
     return actor.appear(encode(Description(**whole))).stand()
 
 
-def _answers(actor: Actor, session: zenoh.Session, content: bytes) -> list[bytes]:
+def _answers(actor: FakeRobot, session: zenoh.Session, content: bytes) -> list[bytes]:
     """Let the robot answer every question with this content; return the questions."""
     asked: list[bytes] = []
     key = KEYS.robot(actor.name, "mesh")
@@ -188,8 +188,10 @@ def _answers(actor: Actor, session: zenoh.Session, content: bytes) -> list[bytes
     return asked
 
 
-def test_a_robot_without_meshes_has_a_model_of_its_primitives(theatre: tuple[Process, Browser, zenoh.Session]) -> None:
-    _, browser, session = theatre
+def test_a_robot_without_meshes_has_a_model_of_its_primitives(
+    observed_fleet: tuple[Process, Browser, zenoh.Session],
+) -> None:
+    _, browser, session = observed_fleet
     _appear(session, "bare")
     model = _model(browser, live(browser, "bare"))
     assert list(model.graph.objects(model.iri, LF.mesh)) == []
@@ -197,8 +199,10 @@ def test_a_robot_without_meshes_has_a_model_of_its_primitives(theatre: tuple[Pro
     assert [each.tag for each in urdf.iter()] == ["robot", "link", "visual", "geometry", "sphere"]
 
 
-def test_a_mesh_of_an_unknown_type_is_as_if_it_were_not_there(theatre: tuple[Process, Browser, zenoh.Session]) -> None:
-    _, browser, session = theatre
+def test_a_mesh_of_an_unknown_type_is_as_if_it_were_not_there(
+    observed_fleet: tuple[Process, Browser, zenoh.Session],
+) -> None:
+    _, browser, session = observed_fleet
     meshes = _said(b"b", "<b>.obj", "model/obj"), _said(b"c", "c.glb", "model/gltf-binary")
     _appear(session, "typed", *meshes)
     model = _model(browser, live(browser, "typed"))
@@ -210,10 +214,10 @@ def test_a_mesh_of_an_unknown_type_is_as_if_it_were_not_there(theatre: tuple[Pro
 
 @pytest.mark.parametrize("forged", [b"wrong", b"far too long" * 1000, b"", None])
 def test_other_bytes_than_were_described_are_no_answer(
-    theatre: tuple[Process, Browser, zenoh.Session], forged: bytes | None
+    observed_fleet: tuple[Process, Browser, zenoh.Session], forged: bytes | None
 ) -> None:
     """Content of the right or another length, none, and an agent without meshes."""
-    gateway, browser, session = theatre
+    gateway, browser, session = observed_fleet
     name, mesh = f"forger {len(forged or b'')} {forged is None}", _said(b"right", "a.stl")
     actor = _appear(session, name, mesh)
     asked = [] if forged is None else _answers(actor, session, forged)
@@ -227,8 +231,8 @@ def test_other_bytes_than_were_described_are_no_answer(
     assert "Traceback" not in gateway.output
 
 
-def test_only_what_is_described_is_asked_for(theatre: tuple[Process, Browser, zenoh.Session]) -> None:
-    _, browser, session = theatre
+def test_only_what_is_described_is_asked_for(observed_fleet: tuple[Process, Browser, zenoh.Session]) -> None:
+    _, browser, session = observed_fleet
     mesh = _said(b"right", "a.stl")
     actor = _appear(session, "asked", mesh)
     asked = _answers(actor, session, b"right")
@@ -241,8 +245,8 @@ def test_only_what_is_described_is_asked_for(theatre: tuple[Process, Browser, ze
     assert asked == [mesh.sha256.encode()]
 
 
-def test_a_faulty_robot_has_no_model(theatre: tuple[Process, Browser, zenoh.Session]) -> None:
-    _, browser, session = theatre
+def test_a_faulty_robot_has_no_model(observed_fleet: tuple[Process, Browser, zenoh.Session]) -> None:
+    _, browser, session = observed_fleet
     _appear(session, "two", _said(b"right", "a.stl"), urdf=f'<robot name="r">{link("a")}{link("b")}</robot>')
     eventually(lambda: faulty(browser, "two"), "a fault")
     page = browser.robot("two")

@@ -39,10 +39,10 @@ from commanding import (
     slowly,
     state_at,
 )
+from gateway_group import Gateway, Hub, gateway, gateways
 from parallel import at_once, pool
 from redis_servers import Servers
 from running import eventually, process
-from several import Gateway, Hub, gateway, gateways
 from small_fleet import Place, live, offline
 from subscribers import events
 

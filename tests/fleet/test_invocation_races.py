@@ -29,10 +29,10 @@ from commanding import (
     slowly,
     state_at,
 )
+from gateway_group import Gateway, gateway, gateways, hub
 from parallel import at_once
 from redis_servers import Servers
 from running import eventually
-from several import Gateway, gateway, gateways, hub
 from small_fleet import number, property_page
 
 pytestmark = pytest.mark.virtual
@@ -150,7 +150,7 @@ def test_running_invocations_of_a_restarted_agent_fail(memory: Servers) -> None:
 
 
 def test_a_target_is_the_same_at_both_gateways_and_gone_after_a_stop(memory: Servers) -> None:
-    """However it was set, by whomever, and at a gateway that starts later too."""
+    """All gateways agree on the target of a joint: for each way to set it, and after a later start of a gateway."""
     with hub() as stage, arm(stage.endpoint), gateways(stage, memory.url) as two:
         all_see(two)
         one, other = two

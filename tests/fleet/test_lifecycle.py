@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from actor import KEYS
 from browser import LF, ROS, SPATIAL
+from fake_robots import KEYS
 from linked_fleet_agent.wire.codec import decode
 from linked_fleet_agent.wire.messages import Progress
 from linked_fleet_gateway.fleet.events import Payload

@@ -9,9 +9,9 @@ import rdflib
 
 from browser import LDP, LF, Browser, Page
 from commanding import PREFIXES, TURTLE, at_all
+from gateway_group import Gateway, gateways, hub
 from parallel import at_once
 from redis_servers import single
-from several import Gateway, gateways, hub
 
 pytestmark = pytest.mark.virtual
 CLIENTS, EACH = 2, 4  # at each of two gateways

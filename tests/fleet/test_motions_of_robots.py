@@ -13,7 +13,7 @@ from rdflib import URIRef
 from browser import DCTERMS, LF, PROV, Browser
 from commands import Commanded, pose_body
 from running import eventually
-from simulated import RESTING_RAD_S, Simulated, angle_between, simulated
+from simulated_robots import RESTING_RAD_S, SimulatedRobot, angle_between, simulated
 from small_fleet import Place, live, number
 
 pytestmark = pytest.mark.virtual
@@ -53,7 +53,7 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Place, Bro
 
 
 @pytest.fixture(scope="module", params=sorted(GOALS))
-def both(request: pytest.FixtureRequest, place: tuple[Place, Browser]) -> Iterator[tuple[Simulated, Commanded]]:
+def both(request: pytest.FixtureRequest, place: tuple[Place, Browser]) -> Iterator[tuple[SimulatedRobot, Commanded]]:
     """Yield one robot, as seen by the simulator and by the client."""
     there, browser = place
     with simulated(there.zenoh, request.param) as robots:
@@ -62,7 +62,7 @@ def both(request: pytest.FixtureRequest, place: tuple[Place, Browser]) -> Iterat
 
 
 @pytest.fixture
-def robot(both: tuple[Simulated, Commanded]) -> Iterator[Simulated]:
+def robot(both: tuple[SimulatedRobot, Commanded]) -> Iterator[SimulatedRobot]:
     """Yield the robot at home; the test fails if a limit of its URDF is exceeded, or if it falls."""
     simulation, client = both
     client.assume("home")
@@ -73,15 +73,15 @@ def robot(both: tuple[Simulated, Commanded]) -> Iterator[Simulated]:
 
 
 @pytest.fixture
-def client(both: tuple[Simulated, Commanded]) -> Commanded:
+def client(both: tuple[SimulatedRobot, Commanded]) -> Commanded:
     return both[1]
 
 
-def _close(robot: Simulated, joint: str) -> float:
+def _close(robot: SimulatedRobot, joint: str) -> float:
     return CLOSE_M if robot.joints[joint].linear else CLOSE_RAD
 
 
-def test_reach_brings_the_link_to_the_pose(robot: Simulated, client: Commanded) -> None:
+def test_reach_brings_the_link_to_the_pose(robot: SimulatedRobot, client: Commanded) -> None:
     """Within 1 mm and 0.5° of the commanded pose in the frame of the root link; for go2, which stands on it, a foot."""
     link, offsets = GOALS[robot.name]
     home = robot.poses["home"]
@@ -96,7 +96,7 @@ def test_reach_brings_the_link_to_the_pose(robot: Simulated, client: Commanded) 
         assert angle_between(orientation, turned) <= CLOSE_RAD
 
 
-def test_at_full_speed_the_limits_of_the_urdf_hold(robot: Simulated, client: Commanded) -> None:
+def test_at_full_speed_the_limits_of_the_urdf_hold(robot: SimulatedRobot, client: Commanded) -> None:
     """Velocity and effort of every joint in every step, there and back as fast as the robot goes."""
     for pose in (POSES[robot.name], "home"):
         client.assume(pose)
@@ -107,13 +107,13 @@ def test_at_full_speed_the_limits_of_the_urdf_hold(robot: Simulated, client: Com
     assert max(np.abs(robot.seen(joint, "velocities")[1]).max() for joint in robot.joints) > 0.7
 
 
-def _between(robot: Simulated, share: float) -> dict[str, float]:
+def _between(robot: SimulatedRobot, share: float) -> dict[str, float]:
     """Return the joint positions after that share of the way from home to the other pose."""
     home, there = robot.poses["home"], robot.poses[POSES[robot.name]]
     return {name: home[name] + share * (there[name] - home[name]) for name in there if there[name] != home[name]}
 
 
-def test_follow_trajectory_passes_the_waypoints_at_their_times(robot: Simulated, client: Commanded) -> None:
+def test_follow_trajectory_passes_the_waypoints_at_their_times(robot: SimulatedRobot, client: Commanded) -> None:
     """Each joint within 1 mm or 0.5° of the middle waypoint, 60 ms late at most, and of the last one at the end."""
     rows = {3.0: _between(robot, 0.4), 5.5: _between(robot, 0.8)}
     client.do(LF.FollowTrajectory, client.waypoints(rows, robot.linear))
@@ -126,7 +126,7 @@ def test_follow_trajectory_passes_the_waypoints_at_their_times(robot: Simulated,
         assert all(later - earlier < 0.02 for earlier, later in pairwise(times)), "no step may be missing"
 
 
-def test_stop_brings_the_robot_to_rest_on_its_way(robot: Simulated, client: Commanded) -> None:
+def test_stop_brings_the_robot_to_rest_on_its_way(robot: SimulatedRobot, client: Commanded) -> None:
     """All joints stand short of the target; the motion is cancelled with the reason and client, the stop succeeded."""
     target = robot.poses[POSES[robot.name]]
     start = robot.positions()

@@ -10,7 +10,7 @@ from rdflib import URIRef
 from browser import LF
 from commands import Commanded, scalar
 from running import eventually
-from simulated import RESTING_RAD_S, Simulated, simulated
+from simulated_robots import RESTING_RAD_S, SimulatedRobot, simulated
 from small_fleet import Place, live
 
 pytestmark = pytest.mark.virtual
@@ -22,7 +22,7 @@ _SHARES = (0.25, 0.5, 0.75, 0.95)
 
 
 @pytest.fixture(scope="module")
-def both(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, tuple[Simulated, Commanded]]]:
+def both(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, tuple[SimulatedRobot, Commanded]]]:
     """TIAGo, with revolute, continuous and prismatic joints; and UR5, whose joints have no friction."""
     place = Place(tmp_path_factory.mktemp("state"))
     with place.gateway() as (_, browser), simulated(place.zenoh, "tiago", "ur5") as robots:
@@ -36,7 +36,7 @@ def name() -> str:
 
 
 @pytest.fixture
-def robot(both: dict[str, tuple[Simulated, Commanded]], name: str) -> Iterator[Simulated]:
+def robot(both: dict[str, tuple[SimulatedRobot, Commanded]], name: str) -> Iterator[SimulatedRobot]:
     """Yield the robot at home; the test fails if a limit of its URDF is exceeded."""
     simulation, client = both[name]
     client.assume("home")
@@ -46,11 +46,11 @@ def robot(both: dict[str, tuple[Simulated, Commanded]], name: str) -> Iterator[S
 
 
 @pytest.fixture
-def client(both: dict[str, tuple[Simulated, Commanded]], name: str) -> Commanded:
+def client(both: dict[str, tuple[SimulatedRobot, Commanded]], name: str) -> Commanded:
     return both[name][1]
 
 
-def test_assume_pose_home_is_where_the_robot_began(robot: Simulated, client: Commanded) -> None:
+def test_assume_pose_home_is_where_the_robot_began(robot: SimulatedRobot, client: Commanded) -> None:
     client.do(LF.MoveJoints, f"<> {client.targets({'arm_1_joint': 0.9, 'head_1_joint': -0.4})} .")
     client.assume("home")
     measured = robot.positions()
@@ -58,7 +58,9 @@ def test_assume_pose_home_is_where_the_robot_began(robot: Simulated, client: Com
 
 
 @pytest.mark.parametrize(("by", "unit"), [(20.0, "unit:DEG"), (-0.2, "maths:Radian")])
-def test_rotate_by_turns_from_where_the_joint_is(robot: Simulated, client: Commanded, by: float, unit: str) -> None:
+def test_rotate_by_turns_from_where_the_joint_is(
+    robot: SimulatedRobot, client: Commanded, by: float, unit: str
+) -> None:
     """Twice is twice as far."""
     start, way = robot.positions()["arm_1_joint"], math.radians(by) if unit == "unit:DEG" else by
     for times in (1, 2):
@@ -67,13 +69,15 @@ def test_rotate_by_turns_from_where_the_joint_is(robot: Simulated, client: Comma
 
 
 @pytest.mark.parametrize(("by", "unit"), [(-30, "unit:MilliM"), (0.02, "unit:M")])
-def test_translate_by_slides_from_where_the_joint_is(robot: Simulated, client: Commanded, by: float, unit: str) -> None:
+def test_translate_by_slides_from_where_the_joint_is(
+    robot: SimulatedRobot, client: Commanded, by: float, unit: str
+) -> None:
     start, way = robot.positions()["torso_lift_joint"], by / 1000 if unit == "unit:MilliM" else by
     client.do(LF.TranslateBy, scalar(by, unit), "torso_lift_joint")
     assert robot.positions()["torso_lift_joint"] == pytest.approx(start + way, abs=CLOSE_M)
 
 
-def test_translate_goes_to_an_absolute_position(robot: Simulated, client: Commanded) -> None:
+def test_translate_goes_to_an_absolute_position(robot: SimulatedRobot, client: Commanded) -> None:
     for value, unit in ((120, "unit:MilliM"), (0.16, "unit:M")):
         client.do(LF.Translate, scalar(value, unit), "torso_lift_joint")
         metre = value / 1000 if unit == "unit:MilliM" else value
@@ -91,7 +95,7 @@ def test_translate_goes_to_an_absolute_position(robot: Simulated, client: Comman
         (0.62, "unit:RAD"),
     ],
 )
-def test_rotate_understands_every_unit(robot: Simulated, client: Commanded, value: float, unit: str) -> None:
+def test_rotate_understands_every_unit(robot: SimulatedRobot, client: Commanded, value: float, unit: str) -> None:
     """Degree and radian of the VOM, of its maths vocabulary and of QUDT."""
     client.do(LF.Rotate, scalar(value, unit), "arm_1_joint")
     radian = math.radians(value) if value > 2 else value
@@ -108,7 +112,7 @@ def test_rotate_understands_every_unit(robot: Simulated, client: Commanded, valu
     ],
 )
 def test_optional_speed_is_reached_and_not_exceeded(
-    robot: Simulated, client: Commanded, kind: URIRef, joint: str, by: float, speed: str, si: float
+    robot: SimulatedRobot, client: Commanded, kind: URIRef, joint: str, by: float, speed: str, si: float
 ) -> None:
     """The joint is never faster, ripple included, and not much slower."""
     unit = "unit:M" if joint in robot.linear else "unit:RAD"
@@ -118,7 +122,7 @@ def test_optional_speed_is_reached_and_not_exceeded(
 
 
 @pytest.mark.parametrize("name", ["ur5"])
-def test_speed_scale_slows_all_joints_down(robot: Simulated, client: Commanded) -> None:
+def test_speed_scale_slows_all_joints_down(robot: SimulatedRobot, client: Commanded) -> None:
     ways, fastest = {"shoulder_pan_joint": 1.4, "wrist_3_joint": 0.7}, []
     for scale in (1.0, 0.5):
         client.assume("home")
@@ -128,7 +132,7 @@ def test_speed_scale_slows_all_joints_down(robot: Simulated, client: Commanded) 
     assert fastest[1] == pytest.approx([speed / 2 for speed in fastest[0]], rel=0.03)
 
 
-def test_hold_stops_the_joint_where_it_is(robot: Simulated, client: Commanded) -> None:
+def test_hold_stops_the_joint_where_it_is(robot: SimulatedRobot, client: Commanded) -> None:
     slowly = "lf:speed [ vom:numericalValue 0.3 ; vom:unit unit:RAD-PER-SEC ]"
     motion = client.begin(LF.Rotate, scalar(2.0, more=slowly), "arm_1_joint")
     eventually(lambda: robot.positions()["arm_1_joint"] > 0.6, "a motion under way")
@@ -143,7 +147,7 @@ def test_hold_stops_the_joint_where_it_is(robot: Simulated, client: Commanded) -
     assert robot.positions()["arm_1_joint"] == pytest.approx(rested, abs=1e-3)
 
 
-def test_continuous_joint_goes_the_short_way(robot: Simulated, client: Commanded) -> None:
+def test_continuous_joint_goes_the_short_way(robot: SimulatedRobot, client: Commanded) -> None:
     """Across zero, and across half a turn, never in the other direction."""
     wheel, here = "wheel_left_joint", robot.positions()["wheel_left_joint"]
     for degree in (350, 190, 100, 10):
@@ -156,14 +160,14 @@ def test_continuous_joint_goes_the_short_way(robot: Simulated, client: Commanded
         here = there
 
 
-def _passing(robot: Simulated, joint: str, start: float, end: float) -> list[float]:
+def _passing(robot: SimulatedRobot, joint: str, start: float, end: float) -> list[float]:
     """Return the times at which the joint had completed each of the shares."""
     times, positions = robot.seen(joint)
     done = (positions - start) / (end - start)
     return [float(times[np.argmax(done >= share)]) for share in _SHARES]
 
 
-def _check_together(robot: Simulated, client: Commanded, ends: dict[str, float]) -> None:
+def _check_together(robot: SimulatedRobot, client: Commanded, ends: dict[str, float]) -> None:
     start = robot.positions()
     client.do(LF.MoveJoints, f"<> {client.targets(ends, robot.linear)} .")
     passing = [_passing(robot, joint, start[joint], end) for joint, end in ends.items()]
@@ -174,17 +178,17 @@ def _check_together(robot: Simulated, client: Commanded, ends: dict[str, float])
         assert abs(measured[joint] - end) <= (CLOSE_M if joint in robot.linear else CLOSE_RAD), joint
 
 
-def test_move_joints_arrive_together(robot: Simulated, client: Commanded) -> None:
+def test_move_joints_arrive_together(robot: SimulatedRobot, client: Commanded) -> None:
     """Whatever the distances, all joints have completed the same share at any time, within five ticks."""
     _check_together(robot, client, {"arm_1_joint": 1.3, "arm_2_joint": -0.2, "arm_4_joint": 1.0, "head_1_joint": 0.2})
 
 
-def test_joints_that_slide_arrive_together_with_those_that_turn(robot: Simulated, client: Commanded) -> None:
+def test_joints_that_slide_arrive_together_with_those_that_turn(robot: SimulatedRobot, client: Commanded) -> None:
     """TIAGo's torso, whose guide damps it more than its servo does."""
     _check_together(robot, client, {"arm_1_joint": 1.3, "head_1_joint": 0.2, "torso_lift_joint": 0.22})
 
 
-def test_move_joints_put_again_moves_nothing(robot: Simulated, client: Commanded) -> None:
+def test_move_joints_put_again_moves_nothing(robot: SimulatedRobot, client: Commanded) -> None:
     """PUT is idempotent: the second one succeeds as well, and no joint moves more than the servos settle."""
     body = f"<> {client.targets({'arm_1_joint': 0.8, 'head_1_joint': 0.3})} ."
     client.do(LF.MoveJoints, body, method="PUT")
@@ -194,7 +198,7 @@ def test_move_joints_put_again_moves_nothing(robot: Simulated, client: Commanded
         assert np.ptp(robot.seen(joint)[1]) < 5e-4, joint
 
 
-def test_json_ld_moves_joints_and_what_no_shape_covers_is_ignored(robot: Simulated, client: Commanded) -> None:
+def test_json_ld_moves_joints_and_what_no_shape_covers_is_ignored(robot: SimulatedRobot, client: Commanded) -> None:
     """Other types and predicates, at the root and below, of an unknown vocabulary."""
     body = {
         "@context": ["https://w3id.org/linked-fleet/context", {"ex": "http://example.org/"}],

@@ -11,7 +11,7 @@ from rdflib import URIRef
 from browser import LF, VOM
 from commands import Commanded, pose_body, scalar
 from running import eventually
-from simulated import Simulated, simulated
+from simulated_robots import SimulatedRobot, simulated
 from small_fleet import Place, live
 
 pytestmark = pytest.mark.virtual
@@ -19,11 +19,11 @@ pytestmark = pytest.mark.virtual
 # A joint of the arm and one of the torso, with which every rehearsed action is concerned.
 ARM, TORSO = "arm_1_joint", "torso_lift_joint"
 STILL_RAD = 1e-5
-Bodies = dict[URIRef, tuple[str, Callable[[Commanded, Simulated], str]]]
+Bodies = dict[URIRef, tuple[str, Callable[[Commanded, SimulatedRobot], str]]]
 
 
 @pytest.fixture(scope="module")
-def both(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Simulated, Commanded]]:
+def both(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[SimulatedRobot, Commanded]]:
     place = Place(tmp_path_factory.mktemp("state"))
     with place.gateway() as (_, browser), simulated(place.zenoh, "tiago") as robots:
         live(browser, "tiago")
@@ -31,7 +31,7 @@ def both(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Simulated, 
 
 
 @pytest.fixture
-def robot(both: tuple[Simulated, Commanded]) -> Iterator[Simulated]:
+def robot(both: tuple[SimulatedRobot, Commanded]) -> Iterator[SimulatedRobot]:
     """Yield the robot at home and at rest."""
     simulation, client = both
     client.assume("home")
@@ -42,11 +42,11 @@ def robot(both: tuple[Simulated, Commanded]) -> Iterator[Simulated]:
 
 
 @pytest.fixture
-def client(both: tuple[Simulated, Commanded]) -> Commanded:
+def client(both: tuple[SimulatedRobot, Commanded]) -> Commanded:
     return both[1]
 
 
-def _reachable(client: Commanded, robot: Simulated) -> str:
+def _reachable(client: Commanded, robot: SimulatedRobot) -> str:
     home = robot.poses["home"]
     wanted, turned = robot.pose("arm_tool_link", home | {ARM: 0.7, TORSO: 0.17, "arm_4_joint": 1.0})
     return pose_body(client.links["arm_tool_link"], wanted, turned)
@@ -69,7 +69,7 @@ STOPS: Bodies = {
 }
 
 
-def _rehearse(client: Commanded, robot: Simulated, kind: URIRef, bodies: Bodies) -> rdflib.Graph:
+def _rehearse(client: Commanded, robot: SimulatedRobot, kind: URIRef, bodies: Bodies) -> rdflib.Graph:
     joint, body = bodies[kind]
     answer = client.ask(kind, body(client, robot), joint, prefer="dry-run")
     assert (answer.status_code, answer.headers["preference-applied"]) == (200, "dry-run"), answer.text
@@ -89,7 +89,7 @@ def _invocations(client: Commanded, kind: URIRef, joint: str) -> str:
 
 @pytest.mark.parametrize("kind", MOTIONS, ids=lambda kind: kind.rpartition("#")[2])
 def test_rehearsal_says_how_long_it_would_take_and_moves_nothing(
-    robot: Simulated, client: Commanded, kind: URIRef
+    robot: SimulatedRobot, client: Commanded, kind: URIRef
 ) -> None:
     """Setpoints and positions stay, and no invocation is stored."""
     before, invocations = robot.positions(), _invocations(client, kind, MOTIONS[kind][0])
@@ -105,7 +105,7 @@ def test_rehearsal_says_how_long_it_would_take_and_moves_nothing(
     assert _invocations(client, kind, MOTIONS[kind][0]) == invocations
 
 
-def test_rehearsal_tells_the_truth(robot: Simulated, client: Commanded) -> None:
+def test_rehearsal_tells_the_truth(robot: SimulatedRobot, client: Commanded) -> None:
     """The real motion takes the announced time, and ends at the announced position."""
     joint, body = MOTIONS[LF.Rotate]
     graph = _rehearse(client, robot, LF.Rotate, MOTIONS)
@@ -117,7 +117,9 @@ def test_rehearsal_tells_the_truth(robot: Simulated, client: Commanded) -> None:
 
 
 @pytest.mark.parametrize("kind", MOTIONS | STOPS, ids=lambda kind: kind.rpartition("#")[2])
-def test_rehearsal_lists_what_it_would_end_and_ends_nothing(robot: Simulated, client: Commanded, kind: URIRef) -> None:
+def test_rehearsal_lists_what_it_would_end_and_ends_nothing(
+    robot: SimulatedRobot, client: Commanded, kind: URIRef
+) -> None:
     """A slow motion of torso and arm continues undisturbed."""
     slow = f"<> {client.targets({ARM: 2.0, TORSO: 0.3}, robot.linear)} ; lf:speedScale 0.05 ."
     running = client.begin(LF.MoveJoints, slow)
@@ -131,7 +133,7 @@ def test_rehearsal_lists_what_it_would_end_and_ends_nothing(robot: Simulated, cl
     client.do(LF.StopRobot)
 
 
-def _nearest_m(robot: Simulated, link: str, point: np.ndarray) -> float:
+def _nearest_m(robot: SimulatedRobot, link: str, point: np.ndarray) -> float:
     """Return the smallest distance of a link to a point, over a thousand joint positions."""
     random = np.random.default_rng(1)
     ranges = {
@@ -143,7 +145,9 @@ def _nearest_m(robot: Simulated, link: str, point: np.ndarray) -> float:
     return min(float(np.linalg.norm(robot.pose(link, place)[0] - point)) for place in places)
 
 
-def test_unreachable_position_is_refused_with_how_near_the_link_would_come(robot: Simulated, client: Commanded) -> None:
+def test_unreachable_position_is_refused_with_how_near_the_link_would_come(
+    robot: SimulatedRobot, client: Commanded
+) -> None:
     """The residual is that of the nearest of a thousand positions, or up to 50 mm better."""
     setpoints, before = robot.setpoints(), robot.positions()
     point, link = np.array([2.5, 0.5, 0.8]), "arm_tool_link"
@@ -160,7 +164,9 @@ def test_unreachable_position_is_refused_with_how_near_the_link_would_come(robot
     assert robot.positions() == pytest.approx(before, abs=STILL_RAD)
 
 
-def test_unreachable_orientation_is_refused_with_the_angle_that_is_left(robot: Simulated, client: Commanded) -> None:
+def test_unreachable_orientation_is_refused_with_the_angle_that_is_left(
+    robot: SimulatedRobot, client: Commanded
+) -> None:
     """The head pans and tilts, but never rolls: a quarter turn about its own axis is unreachable by just that angle."""
     setpoints = robot.setpoints()
     position, (x, y, z, w) = robot.pose("head_2_link")
@@ -175,7 +181,7 @@ def test_unreachable_orientation_is_refused_with_the_angle_that_is_left(robot: S
     assert robot.setpoints() == setpoints
 
 
-def test_refused_motion_moves_nothing(robot: Simulated, client: Commanded) -> None:
+def test_refused_motion_moves_nothing(robot: SimulatedRobot, client: Commanded) -> None:
     """A path that is too fast gets 409 with the factor for its times, with which it is accepted."""
     setpoints = robot.setpoints()
     answer = client.ask(LF.FollowTrajectory, client.waypoints({0.1: {ARM: 0.7}, 0.2: {ARM: 0.9}}))

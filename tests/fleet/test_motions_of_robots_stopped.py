@@ -9,7 +9,7 @@ from rdflib import URIRef
 from browser import LF, Browser
 from commands import Commanded
 from running import eventually
-from simulated import RESTING_RAD_S, Simulated, simulated
+from simulated_robots import RESTING_RAD_S, SimulatedRobot, simulated
 from small_fleet import Place, live
 
 pytestmark = pytest.mark.virtual
@@ -19,7 +19,7 @@ _MOVING_RAD_S = 0.03
 
 
 @pytest.fixture(scope="module")
-def fleet(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Browser, dict[str, Simulated]]]:
+def fleet(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Browser, dict[str, SimulatedRobot]]]:
     place = Place(tmp_path_factory.mktemp("state"))
     with place.gateway() as (_, browser), simulated(place.zenoh, *POSES) as robots:
         for name in robots:
@@ -28,7 +28,7 @@ def fleet(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Browser, d
 
 
 @pytest.fixture
-def robots(fleet: tuple[Browser, dict[str, Simulated]]) -> Iterator[dict[str, Simulated]]:
+def robots(fleet: tuple[Browser, dict[str, SimulatedRobot]]) -> Iterator[dict[str, SimulatedRobot]]:
     """Yield the robots; the test fails if a limit of a URDF is exceeded, or if one falls."""
     _, robots = fleet
     yield robots
@@ -37,7 +37,7 @@ def robots(fleet: tuple[Browser, dict[str, Simulated]]) -> Iterator[dict[str, Si
         assert robot.upright() > 0.99
 
 
-def _set_going(browser: Browser, robots: dict[str, Simulated]) -> dict[str, str]:
+def _set_going(browser: Browser, robots: dict[str, SimulatedRobot]) -> dict[str, str]:
     """Begin a motion of each robot, wait until all move, and return the invocations."""
     clients = {name: Commanded(browser, name) for name in robots}
     for name, client in clients.items():
@@ -58,7 +58,7 @@ def _answers(graph: rdflib.Graph, invocation: URIRef) -> dict[str, str]:
 
 
 def test_stop_all_brings_every_robot_to_rest(
-    fleet: tuple[Browser, dict[str, Simulated]], robots: dict[str, Simulated]
+    fleet: tuple[Browser, dict[str, SimulatedRobot]], robots: dict[str, SimulatedRobot]
 ) -> None:
     """Each robot answers, comes to rest short of its target and stays; each motion is cancelled and names the cause."""
     browser, _ = fleet
@@ -85,7 +85,7 @@ def test_stop_all_brings_every_robot_to_rest(
 
 
 def test_rehearsed_stop_all_stops_nobody(
-    fleet: tuple[Browser, dict[str, Simulated]], robots: dict[str, Simulated]
+    fleet: tuple[Browser, dict[str, SimulatedRobot]], robots: dict[str, SimulatedRobot]
 ) -> None:
     """The response contains braking times and what would end; all five continue."""
     browser, _ = fleet
@@ -103,7 +103,7 @@ def test_rehearsed_stop_all_stops_nobody(
 
 
 def test_stop_of_one_robot_leaves_the_others_alone(
-    fleet: tuple[Browser, dict[str, Simulated]], robots: dict[str, Simulated]
+    fleet: tuple[Browser, dict[str, SimulatedRobot]], robots: dict[str, SimulatedRobot]
 ) -> None:
     browser, _ = fleet
     begun = _set_going(browser, robots)

@@ -12,8 +12,8 @@ import zenoh
 from rdflib import RDF, URIRef
 from walk import Visited
 
-from actor import Actor, joint, link, robot, stage
 from browser import DCTERMS, HYBRIT, LDP, LF, ROS, SPATIAL, Browser
+from fake_robots import FakeRobot, joint, link, open_session, robot
 from running import Process, eventually
 from small_fleet import Place, faulty, live, move, number, presence, property_page, whole
 
@@ -21,21 +21,21 @@ pytestmark = pytest.mark.virtual
 
 
 @pytest.fixture
-def theatre(tmp_path: Path) -> Iterator[tuple[Process, Browser, zenoh.Session]]:
+def observed_fleet(tmp_path: Path) -> Iterator[tuple[Process, Browser, zenoh.Session]]:
     """Yield a gateway without robots but those played by the test."""
     place = Place(tmp_path)
     with ExitStack() as stack:
         gateway, browser = stack.enter_context(place.gateway())
-        yield gateway, browser, stack.enter_context(stage(place.zenoh))
+        yield gateway, browser, stack.enter_context(open_session(place.zenoh))
 
 
-Theatre = tuple[Process, Browser, zenoh.Session]
+ObservedFleet = tuple[Process, Browser, zenoh.Session]
 
 
-def test_faulty_descriptions_harm_nobody_else(theatre: Theatre) -> None:
+def test_faulty_descriptions_harm_nobody_else(observed_fleet: ObservedFleet) -> None:
     """Unparsable URDF, a foreign version, no JSON, another's name: faulty with the reason; the valid one is live."""
-    gateway, browser, session = theatre
-    good = Actor(session, "good").appear().stand(0.25)
+    gateway, browser, session = observed_fleet
+    good = FakeRobot(session, "good").appear().stand(0.25)
     cases = {
         "broken-urdf": (lambda actor: actor.description(urdf="<robot><link"), "XML"),
         "no-tree": (lambda actor: actor.description(urdf=robot(link("a"), link("b")), joints=()), "single tree"),
@@ -44,7 +44,7 @@ def test_faulty_descriptions_harm_nobody_else(theatre: Theatre) -> None:
         "no-json": (lambda actor: b"\xff\x00", ""),
         "impostor": (lambda actor: good.description(), "'good'"),
     }
-    actors = [Actor(session, name) for name in cases]
+    actors = [FakeRobot(session, name) for name in cases]
     for actor in actors:
         actor.appear(cases[actor.name][0](actor))
     live(browser, "good")
@@ -56,30 +56,30 @@ def test_faulty_descriptions_harm_nobody_else(theatre: Theatre) -> None:
     assert "Traceback" not in gateway.output
 
 
-def test_faulty_robot_recovers_with_a_new_run(theatre: Theatre) -> None:
+def test_faulty_robot_recovers_with_a_new_run(observed_fleet: ObservedFleet) -> None:
     """A restart with a description that can be used ends the fault."""
-    _, browser, session = theatre
-    broken = Actor(session, "r")
+    _, browser, session = observed_fleet
+    broken = FakeRobot(session, "r")
     broken.appear(broken.description(urdf="<robot/>"))
     assert "link" in faulty(browser, "r")
-    Actor(session, "r").appear().stand(0.5)
+    FakeRobot(session, "r").appear().stand(0.5)
     page = live(browser, "r")
     assert (page.iri, LF.fault, None) not in page.graph
 
 
-def test_names_that_need_an_escape(theatre: Theatre) -> None:
+def test_names_that_need_an_escape(observed_fleet: ObservedFleet) -> None:
     """Joint and link with the same name, joints and robots named like sub-resources: links reach all."""
-    _, browser, session = theatre
+    _, browser, session = observed_fleet
     others = ("health", "ä", "subscriptions")
     for name in others:
-        Actor(session, name).appear().stand(0.0)
+        FakeRobot(session, name).appear().stand(0.0)
     odd = ("subscriptions", "actions", "jointState", "arm", "ä/~")
     urdf = robot(
         link("base"),
         *(link(each) for each in odd),
         *(joint(each, "revolute", parent, each) for parent, each in zip(("base", *odd), odd, strict=False)),
     )
-    actor = Actor(session, "a/b")
+    actor = FakeRobot(session, "a/b")
     actor.appear(actor.description(urdf, odd)).stand(*(0.1 * index for index in range(5)))
     robots = {name: live(browser, name) for name in (*others, "a/b")}
     tree = whole(browser)
@@ -104,9 +104,9 @@ def test_names_that_need_an_escape(theatre: Theatre) -> None:
         assert browser.http.options(action).headers["accept-put"]
 
 
-def test_every_kind_of_joint(theatre: Theatre) -> None:
+def test_every_kind_of_joint(observed_fleet: ObservedFleet) -> None:
     """Also joints without transmitted values; unknown values are lf:unknown."""
-    gateway, browser, session = theatre
+    gateway, browser, session = observed_fleet
     kinds = ("fixed", "revolute", "continuous", "prismatic", "floating", "planar")
     urdf = robot(
         link("base"),
@@ -119,7 +119,7 @@ def test_every_kind_of_joint(theatre: Theatre) -> None:
         joint("follower", "revolute", "base", "follower_link", '<mimic joint="revolute" multiplier="-1"/>'),
     )
     movable = ("revolute", "continuous", "prismatic", "follower")
-    actor = Actor(session, "r")
+    actor = FakeRobot(session, "r")
     actor.appear(actor.description(urdf, movable)).stand(0.1, 4.0, 0.2, -0.1)
     live(browser, "r")
     tree = whole(browser)
@@ -137,10 +137,10 @@ def test_every_kind_of_joint(theatre: Theatre) -> None:
 
 
 @pytest.mark.parametrize("floating", [False, True])
-def test_before_the_first_frame_and_with_nan(theatre: Theatre, floating: bool) -> None:
+def test_before_the_first_frame_and_with_nan(observed_fleet: ObservedFleet, floating: bool) -> None:
     """Every value is lf:unknown, nothing else is missing, and actions get 503; NaN in a frame is lf:unknown."""
-    _, browser, session = theatre
-    actor = Actor(session, "r")
+    _, browser, session = observed_fleet
+    actor = FakeRobot(session, "r")
     actor.appear(actor.description(floating=floating))
     eventually(lambda: (page := presence(browser, "r")) and (page.iri, LF.rootLink, None) in page.graph, "described")
     whole(browser)
@@ -160,9 +160,9 @@ def test_before_the_first_frame_and_with_nan(theatre: Theatre, floating: bool) -
         assert LF.unknown in set(property_page(browser, "r", "tip", LF.pose).graph.objects())
 
 
-def test_actor_that_never_described_itself_is_forgotten_when_it_leaves(theatre: Theatre) -> None:
+def test_actor_that_never_described_itself_is_forgotten_when_it_leaves(observed_fleet: ObservedFleet) -> None:
     """It only had a token: the fleet lists it while it is present, and conforms."""
-    _, browser, session = theatre
+    _, browser, session = observed_fleet
     token = session.liveliness().declare_token("fleet/robot/r/presence/1")
     eventually(lambda: presence(browser, "r"), "r")
     whole(browser)
@@ -180,9 +180,9 @@ _PREFIXES = """@prefix rdf: <http://www.w3.org/1999/02/22-rdf-syntax-ns#> .
 """
 
 
-def test_annotations_cannot_pose_as_the_gateway(theatre: Theatre) -> None:
+def test_annotations_cannot_pose_as_the_gateway(observed_fleet: ObservedFleet) -> None:
     """They cannot override statements of the gateway; the rest is shown; invalid Turtle is left out."""
-    _, browser, session = theatre
+    _, browser, session = observed_fleet
     said = """
     <> ex:colour "red" ; ex:maker [ ex:name "ACME" ; lf:fault "inner" ] ; lf:presence lf:offline ; lf:fault "none" ;
        hybrit:action ex:fly ; a lf:Fleet, hybrit:Action, ex:Toy ; dcterms:title "Other" ; dcterms:identifier "other" ;
@@ -192,10 +192,10 @@ def test_annotations_cannot_pose_as_the_gateway(theatre: Theatre) -> None:
     <tip> a lf:Joint ; lf:mass ex:heavy ; rdfs:comment "a tip" .
     <../good/> ex:colour "blue" .
     """
-    actor = Actor(session, "r")
+    actor = FakeRobot(session, "r")
     actor.appear(actor.description(annotations=_PREFIXES + said)).stand(0.1)
-    Actor(session, "good").appear().stand(0.1)
-    broken = Actor(session, "broken")
+    FakeRobot(session, "good").appear().stand(0.1)
+    broken = FakeRobot(session, "broken")
     broken.appear(broken.description(annotations="<> <oops")).stand(0.1)
     page = live(browser, "r")
     live(browser, "broken")
@@ -217,22 +217,22 @@ def test_annotations_cannot_pose_as_the_gateway(theatre: Theatre) -> None:
     assert (None, LF.fault, None) not in page.graph
 
 
-def test_hostile_sizes_of_a_urdf(theatre: Theatre) -> None:
+def test_hostile_sizes_of_a_urdf(observed_fleet: ObservedFleet) -> None:
     """Entities and depth: the robot is faulty, and the gateway continues."""
-    _, browser, session = theatre
+    _, browser, session = observed_fleet
     bomb = '<!DOCTYPE r [<!ENTITY a "aaaaaaaaaa"><!ENTITY b "&a;&a;&a;&a;">]><robot name="&b;"/>'
     for name, urdf in (("bomb", bomb), ("deep", "<a>" * 100_000 + "</a>" * 100_000)):
-        actor = Actor(session, name)
+        actor = FakeRobot(session, name)
         actor.appear(actor.description(urdf=urdf, joints=()))
         assert faulty(browser, name)
-    Actor(session, "good").appear(None).stand(0.1)
+    FakeRobot(session, "good").appear(None).stand(0.1)
     live(browser, "good")
 
 
-def test_malformed_and_foreign_messages_are_harmless(theatre: Theatre) -> None:
+def test_malformed_and_foreign_messages_are_harmless(observed_fleet: ObservedFleet) -> None:
     """Whatever is published: the gateway serves, the valid robot keeps its values, one log line per sender."""
-    gateway, browser, session = theatre
-    good = Actor(session, "good").appear().stand(0.25)
+    gateway, browser, session = observed_fleet
+    good = FakeRobot(session, "good").appear().stand(0.25)
     live(browser, "good")
     frame = good.frame((0.75,))
     noise = random.Random(1).randbytes(200)

@@ -26,19 +26,19 @@ from commanding import (
     slowly,
     state_at,
 )
+from gateway_group import Gateway, Hub, arrived, deliveries, gateway, gateways
 from load import EventFollower, Front, Mover, Reader, SocketFollower, going_on
 from parallel import pool
 from receivers import Answer, receiving
 from redis_servers import Servers
 from running import Process, eventually, free_port
-from several import Gateway, Hub, arrived, deliveries, gateway, gateways
 from subscribers import Socket, events
 
 pytestmark = pytest.mark.virtual
 _UNWELCOME = ("Traceback", "Exception", "ERROR", "could not be remembered", "never retrieved")
 
 
-def calmly(process: Process) -> None:
+def end_cleanly(process: Process) -> None:
     """End the gateway, and check that its log has no errors."""
     assert process.stop() == 0, process.output
     assert not [line for line in process.lines if any(word in line for word in _UNWELCOME)], process.output
@@ -58,7 +58,7 @@ def test_a_waiting_request_is_answered_and_its_motion_continues(stage: Hub, memo
         url = of_joint(one.browser, PAN)
         waiting = workers.submit(lambda: put(one.browser, url, slowly(0.5), prefer="wait=60"))
         moving(other.browser, PAN)
-        calmly(one.process)
+        end_cleanly(one.process)
         answer = waiting.result()
         assert answer.status_code == 202, answer.text
         invocation = other.here(answer.headers["location"])
@@ -80,7 +80,7 @@ def test_a_request_that_waits_for_a_robot_is_answered(stage: Hub, memory: Server
         try:
             waiting = workers.submit(put, one.browser, url, radian(1.0))
             eventually(lambda: invocations(other.browser, there), "the request under way")
-            calmly(one.process)
+            end_cleanly(one.process)
             answer = waiting.result()
             assert problem(answer) == (504, "agent-silent")
             at_all([other], lambda each: state_at(each, answer.headers["location"]) == LF.unknown, "silence")
@@ -95,7 +95,7 @@ def test_streams_are_told_to_come_back_and_find_the_latest_value(stage: Hub, mem
         with Socket(one.rotation) as socket, Socket(made) as again, events(one.rotation) as stream:
             for each in (socket, again, stream):
                 each.next()
-            calmly(one.process)
+            end_cleanly(one.process)
             assert socket.until_closed()[0] == again.until_closed()[0] == 1012
             assert stream.ended()
             assert stream.last_event_id not in ("", "cancelled")
@@ -128,7 +128,7 @@ def test_a_delivery_under_way_is_handed_over(stage: Hub, memory: Servers) -> Non
         receiver.script(Answer(stalls=True))
         stage.step()
         receiver.wait(2, "/callback")
-        calmly(one.process)
+        end_cleanly(one.process)
         stage.step()
         arrived(receiver, "/callback", stage.angle)
         deliveries(receiver.log("/callback"))
@@ -136,7 +136,7 @@ def test_a_delivery_under_way_is_handed_over(stage: Hub, memory: Servers) -> Non
 
 
 def test_a_gateway_ends_while_redis_hangs(stage: Hub, memory: Servers) -> None:
-    """Its streams are told, and another gateway has its callbacks once Redis answers again."""
+    """Its streams get a close, and another gateway adopts its callbacks once Redis answers again."""
     (node,) = memory.nodes
     with receiving() as receiver, gateways(stage, memory.url) as (one, other):
         one.subscribed(receiver.url())
@@ -146,7 +146,7 @@ def test_a_gateway_ends_while_redis_hangs(stage: Hub, memory: Servers) -> None:
             made.next()
             node.pause()
             try:
-                calmly(one.process)
+                end_cleanly(one.process)
             finally:
                 node.resume()
             assert socket.until_closed()[0] == made.until_closed()[0] == 1012
@@ -179,7 +179,7 @@ def test_a_rolling_restart_under_load_loses_nothing(stage: Hub, memory: Servers)
             with going_on(mover, reader, wake=lambda: None):
                 for index, port in enumerate(ports):
                     some(mover, reader)
-                    calmly(running[index].process)
+                    end_cleanly(running[index].process)
                     some(mover, reader)
                     running[index] = stack.enter_context(gateway(stage, "--redis-url", memory.url, port=port))
                     all_see([running[index]])
@@ -197,7 +197,7 @@ def test_a_rolling_restart_under_load_loses_nothing(stage: Hub, memory: Servers)
             arrived(receiver, f"/{index}", stage.angle)
             deliveries(receiver.log(f"/{index}"))
         for each in running:
-            calmly(each.process)
+            end_cleanly(each.process)
 
 
 def some(mover: Mover, reader: Reader) -> None:

@@ -11,9 +11,9 @@ from typing import Self
 import pytest
 import zenoh
 
-from actor import Actor, joint, link, robot, stage
 from browser import HYBRIT, LF, ROS, SPATIAL, Browser
-from linked_fleet_gateway.http.backpressure import HIGH_WATER_BYTES
+from fake_robots import FakeRobot, joint, link, open_session, robot
+from linked_fleet_gateway.http.connection_limits import HIGH_WATER_BYTES
 from receivers import Answer, receiving
 from running import PATIENCE_S, Process, eventually
 from small_fleet import Place, live, number, property_page
@@ -129,7 +129,7 @@ class Mover:
     """A robot of 20 joints, the first of which moves with every frame."""
 
     def __init__(self, session: zenoh.Session, name: str) -> None:
-        self.actor = Actor(session, name)
+        self.actor = FakeRobot(session, name)
         self.actor.appear(self.actor.description(ARM, JOINTS))
         self.frames = 0
         self._over = threading.Event()
@@ -162,7 +162,7 @@ class Stage:
 
     def __init__(self, gateway: Process, browser: Browser, session: zenoh.Session) -> None:
         self.browser, self.pid = browser, gateway._child.pid
-        self.mover, self.other = Mover(session, "mover"), Actor(session, "other").appear()
+        self.mover, self.other = Mover(session, "mover"), FakeRobot(session, "other").appear()
         self.other_angle = 0.0
         for name, nudge in (("mover", lambda: self.mover.pose(0.0)), ("other", self.turn_other)):
             eventually(lambda name=name: self._described(name), f"{name} described")
@@ -199,7 +199,7 @@ class Stage:
 @pytest.fixture
 def scene(tmp_path: Path) -> Iterator[Stage]:
     place = Place(tmp_path)
-    with place.gateway() as (gateway, browser), stage(place.zenoh) as session:
+    with place.gateway() as (gateway, browser), open_session(place.zenoh) as session:
         yield Stage(gateway, browser, session)
         assert "Traceback" not in gateway.output, gateway.output
 

@@ -11,10 +11,10 @@ import pytest
 from rdflib import URIRef
 
 from browser import LF
+from gateway_group import Gateway, Hub, gateway, gateways, hub
 from linked_fleet_gateway.subscriptions.service import RECONCILE_S
 from redis_servers import Servers, single
 from running import Process, eventually
-from several import Gateway, Hub, gateway, gateways, hub
 from subscribers import EVENTS, Events, Socket, events
 
 pytestmark = pytest.mark.virtual
@@ -100,7 +100,7 @@ def test_a_stream_made_here_and_opened_there_goes_on(stage: Hub, pair: tuple[Gat
 def test_a_stream_that_is_opened_at_one_and_then_at_the_other_goes_over(
     stage: Hub, pair: tuple[Gateway, Gateway]
 ) -> None:
-    """To and fro: the former holder is told so, and does not get it back by closing."""
+    """A stream moves between two gateways. The former holder is notified, and closing there does not take it back."""
     one, other = pair
     iri = one.posted_stream()
     with Socket(one.here(iri)) as first:
@@ -152,7 +152,7 @@ def test_an_event_stream_that_goes_over_ends_for_good(stage: Hub, pair: tuple[Ga
 
 
 def test_a_stream_that_is_closed_here_and_opened_there_at_once(stage: Hub, pair: tuple[Gateway, Gateway]) -> None:
-    """Whichever gateway is told first: the closing one must not take it from the opening one."""
+    """In both orders of notification, the closing gateway must not take the stream from the opening one."""
     one, other = pair
     iri = one.posted_stream()
     for each in 10 * (one, other):

@@ -8,11 +8,11 @@ from rdflib import Literal, URIRef
 
 from browser import HYBRIT, LDP, LF, Page
 from commanding import problem
+from gateway_group import Gateway, Hub, deliveries, gateways, hub, number
 from linked_fleet_gateway.rdf.sparql_syntax import MAX_QUERY_BYTES
 from receivers import Answer, CallbackReceiver
 from redis_servers import single
 from running import eventually
-from several import Gateway, Hub, deliveries, gateways, hub, number
 from subscribers import Socket, events
 
 pytestmark = pytest.mark.virtual

@@ -12,8 +12,8 @@ import pytest
 import redis
 from websockets.frames import Frame, Opcode
 
-from actor import Actor, stage
 from browser import HYBRIT, LDP, ROS, Browser
+from fake_robots import FakeRobot, open_session
 from linked_fleet_gateway.subscriptions.redis_scripts import Keys
 from running import eventually
 from small_fleet import Place, live
@@ -141,9 +141,9 @@ def test_r1_8_thousands_of_subscriptions_leave_nothing_behind(tmp_path_factory: 
     in every round, so one round without growth proves that there is none.
     """
     place = Place(tmp_path_factory.mktemp("m"))
-    with place.gateway() as (gateway, browser), stage(place.zenoh) as session:
+    with place.gateway() as (gateway, browser), open_session(place.zenoh) as session:
         pid = gateway._child.pid
-        Actor(session, "toy").appear().stand(0.25)
+        FakeRobot(session, "toy").appear().stand(0.25)
         live(browser, "toy")
         part = browser.part("toy", "elbow")
         rotation, container = str(part.one(ROS.rotation)), str(part.one(HYBRIT.subscriptions))

@@ -273,7 +273,7 @@ def test_the_process_that_checks_may_die(here: tuple[Process, Browser], browser:
     put_robot(browser, "ur5", 0, 0, 0)
     there = put_object(browser, crate("crate", 0.5, 0.4, 0.3))
     assert met(turn(browser, 90, **DRY))[1] == there
-    here[0].kill_child("linked_fleet_gateway.extensions.world.worker")
+    here[0].kill_child("linked_fleet_gateway.extensions.world.check_process")
     assert met(turn(browser, 90, **DRY))[1] == there
 
 

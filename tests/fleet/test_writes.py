@@ -11,7 +11,7 @@ from rdflib.term import Node
 
 from browser import DCTERMS, HYBRIT, LDP, LF, MATHS, Browser, Page
 from commanding import PREFIXES, problem, put
-from linked_fleet_gateway.extensions.world.http import MAX_BODY_BYTES as MAX_OBJECT_BYTES
+from linked_fleet_gateway.extensions.world.extension import MAX_BODY_BYTES as MAX_OBJECT_BYTES
 from small_fleet import Place, live
 
 pytestmark = pytest.mark.virtual

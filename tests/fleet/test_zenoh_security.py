@@ -9,10 +9,10 @@ from pathlib import Path
 import pytest
 import zenoh
 
-from actor import Actor
 from browser import Browser
 from certificates import made
 from commanding import PAN, STILL_RAD, WRIST, angle, begun, moving, of_joint, put, radian, slowly
+from fake_robots import FakeRobot
 from linked_fleet_agent.wire.codec import encode
 from linked_fleet_agent.wire.keys import Keys
 from linked_fleet_agent.wire.messages import WIRE_VERSION, Accepted, Stop
@@ -116,7 +116,7 @@ def test_a_robot_with_its_certificate_moves(scene: Scene) -> None:
 def test_another_robot_joins_with_its_own(scene: Scene) -> None:
     """What other tests see refused is not refused because nothing works."""
     with scene.linked("agents/b") as session:
-        Actor(session, "b").appear().stand(0.5)
+        FakeRobot(session, "b").appear().stand(0.5)
         live(scene.browser, "b")
 
 

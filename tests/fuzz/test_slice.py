@@ -9,7 +9,7 @@ import pytest
 
 from fuzzing import bodies, good, mutation
 from fuzzing.__main__ import SHARES, report, run
-from fuzzing.body import BrokenPromiseError, Patient
+from fuzzing.body import AgentUnderTest, BrokenPromiseError
 from fuzzing.findings import EPISODE, Tally, in_process, random_of
 from fuzzing.living import in_batches
 from fuzzing.stops import LATE_S, Stops
@@ -46,7 +46,7 @@ def test_a_slice_of_it_finds_nothing(target: str) -> None:
 def test_good_messages_are_good() -> None:
     random = Random(1)
     for _ in range(20):
-        patient = Patient()
+        patient = AgentUnderTest()
         made = good.command(random, patient.new_id(), patient.agent.incarnation, patient.now_ns)
         reply = decode_reply(patient.agent.handle(mutation.dumped(made)))
         assert isinstance(reply, Accepted), reply
@@ -87,7 +87,7 @@ def test_an_exception_is_a_finding_with_a_reproducing_command(capsys: pytest.Cap
 
 
 def test_a_robot_that_is_sent_beyond_its_limits_is_a_broken_promise() -> None:
-    patient = Patient()
+    patient = AgentUnderTest()
     patient.robot.apply({"pan": 1.5})
     with pytest.raises(BrokenPromiseError):
         patient.pass_ms(10)

@@ -69,7 +69,7 @@ class Still:
         """Do nothing: there is nothing to release."""
 
 
-class Ear:
+class CheckingLink:
     """A link that checks that all messages are well formed."""
 
     gateway_present = True
@@ -85,11 +85,11 @@ class Ear:
         decode(payload, Progress)
 
 
-class Patient:
+class AgentUnderTest:
     """An agent with its robot, link and clock."""
 
     def __init__(self) -> None:
-        self.robot, self.ear = Still(), Ear()
+        self.robot, self.ear = Still(), CheckingLink()
         self.now_ns = 10**12
         self._numbers = itertools.count()
         self.agent = Agent("arm", self.robot, monotonic_ns=lambda: self.now_ns, wall_ns=lambda: 10**18 + self.now_ns)

@@ -22,7 +22,7 @@ _NOT_IN_A_FIELD = re.compile(r"[\r\n\0]")
 
 
 @dataclass
-class Wallet:
+class CredentialSamples:
     """Valid credentials: static ``tokens`` and session ``cookies`` by owner, and the cookie of a pending login."""
 
     issuer: Issuer

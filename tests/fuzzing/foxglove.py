@@ -10,7 +10,7 @@ from websockets.exceptions import WebSocketException
 
 from fuzzing import mutation
 from fuzzing.findings import Tally, random_of
-from fuzzing.living import PATIENCE_S, Living, in_batches, living
+from fuzzing.living import PATIENCE_S, LiveGateway, in_batches, living
 
 AT_ONCE, _IN_A_ROW = 8, 25
 _LONGEST = 20_000  # stays below the longest message after any replacement
@@ -28,7 +28,7 @@ def run(count: int, seed: int, first: int = 0) -> Tally:
         return in_batches("foxglove", count, seed, first, there, send)
 
 
-async def _all(there: Living, tally: Tally, batch: range) -> None:
+async def _all(there: LiveGateway, tally: Tally, batch: range) -> None:
     rows = iter([batch[at : at + _IN_A_ROW] for at in range(0, len(batch), _IN_A_ROW)])
 
     async def some() -> None:

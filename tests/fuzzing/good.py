@@ -4,7 +4,7 @@ import json
 from random import Random
 from typing import Any
 
-from actor import SIMPLE, joint, link, robot
+from fake_robots import SIMPLE, joint, link, robot
 from linked_fleet_agent.wire.codec import encode, encode_state, layout
 from linked_fleet_agent.wire.messages import WIRE_VERSION, Base, Description, State
 from linked_fleet_gateway.rdf.vocabulary import PREFIXES

@@ -13,13 +13,12 @@ from typing import Any
 
 from fuzzing.good import TURTLE_PREFIXES
 from linked_fleet_gateway.extensions.sessions.login import MAX_BODY_BYTES as MAX_LOGIN_BYTES
-from linked_fleet_gateway.extensions.world.http import MAX_BODY_BYTES as MAX_OBJECT_BYTES
-from linked_fleet_gateway.extensions.world.http import MAX_TRIPLES as MAX_OBJECT_TRIPLES
+from linked_fleet_gateway.extensions.world.extension import MAX_BODY_BYTES as MAX_OBJECT_BYTES
+from linked_fleet_gateway.extensions.world.extension import MAX_TRIPLES as MAX_OBJECT_TRIPLES
 from linked_fleet_gateway.http.body import MAX_BODY_BYTES
-from linked_fleet_gateway.http.control import MAX_ANNOTATION_TRIPLES
 from linked_fleet_gateway.http.invoke import MAX_BODY_BYTES as MAX_INPUT_BYTES
 from linked_fleet_gateway.http.invoke import MAX_TRIPLES as MAX_INPUT_TRIPLES
-from linked_fleet_gateway.http.patch import PATCH_TYPES
+from linked_fleet_gateway.http.writes import MAX_ANNOTATION_TRIPLES, PATCH_TYPES
 from linked_fleet_gateway.rdf.parsing import MAX_TRIPLES
 from linked_fleet_gateway.rdf.sparql_syntax import MAX_QUERY_BYTES
 

@@ -13,7 +13,7 @@ from fuzzing import bodies, mutation
 from fuzzing.findings import Tally, random_of
 from fuzzing.good import BODIES
 from fuzzing.hostile import ACCEPTED, SUBSCRIPTION, random_attack
-from fuzzing.living import PATIENCE_S, Living, in_batches, living
+from fuzzing.living import PATIENCE_S, LiveGateway, in_batches, living
 
 AT_ONCE = 12
 _HOSTILE = 0.04
@@ -141,7 +141,7 @@ class Clients(ABC):
 class Crowd(Clients):
     """Clients that request resources."""
 
-    def __init__(self, there: Living) -> None:
+    def __init__(self, there: LiveGateway) -> None:
         self._port, self._paths = there.port, there.paths()
         self._subscription = there.subscribe()
 

@@ -11,13 +11,13 @@ from urllib.parse import urlencode
 
 import httpx
 
+from authenticated_gateway import ALL, AuthenticatedGateway
 from certificates import made
 from fuzzing import mutation
-from fuzzing.credentials import COOKIE, SUBJECT, Wallet
+from fuzzing.credentials import COOKIE, SUBJECT, CredentialSamples
 from fuzzing.findings import Tally, random_of
 from fuzzing.http import AT_ONCE, Line, broken
-from fuzzing.living import PATIENCE_S, Living, in_batches
-from guarded import ALL, Guarded
+from fuzzing.living import PATIENCE_S, LiveGateway, in_batches
 from issuer import issuing
 from running import process
 from small_fleet import Place
@@ -40,10 +40,10 @@ def run(count: int, seed: int, first: int = 0) -> Tally:
         return in_batches("identities", count, seed, first, there, crowd.send)
 
 
-class Known(Living):
+class Known(LiveGateway):
     """A gateway with authentication."""
 
-    def __init__(self, here: Guarded, wallet: Wallet, tls: ssl.SSLContext) -> None:
+    def __init__(self, here: AuthenticatedGateway, wallet: CredentialSamples, tls: ssl.SSLContext) -> None:
         assert here.gateway is not None
         super().__init__(here.place, here.gateway, None)  # type: ignore[arg-type]  (there are no robots)
         self.wallet, self.tls, self.root = wallet, tls, f"https://127.0.0.1:{here.place.port}"
@@ -78,7 +78,7 @@ class Known(Living):
 @contextlib.contextmanager
 def living() -> Iterator[Known]:
     with tempfile.TemporaryDirectory() as folder, issuing() as issuer:
-        here = Guarded(Place(Path(folder) / "state"), Path(folder) / "identities.toml")
+        here = AuthenticatedGateway(Place(Path(folder) / "state"), Path(folder) / "identities.toml")
         here.add("root", *ALL)
         here.add("reader", "read")
         here.admit(issuer, "read", "subscribe", "act")
@@ -86,7 +86,9 @@ def living() -> Iterator[Known]:
         flags = ("--identities", str(here.file), "--tls-cert", str(keys / "router.pem"))
         with process(*here.place.command(), *flags, "--tls-key", str(keys / "router.key")) as here.gateway:
             here.gateway.said("serving")
-            known = Known(here, Wallet(issuer, dict(here.tokens)), ssl.create_default_context(cafile=keys / "ca.pem"))
+            known = Known(
+                here, CredentialSamples(issuer, dict(here.tokens)), ssl.create_default_context(cafile=keys / "ca.pem")
+            )
             known.log_in()
             yield known
 

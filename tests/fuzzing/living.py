@@ -12,9 +12,9 @@ from urllib.parse import urlsplit
 import httpx
 import zenoh
 
-from actor import KEYS, Actor, stage
 from bench.scene import pid_of, rss_kib
 from browser import Browser
+from fake_robots import KEYS, FakeRobot, open_session
 from fuzzing.findings import Tally
 from fuzzing.good import able_arm
 from fuzzing.stops import LATE_S, STOP, Stops, stopping
@@ -38,7 +38,7 @@ _IRI = re.compile(rb"<(http://[^<>\s]+)>")
 _MOST_PATHS = 400
 
 
-class Living:
+class LiveGateway:
     """The gateway and what has been observed of it."""
 
     def __init__(self, place: Place, gateway: Process, session: zenoh.Session, stops: Stops | None = None) -> None:
@@ -138,24 +138,24 @@ def _settled(pid: int, most: int) -> int:
 
 
 @contextlib.contextmanager
-def living() -> Iterator[Living]:
+def living() -> Iterator[LiveGateway]:
     """Run a gateway with an obedient and a silent robot."""
     with tempfile.TemporaryDirectory() as state:
         place = Place(Path(state))
         with process("-P", "tests/fuzzing/watched.py", *place.command()[2:], *SETTINGS) as gateway:
             gateway.said("serving")
-            with stage(place.zenoh) as session, contextlib.closing(Browser(place.root)) as browser:
-                arm, toy = Actor(session, "arm"), Actor(session, "toy")
+            with open_session(place.zenoh) as session, contextlib.closing(Browser(place.root)) as browser:
+                arm, toy = FakeRobot(session, "arm"), FakeRobot(session, "toy")
                 obey(arm)
                 arm.appear(encode(able_arm(arm.incarnation))).stand(0.1, 0.1, 0.1, 0.1)
                 toy.appear().stand(0.2)
                 for name in ("arm", "toy"):
                     live(browser, name)
                 with stopping(place.root + STOP) as stops:
-                    yield Living(place, gateway, session, stops)
+                    yield LiveGateway(place, gateway, session, stops)
 
 
-def obey(actor: Actor) -> None:
+def obey(actor: FakeRobot) -> None:
     """Accept every command, and reach its target at once."""
 
     def answer(kind: str, judge: Callable[[bytes], tuple[bytes, bytes | None]]) -> None:
@@ -194,7 +194,7 @@ def _stopped(payload: bytes) -> tuple[bytes, bytes | None]:
 
 
 def in_batches(
-    target: str, count: int, seed: int, first: int, there: Living, send: Callable[[Tally, range], None]
+    target: str, count: int, seed: int, first: int, there: LiveGateway, send: Callable[[Tally, range], None]
 ) -> Tally:
     """``send`` sends the inputs of a range, and records what it observes."""
     tally, started, end = Tally(target, seed), time.monotonic(), first + count
@@ -211,7 +211,7 @@ def in_batches(
     return tally
 
 
-def _again(tally: Tally, there: Living, batch: range, send: Callable[[Tally, range], None]) -> bool:
+def _again(tally: Tally, there: LiveGateway, batch: range, send: Callable[[Tally, range], None]) -> bool:
     """Repeat a batch in which the loop stalled: it is a finding only if it stalls each time.
 
     Returns False if the gateway has ended.

@@ -9,7 +9,7 @@ from typing import Any
 from fuzzing import mutation
 from fuzzing.findings import Tally, random_of
 from fuzzing.http import Clients, Line, _body, _head
-from fuzzing.living import Living, in_batches, living
+from fuzzing.living import LiveGateway, in_batches, living
 
 _VERSIONS = ("2024-11-05", "2025-03-26", "2025-06-18", "2025-11-25", "2026-07-28")
 _MODERN = _VERSIONS[-1]
@@ -47,7 +47,7 @@ def run(count: int, seed: int, first: int = 0) -> Tally:
 class Crowd(Clients):
     """Clients with one session each, which is opened again when it is lost."""
 
-    def __init__(self, there: Living) -> None:
+    def __init__(self, there: LiveGateway) -> None:
         self._port = there.port
 
     async def _client(self, tally: Tally, numbers: Iterator[int]) -> None:

@@ -12,7 +12,7 @@ import httpx
 from fuzzing import mutation
 from fuzzing.findings import Tally, random_of
 from fuzzing.http import Clients, Line
-from fuzzing.living import PATIENCE_S, Living, in_batches, living
+from fuzzing.living import PATIENCE_S, LiveGateway, in_batches, living
 
 _DESCRIPTION = "/openapi.json"
 _METHODS = ("get", "put", "post", "patch", "delete")
@@ -40,7 +40,7 @@ def run(count: int, seed: int, first: int = 0) -> Tally:
 class Callers(Clients):
     """Clients that call the described operations, and read the description in between."""
 
-    def __init__(self, there: Living) -> None:
+    def __init__(self, there: LiveGateway) -> None:
         url = f"http://127.0.0.1:{there.port}{_DESCRIPTION}"
         answer = httpx.get(url, headers={"accept": "application/json"}, timeout=PATIENCE_S)
         self._port, paths = there.port, answer.json()["paths"]

@@ -16,11 +16,11 @@ from random import Random
 import httpx
 import zenoh
 
-from actor import KEYS
 from browser import Browser
+from fake_robots import KEYS
 from fuzzing import good, mutation
 from fuzzing.findings import Tally, random_of
-from fuzzing.living import PATIENCE_S, Living, in_batches, living
+from fuzzing.living import PATIENCE_S, LiveGateway, in_batches, living
 from fuzzing.wire import spoilt, spoilt_description, torn
 from linked_fleet_agent.wire.codec import WireError, decode_reply, encode
 from linked_fleet_agent.wire.messages import Description
@@ -55,14 +55,14 @@ def run(count: int, seed: int, first: int = 0) -> Tally:
         with contextlib.closing(Browser(there.place.root)) as browser:
             live(browser, _ROBOT)
         there.watched.append(("the agent", agent))
-        liars = Liars(there)
+        liars = LyingAgents(there)
         return in_batches("robots", count, seed, first, there, liars.send)
 
 
-class Liars:
+class LyingAgents:
     """Publishes a batch, asks the agent as many questions, and checks that both sides still work."""
 
-    def __init__(self, there: Living) -> None:
+    def __init__(self, there: LiveGateway) -> None:
         self._there, self._session = there, there.session
         self._answer = b""
         self._runs = itertools.count(1)
@@ -191,6 +191,12 @@ def _honest(name: str, run_: int) -> Description:
     return good.description(Random(run_), name, run_)
 
 
-Way = Callable[[Liars, Random], str]
-_WAYS: tuple[Way, ...] = (Liars.publish, Liars.presence, Liars.other_tokens, Liars.ask, Liars.lie)
+Way = Callable[[LyingAgents, Random], str]
+_WAYS: tuple[Way, ...] = (
+    LyingAgents.publish,
+    LyingAgents.presence,
+    LyingAgents.other_tokens,
+    LyingAgents.ask,
+    LyingAgents.lie,
+)
 _WEIGHTS = (66, 5, 2, 26, 1)

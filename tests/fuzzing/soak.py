@@ -23,12 +23,12 @@ from bench.scene import pid_of, rss_kib
 from browser import LF
 from commanding import ENDED, WRIST, all_see, of_joint
 from fuzzing.living import WRONG
-from fuzzing.workers import Churn, Clients, Guests, Hops, Motions, Reads, Steps, agent
+from fuzzing.workers import Churn, Clients, Hops, Motions, Reads, Steps, TransientRobots, agent
+from gateway_group import Gateway, Hub, arrived, deliveries, gateway, hub
 from load import EventFollower, Follower, Front, SocketFollower, going_on
 from receivers import CallbackReceiver, receiving
 from redis_servers import Server, single
 from running import Process, eventually, free_port
-from several import Gateway, Hub, arrived, deliveries, gateway, hub
 
 GROWTH_KIB = 32 * 1024
 """Limit of the growth of the running gateway's memory after the warm-up, by the fitted line."""
@@ -177,7 +177,7 @@ def run(minutes: float) -> dict[str, str]:
         clients = stack.enter_context(contextlib.closing(Clients(roots)))
         fronts = [stack.enter_context(contextlib.closing(Front(each))) for each in (roots, roots[::-1])]
         motions, churn = Motions(clients, turn), Churn(clients, container, rotation, receiver)
-        reads, guests = Reads(clients, ("/", "/ur5/", rotation, container, turn)), Guests(stage.session)
+        reads, guests = Reads(clients, ("/", "/ur5/", rotation, container, turn)), TransientRobots(stage.session)
         memory, followers = (
             Memory(soak.steady),
             (SocketFollower(fronts[0], rotation), EventFollower(fronts[1], rotation)),

@@ -7,7 +7,7 @@ from random import Random
 from fuzzing import mutation
 from fuzzing.findings import Tally, random_of
 from fuzzing.http import judged
-from fuzzing.living import PATIENCE_S, Living, in_batches, living
+from fuzzing.living import PATIENCE_S, LiveGateway, in_batches, living
 
 AT_ONCE = 32
 _PATHS = (
@@ -46,7 +46,7 @@ def run(count: int, seed: int, first: int = 0) -> Tally:
         return in_batches("sockets", count, seed, first, there, send)
 
 
-async def _all(there: Living, tally: Tally, batch: range) -> None:
+async def _all(there: LiveGateway, tally: Tally, batch: range) -> None:
     numbers = iter(batch)
 
     async def one() -> None:

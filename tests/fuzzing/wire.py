@@ -8,16 +8,22 @@ from typing import Any
 from uuid import UUID
 
 from fuzzing import good, mutation
-from fuzzing.body import Patient
+from fuzzing.body import AgentUnderTest
 from fuzzing.findings import Tally, in_process
-from linked_fleet_agent.meshes import MeshError
 from linked_fleet_agent.robot import PictureError
+from linked_fleet_agent.urdf import MeshError
 from linked_fleet_agent.wire import traceparent
-from linked_fleet_agent.wire.codec import WireError, decode, decode_reply, decode_state
-from linked_fleet_agent.wire.keys import Keys
+from linked_fleet_agent.wire.codec import (
+    MAGICS,
+    PictureHeader,
+    WireError,
+    decode,
+    decode_reply,
+    decode_state,
+    encode_picture,
+)
+from linked_fleet_agent.wire.keys import Keys, escape, unescape
 from linked_fleet_agent.wire.messages import Accepted, Camera, Mesh, PictureFormat, Progress, Reply
-from linked_fleet_agent.wire.names import escape, unescape
-from linked_fleet_agent.wire.pictures import MAGICS, PictureHeader, encode_picture
 from linked_fleet_gateway.base.errors import FleetError
 from linked_fleet_gateway.extensions.cameras.cameras import read_picture
 from linked_fleet_gateway.extensions.pages.extension import Pages
@@ -62,7 +68,7 @@ class World:
     """An agent, and the fleet of a gateway, for one episode."""
 
     def __init__(self) -> None:
-        self._patient = Patient()
+        self._patient = AgentUnderTest()
         self._fleet, self._invocations = Fleet(), Invocations()
         self._sequence = itertools.count()
         self._runs = itertools.count(1)

@@ -9,13 +9,13 @@ import httpx
 import zenoh
 from websockets.exceptions import WebSocketException
 
-from actor import Actor
 from browser import HYBRIT
 from commanding import TURTLE, radian
+from fake_robots import FakeRobot
 from fuzzing.living import obey
+from gateway_group import Hub
 from receivers import CallbackReceiver
 from running import Process, process
-from several import Hub
 from subscribers import Socket, StreamEnded, events
 
 _WELL = (200, 201, 202, 204)
@@ -147,7 +147,7 @@ class Hops:
         over.wait(_PAUSE_S)
 
 
-class Guests:
+class TransientRobots:
     """Robots that appear, stand still, obey and leave, regularly or not."""
 
     def __init__(self, session: zenoh.Session) -> None:
@@ -155,7 +155,7 @@ class Guests:
         self._session = session
 
     def __call__(self, over: threading.Event) -> None:
-        actor = Actor(self._session, f"guest{self.came % _GUESTS}")
+        actor = FakeRobot(self._session, f"guest{self.came % _GUESTS}")
         obey(actor)
         actor.appear()
         self.came += 1

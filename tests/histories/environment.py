@@ -7,7 +7,7 @@ from collections.abc import AsyncIterator, Callable, Sequence
 from pathlib import Path
 from typing import Protocol
 
-from histories.faulty_way import FaultyWay, faulty_way
+from histories.faulty_proxy import FaultyProxy, faulty_proxy
 from redis_servers import IN_STEP, Server
 from running import eventually
 
@@ -47,7 +47,7 @@ class OneServer:
         held_s: Sequence[float] = HELD_S,
     ) -> None:
         self._server, self._draws, self._stack, self._held_s = server, draws, ways, held_s
-        self._ways: list[FaultyWay | None] = [None] * gateways
+        self._ways: list[FaultyProxy | None] = [None] * gateways
         self._down = asyncio.Lock()
 
     async def open(self) -> None:
@@ -66,7 +66,7 @@ class OneServer:
 
     async def revive(self, gateway: int) -> None:
         way = await self._stack.enter_async_context(
-            faulty_way(self._server.port, random.Random(self._draws.random()), _SPLIT)
+            faulty_proxy(self._server.port, random.Random(self._draws.random()), _SPLIT)
         )
         way.target = self._server.port  # a replica may have been promoted meanwhile
         self._ways[gateway] = way
@@ -79,7 +79,7 @@ class OneServer:
             return
         await draws.choice([lambda: self._cut(way), self._kill, self._pause])()
 
-    async def _cut(self, way: FaultyWay) -> None:
+    async def _cut(self, way: FaultyProxy) -> None:
         way.cut()
         await asyncio.sleep(self._draws.choice(self._held_s))
         way.heal()

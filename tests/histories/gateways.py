@@ -19,7 +19,7 @@ from linked_fleet_gateway.actions.store import ActionStore
 from linked_fleet_gateway.app.application import new_live
 from linked_fleet_gateway.app.settings import GatewaySettings
 from linked_fleet_gateway.extensions.rules.store import RuleStore
-from linked_fleet_gateway.extensions.world.replicated_objects import ObjectStore
+from linked_fleet_gateway.extensions.world.service import ObjectStore
 from linked_fleet_gateway.resources.resource import Resource
 from linked_fleet_gateway.resources.versioning import Source
 from linked_fleet_gateway.runtime.background import end
@@ -84,7 +84,7 @@ class Watched:
         self._ranks[path] += 1
         self._note(path)
         for fan_out in self._fan_outs:
-            fan_out.touched(path)
+            fan_out.mark_changed(path)
 
     def rank(self, path: str, version: str | None = None) -> int:
         """Return the number of changes of the resource up to this version, or up to the present one."""

@@ -7,9 +7,11 @@ from contextlib import AsyncExitStack
 from types import TracebackType
 from typing import Any, Self
 
-from actor import Actor
 from browser import LF, Browser, Page
 from commanding import of_joint
+from fake_robots import FakeRobot
+from gateway_group import Gateway as Seen
+from gateway_group import Hub, hub
 from histories.environment import Environment
 from histories.history import History
 from histories.robots import JOINT, Witnessed
@@ -22,8 +24,6 @@ from linked_fleet_agent.wire.keys import Keys as ZenohKeys
 from linked_fleet_agent.zenoh_session import open_session
 from linked_fleet_gateway.runtime.background import end
 from running import eventually, free_port
-from several import Gateway as Seen
-from several import Hub, hub
 
 GATEWAYS = 2
 _TITLED, _LEASED, _OBJECTS = 60, 60, 60
@@ -55,7 +55,7 @@ class Processes:
             stack.callback(server.close)
             receiver.port = server.sockets[0].getsockname()[1]
             arms = [f"arm-{number}" for number in range(_TITLED + _LEASED)]
-            self._arms = [Actor(self._hub.session, name).appear() for name in arms]
+            self._arms = [FakeRobot(self._hub.session, name).appear() for name in arms]
             stack.push_async_callback(self._stop_gateways)
             for number in range(GATEWAYS):
                 self.gateways.append(await self._started(number))

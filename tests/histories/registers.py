@@ -8,9 +8,9 @@ from histories.history import History
 from histories.keys import Keys
 from linked_fleet_gateway.extensions.rules.rule import Rule
 from linked_fleet_gateway.extensions.rules.store import Changed as RuleChanged
-from linked_fleet_gateway.extensions.world.replicated_objects import Changed as ObjectChanged
-from linked_fleet_gateway.extensions.world.replicated_objects import Full, digest
 from linked_fleet_gateway.extensions.world.scene import SceneObject, Sphere, decode, encode
+from linked_fleet_gateway.extensions.world.service import Changed as ObjectChanged
+from linked_fleet_gateway.extensions.world.service import Full, digest
 from linked_fleet_gateway.fleet.model import Pose
 
 _READS, _REMOVES = 0.25, 0.1

@@ -8,7 +8,7 @@ from histories.keys import Keys
 from histories.robots import JOINT
 from linked_fleet_agent.wire.messages import Move
 from linked_fleet_gateway.actions.plan import Caller, Motion, robot_time
-from linked_fleet_gateway.base.errors import AgentSilent, Busy, KeyReused, RefusedByAgent
+from linked_fleet_gateway.base.errors import AgentTimeout, Busy, KeyReused, RefusedByAgent
 
 _MODEL = "key"
 _OTHER = 0.1  # share of requests that differ from the first one with their key
@@ -41,7 +41,7 @@ class MotionClients:
             called.answered(is_="refused")
         except RefusedByAgent:
             called.answered(id="?")
-        except AgentSilent as silence:
+        except AgentTimeout as silence:
             called.answered(id=silence.headers["location"].rpartition("/")[2])
         else:
             called.answered(id=began.id)

@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable, Collection, Mapping
 from contextvars import Context
 
-from actor import SIMPLE
+from fake_robots import SIMPLE
 from histories.history import History
 from linked_fleet_agent.agent import Agent
 from linked_fleet_agent.robot import Facts, JointFacts, Limits, Reading

@@ -6,9 +6,9 @@ import random
 import re
 from hashlib import blake2b
 
+from gateway_group import STEPS, Hub
 from histories.history import History
 from histories.web import HttpGateway, last_segment
-from several import STEPS, Hub
 
 _MOST = 10  # at once
 _STEP_S = 0.3

@@ -56,28 +56,34 @@ class ConditionalWriters:
     async def act(self, client: int, gateway: HttpGateway, draws: random.Random) -> None:
         key = self._keys.pick(draws)
         if (client, key) not in self._seen:
-            self._seen[client, key] = await self._read(gateway, key)
+            if (found := await self._read(gateway, key)) is not None:
+                self._seen[client, key] = found
             return
         present, tag = self._seen.pop((client, key))
         value = self._history.label("v")
-        # Another gateway may not know yet what was read here, and refuse: a weak comparison.
+        # Another gateway may not know yet what was read here, or not even the robot, and refuse: a weak comparison.
         called = self._history.calls(client, "register", key, "swap", expect=present, value=value, weak=True)
         answer = await gateway.ask("PUT", key, self._kind.body(value), if_match=tag)
-        called.answered(is_={204: "done", 412: "changed"}[answer.status])
+        called.answered(is_={204: "done", 412: "changed", 404: "changed"}[answer.status])
 
-    async def _read(self, gateway: HttpGateway, key: str) -> tuple[str, str]:
-        """Return value and entity tag as known by the gateway, possibly outdated."""
+    async def _read(self, gateway: HttpGateway, key: str) -> tuple[str, str] | None:
+        """Return value and entity tag as known by the gateway, possibly outdated.
+
+        Return None from a gateway that has started and does not know the robot yet.
+        """
         answer = await gateway.ask("GET", key)
+        if answer.status == 404:
+            return None
         return quoted(answer.text, self._kind.predicate), answer.headers["etag"]
 
     async def settle(self, gateway: HttpGateway) -> None:
         """Wait until all gateways agree on what was written last."""
         for key in self._keys.all:
             async with asyncio.timeout(_PATIENCE_S):
-                while len(found := {await self._read(each, key) for each in self._gateways}) > 1:  # noqa: ASYNC110
+                while len(found := {await self._read(each, key) for each in self._gateways}) > 1 or None in found:  # noqa: ASYNC110
                     await asyncio.sleep(_LOOK_S)
             asked = self._history.asks(0, "register", key, "read")
-            asked.answered(value=found.pop()[0])
+            asked.answered(value=next(each[0] for each in found if each is not None))
 
 
 class Controllers:

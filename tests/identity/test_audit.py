@@ -8,8 +8,8 @@ import pytest
 import rdflib
 from rdflib import DCTERMS, PROV, URIRef
 
+from authenticated_gateway import SEEN, AuthenticatedGateway, run_authenticated
 from browser import LDP, LF, Browser
-from guarded import SEEN, Guarded, guarded
 from redis_servers import single
 from running import eventually
 from subscribers import Socket
@@ -30,7 +30,7 @@ def noted(browser: Browser, root: str) -> list[tuple[str, str, str]]:
     return found
 
 
-def test_commands_and_subscriptions_are_noted(here: Guarded) -> None:
+def test_commands_and_subscriptions_are_noted(here: AuthenticatedGateway) -> None:
     with here.browsing("all") as browser, here.browsing("reader") as reader:
         robot = browser.robot(SEEN)
         stop = browser.action(robot, LF.StopRobot)
@@ -55,7 +55,7 @@ def test_commands_and_subscriptions_are_noted(here: Guarded) -> None:
     here.gateway.said(f"gateway.audit: all: POST {path} 204")
 
 
-def test_a_target_that_is_no_path_is_noted_as_it_was(here: Guarded) -> None:
+def test_a_target_that_is_no_path_is_noted_as_it_was(here: AuthenticatedGateway) -> None:
     """It does not make the audit unreadable."""
     with here.browsing("all") as browser:
         url = httpx.URL(here.root)
@@ -67,7 +67,7 @@ def test_a_target_that_is_no_path_is_noted_as_it_was(here: Guarded) -> None:
         eventually(lambda: ("all", "POST example", "400") in noted(browser, here.root), "it noted")
 
 
-def test_more_than_a_page_is_linked(here: Guarded) -> None:
+def test_more_than_a_page_is_linked(here: AuthenticatedGateway) -> None:
     with here.browsing("all") as browser:
         stop = browser.action(browser.robot(SEEN), LF.StopRobot)
         before = len(noted(browser, here.root))
@@ -82,13 +82,13 @@ def test_more_than_a_page_is_linked(here: Guarded) -> None:
 @pytest.mark.parametrize(
     ("name", "status"), [(None, 401), ("reader", 403), ("lab", 403), ("actor", 403), ("admin", 200), ("scraper", 200)]
 )
-def test_the_audit_needs_administration_of_the_fleet(here: Guarded, name: str | None, status: int) -> None:
+def test_the_audit_needs_administration_of_the_fleet(here: AuthenticatedGateway, name: str | None, status: int) -> None:
     with here.browsing(name) as browser:
         assert browser.http.get(here.root + "audit").status_code == status
 
 
 @pytest.mark.parametrize(("name", "linked"), [("reader", False), ("lab", False), ("admin", True)])
-def test_the_root_links_the_audit_if_readable(here: Guarded, name: str, linked: bool) -> None:
+def test_the_root_links_the_audit_if_readable(here: AuthenticatedGateway, name: str, linked: bool) -> None:
     with here.browsing(name) as browser:
         audit = f"{here.root}audit"
         root = browser.http.get(here.root)
@@ -103,7 +103,7 @@ def test_the_root_links_the_audit_if_readable(here: Guarded, name: str, linked: 
 def test_nothing_waits_for_redis_and_nothing_is_forgotten(tmp_path: Path) -> None:
     with (
         single(tmp_path / "redis") as servers,
-        guarded(tmp_path, "--redis-url", servers.url) as own,
+        run_authenticated(tmp_path, "--redis-url", servers.url) as own,
         own.browsing("root") as root,
     ):
         stop = root.action(root.robot(SEEN), LF.StopRobot)

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from guarded import Guarded
+from authenticated_gateway import AuthenticatedGateway
 from linked_fleet_client.cli.main import REFUSED, main
 from linked_fleet_client.conform import command
 from linked_fleet_client.fleet import Fleet
@@ -15,7 +15,7 @@ pytestmark = pytest.mark.virtual
 
 
 def test_the_command_line_takes_a_token(
-    here: Guarded, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    here: AuthenticatedGateway, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("LINKED_FLEET_URL", here.root)
 
@@ -31,7 +31,7 @@ def test_the_command_line_takes_a_token(
 
 
 def test_conformance_is_checked_as_who_has_the_token(
-    here: Guarded, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    here: AuthenticatedGateway, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """From a file or from the environment; an invalid token is wrong usage, and is not printed."""
     file = tmp_path / "token"
@@ -56,7 +56,7 @@ def test_conformance_is_checked_as_who_has_the_token(
         assert ended.value.code == 2 and (not text or text not in capsys.readouterr().err)
 
 
-def test_a_token_goes_nowhere_else(here: Guarded) -> None:
+def test_a_token_goes_nowhere_else(here: AuthenticatedGateway) -> None:
     with receiving() as other, Fleet(here.root, token=here.tokens["lab"]) as fleet:
         other.default = Answer(200, {"Content-Type": "text/turtle"}, b"<> a <http://x.example/Thing> .")
         fleet.web.get(other.url("/elsewhere"))

@@ -8,8 +8,8 @@ import pytest
 from rdflib import URIRef
 from walk import walk
 
+from authenticated_gateway import HIDDEN, SEEN, AuthenticatedGateway
 from browser import HYBRIT, LDP, LF, MATHS, VOM, Browser, links
-from guarded import HIDDEN, SEEN, Guarded
 from running import eventually, process
 from small_fleet import live, offline
 from subscribers import Socket, refused
@@ -20,14 +20,14 @@ _PREFIXES = f"@prefix hybrit: <{HYBRIT}> . @prefix lf: <{LF}> .\n"
 
 
 @pytest.fixture(scope="module")
-def lab(here: Guarded) -> Iterator[Browser]:
+def lab(here: AuthenticatedGateway) -> Iterator[Browser]:
     """All rights, but to one robot only."""
     with here.browsing("lab") as browser:
         yield browser
 
 
 @pytest.fixture(scope="module")
-def root(here: Guarded) -> Iterator[Browser]:
+def root(here: AuthenticatedGateway) -> Iterator[Browser]:
     with here.browsing("root") as browser:
         yield browser
 
@@ -39,7 +39,7 @@ def test_a_walk_of_everything_meets_no_hidden_robot(lab: Browser) -> None:
         assert HIDDEN not in page.response.text and HIDDEN not in str(page.response.headers), page.url
 
 
-def test_the_fleet_lists_visible_robots(here: Guarded, lab: Browser, root: Browser) -> None:
+def test_the_fleet_lists_visible_robots(here: AuthenticatedGateway, lab: Browser, root: Browser) -> None:
     def listed(browser: Browser) -> set[str]:
         page = browser.page(browser.root)
         names = {str(each).removeprefix(browser.root) for each in page.graph.objects(page.iri, LDP.contains)}
@@ -80,7 +80,7 @@ def test_however_one_asks(lab: Browser, headers: dict[str, str]) -> None:
     assert told[0] == told[1] and told[0][0] == 404
 
 
-def test_a_websocket_to_a_hidden_robot_is_refused_like_one_to_none(here: Guarded) -> None:
+def test_a_websocket_to_a_hidden_robot_is_refused_like_one_to_none(here: AuthenticatedGateway) -> None:
     bearer = f"Bearer {here.tokens['lab']}"
     answers = [refused(f"{here.root}{name}/", Authorization=bearer) for name in (HIDDEN, "none-1")]
     assert [each.status_code for each in answers] == [404, 404]
@@ -99,7 +99,7 @@ def test_nothing_hidden_can_be_subscribed_to(lab: Browser) -> None:
     assert told[0] == told[1] and told[0][0] == 422
 
 
-def test_a_subtree_covers_visible_robots_also_new_ones(here: Guarded, root: Browser) -> None:
+def test_a_subtree_covers_visible_robots_also_new_ones(here: AuthenticatedGateway, root: Browser) -> None:
     """A robot of each kind comes later: one is reported, the other is not."""
     url = here.root + "?depth=subtree"
     with (
@@ -121,7 +121,7 @@ def test_a_subtree_covers_visible_robots_also_new_ones(here: Guarded, root: Brow
 
 
 def test_stop_all_reaches_whom_one_may_stop_and_tells_of_those_alone(
-    here: Guarded, lab: Browser, root: Browser
+    here: AuthenticatedGateway, lab: Browser, root: Browser
 ) -> None:
     stop_all = root.action(root.page(root.root), LF.StopAll)
     invocations = str(root.page(stop_all).one(LF.invocations))
@@ -200,7 +200,7 @@ def test_invisible_robots_are_not_named_in_collisions(lab: Browser, root: Browse
         assert root.http.delete(str(root.robot(name).one(LF.placement))).status_code == 204
 
 
-def test_the_version_of_the_fleet_depends_on_the_view(here: Guarded, lab: Browser, root: Browser) -> None:
+def test_the_version_of_the_fleet_depends_on_the_view(here: AuthenticatedGateway, lab: Browser, root: Browser) -> None:
     def etag(browser: Browser) -> str:
         return str(browser.http.get(browser.root).headers["etag"])
 

@@ -12,11 +12,18 @@ import jwt
 import pytest
 from cryptography.hazmat.primitives.serialization import Encoding, PublicFormat
 
-import linked_fleet_gateway.identity.jwts as identity_keys
+import linked_fleet_gateway.identity.issuers as identity_keys
 from issuer import AUDIENCE, Issuer, Key, issuing
-from linked_fleet_gateway.identity.jwts import BadToken, IssuerKeys, expiry_ns, issuer_named, verified
+from linked_fleet_gateway.identity.issuers import (
+    BadToken,
+    IssuerFailed,
+    IssuerKeys,
+    Web,
+    expiry_ns,
+    issuer_named,
+    verified,
+)
 from linked_fleet_gateway.identity.roster import parse_roster
-from linked_fleet_gateway.identity.web import IssuerSilent, Web
 
 pytestmark = pytest.mark.virtual
 
@@ -148,7 +155,7 @@ def test_an_issuer_that_calls_itself_otherwise_is_none(issuer: Issuer) -> None:
         finally:
             await web.aclose()
 
-    with pytest.raises(IssuerSilent, match="elsewhere"):
+    with pytest.raises(IssuerFailed, match="elsewhere"):
         asyncio.run(read())
     assert issuer_named(token) == url
 

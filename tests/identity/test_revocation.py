@@ -7,8 +7,8 @@ from pathlib import Path
 import httpx
 import pytest
 
+from authenticated_gateway import ALL, SEEN, AuthenticatedGateway, run_authenticated
 from browser import HYBRIT, LF, Browser
-from guarded import ALL, SEEN, Guarded, guarded
 from issuer import Issuer, issuing
 from receivers import CallbackReceiver
 from running import eventually, process
@@ -27,14 +27,14 @@ def issuer() -> Iterator[Issuer]:
 
 
 @pytest.fixture(scope="module")
-def own(tmp_path_factory: pytest.TempPathFactory, issuer: Issuer) -> Iterator[Guarded]:
+def own(tmp_path_factory: pytest.TempPathFactory, issuer: Issuer) -> Iterator[AuthenticatedGateway]:
     """Only for this file, since the file of identities changes all the time."""
-    with guarded(tmp_path_factory.mktemp("guarded"), "--subscriptions-per-client=8", issuer=issuer) as one:
+    with run_authenticated(tmp_path_factory.mktemp("guarded"), "--subscriptions-per-client=8", issuer=issuer) as one:
         yield one
 
 
 @pytest.fixture
-def root(own: Guarded) -> Iterator[Browser]:
+def root(own: AuthenticatedGateway) -> Iterator[Browser]:
     with own.browsing("root") as browser:
         yield browser
 
@@ -43,11 +43,11 @@ def _joint(browser: Browser) -> str:
     return browser.part(SEEN, "wrist_3_joint").url
 
 
-def _bearer(own: Guarded, name: str) -> str:
+def _bearer(own: AuthenticatedGateway, name: str) -> str:
     return f"Bearer {own.tokens[name]}"
 
 
-def test_a_websocket_ends_with_the_token(own: Guarded, root: Browser) -> None:
+def test_a_websocket_ends_with_the_token(own: AuthenticatedGateway, root: Browser) -> None:
     own.add("short", "read", "subscribe")
     own.known("short")
     with Socket(_joint(root), Authorization=_bearer(own, "short")) as open_:
@@ -59,7 +59,7 @@ def test_a_websocket_ends_with_the_token(own: Guarded, root: Browser) -> None:
 
 
 @pytest.mark.parametrize("change", ["fewer rights", "other robots"])
-def test_a_websocket_ends_when_rights_change(own: Guarded, root: Browser, change: str) -> None:
+def test_a_websocket_ends_when_rights_change(own: AuthenticatedGateway, root: Browser, change: str) -> None:
     own.add("changing", "read", "subscribe")
     own.known("changing")
     with Socket(_joint(root), Authorization=_bearer(own, "changing")) as open_:
@@ -72,7 +72,7 @@ def test_a_websocket_ends_when_rights_change(own: Guarded, root: Browser, change
         assert open_.until_closed()[0] == 1008
 
 
-def test_an_event_stream_ends_with_the_token_and_does_not_come_back(own: Guarded, root: Browser) -> None:
+def test_an_event_stream_ends_with_the_token_and_does_not_come_back(own: AuthenticatedGateway, root: Browser) -> None:
     own.add("listener", "read", "subscribe")
     own.known("listener")
     headers = {"accept": "text/event-stream", "authorization": _bearer(own, "listener")}
@@ -84,14 +84,16 @@ def test_an_event_stream_ends_with_the_token_and_does_not_come_back(own: Guarded
         assert stream.last_event_id == "cancelled"  # answered with 204 if the caller may ask, which ends EventSource
 
 
-def test_a_stream_ends_when_a_token_of_an_issuer_expires(own: Guarded, root: Browser, issuer: Issuer) -> None:
+def test_a_stream_ends_when_a_token_of_an_issuer_expires(
+    own: AuthenticatedGateway, root: Browser, issuer: Issuer
+) -> None:
     token = issuer.token(exp=int(time.time()) - 25)  # within the leeway of 30 s
     with Socket(_joint(root), Authorization=f"Bearer {token}") as open_:
         open_.raw()
         assert open_.until_closed()[0] == 1008
 
 
-def test_a_stream_that_is_still_allowed_goes_on(own: Guarded, root: Browser) -> None:
+def test_a_stream_that_is_still_allowed_goes_on(own: AuthenticatedGateway, root: Browser) -> None:
     own.add("lasting", "read", "subscribe")
     own.known("lasting")
     with Socket(own.root, Authorization=_bearer(own, "lasting")) as lasting:
@@ -110,7 +112,7 @@ def test_a_stream_that_is_still_allowed_goes_on(own: Guarded, root: Browser) -> 
 
 
 def test_a_callback_is_suspended_when_the_token_of_its_creator_is_revoked(
-    own: Guarded, root: Browser, receiver: CallbackReceiver
+    own: AuthenticatedGateway, root: Browser, receiver: CallbackReceiver
 ) -> None:
     own.add("caller", "read", "subscribe")
     own.known("caller")
@@ -143,7 +145,7 @@ def test_a_callback_is_suspended_when_the_token_of_its_creator_is_revoked(
     assert root.http.delete(mine).status_code == 204
 
 
-def test_a_bad_file_leaves_everything_as_it_was(own: Guarded, root: Browser) -> None:
+def test_a_bad_file_leaves_everything_as_it_was(own: AuthenticatedGateway, root: Browser) -> None:
     assert own.gateway is not None
     own.write("[[token")
     own.gateway.said("the identities stay as they were")
@@ -164,7 +166,9 @@ def test_a_gateway_does_not_start_with_a_bad_file(tmp_path: Path, text: str | No
         assert str(file) in line and "Traceback" not in gateway.output
 
 
-def test_a_subtree_subscription_needs_the_right_for_all_readable_robots(own: Guarded, issuer: Issuer) -> None:
+def test_a_subtree_subscription_needs_the_right_for_all_readable_robots(
+    own: AuthenticatedGateway, issuer: Issuer
+) -> None:
     """Otherwise it would reveal robots to which the caller may not subscribe."""
     grant = '[[issuer.grant]]\nclaim = "groups"\nvalue = "visitors"\n'
     own.tables["issuer"] += grant + 'scopes = ["read"]\n' + grant + 'scopes = ["subscribe"]\nrobots = ["lab-*"]\n'
@@ -177,7 +181,7 @@ def test_a_subtree_subscription_needs_the_right_for_all_readable_robots(own: Gua
                 assert response.status_code == status, path
 
 
-def test_subscriptions_are_counted_by_creator(own: Guarded, root: Browser) -> None:
+def test_subscriptions_are_counted_by_creator(own: AuthenticatedGateway, root: Browser) -> None:
     """Not by address, which is the same for all of them here."""
     own.add("eager", "read", "subscribe")
     own.add("modest", "read", "subscribe")

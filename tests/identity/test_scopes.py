@@ -8,8 +8,8 @@ import pytest
 import rdflib
 from rdflib import URIRef
 
+from authenticated_gateway import SEEN, AuthenticatedGateway
 from browser import HYBRIT, LDP, LF, Browser, links
-from guarded import SEEN, Guarded
 from running import eventually
 from small_fleet import live
 from subscribers import PATIENCE_S, Socket, refused
@@ -26,7 +26,7 @@ _ROTATE = (
 
 
 @dataclass
-class Deed:
+class RightsCase:
     """A request, and the rights that permit it."""
 
     name: str
@@ -41,12 +41,12 @@ class Deed:
 
 
 @pytest.fixture(scope="module")
-def root(here: Guarded) -> Iterator[Browser]:
+def root(here: AuthenticatedGateway) -> Iterator[Browser]:
     with here.browsing("root") as browser:
         yield browser
 
 
-def _deeds(browser: Browser) -> list[Deed]:
+def _deeds(browser: Browser) -> list[RightsCase]:
     robot, joint = live(browser, SEEN), browser.part(SEEN, _JOINT)
     fleet = browser.page(browser.root)
 
@@ -63,24 +63,24 @@ def _deeds(browser: Browser) -> list[Deed]:
     title, scale = str(robot.property(LF.TextProperty)), str(robot.one(LF.maximumSpeedScale))
     act, stop, admin = ("actor",), ("stopper", "actor"), ("admin",)
     return [
-        Deed("read the fleet", NAMES, "GET", browser.root),
-        Deed("read a joint", NAMES, "HEAD", joint.url),
-        Deed("ask for options", NAMES, "OPTIONS", rotate),
-        Deed("rotate", act, "POST", rotate, _ROTATE),
-        Deed("rotate by its target", act, "PUT", str(joint.one(LF.targetRotation)), target),
-        Deed("hold", stop, "POST", action(joint, LF.Hold)),
-        Deed("stop", stop, "POST", action(robot, LF.StopRobot)),
-        Deed("stop all", stop, "POST", action(fleet, LF.StopAll)),
-        Deed("take control", act, "PUT", str(robot.one(LF.lease)), lease),
-        Deed("release control", act, "DELETE", str(robot.one(LF.lease))),
-        Deed("rename", admin, "PUT", title, _PREFIXES + '<> lf:value "x" .'),
-        Deed("slow down", admin, "PUT", scale, _PREFIXES + "<> lf:value 1.0 ."),
-        Deed("subscribe", ("subscriber",), "POST", container, stream),
-        Deed("subscribe to events", ("subscriber",), "GET", joint.url + "?events"),
+        RightsCase("read the fleet", NAMES, "GET", browser.root),
+        RightsCase("read a joint", NAMES, "HEAD", joint.url),
+        RightsCase("ask for options", NAMES, "OPTIONS", rotate),
+        RightsCase("rotate", act, "POST", rotate, _ROTATE),
+        RightsCase("rotate by its target", act, "PUT", str(joint.one(LF.targetRotation)), target),
+        RightsCase("hold", stop, "POST", action(joint, LF.Hold)),
+        RightsCase("stop", stop, "POST", action(robot, LF.StopRobot)),
+        RightsCase("stop all", stop, "POST", action(fleet, LF.StopAll)),
+        RightsCase("take control", act, "PUT", str(robot.one(LF.lease)), lease),
+        RightsCase("release control", act, "DELETE", str(robot.one(LF.lease))),
+        RightsCase("rename", admin, "PUT", title, _PREFIXES + '<> lf:value "x" .'),
+        RightsCase("slow down", admin, "PUT", scale, _PREFIXES + "<> lf:value 1.0 ."),
+        RightsCase("subscribe", ("subscriber",), "POST", container, stream),
+        RightsCase("subscribe to events", ("subscriber",), "GET", joint.url + "?events"),
     ]
 
 
-def test_each_right_permits_its_own_requests_only(here: Guarded, root: Browser) -> None:
+def test_each_right_permits_its_own_requests_only(here: AuthenticatedGateway, root: Browser) -> None:
     for deed in _deeds(root):
         for name in NAMES:
             with here.browsing(name) as browser:
@@ -101,10 +101,10 @@ def _events(http: httpx.Client, url: str) -> tuple[int, str]:
         return response.status_code, response.headers.get("www-authenticate", "")
 
 
-def test_cancelling_needs_stop_and_deleting_needs_act(here: Guarded, root: Browser) -> None:
+def test_cancelling_needs_stop_and_deleting_needs_act(here: AuthenticatedGateway, root: Browser) -> None:
     rotate = root.action(root.part(SEEN, _JOINT), LF.Rotate)
     with here.browsing("actor") as actor, here.browsing("stopper") as stopper, here.browsing("reader") as reader:
-        deed = Deed("rotate", (), "POST", rotate, _ROTATE.replace("0.1", "3.0"))
+        deed = RightsCase("rotate", (), "POST", rotate, _ROTATE.replace("0.1", "3.0"))
         # Another test may have had control of the robot for a second.
         invocation = eventually(lambda: deed.do(actor.http).headers.get("location"), "the motion begun")
         said = reader.page(invocation)
@@ -118,7 +118,7 @@ def test_cancelling_needs_stop_and_deleting_needs_act(here: Guarded, root: Brows
         assert actor.http.delete(invocation).status_code == 204
 
 
-def test_websockets_need_the_right_to_subscribe(here: Guarded, root: Browser) -> None:
+def test_websockets_need_the_right_to_subscribe(here: AuthenticatedGateway, root: Browser) -> None:
     url = root.part(SEEN, _JOINT).url
     assert refused(url).status_code == 401
     assert refused(url, Authorization=f"Bearer {here.tokens['reader']}").status_code == 403
@@ -127,7 +127,7 @@ def test_websockets_need_the_right_to_subscribe(here: Guarded, root: Browser) ->
         assert _JOINT in open_.raw()
 
 
-def test_callbacks_by_upgrade_need_the_right_to_subscribe(here: Guarded, root: Browser) -> None:
+def test_callbacks_by_upgrade_need_the_right_to_subscribe(here: AuthenticatedGateway, root: Browser) -> None:
     url = root.part(SEEN, _JOINT).url
     headers = {"connection": "upgrade", "upgrade": "callback", "callback": "http://127.0.0.1:9/"}
     with here.browsing("reader") as reader:
@@ -138,7 +138,7 @@ def test_callbacks_by_upgrade_need_the_right_to_subscribe(here: Guarded, root: B
         assert subscriber.http.delete(answer.headers["location"]).status_code == 204
 
 
-def test_missing_or_malformed_credentials_get_a_challenge(here: Guarded, root: Browser) -> None:
+def test_missing_or_malformed_credentials_get_a_challenge(here: AuthenticatedGateway, root: Browser) -> None:
     with here.browsing(None) as nobody:
         for path in ("", "no-such-robot", "hall-1/", "audit"):
             answer = nobody.http.get(here.root + path)
@@ -152,7 +152,7 @@ def test_missing_or_malformed_credentials_get_a_challenge(here: Guarded, root: B
             assert nobody.http.get(here.root + path).status_code == 200
 
 
-def test_responses_are_private_to_the_caller(here: Guarded, root: Browser) -> None:
+def test_responses_are_private_to_the_caller(here: AuthenticatedGateway, root: Browser) -> None:
     answer = root.http.get(here.root)
     assert answer.headers["cache-control"] == "private, no-cache"
     assert answer.headers["vary"] == "Accept, Prefer, Accept-Encoding, Authorization, Cookie"
@@ -163,14 +163,14 @@ def test_responses_are_private_to_the_caller(here: Guarded, root: Browser) -> No
 @pytest.mark.parametrize(
     ("name", "status"), [(None, 401), ("reader", 403), ("lab", 403), ("scraper", 200), ("admin", 200)]
 )
-def test_metrics_need_administration_of_the_fleet(here: Guarded, name: str | None, status: int) -> None:
+def test_metrics_need_administration_of_the_fleet(here: AuthenticatedGateway, name: str | None, status: int) -> None:
     with here.browsing(name) as browser:
         answer = browser.http.get(here.root + "metrics")
         assert answer.status_code == status
         assert ("linked_fleet_robots" in answer.text) == (status == 200)
 
 
-def test_a_subscription_is_visible_to_its_creator_and_administrators(here: Guarded, root: Browser) -> None:
+def test_a_subscription_is_visible_to_its_creator_and_administrators(here: AuthenticatedGateway, root: Browser) -> None:
     joint = root.part(SEEN, _JOINT)
     container = str(joint.one(HYBRIT.subscriptions))
     body = _PREFIXES + f"[] a hybrit:Subscription ; hybrit:onResource <{joint.url}> ."
@@ -194,7 +194,9 @@ def test_a_subscription_is_visible_to_its_creator_and_administrators(here: Guard
         assert mine not in seen("subscriber")
 
 
-def test_administrators_cannot_extend_subscriptions_of_others_to_the_fleet(here: Guarded, root: Browser) -> None:
+def test_administrators_cannot_extend_subscriptions_of_others_to_the_fleet(
+    here: AuthenticatedGateway, root: Browser
+) -> None:
     """Its messages contain what its creator may read, possibly more than the administrator may subscribe to."""
     body = _PREFIXES + f"[] a hybrit:Subscription ; hybrit:onResource <{root.root}> ; lf:depth lf:thisAlone ."
     headers = {"content-type": "text/turtle"}
@@ -217,7 +219,7 @@ def _patch(browser: Browser, url: str, update: str) -> httpx.Response:
     return browser.http.patch(url, content=f"PREFIX lf: <{LF}> {update}", headers=headers)
 
 
-def test_readers_cannot_see_subscriptions(here: Guarded, root: Browser) -> None:
+def test_readers_cannot_see_subscriptions(here: AuthenticatedGateway, root: Browser) -> None:
     """Containers of robots and of the fleet are 403 for each method of reading; a subscription seems not to exist.
 
     This also applies to the creator of a subscription that has lost the right to subscribe.
@@ -247,7 +249,7 @@ def test_readers_cannot_see_subscriptions(here: Guarded, root: Browser) -> None:
             assert {browser.http.get(container).status_code for container in containers} == {200}
 
 
-def test_pages_link_subscriptions_if_readable(here: Guarded, root: Browser) -> None:
+def test_pages_link_subscriptions_if_readable(here: AuthenticatedGateway, root: Browser) -> None:
     """No page leads its reader to a 403."""
     for thing in (root.page(root.root), root.robot(SEEN), root.part(SEEN, _JOINT)):
         link = f'href="{thing.one(HYBRIT.subscriptions)}"'

@@ -10,7 +10,7 @@ import linked_fleet_agent.transport
 import linked_fleet_agent.zenoh_session
 import linked_fleet_gateway.link.transport
 import linked_fleet_gateway.link.zenoh_session
-from forwarder import Way, way
+from forwarder import Proxy, proxy
 from running import free_port
 from virtual.loop import on_virtual_time
 from virtual.zenoh_agent import AgentSession
@@ -93,7 +93,7 @@ class Zenoh(_Kept):
     def __init__(self, stack: AsyncExitStack) -> None:
         super().__init__()
         self._stack, self._port = stack, free_port()
-        self._ways: dict[str, Way] = {}
+        self._ways: dict[str, Proxy] = {}
         self._sessions: dict[str, AsyncExitStack] = {}
 
     @staticmethod
@@ -110,7 +110,7 @@ class Zenoh(_Kept):
         return session
 
     async def agent(self, name: str) -> linked_fleet_agent.transport.Session:
-        self._ways[name] = self._stack.enter_context(way(self._port))
+        self._ways[name] = self._stack.enter_context(proxy(self._port))
         self._sessions[name] = await self._stack.enter_async_context(AsyncExitStack())
         opening = linked_fleet_agent.zenoh_session.open_session(
             (self._ways[name].endpoint,), lease_ms=round(LEASE_S * 1000)

@@ -25,7 +25,7 @@ TOKEN, GATEWAY = KEYS.presence("r", 1), KEYS.gateway("g")
 LIMIT = 1000
 
 
-class Heard(list[tuple[str, Payload]]):
+class ReceivedPublications(list[tuple[str, Payload]]):
     """Publications in the order of arrival."""
 
     def take(self, key: str, payload: Payload) -> None:
@@ -74,9 +74,9 @@ async def met(gateway: gateway_side.Session, agent: agent_side.Session, token: s
     await until(lambda: not seen.present)
 
 
-async def listening(gateway: gateway_side.Session, agent: agent_side.Session) -> Heard:
+async def listening(gateway: gateway_side.Session, agent: agent_side.Session) -> ReceivedPublications:
     """Subscribe as a gateway, and wait until the agent knows it: a client without a subscriber sends nothing."""
-    heard = Heard()
+    heard = ReceivedPublications()
     await gateway.subscribe_frames(KEYS.all_states, LIMIT, heard.take)
     await gateway.subscribe(KEYS.all_progress, LIMIT, heard.take)
     with (

@@ -24,6 +24,7 @@ from linked_fleet_agent.wire.messages import (
 )
 from linked_fleet_gateway.fleet.events import Appeared, Described, Event, Framed, Undescribed, Vanished
 from linked_fleet_gateway.link.fleet_link import ASK_AGAIN_S, FleetLink, NoAnswer
+from linked_fleet_gateway.link.transport import Answer, Question
 from serving import until
 
 KEYS = Keys("site/hall-2")
@@ -32,7 +33,7 @@ in_memory = pytest.mark.parametrize("part", [Memory])
 
 
 class Gateway:
-    """Collects what the link reports, and wakes whoever waits for it."""
+    """Collects the reports of the link, and wakes waiting coroutines."""
 
     def __init__(self, part: Network) -> None:
         self.events: list[Event] = []
@@ -364,6 +365,28 @@ async def test_a_stop_reaches_a_robot_that_declares_itself_anew_at_that_moment(p
         await asyncio.sleep(ASK_AGAIN_S / 2)
         agent.answer(key, encode(Accepted("s")))
         assert await asked == {"r": Accepted("s")}
+
+
+@in_memory
+@contract
+async def test_a_stop_of_one_robot_waits_for_a_congested_connection(
+    part: Network, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async with opened(part) as gateway:
+        agent = await play(part)
+        agent.be(description())
+        await gateway.seen(Described(description()))
+        agent.answer(KEYS.robot("r", "stop"), encode(Accepted("s")))
+        session, patience = gateway.link._session, list[bool]()
+        send = session.ask
+
+        async def congested(question: Question, hear: Callable[[Answer | None], None]) -> float:
+            patience.append(question.patient)
+            return await send(question, hear) if question.patient else 0.0
+
+        monkeypatch.setattr(session, "ask", congested)
+        assert await gateway.link.stop(["r"], Stop(version=WIRE_VERSION, id="s"), 1.0) == {"r": Accepted("s")}
+        assert patience == [False, True]
 
 
 @in_memory

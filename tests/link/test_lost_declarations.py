@@ -12,7 +12,7 @@ import pytest
 from bench.still_agent import Still
 from link.scene import Gateway, Robot, gateway, serves, until
 from linked_fleet_agent.agent import Agent
-from linked_fleet_agent.renewal import LONGEST_S, RENEW_S
+from linked_fleet_agent.gateways import LONGEST_S, RENEW_S
 from linked_fleet_agent.transport import Query
 from linked_fleet_agent.wire.codec import encode_state
 from linked_fleet_agent.wire.keys import Keys

@@ -17,6 +17,8 @@ from mutmut.mutation.file_mutation import MutationVisitor, OuterFunctionProvider
 from mutmut.mutation.mutators import mutation_operators
 from mutmut.mutation.pragma_handling import IgnoredCode
 
+from mutation.modules import module_name
+
 _CONTEXT = 32  # characters shown on each side of a change
 _FOR_TYPE_CHECKERS = matchers.Assign(value=matchers.Call(func=matchers.Name("TypeVar")))
 _FOR_STAR_IMPORTS = matchers.Assign(targets=[matchers.AssignTarget(matchers.Name("__all__"))])
@@ -51,7 +53,7 @@ def mutants(root: Path, file: str) -> list[Mutant]:
     """Return all distinct mutants of ``file``, in the order of the file."""
     path = root / file
     source = path.read_text()
-    name = file.removesuffix(".py").removesuffix("/__init__").replace("/", ".")
+    name = module_name(file)
     tree = ast.parse(source)
     unchanged = ast.dump(tree)
     found: dict[str, Mutant] = {}

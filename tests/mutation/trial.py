@@ -24,15 +24,21 @@ from typing import Any, NoReturn
 import hypothesis
 import pytest
 
+from mutation.modules import module_name
 from mutation.mutants import Mutant
 
 _MOST_MEMORY = 4 * 1024**3
 _WAIT = 4  # factor on the processor seconds of a trial: for tests that wait, on a busy machine
 _OPTIONS = ("-x", "-q", "--assert=plain", "--hypothesis-profile=mutants", "-p", "no:cacheprovider", "-p", "no:xdist",
             "-p", "no:rerunfailures")  # fmt: skip
-# The same examples in every run; one failing example suffices, and shrinking it would take long.
+# The same examples in every run; one failing example suffices, and shrinking it would take long. An example may be
+# slow, since a failure for that would count as a killed mutant.
 hypothesis.settings.register_profile(
-    "mutants", derandomize=True, phases=(hypothesis.Phase.explicit, hypothesis.Phase.generate)
+    "mutants",
+    derandomize=True,
+    deadline=None,
+    suppress_health_check=(hypothesis.HealthCheck.too_slow,),
+    phases=(hypothesis.Phase.explicit, hypothesis.Phase.generate),
 )
 
 
@@ -65,12 +71,16 @@ class Trials:
     """Trials with the ``tests`` of a target; ``slow`` ones run only for mutants that the others do not kill."""
 
     def __init__(self, root: Path, target: Mapping[str, Sequence[str]]) -> None:
-        """Raises RuntimeError if the tests fail without a mutant."""
+        """Raises RuntimeError if the tests fail without a mutant, or pass although a module cannot be imported."""
         slow = target.get("slow", ())
         rounds = [[*target["tests"], *(f"--deselect={test}" for test in slow)], list(slow)]
         for tests in filter(None, rounds):
             _import_others(root, tests)
         self._rounds = [(tests, ceil(3 * _seconds(tests)) + 2) for tests in rounds if tests]
+        for file in target["modules"]:
+            broken = Mutant(module_name(file), root / file, "raise ImportError", (file, "", ""))
+            if self.outcome(broken) is not Outcome.KILLED:
+                raise RuntimeError(f"the tests do not import {broken.name}")
 
     def outcome(self, mutant: Mutant) -> Outcome:
         for tests, limit_s in self._rounds:

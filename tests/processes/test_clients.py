@@ -16,7 +16,7 @@ from browser import HYBRIT, LDP, LF, Browser
 from linked_fleet_client.conform import command
 from running import ROOT, process
 from small_fleet import Place, live
-from subscribers import Theatre
+from subscribers import ObservedFleet
 
 CLIENT = ROOT / "examples" / "frames.py"
 pytestmark = [pytest.mark.processes, pytest.mark.test_all]
@@ -39,8 +39,8 @@ def browser(fleet: Place) -> Iterator[Browser]:
 
 
 @pytest.fixture(scope="module")
-def scene(fleet: Place, browser: Browser) -> Theatre:
-    return Theatre(fleet, browser)
+def scene(fleet: Place, browser: Browser) -> ObservedFleet:
+    return ObservedFleet(fleet, browser)
 
 
 def test_the_command_line_looks_and_moves(fleet: Place) -> None:
@@ -97,7 +97,7 @@ def _same(earl: rdflib.Graph, outcomes: dict[str, str], root: str) -> None:
     assert asserted == outcomes
 
 
-def test_the_example_reads_the_frames_of_a_joint_state(scene: Theatre) -> None:
+def test_the_example_reads_the_frames_of_a_joint_state(scene: ObservedFleet) -> None:
     """Two frames of a whole robot, printed by a client that only has rdflib, websockets and the link."""
     with scene.toy(0.25, -0.5) as toy:
         state, elbow = str(toy.page.one(LF.jointState)), toy.rotation()
@@ -110,7 +110,7 @@ def test_the_example_reads_the_frames_of_a_joint_state(scene: Theatre) -> None:
         assert "elbow/effort nan http://qudt.org/vocab/unit/N-M " in run.output
 
 
-def test_the_example_reads_the_frames_of_one_property(scene: Theatre) -> None:
+def test_the_example_reads_the_frames_of_one_property(scene: ObservedFleet) -> None:
     """The same client, unchanged, on a single value."""
     with scene.toy(0.25) as toy:
         with process("-I", str(CLIENT), toy.rotation(), "2") as run:

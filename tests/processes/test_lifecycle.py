@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from actor import stage
+from fake_robots import open_session
 from running import eventually, process
 from small_fleet import Place, live, offline
 
@@ -40,7 +40,7 @@ def test_killed_processes_restart_and_terminated_ones_end_cleanly(tmp_path: Path
 def test_second_agent_of_a_name_refuses_to_start(tmp_path: Path) -> None:
     """It says why and ends with an error; the first one continues, although it started beside a stale token."""
     place = Place(tmp_path)
-    with place.gateway() as (gateway, browser), stage(place.zenoh) as session:
+    with place.gateway() as (gateway, browser), open_session(place.zenoh) as session:
         token = session.liveliness().declare_token("fleet/robot/ur5/presence/whoever")
         with place.ur5() as first:
             live(browser, "ur5")

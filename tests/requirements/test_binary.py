@@ -11,11 +11,11 @@ import rdflib
 from rdflib import Namespace
 from rdflib.collection import Collection
 
-from actor import Actor, stage
 from browser import HYBRIT, LF, ROS, SOSA, Browser, Page, links
+from fake_robots import FakeRobot, open_session
 from running import eventually
 from small_fleet import Place
-from subscribers import Socket, Theatre, theatre
+from subscribers import ObservedFleet, Socket, observed_fleet
 
 QUDT, UNIT = Namespace("http://qudt.org/schema/qudt/"), Namespace("http://qudt.org/vocab/unit/")
 OCTETS, FRAME = "application/octet-stream", "application/vnd.linked-fleet.frame"
@@ -24,18 +24,18 @@ CODES = {"char2": "2s", "uint16": "H", "uint32": "I", "uint64": "Q", "int64": "q
 
 
 @pytest.fixture(scope="module")
-def scene(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Theatre]:
-    with theatre(Place(tmp_path_factory.mktemp("binary"))) as opened:
+def scene(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ObservedFleet]:
+    with observed_fleet(Place(tmp_path_factory.mktemp("binary"))) as opened:
         yield opened
 
 
-def _get(scene: Theatre, url: str, accept: str = OCTETS) -> httpx.Response:
+def _get(scene: ObservedFleet, url: str, accept: str = OCTETS) -> httpx.Response:
     answer = scene.browser.http.get(url, headers={"accept": accept})
     assert (answer.status_code, answer.headers["content-type"]) == (200, accept)
     return answer
 
 
-def _layout(scene: Theatre, answer: httpx.Response) -> Page:
+def _layout(scene: ObservedFleet, answer: httpx.Response) -> Page:
     (url,) = links(answer, "describedby")
     return scene.browser.page(url)
 
@@ -51,7 +51,7 @@ def _decoded(layout: Page, body: bytes) -> dict[str, object]:
     return found
 
 
-def test_a_value_has_the_version_and_the_time_of_its_rdf(scene: Theatre) -> None:
+def test_a_value_has_the_version_and_the_time_of_its_rdf(scene: ObservedFleet) -> None:
     """Version, time, number and unit of a frame are those of the message in Turtle; NaN where that says unknown."""
     with (
         scene.toy(0.25) as toy,
@@ -74,7 +74,7 @@ def test_a_value_has_the_version_and_the_time_of_its_rdf(scene: Theatre) -> None
         assert _get(scene, velocity, FRAME).content == _get(scene, velocity).content
 
 
-def test_every_number_leads_to_its_property_and_back(scene: Theatre) -> None:
+def test_every_number_leads_to_its_property_and_back(scene: ObservedFleet) -> None:
     """The path of each number, followed in the description of its property, leads to that number and its unit."""
     with scene.toy(0.25, -0.5) as toy:
         state = str(toy.page.one(LF.jointState))
@@ -96,10 +96,10 @@ def test_every_number_leads_to_its_property_and_back(scene: Theatre) -> None:
                 assert node == LF.unknown if math.isnan(value) else float(str(node)) == pytest.approx(value, abs=1e-5)
 
 
-def test_before_the_first_frame_nothing_is_invented(scene: Theatre) -> None:
+def test_before_the_first_frame_nothing_is_invented(scene: ObservedFleet) -> None:
     """A robot that has only sent its description: no frame of its state, NaN and no time for a value."""
-    with stage(scene.place.zenoh) as session:
-        actor = Actor(session, "silent").appear()
+    with open_session(scene.place.zenoh) as session:
+        actor = FakeRobot(session, "silent").appear()
         part = eventually(lambda: _part(scene.browser, actor.name), "the joint of the silent robot")
         rotation, state = str(part.one(ROS.rotation)), str(scene.browser.robot(actor.name).one(LF.jointState))
         answer = _get(scene, rotation)
@@ -119,7 +119,7 @@ def _part(browser: Browser, name: str) -> Page | None:
         return None
 
 
-def test_layouts_conform_to_their_blueprints(scene: Theatre) -> None:
+def test_layouts_conform_to_their_blueprints(scene: ObservedFleet) -> None:
     """Of a whole state and of one value; without the type of a field or the unit of a number they do not."""
     with scene.toy() as toy:
         for url in (str(toy.page.one(LF.jointState)), toy.rotation()):
@@ -135,7 +135,7 @@ def test_layouts_conform_to_their_blueprints(scene: Theatre) -> None:
                 assert not pyshacl.validate(less, shacl_graph=shapes)[0], predicate
 
 
-def test_resources_without_measured_values_have_no_frames(scene: Theatre) -> None:
+def test_resources_without_measured_values_have_no_frames(scene: ObservedFleet) -> None:
     """Constants and things have neither frames nor a layout, and say so."""
     with scene.toy() as toy:
         limits = str(toy.part().one(LF.limits))

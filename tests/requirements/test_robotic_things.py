@@ -172,7 +172,7 @@ def test_r0_11_unchanged_resources_answer_304(tree: Walk, http: httpx.Client) ->
 
 
 def test_ldp_types_in_link_header(tree: Walk) -> None:
-    """DESIGN "LDP": rel="type" names ldp:Resource, and the container type of containers; actions are neither."""
+    """LDP: rel="type" names ldp:Resource, and the container type of containers; actions are neither."""
     for page in tree:
         types = set(links(page.response, "type"))
         if page.kind == "action":

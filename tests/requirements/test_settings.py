@@ -26,9 +26,9 @@ from commanding import (
     problem,
     put,
 )
+from gateway_group import Gateway, gateway, gateways, hub
 from redis_servers import single
 from running import eventually
-from several import Gateway, gateway, gateways, hub
 
 pytestmark = pytest.mark.virtual
 _READ = "GET, HEAD, OPTIONS"

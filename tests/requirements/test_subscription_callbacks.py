@@ -16,7 +16,7 @@ from browser import HYBRIT, LF, links
 from receivers import CallbackReceiver, Seen
 from running import eventually
 from small_fleet import Place
-from subscribers import FORMATS, Theatre, Toy, angle_in, graph_of, members, said, theatre
+from subscribers import FORMATS, ObservedFleet, TwoJointRobot, angle_in, graph_of, members, observed_fleet, said
 
 pytestmark = pytest.mark.virtual
 
@@ -25,16 +25,16 @@ _SECRET = base64.b64encode(b"0123456789abcdef0123456789abcdef").decode()
 
 
 @pytest.fixture(scope="module")
-def scene(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Theatre]:
-    with theatre(Place(tmp_path_factory.mktemp("callbacks"))) as opened:
+def scene(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ObservedFleet]:
+    with observed_fleet(Place(tmp_path_factory.mktemp("callbacks"))) as opened:
         yield opened
 
 
-def _subscribe(scene: Theatre, url: str, callback: str, **fields: str) -> httpx.Response:
+def _subscribe(scene: ObservedFleet, url: str, callback: str, **fields: str) -> httpx.Response:
     return scene.browser.http.get(url, headers=_UPGRADE | {"Callback": callback} | fields)
 
 
-def _delete(scene: Theatre, url: str) -> None:
+def _delete(scene: ObservedFleet, url: str) -> None:
     assert scene.browser.http.delete(url).status_code == 204
 
 
@@ -42,7 +42,7 @@ def _deliveries(receiver: CallbackReceiver, count: int) -> list[Seen]:
     return receiver.wait(count, "/callback", "POST")
 
 
-def test_r0_16_upgrade_callback_creates_a_subscription(scene: Theatre, receiver: CallbackReceiver) -> None:
+def test_r0_16_upgrade_callback_creates_a_subscription(scene: ObservedFleet, receiver: CallbackReceiver) -> None:
     """R0.16: 201 with Location, and Figure 4 as the body; the container lists it, and deliveries begin."""
     with scene.toy() as toy:
         answer = _subscribe(scene, toy.rotation(), receiver.url())
@@ -64,7 +64,7 @@ def test_r0_16_upgrade_callback_creates_a_subscription(scene: Theatre, receiver:
         _delete(scene, url)
 
 
-def test_r0_13_deliveries_are_complete_and_in_order(scene: Theatre, receiver: CallbackReceiver) -> None:
+def test_r0_13_deliveries_are_complete_and_in_order(scene: ObservedFleet, receiver: CallbackReceiver) -> None:
     """R0.13: the present state, then each change; id, resource and version in the header, numbers without a gap."""
     with scene.toy(0.25) as toy:
         url = _subscribe(scene, toy.rotation(), receiver.url()).headers["location"]
@@ -96,7 +96,7 @@ def test_r0_13_deliveries_are_complete_and_in_order(scene: Theatre, receiver: Ca
         _delete(scene, url)
 
 
-def test_r0_16_connection_stays_usable(scene: Theatre, receiver: CallbackReceiver) -> None:
+def test_r0_16_connection_stays_usable(scene: ObservedFleet, receiver: CallbackReceiver) -> None:
     """R0.16: never 101: the next request on the same connection is answered, even after a refusal."""
     with scene.toy() as toy:
         parts = urlsplit(toy.rotation())
@@ -117,7 +117,7 @@ def test_r0_16_connection_stays_usable(scene: Theatre, receiver: CallbackReceive
             _delete(scene, url)
 
 
-def test_r0_14_unusable_callbacks_are_refused(scene: Theatre) -> None:
+def test_r0_14_unusable_callbacks_are_refused(scene: ObservedFleet) -> None:
     """R0.14, R0.16: a problem that says what is wrong, by Upgrade and by POST; nothing is stored."""
     with scene.toy() as toy:
         container, rotation = toy.subscriptions(), toy.rotation()
@@ -133,7 +133,7 @@ def test_r0_14_unusable_callbacks_are_refused(scene: Theatre) -> None:
         assert not members(toy.subscriptions())
 
 
-def test_r0_16_callback_field_is_needed_once(scene: Theatre) -> None:
+def test_r0_16_callback_field_is_needed_once(scene: ObservedFleet) -> None:
     """R0.16: without Callback, with an empty one and with two it is 400, and nothing is stored."""
     with scene.toy() as toy:
         for callbacks in ([], [""], ["http://127.0.0.1:9/a", "http://127.0.0.1:9/b"]):
@@ -146,7 +146,7 @@ def test_r0_16_callback_field_is_needed_once(scene: Theatre) -> None:
 
 @pytest.mark.parametrize("media_type", FORMATS)
 def test_r0_17_accept_decides_the_type_of_deliveries(
-    scene: Theatre, receiver: CallbackReceiver, media_type: str
+    scene: ObservedFleet, receiver: CallbackReceiver, media_type: str
 ) -> None:
     """R0.17: every delivery is of the negotiated type, and so is the description that answers."""
     with scene.toy() as toy:
@@ -161,7 +161,7 @@ def test_r0_17_accept_decides_the_type_of_deliveries(
         _delete(scene, url)
 
 
-def test_r0_17_binary_frames_are_delivered(scene: Theatre, receiver: CallbackReceiver) -> None:
+def test_r0_17_binary_frames_are_delivered(scene: ObservedFleet, receiver: CallbackReceiver) -> None:
     """R0.17: the joint state's own type is delivered too; the description is in RDF."""
     frame = "application/vnd.linked-fleet.frame"
     with scene.toy() as toy:
@@ -175,7 +175,7 @@ def test_r0_17_binary_frames_are_delivered(scene: Theatre, receiver: CallbackRec
         _delete(scene, answer.headers["location"])
 
 
-def test_signature_proves_where_a_delivery_comes_from(scene: Theatre, receiver: CallbackReceiver) -> None:
+def test_signature_proves_where_a_delivery_comes_from(scene: ObservedFleet, receiver: CallbackReceiver) -> None:
     """Standard Webhooks: id, time and body are signed with the secret, which is shown nowhere."""
     with scene.toy() as toy:
         url = _posted(scene, toy, f'hybrit:callbackURL "{receiver.url()}" ; lf:secret "whsec_{_SECRET}"')
@@ -189,8 +189,8 @@ def test_signature_proves_where_a_delivery_comes_from(scene: Theatre, receiver: 
         _delete(scene, url)
 
 
-def test_r0_13_presence_is_delivered(scene: Theatre, receiver: CallbackReceiver) -> None:
-    """R0.13: a callback on a robot is told when its agent has gone, and its deadband holds back small moves."""
+def test_r0_13_presence_is_delivered(scene: ObservedFleet, receiver: CallbackReceiver) -> None:
+    """R0.13: a callback on a robot gets a message when its agent has gone, and its deadband suppresses small moves."""
     with scene.toy() as toy:
         robot = toy.page.url
         url = _subscribe(scene, robot + "?depth=this", receiver.url()).headers["location"]
@@ -207,12 +207,12 @@ def test_r0_13_presence_is_delivered(scene: Theatre, receiver: CallbackReceiver)
     _delete(scene, rough)
 
 
-def _angle(scene: Theatre, toy: Toy) -> float:
+def _angle(scene: ObservedFleet, toy: TwoJointRobot) -> float:
     page = scene.browser.page(toy.rotation())
     return angle_in(page.graph, page.iri)
 
 
-def _posted(scene: Theatre, toy: Toy, more: str) -> str:
+def _posted(scene: ObservedFleet, toy: TwoJointRobot, more: str) -> str:
     body = f"""@prefix hybrit: <{HYBRIT}> . @prefix lf: <{LF}> .
         [] a hybrit:Subscription ; hybrit:onResource <{toy.rotation()}> ; {more} ."""
     answer = scene.browser.http.post(toy.subscriptions().url, content=body, headers={"content-type": "text/turtle"})

@@ -13,7 +13,19 @@ from browser import DCTERMS, HYBRIT, LDP, LF, ROS, SH, Browser, links
 from receivers import receiving
 from running import eventually
 from small_fleet import Place
-from subscribers import EVENTS, Socket, Theatre, Toy, emptied, events, graph_of, identifier, members, refused, theatre
+from subscribers import (
+    EVENTS,
+    ObservedFleet,
+    Socket,
+    TwoJointRobot,
+    emptied,
+    events,
+    graph_of,
+    identifier,
+    members,
+    observed_fleet,
+    refused,
+)
 
 pytestmark = pytest.mark.virtual
 
@@ -23,8 +35,8 @@ _PREFIXES = f"@prefix hybrit: <{HYBRIT}> . @prefix lf: <{LF}> . @prefix xsd: <{X
 
 
 @pytest.fixture(scope="module")
-def scene(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Theatre]:
-    with theatre(Place(tmp_path_factory.mktemp("containers"))) as opened:
+def scene(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ObservedFleet]:
+    with observed_fleet(Place(tmp_path_factory.mktemp("containers"))) as opened:
         yield opened
 
 
@@ -33,7 +45,7 @@ def _post(browser: Browser, container: str, body: str, **fields: str) -> httpx.R
     return browser.http.post(container, content=_PREFIXES + body, headers=_TURTLE | named)
 
 
-def _stream(scene: Theatre, toy: Toy, more: str = "") -> str:
+def _stream(scene: ObservedFleet, toy: TwoJointRobot, more: str = "") -> str:
     """Return the URL at which a stream created by POST can be opened."""
     body = f"<> a hybrit:Subscription ; hybrit:onResource <{toy.rotation()}> {more} ."
     answer = _post(scene.browser, toy.subscriptions().url, body)
@@ -70,7 +82,7 @@ def test_r1_8_figure_4_can_be_posted_and_is_what_the_container_says(browser: Bro
     emptied(browser, container)
 
 
-def test_r1_8_container_lists_every_kind_of_the_thing_and_its_properties(scene: Theatre) -> None:
+def test_r1_8_container_lists_every_kind_of_the_thing_and_its_properties(scene: ObservedFleet) -> None:
     """R1.8: an LDP container of the joint's own subscriptions and its properties', of all kinds, and of no other's."""
     with (
         scene.toy() as toy,
@@ -114,7 +126,7 @@ def test_r1_8_container_lists_every_kind_of_the_thing_and_its_properties(scene: 
     emptied(scene.browser, scene.browser.page(scene.root).one(HYBRIT.subscriptions))
 
 
-def test_r1_8_delete_ends_each_kind(scene: Theatre) -> None:
+def test_r1_8_delete_ends_each_kind(scene: ObservedFleet) -> None:
     """R1.8: 204, then 404; a WebSocket closes with 1000, an event stream ends and EventSource stays away."""
     with scene.toy() as toy, Socket(toy.rotation()) as socket, events(toy.rotation()) as stream:
         socket.next(), stream.next()
@@ -135,7 +147,7 @@ def test_r1_8_delete_ends_each_kind(scene: Theatre) -> None:
         assert not members(toy.subscriptions())
 
 
-def test_r1_8_options_are_taken_and_shown(scene: Theatre) -> None:
+def test_r1_8_options_are_taken_and_shown(scene: ObservedFleet) -> None:
     """R1.8: media type, minimum interval, deadband and depth, by POST in Turtle and JSON-LD, and by the query."""
     with scene.toy() as toy:
         container, rotation = toy.subscriptions().url, toy.rotation()
@@ -169,7 +181,7 @@ def test_r1_8_options_are_taken_and_shown(scene: Theatre) -> None:
             assert scene.browser.http.delete(url).status_code == 204
 
 
-def test_r1_8_posted_stream_is_opened_at_its_location(scene: Theatre) -> None:
+def test_r1_8_posted_stream_is_opened_at_its_location(scene: ObservedFleet) -> None:
     """R1.8: by WebSocket and by EventSource, with the type that was posted; the description says what it is now."""
     with scene.toy() as toy:
         url = _stream(scene, toy, '; hybrit:mediaType "application/n-triples"')
@@ -199,7 +211,7 @@ def test_r1_8_posted_stream_is_opened_at_its_location(scene: Theatre) -> None:
         assert refused(url).status_code == 404
 
 
-def test_r1_8_callbacks_are_not_opened(scene: Theatre) -> None:
+def test_r1_8_callbacks_are_not_opened(scene: ObservedFleet) -> None:
     """R1.8: the IRI of a callback subscription can be read and deleted; its messages only go to the receiver."""
     with scene.toy() as toy, receiving() as receiver:
         url = _stream(scene, toy, f'; hybrit:callbackURL "{receiver.url()}"')
@@ -208,7 +220,7 @@ def test_r1_8_callbacks_are_not_opened(scene: Theatre) -> None:
         assert scene.browser.http.delete(url).status_code == 204
 
 
-def test_r1_8_wrong_container_is_422(scene: Theatre) -> None:
+def test_r1_8_wrong_container_is_422(scene: ObservedFleet) -> None:
     """R1.8: each thing's container takes its own; the problem names the right one."""
     with scene.toy() as toy:
         right, wrong = toy.subscriptions().url, toy.subscriptions("shoulder").url
@@ -220,7 +232,7 @@ def test_r1_8_wrong_container_is_422(scene: Theatre) -> None:
         assert not members(toy.subscriptions())
 
 
-def test_r1_8_what_breaks_the_shape_is_422_with_the_report(scene: Theatre) -> None:
+def test_r1_8_what_breaks_the_shape_is_422_with_the_report(scene: ObservedFleet) -> None:
     """R1.8: a body that fails its SHACL shape: the report says why, and nothing is stored."""
     with scene.toy() as toy:
         container = toy.subscriptions().url
@@ -234,7 +246,7 @@ def test_r1_8_what_breaks_the_shape_is_422_with_the_report(scene: Theatre) -> No
         assert not members(toy.subscriptions())
 
 
-def test_r1_8_what_cannot_be_subscribed_to_is_422(scene: Theatre) -> None:
+def test_r1_8_what_cannot_be_subscribed_to_is_422(scene: ObservedFleet) -> None:
     """R1.8: no such resource, one of somebody else's, a container, an unknown media type; nothing is stored."""
     with scene.toy() as toy:
         container = toy.subscriptions().url
@@ -256,7 +268,7 @@ def test_r1_8_what_cannot_be_subscribed_to_is_422(scene: Theatre) -> None:
 
 def test_r1_8_too_many_per_client_is_429(tmp_path: Path) -> None:
     """A client at its limit gets a problem for each kind, and nothing more is stored."""
-    with theatre(Place(tmp_path), "--subscriptions-per-client", "2") as scene, scene.toy() as toy:
+    with observed_fleet(Place(tmp_path), "--subscriptions-per-client", "2") as scene, scene.toy() as toy:
         rotation, container = toy.rotation(), toy.subscriptions().url
         body = f"<> a hybrit:Subscription ; hybrit:onResource <{rotation}>"
         callback = 'hybrit:callbackURL "http://127.0.0.1:9/"'

@@ -19,16 +19,16 @@ from subscribers import (
     ARM,
     EVENTS,
     FORMATS,
+    ObservedFleet,
     Said,
     Socket,
-    Theatre,
     angle_in,
     emptied,
     events,
     graph_of,
     members,
+    observed_fleet,
     refused,
-    theatre,
 )
 
 pytestmark = pytest.mark.virtual
@@ -38,8 +38,8 @@ FRAME = "application/vnd.linked-fleet.frame"
 
 
 @pytest.fixture(scope="module")
-def scene(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Theatre]:
-    with theatre(Place(tmp_path_factory.mktemp("streams"))) as opened:
+def scene(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ObservedFleet]:
+    with observed_fleet(Place(tmp_path_factory.mktemp("streams"))) as opened:
         yield opened
 
 
@@ -52,7 +52,7 @@ def _same(message: Said, browser: Browser, url: str) -> None:
 # -- WebSocket ------------------------------------------------------------------------------------------------------
 
 
-def test_r0_12_and_r0_15_websocket_on_rotation_joint_robot_and_fleet(scene: Theatre) -> None:
+def test_r0_12_and_r0_15_websocket_on_rotation_joint_robot_and_fleet(scene: ObservedFleet) -> None:
     """R0.12, R0.15: on each, the first message is the present state, and a change is followed by what a GET says."""
     with scene.toy(0.25) as toy:
         rotation, joint, robot, fleet = toy.rotation(), toy.part().url, toy.page.url, scene.root
@@ -117,7 +117,7 @@ def test_r0_15_websocket_on_an_invocation(browser: Browser) -> None:
     emptied(browser, str(joint.one(HYBRIT.subscriptions)))
 
 
-def test_r0_12_and_r0_14_what_cannot_be_observed_says_so(scene: Theatre) -> None:
+def test_r0_12_and_r0_14_what_cannot_be_observed_says_so(scene: ObservedFleet) -> None:
     """R0.12, R0.14: a missing resource is 404, a container 409, by WebSocket and callback; nothing is created."""
     with scene.toy() as toy:
         container, missing = toy.subscriptions().url, toy.part().url + "/nothing"
@@ -130,7 +130,7 @@ def test_r0_12_and_r0_14_what_cannot_be_observed_says_so(scene: Theatre) -> None
         assert not members(toy.subscriptions())
 
 
-def test_r0_12_a_resource_that_ceases_closes_its_stream(scene: Theatre) -> None:
+def test_r0_12_a_resource_that_ceases_closes_its_stream(scene: ObservedFleet) -> None:
     """R0.12: if a new run of the robot lacks the joint, its watchers get close code 4404."""
     with scene.toy() as toy, Socket(toy.rotation()) as socket, events(toy.rotation()) as stream:
         socket.next(), stream.next()
@@ -145,7 +145,7 @@ def test_r0_12_a_resource_that_ceases_closes_its_stream(scene: Theatre) -> None:
 # -- Upgrade --------------------------------------------------------------------------------------------------------
 
 
-def test_r0_14_upgrade_counts_only_as_a_connection_option(scene: Theatre) -> None:
+def test_r0_14_upgrade_counts_only_as_a_connection_option(scene: ObservedFleet) -> None:
     """R0.14: without ``Connection: Upgrade``, and for unknown protocols, Upgrade is ignored; nothing is created."""
     with scene.toy() as toy:
         url = toy.rotation()
@@ -163,7 +163,7 @@ def test_r0_14_upgrade_counts_only_as_a_connection_option(scene: Theatre) -> Non
         assert not members(toy.subscriptions())
 
 
-def test_r0_15_an_opening_without_its_key_is_refused(scene: Theatre) -> None:
+def test_r0_15_an_opening_without_its_key_is_refused(scene: ObservedFleet) -> None:
     """RFC 6455, 4.2.2: a WebSocket handshake without Sec-WebSocket-Key gets 400; HEAD and other methods ignore it."""
     with scene.toy() as toy:
         fields = {"upgrade": "websocket", "connection": "upgrade", "sec-websocket-version": "13"}
@@ -173,7 +173,7 @@ def test_r0_15_an_opening_without_its_key_is_refused(scene: Theatre) -> None:
         assert scene.browser.http.head(toy.rotation(), headers=fields).status_code == 200
 
 
-def test_r0_14_head_creates_nothing(scene: Theatre) -> None:
+def test_r0_14_head_creates_nothing(scene: ObservedFleet) -> None:
     """R0.14: HEAD with any form of subscribing is answered like a HEAD, and the container stays empty."""
     with scene.toy() as toy:
         key = {"sec-websocket-key": "dGhlIHNhbXBsZSBub25jZQ==", "sec-websocket-version": "13"}
@@ -192,7 +192,7 @@ def test_r0_14_head_creates_nothing(scene: Theatre) -> None:
 
 
 @pytest.mark.parametrize("media_type", FORMATS)
-def test_r0_17_accept_decides_the_type_of_every_message(scene: Theatre, media_type: str) -> None:
+def test_r0_17_accept_decides_the_type_of_every_message(scene: ObservedFleet, media_type: str) -> None:
     """R0.17: each message of a WebSocket and of an event stream is of the type that was asked for."""
     with scene.toy() as toy:
         url = toy.rotation()
@@ -208,7 +208,7 @@ def test_r0_17_accept_decides_the_type_of_every_message(scene: Theatre, media_ty
                 assert str(shown.graph.value(shown.iri, HYBRIT.mediaType)) == media_type
 
 
-def test_r0_17_turtle_by_default(scene: Theatre) -> None:
+def test_r0_17_turtle_by_default(scene: ObservedFleet) -> None:
     """R0.17: Turtle for a WebSocket that cannot say Accept, as in a browser, and for an EventSource."""
     with scene.toy() as toy, Socket(toy.rotation()) as socket, events(toy.rotation()) as stream:
         assert socket.connection.subprotocol is None
@@ -217,7 +217,7 @@ def test_r0_17_turtle_by_default(scene: Theatre) -> None:
             _same(message, scene.browser, toy.rotation())
 
 
-def test_r0_17_event_stream_is_chosen_by_preference(scene: Theatre) -> None:
+def test_r0_17_event_stream_is_chosen_by_preference(scene: ObservedFleet) -> None:
     """R0.17: a client that prefers a plain type to an event stream gets that; nothing is created."""
     with scene.toy() as toy:
         for accept in ("text/turtle, text/event-stream;q=0.5", "text/event-stream;q=0, */*"):
@@ -235,7 +235,7 @@ def test_r0_17_event_stream_is_chosen_by_preference(scene: Theatre) -> None:
         ("lf.rdfxml", "application/rdf+xml"),
     ],
 )
-def test_r0_17_subprotocols_are_for_browsers(scene: Theatre, name: str, media_type: str) -> None:
+def test_r0_17_subprotocols_are_for_browsers(scene: ObservedFleet, name: str, media_type: str) -> None:
     """R0.17: the subprotocol names the type of every message, and is confirmed."""
     with scene.toy() as toy, Socket(toy.rotation(), subprotocol=name) as socket:
         assert socket.connection.subprotocol == name
@@ -244,7 +244,7 @@ def test_r0_17_subprotocols_are_for_browsers(scene: Theatre, name: str, media_ty
             assert socket.next(media_type).angle == angle
 
 
-def test_r0_17_binary_frames(scene: Theatre) -> None:
+def test_r0_17_binary_frames(scene: ObservedFleet) -> None:
     """R0.17: the joint state comes as the agent's own frames, by subprotocol or Accept, in binary messages."""
     with scene.toy(0.25) as toy:
         state = str(toy.page.one(LF.jointState))
@@ -261,7 +261,7 @@ def test_r0_17_binary_frames(scene: Theatre) -> None:
         assert "lf.frame" not in json.loads(answer.body)["detail"]
 
 
-def test_r0_17_jelly(scene: Theatre) -> None:
+def test_r0_17_jelly(scene: ObservedFleet) -> None:
     """R0.17: each message in Jelly, binary and complete in itself; not available as an event, which is text."""
     with scene.toy() as toy:
         url = toy.rotation()
@@ -286,7 +286,7 @@ def test_r0_17_jelly(scene: Theatre) -> None:
         assert isomorphic(rdflib.Graph().parse(data=answer.content, format="jelly"), scene.browser.page(url).graph)
 
 
-def test_r0_17_unacceptable_types_are_406_with_what_there_is(scene: Theatre) -> None:
+def test_r0_17_unacceptable_types_are_406_with_what_there_is(scene: ObservedFleet) -> None:
     """R0.17: 406 lists the available types, and for a WebSocket the subprotocols as well."""
     with scene.toy() as toy:
         url = toy.rotation()
@@ -305,8 +305,8 @@ def test_r0_17_unacceptable_types_are_406_with_what_there_is(scene: Theatre) -> 
 # -- what is news: tests/gateway/subscriptions/test_fan_out.py has the rest -----------------------------------------
 
 
-def test_presence_is_news_of_all_that_a_robot_has(scene: Theatre) -> None:
-    """When a robot goes, the watchers of the robot, its parts and properties, and of the fleet are told."""
+def test_presence_is_news_of_all_that_a_robot_has(scene: ObservedFleet) -> None:
+    """When a robot goes, subscribers of the robot, its parts and properties, and of the fleet get a message."""
     with scene.toy() as toy:
         robot, urls = toy.page.url, [toy.page.url, toy.part().url, toy.rotation(), toy.part("tip").url]
         sockets = [Socket(url) for url in [*urls, scene.root, urls[0] + "?depth=this", urls[1] + "?depth=this"]]
@@ -322,7 +322,7 @@ def test_presence_is_news_of_all_that_a_robot_has(scene: Theatre) -> None:
             _same(message, scene.browser, socket.url.partition("?")[0])
 
 
-def test_subtree_watches_a_robot_on_one_connection(scene: Theatre) -> None:
+def test_subtree_watches_a_robot_on_one_connection(scene: ObservedFleet) -> None:
     """``depth=subtree``: all below the robot, each once; then each message is one resource that changed.
 
     The version of one resource says nothing about the others, so who resumes gets the whole subtree.
@@ -357,7 +357,7 @@ def test_subtree_watches_a_robot_on_one_connection(scene: Theatre) -> None:
 # -- options --------------------------------------------------------------------------------------------------------
 
 
-def test_resuming_by_header_and_by_query(scene: Theatre) -> None:
+def test_resuming_by_header_and_by_query(scene: ObservedFleet) -> None:
     """With the present version nothing comes before a change; with another one the present state comes at once.
 
     Versions belong to the resource: they are the same for all watchers and media types.
@@ -390,7 +390,7 @@ def test_resuming_by_header_and_by_query(scene: Theatre) -> None:
                     assert (message.angle, message.version != last, message.previous != last) == (0.5, True, True)
 
 
-def test_options_that_do_not_exist_are_refused(scene: Theatre) -> None:
+def test_options_that_do_not_exist_are_refused(scene: ObservedFleet) -> None:
     with scene.toy() as toy:
         for query in ("deadband=-1", "deadband=nan", "interval=1e9", "interval=x", "depth=all", "intervall=1",
                       "depth=this&depth=this"):  # fmt: skip

@@ -6,11 +6,11 @@ from pyoxigraph import BlankNode, Literal, NamedNode, Triple
 from linked_fleet_gateway.rdf.graph import integer
 from linked_fleet_gateway.rdf.vocabulary import PREFIXES, VOM
 from linked_fleet_gateway.shacl import Data, Violation, compile_shape, report
-from linked_fleet_gateway.shacl.report import Words, brief
+from linked_fleet_gateway.shacl.report import TermTexts, brief
 from linked_fleet_gateway.shacl.terms import SHACL, XSD
 from shacl_findings import EX, turtle
 
-_WORDS = Words(PREFIXES)
+_WORDS = TermTexts(PREFIXES)
 
 
 def _check(shape: str, body: str) -> list[Violation]:

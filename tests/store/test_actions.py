@@ -10,7 +10,7 @@ from linked_fleet_gateway.actions.redis_scripts import Keys
 from linked_fleet_gateway.actions.store import KEPT_S, ActionStore
 from linked_fleet_gateway.fleet.invocations import InvocationState
 from redis_backends import Backend, opened
-from stored import an_invocation, ended, until
+from store_samples import an_invocation, ended, until
 
 KEYS = Keys()
 

@@ -10,7 +10,7 @@ from linked_fleet_gateway.runtime import audit_log as audit_module
 from linked_fleet_gateway.runtime.audit_log import PAGE, Audit, Entry
 from linked_fleet_gateway.runtime.redis import StoreUnavailable
 from redis_backends import Backend, opened
-from stored import served, until
+from store_samples import served, until
 
 
 @pytest.fixture

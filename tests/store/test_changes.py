@@ -1,4 +1,4 @@
-"""Changed options of a subscription: who may change them, who is told, and what a holder with old ones may write."""
+"""Changed options of a subscription: rights, notifications, and writes by a holder with old options."""
 
 from collections.abc import Iterator
 from contextlib import aclosing
@@ -18,7 +18,7 @@ from linked_fleet_gateway.resources.subscription import (
 )
 from linked_fleet_gateway.subscriptions.store import Backlog, News, Store
 from redis_backends import Backend, opened
-from stored import LIMIT, OUTGOING, a_subscription, adopted, held
+from store_samples import LIMIT, OUTGOING, a_subscription, adopted, held
 
 
 @pytest.fixture
@@ -36,7 +36,7 @@ def other(subscription: Subscription, **options: Any) -> Changeable:
 
 
 async def test_options_are_changed_under_the_condition_that_they_are_as_they_were_read(a: Store, b: Store) -> None:
-    """One of two changes of the same state is refused. Each gateway is told of each; nothing else differs."""
+    """One of two changes of the same state is refused. Each gateway is notified of each; nothing else differs."""
     async with aclosing(b.news()) as heard:
         one = a_subscription(secret="whsec_1")
         await a.add(one, Delivery(), LIMIT)
@@ -77,7 +77,7 @@ async def test_writes_of_the_holder_do_not_revert_changes(a: Store, b: Store) ->
 async def test_messages_queued_before_a_change_count_as_sent(
     a: Store, b: Store, options: dict[str, Any], anew: bool
 ) -> None:
-    """Queued messages stay queued with their numbers. A subscriber that begins anew gets the present state."""
+    """Queued messages stay queued with their numbers. A subscriber that starts again gets the present state."""
     one = a_subscription()
     await a.add(one, Delivery(), LIMIT)
     await a.advance(one.id, None, OUTGOING, Delivery())

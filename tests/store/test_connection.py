@@ -1,6 +1,7 @@
 """Commands while connections are lost, and reports about a URL or an unsafe server."""
 
 import asyncio
+import contextlib
 import logging
 from collections.abc import Iterator
 
@@ -8,7 +9,7 @@ import pytest
 
 from linked_fleet_gateway.runtime.redis import BadUrl, Connection, StoreUnavailable
 from redis_backends import Backend, opened
-from stored import closing, served
+from store_samples import closing, served
 
 _ROUNDS, _AT_ONCE = 50, 12
 
@@ -44,6 +45,26 @@ async def test_writes_during_a_disconnection_raise(connection: Connection) -> No
 
 async def test_many_commands_are_answered_in_their_order(connection: Connection) -> None:
     assert await connection.all([("RPUSH", "a", "x")] * 600) == list(range(1, 601))
+
+
+async def test_a_cancelled_command_leaves_no_answer_to_the_next(connection: Connection) -> None:
+    await connection.one("SET", "other", "right")
+    for turns in range(_AT_ONCE):
+        cancelled = asyncio.create_task(connection.one("SET", "key", "wrong", "GET"))
+        for _ in range(turns):
+            await asyncio.sleep(0)
+        cancelled.cancel()
+        with contextlib.suppress(asyncio.CancelledError):
+            await cancelled
+        assert await connection.one("GET", "other") == b"right"
+
+
+async def test_a_refused_command_does_not_displace_the_answers_of_others(connection: Connection) -> None:
+    with pytest.raises(StoreUnavailable, match="WRONGTYPE"):
+        await connection.all([("SET", "{a}1", "text"), ("HGETALL", "{a}1"), ("GET", "{a}1")])
+    assert await connection.all([("GET", "{a}1"), ("HSET", "{a}2", "name", "value"), ("HGETALL", "{a}2")]) == [
+        b"text", 1, {b"name": b"value"},
+    ]  # fmt: skip
 
 
 async def test_following_begins_at_the_first_contact_without_gaps(connection: Connection, server: Backend) -> None:

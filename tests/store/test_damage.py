@@ -13,7 +13,7 @@ import redis
 from redis.backoff import NoBackoff
 from redis.retry import Retry
 
-from damaged import DAMAGES, cut_tail, write_data
+from file_damage import DAMAGES, cut_tail, write_data
 from linked_fleet_gateway.runtime import damaged_data as damage
 from linked_fleet_gateway.runtime import embedded_redis as embedded
 from linked_fleet_gateway.runtime.embedded_redis import Embedded
@@ -67,7 +67,7 @@ def started(state_dir: Path) -> tuple[int, tuple[str, ...]]:
 
 @pytest.mark.parametrize("kind", DAMAGES)
 def test_damaged_data_are_kept_under_another_name(kind: str, state_dir: Path, caplog: pytest.LogCaptureFixture) -> None:
-    """The server starts empty; the log says why, where the data is, and what is forgotten."""
+    """The server starts empty; the log has the reason, the place of the old data, and the lost content."""
     DAMAGES[kind](state_dir / damage.DATA)
     before = content(state_dir / damage.DATA)
     with caplog.at_level(logging.ERROR):
@@ -113,7 +113,7 @@ def test_two_damages_in_one_second_are_kept_both(state_dir: Path) -> None:
     data.mkdir()
     second = damage.set_aside(state_dir)
     assert first and second and first != second
-    assert damage.kept_aside(state_dir) == (first.name, second.name)
+    assert damage.damaged_copies(state_dir) == (first.name, second.name)
 
 
 async def test_data_stay_where_no_server_starts_at_all(

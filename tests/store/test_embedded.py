@@ -1,4 +1,4 @@
-"""The embedded server: one per state folder whoever comes and goes, and its data persists."""
+"""The embedded server: one per state folder, independent of the gateways that use it, with persistent data."""
 
 import asyncio
 import logging

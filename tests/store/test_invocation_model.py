@@ -1,4 +1,4 @@
-"""Invocations, idempotency keys and leases against a model: all gateways agree, whoever asks and however often."""
+"""Invocations, idempotency keys and leases against a model: all gateways agree, also for repeated requests."""
 
 import asyncio
 import time
@@ -25,7 +25,7 @@ from linked_fleet_gateway.actions.store import (
 )
 from linked_fleet_gateway.fleet.invocations import FLEET, Invocation, InvocationState
 from redis_backends import Backend, Memory, hold_to
-from stored import an_invocation, served
+from store_samples import an_invocation, served
 
 KEPT = 3
 _S, _LOOK_S, _COUNTED_S = 10**9, 2.0, 2.5
@@ -74,7 +74,7 @@ class Robot:
 
 
 class Invocations(RuleBasedStateMachine):
-    """Two gateways, which share what is in Redis."""
+    """Two gateways that share a Redis."""
 
     ids = Bundle("ids")
     robots: defaultdict[str, Robot]

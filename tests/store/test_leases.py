@@ -13,7 +13,7 @@ from linked_fleet_gateway.actions.store import ActionStore, LeaseHeld, News, Sto
 from linked_fleet_gateway.fleet.invocations import FLEET
 from redis_backends import Backend, opened
 from running import PATIENCE_S
-from stored import an_invocation, ended, served, until
+from store_samples import an_invocation, ended, served, until
 
 HOSTILE = ["arm 2/left", "@fleet", "{@fleet}", "}{", "..", "später", "x\r\nFLUSHALL\r\n", "\0", "*", "a" * 128]
 

@@ -9,12 +9,12 @@ import pytest
 
 from linked_fleet_gateway.app.application import new_live
 from linked_fleet_gateway.app.settings import GatewaySettings
-from linked_fleet_gateway.extensions.world import replicated_objects as store_module
-from linked_fleet_gateway.extensions.world.replicated_objects import Changed, Full, Objects, ObjectStore, digest
+from linked_fleet_gateway.extensions.world import service as store_module
 from linked_fleet_gateway.extensions.world.scene import SceneObject, Sphere
+from linked_fleet_gateway.extensions.world.service import Changed, Full, Objects, ObjectStore, digest
 from linked_fleet_gateway.fleet.model import Pose
 from redis_backends import Backend
-from stored import until
+from store_samples import until
 from virtual.zenoh_network import ZenohNetwork
 
 NOWHERE = Pose((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))

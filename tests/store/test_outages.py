@@ -12,14 +12,13 @@ import pytest
 from linked_fleet_gateway.actions.store import ActionStore
 from linked_fleet_gateway.extensions.rules.rule import RuleRecord
 from linked_fleet_gateway.extensions.rules.store import RuleStore
-from linked_fleet_gateway.extensions.sessions.ended_sessions import EndedSessions
-from linked_fleet_gateway.extensions.sessions.session_key import SessionKey
-from linked_fleet_gateway.extensions.world.replicated_objects import ObjectStore
+from linked_fleet_gateway.extensions.sessions.service import EndedSessions, SessionKey
+from linked_fleet_gateway.extensions.world.service import ObjectStore
 from linked_fleet_gateway.resources.subscription import Delivery
 from linked_fleet_gateway.runtime.redis import StoreUnavailable
 from linked_fleet_gateway.subscriptions.store import LEASE_S, Store
 from redis_backends import Backend, Memory
-from stored import LIMIT, OUTGOING, a_rule, a_subscription, an_invocation, ended, held, listed, served
+from store_samples import LIMIT, OUTGOING, a_rule, a_subscription, an_invocation, ended, held, listed, served
 
 Call = Callable[[], Awaitable[object]]
 
@@ -54,8 +53,8 @@ def rules(url: str, stack: AsyncExitStack) -> tuple[Call, ...]:
     known = RuleRecord(rule, 1, {}, 0)
     return (
         lambda: a.write(rule, 0, 9), lambda: a.remove(rule), a.load, lambda: a.read(rule.id), a.serve, a.leave, a.seen,
-        lambda: a.note_seen(["r"], ["x"]), lambda: a.recall(known), lambda: a.begin(known, ()),
-        lambda: a.advance(known, {}, ()), lambda: a.complain(known),
+        lambda: a.note_seen(["r"], ["x"]), lambda: a.rows_held(known), lambda: a.begin(known, ()),
+        lambda: a.advance(known, {}, ()), lambda: a.store_fault(known),
     )  # fmt: skip
 
 

@@ -18,7 +18,7 @@ from linked_fleet_gateway.subscriptions.records import read_entry
 from linked_fleet_gateway.subscriptions.redis_scripts import Keys
 from linked_fleet_gateway.subscriptions.store import Backlog, Entry, Lost, Outgoing, Store, StoreUnavailable
 from redis_backends import Backend, Memory, hold_to
-from stored import LEASE_S, LIMIT, CrashedError, a_subscription, adopted, crash_after, held, listed
+from store_samples import LEASE_S, LIMIT, CrashedError, a_subscription, adopted, crash_after, held, listed
 
 OWNER = "/baxter/right_s1"
 WAITING = Delivery(DeliveryState.WAITING)
@@ -206,7 +206,7 @@ class CallbackQueue(RuleBasedStateMachine):
 
     @rule(id=ids, which=WHICH, media_type=st.sampled_from(["text/turtle", "application/ld+json"]), late=st.booleans())
     def change(self, id: str, which: int, media_type: str, late: bool) -> None:
-        """With another media type everything is to be sent anew. A change based on old options is refused."""
+        """With another media type the whole state is sent again. A change based on old options is refused."""
         store, one = self.gateway(which), self.kept.get(id)
         read = a_subscription(id=id) if one is None else one.subscription
         before = replace(read, revision=read.revision - late)
@@ -214,7 +214,7 @@ class CallbackQueue(RuleBasedStateMachine):
         assert self.run(store.change(before, options)) is (one is not None and not late)
         if one is not None and not late:
             one.subscription = read.having(options, read.revision + 1)
-            if options.begins_anew(read.options):
+            if options.needs_full_state(read.options):
                 one.anew = read.revision + 1
                 one.sent.clear()
 
@@ -304,7 +304,7 @@ class CallbackQueue(RuleBasedStateMachine):
 
     @rule(which=WHICH, steps=st.integers(0, 12))
     def interrupted_adoption(self, which: int, steps: int) -> None:
-        """Each is with the dead run or with the one that died in its turn, or is a stream that is gone."""
+        """Each subscription belongs to the dead run or to the second one that died, or is a stream that has ended."""
         self.pass_a_lease()
         store, before = self.gateway(which), set(self.dead)
 

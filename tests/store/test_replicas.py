@@ -12,7 +12,7 @@ from linked_fleet_gateway.subscriptions.store import Store, StoreUnavailable
 from redis_backends import Memory, Real, opened
 from redis_servers import Server, Servers, cluster_replicated, single_replicated
 from running import eventually
-from stored import LIMIT, a_subscription, held, listed
+from store_samples import LIMIT, a_subscription, held, listed
 from virtual.loop import virtual_time
 
 KEYS = Keys()

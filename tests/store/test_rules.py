@@ -11,7 +11,7 @@ from linked_fleet_gateway.extensions.rules import store as store_module
 from linked_fleet_gateway.extensions.rules.rule import Firing, FiringState, Rule, RuleRecord
 from linked_fleet_gateway.extensions.rules.store import Changed, FleetFull, Full, Lost, RuleStore
 from redis_backends import Backend, opened
-from stored import HOSTILE, a_rule, closing
+from store_samples import HOSTILE, a_rule, closing
 
 
 @pytest.fixture
@@ -39,7 +39,7 @@ async def evaluated(store: RuleStore, rule: Rule, *holding: str) -> RuleRecord:
     await store.write(rule, 0, 9)
     await store.serve()
     known = await read(store)
-    assert await store.recall(known) is None
+    assert await store.rows_held(known) is None
     await store.begin(known, holding)
     return known
 
@@ -105,10 +105,10 @@ async def test_one_run_serves_until_it_leaves(a: RuleStore, b: RuleStore) -> Non
     await a.begin(known, ())
     await a.leave()
     assert await b.serve()
-    for late in (a.advance(known, began("row"), ()), a.recall(known), a.begin(known, ()), a.complain(known)):
+    for late in (a.advance(known, began("row"), ()), a.rows_held(known), a.begin(known, ()), a.store_fault(known)):
         with pytest.raises(Lost):
             await late
-    assert await b.recall(known) == set()
+    assert await b.rows_held(known) == set()
     assert await b.advance(known, began("row"), ()) == [1]
 
 
@@ -119,14 +119,14 @@ async def test_rows_are_kept_and_unfinished_firings_become_unknown(a: RuleStore,
     await a.finish(rule, 1, Firing(1, {}, FiringState.FAILED, reason=HOSTILE))
     await a.leave()
     await b.serve()
-    assert await b.recall(known) == {"held", "first", "second"}
+    assert await b.rows_held(known) == {"held", "first", "second"}
     known = await read(b)
     assert [each.state for each in known.firings.values()] == [FiringState.FAILED, FiringState.UNKNOWN]
     assert known.firings[2].bindings == {"x": HOSTILE}
     await b.write(replace(rule, title="anew"), 1, 9)
     with pytest.raises(Changed):
         await b.advance(known, began("late"), ())
-    assert await b.recall(replace(known, revision=2)) is None
+    assert await b.rows_held(replace(known, revision=2)) is None
 
 
 async def test_early_firings_are_suppressed_and_counted(a: RuleStore) -> None:
@@ -155,7 +155,7 @@ async def test_news_of_rules_and_faults_reaches_other_gateways(a: RuleStore, b: 
     await b.load()
     rule = a_rule()
     known = await evaluated(a, rule)
-    await a.complain(replace(known, fault=HOSTILE, suspended="revoked"))
+    await a.store_fault(replace(known, fault=HOSTILE, suspended="revoked"))
     news = b.news()
     assert [await anext(news) for _ in range(3)] == [rule.id] * 3
     await news.aclose()

@@ -7,13 +7,12 @@ from contextlib import aclosing
 
 import pytest
 
-from linked_fleet_gateway.extensions.sessions.ended_sessions import EndedSessions
 from linked_fleet_gateway.extensions.sessions.sealed_cookie import Session, new_session
-from linked_fleet_gateway.extensions.sessions.session_key import SessionKey
+from linked_fleet_gateway.extensions.sessions.service import EndedSessions, SessionKey
 from linked_fleet_gateway.identity.rights import TokenHash
 from linked_fleet_gateway.runtime.redis import StoreUnavailable
 from redis_backends import Backend, opened
-from stored import served
+from store_samples import served
 
 
 @pytest.fixture

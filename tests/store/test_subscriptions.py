@@ -10,7 +10,7 @@ from linked_fleet_gateway.resources.subscription import Delivery, DeliveryState,
 from linked_fleet_gateway.subscriptions.redis_scripts import Keys
 from linked_fleet_gateway.subscriptions.store import Backlog, Lost, News, Store, TooMany
 from redis_backends import Backend, opened
-from stored import (
+from store_samples import (
     LIMIT,
     OUTGOING,
     CrashedError,
@@ -185,18 +185,18 @@ def news(server: Backend, a: Store) -> Iterator[AsyncIterator[News]]:
 async def test_a_holder_gets_news_after_an_outage(
     server: Backend, a: Store, b: Store, news: AsyncIterator[News]
 ) -> None:
-    mine, woken, removed, later = (a_subscription() for _ in range(4))
+    mine, resumed, removed, later = (a_subscription() for _ in range(4))
     await a.renew()
-    for one in (mine, woken, removed, later):
+    for one in (mine, resumed, removed, later):
         await a.add(one, Delivery(DeliveryState.SUSPENDED, failures=8, reason="Gone.", consented=True), LIMIT)
     await a.remove(mine.id)
-    record = await b.wake(woken.id)
+    record = await b.wake(resumed.id)
     assert record is not None and record.delivery == Delivery(consented=True)
     await b.remove(removed.id)
     await a.wake(later.id)
-    assert await anext(news) == News("woken", woken.id, "a")
+    assert await anext(news) == News("resumed", resumed.id, "a")
     assert await anext(news) == News("removed", removed.id, "a")
-    assert await anext(news) == News("woken", later.id, "a")
+    assert await anext(news) == News("resumed", later.id, "a")
     waiting = asyncio.ensure_future(anext(news))
     server.kill()
     server.start()

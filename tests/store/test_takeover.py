@@ -12,7 +12,7 @@ from linked_fleet_gateway.resources.subscription import Delivery, DeliveryState,
 from linked_fleet_gateway.subscriptions.redis_scripts import Keys
 from linked_fleet_gateway.subscriptions.store import Lost, News, Store, TooMany
 from redis_backends import Backend, opened
-from stored import (
+from store_samples import (
     LEASE_S,
     LIMIT,
     CrashedError,
@@ -49,7 +49,7 @@ def stream() -> Subscription:
 
 
 async def ids_held(store: Store) -> set[str]:
-    """Return the ids in the list of a run, whoever holds them."""
+    """Return the ids in the list of a run, including those that other runs hold."""
     return set(await store._runs.held(store._run))
 
 

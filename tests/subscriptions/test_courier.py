@@ -21,10 +21,10 @@ from linked_fleet_gateway.resources.versioning import Source
 from linked_fleet_gateway.subscriptions import courier as courier_module
 from linked_fleet_gateway.subscriptions import redis_scripts as scripts
 from linked_fleet_gateway.subscriptions.courier import Courier
+from linked_fleet_gateway.subscriptions.delivery_pace import SUSPEND_AFTER
 from linked_fleet_gateway.subscriptions.fan_out import FanOut
 from linked_fleet_gateway.subscriptions.network import Address, Network
 from linked_fleet_gateway.subscriptions.receiver import Receiver
-from linked_fleet_gateway.subscriptions.retry import SUSPEND_AFTER
 from linked_fleet_gateway.subscriptions.store import Outgoing, Store, StoreUnavailable
 from receivers import Answer, Seen, consents, receiving, retry_after
 from receivers import Receiver as CallbackReceiver
@@ -63,7 +63,7 @@ class Toy:
 
     def become(self, fact: int) -> None:
         self.fact = fact
-        self.fan_out.touched(PATH)
+        self.fan_out.mark_changed(PATH)
 
     @property
     def version(self) -> str:
@@ -535,7 +535,7 @@ async def test_a_change_while_consent_is_awaited_holds_for_the_first_delivery(
 async def test_another_secret_signs_from_the_next_attempt_on(
     url: str, there: CallbackReceiver, at_once: list[int]
 ) -> None:
-    """Queued messages are signed anew as well, with the same body and id. A change of the interval repeats nothing."""
+    """Queued messages get new signatures too, with the same body and id. A change of the interval repeats nothing."""
     there.script(Answer(), Answer(500, stalls=True))
     async with work(url, there) as at:
         await at.requests(1)

@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from actor import joint, link, robot
+from fake_robots import joint, link, robot
 from linked_fleet_agent.wire.codec import encode_state, layout
 from linked_fleet_agent.wire.messages import WIRE_VERSION, Description, State
 from linked_fleet_gateway.fleet.events import Appeared, Described, Framed
@@ -21,8 +21,8 @@ from linked_fleet_gateway.resources.subscription import Delivery, DeliveryState,
 from linked_fleet_gateway.resources.tree import Tree
 from linked_fleet_gateway.subscriptions import service as service_module
 from linked_fleet_gateway.subscriptions import streams as streams_module
+from linked_fleet_gateway.subscriptions.broadcast import Ending, Message
 from linked_fleet_gateway.subscriptions.fan_out import FanOut
-from linked_fleet_gateway.subscriptions.message import Ending, Message
 from linked_fleet_gateway.subscriptions.network import Network
 from linked_fleet_gateway.subscriptions.service import Subscriptions
 from linked_fleet_gateway.subscriptions.store import News, Store, StoreUnavailable, TooMany
@@ -247,7 +247,7 @@ async def test_a_stream_that_is_not_reopened_is_removed(servers: Servers, soon: 
 
 
 async def test_a_wait_at_the_gateway_before_does_not_end_it(servers: Servers, soon: None) -> None:
-    """Created at one gateway and opened through another, unknown to the first, whose wait expires."""
+    """A stream is created at one gateway and opened at another. The first does not know that, and its wait expires."""
     async with gateways(servers, 2) as (one, other):
         posted = stream()
         await one.streams.offer(posted)
@@ -320,7 +320,7 @@ async def test_a_cancelled_registration_leaves_nothing(servers: Servers, soon: N
 
 
 async def test_an_answer_of_the_store_that_is_lost_leaves_nothing(servers: Servers) -> None:
-    """The client is told that there is no subscription, which becomes true."""
+    """The client gets StoreUnavailable, and the subscription that was stored anyway is deleted later."""
     async with gateways(servers) as (at,):
         at.store.cut = True
         with pytest.raises(StoreUnavailable):
@@ -470,7 +470,7 @@ async def test_a_stream_that_is_changed_while_it_is_being_opened_has_the_new_opt
         watcher = at.streams.open(opened, outlet, None)
         assert watcher.subscription.interval_s == 3600.0
         assert watcher.subscription.kind is Kind.WEBSOCKET
-        assert at.streams.obeys(watcher.subscription)
+        assert at.streams.has_options(watcher.subscription)
         assert not at.streams._changed
 
 

@@ -214,7 +214,7 @@ def test_a_websocket_that_was_reset_is_closed_without_a_word(served: tuple[Virtu
 
 
 class _Endless(asyncio.Protocol):
-    """Writes until it is told to pause."""
+    """Writes until the transport pauses it."""
 
     def __init__(self) -> None:
         self.paused = False

@@ -89,7 +89,7 @@ class TestMessages:
     @pytest.mark.parametrize("version", [-1, 0, WIRE_VERSION + 1])
     def test_another_version_is_refused_before_anything_else_is_judged(self, version: int, kind: Any) -> None:
         payload = json.dumps({"version": version, "of": "another time"}).encode()
-        with pytest.raises(VersionError, match=f"version {version} is not spoken here"):
+        with pytest.raises(VersionError, match=f"version {version} is not supported"):
             codec.decode(payload, kind)
 
     @pytest.mark.parametrize(

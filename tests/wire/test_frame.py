@@ -88,7 +88,7 @@ def test_an_unknown_value_stays_unknown() -> None:
 def test_another_version_is_refused_by_its_number(version: int) -> None:
     payload = bytearray(frame())
     struct.pack_into("<H", payload, 2, version)
-    with pytest.raises(VersionError, match=f"version {version} is not spoken here; 1 to {WIRE_VERSION} are"):
+    with pytest.raises(VersionError, match=f"version {version} is not supported; 1 to {WIRE_VERSION} are"):
         codec.decode_state(bytes(payload))
 
 

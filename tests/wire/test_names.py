@@ -6,7 +6,7 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from linked_fleet_agent.wire.names import MAX_NAME_BYTES, escape, unescape
+from linked_fleet_agent.wire.keys import MAX_NAME_BYTES, escape, unescape
 
 RESERVED = frozenset({"subscriptions", "jointState", "health", "-"})
 names = st.text(st.characters(exclude_categories=["Cs"]), min_size=1).filter(

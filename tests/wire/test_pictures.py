@@ -5,9 +5,15 @@ from io import BytesIO
 
 import pytest
 
-from linked_fleet_agent.wire.codec import WireError
+from linked_fleet_agent.wire.codec import (
+    HEADER,
+    MAX_CONTENT_BYTES,
+    PictureHeader,
+    WireError,
+    decode_picture,
+    encode_picture,
+)
 from linked_fleet_agent.wire.messages import PictureFormat
-from linked_fleet_agent.wire.pictures import HEADER, MAX_CONTENT_BYTES, PictureHeader, decode_picture, encode_picture
 
 SHOWN = PictureHeader(rows=2, columns=3, incarnation=7, sequence=41, monotonic_ns=5, wall_ns=6, near_m=0.1, far_m=9.0)
 PNG = b"\x89PNG\r\n\x1a\n\x00\x00\x00\rIHDR" + struct.pack(">II", 3, 2) + b"\x08\x02\x00\x00\x00"
@@ -58,5 +64,5 @@ def test_pictures_of_another_size_are_refused(format: PictureFormat, payload: by
 
 
 def test_too_large_pictures_are_not_sent() -> None:
-    with pytest.raises(WireError, match="are the most"):
+    with pytest.raises(WireError, match="is the maximum"):
         encode_picture("depth", SHOWN, bytes(MAX_CONTENT_BYTES + 1))

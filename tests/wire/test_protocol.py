@@ -9,9 +9,8 @@ from typing import Any, get_args, get_type_hints
 
 import pytest
 
-from linked_fleet_agent.wire import codec, keys, messages, pictures
-from linked_fleet_agent.wire.keys import Keys, RobotKey
-from linked_fleet_agent.wire.names import escape, unescape
+from linked_fleet_agent.wire import codec, keys, messages
+from linked_fleet_agent.wire.keys import Keys, RobotKey, escape, unescape
 
 PAGE = (Path(codec.__file__).parent / "PROTOCOL.md").read_text()
 KINDS: dict[str, Any] = {
@@ -85,8 +84,8 @@ def test_the_field_table_is_the_layout(joints: int, floating: bool) -> None:
 def test_the_head_of_a_picture_is_that_of_the_code() -> None:
     fields = table("field", "type", "offset")
     formats = {"char2": "2s", "uint16": "H", "uint64": "Q", "int64": "q", "float64": "d"}
-    assert "<" + "".join(formats[type_] for _, type_, _ in fields) == pictures.HEADER.format
-    assert [name for name, *_ in fields] == ["magic", "version", *pictures.PictureHeader._fields]
+    assert "<" + "".join(formats[type_] for _, type_, _ in fields) == codec.HEADER.format
+    assert [name for name, *_ in fields] == ["magic", "version", *codec.PictureHeader._fields]
     offsets = [struct.calcsize("<" + "".join(formats[each] for _, each, _ in fields[:at])) for at in range(len(fields))]
     assert [int(offset) for *_, offset in fields] == offsets
 
@@ -106,7 +105,7 @@ def test_the_fields_of_a_command_that_have_a_default_are_explained() -> None:
 
 
 def test_the_key_table_is_what_keys_are_built_from() -> None:
-    documented = {row[0] for row in table("key", "kind", "who declares or publishes", "who reads")}
+    documented = {row[0] for row in table("key", "kind", "declared or published by", "read by")}
     kinds: tuple[Any, ...] = ("description", "state", "command", "stop", "progress", "mesh", "picture")
     built = {Keys().robot("ROBOT", kind) for kind in kinds}
     built |= {Keys().presence("ROBOT", 1).replace("/1", "/{incarnation}")}

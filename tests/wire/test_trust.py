@@ -5,9 +5,8 @@ from pathlib import Path
 import pytest
 
 from certificates import made
-from linked_fleet_agent.wire.access import common_name, of_agent, of_router
 from linked_fleet_agent.wire.keys import Keys
-from linked_fleet_agent.wire.trust import Credentials, open_to_all
+from linked_fleet_agent.wire.trust import Credentials, common_name, of_agent, of_router, open_to_all
 
 
 @pytest.fixture(scope="module")
@@ -29,10 +28,13 @@ def test_files_that_are_no_credentials(folder: Path) -> None:
     ca, certificate, key = (str(folder / name) for name in ("ca.pem", "gateway.pem", "gateway.key"))
     assert Credentials.given("", "", "") is None
     for given, said in (
-        ((ca, "", key), "given together"),
-        ((ca, certificate, str(folder / "router.key")), "gateway.pem and .*router.key are no certificate and its key"),
+        ((ca, "", key), "set together"),
+        (
+            (ca, certificate, str(folder / "router.key")),
+            "gateway.pem and .*router.key are not a certificate and its key",
+        ),
         ((ca, str(folder / "missing"), key), "missing cannot be read: No such file"),
-        ((key, certificate, key), "gateway.key is no certificate of an authority"),
+        ((key, certificate, key), "gateway.key is not the certificate of an authority"),
     ):
         with pytest.raises(ValueError, match=said) as caught:
             Credentials.given(*given)
@@ -41,7 +43,7 @@ def test_files_that_are_no_credentials(folder: Path) -> None:
 
 def test_agents_cannot_have_names_of_gateways() -> None:
     for name in ("gateway", "router"):
-        with pytest.raises(ValueError, match="taken for one"):
+        with pytest.raises(ValueError, match="is reserved"):
             of_router(Keys(), {name: [name]})
     assert common_name("hall 2") == "hall~202"
 

@@ -26,7 +26,7 @@ _log = logging.getLogger(__name__)
 
 FORMATS: tuple[PictureFormat, ...] = ("jpeg", "png", "depth")
 _OFF = ("disable", "disabled", "off", "false", "0")
-_PATIENCE_S = 20.0  # long enough for the first picture on a busy machine, which loads the meshes
+_TIMEOUT_S = 20.0  # long enough for the first picture on a busy machine, which loads the meshes
 _SIZE = struct.Struct("<I")
 OK, NOT = b"\0", b"\1"
 
@@ -189,7 +189,7 @@ class _Renderer:
             late.set()
             self._process.kill()
 
-        watchdog = threading.Timer(_PATIENCE_S, give_up)
+        watchdog = threading.Timer(_TIMEOUT_S, give_up)
         watchdog.start()
         try:
             if question is not None:
@@ -197,7 +197,7 @@ class _Renderer:
             answer = read_frame(source)
         except (EOFError, BrokenPipeError) as error:
             if late.is_set():
-                raise PictureError(f"nothing was rendered within {_PATIENCE_S:g} s") from error
+                raise PictureError(f"nothing was rendered within {_TIMEOUT_S:g} s") from error
             raise EOFError from error
         finally:
             watchdog.cancel()

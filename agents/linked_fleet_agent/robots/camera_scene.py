@@ -102,7 +102,7 @@ def _model(scene: Scene) -> mujoco.MjModel:
         mesh.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL
     for camera in scene.cameras:
         _mount(spec, camera)
-    _furnish(spec)
+    _add_surroundings(spec)
     spec.visual.global_.offwidth = max(camera.width for camera in scene.cameras)
     spec.visual.global_.offheight = max(camera.height for camera in scene.cameras)
     return spec.compile()
@@ -117,7 +117,7 @@ def _mount(spec: mujoco.MjSpec, camera: Camera) -> None:
     )
 
 
-def _furnish(spec: mujoco.MjSpec) -> None:
+def _add_surroundings(spec: mujoco.MjSpec) -> None:
     """Add a tiled floor, a sky and a light from above."""
     sky = spec.add_texture(
         name="sky", type=mujoco.mjtTexture.mjTEXTURE_SKYBOX, builtin=mujoco.mjtBuiltin.mjBUILTIN_GRADIENT

@@ -8,13 +8,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from linked_fleet_agent.meshes import named
 from linked_fleet_agent.robot import Facts, JointFacts, Robot
 from linked_fleet_agent.robots.camera_client import as_available, probe
 from linked_fleet_agent.robots.ros2.address import SCHEME, AddressError, parse_address
-from linked_fleet_agent.urdf import UrdfError, joints_of
+from linked_fleet_agent.urdf import UrdfError, joints_of, named
+from linked_fleet_agent.wire.keys import escape
 from linked_fleet_agent.wire.messages import Camera
-from linked_fleet_agent.wire.names import escape
 
 _ROBOTS = Path("cmeel.prefix", "share", "example-robot-data", "robots")
 
@@ -206,7 +205,7 @@ def poses_of(model: Model, joints: Sequence[JointFacts]) -> dict[str, dict[str, 
 
 def _find(name: str, source: str, floating: bool) -> Robot:
     if floating:
-        raise UnavailableError(f"{name}: joint states say nothing of a floating base; leave it out")
+        raise UnavailableError(f"{name}: joint states have no pose of a floating base; leave out `floating`")
     try:
         address = parse_address(source)
         from linked_fleet_agent.robots.ros2.robot import Ros2Robot
@@ -239,7 +238,7 @@ def _simulate(name: str, model: Model, path: Path) -> Robot:
     except OSError as error:
         raise UnavailableError(f"{name}: {path} cannot be read: {error.strerror}") from error
     except (UrdfError, UnicodeDecodeError) as error:
-        raise UnavailableError(f"{name}: {path} is no URDF: {error}") from error
+        raise UnavailableError(f"{name}: {path} is not a URDF: {error}") from error
     except ValueError as error:
         raise UnavailableError(str(error)) from error
 

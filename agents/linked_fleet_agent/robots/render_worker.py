@@ -28,7 +28,7 @@ def main(task: str) -> None:
 
 def _serve(questions: BinaryIO, answers: BinaryIO) -> None:
     """Answer requests. The client waits for each answer, so nothing is buffered beyond what ``select`` sees."""
-    room = _Room()
+    room = _Worker()
     while select.select([questions], [], [], IDLE_S)[0]:
         try:
             question = read_frame(questions)
@@ -53,8 +53,8 @@ def _probe() -> bytes:
     return b""
 
 
-class _Room:
-    """Answers requests: the first is the scene, each later one an exposure."""
+class _Worker:
+    """Answers requests: the first one sets the scene, each later one asks for a picture."""
 
     def __init__(self) -> None:
         self._take: Callable[[PictureRequest], bytes] | None = None

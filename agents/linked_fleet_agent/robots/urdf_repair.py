@@ -10,8 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from linked_fleet_agent.meshes import locate
-from linked_fleet_agent.urdf import parse
+from linked_fleet_agent.urdf import locate, parse
 
 _log = logging.getLogger(__name__)
 
@@ -138,7 +137,10 @@ def _repair_tensor(inertial: ElementTree.Element, robot: str, link: str) -> None
 
 
 def nearest_physical(inertia: np.ndarray) -> np.ndarray:
-    """Return the nearest physical inertia in kg·m² with the same principal axes: all positive, A + B ≥ C."""
+    """Return the nearest physical inertia in kg·m² with the same principal axes.
+
+    All principal moments are positive, and none exceeds the sum of the other two.
+    """
     principal, axes = np.linalg.eigh((inertia + inertia.T) / 2.0)
     floor = max(TINY_INERTIA_KG_M2 * 1e-3, 1e-6 * float(np.abs(principal).max()))
     sound = np.sort(np.maximum(principal, floor)) if principal.min() <= 0.0 else principal

@@ -1,10 +1,50 @@
-"""All Zenoh keys of the fleet are built and parsed here, and nowhere else (PROTOCOL.md, "Keys")."""
+"""Zenoh keys of the fleet, and the escape of names in them (PROTOCOL.md, "Keys").
+
+Keys are built and parsed here, and nowhere else. The escape makes any name a safe URI path segment and a safe Zenoh key
+chunk. Bytes of the UTF-8 form outside ``A-Z a-z 0-9 _ . -`` become ``~XX`` (upper-case hex). If the whole name is
+reserved (or ``.`` or ``..``), its first byte is escaped as well. The rule is reversible and every name has exactly one
+segment; any other spelling is refused.
+"""
 
 import re
+from collections.abc import Container
 from dataclasses import dataclass
 from typing import Literal
 
-from linked_fleet_agent.wire.names import escape, unescape
+MAX_NAME_BYTES = 128
+_PLAIN = frozenset(b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789_.-")
+_AS_IT_IS = re.compile(r"[A-Za-z0-9_.-]{1,128}", re.ASCII)
+"""Names that equal their segment, unless reserved."""
+
+
+def escape(name: str, reserved: Container[str] = ()) -> str:
+    """Return the segment of ``name``. Raises ValueError if it is empty or longer than 128 bytes in UTF-8."""
+    escape_first = name in (".", "..") or name in reserved
+    if not escape_first and _AS_IT_IS.fullmatch(name):
+        return name
+    raw = name.encode()
+    if not 0 < len(raw) <= MAX_NAME_BYTES:
+        raise ValueError(f"a name has 1 to {MAX_NAME_BYTES} bytes, not {len(raw)}")
+    return "".join(
+        chr(byte) if byte in _PLAIN and not (escape_first and index == 0) else f"~{byte:02X}"
+        for index, byte in enumerate(raw)
+    )
+
+
+def unescape(segment: str, reserved: Container[str] = ()) -> str:
+    """Return the name of ``segment``. Raises ValueError if the segment is not the canonical one of any name."""
+    if segment not in (".", "..") and segment not in reserved and _AS_IT_IS.fullmatch(segment):
+        return segment
+    head, *rest = segment.split("~")
+    try:
+        raw = head.encode("ascii") + b"".join(bytes.fromhex(part[:2]) + part[2:].encode("ascii") for part in rest)
+        name = raw.decode()
+        if escape(name, reserved) == segment:
+            return name
+    except ValueError:
+        pass
+    raise ValueError(f"{segment!r} is not the segment of a name")
+
 
 Kind = Literal["description", "state", "command", "stop", "progress", "mesh", "picture", "presence"]
 
@@ -26,7 +66,7 @@ class RobotKey:
 
 @dataclass(frozen=True)
 class Keys:
-    """All keys under one namespace. Raises ValueError if the namespace is not a plain Zenoh key."""
+    """Builds and parses the keys under one namespace. Raises ValueError if the namespace is not a plain Zenoh key."""
 
     namespace: str = "fleet"
 
@@ -107,5 +147,5 @@ class Keys:
             raise ValueError(f"{key!r} is not the key of a robot in namespace {self.namespace!r}")
         segment, kind, incarnation = match.groups()
         if (kind == "presence") != (incarnation is not None):
-            raise ValueError(f"{key!r}: an incarnation belongs to presence, and only there")
+            raise ValueError(f"{key!r}: presence keys, and no others, have an incarnation")
         return RobotKey(unescape(segment), kind, None if incarnation is None else int(incarnation))  # type: ignore[arg-type]

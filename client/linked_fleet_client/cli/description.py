@@ -9,14 +9,12 @@ from rdflib.term import URIRef
 
 from linked_fleet_client.action import Action
 from linked_fleet_client.cli import output
-from linked_fleet_client.cli.completion import all_paths
-from linked_fleet_client.cli.options import Session, common, units
+from linked_fleet_client.cli.options import Session, all_paths, common, units
 from linked_fleet_client.cli.output import clean
-from linked_fleet_client.fleet import Fleet
+from linked_fleet_client.fleet import Fleet, Property, Thing, kind_of
 from linked_fleet_client.invocation import Invocation
-from linked_fleet_client.naming import step
 from linked_fleet_client.reading import Reading
-from linked_fleet_client.thing import Property, Thing, kind_of
+from linked_fleet_client.resource import step
 from linked_fleet_client.vocabulary import is_web
 
 Found = Thing | Property | Action | Invocation
@@ -47,19 +45,19 @@ def ls(session: Session, path: str, values: bool, units: tuple[str, ...]) -> Non
 
 def _rows(thing: Thing, live: bool, units: Sequence[str]) -> Iterator[dict[str, Any]]:
     document = thing.read()
-    parts = list(thing.parts.introduced())
+    parts = list(thing.parts.with_loaded_names())
     if live:
         with ThreadPoolExecutor(_AT_ONCE) as pool:
-            list(pool.map(Thing.learn, parts))
+            list(pool.map(Thing.document, parts))
     for part in parts:
         state = _presence(part, thing) or (_live(part, units) if live else "")
         yield {"name": part.name, "kind": part.kind, "state": state, "iri": part.iri}
-    for prop in thing.properties_in(document).introduced():
-        value = prop.within(document)
+    for prop in thing.properties_in(document).with_loaded_names():
+        value = prop.reading_in(document)
         value = value if value.values else prop.reading
         row = {"name": prop.name, "kind": kind_of(prop) or "property", "state": output.brief(value, units)}
         yield row | {"iri": prop.iri, "values": output.reading(value, units)}
-    for action in thing.actions.introduced():
+    for action in thing.actions.with_loaded_names():
         yield _row(action, units)
 
 
@@ -68,20 +66,24 @@ def _row(here: Found, units: Sequence[str]) -> dict[str, Any]:
         value = here.reading
         row = {"name": here.name, "kind": kind_of(here), "state": output.brief(value, units), "iri": here.iri}
         return row | {"values": output.reading(value, units)}
-    here.learn()
+    here.document()
     kind = "action" if isinstance(here, Action) else kind_of(here)
     return {"name": here.name, "kind": kind, "state": here.title, "iri": here.iri}
 
 
 def _presence(part: Thing, above: Thing) -> str:
-    return part.presence_in(above.learn()) or part.presence_in(part.learn() if part.known else above.learn()) or ""
+    return (
+        part.presence_in(above.document())
+        or part.presence_in(part.document() if part.known else above.document())
+        or ""
+    )
 
 
 def _live(part: Thing, units: Sequence[str]) -> str:
     """Return the values of a thing that have a time of measurement."""
-    document = part.learn()
-    found = [(prop.name, prop.within(document).main) for prop in part.properties_in(document)]
-    return ", ".join(f"{name}={output.said(value, units)}" for name, value in found if value and value.time)
+    document = part.document()
+    found = [(prop.name, prop.reading_in(document).main) for prop in part.properties_in(document)]
+    return ", ".join(f"{name}={output.value_text(value, units)}" for name, value in found if value and value.time)
 
 
 @click.command()
@@ -102,10 +104,10 @@ def _described(here: Found, units: Sequence[str]) -> dict[str, Any]:
     said: dict[str, Any] = {"iri": here.iri, "title": here.title, "types": sorted(map(str, here.types))}
     if isinstance(here, Thing):
         said["presence"] = here.presence_in(document)
-        said["parts"] = [part.name for part in here.parts.introduced()]
-        properties = here.properties_in(document).introduced()
+        said["parts"] = [part.name for part in here.parts.with_loaded_names()]
+        properties = here.properties_in(document).with_loaded_names()
         said["properties"] = {prop.name: output.reading(_value(prop, here), units) for prop in properties}
-        said["actions"] = {action.name: _action(action) for action in here.actions.introduced()}
+        said["actions"] = {action.name: _action(action) for action in here.actions.with_loaded_names()}
     elif isinstance(here, Action):
         said |= _action(here)
     elif isinstance(here, Invocation):
@@ -118,14 +120,14 @@ def _described(here: Found, units: Sequence[str]) -> dict[str, Any]:
 
 
 def _value(prop: Property, thing: Thing) -> Reading:
-    """Return the value in the description of the thing or, if that only links the property, in its own."""
-    shown = prop.within(thing.learn())
+    """Return the value from the thing's description or, if that only links the property, from the property's own."""
+    shown = prop.reading_in(thing.document())
     return shown if shown.values else prop.reading
 
 
 def _action(action: Action) -> dict[str, Any]:
-    action.learn()
-    return {"title": action.title, "dryRun": action.can_rehearse, "input": output.asked_json(action.fields)}
+    action.document()
+    return {"title": action.title, "dryRun": action.can_rehearse, "input": output.fields_json(action.fields)}
 
 
 def invocation(run: Invocation) -> dict[str, Any]:
@@ -158,16 +160,18 @@ def _text(here: Found, said: dict[str, Any], units: Sequence[str]) -> Iterator[s
 
 
 def _thing_text(thing: Thing, units: Sequence[str]) -> Iterator[str]:
-    rows = [[step(prop.name), output.brief(_value(prop, thing), units)] for prop in thing.properties.introduced()]
+    rows = [
+        [step(prop.name), output.brief(_value(prop, thing), units)] for prop in thing.properties.with_loaded_names()
+    ]
     if rows:
         yield "\nProperties\n" + output.table([["  " + name, value] for name, value in rows])
-    actions = list(thing.actions.introduced())
+    actions = list(thing.actions.with_loaded_names())
     if actions:
         yield "\nActions"
     for action in actions:
-        action.learn()
+        action.document()
         yield from ("  " + line for line in [clean(f"{step(action.name)}: {action.title}"), *_input(action)])
-    if parts := [step(part.name) for part in thing.parts.introduced()]:
+    if parts := [step(part.name) for part in thing.parts.with_loaded_names()]:
         yield "\nParts\n  " + clean(" ".join(parts))
 
 
@@ -178,13 +182,13 @@ def _action_text(action: Action) -> Iterator[str]:
 
 
 def _input(action: Action) -> list[str]:
-    action.learn()
-    return output.input_in_words(action.fields, "    ") or ["    takes nothing"]
+    action.document()
+    return output.input_text(action.fields, "    ") or ["    takes nothing"]
 
 
 def _property_text(prop: Property, units: Sequence[str]) -> Iterator[str]:
     reading = prop.reading
-    rows = [[key, output.said(value, units)] for key, value in reading.values.items()]
+    rows = [[key, output.value_text(value, units)] for key, value in reading.values.items()]
     if rows:
         yield output.table(rows)
     else:

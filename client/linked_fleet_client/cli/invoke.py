@@ -1,26 +1,88 @@
-"""Commands ``do`` and ``stop``: execute actions and follow them to their end."""
+"""Commands ``do`` and ``stop``: parse ``name=value`` arguments, execute actions and follow them to their end."""
 
+import json
 import math
+import re
 import sys
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import click
 
 from linked_fleet_client.action import Action
 from linked_fleet_client.cli import output
-from linked_fleet_client.cli.arguments import nested
-from linked_fleet_client.cli.completion import action_names, inputs, things
 from linked_fleet_client.cli.description import found_at, invocation
-from linked_fleet_client.cli.options import Session, common, longest, wait
+from linked_fleet_client.cli.options import Session, action_names, common, inputs, longest, things, wait
 from linked_fleet_client.errors import ClientError, NoSuchThing, StillRunning
-from linked_fleet_client.fleet import Fleet
+from linked_fleet_client.fleet import Fleet, Thing
 from linked_fleet_client.invocation import Invocation, progress_in
 from linked_fleet_client.live import Change
 from linked_fleet_client.quantity import Quantity
 from linked_fleet_client.reading import Value
-from linked_fleet_client.thing import Thing
 from linked_fleet_client.vocabulary import LF, local_name
+
+_STEP = re.compile(r"([^.\[\]]+)(?:\[(\d{1,3})\])?")
+
+
+class BadArgument(ClientError):  # noqa: N818
+    """An argument that is not ``name=value``."""
+
+
+def nested(arguments: Sequence[str]) -> dict[str, Any]:
+    """Return the nested mapping of the arguments; a repeated name collects its values in a list.
+
+    ``a=1 b[0].c=2 b[1].c=3`` is the same as ``a=1 b='[{"c": 2}, {"c": 3}]'``.
+    """
+    found: dict[str, Any] = {}
+    for argument in arguments:
+        name, equals, text = argument.partition("=")
+        parts = [_STEP.fullmatch(part) for part in name.split(".")]
+        if not equals or not all(parts):
+            raise BadArgument(f"{argument!r} is not of the form name=value")
+        _put(found, [(part[1], part[2]) for part in parts if part], _value(argument, text))
+    return {name: _lists(value) for name, value in found.items()}
+
+
+def _value(argument: str, text: str) -> Any:
+    if not text.startswith(("{", "[")):
+        return text
+    try:
+        return json.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise BadArgument(f"{argument!r} begins like JSON but is invalid: {error}") from error
+
+
+class _Indexed(dict[int, Any]):
+    """A list under construction, by index."""
+
+
+def _put(into: dict[Any, Any], steps: Sequence[tuple[str, str | None]], value: Any) -> None:
+    (name, index), *rest = steps
+    if index is not None:
+        into = _below(into, name, _Indexed)
+        name = int(index)  # type: ignore[assignment]
+    if rest:
+        _put(_below(into, name, dict), rest, value)
+    elif name in into:
+        before = into[name]
+        into[name] = [*(before if isinstance(before, list) else [before]), value]
+    else:
+        into[name] = value
+
+
+def _below(into: dict[Any, Any], name: Any, kind: type[dict[Any, Any]]) -> dict[Any, Any]:
+    below: Any = into.setdefault(name, kind())
+    if not isinstance(below, kind):
+        raise BadArgument(f"{name!r} is given both as a value and in parts")
+    return below
+
+
+def _lists(value: Any) -> Any:
+    if isinstance(value, _Indexed):
+        return [_lists(value[index]) for index in sorted(value)]
+    return {name: _lists(each) for name, each in value.items()} if isinstance(value, dict) else value
+
 
 _BAR = 30
 _CANCEL_S = 10.0
@@ -54,7 +116,7 @@ def do(
         try:
             run = wanted(given, idempotency_key=idempotency_key)
         except KeyboardInterrupt:
-            print("interrupted before the server had answered: it may have begun", file=sys.stderr)
+            print("interrupted before the server answered: the action may have begun", file=sys.stderr)
             raise
         return _follow(run, seconds, session.json) if wait else _print(run, session.json)
 
@@ -62,7 +124,7 @@ def do(
 def _action(fleet: Fleet, path: str, name: str) -> Action:
     here = found_at(fleet, path)
     if not isinstance(here, Thing):
-        raise NoSuchThing(f"{path} is no thing, so it has no action {name!r}")
+        raise NoSuchThing(f"{path} is not a thing, so it has no action {name!r}")
     return here.actions[name]
 
 
@@ -80,8 +142,8 @@ def stop(session: Session, path: str, wait: bool, seconds: float | None) -> int:
     with session.fleet() as fleet:
         here = found_at(fleet, path)
         if not isinstance(here, Thing):
-            raise NoSuchThing(f"{path} is no thing, so nothing can stop it")
-        actions = here.actions.introduced()
+            raise NoSuchThing(f"{path} is not a thing, so it has no action that stops it")
+        actions = here.actions.with_loaded_names()
         found = [action for action in actions if any(name.casefold().startswith("stop") for name in action.names)]
         if len(found) != 1:
             raise NoSuchThing(f"{here.name} has {len(found)} actions that stop it", [each.name for each in actions])
@@ -94,7 +156,7 @@ def _rehearse(action: Action, arguments: dict[str, object], as_json: bool) -> in
     if as_json:
         print(output.as_json({"dryRun": True, "values": output.reading(would)}))
     else:
-        print("it would be done; nothing has moved")
+        print("the action is possible; nothing has moved")
         _print_quantities(would.values)
     return 0
 
@@ -133,7 +195,7 @@ def _print(run: Invocation, as_json: bool) -> int:
         print(output.as_json(said))
         return 0
     if not run.traced:
-        print("done, as the server says; it does not say where to look")
+        print("the server reports success, but gives no invocation to look at")
         return 0
     reason = f": {said['reason']}" if said["reason"] else ""
     print(output.clean(f"{said['state'] or 'sent'}{reason}  {run.iri}"))

@@ -9,11 +9,9 @@ from typing import Any
 import click
 
 from linked_fleet_client.cli import output, programs
-from linked_fleet_client.cli.arguments import BadArgument
-from linked_fleet_client.cli.completion import completion
 from linked_fleet_client.cli.description import get, ls
-from linked_fleet_client.cli.invoke import do, stop
-from linked_fleet_client.cli.options import common
+from linked_fleet_client.cli.invoke import BadArgument, do, stop
+from linked_fleet_client.cli.options import common, completion
 from linked_fleet_client.cli.watch import watch
 from linked_fleet_client.errors import BadAnswer, ClientError, NoSuchThing, Problem, Unreachable
 

@@ -8,10 +8,10 @@ from typing import Any
 from rdflib.term import Literal, Node, URIRef
 
 from linked_fleet_client.errors import InvalidInput
-from linked_fleet_client.form import FormField, Limits, said_choices, said_range
-from linked_fleet_client.naming import step
+from linked_fleet_client.form import FormField, Limits, choices_text, range_text
 from linked_fleet_client.quantity import Quantity, number
 from linked_fleet_client.reading import Reading, Value
+from linked_fleet_client.resource import step
 from linked_fleet_client.vocabulary import local_name
 
 _WIDEST = 72
@@ -30,7 +30,7 @@ def table(rows: Sequence[Sequence[str]], header: Sequence[str] = ()) -> str:
 
 
 def converted(value: Quantity, units: Sequence[str]) -> Quantity:
-    """Convert to the first of ``units`` with the same dimension."""
+    """Convert to the first of ``units`` with the same dimension; return the value unchanged if there is none."""
     for unit in units:
         try:
             return value.to(unit)
@@ -39,7 +39,7 @@ def converted(value: Quantity, units: Sequence[str]) -> Quantity:
     return value
 
 
-def said(value: Value, units: Sequence[str] = ()) -> str:
+def value_text(value: Value, units: Sequence[str] = ()) -> str:
     if isinstance(value, Quantity):
         return str(converted(value, units))
     return local_name(value) if isinstance(value, URIRef) else value
@@ -48,12 +48,12 @@ def said(value: Value, units: Sequence[str] = ()) -> str:
 def brief(reading: Reading, units: Sequence[str] = ()) -> str:
     """Return the values on one line: the main one, or as many as fit."""
     if reading.main is not None:
-        return said(reading.main, units)
-    text = ", ".join(f"{key}={said(value, units)}" for key, value in reading.values.items())
+        return value_text(reading.main, units)
+    text = ", ".join(f"{key}={value_text(value, units)}" for key, value in reading.values.items())
     return text if len(text) <= _WIDEST else text[: _WIDEST - 4] + " ..."
 
 
-def input_in_words(fields: Sequence[FormField], indent: str = "") -> list[str]:
+def input_text(fields: Sequence[FormField], indent: str = "") -> list[str]:
     """Return one line for each field, followed by indented lines for nested fields."""
     lines = []
     for each in fields:
@@ -64,7 +64,7 @@ def input_in_words(fields: Sequence[FormField], indent: str = "") -> list[str]:
         lines += [clean(f"{indent}    {_limits(limits)}") for limits in each.limits[:_MOST]]
         more = len(each.limits) - _MOST
         lines += [f"{indent}    and {more} more ranges"] if more > 0 else []
-        lines += input_in_words(each.fields, indent + "    ")
+        lines += input_text(each.fields, indent + "    ")
     return lines
 
 
@@ -73,7 +73,7 @@ _MOST = 40
 
 def _kind(each: FormField) -> str:
     if each.choices is not None:
-        return f"one of {said_choices(each.choices)}"
+        return f"one of {choices_text(each.choices)}"
     if each.fields:
         return "made of"
     names = list(dict.fromkeys("number" if _numeric(datatype) else local_name(datatype) for datatype in each.datatypes))
@@ -88,8 +88,8 @@ def _counts(each: FormField) -> str:
 
 
 def _limits(limits: Limits) -> str:
-    when = ", ".join(f"{name} {said_choices(choices)}" for name, choices in limits.when.items())
-    return said_range(limits.lower, limits.upper) + (f" for {when}" if when else "")
+    when = ", ".join(f"{name} {choices_text(choices)}" for name, choices in limits.when.items())
+    return range_text(limits.lower, limits.upper) + (f" for {when}" if when else "")
 
 
 def _numeric(datatype: URIRef) -> bool:
@@ -119,7 +119,7 @@ def reading(found: Reading, units: Sequence[str] = ()) -> dict[str, Any]:
     }
 
 
-def asked_json(fields: Iterable[FormField]) -> list[dict[str, Any]]:
+def fields_json(fields: Iterable[FormField]) -> list[dict[str, Any]]:
     return [
         {
             "name": each.name,
@@ -130,7 +130,7 @@ def asked_json(fields: Iterable[FormField]) -> list[dict[str, Any]]:
             "minCount": each.min_count,
             "maxCount": each.max_count,
             "limits": [_limits_json(limits) for limits in each.limits],
-            "fields": asked_json(each.fields),
+            "fields": fields_json(each.fields),
         }
         for each in fields
     ]

@@ -13,14 +13,13 @@ from typing import Any
 import click
 
 from linked_fleet_client.cli import output
-from linked_fleet_client.cli.completion import watched_paths
 from linked_fleet_client.cli.description import found_at
-from linked_fleet_client.cli.options import Session, common, seconds, units
+from linked_fleet_client.cli.options import Session, common, seconds, units, watched_paths
 from linked_fleet_client.errors import ClientError
+from linked_fleet_client.fleet import Observable, Thing
 from linked_fleet_client.live import Change, Feed
 from linked_fleet_client.reading import Reading
 from linked_fleet_client.resource import Resource
-from linked_fleet_client.thing import Observable, Thing
 
 _CLEAR = "\x1b[H\x1b[J"
 _WAITING = 64
@@ -112,8 +111,8 @@ def _rows(path: str, here: Resource, change: Change) -> Iterator[Row]:
     presence = here.presence_in(change.document)
     if presence:
         yield Row(path, Reading({"presence": presence}, ()), change.missed)
-    for prop in here.properties_in(change.document).introduced():
-        yield Row(output.path_of(path, prop.name), prop.within(change.document), change.missed)
+    for prop in here.properties_in(change.document).with_loaded_names():
+        yield Row(output.path_of(path, prop.name), prop.reading_in(change.document), change.missed)
 
 
 class _Lines:
@@ -125,7 +124,7 @@ class _Lines:
 
     def show(self, rows: list[Row]) -> None:
         for row in rows:
-            values = {key: output.said(value, self.units) for key, value in row.reading.values.items()}
+            values = {key: output.value_text(value, self.units) for key, value in row.reading.values.items()}
             if self.before.get(row.path) == values:
                 continue
             self.before[row.path] = values

@@ -13,7 +13,7 @@ from multiprocessing.connection import Connection
 import rdflib
 from rdflib import RDF, URIRef
 
-from linked_fleet_client.conform.rdf import RDFS, SH, types, wary
+from linked_fleet_client.conform.rdf import RDFS, SH, types, untrusted_input
 from linked_fleet_client.graphs import load_exactly
 
 _START_S = 20.0
@@ -40,15 +40,15 @@ class Conformance:
     why: str = ""
 
 
-def judge(cases: Sequence[Case], patience_s: float) -> list[Conformance]:
-    """Return one result for each case, in order. Cases not reached within ``patience_s`` are undecided."""
+def validate(cases: Sequence[Case], timeout_s: float) -> list[Conformance]:
+    """Return one result for each case, in order. Cases not reached within ``timeout_s`` are undecided."""
     context = multiprocessing.get_context("spawn")
     ours, theirs = context.Pipe(duplex=False)
     worker = context.Process(target=_work, args=(list(cases), theirs), daemon=True)
     worker.start()
     theirs.close()
     results: list[Conformance] = []
-    deadline = time.monotonic() + patience_s + _START_S
+    deadline = time.monotonic() + timeout_s + _START_S
     try:
         while len(results) < len(cases) and ours.poll(max(0.0, deadline - time.monotonic())):
             results.append(Conformance(*ours.recv()))
@@ -60,16 +60,16 @@ def judge(cases: Sequence[Case], patience_s: float) -> list[Conformance]:
         worker.close()
         ours.close()
     missing = len(cases) - len(results)
-    return results + [Conformance(None, f"not validated within {patience_s:g} s")] * missing
+    return results + [Conformance(None, f"not validated within {timeout_s:g} s")] * missing
 
 
 def _work(cases: list[Case], results: Connection) -> None:
-    with wary():
+    with untrusted_input():
         for case in cases:
-            results.send(_judged(case))
+            results.send(_validated(case))
 
 
-def _judged(case: Case) -> tuple[bool | None, str]:
+def _validated(case: Case) -> tuple[bool | None, str]:
     import pyshacl  # slow to import, and needed only here
 
     data, shapes = (

@@ -9,10 +9,10 @@ import rdflib
 from rdflib import RDF, BNode, Literal, URIRef
 from rdflib.term import Node
 
-from linked_fleet_client.conform.blueprint import Case, Conformance, judge
+from linked_fleet_client.conform.blueprint import Case, Conformance, validate
 from linked_fleet_client.conform.rdf import DCTERMS, LDP, RDFS, TURTLE, related, types
 from linked_fleet_client.conform.subject import Subject
-from linked_fleet_client.conform.verdict import Verdict, cant_tell, failed, inapplicable, judged, passed
+from linked_fleet_client.conform.verdict import Verdict, cant_tell, conclude, failed, inapplicable, passed
 from linked_fleet_client.conform.walk import Page, plain
 
 _MOST_VALIDATED = 40
@@ -50,11 +50,12 @@ async def r1_2(subject: Subject) -> Verdict:
             problems.append(page.fault)
         elif page.answer.media_type != TURTLE:
             problems.append(
-                f"GET {page.url}: is {page.answer.media_type} though nothing was asked for, Turtle if asked"
+                f"GET {page.url}: is {page.answer.media_type} without an Accept field, and Turtle only if "
+                "Accept asks for it"
             )
         elif not len(page.graph):
             problems.append(f"GET {page.url}: the Turtle says nothing")
-    return judged(problems, f"Turtle, unasked, of {_things(subject)}")
+    return conclude(problems, f"Turtle, unasked, of {_things(subject)}")
 
 
 def _may_be_a_thing(page: Page, declared: set[Node]) -> bool:
@@ -77,7 +78,7 @@ async def r1_3(subject: Subject) -> Verdict:
     readable = _readable(subject)
     if not readable:
         return cant_tell(_UNREADABLE)
-    return judged(
+    return conclude(
         [f"GET {page.url}: no rdf:type of {page.node}" for page in readable if not types(page.graph, page.node)],
         f"rdf:type on each of {_things(subject)}",
     )
@@ -88,7 +89,7 @@ async def r1_4(subject: Subject) -> Verdict:
     representation of a Linked Robotic Thing can have multiple rdf:type triples with different objects.
     """
     several = sum(len(types(page.graph, page.node)) > 1 for page in subject.walk.things())
-    return inapplicable(f"asks it of clients, not of servers; {several} things have several types")
+    return inapplicable(f"is a requirement of clients, not of servers; {several} things have several types")
 
 
 async def r1_5(subject: Subject) -> Verdict:
@@ -108,7 +109,7 @@ async def r1_5(subject: Subject) -> Verdict:
         spaces = Counter(term.removesuffix(_local(term)) for term in own).most_common(3)
         found = ", ".join(f"{count} of {space}" for space, count in spaces)
         return cant_tell(f"{len(terms) - len(own)} terms are reused; whether others duplicate one: {found}")
-    return judged(copies, f"all {len(terms)} terms are of known vocabularies")
+    return conclude(copies, f"all {len(terms)} terms are of known vocabularies")
 
 
 def _terms(graph: rdflib.Graph) -> Iterator[object]:
@@ -126,7 +127,7 @@ async def r1_6(subject: Subject) -> Verdict:
     Robotic Thing is not limited to any pre-defined set.
     """
     sets = {frozenset(page.graph.predicates(page.node)) for page in subject.walk.things()}
-    return inapplicable(f"asks it of clients, not of servers; things have {len(sets)} sets of predicates")
+    return inapplicable(f"is a requirement of clients, not of servers; things have {len(sets)} sets of predicates")
 
 
 async def r1_7(subject: Subject) -> Verdict:
@@ -135,7 +136,7 @@ async def r1_7(subject: Subject) -> Verdict:
     clients to implement inferencing.
     """
     problems, seen = [], 0
-    for page in subject.walk.of("subscriptions"):
+    for page in subject.walk.named_as("subscriptions"):
         stated = types(page.graph, page.node)
         seen += LDP.Container in stated
         if stated & _CONTAINERS and LDP.Container not in stated:
@@ -143,10 +144,8 @@ async def r1_7(subject: Subject) -> Verdict:
     for thing in subject.walk.things():
         problems += [f"GET {thing.url}: {problem}" for problem in _unstated(subject, thing)]
     if not problems and not seen:
-        return cant_tell("nothing was found whose meaning is known beforehand")
-    return judged(
-        problems, f"{_things(subject)} link all that they type; {seen} containers are ldp:Container in so many words"
-    )
+        return cant_tell("no term was found whose meaning is known beforehand")
+    return conclude(problems, f"{_things(subject)} link all that they type; {seen} containers state ldp:Container")
 
 
 def _unstated(subject: Subject, thing: Page) -> Iterator[str]:
@@ -169,14 +168,14 @@ async def r1_8(subject: Subject) -> Verdict:
         return cant_tell(_UNREADABLE)
     for thing in things:
         nodes = subject.walk.named(thing, "subscriptions")
-        urls = [plain(node) for node in nodes if isinstance(node, URIRef) and subject.web.ours(plain(node))]
+        urls = [plain(node) for node in nodes if isinstance(node, URIRef) and subject.web.same_origin(plain(node))]
         if not nodes:
             problems.append(f"GET {thing.url}: no hybrit:subscriptions")
         elif not urls:
             problems.append(f"GET {thing.url}: hybrit:subscriptions leads to no URI of this server, but to {nodes[0]}")
         elif fault := await _no_container(subject, urls[0]):
             problems.append(fault)
-    return judged(problems, f"an LDP container for each of {_things(subject)}")
+    return conclude(problems, f"an LDP container for each of {_things(subject)}")
 
 
 async def _no_container(subject: Subject, url: str) -> str:
@@ -211,14 +210,16 @@ def _collection(subject: Subject, role: str) -> Verdict:
     having = [page for page in things if subject.walk.named(page, role)]
     if not having:
         return failed(f"no hybrit:{role} on any of {_things(subject)}")
-    pages = subject.walk.of(role)
+    pages = subject.walk.named_as(role)
     problems = [
         f"GET {page.url}: hybrit:{role} is not a URI"
         for page in having
         if any(isinstance(node, BNode | Literal) for node in subject.walk.named(page, role))
     ]
     problems += [f"{page.fault}, though a hybrit:{role}" for page in pages if page.fault]
-    return judged(problems, f"{len(having)} of {len(things)} things have hybrit:{role}; {len(pages)} of them were read")
+    return conclude(
+        problems, f"{len(having)} of {len(things)} things have hybrit:{role}; {len(pages)} of them were read"
+    )
 
 
 async def r1_11(subject: Subject) -> Verdict:
@@ -230,15 +231,15 @@ async def r1_11(subject: Subject) -> Verdict:
         return inapplicable(f"no hybrit:blueprint on {subject.extent()}")
     problems, cases = await _cases(subject, having)
     if not cases and not problems:
-        return cant_tell(f"{len(having)} blueprints are on other servers, which are left alone")
-    results = await asyncio.to_thread(judge, cases, min(_VALIDATION_S, subject.web.left_s))
+        return cant_tell(f"{len(having)} blueprints are on other servers, which are not tested")
+    results = await asyncio.to_thread(validate, cases, min(_VALIDATION_S, subject.web.left_s))
     told = list(zip(cases, results, strict=True))
     problems += [f"GET {case.url}: does not conform to {case.blueprint}: {_why(result)}" for case, result in told
                  if result.conforms is False]  # fmt: skip
     conforming = sum(bool(result.conforms) for result in results)
     if not conforming and not problems:
         return cant_tell(f"GET {cases[0].url}: {_why(results[0])}")
-    return judged(problems, f"{conforming} of {len(cases)} resources tried conform to their blueprints (SHACL)")
+    return conclude(problems, f"{conforming} of {len(cases)} resources tried conform to their blueprints (SHACL)")
 
 
 def _why(result: Conformance) -> str:
@@ -250,7 +251,7 @@ async def _cases(subject: Subject, having: list[Page]) -> tuple[list[str], list[
     problems, cases = [], []
     for page in having[:: -(-len(having) // _MOST_VALIDATED)]:
         for node in subject.walk.named(page, "blueprint"):
-            if not subject.web.ours(str(node)):
+            if not subject.web.same_origin(str(node)):
                 continue
             blueprint = await subject.page(plain(node))
             if blueprint.fault:

@@ -11,11 +11,10 @@ from typing import Any
 
 import click
 
-from linked_fleet_client.conform.rdf import wary
+from linked_fleet_client.conform.rdf import untrusted_input
 from linked_fleet_client.conform.report import Report, as_json, earl, table
 from linked_fleet_client.conform.requirements import check_all
-from linked_fleet_client.conform.subject import Subject
-from linked_fleet_client.conform.trials import Trials, target, try_callbacks, try_streams
+from linked_fleet_client.conform.subject import Subject, Trials, target, try_callbacks, try_streams
 from linked_fleet_client.conform.walk import Page, Walk, read, walk
 from linked_fleet_client.conform.web import OutOfTimeError, Web
 
@@ -79,7 +78,7 @@ def cli(earl_file: Path | None, json_: bool, token_file: Path | None, **options:
     """Check the server whose root is URL against the paper."""
     checked = Options(**options)
     try:
-        with wary():
+        with untrusted_input():
             report = asyncio.run(conform(checked, _token(token_file)))
     except ValueError as error:
         raise click.UsageError(str(error)) from error
@@ -106,7 +105,7 @@ def _token(file: Path | None) -> str:
         raise ValueError(f"{file} cannot be read as a token") from error
     token = said.strip()
     if (file is not None and not token) or not all("!" <= each <= "~" for each in token):
-        raise ValueError(f"what is in {file or 'LINKED_FLEET_TOKEN'} is no token")
+        raise ValueError(f"what is in {file or 'LINKED_FLEET_TOKEN'} is not a token")
     return token
 
 
@@ -131,7 +130,7 @@ async def _root(web: Web) -> Page:
 async def _trials(web: Web, found: Walk, options: Options) -> Trials:
     trials = Trials(*target(found))
     if options.no_write:
-        trials.excuse = "left out, for nothing may be written (--no-write)"
+        trials.excuse = "left out because of --no-write"
     try:
         await try_streams(web, trials)
         if not options.no_write:

@@ -1,17 +1,29 @@
-"""R0.1 to R0.8: basic HTTP of Robotic Thing servers."""
+"""R0.1 to R0.11: HTTP and hypermedia of Robotic Thing servers.
+
+R0.1 to R0.8 are basic HTTP, R0.9 to R0.11 links and header fields of resources.
+"""
 
 import ipaddress
+import re
 import socket
 from urllib.parse import urlsplit
 
 from rdflib import BNode, Literal
 
-from linked_fleet_client.conform.raw import exchange, status
-from linked_fleet_client.conform.rdf import SH, TURTLE
+from linked_fleet_client.conform.rdf import SH, TURTLE, linkset, related
 from linked_fleet_client.conform.subject import Subject
-from linked_fleet_client.conform.verdict import Level, Outcome, Verdict, cant_tell, failed, inapplicable, judged, passed
-from linked_fleet_client.conform.walk import Page
-from linked_fleet_client.conform.web import Answer
+from linked_fleet_client.conform.verdict import (
+    Level,
+    Outcome,
+    Verdict,
+    cant_tell,
+    conclude,
+    failed,
+    inapplicable,
+    passed,
+)
+from linked_fleet_client.conform.walk import Page, plain
+from linked_fleet_client.conform.web import Answer, exchange, status
 
 _CLOSE = b"Connection: close\r\n\r\n"
 _NO_HOST = b"GET {path} HTTP/1.1\r\n" + _CLOSE
@@ -28,21 +40,21 @@ async def r0_1(subject: Subject) -> Verdict:
     root = subject.walk.root
     if root.answer.version != "HTTP/1.1":
         return failed(f"{root.answer}: the answer is {root.answer.version or 'no HTTP'}, not HTTP/1.1")
-    patience = subject.web.patience_s
+    timeout_s = subject.web.timeout_s
     problems = []
-    answer, _ = await exchange(root.url, _NO_HOST, patience)
+    answer, _ = await exchange(root.url, _NO_HOST, timeout_s)
     if status(answer) != 400:
         problems.append(f"GET {root.url} without Host: {status(answer) or 'no answer'}, not 400")
-    answer, fault = await exchange(root.url, _HEAD, patience)
+    answer, fault = await exchange(root.url, _HEAD, timeout_s)
     _, blank, body = answer.partition(b"\r\n\r\n")
     if not status(answer) or not blank or fault:
         problems.append(f"HEAD {root.url}: {fault or 'no complete answer'}")
     elif body:
         problems.append(f"HEAD {root.url}: {len(body)} bytes of a body that must not be there")
-    answer, _ = await exchange(root.url, _UNKNOWN_METHOD, patience)
+    answer, _ = await exchange(root.url, _UNKNOWN_METHOD, timeout_s)
     if status(answer) < 400:
         problems.append(f"unknown method at {root.url}: {status(answer) or 'no answer'}, not an error")
-    return judged(
+    return conclude(
         problems, f"{root.answer} over HTTP/1.1; no Host is a 400, HEAD has no body, unknown methods are refused"
     )
 
@@ -93,7 +105,7 @@ async def r0_3(subject: Subject) -> Verdict:
     named = {node for page in subject.walk for _, node in subject.walk.sub_resources(page)}
     if not problems and not named:
         return cant_tell(f"{subject.extent()} name no sub-resources")
-    return judged(
+    return conclude(
         problems, f"{subject.extent()} name {len(named)} sub-resources by URI; all that were visited are there"
     )
 
@@ -129,7 +141,7 @@ async def r0_5(subject: Subject) -> Verdict:
         nothing_deleted = missing == ["DELETE"] and not any(made.url for made in subject.trials.made())
         return cant_tell(found) if subject.walk.cut or nothing_deleted or not telling else failed(found)
     seen = ", ".join(f"{method} {allowed[method]}" for method in ("POST", "PUT", "DELETE") if method in allowed)
-    return judged(problems, f"GET answers on {subject.extent()}; allowed are {seen}")
+    return conclude(problems, f"GET answers on {subject.extent()}; allowed are {seen}")
 
 
 def _gone(deleted: Answer | None) -> bool:
@@ -150,11 +162,11 @@ async def r0_6(subject: Subject) -> Verdict:
     answers += [bare.answer] if bare else []
     problems += [f"{answer}: a server error for what the client did" for answer in answers if answer.status >= 500]
     refusals = [answer for answer in answers[1:] if answer.status]
-    problems += [f"{answer}: accepts a body that is no Turtle" for answer in refusals if _accepts_nonsense(answer)]
+    problems += [f"{answer}: accepts a body that is not Turtle" for answer in refusals if _accepts_nonsense(answer)]
     if not problems and not any(400 <= answer.status < 500 for answer in refusals):
-        return cant_tell("200 was seen; nothing harmless was found that a client could do wrong")
+        return cant_tell("200 was seen; no harmless wrong request was found")
     seen = ", ".join(sorted({str(answer.status) for answer in refusals}))
-    return judged(problems, f"200 for what is there, {seen} for what is wrong; a 500 cannot be provoked from outside")
+    return conclude(problems, f"200 for what is there, {seen} for what is wrong; a 500 cannot be provoked from outside")
 
 
 def _accepts_nonsense(answer: Answer) -> bool:
@@ -168,8 +180,12 @@ async def _broken_bodies(subject: Subject) -> list[Answer]:
     because a server may fail to check the body.
     """
     answers = []
-    containers: list[tuple[str, dict[str, str]]] = [(page.url, {}) for page in subject.walk.of("subscriptions")[:1]]
-    actions = [(page.url, {"if-match": _NO_ETAG}) for page in subject.walk.of("action") if _demands(subject, page)][:1]
+    containers: list[tuple[str, dict[str, str]]] = [
+        (page.url, {}) for page in subject.walk.named_as("subscriptions")[:1]
+    ]
+    actions = [
+        (page.url, {"if-match": _NO_ETAG}) for page in subject.walk.named_as("action") if _demands(subject, page)
+    ][:1]
     for url, guard in [*containers, *actions]:
         allow = (await subject.options(url)).allow
         for method in [name for name in ("POST", "PUT") if name in allow]:
@@ -194,7 +210,9 @@ async def r0_7(subject: Subject) -> Verdict:
         return cant_tell(subject.trials.excuse or "no harmless PUT, POST or DELETE succeeded")
     other = sorted({f"{answer}, not 204" for answer in successful if answer.status != 204})
     note = " (LDP asks for 201 where a container makes a member)" if any(a.status == 201 for a in successful) else ""
-    verdict = judged(other, f"204 to {len(successful)} requests, the last {successful[-1].method} {successful[-1].url}")
+    verdict = conclude(
+        other, f"204 to {len(successful)} requests, the last {successful[-1].method} {successful[-1].url}"
+    )
     return Verdict(verdict.outcome, verdict.evidence + note)
 
 
@@ -204,7 +222,7 @@ async def r0_8(subject: Subject) -> Verdict:
     """
     made = subject.trials.posted
     if made is None or not made.answer.successful:
-        reason = subject.trials.excuse or "no container takes a POST that could be taken back"
+        reason = subject.trials.excuse or "no container takes a POST that could be undone"
         return cant_tell(f"{made.answer}: a harmless POST was refused" if made else reason)
     location = made.answer.header("location")
     if not location:
@@ -212,3 +230,72 @@ async def r0_8(subject: Subject) -> Verdict:
     if not made.url:
         return failed(f"{made.answer}: Location {location} leads to nothing that was created")
     return passed(f"{made.answer}: Location {location}")
+
+
+_ETAG = re.compile(r'(?:W/)?"[\x21\x23-\x7e]*"')
+
+
+async def r0_9(subject: Subject) -> Verdict:
+    """A Robotic Thing must advertise associated sub-resources using the HTTP response Link header field, and a link
+    relation type of related (that is, rel="related").
+    """
+    problems, count, by_linkset = [], 0, 0
+    for page in subject.answering():
+        named = {plain(node) for _, node in subject.walk.sub_resources(page)}
+        expected = {url for url in named if subject.web.same_origin(url)}
+        header = set(related(page.answer, "related"))
+        missing = expected - header
+        if missing and header:
+            missing -= await _in_link_sets(subject, page)
+            by_linkset += not missing
+        count += len(expected)
+        if missing:
+            what = "no" if not header else "not every"
+            problems.append(f'GET {page.url}: Link has {what} sub-resource as rel="related", such as {min(missing)}')
+    if not count:
+        return cant_tell(f"{subject.extent()} name no sub-resources")
+    note = f"; of {by_linkset} resources some stand in the link set only that Link names" if by_linkset else ""
+    return conclude(problems, f'rel="related" for {count} sub-resources of {subject.extent()}{note}')
+
+
+async def _in_link_sets(subject: Subject, page: Page) -> set[str]:
+    """Return links from link sets (RFC 9264), which hold those that exceed the practical size of header fields."""
+    found: set[str] = set()
+    for url in related(page.answer, "linkset"):
+        found.update(linkset((await subject.page(url)).answer, "related"))
+    return found
+
+
+async def r0_10(subject: Subject) -> Verdict:
+    """A RT server must support OPTIONS for each of its exposed resources and must advertise permitted resource
+    interactions in the response Allow header field.
+    """
+    problems = []
+    for page in subject.answering():
+        answer = await subject.options(page.url)
+        if not answer.successful:
+            problems.append(str(answer))
+        elif "GET" not in answer.allow:
+            problems.append(f"{answer}: Allow is {answer.header('allow') or 'absent'}, though GET answers")
+    return conclude(problems, f"OPTIONS answers with Allow on {subject.extent()}")
+
+
+async def r0_11(subject: Subject) -> Verdict:
+    """A RT server must use entity tags as response ETag header values for all responses that contain representations
+    and for responses to HEAD requests.
+    """
+    problems: list[str] = []
+    unchanged = 0
+    for page in subject.answering():
+        tag = page.answer.header("etag")
+        if not _ETAG.fullmatch(tag):
+            problems.append(f"GET {page.url}: ETag is {tag or 'absent'}")
+            continue
+        head = await subject.web.request("HEAD", page.url)
+        if not head.successful or not _ETAG.fullmatch(head.header("etag")):
+            problems.append(f"{head}: ETag is {head.header('etag') or 'absent'}")
+        again = await subject.web.request("GET", page.url, {"if-none-match": tag})
+        unchanged += again.status == 304
+        if again.status != 304 and again.header("etag") == tag:
+            problems.append(f"{again}: not 304, though If-None-Match has the very tag {tag}")
+    return conclude(problems, f"ETag on GET and HEAD of {subject.extent()}; {unchanged} unchanged ones answered 304")

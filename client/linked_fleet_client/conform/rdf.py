@@ -28,7 +28,7 @@ _REL = re.compile(r';\s*rel\s*=\s*(?:"([^"]*)"|([^\s;,"]+))', re.IGNORECASE)
 
 
 @contextlib.contextmanager
-def wary() -> Iterator[None]:
+def untrusted_input() -> Iterator[None]:
     """Configure rdflib for untrusted input: it does not expand a decimal of 1e999999999, and does not log ill-typed
     literals.
     """
@@ -96,8 +96,8 @@ def named(graph: rdflib.Graph) -> Iterator[tuple[URIRef, Node]]:
 
 
 def hybrit(graph: rdflib.Graph) -> rdflib.Namespace:
-    """Return the namespace of the model's terms, which the paper leaves open: the authors' unless only another
-    is used.
+    """Return the namespace of the model's terms, which the paper leaves open: that of the authors, unless the graph
+    uses only another one.
     """
     terms = [str(term) for term in (*graph.predicates(), *graph.objects(None, RDF.type)) if not isinstance(term, BNode)]
     if any(term.startswith(HYBRIT) for term in terms):

@@ -11,7 +11,7 @@ from rdflib import RDF, XSD, BNode, Literal, URIRef
 
 from linked_fleet_client.conform.rdf import DCTERMS
 from linked_fleet_client.conform.requirements import Result
-from linked_fleet_client.conform.verdict import shown
+from linked_fleet_client.conform.verdict import printable
 
 _EARL = rdflib.Namespace("http://www.w3.org/ns/earl#")
 _REQUIREMENTS = "https://w3id.org/linked-fleet/requirements#"
@@ -31,14 +31,14 @@ class Report:
 
 def table(report: Report) -> str:
     rows = [
-        f"{r.requirement.name:<6} {r.level:<7} {r.verdict.outcome:<13} {shown(r.verdict.evidence)}"
+        f"{r.requirement.name:<6} {r.level:<7} {r.verdict.outcome:<13} {printable(r.verdict.evidence)}"
         for r in report.results
     ]
     counts = Counter(str(result.verdict.outcome) for result in report.results)
     summary = ", ".join(f"{count} {outcome}" for outcome, count in sorted(counts.items()))
     broken = [result.requirement.name for result in report.results if result.breaks]
     ending = f"musts failed: {', '.join(broken)}" if broken else "no must failed"
-    return "\n".join([shown(report.extent), "", *rows, "", f"{summary}; {ending}"])
+    return "\n".join([printable(report.extent), "", *rows, "", f"{summary}; {ending}"])
 
 
 def as_json(report: Report) -> str:
@@ -47,12 +47,12 @@ def as_json(report: Report) -> str:
             "id": result.requirement.name,
             "level": str(result.level),
             "outcome": str(result.verdict.outcome),
-            "evidence": shown(result.verdict.evidence),
+            "evidence": printable(result.verdict.evidence),
             "requirement": result.requirement.sentence,
         }
         for result in report.results
     ]
-    head = {"subject": report.url, "date": report.date.isoformat(), "extent": shown(report.extent)}
+    head = {"subject": report.url, "date": report.date.isoformat(), "extent": printable(report.extent)}
     return json.dumps({**head, "conforms": not report.breaks, "results": results}, indent=2, ensure_ascii=False)
 
 
@@ -83,5 +83,5 @@ def _assert(graph: rdflib.Graph, result: Result, subject: URIRef, software: BNod
     graph.add((assertion, _EARL.result, found))
     graph.add((found, RDF.type, _EARL.TestResult))
     graph.add((found, _EARL.outcome, _EARL[result.verdict.outcome]))
-    graph.add((found, _EARL.info, Literal(f"{result.level}: {shown(result.verdict.evidence)}", lang="en")))
+    graph.add((found, _EARL.info, Literal(f"{result.level}: {printable(result.verdict.evidence)}", lang="en")))
     graph.add((found, DCTERMS.date, Literal(date.isoformat(), datatype=XSD.dateTime)))

@@ -4,7 +4,7 @@ import inspect
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 
-from linked_fleet_client.conform import hypermedia, linked, protocol, subscriptions
+from linked_fleet_client.conform import linked, protocol, subscriptions
 from linked_fleet_client.conform.subject import Subject
 from linked_fleet_client.conform.verdict import Level, Outcome, Verdict, cant_tell
 from linked_fleet_client.conform.web import OutOfTimeError
@@ -46,9 +46,9 @@ REQUIREMENTS = (
     Requirement("R0.6", Level.MUST, protocol.r0_6),
     Requirement("R0.7", Level.SHOULD, protocol.r0_7),
     Requirement("R0.8", Level.MUST, protocol.r0_8),
-    Requirement("R0.9", Level.MUST, hypermedia.r0_9),
-    Requirement("R0.10", Level.MUST, hypermedia.r0_10),
-    Requirement("R0.11", Level.MUST, hypermedia.r0_11),
+    Requirement("R0.9", Level.MUST, protocol.r0_9),
+    Requirement("R0.10", Level.MUST, protocol.r0_10),
+    Requirement("R0.11", Level.MUST, protocol.r0_11),
     Requirement("R0.12", Level.MUST, subscriptions.r0_12),
     Requirement("R0.13", Level.SHOULD, subscriptions.r0_13),
     Requirement("R0.14", Level.MUST, subscriptions.r0_14),

@@ -4,11 +4,10 @@ import json
 
 from rdflib import RDF
 
+from linked_fleet_client.conform.channels import Stream
 from linked_fleet_client.conform.rdf import parsed
-from linked_fleet_client.conform.stream import Stream
-from linked_fleet_client.conform.subject import Subject
-from linked_fleet_client.conform.trials import Made
-from linked_fleet_client.conform.verdict import Verdict, cant_tell, failed, judged, passed
+from linked_fleet_client.conform.subject import Made, Subject
+from linked_fleet_client.conform.verdict import Verdict, cant_tell, conclude, failed, passed
 
 _NOT_HERE = (403, 422, 429, 503)
 """Statuses of a refusal because of the receiver, of quotas, or of the moment."""
@@ -20,7 +19,7 @@ async def r0_12(subject: Subject) -> Verdict:
     if not opened:
         return _no_stream(subject)
     silent = [f"WebSocket {stream.url}: a ping is not answered" for stream in opened if not stream.ponged]
-    return judged(silent, f"WebSocket {opened[0].url}: opened, ping answered, closed")
+    return conclude(silent, f"WebSocket {opened[0].url}: opened, ping answered, closed")
 
 
 def _no_stream(subject: Subject) -> Verdict:
@@ -52,11 +51,9 @@ def _no_callback(subject: Subject) -> Verdict:
         return cant_tell("no callback was tried")
     answer = subject.trials.plain.answer
     if answer.status in _NOT_HERE:
-        return cant_tell(f"{answer}: refused, perhaps for its receiver: name one it may reach with --callback-host")
+        return cant_tell(f"{answer}: refused, perhaps because of the receiver; set --callback-host")
     if subject.trials.plain.left:
-        return cant_tell(
-            f"{answer}: nothing shows that {subject.trials.plain.left} was made, and nothing was delivered"
-        )
+        return cant_tell(f"{answer}: no sign that {subject.trials.plain.left} was made, and no delivery")
     return failed(f"{answer}: Upgrade: callback makes no subscription")
 
 
@@ -101,13 +98,15 @@ async def r0_17(subject: Subject) -> Verdict:
     """
     trials = subject.trials
     if not trials.other_type:
-        return cant_tell(f"GET {trials.resource}: no other type than Turtle to ask for")
+        return cant_tell(f"GET {trials.resource}: no media type other than Turtle is offered")
     heard = [_of_stream(stream) for stream in trials.opened() if stream.accept and stream.message is not None]
     heard += _of_callback(subject) if trials.negotiated else []
     if not heard:
-        return cant_tell(f"{trials.resource}: no message came by which to see its type")
+        return cant_tell(f"{trials.resource}: no message came that would show its type")
     wrong = [problem for problem in heard if problem]
-    return judged(wrong, f"{trials.resource}: {len(heard)} subscriptions with Accept: {trials.other_type} heed it")
+    return conclude(
+        wrong, f"{trials.resource}: {len(heard)} subscriptions with Accept: {trials.other_type} get that type"
+    )
 
 
 def _of_stream(stream: Stream) -> str:

@@ -26,7 +26,7 @@ class Level(enum.StrEnum):
 
 @dataclass(frozen=True)
 class Verdict:
-    """The result of one requirement; ``level`` is set if the case at hand has a stricter level."""
+    """The result of one requirement; ``level`` is set if this case has a stricter level."""
 
     outcome: Outcome
     evidence: str
@@ -49,15 +49,15 @@ def inapplicable(evidence: str) -> Verdict:
     return Verdict(Outcome.INAPPLICABLE, evidence)
 
 
-def judged(problems: Sequence[str], evidence: str) -> Verdict:
+def conclude(problems: Sequence[str], evidence: str) -> Verdict:
     """Return failed with the first problem and the number of others, or passed with the evidence."""
     if not problems:
         return passed(evidence)
     more = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
-    return failed(shown(problems[0], _EVIDENCE_LENGTH - len(more)) + more)
+    return failed(printable(problems[0], _EVIDENCE_LENGTH - len(more)) + more)
 
 
-def shown(text: str, length: int = _EVIDENCE_LENGTH) -> str:
+def printable(text: str, length: int = _EVIDENCE_LENGTH) -> str:
     """Return untrusted text on one line, printable and shortened."""
     clean = "".join(character if character.isprintable() else " " for character in text[: 2 * length])
     line = " ".join(clean.split())

@@ -77,7 +77,7 @@ class Walk:
         """Return the nodes that a page names as its property, action, subscriptions or blueprint."""
         return sorted(page.graph.objects(page.node, self.model[role]), key=str)
 
-    def of(self, role: str) -> list[Page]:
+    def named_as(self, role: str) -> list[Page]:
         """Return the pages that others name in this role."""
         urls = {plain(node) for page in self for node in self.named(page, role)}
         return [page for page in self if page.url in urls]
@@ -146,7 +146,7 @@ async def _has_gone(web: Web, page: Page) -> bool:
 
 def _enqueue(web: Web, queues: defaultdict[Hashable, deque[tuple[str, str]]], page: Page, seen: set[str]) -> None:
     for url, kind in sorted(_links(page), key=lambda link: link[0]):
-        if url not in seen and web.ours(url):
+        if url not in seen and web.same_origin(url):
             seen.add(url)
             queues[kind].append((url, page.url))
 

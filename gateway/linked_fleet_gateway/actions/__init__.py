@@ -1,8 +1,8 @@
 """Actions: plans carried out (protocol: PROTOCOL.md beside this file).
 
-``admission``: the guard of a body, which is the shape that the action's description links. ``handler_table``,
-``action_handlers``: from an admitted body to a ``plan``, in which nothing has happened yet. ``service``: plan →
-invocation in Redis → command → word of the agent → progress → end; guards of motions come before.
-``replicated_invocations``: this gateway's copy of invocations, leases and settings. ``quota``, ``stall_detector``,
-``waiting``, ``refusals``: bounds, and how refusals are answered. ``store``, ``redis_scripts``: Redis.
+``admission``: the guard of a body, which is the shape that the action's description links. ``action_handlers``: from an
+admitted body to a ``plan``, in which nothing has happened yet. ``service``, ``lifecycle``: plan → invocation in Redis →
+command → word of the agent → progress → end; guards of motions come before. ``replicated_invocations``: this gateway's
+copy of invocations, leases and settings. ``refusals``: bounds, and how refusals are answered. ``store``,
+``redis_scripts``: Redis.
 """

@@ -1,15 +1,17 @@
-"""The handlers of all actions, which convert a validated body into a plan. Pure."""
+"""The handlers of all kinds of actions. Each converts a validated body into a plan, without side effects. Pure."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+
+from pyoxigraph import NamedNode
 
 from linked_fleet_agent.wire.messages import Expectation, Follow, Move
-from linked_fleet_gateway.actions.plan import ActionRequest, Halt, Motion
+from linked_fleet_gateway.actions.plan import ActionRequest, Halt, Motion, Plan
 from linked_fleet_gateway.base.errors import Conflict, UnprocessableContent
 from linked_fleet_gateway.fleet.model import Joint, JointKind
 from linked_fleet_gateway.rdf.graph import Node
 from linked_fleet_gateway.rdf.vocabulary import LF
-from linked_fleet_gateway.resources.named_poses import poses
+from linked_fleet_gateway.resources.annotations import poses
 
 _SETTLING = 2e-4  # rad or m: a joint at its limit may be measured this far beyond it
 
@@ -158,3 +160,19 @@ def _present(request: ActionRequest, joint: Joint) -> float:
     if math.isnan(position):
         raise Conflict(f"The position of {joint.name} is unknown at present; nothing can be planned from there.")
     return position
+
+
+Handler = Callable[[ActionRequest], Plan]
+
+HANDLERS: dict[NamedNode, Handler] = {
+    LF.Rotate: to_position,
+    LF.Translate: to_position,
+    LF.RotateBy: by_distance,
+    LF.TranslateBy: by_distance,
+    LF.Hold: hold,
+    LF.MoveJoints: move_joints,
+    LF.FollowTrajectory: follow,
+    LF.AssumePose: assume_pose,
+    LF.StopRobot: stop,
+    LF.StopAll: stop_all,
+}

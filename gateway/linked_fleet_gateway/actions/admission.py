@@ -10,13 +10,11 @@ from linked_fleet_gateway.base.errors import UnprocessableContent
 from linked_fleet_gateway.fleet.model import Joint, RobotModel
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.rdf.graph import Graph, Node
-from linked_fleet_gateway.rdf.unused import Terms, refuse, subjects, unused
-from linked_fleet_gateway.rdf.validation import ShaclValidator, check_writable, root
+from linked_fleet_gateway.rdf.validation import ShaclValidator, Terms, check_writable, refuse, root, subjects, unused
 from linked_fleet_gateway.rdf.vocabulary import HYBRIT, LF, MATHS, QUDT, RDF, ROS, SPATIAL, VOM
-from linked_fleet_gateway.resources.action_body import Body, own_part
-from linked_fleet_gateway.resources.action_definition import Definition
-from linked_fleet_gateway.resources.action_offer import Offer
-from linked_fleet_gateway.resources.named_poses import poses
+from linked_fleet_gateway.resources.action_offer import Definition, Offer
+from linked_fleet_gateway.resources.annotations import poses
+from linked_fleet_gateway.resources.body_values import Body, own_part
 
 _OWN = (HYBRIT, LF, MATHS, QUDT, ROS, SPATIAL, VOM)
 """The vocabularies of actions."""

@@ -1,10 +1,13 @@
-"""The life of an invocation, from its registration over the agent's reply and progress to its end."""
+"""The life of an invocation, from its registration over the agent's reply and progress to its end.
+
+``Waiters`` lets requests wait until an invocation meets a condition.
+"""
 
 import asyncio
 import logging
 import time
 import uuid
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from types import TracebackType
 from typing import Self
 
@@ -12,8 +15,7 @@ from linked_fleet_agent.wire.messages import WIRE_VERSION, Accepted, Progress, R
 from linked_fleet_gateway.actions.refusals import store_errors
 from linked_fleet_gateway.actions.replicated_invocations import ReplicatedInvocations
 from linked_fleet_gateway.actions.store import ActionStore
-from linked_fleet_gateway.actions.waiters import Waiters
-from linked_fleet_gateway.base.errors import AgentSilent, Conflict
+from linked_fleet_gateway.base.errors import AgentTimeout, Conflict
 from linked_fleet_gateway.fleet.invocations import FLEET, Invocation, InvocationState
 from linked_fleet_gateway.resources.invocation import invocation_path
 from linked_fleet_gateway.runtime.background import end, supervised
@@ -21,6 +23,44 @@ from linked_fleet_gateway.runtime.metrics import Commands
 from linked_fleet_gateway.subscriptions.live import Live
 
 log = logging.getLogger(__name__)
+
+
+class Waiters:
+    """Wakes waiters at every change of their invocation."""
+
+    def __init__(self) -> None:
+        self._events: dict[str, asyncio.Event] = {}
+        self._shutting_down = False
+
+    def shut_down(self) -> None:
+        """Release all optional waits, because this gateway ends and others continue."""
+        self._shutting_down = True
+        for event in self._events.values():
+            event.set()
+        self._events.clear()
+
+    async def until_or_shutdown(
+        self, invocation: Invocation, holds: Callable[[Invocation], bool], timeout_s: float
+    ) -> bool:
+        """Wait like ``until``, or until the gateway ends. Return True if the condition holds then."""
+        await self.until(invocation, lambda one: self._shutting_down or holds(one), timeout_s)
+        return holds(invocation)
+
+    async def until(self, invocation: Invocation, holds: Callable[[Invocation], bool], timeout_s: float) -> bool:
+        """Wait until the condition holds. Return False after ``timeout_s``."""
+        try:
+            async with asyncio.timeout(timeout_s):
+                while not holds(invocation):
+                    await self._events.setdefault(invocation.id, asyncio.Event()).wait()
+        except TimeoutError:
+            return False
+        return True
+
+    def wake(self, invocation: Invocation) -> None:
+        event = self._events.pop(invocation.id, None)
+        if event is not None:
+            event.set()
+
 
 ANSWER_TIMEOUT_S = 2.0
 SETTLING_S = 15.0
@@ -125,13 +165,13 @@ class Lifecycle:
     # -- requests ---------------------------------------------------------------------------------------------------
 
     async def cancel(self, invocation: Invocation, reason: str = "cancelled by a client") -> None:
-        """Stop the motion of an invocation. Raises Conflict if it is over, AgentSilent without a reply."""
+        """Stop the motion of an invocation. Raises Conflict if it is over, AgentTimeout without a reply."""
         if invocation.state.terminal:
             raise Conflict(f"The invocation has ended already: it {invocation.state}.")
         if invocation.robot == FLEET:
             raise Conflict("Stopping cannot be cancelled; a new motion of a robot ends it.")
         if await self.stop_one(invocation, reason) is None:
-            raise AgentSilent(f"The agent of {invocation.robot} gave no answer; whether it stops is unknown.")
+            raise AgentTimeout(f"The agent of {invocation.robot} gave no answer; whether it stops is unknown.")
 
     async def remove(self, invocation: Invocation) -> None:
         """Stop an invocation if it is not over, and delete it."""
@@ -181,7 +221,7 @@ class Lifecycle:
         elif invocation.state is not before:
             self._announce(invocation)
         else:
-            self._live.fan_out.touched(invocation_path(invocation))
+            self._live.fan_out.mark_changed(invocation_path(invocation))
 
     def _lost(self, robot: str) -> None:
         for invocation in self._live.invocations.lose(robot):

@@ -10,7 +10,7 @@ from linked_fleet_gateway.base.errors import Faulty, Offline
 from linked_fleet_gateway.fleet.model import Joint, RobotModel
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.identity.rights import ALL, View
-from linked_fleet_gateway.resources.action_body import Body
+from linked_fleet_gateway.resources.body_values import Body
 from linked_fleet_gateway.resources.paths import part_of, robot_path
 
 

@@ -12,7 +12,7 @@ import hashlib
 import re
 from dataclasses import dataclass
 
-from linked_fleet_agent.wire.names import escape, unescape
+from linked_fleet_agent.wire.keys import escape, unescape
 from linked_fleet_gateway.fleet.invocations import FLEET
 
 _NAMESPACE = re.compile(r"[A-Za-z0-9_./-]+")

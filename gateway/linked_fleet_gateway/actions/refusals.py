@@ -1,23 +1,31 @@
-"""HTTP errors for refusals by the robot, its agent or the store."""
+"""Reasons to refuse a request of an action, and their HTTP errors.
 
-from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
+The robot, its agent or the store may refuse. The limit of running motions of one client is counted locally, without
+queries to other gateways. After a stall of this process (frozen, starved or suspended) received requests are old, so
+stalls are detected.
+"""
+
+import time
+from collections import Counter
+from collections.abc import AsyncIterator, Iterator
+from contextlib import asynccontextmanager, contextmanager
 from datetime import UTC, datetime
 from typing import cast
 
 from linked_fleet_agent.wire.messages import RefusalCode, Refused
 from linked_fleet_gateway.actions.store import KeyReused, LeaseHeld, LeaseOver, StoreUnavailable
 from linked_fleet_gateway.base.errors import (
-    AgentSilent,
+    AgentTimeout,
     Changed,
     Conflict,
     Controlled,
     MotionRefused,
     RefusedByAgent,
-    StoreAway,
+    StoreDown,
+    TooManyInvocations,
 )
 from linked_fleet_gateway.base.errors import KeyReused as KeyReusedError
-from linked_fleet_gateway.fleet.invocations import Invocation
+from linked_fleet_gateway.fleet.invocations import Invocation, Invocations
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.resources.invocation import invocation_path
 
@@ -41,16 +49,16 @@ def raise_first_refusal(robot: Robot, invocation: Invocation) -> None:
     if invocation.refused:
         raise refusal(robot, Refused(invocation.id, cast(RefusalCode, invocation.refused), invocation.reason))
     if not invocation.accepted and not invocation.state.terminal:
-        raise agent_silent(invocation, "not to the first request with this Idempotency-Key either")
+        raise agent_timeout(invocation, "not to the first request with this Idempotency-Key either")
     if not invocation.accepted:
-        raise AgentSilent(
+        raise AgentTimeout(
             f"The agent of {robot.name} did not answer the first request with this key; since: {invocation.reason}.",
             headers={"location": invocation_path(invocation)},
         )
 
 
-def agent_silent(invocation: Invocation, why: str) -> AgentSilent:
-    return AgentSilent(
+def agent_timeout(invocation: Invocation, why: str) -> AgentTimeout:
+    return AgentTimeout(
         f"The agent of {invocation.robot} gave no answer: {why}. The invocation stays until that is settled.",
         headers={"location": invocation_path(invocation)},
     )
@@ -76,4 +84,63 @@ async def store_errors() -> AsyncIterator[None]:
             "This Idempotency-Key was used for another request within a day; each request needs its own."
         ) from error
     except StoreUnavailable as error:
-        raise StoreAway(f"Redis is away: {error}. Stopping is possible nevertheless.") from error
+        raise StoreDown(f"Redis is away: {error}. Stopping is possible nevertheless.") from error
+
+
+class Quota:
+    """Allows ``most`` running motions per client. Those of other gateways count as soon as they are known here."""
+
+    def __init__(self, invocations: Invocations, most: int) -> None:
+        self._invocations, self._most = invocations, most
+        self._beginning: Counter[str] = Counter()
+
+    def is_full(self, client: str) -> bool:
+        return self._invocations.motions_by(client) + self._beginning[client] >= self._most
+
+    def refusal(self, client: str) -> TooManyInvocations:
+        return TooManyInvocations(
+            f"{client or 'The client'} has as many motions that have not ended as it may have, {self._most}. "
+            "Wait until some have ended, cancel them, or move several joints by one motion."
+        )
+
+    @contextmanager
+    def beginning(self, client: str) -> Iterator[bool]:
+        """Count a motion that is being started, and yield True if the client has reached its limit."""
+        full = self.is_full(client)
+        self._beginning[client] += 1
+        try:
+            yield full
+        finally:
+            self._beginning[client] -= 1
+            if not self._beginning[client]:
+                del self._beginning[client]
+
+
+TICK_S = 0.25
+HELD_S = 2.0
+"""Duration of a stall after which robots may have given up this gateway and hold."""
+CATCH_UP_S = 0.25
+"""Time in which messages buffered during a stall are read."""
+
+
+class StallDetector:
+    """Detects stalls by the monotonic clock, which advances while a process is frozen."""
+
+    def __init__(self) -> None:
+        self._ticked_s = time.monotonic()
+        self._resumed_s = -CATCH_UP_S
+
+    async def tick(self) -> None:
+        """Record that this process runs; call it every ``TICK_S``."""
+        self._tick()
+
+    def stalled_recently(self) -> bool:
+        """Return True during a stall, or so soon after one that a request may have arrived before its end."""
+        self._tick()
+        return time.monotonic() - self._resumed_s < CATCH_UP_S
+
+    def _tick(self) -> None:
+        now_s = time.monotonic()
+        if now_s - self._ticked_s > HELD_S:
+            self._resumed_s = now_s
+        self._ticked_s = now_s

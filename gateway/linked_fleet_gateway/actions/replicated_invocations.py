@@ -199,7 +199,7 @@ class ReplicatedInvocations:
     # -- leases and settings ----------------------------------------------------------------------------------------
 
     async def take(self, robot: Robot, holder: str, duration_s: float, token: str) -> tuple[Lease, str]:
-        """Take or renew control of a robot. Return the lease and its secret token. Raises Controlled, StoreAway."""
+        """Take or renew control of a robot. Return the lease and its secret token. Raises Controlled, StoreDown."""
         asked_s = time.monotonic()
         async with store_errors():
             lease, proof = await self._store.take(robot.name, holder, duration_s, token)
@@ -207,14 +207,14 @@ class ReplicatedInvocations:
         return lease, proof
 
     async def release(self, robot: Robot, token: str) -> bool:
-        """Release control. Return False if nobody has it. Raises Controlled, StoreAway."""
+        """Release control. Return False if nobody has it. Raises Controlled, StoreDown."""
         async with store_errors():
             released = await self._store.release(robot.name, token)
         self.control(robot.name, None)
         return released
 
     async def configure(self, robot: Robot, name: str, value: str | None, token: str) -> bool:
-        """Replace the known value of a setting for all gateways, or remove it for None. Raises Controlled, StoreAway.
+        """Replace the known value of a setting for all gateways, or remove it for None. Raises Controlled, StoreDown.
 
         Returns False, without a change, if another gateway has changed it; its value is then known.
         """
@@ -231,7 +231,7 @@ class ReplicatedInvocations:
         else:
             self._ends_s[robot] = asked_s + lease.left_s
         if self._live.fleet.control(robot, lease):
-            self._live.fan_out.touched(lease_path(robot))
+            self._live.fan_out.mark_changed(lease_path(robot))
 
     def _configure(self, robot: str, settings: Mapping[str, str] | None) -> None:
         if self._live.fleet.configure(robot, settings or {}):

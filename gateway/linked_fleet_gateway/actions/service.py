@@ -12,14 +12,21 @@ from typing import Protocol, Self
 from pyoxigraph import NamedNode
 
 from linked_fleet_agent.wire.messages import WIRE_VERSION, Accepted, Command, Refused, Reply, Stop
-from linked_fleet_gateway.actions.handler_table import HANDLERS, Handler
+from linked_fleet_gateway.actions.action_handlers import HANDLERS, Handler
 from linked_fleet_gateway.actions.lifecycle import ANSWER_TIMEOUT_S, SETTLING_S, Lifecycle
 from linked_fleet_gateway.actions.plan import ActionRequest, Caller, DeferredPlan, Halt, Motion, Plan, command_of
-from linked_fleet_gateway.actions.quota import Quota
-from linked_fleet_gateway.actions.refusals import agent_silent, lease_of, raise_first_refusal, refusal, store_errors
-from linked_fleet_gateway.actions.stall_detector import TICK_S, StallDetector
+from linked_fleet_gateway.actions.refusals import (
+    TICK_S,
+    Quota,
+    StallDetector,
+    agent_timeout,
+    lease_of,
+    raise_first_refusal,
+    refusal,
+    store_errors,
+)
 from linked_fleet_gateway.actions.store import ActionStore, Full, StoreUnavailable
-from linked_fleet_gateway.base.errors import AgentSilent, Busy, Conflict, MotionRefused
+from linked_fleet_gateway.base.errors import AgentTimeout, Busy, Conflict, MotionRefused
 from linked_fleet_gateway.fleet.invocations import FLEET, Invocation, InvocationState
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.identity.rights import ALL, View
@@ -99,7 +106,7 @@ class Actions:
         """Start a motion. Return the invocation once its agent has accepted it; for a repeated key the first one.
 
         Raises Controlled if another caller has the lease, Changed if a precondition in the body does not hold,
-        RefusedByAgent with the agent's reason, MotionRefused, TooManyInvocations, StoreAway, and AgentSilent without a
+        RefusedByAgent with the agent's reason, MotionRefused, TooManyInvocations, StoreDown, and AgentTimeout without a
         reply: the invocation is then "unknown" until progress or its deadline resolves it.
         """
         robot, waited_ns = motion.robot, await self._ready(motion, caller)
@@ -204,7 +211,7 @@ class Actions:
             command = command_of(str(uuid.uuid4()), motion, waited_ns, rehearsal=True)
             reply = await self._live.link.command(robot.name, command, ANSWER_TIMEOUT_S)
         except NoAnswer as error:
-            raise AgentSilent(f"The agent of {robot.name} gave no answer: {error}.") from error
+            raise AgentTimeout(f"The agent of {robot.name} gave no answer: {error}.") from error
         if isinstance(reply, Refused):
             raise refusal(robot, reply)
         return Rehearsal(reply.duration_s, reply.preempts, findings)
@@ -216,7 +223,7 @@ class Actions:
         except NoAnswer as error:
             self.lifecycle.commands.replied(invocation.robot, None)
             self.lifecycle.mark_unknown(invocation)
-            raise agent_silent(invocation, str(error)) from error
+            raise agent_timeout(invocation, str(error)) from error
         self.lifecycle.commands.replied(invocation.robot, reply)
         return reply
 
@@ -234,7 +241,7 @@ class Actions:
     async def halt(self, action: str, halt: Halt, caller: Caller) -> Invocation:
         """Stop robots, whoever has a lease and even without Redis.
 
-        Raises AgentSilent if a single robot does not answer.
+        Raises AgentTimeout if a single robot does not answer.
         """
         fleet, now_ns = self._live.fleet.robots, time.time_ns()
         robot, asked = FLEET if halt.robots is None else halt.robots[0], self._reached(halt, caller.stops)
@@ -266,7 +273,7 @@ class Actions:
         reply = replies.get(robot)
         if reply is None:
             self.lifecycle.mark_unknown(invocation)
-            raise agent_silent(invocation, "it did not say that it stops")
+            raise agent_timeout(invocation, "it did not say that it stops")
         if isinstance(reply, Refused):
             self.lifecycle.refuse(invocation, reply)
             raise refusal(fleet[robot], reply)
@@ -285,7 +292,7 @@ class Actions:
         replies = await self._live.link.stop(self._reached(halt, stops), stop, ANSWER_TIMEOUT_S)
         accepted = [reply for reply in replies.values() if isinstance(reply, Accepted)]
         if halt.robots is not None and not accepted:
-            raise AgentSilent(f"The agent of {halt.robots[0]} gave no answer.")
+            raise AgentTimeout(f"The agent of {halt.robots[0]} gave no answer.")
         ends = tuple(id for reply in accepted for id in reply.preempts)
         return Rehearsal(max((reply.duration_s for reply in accepted), default=0.0), ends)
 

@@ -26,11 +26,13 @@ __all__ = ["KEPT_S", "ActionStore", "Full", "KeyReused", "Lease", "LeaseHeld", "
 _log = logging.getLogger(__name__)
 
 KEPT_S = 86_400.0  # for an ended invocation, and for a used idempotency key
-_NEWS = 10_000  # entries kept, approximately; also the limit of unsent ones
+_NEWS = 10_000  # entries kept, approximately; also the limit of unsent changes
+_TOGETHER = 16  # changes in one entry
 _LAST_S = 0.5  # to send the rest when this gateway ends
 _MS = 1_000_000  # nanoseconds
 
 What = Literal["invocation", "deleted", "lease", "settings"]
+_CHANGES = msgspec.json.Decoder(list[tuple[str, str, str]])
 
 
 @dataclass(frozen=True)
@@ -76,7 +78,7 @@ class ActionStore:
         self._kept_s = kept_s
         self._redis = Connection(url, self._keys.news)
         self._untold: list[News] = []
-        """In the order of the latest change: several changes of one thing are reported once."""
+        """In the order of the changes."""
         self._to_tell = asyncio.Event()
         self._noted: dict[str, tuple[int, int]] = {}
         self._tasks: list[asyncio.Task[None]] = []
@@ -239,9 +241,11 @@ class ActionStore:
                 if fields is None:
                     yield None
                     continue
-                what = fields[b"what"].decode()
-                if fields[b"run"].decode() != self._run and what in get_args(What):  # ignores those of later versions
-                    yield News(cast(What, what), fields[b"robot"].decode(), fields[b"id"].decode())
+                if fields.get(b"run") == self._run.encode():
+                    continue
+                for what, robot, id in _CHANGES.decode(fields.get(b"news", b"[]")):
+                    if what in get_args(What):  # ignores those of later versions
+                        yield News(cast(What, what), robot, id)
 
     def _tell(self, what: What, robot: str, id: str) -> None:
         """Notify the other gateways as soon as possible; the change itself does not depend on it."""
@@ -256,18 +260,18 @@ class ActionStore:
 
     async def _tell_rest(self) -> None:
         telling, self._untold = self._untold, []
-        if not telling:
-            return
         try:
-            await self._redis.all([self._entry(news) for news in telling])
+            parts = range(0, len(telling), _TOGETHER)
+            await self._redis.all([self._entry(telling[first : first + _TOGETHER]) for first in parts])
         except BaseException:  # cancelled as well
             self._untold = [*telling, *self._untold][-_NEWS:]
             self._to_tell.set()
             raise
 
-    def _entry(self, news: News) -> tuple[str | int, ...]:
-        fields = ("what", news.what, "robot", news.robot, "id", news.id, "run", self._run)
-        return ("XADD", self._keys.news, "MAXLEN", "~", _NEWS, "*", *fields)
+    def _entry(self, changes: Sequence[News]) -> tuple[str | bytes | int, ...]:
+        """Return one entry for many changes, because redis-py takes time for each field, at both ends."""
+        news = msgspec.json.encode([(each.what, each.robot, each.id) for each in changes])
+        return ("XADD", self._keys.news, "MAXLEN", "~", _NEWS, "*", "run", self._run, "news", news)
 
     # Steps
 

@@ -1,7 +1,6 @@
 """App: the composition root.
 
 ``application``: settings → parts → one ASGI application. ``extensions``: discovery, ordering and mounting of
-extensions. ``settings``: environment variables and flags. ``exposure``: requirements of a gateway that other machines
-reach. ``shape_check``: compilation of all shapes at start. ``metrics``, ``sampler``: the metrics of one gateway.
-``doctor``: checks of the environment of a gateway.
+extensions. ``settings``: environment variables and flags, and what a gateway needs that other machines reach.
+``metrics``: the metrics of one gateway. ``main``: its process. ``doctor``: checks of the environment of a gateway.
 """

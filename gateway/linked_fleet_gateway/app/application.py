@@ -1,37 +1,87 @@
-"""The composition root: routes, middleware and lifespan of the gateway."""
+"""The composition root: compilation of all shapes, routes, middleware and lifespan of the gateway.
+
+A gateway does not start with a shape that cannot be compiled.
+"""
 
 from collections.abc import AsyncIterator
 from contextlib import AsyncExitStack, asynccontextmanager, closing
+from functools import cache
+from pathlib import Path
 
 from starlette.applications import Starlette
 
 from linked_fleet_gateway.actions.service import Actions
 from linked_fleet_gateway.actions.store import ActionStore
 from linked_fleet_gateway.app.extensions import ExtensionSettings, chosen, install, mount, representations
-from linked_fleet_gateway.app.metrics import Numbers, registry
-from linked_fleet_gateway.app.sampler import Sampler
+from linked_fleet_gateway.app.metrics import Numbers, Sampler, registry
 from linked_fleet_gateway.app.settings import GatewaySettings
-from linked_fleet_gateway.app.shape_check import check_shapes
-from linked_fleet_gateway.http.cors import cors_middleware
+from linked_fleet_gateway.http.connection_limits import Sockets, within_files
 from linked_fleet_gateway.http.endpoint import Endpoint
-from linked_fleet_gateway.http.entrance import Entrance
+from linked_fleet_gateway.http.entrance import Entrance, cors_middleware
 from linked_fleet_gateway.http.extension import Core
-from linked_fleet_gateway.http.host import Authorities
-from linked_fleet_gateway.http.rates import TokenBuckets
+from linked_fleet_gateway.http.forwarding import Authorities
 from linked_fleet_gateway.http.request import Gateway, Services
-from linked_fleet_gateway.http.sockets import Sockets, within_files
-from linked_fleet_gateway.http.stop_priority import StopPriority
+from linked_fleet_gateway.http.scheduling import StopPriority, TokenBuckets
 from linked_fleet_gateway.identity.service import Identities
 from linked_fleet_gateway.link.transport import Opener
 from linked_fleet_gateway.link.zenoh_session import open_session as open_zenoh
+from linked_fleet_gateway.rdf.graph import Node
+from linked_fleet_gateway.rdf.shapes import ACTIONS, BLUEPRINTS, SUBSCRIPTIONS, VOCABULARY, added_to, load
+from linked_fleet_gateway.rdf.vocabulary import LF, RDF, SH
+from linked_fleet_gateway.resources.action_offer import CONDITIONS, definitions
+from linked_fleet_gateway.resources.shape_parameters import COMPLETIONS
 from linked_fleet_gateway.runtime.audit_log import Audit
 from linked_fleet_gateway.runtime.embedded_redis import Embedded
 from linked_fleet_gateway.runtime.metrics import Requests
 from linked_fleet_gateway.runtime.tracing import Tracing
+from linked_fleet_gateway.shacl import Compiler, Unsupported
 from linked_fleet_gateway.subscriptions.live import Live
 from linked_fleet_gateway.subscriptions.network import Network
 from linked_fleet_gateway.subscriptions.service import Subscriptions, new_run
 from linked_fleet_gateway.subscriptions.store import Store
+
+
+def check_shapes() -> None:
+    """Compile all shapes of the core and of the registered extensions. Raises Unsupported with shape and reason.
+
+    Shapes of actions are checked as written. The parts that COMPLETIONS adds for a robot come from code.
+    """
+    _check_all(*(added_to(name) for name in (ACTIONS, VOCABULARY, BLUEPRINTS)))
+
+
+@cache
+def _check_all(*added: tuple[Path, ...]) -> None:
+    """Once for each set of files that extensions add."""
+    for name in (VOCABULARY, BLUEPRINTS, SUBSCRIPTIONS):
+        compiler = _compiler(name)
+        for node, about in load(name).items():
+            if any(t.predicate == RDF.type and t.object == SH.NodeShape for t in about):
+                _check(name, compiler, node)
+    shapes = load(ACTIONS)
+    compiler = _compiler(ACTIONS)
+    for kind in definitions():
+        if kind.consumes is not None:
+            _check(f"{ACTIONS}/{kind.segment}", compiler, kind.consumes)
+    completions = {t.object for about in shapes.values() for t in about if t.predicate == LF.completedBy}
+    for unknown in completions.difference(COMPLETIONS):
+        raise Unsupported(f"linked_fleet_shapes/{ACTIONS}: lf:completedBy {unknown} is not known")
+    for kind in definitions():
+        for unknown in set(kind.offered_if).difference(CONDITIONS):
+            raise Unsupported(f"linked_fleet_shapes/{ACTIONS}: lf:offeredIf {unknown} is not known")
+
+
+def _compiler(name: str) -> Compiler:
+    try:
+        return Compiler(load(name))
+    except Unsupported as error:
+        raise Unsupported(f"linked_fleet_shapes/{name} cannot be compiled: {error}") from error
+
+
+def _check(name: str, compiler: Compiler, shape: Node) -> None:
+    try:
+        compiler.compiled(shape)
+    except Unsupported as error:
+        raise Unsupported(f"linked_fleet_shapes/{name}: {shape} cannot be compiled: {error}") from error
 
 
 def new_live(settings: GatewaySettings, open_session: Opener) -> Live:

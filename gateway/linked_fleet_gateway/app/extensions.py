@@ -19,7 +19,7 @@ from linked_fleet_gateway.base.settings import TEXTS, Section, setting
 from linked_fleet_gateway.http.extension import Core, Extension, Mount
 from linked_fleet_gateway.http.representation import Representations
 from linked_fleet_gateway.rdf.shapes import BLUEPRINTS, VOCABULARY, add
-from linked_fleet_gateway.resources.action_definition import add_kinds
+from linked_fleet_gateway.resources.action_offer import add_kinds
 from linked_fleet_gateway.resources.fleet_functions import FUNCTIONS
 from linked_fleet_gateway.resources.paths import reserve
 from linked_fleet_gateway.resources.property import LINK_STATEMENTS, ROBOT_PROPERTIES

@@ -1,14 +1,17 @@
-"""Settings of the gateway and of its extensions, read once (docs/SETTINGS.md)."""
+"""Settings of the gateway and of its extensions, read once (docs/SETTINGS.md).
+
+A gateway that other machines reach has requirements, unless settings waive them by name. ``exposure_problems`` checks
+them and is pure.
+"""
 
 import socket
 from argparse import ArgumentParser
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from linked_fleet_agent.wire.keys import Keys as ZenohKeys
 from linked_fleet_agent.wire.trust import Credentials
-from linked_fleet_gateway.app.exposure import EXPOSURES
 from linked_fleet_gateway.app.extensions import BUILT_IN, ExtensionSettings, chosen, foreign
 from linked_fleet_gateway.base.settings import (
     FILE,
@@ -33,6 +36,38 @@ from linked_fleet_gateway.base.settings import (
 from linked_fleet_gateway.link.zenoh_session import trust
 from linked_fleet_gateway.runtime.log import FORMS
 from linked_fleet_gateway.subscriptions.redis_scripts import Keys
+
+EXPOSURES = ("plain-http", "anonymous", "plain-zenoh")
+"""Words of LINKED_FLEET_ALLOW, each of which waives one requirement."""
+
+
+def exposure_problems(
+    *, exposed: bool, tls: bool, identities: bool, open_endpoints: Sequence[str], allowed: Collection[str]
+) -> list[str]:
+    """Return a sentence for each unmet requirement, which names the remedies.
+
+    ``exposed`` means that HTTP is reachable beyond loopback; ``open_endpoints`` are Zenoh endpoints that other machines
+    reach without authentication.
+    """
+    found = []
+    if exposed and not tls and "plain-http" not in allowed:
+        found.append(
+            "without TLS whoever is on the way reads and changes everything: give LINKED_FLEET_TLS_CERT and "
+            "LINKED_FLEET_TLS_KEY, listen on loopback, or say LINKED_FLEET_ALLOW=plain-http (behind a front with TLS)"
+        )
+    if exposed and not identities and "anonymous" not in allowed:
+        found.append(
+            "without identities anybody moves the robots: give LINKED_FLEET_IDENTITIES, listen on loopback, "
+            "or say LINKED_FLEET_ALLOW=anonymous"
+        )
+    if open_endpoints and "plain-zenoh" not in allowed:
+        found.append(
+            f"anybody who reaches {', '.join(open_endpoints)} could be a robot or move one: listen on tls/… or quic/… "
+            "with LINKED_FLEET_ZENOH_CA, …_CERT, …_KEY and …_ACCESS, on loopback, or nowhere (…_CONNECT to a router), "
+            "or say LINKED_FLEET_ALLOW=plain-zenoh"
+        )
+    return found
+
 
 _PROGRAM = "python -m linked_fleet_gateway"
 

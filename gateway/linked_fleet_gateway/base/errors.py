@@ -11,7 +11,7 @@
     │   ├── RefusedByAgent          409     refused
     │   ├── Changed                 409     changed
     │   ├── Controlled              409     controlled
-    │   └── NoRoom                  409     conflict
+    │   └── ContainerFull           409     conflict
     ├── MotionRefused               409     motion-refused
     ├── PreconditionFailed          412     precondition-failed
     ├── PayloadTooLarge             413     payload-too-large
@@ -27,9 +27,10 @@
     ├── Offline                     503     offline
     ├── Faulty                      503     faulty
     ├── Busy                        503     busy
-    ├── StoreAway                   503     store-away
-    ├── IssuerAway                  503     issuer-away
-    └── AgentSilent                 504     agent-silent
+    ├── StoreDown                   503     store-away
+    ├── IssuerDown                  503     issuer-away
+    ├── LibraryMissing              503     library-missing
+    └── AgentTimeout                504     agent-silent
 
 The problem type (RFC 9457, 3.1.1) of each is ``PROBLEMS`` followed by its code; ``http.problem`` renders them.
 """
@@ -207,7 +208,7 @@ class Controlled(Conflict):
         self.holder, self.expires = holder, expires
 
 
-class NoRoom(Conflict):
+class ContainerFull(Conflict):
     """The container is full."""
 
 
@@ -322,21 +323,34 @@ class Busy(FleetError):
     retry_after_s = 1
 
 
-class StoreAway(FleetError):
+class StoreDown(FleetError):
     """Redis cannot be reached, so subscriptions can be neither read nor accepted."""
 
     status, code, title = 503, "store-away", "Subscriptions cannot be read or kept at present"
     retry_after_s = 2
 
 
-class IssuerAway(FleetError):
+class IssuerDown(FleetError):
     """The keys of the token's issuer cannot be fetched."""
 
     status, code, title = 503, "issuer-away", "The issuer of the token cannot be reached"
     retry_after_s = 5
 
 
-class AgentSilent(FleetError):
+class LibraryMissing(FleetError):
+    """A library that the request needs cannot be loaded, mostly because the system lacks one that it is linked with."""
+
+    status, code, title = 503, "library-missing", "A library of the gateway cannot be loaded"
+
+    @classmethod
+    def named(cls, name: str, error: ImportError) -> "LibraryMissing":
+        """Return the error for a module that could not be imported."""
+        return cls(
+            f"The gateway cannot load {name} ({error}); `linked-fleet doctor` says how to install what it lacks."
+        )
+
+
+class AgentTimeout(FleetError):
     """The agent did not reply in time, so the outcome of the command is unknown."""
 
     status, code, title = 504, "agent-silent", "The robot's agent did not answer in time"

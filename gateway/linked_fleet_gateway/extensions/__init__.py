@@ -1,4 +1,4 @@
 """Extensions: one folder for each capability, mounted through one interface (``http.extension``, docs/EXTENDING.md).
 
-The core imports none of them. They are independent of each other, except of pages and of declared dependencies.
+The core imports none of them. Extensions import only pages and the extensions that they declare to need.
 """

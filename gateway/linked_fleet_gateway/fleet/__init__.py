@@ -1,8 +1,10 @@
 """Fleet: live state of robots. Pure; clocks are passed in.
 
-``fleet``: ``apply(event) -> changes``. ``frames``, ``events``: hand-over from the threads of the transport.
-``robot``: one robot as the gateway knows it. ``presence``, ``description_queue``: tokens and descriptions of agents,
-bounded in memory, queries and time. ``model``, ``kinematics``: the URDF as a tree, link poses from it (metre,
-radian), and spheres that contain all reachable positions. ``invocations``, ``invocation``: state of actions, and
-control of robots. ``limits``, ``observation``: positions outside their limits, and detection of changed values.
+``fleet``: ``apply(event) -> changes``. ``events``: hand-over from the threads of the transport, and latest frames.
+``robot``: one robot as the gateway knows it. ``presence``: tokens and descriptions of agents, bounded in memory,
+queries and time. ``answers``: answers of agents, and the count of refused messages. ``model``, ``xml``, ``kinematics``:
+the URDF as a tree, link poses from it (metre, radian), and spheres that contain all reachable positions. ``geometry``:
+meshes. ``pinocchio_model``: the URDF for Pinocchio. ``invocations``, ``invocation``: state of actions, and control of
+robots. ``observation``, ``limit_watch``: detection of changed values, and of positions that are, or stay, outside their
+limits.
 """

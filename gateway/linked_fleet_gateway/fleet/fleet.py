@@ -19,8 +19,7 @@ from typing import Any, Literal
 from linked_fleet_agent.wire.codec import WireError, read_header
 from linked_fleet_agent.wire.messages import Description
 from linked_fleet_gateway.fleet.answers import RejectedMessages
-from linked_fleet_gateway.fleet.events import Appeared, Described, Event, Framed, Moved, Undescribed, Vanished
-from linked_fleet_gateway.fleet.frames import Frames
+from linked_fleet_gateway.fleet.events import Appeared, Described, Event, Framed, Frames, Moved, Undescribed, Vanished
 from linked_fleet_gateway.fleet.invocation import Lease
 from linked_fleet_gateway.fleet.limit_watch import LimitWatch
 from linked_fleet_gateway.fleet.observation import Observation

@@ -55,29 +55,30 @@ class TargetIndex:
 
         The target of a stopped or failed motion is not valid. ``joints`` are the joints to look at; all for None.
         """
-        found, motions = {}, self._motions.get((robot, incarnation), {})
+        found, motions = {}, self._motions.get((robot, incarnation))
+        if not motions:
+            return {}
+        robot_ns = self._stopped_ns(robot, incarnation, "")
         for joint in motions if joints is None else motions.keys() & joints:
             for motion in reversed(motions[joint]):
                 if not motion.accepted or _ceded(motion, joint, successors):
                     continue
                 valid = not motion.state.terminal or motion.state is InvocationState.SUCCEEDED
-                if valid and motion.created_ns > self._stopped_ns(robot, incarnation, joint):
+                if valid and motion.created_ns > max(robot_ns, self._stopped_ns(robot, incarnation, joint)):
                     found[joint] = motion.targets[joint]
                 break
         return found
 
     def _stopped_ns(self, robot: str, incarnation: int, joint: str) -> int:
-        """Return the gateway wall time of the joint's last stop."""
-        found = 0
-        if removed := self._removed_ns.get(robot):
-            found = max(removed.get(joint, 0), removed.get("", 0))
-        if own := self._stops.get((robot, incarnation)):
-            for name in (joint, ""):
-                found = max(found, _latest_ns(own.get(name, ()), lambda stop: stop.accepted))
-        if fleet := self._stops.get((FLEET, 0)):
-            for name in (joint, ""):
-                stopped = _latest_ns(fleet.get(name, ()), lambda stop: word(stop.robots.get(robot, "")) in _STOPPED)
-                found = max(found, stopped)
+        """Return the gateway wall time of the last stop of exactly this joint; of the whole robot for ""."""
+        removed, own = self._removed_ns.get(robot), self._stops.get((robot, incarnation))
+        found = removed.get(joint, 0) if removed else 0
+        if own and (held := own.get(joint)):
+            found = max(found, _latest_ns(held, lambda stop: stop.accepted))
+        fleet = self._stops.get((FLEET, 0))
+        if fleet and (held := fleet.get(joint)):
+            stopped = _latest_ns(held, lambda stop: word(stop.robots.get(robot, "")) in _STOPPED)
+            found = max(found, stopped)
         return found
 
     def _of(self, invocation: Invocation) -> dict[str, list[Invocation]]:

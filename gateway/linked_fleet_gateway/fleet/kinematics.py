@@ -126,7 +126,7 @@ _UNTURNED = (0.0, 0.0, 0.0, 1.0)
 _ANYWHERE = (-math.inf, math.inf)
 
 
-class Ball(NamedTuple):
+class BoundingSphere(NamedTuple):
     centre: Vector
     radius: float
 
@@ -134,12 +134,12 @@ class Ball(NamedTuple):
         return not math.dist(self.centre, place) > self.radius + slack
 
 
-def envelope(model: RobotModel, link: str, movable: Collection[str]) -> Ball:
+def envelope(model: RobotModel, link: str, movable: Collection[str]) -> BoundingSphere:
     """Return the sphere in the frame of the root link. Joints that are not ``movable`` may have any position.
 
     The radius is infinite if a joint has several degrees of freedom, or is prismatic without limits.
     """
-    ball = Ball((0.0, 0.0, 0.0), 0.0)
+    ball = BoundingSphere((0.0, 0.0, 0.0), 0.0)
     while (parent := model.links[link].parent_joint) is not None:
         joint = model.joints[parent]
         ball = _placed(joint.origin, _moved(ball, joint, _range(model, joint, movable)))
@@ -147,26 +147,26 @@ def envelope(model: RobotModel, link: str, movable: Collection[str]) -> Ball:
     return ball
 
 
-def _moved(ball: Ball, joint: Joint, between: tuple[float, float]) -> Ball:
+def _moved(ball: BoundingSphere, joint: Joint, between: tuple[float, float]) -> BoundingSphere:
     """Return a sphere around ``ball`` in all positions of the joint."""
     if joint.kind is JointKind.FIXED:
         return ball
     if not joint.movable:
-        return Ball(ball.centre, math.inf)
+        return BoundingSphere(ball.centre, math.inf)
     lower, upper = between
     half = (upper - lower) / 2
     if joint.kind is JointKind.PRISMATIC:
         if not math.isfinite(half):
-            return Ball(ball.centre, math.inf)
-        return Ball(_along(ball.centre, joint.axis, (lower + upper) / 2), ball.radius + half)
+            return BoundingSphere(ball.centre, math.inf)
+        return BoundingSphere(_along(ball.centre, joint.axis, (lower + upper) / 2), ball.radius + half)
     onto = sum(c * a for c, a in zip(ball.centre, joint.axis, strict=True))
     foot = _along((0.0, 0.0, 0.0), joint.axis, onto)
     arm = _along(ball.centre, joint.axis, -onto)
     length = math.hypot(*arm)
     if not half < math.pi / 2 or not math.isfinite(lower + upper):
-        return Ball(foot, ball.radius + length)
+        return BoundingSphere(foot, ball.radius + length)
     middle = _along(foot, _rotated(arm, joint.axis, (lower + upper) / 2), math.cos(half))
-    return Ball(middle, ball.radius + length * math.sin(half))
+    return BoundingSphere(middle, ball.radius + length * math.sin(half))
 
 
 def _range(model: RobotModel, joint: Joint, movable: Collection[str]) -> tuple[float, float]:
@@ -186,8 +186,8 @@ def _range(model: RobotModel, joint: Joint, movable: Collection[str]) -> tuple[f
     return min(ends), max(ends)
 
 
-def _placed(origin: Pose, ball: Ball) -> Ball:
-    return Ball(compose(origin, Pose(ball.centre, _UNTURNED)).position_m, ball.radius)
+def _placed(origin: Pose, ball: BoundingSphere) -> BoundingSphere:
+    return BoundingSphere(compose(origin, Pose(ball.centre, _UNTURNED)).position_m, ball.radius)
 
 
 def _rotated(arm: Vector, axis: Vector, angle: float) -> Vector:

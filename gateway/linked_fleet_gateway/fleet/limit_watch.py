@@ -4,7 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
-from linked_fleet_gateway.fleet.limits import FAULTY_AFTER_NS
+from linked_fleet_gateway.fleet.observation import FAULTY_AFTER_NS
 from linked_fleet_gateway.fleet.robot import Robot
 
 

@@ -7,12 +7,11 @@ from typing import Literal
 
 from linked_fleet_agent.wire.codec import MAX_JOINTS, Header, WireError, decode_state, layout, read_header
 from linked_fleet_agent.wire.messages import Description, State
-from linked_fleet_gateway.fleet.frames import Frames, Latest
+from linked_fleet_gateway.fleet.events import Frames, Latest
 from linked_fleet_gateway.fleet.invocation import Lease
 from linked_fleet_gateway.fleet.kinematics import ORIGIN, LinkPoses, placed
-from linked_fleet_gateway.fleet.limits import Bounds, bounds_of, joints_outside
 from linked_fleet_gateway.fleet.model import ModelError, Pose, RobotModel
-from linked_fleet_gateway.fleet.observation import Observation, Observations
+from linked_fleet_gateway.fleet.observation import Bounds, Observation, Observations, bounds_of, joints_outside
 
 Annotations = tuple[str, str]
 """Turtle with the IRI of the robot as base: the annotations of its agent, and those of clients."""

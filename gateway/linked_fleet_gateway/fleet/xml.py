@@ -6,7 +6,7 @@ from typing import Final
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
-from linked_fleet_agent.wire.names import MAX_NAME_BYTES
+from linked_fleet_agent.wire.keys import MAX_NAME_BYTES
 
 Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]

@@ -1,11 +1,15 @@
 """HTTP: methods, negotiation, conditional requests, links, errors, streams and audit of every resource.
 
-``server``, ``protocol``, ``websocket_protocol``, ``exchange``, ``timeouts``, ``sockets``, ``backpressure``, ``tls``:
-the server, with limits of time and number. Middleware, outermost first: ``forwarded``, ``operator_endpoints``
-(``health``), ``cors``, ``host``, ``callers``, ``rates``, ``lazy_imports``. ``request``: the typed request and its
-gateway. ``endpoint``: dispatches every request; ``read``, ``representation``, ``preconditions``, ``links``, ``problem``
-answer it, ``answers`` caches responses, ``encoding`` compresses them; ``invoke``, ``control``, ``subscribe``,
-``subscription_change``, ``patch`` write; ``streams``, ``event_stream``, ``websocket`` stream. ``extension``: the
-interface of extensions; ``authentication`` and ``html`` are further interfaces for them. ``offload`` parses long bodies
-in a thread, ``stop_priority`` lets a stop overtake waiting requests.
+``server``, ``protocol``, ``websocket_protocol``, ``exchange``, ``message_heads``, ``connection_limits``, ``tls``: the
+server, with limits of time and number. ``entrance``: the layer in front of all resources, with ``forwarding`` (client
+and public URL), ``operator_endpoints`` and ``callers``; ``arrival``: the facts that it finds. ``request``: the typed
+request and its gateway. ``endpoint``: dispatches every request; ``read``, ``representation``, ``negotiation``,
+``preconditions``, ``problem`` answer it, ``answers`` caches responses; ``invoke``, ``subscribe``,
+``subscription_change``, ``writes`` write what ``body`` parses; ``streams``, ``event_stream``, ``websocket`` stream.
+``fields``: the grammar of header fields. ``scheduling`` processes long bodies in a thread, and lets a stop overtake
+waiting requests. ``audit``: the records of requests as a resource.
+
+``extension``: the interface of extensions; ``arrival.Scheme``, ``html`` and ``operations`` are further interfaces for
+them. ``internal_request`` sends requests for them, and ``hosted`` passes requests to ASGI applications of other
+packages.
 """

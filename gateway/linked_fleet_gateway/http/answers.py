@@ -15,9 +15,9 @@ from starlette.types import Scope
 from linked_fleet_gateway.fleet.observation import Observation
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.http.arrival import arrival_of
-from linked_fleet_gateway.http.conditional import etag, not_modified
-from linked_fleet_gateway.http.encoding import GZIP, coded_tag, compressed, expanded, is_compressible, takes_gzip
-from linked_fleet_gateway.http.response_head import Fields, block
+from linked_fleet_gateway.http.message_heads import FieldLines, block
+from linked_fleet_gateway.http.negotiation import GZIP, coded_tag, compressed, expanded, is_compressible, takes_gzip
+from linked_fleet_gateway.http.representation import etag, not_modified
 from linked_fleet_gateway.identity.rights import View
 from linked_fleet_gateway.resources.renderings import Rendering
 from linked_fleet_gateway.resources.resource import Resource
@@ -42,7 +42,7 @@ class Reply:
     """
 
     status: int
-    kept: Fields
+    kept: FieldLines
     block: bytes
     more: list[tuple[bytes, bytes]]
     content: bytes
@@ -77,8 +77,8 @@ class Answer:
         robot: Robot | None,
         rendering: Rendering | None,
         content: bytes,
-        fields: Fields,
-        of_content: Fields,
+        fields: FieldLines,
+        of_content: FieldLines,
     ) -> None:
         """Create a response; ``robot`` is None if it lasts (``Resource.lasting``).
 

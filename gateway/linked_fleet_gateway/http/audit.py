@@ -3,11 +3,10 @@
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
-from urllib.parse import urlsplit
 
 from pyoxigraph import Literal, NamedNode
 
-from linked_fleet_gateway.base.errors import NotFound, StoreAway
+from linked_fleet_gateway.base.errors import NotFound, StoreDown
 from linked_fleet_gateway.http.request import AUDIT_NEEDS, Connection
 from linked_fleet_gateway.rdf.graph import Graph, integer, timestamp
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, LDP, LF, PROV, RDFS, XHV
@@ -15,8 +14,8 @@ from linked_fleet_gateway.resources.paths import AUDIT as PATH
 from linked_fleet_gateway.resources.paths import robot_of, robot_path
 from linked_fleet_gateway.resources.resource import CONTAINER, Resource, complete
 from linked_fleet_gateway.runtime.audit_log import PAGE, Audit, Entry
+from linked_fleet_gateway.runtime.log import present
 from linked_fleet_gateway.runtime.redis import StoreUnavailable
-from linked_fleet_gateway.runtime.request_context import present
 
 _NOTHING_DONE = (401, 404, 405)
 _LONGEST = 500
@@ -30,12 +29,12 @@ def note(connection: Connection, what: str, status: int | None, location: str = 
     asked, path = present(), connection.scope["path"][:_LONGEST]
     audit.note(
         connection.caller_name, what, path, robot_of(path) or "", "" if status is None else str(status),
-        "" if asked is None else asked.id, urlsplit(location).path,
+        "" if asked is None else asked.id, location.removeprefix(connection.base).partition("?")[0],
     )  # fmt: skip
 
 
 async def audit_resource(connection: Connection) -> Resource:
-    """Return a page of entries, newest first. Raises NotFound, StoreAway."""
+    """Return a page of entries, newest first. Raises NotFound, StoreDown."""
     path: str = connection.scope["path"]
     audit: Audit = connection.services.audit
     try:
@@ -43,7 +42,7 @@ async def audit_resource(connection: Connection) -> Resource:
     except ValueError as error:
         raise NotFound(f"There is no such page: {error}.") from error
     except StoreUnavailable as error:
-        raise StoreAway("The server that keeps the audit is away; the log of each gateway has its own part.") from error
+        raise StoreDown("The server that keeps the audit is away; the log of each gateway has its own part.") from error
     steps = partial(_steps, connection.base, path, entries)
     return Resource(path, "Audit", lambda graph: complete(steps(graph)), CONTAINER, followed=False, steps=steps)
 

@@ -9,8 +9,8 @@ from pyoxigraph import NamedNode, Triple
 from linked_fleet_gateway.base.errors import BadRequest, PayloadTooLarge, UnsupportedMediaType
 from linked_fleet_gateway.http.fields import field
 from linked_fleet_gateway.http.negotiation import parse_content_type
-from linked_fleet_gateway.http.offload import Offload
 from linked_fleet_gateway.http.request import Request
+from linked_fleet_gateway.http.scheduling import Offload
 from linked_fleet_gateway.rdf.json_input import TooMuchError
 from linked_fleet_gateway.rdf.parsing import MAX_TRIPLES, ParseError, parse
 from linked_fleet_gateway.rdf.serialise import JSON

@@ -1,19 +1,22 @@
-"""Authentication of every request: by a bearer token (RFC 6750), or by a scheme of an extension."""
+"""The caller of every request: authentication, and checks of rights.
+
+A bearer token (RFC 6750) or a scheme of an extension authenticates the request.
+"""
 
 from collections.abc import Sequence
 
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.types import Message, Receive, Scope, Send
 
-from linked_fleet_gateway.base.errors import FleetError, IssuerAway, StoreAway, Unauthenticated
-from linked_fleet_gateway.http.arrival import Arrival, arrival_of
-from linked_fleet_gateway.http.authentication import Authenticated, Scheme
-from linked_fleet_gateway.http.host import refuse
-from linked_fleet_gateway.identity.jwts import BadToken
-from linked_fleet_gateway.identity.rights import NOBODY, Identity
+from linked_fleet_gateway.base.errors import FleetError, InsufficientScope, IssuerDown, StoreDown, Unauthenticated
+from linked_fleet_gateway.http.arrival import Arrival, Authenticated, Scheme, arrival_of
+from linked_fleet_gateway.http.forwarding import refuse
+from linked_fleet_gateway.http.request import Connection
+from linked_fleet_gateway.identity.issuers import BadToken, IssuerFailed
+from linked_fleet_gateway.identity.rights import NOBODY, Identity, Right
 from linked_fleet_gateway.identity.service import Identities
-from linked_fleet_gateway.identity.web import IssuerSilent
-from linked_fleet_gateway.resources.paths import is_public, is_shared
+from linked_fleet_gateway.resources.paths import is_public, is_shared, robot_of
+from linked_fleet_gateway.resources.subscription import Depth, Record
 
 _SHARING = ("private", "public")
 _STARTS = ("http.response.start", "websocket.http.response.start")
@@ -63,14 +66,14 @@ async def _caller(identities: Identities, schemes: Sequence[Scheme], scope: Scop
     """Return the caller. If authentication is optional, return ``NOBODY`` if the caller cannot be determined."""
     try:
         return await authenticate(identities, schemes, scope)
-    except (Unauthenticated, StoreAway, IssuerAway):
+    except (Unauthenticated, StoreDown, IssuerDown):
         if not (free or is_public(scope["path"])):
             raise
         return Authenticated(NOBODY)
 
 
 async def authenticate(identities: Identities, schemes: Sequence[Scheme], scope: Scope) -> Authenticated:
-    """Return the caller. Raises Unauthenticated, ForeignOrigin, StoreAway, IssuerAway."""
+    """Return the caller. Raises Unauthenticated, ForeignOrigin, StoreDown, IssuerDown."""
     headers = Headers(scope=scope)
     if "authorization" in headers:
         return Authenticated(await by_token(identities, headers))
@@ -82,7 +85,7 @@ async def authenticate(identities: Identities, schemes: Sequence[Scheme], scope:
 
 
 async def by_token(identities: Identities, headers: Headers) -> Identity:
-    """Return the caller of a bearer token. Raises Unauthenticated, IssuerAway."""
+    """Return the caller of a bearer token. Raises Unauthenticated, IssuerDown."""
     said = headers.getlist("authorization")
     if not said:
         raise Unauthenticated("Send Authorization: Bearer with a token.")
@@ -93,8 +96,8 @@ async def by_token(identities: Identities, headers: Headers) -> Identity:
         return await identities.bearer(token.strip())
     except BadToken as error:
         raise Unauthenticated(f"The token is not accepted: {error}.", wrong=True) from error
-    except IssuerSilent as error:
-        raise IssuerAway("The keys of the issuer of this token are not known yet; try again in a moment.") from error
+    except IssuerFailed as error:
+        raise IssuerDown("The keys of the issuer of this token are not known yet; try again in a moment.") from error
 
 
 def mark_private(path: str, headers: MutableHeaders) -> None:
@@ -115,3 +118,32 @@ def _private(scope: Scope, send: Send) -> Send:
         await send(message)
 
     return answer
+
+
+SEES_SUBSCRIPTIONS = (Right.SUBSCRIBE, Right.ADMIN)
+"""Rights, one of which is needed to read a Subscriptions container: ``subscribe`` for one's own, ``admin`` for all."""
+
+
+def require_right(connection: Connection, path: str, scopes: Sequence[Right]) -> None:
+    """Raise InsufficientScope unless the caller has one of ``scopes`` on the resource at ``path``."""
+    if is_public(path) or connection.caller.may_any(scopes, robot_of(path)):
+        return
+    wanted = " or ".join(scopes)
+    raise InsufficientScope(f"This takes the right to {wanted} here, which you do not have.", scope=scopes[0])
+
+
+def require_subtree(connection: Connection, path: str, depth: Depth) -> None:
+    """Raise InsufficientScope for the subtree of the fleet unless the caller may subscribe to all that it reads."""
+    caller = connection.caller
+    if path == "/" and depth is Depth.SUBTREE and not caller.over(Right.SUBSCRIBE).covers(caller.sees):
+        raise InsufficientScope("You may read robots that you may not subscribe to.", scope=Right.SUBSCRIBE)
+
+
+def visible_subscriptions(connection: Connection, records: Sequence[Record], owner: str) -> list[Record]:
+    """Return the visible subscriptions of a thing: the caller's own with ``subscribe``, all of them with ``admin``."""
+    caller, robot = connection.caller, robot_of(owner)
+    if caller.may(Right.ADMIN, robot):
+        return list(records)
+    if not caller.may(Right.SUBSCRIBE, robot):
+        return []
+    return [each for each in records if caller.name and each.subscription.creator == caller.name]

@@ -1,10 +1,9 @@
-"""The handler of every request to a resource: methods, negotiation, ETag, Link, errors (DESIGN "HTTP")."""
+"""The handler of every request to a resource: methods, negotiation, ETag, Link, errors."""
 
 import logging
 import uuid
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
-from dataclasses import replace
 from urllib.parse import quote as percent
 
 from starlette.requests import ClientDisconnect
@@ -13,9 +12,9 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 
 from linked_fleet_gateway.base.errors import (
     BadRequest,
+    ContainerFull,
     FleetError,
     MethodNotAllowed,
-    NoRoom,
     NotFound,
     PayloadTooLarge,
     UnprocessableContent,
@@ -23,19 +22,23 @@ from linked_fleet_gateway.base.errors import (
 )
 from linked_fleet_gateway.http.arrival import fields_of
 from linked_fleet_gateway.http.audit import audit_resource, is_audit, note, with_audit
-from linked_fleet_gateway.http.containers import preferred_part, shown_part
-from linked_fleet_gateway.http.control import control_lease, put_setting
-from linked_fleet_gateway.http.conversation import Speaker, converse
+from linked_fleet_gateway.http.callers import SEES_SUBSCRIPTIONS, require_right, visible_subscriptions
 from linked_fleet_gateway.http.extension import Mount, Reader, Writer
 from linked_fleet_gateway.http.fields import field
-from linked_fleet_gateway.http.health import store_warning
 from linked_fleet_gateway.http.invoke import end_invocation, invoke, put_target
-from linked_fleet_gateway.http.models import check_model
+from linked_fleet_gateway.http.operator_endpoints import store_warning
 from linked_fleet_gateway.http.preconditions import await_preconditions
 from linked_fleet_gateway.http.problem import problem
-from linked_fleet_gateway.http.read import READ, allowed, method_headers, read_in_turns, read_mesh
+from linked_fleet_gateway.http.read import (
+    READ,
+    allowed,
+    method_headers,
+    preferred_part,
+    read_in_turns,
+    read_mesh,
+    shown_part,
+)
 from linked_fleet_gateway.http.request import AUDIT_NEEDS, Connection, Request, WebSocket, gateway_of
-from linked_fleet_gateway.http.rights import SEES_SUBSCRIPTIONS, require_right, visible_subscriptions
 from linked_fleet_gateway.http.streams import EventStream, is_over, open_websocket, wants_events
 from linked_fleet_gateway.http.subscribe import (
     check_handshake,
@@ -46,6 +49,8 @@ from linked_fleet_gateway.http.subscribe import (
     wants_callback,
 )
 from linked_fleet_gateway.http.subscription_change import change_subscription
+from linked_fleet_gateway.http.websocket import WebSocketHandler, converse
+from linked_fleet_gateway.http.writes import check_model, control_lease, put_setting
 from linked_fleet_gateway.identity.rights import Right
 from linked_fleet_gateway.resources.affordance import (
     ChangeSubscription,
@@ -76,11 +81,11 @@ class Endpoint:
 
     def __init__(self, mounts: Iterable[Mount] = ()) -> None:
         self._readers, self._writers = dict(_READERS), dict(_WRITERS)
-        self._speakers: dict[type, Speaker] = {}
+        self._websocket_handlers: dict[type, WebSocketHandler] = {}
         for mount in mounts:
             self._readers.update(mount.readers)
             self._writers.update(mount.writers)
-            self._speakers.update(mount.speakers)
+            self._websocket_handlers.update(mount.websocket_handlers)
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         if scope["type"] == "websocket":
@@ -168,7 +173,7 @@ class Endpoint:
         try:
             check_model(request, resource)
             return await self._writers[type(resource.affords)](request, resource.affords)
-        except (NoRoom, PayloadTooLarge, UnprocessableContent, UnsupportedMediaType) as error:
+        except (ContainerFull, PayloadTooLarge, UnprocessableContent, UnsupportedMediaType) as error:
             if resource.affords is not None and not resource.affords.reads:
                 error.constrain(request.base + _constraints(resource))
             raise
@@ -188,9 +193,9 @@ class Endpoint:
 
     async def _open(self, websocket: WebSocket, resource: Resource) -> None:
         for value in (resource.remote, resource.affords):
-            speaker = self._speakers.get(type(value))
-            if speaker is not None:
-                await converse(websocket, resource, speaker, value)
+            handler = self._websocket_handlers.get(type(value))
+            if handler is not None:
+                await converse(websocket, resource, handler, value)
                 return
         await open_websocket(websocket, resource)
 
@@ -205,7 +210,7 @@ def _needed(request: Request, resource: Resource) -> Sequence[Right]:
 
 
 async def _find(connection: Connection) -> Resource | Redirect:
-    """Find the resource of the request. Raises NotFound, BadRequest, StoreAway."""
+    """Find the resource of the request. Raises NotFound, BadRequest, StoreDown."""
     path: str = connection.scope["path"]
     if not path.startswith("/"):
         raise BadRequest(f"The request target is no path, such as /, and no URL below {connection.base}/.")
@@ -224,8 +229,7 @@ async def _find(connection: Connection) -> Resource | Redirect:
 def _read_by(request: Request, found: Resource) -> Resource:
     """Return the resource with its reader, and what only some readers are shown."""
     reader = request.reader(found.path)
-    found = replace(
-        found,
+    found = found.having(
         reader=reader.name,
         rights=reader.rights,
         audited=reader.audited,

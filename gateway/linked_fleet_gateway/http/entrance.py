@@ -1,32 +1,107 @@
 """The layer in front of all resources: every request passes it, and its findings are in ``Arrival``.
 
 In this order: address of the client, request id, operator endpoints, pages of other origins, public URL, caller, rate
-limit, and modules to be loaded.
+limit, and modules to be loaded. CORS serves pages of other sites that may use the fleet (WHATWG Fetch, "HTTP-CORS
+protocol"). Rates are limited by client; stops are neither refused nor counted. Modules that a request needs first are
+loaded in a thread before the request proceeds.
 """
 
+import asyncio
+import math
 import time
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from functools import partial
+from importlib import import_module
+from typing import Final
 
 from starlette.datastructures import Headers
 from starlette.middleware import Middleware
-from starlette.requests import Request
+from starlette.middleware.cors import CORSMiddleware
+from starlette.requests import Request as StarletteRequest
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from linked_fleet_gateway.base.errors import FleetError
+from linked_fleet_gateway.base.errors import FleetError, TooManyRequests
 from linked_fleet_gateway.http.answers import Reply
-from linked_fleet_gateway.http.arrival import arrival_of
+from linked_fleet_gateway.http.arrival import arrival_of, fields_of
 from linked_fleet_gateway.http.callers import identify, known_at_once
-from linked_fleet_gateway.http.forwarded import Network, find_client
-from linked_fleet_gateway.http.host import Authorities, refuse
-from linked_fleet_gateway.http.lazy_imports import ModuleLoader
+from linked_fleet_gateway.http.forwarding import Authorities, Network, find_client, refuse
+from linked_fleet_gateway.http.html import HtmlWriter
 from linked_fleet_gateway.http.operator_endpoints import PAGES
-from linked_fleet_gateway.http.pace import RateLimiter
-from linked_fleet_gateway.http.rates import TokenBuckets
-from linked_fleet_gateway.http.request import gateway_of
+from linked_fleet_gateway.http.request import Request, gateway_of, html_of
+from linked_fleet_gateway.http.scheduling import TokenBuckets, bucket_of, is_urgent
+from linked_fleet_gateway.runtime.log import RequestContext, begin, request_id
 from linked_fleet_gateway.runtime.metrics import Requests
-from linked_fleet_gateway.runtime.request_context import RequestContext, begin, request_id
 from linked_fleet_gateway.runtime.tracing import Tracing
+
+
+class RateLimiter:
+    """Refuses requests above the caller's rate, before anything is read or resolved.
+
+    ``carriers``: paths whose requests contain others in their bodies, which ``await_turn`` counts after reading them.
+    """
+
+    def __init__(self, rates: TokenBuckets, carriers: Collection[str] = ()) -> None:
+        self._rates, self._carriers = rates, frozenset(carriers)
+
+    def wait_s(self, scope: Scope) -> float:
+        """Return the seconds until the request is permitted; 0 if it is now, and then counted."""
+        if not self._rates.limited or is_urgent(scope) or scope["path"] in self._carriers:
+            return 0.0
+        return self._rates.take(bucket_of(scope))
+
+    def check(self, scope: Scope) -> None:
+        """Count the request. Raises TooManyRequests."""
+        wait_s = self.wait_s(scope)
+        if wait_s:
+            raise TooManyRequests(math.ceil(wait_s))
+
+
+async def await_turn(request: Request) -> None:
+    """Count a request to a carrier, and wait for its turn. Raises TooManyRequests.
+
+    The extension that serves the carrier calls it, after reading the request, unless it is a stop.
+    """
+    wait_s = request.services.rates.take(bucket_of(request.scope))
+    if wait_s:
+        raise TooManyRequests(math.ceil(wait_s))
+    await request.services.turns.take()
+
+
+SUBSCRIPTIONS: Final = ("httpx",)
+
+
+class ModuleLoader:
+    """Loads modules in a thread: each takes 0.1 s, in which the event loop would serve nobody else."""
+
+    def __init__(self, load: Callable[[str], object] = import_module) -> None:
+        self._load = load
+        self._loaded: set[tuple[str, ...]] = set()
+
+    async def load(self, scope: Scope) -> None:
+        """Return when the modules that a request needs have been imported."""
+        if len(self._loaded) < 2 and scope["type"] == "http":
+            needed, html = _needed(scope)
+            if needed and needed not in self._loaded:
+                await asyncio.to_thread(self._load_all, needed, html)
+                self._loaded.add(needed)
+
+    def _load_all(self, names: tuple[str, ...], html: HtmlWriter | None) -> None:
+        for name in names:
+            self._load(name)
+        if html is not None:
+            html.prepare()
+
+
+def _needed(scope: Scope) -> tuple[tuple[str, ...], HtmlWriter | None]:
+    """Return the modules, and the writer that is needed for a page."""
+    path, method = scope["path"], scope["method"]
+    if method in ("POST", "PATCH"):
+        container = path if method == "POST" else path.rpartition("/")[0]
+        return (SUBSCRIPTIONS if container.endswith("/subscriptions") else ()), None
+    html = html_of(scope)
+    page = b"text/html" in fields_of(scope).get(b"accept", b"")
+    return (tuple(html.modules), html) if html is not None and page else ((), None)
+
 
 REQUEST_ID = "X-Request-Id"
 _ID_FIELD = REQUEST_ID.lower().encode()
@@ -36,7 +111,7 @@ _LONGEST_PATH = 1024
 
 
 class Entrance:
-    """The ASGI application of a gateway. ``elsewhere``: middleware for pages of other origins (``http/cors.py``)."""
+    """The ASGI application of a gateway. ``elsewhere``: middleware for pages of other origins (``cors_middleware``)."""
 
     def __init__(
         self,
@@ -91,7 +166,7 @@ class Entrance:
             if page is None:
                 await self._inside(scope, receive, answer)
             else:
-                response = await page(Request(scope, receive))
+                response = await page(StarletteRequest(scope, receive))
                 await response(scope, receive, answer)
         finally:
             if context.trace is not None:
@@ -129,3 +204,33 @@ class Entrance:
             return
         await self._loading.load(scope)
         await gateway.endpoint(scope, receive, send)
+
+
+_METHODS = ("GET", "HEAD", "POST", "PUT", "PATCH", "DELETE", "OPTIONS")
+_ASKED = (
+    "authorization", "content-type", "if-match", "if-none-match", "idempotency-key", "last-event-id", "lock-token",
+    "prefer", "traceparent", "x-request-id",
+)  # fmt: skip
+_ANSWERED = (
+    "accept-patch", "accept-post", "accept-put", "allow", "etag", "link", "location", "lock-token",
+    "preference-applied", "retry-after", "www-authenticate", "x-request-id",
+)  # fmt: skip
+
+
+def cors_middleware(
+    origins: tuple[str, ...], asked: Iterable[str] = (), answered: Iterable[str] = ()
+) -> list[Middleware]:
+    """Return the middleware; none without ``origins``. Cookies are excluded, because these pages use tokens.
+
+    ``asked`` and ``answered`` are further fields that pages may send and read.
+    """
+    if not origins:
+        return []
+    return [
+        Middleware(
+            CORSMiddleware,
+            allow_origins=origins, allow_methods=_METHODS, allow_headers=(*_ASKED, *asked),
+            expose_headers=(*_ANSWERED, *answered),
+            allow_credentials=False,
+        )
+    ]  # fmt: skip

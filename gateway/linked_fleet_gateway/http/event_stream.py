@@ -7,9 +7,9 @@ from collections.abc import Awaitable, Callable
 
 from starlette.types import Receive, Scope, Send
 
-from linked_fleet_gateway.http.backpressure import BoundedWriter
+from linked_fleet_gateway.http.connection_limits import BoundedWriter
 from linked_fleet_gateway.http.protocol import HTTP, HttpProtocol
-from linked_fleet_gateway.subscriptions.message import Ending, Feed, Message, Outlet
+from linked_fleet_gateway.subscriptions.broadcast import Ending, Feed, Message, Outlet
 
 CANCELLED_ID = "cancelled"
 """Last event id of a cancelled stream: a request with it as ``Last-Event-ID`` gets 204."""

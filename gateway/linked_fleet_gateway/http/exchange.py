@@ -6,7 +6,7 @@ from typing import Any
 from uvicorn.protocols.http.httptools_impl import RequestResponseCycle
 
 from linked_fleet_gateway.http.answers import Reply
-from linked_fleet_gateway.http.response_head import block, status_line
+from linked_fleet_gateway.http.message_heads import block, status_line
 
 _NO_CONTENT = (204, 304)
 CLOSE = (b"connection", b"close")

@@ -10,13 +10,13 @@ from prometheus_client.metrics_core import Metric
 from pyoxigraph import NamedNode
 from starlette.types import ASGIApp
 
-from linked_fleet_gateway.actions.handler_table import Handler
+from linked_fleet_gateway.actions.action_handlers import Handler
 from linked_fleet_gateway.actions.service import Actions, MotionGuard
 from linked_fleet_gateway.base.settings import Section, SectionT, section
-from linked_fleet_gateway.http.authentication import Scheme
-from linked_fleet_gateway.http.conversation import Speaker
+from linked_fleet_gateway.http.arrival import Scheme
 from linked_fleet_gateway.http.html import HtmlWriter, NavigationEntry
 from linked_fleet_gateway.http.request import Request
+from linked_fleet_gateway.http.websocket import WebSocketHandler
 from linked_fleet_gateway.identity.service import Identities
 from linked_fleet_gateway.resources.branches import Branch, RequestView
 from linked_fleet_gateway.resources.resource import Resource
@@ -89,7 +89,7 @@ class Mount:
     """Handlers of GET by the type of a resource's ``remote``."""
     writers: Mapping[type, Writer] = field(default_factory=dict)
     """Handlers of other methods by the type of a resource's ``affords``."""
-    speakers: Mapping[type, Speaker] = field(default_factory=dict)
+    websocket_handlers: Mapping[type, WebSocketHandler] = field(default_factory=dict)
     """Handlers of WebSockets in subprotocols, by the type of a resource's ``remote`` or ``affords``."""
     formats: Mapping[str, tuple[str, str]] = field(default_factory=dict)
     """Label and media type of further representations, by their word in ``?as=``."""
@@ -129,7 +129,7 @@ class Extension:
     """Reserved segments whose requests carry other requests in their bodies, which may be stops.
 
     They are not rate-limited and do not wait for a turn until the extension, having read the body, calls
-    ``http.pace.await_turn``.
+    ``http.entrance.await_turn``.
     """
     request_fields: ClassVar[tuple[str, ...]] = ()
     """Header fields, in lower case, that pages of other sites may send (CORS), if the operator permits them."""

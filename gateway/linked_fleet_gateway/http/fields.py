@@ -1,7 +1,15 @@
-"""The common grammar of HTTP fields (RFC 9110, 5.6): tokens, quoted strings, parameters, comma lists."""
+"""Fields of requests and responses: their common grammar, preferences of clients, and links.
 
+The grammar (RFC 9110, 5.6) has tokens, quoted strings, parameters and comma lists. Preferences are in ``Prefer`` (RFC
+7240). Links are in a bounded ``Link`` field (RFC 8288), and their complete set in a document (RFC 9264).
+"""
+
+import json
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+from urllib.parse import quote as percent
 
 from starlette.requests import HTTPConnection
 
@@ -51,3 +59,127 @@ def field(request: HTTPConnection, name: str) -> str | None:
     """All lines of a list-valued field as one value (RFC 9110, 5.3); None when there is none."""
     found = arrival_of(request.scope).fields.get(name.encode())
     return found.decode("latin-1") if found else None
+
+
+MAX_WAIT_S = 60.0
+Return = Literal["minimal", "representation"]
+
+
+@dataclass(frozen=True)
+class Prefer:
+    """The known preferences; unknown and malformed ones are ignored (section 2)."""
+
+    return_: Return | None = None
+    respond_async: bool = False
+    wait_s: float | None = None
+    dry_run: bool = False
+    """Our own preference: describe the effect of the action without executing it."""
+    include: frozenset[str] = frozenset()
+    omit: frozenset[str] = frozenset()
+    """IRIs of parts of a representation to include and to omit (LDP 7.2)."""
+
+
+def parse_prefer(header: str | None) -> Prefer:
+    """Parse the field, with several lines joined by commas; the first of a repeated preference counts."""
+    said: dict[str, str] = {}
+    parts: dict[str, str] = {}
+    for member in split(header or "", ","):
+        preference, *rest = split(member, ";") or [""]
+        name, equals, value = (part.strip(" \t") for part in preference.partition("="))
+        text = unquote(value) if equals else ""
+        # section 2: an empty value equals none
+        if TOKEN.fullmatch(name) and (text is not None or value == ""):
+            if name.lower() == "return" and "return" not in said:
+                parts = dict(each for each in parameters(rest) if each is not None)
+            said.setdefault(name.lower(), text or "")
+    return Prefer(
+        _return(said.get("return")),
+        said.get("respond-async") == "",
+        _wait(said.get("wait")),
+        "dry-run" in said,
+        frozenset(parts.get("include", "").split()),
+        frozenset(parts.get("omit", "").split()),
+    )
+
+
+def _return(value: str | None) -> Return | None:
+    return "minimal" if value == "minimal" else "representation" if value == "representation" else None
+
+
+def _wait(value: str | None) -> float | None:
+    """Return delta-seconds, digits only, at most ``MAX_WAIT_S``."""
+    if value is None or not re.fullmatch(r"[0-9]+", value):
+        return None
+    return min(float(value), MAX_WAIT_S)
+
+
+LINKSET_TYPES = ("application/linkset+json", "application/linkset")
+# RFC 3986, 2: reserved and unreserved characters and existing %XX stay; everything else is percent-encoded.
+_LEAST_BYTES = len('<>; rel="", ')
+_SAFE = "!#$%&'()*+,/:;=?@[]~"
+
+
+@dataclass(frozen=True)
+class Link:
+    """A link from the present resource to ``target``.
+
+    ``type`` is a hint of its media type. ``etag`` is the state of a collection of which the response is a page (WoT
+    Discovery, 7.3.2.3).
+    """
+
+    target: str
+    rel: str
+    type: str | None = None
+    etag: str | None = None
+
+
+def link_header(own: Sequence[Link], parts: Sequence[Link], linkset: str | None = None, limit: int = 4096) -> str:
+    """Return the field value, shorter than ``limit``: own links, then parts as they fit, then the link set if given.
+
+    Room for the link set is reserved first, because it contains the links that do not fit.
+    """
+    last = [_member(Link(linkset, "linkset", LINKSET_TYPES[0]))] if linkset else []
+    last = [member for member in last if len(member) < limit]
+    room = limit - sum(len(member) + 2 for member in last)
+    members: list[str] = []
+    for link in [*own, *parts]:
+        if len(link.target) + len(link.rel) + _LEAST_BYTES >= room:
+            continue
+        member = _member(link)
+        if len(member) + 2 >= room:
+            continue
+        room -= len(member) + 2
+        members.append(member)
+    return ", ".join([*members, *last])
+
+
+def _target(target: str) -> str:
+    encoded = percent(target, safe=_SAFE)
+    return re.sub(r"%(?![0-9A-Fa-f]{2})", "%25", encoded)
+
+
+def _member(link: Link) -> str:
+    media_type = f"; type={quote(link.type)}" if link.type else ""
+    state = f"; etag={quote(link.etag)}" if link.etag else ""
+    return f"<{_target(link.target)}>; rel={quote(_ascii(link.rel))}{media_type}{state}"
+
+
+def _ascii(text: str) -> str:
+    """Percent-encode non-ASCII characters in a relation."""
+    return text if text.isascii() else percent(text, safe=_SAFE + ' "\\')
+
+
+def linkset_json(anchor: str, links: Sequence[Link]) -> bytes:
+    """Return application/linkset+json (RFC 9264, 4.2): one link context object, targets grouped by relation."""
+    context: dict[str, Any] = {"anchor": _target(anchor)}
+    for link in links:
+        target = {"href": _target(link.target)} | ({"type": link.type} if link.type else {})
+        # a relation "anchor" would overwrite the context; no such relation is registered
+        if link.rel != "anchor":
+            context.setdefault(link.rel, []).append(target)
+    return json.dumps({"linkset": [context]}, ensure_ascii=False).encode()
+
+
+def linkset_text(anchor: str, links: Sequence[Link]) -> bytes:
+    """Return application/linkset (RFC 9264, 4.1): the field syntax, one link per line, each with its anchor."""
+    return ",\n".join(f"{_member(link)}; anchor={quote(_target(anchor))}" for link in links).encode()

@@ -18,7 +18,7 @@ from linked_fleet_gateway.base.errors import BadRequest
 from linked_fleet_gateway.http.arrival import arrival_of, arrive
 from linked_fleet_gateway.http.problem import PROBLEM_JSON
 from linked_fleet_gateway.http.request import Connection, gateway_of
-from linked_fleet_gateway.runtime.request_context import present
+from linked_fleet_gateway.runtime.log import present
 
 LONGEST_REPLY: Final = 4 * 1024 * 1024
 """Default limit of the content in bytes."""

@@ -17,27 +17,31 @@ from starlette.responses import Response
 from linked_fleet_gateway.actions.admission import admit
 from linked_fleet_gateway.actions.plan import ActionRequest, Caller, DeferredPlan, Halt, Motion, RobotTime, robot_time
 from linked_fleet_gateway.actions.service import Actions, Rehearsal
-from linked_fleet_gateway.base.errors import AgentSilent, BadRequest, MotionRefused, NotAcceptable, UnprocessableContent
+from linked_fleet_gateway.base.errors import (
+    AgentTimeout,
+    BadRequest,
+    MotionRefused,
+    NotAcceptable,
+    UnprocessableContent,
+)
 from linked_fleet_gateway.fleet.invocations import Invocation
 from linked_fleet_gateway.http.body import body_type, parse_form, read_as
-from linked_fleet_gateway.http.fields import field
+from linked_fleet_gateway.http.fields import Prefer, field, parse_prefer
 from linked_fleet_gateway.http.negotiation import choose
-from linked_fleet_gateway.http.prefer import Prefer, parse_prefer
 from linked_fleet_gateway.http.representation import Representation
 from linked_fleet_gateway.http.request import Request
 from linked_fleet_gateway.identity.rights import Right
 from linked_fleet_gateway.rdf.graph import Graph
 from linked_fleet_gateway.rdf.serialise import JSON
-from linked_fleet_gateway.rdf.unused import Terms, reachable, refuse, shown, unused
-from linked_fleet_gateway.rdf.validation import root
+from linked_fleet_gateway.rdf.validation import Terms, reachable, refuse, root, shown, unused
 from linked_fleet_gateway.rdf.vocabulary import LF
 from linked_fleet_gateway.resources.access_filter import InvocationsInView
-from linked_fleet_gateway.resources.action_body import Body, as_ntriples
 from linked_fleet_gateway.resources.action_offer import Offer
 from linked_fleet_gateway.resources.affordance import FORM_TYPES, EndInvocation, Invoke, PutTarget
+from linked_fleet_gateway.resources.body_values import Body, as_ntriples
 from linked_fleet_gateway.resources.invocation import describe_rehearsal, invocation_path
 from linked_fleet_gateway.resources.resource import Resource
-from linked_fleet_gateway.runtime.request_context import step, traced
+from linked_fleet_gateway.runtime.log import step, traced
 from linked_fleet_gateway.subscriptions.live import Live
 
 if TYPE_CHECKING:
@@ -235,7 +239,7 @@ def _located(base: str) -> Iterator[None]:
     except MotionRefused as error:
         error.locate(base)
         raise
-    except AgentSilent as error:
+    except AgentTimeout as error:
         if "location" in error.headers:
             error.headers["location"] = base + error.headers["location"]
         raise

@@ -6,7 +6,7 @@ The names of components are those of ``extensions/openapi/components.py``.
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-from linked_fleet_gateway.http.patch import PATCH_TYPES
+from linked_fleet_gateway.http.writes import PATCH_TYPES
 from linked_fleet_gateway.rdf.serialise import JSON
 from linked_fleet_gateway.resources.json_form import Json
 

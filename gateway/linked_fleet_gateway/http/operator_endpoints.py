@@ -1,11 +1,11 @@
-"""Endpoints for operators, answered before the tree: liveness, readiness, metrics.
+"""Endpoints for operators, answered before the tree: liveness, readiness with warnings, and metrics.
 
 They are outside the tree under reserved names, so that no robot can have such a name, and independent of ``Host``,
 because probes use the gateway's own address, which is no public URL of the fleet.
 """
 
 import asyncio
-from collections.abc import Awaitable, Callable, Mapping
+from collections.abc import Awaitable, Callable, Iterator, Mapping
 from functools import partial
 
 from prometheus_client.exposition import CONTENT_TYPE_PLAIN_0_0_4, generate_latest
@@ -14,10 +14,49 @@ from starlette.responses import JSONResponse, Response
 
 from linked_fleet_gateway.base.errors import FleetError, InsufficientScope
 from linked_fleet_gateway.http.callers import by_token
-from linked_fleet_gateway.http.health import live, ready
 from linked_fleet_gateway.http.problem import problem
-from linked_fleet_gateway.http.request import gateway_of, html_of
+from linked_fleet_gateway.http.request import Gateway, gateway_of, html_of
 from linked_fleet_gateway.identity.rights import Right
+from linked_fleet_gateway.runtime.damaged_data import statement
+from linked_fleet_gateway.runtime.embedded_redis import Embedded
+
+
+async def live(request: Request) -> Response:
+    """Return 200 while the process serves: reads, streams and stops need neither Redis nor robots."""
+    return JSONResponse({"status": "live"})
+
+
+async def ready(request: Request) -> Response:
+    """Return 200, or 503 with what is missing: Zenoh, Redis, the checks of motions, or because it is shutting down.
+
+    Two states are only warnings, because the gateway serves everything including ``stop``: damaged data of the embedded
+    server, and shapes being prepared for a robot that joins a gateway that was ready before.
+    """
+    gateway = gateway_of(request.scope)
+    missing = list(_missing(gateway))
+    warnings = [warning for warning in (store_warning(gateway.services.embedded),) if warning]
+    if not missing:
+        (warnings if gateway.has_been_ready else missing).extend(gateway.services.unprepared())
+    more = {"warnings": warnings} if warnings else {}
+    if missing:
+        return JSONResponse({"status": "not ready", "reasons": missing, **more}, 503)
+    gateway.has_been_ready = True
+    return JSONResponse({"status": "ready", **more})
+
+
+def store_warning(embedded: Embedded | None) -> str:
+    """Return a sentence about data that the embedded server could not load; empty if there is none."""
+    return "" if embedded is None else statement(embedded.set_aside)
+
+
+def _missing(gateway: Gateway) -> Iterator[str]:
+    if gateway.draining:
+        yield "the gateway is ending"
+    if not gateway.services.live.link.joined:
+        yield "no robot, router or other gateway is connected by Zenoh"
+    if not gateway.services.subscriptions.store_answers:
+        yield "Redis does not answer"
+
 
 _READ = ("GET", "HEAD", "OPTIONS")
 Page = Callable[[Request], Awaitable[Response]]

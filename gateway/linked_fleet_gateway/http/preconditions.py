@@ -3,8 +3,8 @@
 from collections.abc import Callable
 
 from linked_fleet_gateway.base.errors import PreconditionFailed
-from linked_fleet_gateway.http.conditional import not_modified, precondition_holds
 from linked_fleet_gateway.http.fields import field
+from linked_fleet_gateway.http.representation import not_modified, precondition_holds
 from linked_fleet_gateway.http.request import Request
 from linked_fleet_gateway.resources.affordance import EndInvocation, Invoke
 from linked_fleet_gateway.resources.resource import Redirect, Resource

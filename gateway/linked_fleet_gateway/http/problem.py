@@ -9,10 +9,14 @@ from pyoxigraph import BlankNode, Literal, NamedNode, Triple
 from linked_fleet_gateway.base.errors import FleetError
 from linked_fleet_gateway.http.html import HTML, HtmlWriter, Reader
 from linked_fleet_gateway.http.negotiation import choose, parse_accept, weight
-from linked_fleet_gateway.rdf.serialise import RDF_TYPES, render
-from linked_fleet_gateway.rdf.vocabulary import DCTERMS, LF, PREFIXES, RDF, SH, XSD
+from linked_fleet_gateway.rdf.graph import Graph, integer
+from linked_fleet_gateway.rdf.serialise import RDF_TYPES
+from linked_fleet_gateway.rdf.templates import Templates
+from linked_fleet_gateway.rdf.vocabulary import DCTERMS, LF, PREFIXES, SH, XSD
 
 PROBLEM_JSON = "application/problem+json"
+# Not those of descriptions, which texts from bodies of requests would displace.
+_templates = Templates(max_characters=1024 * 1024)
 # RFC 9457 defines no names for these; they are those of the SHACL vocabulary without the word "result"
 _REPORTED = {
     SH.focusNode: "focusNode",
@@ -54,7 +58,7 @@ def problem_body(
     if media_type == HTML and html is not None:
         page = html.write_problem(error, instance, _report(error.report) if error.report else [], reader)
         return page, f"{media_type}; charset=utf-8"
-    body = render(_triples(error), media_type, PREFIXES, base=instance or "")
+    body = _templates.render(_described(error), media_type, PREFIXES, base=instance or "")
     return body, f"{media_type}; charset=utf-8" if media_type.startswith("text/") else media_type
 
 
@@ -88,14 +92,13 @@ def _report(triples: Sequence[Triple]) -> list[dict[str, str]]:
     return list(results.values())
 
 
-def _triples(error: FleetError) -> list[Triple]:
-    problem = BlankNode()
-    status = Literal(str(error.status), datatype=XSD.integer)
-    return [
-        Triple(problem, RDF.type, LF.Problem),
-        Triple(problem, DCTERMS.identifier, Literal(error.type, datatype=XSD.anyURI)),
-        Triple(problem, LF.status, status),
-        Triple(problem, DCTERMS.title, Literal(error.title)),
-        Triple(problem, DCTERMS.description, Literal(error.detail)),
-        *(error.report or ()),
-    ]
+def _described(error: FleetError) -> Graph:
+    graph, problem = Graph(), BlankNode("problem")
+    graph.a(problem, LF.Problem)
+    graph.add(problem, DCTERMS.identifier, Literal(error.type, datatype=XSD.anyURI))
+    graph.add(problem, LF.status, integer(error.status))
+    graph.add(problem, DCTERMS.title, Literal(error.title))
+    graph.add(problem, DCTERMS.description, Literal(error.detail))
+    for triple in error.report or ():
+        graph.add(triple.subject, triple.predicate, triple.object)  # type: ignore[arg-type]  # no triple terms
+    return graph

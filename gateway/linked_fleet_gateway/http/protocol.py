@@ -12,15 +12,20 @@ import httptools
 from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol
 
 from linked_fleet_gateway.base.addresses import network_of
-from linked_fleet_gateway.http import request_head
+from linked_fleet_gateway.http import message_heads
 from linked_fleet_gateway.http.answers import Reply
 from linked_fleet_gateway.http.arrival import fields_of
-from linked_fleet_gateway.http.backpressure import STALL_S, BoundedWriter
+from linked_fleet_gateway.http.connection_limits import (
+    BODY_S,
+    HEAD_S,
+    MAX_HEAD_BYTES,
+    STALL_S,
+    BoundedWriter,
+    Deadline,
+    Sockets,
+)
 from linked_fleet_gateway.http.exchange import Exchange, response_bytes
-from linked_fleet_gateway.http.request_head import HeadError
-from linked_fleet_gateway.http.response_head import NO_PLACE, refusal
-from linked_fleet_gateway.http.sockets import Sockets
-from linked_fleet_gateway.http.timeouts import BODY_S, HEAD_S, MAX_HEAD_BYTES, Deadline
+from linked_fleet_gateway.http.message_heads import NO_PLACE, HeadError, refusal
 from linked_fleet_gateway.http.websocket_protocol import FAREWELL_S, WebSocketProtocol
 
 HTTP = "linked-fleet.http"
@@ -64,7 +69,7 @@ class HttpProtocol(HttpToolsProtocol):
         self._sockets = Sockets(sys.maxsize, sys.maxsize) if sockets is None else sockets
         self._deadline = Deadline(self._give_up, self.loop)
         self._phase = _IDLE
-        self._line = request_head.RequestLineReader()
+        self._line = message_heads.RequestLineReader()
         self._head_bytes = 0
         self._unread: list[bytes] = []
         """Bytes that arrived before earlier requests were answered."""
@@ -108,13 +113,13 @@ class HttpProtocol(HttpToolsProtocol):
         if len(data) <= MAX_HEAD_BYTES:
             self._feed(data)
         else:
-            self._feed_pieces(request_head.pieces_of(data))
+            self._feed_pieces(message_heads.pieces_of(data))
         if self.transport.get_protocol() is self:
             self._await_request()
 
     def _hold(self, data: bytes) -> None:
         """Keep bytes until earlier requests are answered. An application that awaits a body reads on."""
-        self._unread += request_head.pieces_of(data)
+        self._unread += message_heads.pieces_of(data)
         self.flow.pause_reading()
         if len(self._unread) > _MOST_UNREAD:
             self.transport.abort()
@@ -166,7 +171,7 @@ class HttpProtocol(HttpToolsProtocol):
     def _ignore_upgrade(self, rest: bytes) -> None:
         """Continue as after any other request. The parser skips a body after a head with Upgrade."""
         if self._phase is _BODY:
-            framing = [name + b": " + value for name, value in self.headers if name in request_head.FRAMING]
+            framing = [name + b": " + value for name, value in self.headers if name in message_heads.FRAMING]
             self.parser = httptools.HttpRequestParser(self)
             self._again = True
             self.parser.feed_data(b"\r\n".join([b"PUT / HTTP/1.1", *framing, b"", b""]))
@@ -198,7 +203,7 @@ class HttpProtocol(HttpToolsProtocol):
         fields = fields_of(self.scope)
         if b"transfer-encoding" in fields:
             try:
-                request_head.check_coding(self.headers, self.parser.get_http_version())
+                message_heads.check_coding(self.headers, self.parser.get_http_version())
             except HeadError as error:
                 self._refusal = error
                 raise  # ends the parser
@@ -245,7 +250,7 @@ class HttpProtocol(HttpToolsProtocol):
 
     def _has_body(self) -> bool:
         fields = fields_of(self.scope)
-        return (b"content-length" in fields or b"transfer-encoding" in fields) and request_head.has_body(self.headers)
+        return (b"content-length" in fields or b"transfer-encoding" in fields) and message_heads.has_body(self.headers)
 
     # -- what goes ----------------------------------------------------------------------------------------------------
 
@@ -282,7 +287,7 @@ class HttpProtocol(HttpToolsProtocol):
 
     def _should_upgrade(self) -> bool:
         """Return True if the request opens a WebSocket. Any other Upgrade is ignored (RFC 9110, 7.8)."""
-        opens = request_head.opens_websocket(self.scope["method"], self.scope["http_version"], self.headers)
+        opens = message_heads.opens_websocket(self.scope["method"], self.scope["http_version"], self.headers)
         return opens and not self._is_answering() and not self._has_body() and super()._should_upgrade()
 
     def _is_answering(self) -> bool:

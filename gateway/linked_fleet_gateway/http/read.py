@@ -1,26 +1,92 @@
-"""GET of a resource: common header fields, and the representation that the client prefers."""
+"""GET of a resource: common header fields, and the representation that the client prefers.
 
-from collections.abc import Mapping, Sequence
+The client may prefer a part of a container (LDP 7.2): the container itself, its members, or both.
+"""
 
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+from pyoxigraph import NamedNode
 from starlette.datastructures import MutableHeaders
 from starlette.responses import Response
 
 from linked_fleet_gateway.base.errors import NotAcceptable, PreconditionFailed
 from linked_fleet_gateway.http.answers import Answer, Reply
 from linked_fleet_gateway.http.callers import mark_private
-from linked_fleet_gateway.http.conditional import not_modified, precondition_holds
-from linked_fleet_gateway.http.containers import preferred_part
-from linked_fleet_gateway.http.encoding import coded_tag, compressed, is_compressible, preferred_coding, takes_gzip
-from linked_fleet_gateway.http.fields import field
+from linked_fleet_gateway.http.fields import Link, field, link_header, parse_prefer
 from linked_fleet_gateway.http.html import HTML
-from linked_fleet_gateway.http.links import Link, link_header
-from linked_fleet_gateway.http.negotiation import choose
-from linked_fleet_gateway.http.patch import PATCH_TYPES
-from linked_fleet_gateway.http.representation import Representation, typed
+from linked_fleet_gateway.http.negotiation import (
+    MOST_BYTES,
+    choose,
+    coded_tag,
+    compressed,
+    is_compressible,
+    preferred_coding,
+    takes_gzip,
+)
+from linked_fleet_gateway.http.representation import Representation, not_modified, precondition_holds, typed
 from linked_fleet_gateway.http.request import Request
+from linked_fleet_gateway.http.writes import PATCH_TYPES
+from linked_fleet_gateway.rdf.graph import Graph
 from linked_fleet_gateway.rdf.serialise import RDF_TYPES
+from linked_fleet_gateway.rdf.vocabulary import LDP
+from linked_fleet_gateway.resources.body_values import own_part
 from linked_fleet_gateway.resources.paths import robot_of
-from linked_fleet_gateway.resources.resource import CONTAINER, Remote, Resource
+from linked_fleet_gateway.resources.resource import CONTAINER, Remote, Resource, complete
+
+_MINIMAL, _CONTAINMENT = LDP.PreferMinimalContainer.value, LDP.PreferContainment.value
+# A basic container has no membership triples other than containment, so omitting them changes nothing.
+_PARTS = frozenset({_MINIMAL, _CONTAINMENT, LDP.PreferMembership.value})
+
+
+_AT_ONCE = 256
+"""Triples that are looked at in one step."""
+
+
+@dataclass(frozen=True)
+class Part:
+    """The shown triples: those about the container itself, and ``ldp:contains`` with descriptions of members."""
+
+    minimal: bool
+    containment: bool
+
+
+def preferred_part(request: Request, resource: Resource) -> Part | None:
+    """Return the preferred part; None for all, without a known preference or with a contradictory one."""
+    if resource.interaction != CONTAINER or request.method not in ("GET", "HEAD"):
+        return None
+    prefer = parse_prefer(field(request, "prefer"))
+    include, omit = prefer.include & _PARTS, prefer.omit & _PARTS
+    if prefer.return_ != "representation" or not (include or omit) or include & omit:
+        return None
+    wants = _CONTAINMENT in include or _MINIMAL not in include
+    part = Part(_MINIMAL not in omit, wants and _CONTAINMENT not in omit)
+    return part if part.minimal or part.containment else None
+
+
+def shown_part(resource: Resource, part: Part, base: str) -> Resource:
+    """Return the container with this part of its description, which has an entity tag of its own."""
+    assert resource.describe is not None
+    steps = partial(_steps, resource, part, NamedNode(base + resource.path))
+    return replace(resource, describe=lambda graph: complete(steps(graph)), steps=steps)
+
+
+def _steps(resource: Resource, part: Part, iri: NamedNode, graph: Graph) -> Iterator[None]:
+    assert resource.describe is not None
+    whole = Graph()
+    if resource.steps is None:
+        resource.describe(whole)
+    else:
+        yield from resource.steps(whole)
+    about = set(own_part(whole.triples, iri))
+    for number, triple in enumerate(whole.triples):
+        if number % _AT_ONCE == 0:
+            yield
+        minimal = triple in about and (triple.subject != iri or triple.predicate != LDP.contains)
+        if part.minimal if minimal else part.containment:
+            graph.add(triple.subject, triple.predicate, triple.object)  # type: ignore[arg-type]
+
 
 # The header block stays under 4 KiB, and Link is not its only field.
 _LINK_BYTES = 3584
@@ -37,9 +103,16 @@ def read(request: Request, resource: Resource) -> Response:
 
 
 async def read_in_turns(request: Request, resource: Resource) -> Response:
-    """Return the same as ``read``. Other requests get turns if it takes long."""
+    """Return the same as ``read``. Other requests get turns if it takes long, and long contents are compressed too."""
     asked, threads = _asked(request, resource), request.services.writing
-    return _response(request, resource, await request.services.representations.negotiated_in_turns(*asked, threads))
+    representation = await request.services.representations.negotiated_in_turns(*asked, threads)
+    size = len(representation.body)
+    if size <= MOST_BYTES or resource.coded or not _coding(request, resource, representation, size):
+        return _response(request, resource, representation)
+    if not_modified(field(request, "if-none-match"), representation.etag):
+        return _response(request, resource, representation, b"")
+    coded = await threads.run(partial(compressed, representation.body), size, MOST_BYTES)
+    return _response(request, resource, representation, coded)
 
 
 def _asked(request: Request, resource: Resource) -> tuple[str | None, Resource, str]:
@@ -48,7 +121,10 @@ def _asked(request: Request, resource: Resource) -> tuple[str | None, Resource, 
     return request.services.representations.preferred(field(request, "accept"), picked), resource, request.base
 
 
-def _response(request: Request, resource: Resource, representation: Representation) -> Response:
+def _response(
+    request: Request, resource: Resource, representation: Representation, in_gzip: bytes | None = None
+) -> Response:
+    """Return the representation or 304. ``in_gzip``: its content in gzip, if that is what the client gets."""
     representations = request.services.representations
     headers = resource_headers(resource, request.base, "")
     headers["vary"] += ", Accept-Encoding"
@@ -60,17 +136,16 @@ def _response(request: Request, resource: Resource, representation: Representati
         headers["content-security-policy"] = _NOTHING
     of_content = {"content-type": representation.content_type} | method_headers(resource, allowed(resource))
     answer = _kept(request, resource, representation, headers | of_content)
-    accepted = (field(request, "accept-encoding") or "").encode("latin-1")
     if answer is not None:
         plain = representation.body if resource.measured is None else None
-        return _Ready(answer.reply(field(request, "if-none-match"), takes_gzip(accepted), plain))
+        return _Ready(answer.reply(field(request, "if-none-match"), takes_gzip(_accepted_codings(request)), plain))
     tag, body = representation.etag, representation.body
-    coding = preferred_coding(accepted, _codings(resource, representation))
+    coding = _coding(request, resource, representation, MOST_BYTES) if in_gzip is None else "gzip"
     headers["etag"] = coded_tag(tag, coding)
     if not_modified(field(request, "if-none-match"), tag):
         return Response(status_code=304, headers=headers)
     if coding:
-        body, headers["content-encoding"] = resource.coded.get(coding) or compressed(body), coding
+        body, headers["content-encoding"] = in_gzip or resource.coded.get(coding) or compressed(body), coding
     # Starlette computes Content-Length from the body; the server leaves out the body of a HEAD.
     return Response(body, headers=headers | of_content)
 
@@ -83,14 +158,23 @@ class _Ready(Response):
         self.raw_headers = [*reply.kept, *reply.more]
 
 
-def _codings(resource: Resource, representation: Representation) -> tuple[str, ...]:
+def _accepted_codings(request: Request) -> bytes:
+    return (field(request, "accept-encoding") or "").encode("latin-1")
+
+
+def _coding(request: Request, resource: Resource, representation: Representation, most: int) -> str:
+    """Return the content coding that the client prefers; empty for none. Contents above ``most`` bytes have none."""
+    return preferred_coding(_accepted_codings(request), _codings(resource, representation, most))
+
+
+def _codings(resource: Resource, representation: Representation, most: int) -> tuple[str, ...]:
     """Return the available content codings of a representation."""
     media_type = representation.media_type
     if resource.coded:
         return tuple(resource.coded)
     text = media_type.startswith("text/") or media_type.endswith(("json", "xml", "n-triples"))
     secret = media_type == HTML and bool(resource.reader)
-    coded = text and not secret and is_compressible(representation.body, resource.measured is not None)
+    coded = text and not secret and is_compressible(representation.body, resource.measured is not None, most)
     return ("gzip",) if coded else ()
 
 

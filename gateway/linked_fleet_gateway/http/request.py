@@ -14,13 +14,10 @@ from starlette.websockets import WebSocket as StarletteWebSocket
 
 from linked_fleet_gateway.actions.service import Actions
 from linked_fleet_gateway.http.answers import Answers, Reply
-from linked_fleet_gateway.http.arrival import arrival_of
-from linked_fleet_gateway.http.authentication import Scheme
+from linked_fleet_gateway.http.arrival import Scheme, arrival_of
 from linked_fleet_gateway.http.html import HtmlWriter, Reader
-from linked_fleet_gateway.http.offload import Offload
-from linked_fleet_gateway.http.rates import TokenBuckets
 from linked_fleet_gateway.http.representation import Representations
-from linked_fleet_gateway.http.stop_priority import StopPriority
+from linked_fleet_gateway.http.scheduling import Offload, StopPriority, TokenBuckets
 from linked_fleet_gateway.identity.rights import Identity, Right
 from linked_fleet_gateway.identity.service import Identities
 from linked_fleet_gateway.resources.paths import robot_of

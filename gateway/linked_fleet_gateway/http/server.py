@@ -8,10 +8,9 @@ from typing import Any
 
 import uvicorn
 
+from linked_fleet_gateway.http.connection_limits import HEAD_S, Sockets
 from linked_fleet_gateway.http.protocol import HttpProtocol
 from linked_fleet_gateway.http.request import Gateway
-from linked_fleet_gateway.http.sockets import Sockets
-from linked_fleet_gateway.http.timeouts import HEAD_S
 from linked_fleet_gateway.http.tls import Certificate, secured
 from linked_fleet_gateway.http.websocket_protocol import WebSocketProtocol
 
@@ -31,7 +30,7 @@ class Server(uvicorn.Server):
         http: Any = partial(HttpProtocol, sockets=sockets, at_once=app.at_once)
         config = uvicorn.Config(
             app, lifespan="off", log_config=None, access_log=False, server_header=False,
-            proxy_headers=False,  # uvicorn would trust loopback; http/forwarded.py trusts configured fronts
+            proxy_headers=False,  # uvicorn would trust loopback; http/forwarding.py trusts configured fronts
             timeout_graceful_shutdown=_DRAIN_S, timeout_keep_alive=int(HEAD_S),
             http=secured(http, certificate.context) if certificate else http,
             # No compression, because one framed buffer serves all subscribers. Clients send only short messages.

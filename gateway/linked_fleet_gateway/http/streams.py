@@ -29,7 +29,7 @@ from linked_fleet_gateway.resources.properties import FRAME_MEDIA_TYPE
 from linked_fleet_gateway.resources.resource import Resource
 from linked_fleet_gateway.resources.subscription import Kind, Subscription
 from linked_fleet_gateway.resources.subscription_resource import subscription_path
-from linked_fleet_gateway.subscriptions.message import Feed, Outlet
+from linked_fleet_gateway.subscriptions.broadcast import Feed, Outlet
 from linked_fleet_gateway.subscriptions.service import Subscriptions
 from linked_fleet_gateway.subscriptions.watcher import Watcher
 
@@ -49,7 +49,10 @@ _Start = Callable[[Outlet], Awaitable[Feed]]
 
 def wants_events(request: Request) -> bool:
     """Return True if Accept names event streams and prefers no other type of ours."""
-    ranges = parse_accept(field(request, "accept"))
+    accept = field(request, "accept")
+    if accept is None or "event-stream" not in accept.lower():
+        return False
+    ranges = parse_accept(accept)
     named = max((each.q for each in ranges if (each.type, each.subtype) == ("text", "event-stream")), default=0.0)
     if named == 0 or request.method not in ("GET", "HEAD"):
         return False

@@ -16,21 +16,20 @@ from linked_fleet_gateway.base.errors import (
     Conflict,
     NotAcceptable,
     NotFound,
-    StoreAway,
+    StoreDown,
     TooManySubscriptions,
     UnprocessableContent,
 )
 from linked_fleet_gateway.http.body import body_type, parse_body, read_as
-from linked_fleet_gateway.http.created import check_accepted, created_response
-from linked_fleet_gateway.http.fields import field
-from linked_fleet_gateway.http.links import Link, link_header
+from linked_fleet_gateway.http.callers import require_subtree
+from linked_fleet_gateway.http.fields import Link, field, link_header
 from linked_fleet_gateway.http.negotiation import choose
 from linked_fleet_gateway.http.request import Connection, Request
-from linked_fleet_gateway.http.rights import require_subtree
+from linked_fleet_gateway.http.writes import check_accepted, created_response
 from linked_fleet_gateway.rdf.serialise import RDF_TYPES
 from linked_fleet_gateway.resources.affordance import ChangeSubscription, ResumeSubscription, Subscribe
 from linked_fleet_gateway.resources.binary_frames import FRAME_TYPES, layout_path
-from linked_fleet_gateway.resources.message import message_types
+from linked_fleet_gateway.resources.renderings import message_types
 from linked_fleet_gateway.resources.resource import Resource
 from linked_fleet_gateway.resources.subscription import Delivery, DeliveryState, Depth, Kind, Record, Subscription
 from linked_fleet_gateway.resources.subscription_resource import Request as Wanted
@@ -256,7 +255,7 @@ async def store_errors() -> AsyncIterator[None]:
     except TooMany as error:
         raise TooManySubscriptions(f"{error}. Delete some of them, or wait until streams have ended.") from error
     except StoreUnavailable as error:
-        raise StoreAway("The server that remembers subscriptions is away; try again in a moment.") from error
+        raise StoreDown("The server that remembers subscriptions is away; try again in a moment.") from error
 
 
 def observable_types(resource: Resource) -> tuple[str, ...]:

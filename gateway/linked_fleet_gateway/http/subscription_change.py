@@ -6,13 +6,13 @@ from functools import partial
 from starlette.responses import Response
 
 from linked_fleet_gateway.base.errors import InsufficientScope, NotFound, UnprocessableContent
+from linked_fleet_gateway.http.callers import require_subtree
 from linked_fleet_gateway.http.invoke import refuse_rehearsal
-from linked_fleet_gateway.http.offload import Offload
-from linked_fleet_gateway.http.patch import apply_patch, read_patch
 from linked_fleet_gateway.http.preconditions import await_preconditions
 from linked_fleet_gateway.http.request import Request
-from linked_fleet_gateway.http.rights import require_subtree
+from linked_fleet_gateway.http.scheduling import Offload
 from linked_fleet_gateway.http.subscribe import cancel, check_channel, offered_type, store_errors
+from linked_fleet_gateway.http.writes import apply_patch, read_patch
 from linked_fleet_gateway.identity.rights import Right
 from linked_fleet_gateway.rdf.sparql_update import Operation
 from linked_fleet_gateway.resources.affordance import ChangeSubscription

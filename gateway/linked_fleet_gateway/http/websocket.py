@@ -1,14 +1,28 @@
-"""A subscription over WebSocket (RFC 6455; paper R0.15): frames go directly to each subscriber's transport."""
+"""WebSockets (RFC 6455): subscriptions (paper R0.15), and subprotocols of extensions in both directions.
 
+Frames of a subscription go directly to each subscriber's transport. Subprotocols (``Mount.websocket_handlers``) have
+the limits of every WebSocket: messages that are ``offered`` to a slow reader are dropped, a client that reads nothing
+or answers no ping is disconnected, and while messages of a client wait nothing more is read from it.
+"""
+
+import asyncio
 import struct
 from collections.abc import Awaitable, Callable
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import dataclass
+from typing import Any
 
 from websockets.frames import CloseCode, Opcode
 
+from linked_fleet_gateway.base.errors import NotAcceptable
+from linked_fleet_gateway.http.audit import note
 from linked_fleet_gateway.http.request import WebSocket
 from linked_fleet_gateway.http.websocket_protocol import WEBSOCKET, WebSocketProtocol
+from linked_fleet_gateway.identity.service import Identities
 from linked_fleet_gateway.rdf.serialise import TEXT_TYPES
-from linked_fleet_gateway.subscriptions.message import Ending, Feed, Message, Outlet
+from linked_fleet_gateway.resources.paths import robot_of
+from linked_fleet_gateway.resources.resource import Resource
+from linked_fleet_gateway.subscriptions.broadcast import Ending, Feed, Message, Outlet
 
 
 def is_binary(media_type: str) -> bool:
@@ -82,3 +96,113 @@ async def serve_websocket(
     finally:
         protocol.on_drained = None
         protocol.close(CloseCode.INTERNAL_ERROR, "the gateway failed")  # unless it is closing already, as expected
+
+
+class Ended(Exception):  # noqa: N818 - not an error
+    """The connection has ended."""
+
+
+class Conversation:
+    """An open WebSocket, for the code that serves it."""
+
+    def __init__(self, websocket: WebSocket, protocol: WebSocketProtocol, subprotocol: str) -> None:
+        self.websocket, self.subprotocol = websocket, subprotocol
+        self._protocol = protocol
+        self._room = asyncio.Event()
+        self._lost = protocol.on_lost
+        protocol.on_drained, protocol.on_lost = self._room.set, self._wake
+
+    @property
+    def writable(self) -> bool:
+        """True if a message could be sent without much waiting."""
+        return self._protocol.writer.writable()
+
+    def offer(self, frames: bytes) -> bool:
+        """Send complete frames, created by ``frame``, if the connection is ``writable``.
+
+        Return True if they were sent.
+        """
+        return self._protocol.writer.send(frames)
+
+    async def send(self, message: str | bytes) -> None:
+        """Send a message that must not be dropped, as soon as the connection is ``writable``. Raises Ended."""
+        framed = frame(Opcode.TEXT, message.encode()) if isinstance(message, str) else frame(Opcode.BINARY, message)
+        while not self.offer(framed):
+            if not self._protocol.open:
+                raise Ended
+            self._room.clear()
+            await self._room.wait()
+
+    async def receive(self) -> str | bytes:
+        """Return the next message, after giving other tasks a turn. Raises Ended."""
+        await asyncio.sleep(0)  # many messages may be available already
+        event = await self.websocket.receive()
+        if event["type"] == "websocket.disconnect":
+            raise Ended
+        text: str | None = event.get("text")
+        return event["bytes"] if text is None else text
+
+    def close(self, ending: Ending) -> None:
+        """Close the connection because its client has lost the right to it."""
+        self._protocol.close(CloseCode.POLICY_VIOLATION, ending.value)
+        self._room.set()
+
+    def end(self) -> None:
+        """Close the connection if it is open, and wake tasks that wait for room."""
+        self._protocol.close(CloseCode.INTERNAL_ERROR, "the gateway failed")
+        self._protocol.on_drained, self._protocol.on_lost = None, self._lost
+        self._room.set()
+
+    def _wake(self) -> None:
+        self._room.set()
+        if self._lost is not None:
+            self._lost()
+
+
+@dataclass(frozen=True)
+class WebSocketHandler:
+    """Serves WebSockets in ``subprotocols``.
+
+    ``handle`` also gets the ``remote`` or ``affords`` of the resource, and returns, or raises Ended, when the
+    connection has ended. ``most_bytes`` is the longest message of a client.
+    """
+
+    subprotocols: tuple[str, ...]
+    handle: Callable[[Conversation, Any], Awaitable[None]]
+    most_bytes: int = 64 * 1024
+
+
+async def converse(websocket: WebSocket, resource: Resource, handler: WebSocketHandler, value: object) -> None:
+    """Serve a WebSocket at the resource, including the handshake. Raises NotAcceptable before it."""
+    named = [each for each in websocket.scope["subprotocols"] if each in handler.subprotocols]
+    if not named:
+        raise NotAcceptable(f"Name a subprotocol: {', '.join(handler.subprotocols)}.", offered=())
+    protocol: WebSocketProtocol = websocket.scope["extensions"][WEBSOCKET]
+    protocol.listen(handler.most_bytes)
+    note(websocket, "subscribe", 101)
+    conversation = Conversation(websocket, protocol, named[0])
+    try:
+        await websocket.accept(named[0])
+        protocol.writer.begin()
+        with _guarded(websocket, resource, conversation):
+            await handler.handle(conversation, value)
+    except (Ended, OSError):
+        pass
+    finally:
+        conversation.end()
+        note(websocket, "unsubscribe", None)
+
+
+def _guarded(websocket: WebSocket, resource: Resource, conversation: Conversation) -> AbstractContextManager[None]:
+    """End the conversation when the rights of its client change, because its content depends on all of them."""
+    identities: Identities | None = websocket.services.identities
+    caller = websocket.caller
+    if identities is None or caller.credential is None:
+        return nullcontext()
+    known, credential = identities.known, caller.credential
+
+    def holds() -> bool:
+        now = known(credential)
+        return websocket.holds() and now is not None and now.grants == caller.grants
+
+    return identities.guarding(caller, robot_of(resource.path), lambda: conversation.close(Ending.UNENTITLED), holds)

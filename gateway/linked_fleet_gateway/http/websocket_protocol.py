@@ -9,8 +9,8 @@ from websockets.frames import CloseCode, Frame
 from websockets.http11 import Request
 from websockets.protocol import State
 
-from linked_fleet_gateway.http.backpressure import STALL_S, BoundedWriter
-from linked_fleet_gateway.subscriptions.message import Ending
+from linked_fleet_gateway.http.connection_limits import STALL_S, BoundedWriter
+from linked_fleet_gateway.subscriptions.broadcast import Ending
 
 WEBSOCKET = "linked-fleet.websocket"
 """Key in ``scope["extensions"]`` of the protocol that serves an application."""

@@ -11,10 +11,9 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
-from linked_fleet_gateway.identity.jwts import BadToken, IssuerKeys, expiry_ns, issuer_named, verified
+from linked_fleet_gateway.identity.issuers import BadToken, IssuerKeys, Web, expiry_ns, issuer_named, verified
 from linked_fleet_gateway.identity.rights import Credential, Identity, Right, View
 from linked_fleet_gateway.identity.roster import BadRoster, Issuer, Roster, read_roster
-from linked_fleet_gateway.identity.web import Web
 from linked_fleet_gateway.runtime.background import end, supervised
 
 log = logging.getLogger(__name__)
@@ -66,7 +65,7 @@ class Identities:
     # -- who ----------------------------------------------------------------------------------------------------------
 
     async def bearer(self, text: str) -> Identity:
-        """Return the identity of a token. Raises BadToken, IssuerSilent."""
+        """Return the identity of a token. Raises BadToken, IssuerFailed."""
         return self._known(self.roster.token(text) or await self._issued(text))
 
     def of_static_token(self, text: str) -> Identity | None:

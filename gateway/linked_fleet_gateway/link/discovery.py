@@ -1,9 +1,9 @@
 """Discovery of agents by their liveliness tokens and descriptions.
 
-A token costs its sender nothing, so its cost here is bounded: in memory by ``fleet.presence``, in queries by
-``fleet.description_queue``. Robots that have described themselves before, and robots that send frames, have queues of
-their own. Sending a query takes Zenoh time proportional to the number of tokens, a few milliseconds for 10,000, so
-queries are paced by the time that they take.
+A token costs its sender nothing, so its cost here is bounded, in memory and in queries, by ``fleet.presence``. Robots
+that have described themselves before, and robots that send frames, have queues of their own. Sending a query takes
+Zenoh time proportional to the number of tokens, a few milliseconds for 10,000, so queries are paced by the time that
+they take.
 """
 
 import asyncio
@@ -13,9 +13,8 @@ from contextlib import suppress
 
 from linked_fleet_agent.wire.messages import Description
 from linked_fleet_gateway.fleet.answers import read_description
-from linked_fleet_gateway.fleet.description_queue import Bounds, DescriptionQueue
 from linked_fleet_gateway.fleet.events import Appeared, Described, Event, Undescribed, Vanished
-from linked_fleet_gateway.fleet.presence import Doubt, Presence, Token
+from linked_fleet_gateway.fleet.presence import Bounds, DescriptionQueue, Presence, PresenceCheck, Token
 from linked_fleet_gateway.runtime.background import end
 
 _log = logging.getLogger(__name__)
@@ -29,7 +28,7 @@ _SHARE = 0.25  # share of a processor for sending queries, unless one takes long
 _TICK_S = 0.004
 _IDLE_S = 0.05
 _HASTE_S = 1.0  # delay before a robot that has described itself this recently is queried for its next run
-_LEAVING_S = 0.05  # agents and gateways withdraw tokens and declare them again (agents/linked_fleet_agent/renewal.py)
+_LEAVING_S = 0.05  # agents and gateways withdraw tokens and declare them again (agents/linked_fleet_agent/gateways.py)
 _RELIST_S = 5.0
 _RENEW_S = 5.0  # between two renewals of the gateway's declarations
 _MAX_REASON = 500
@@ -65,7 +64,7 @@ class Discovery:
         self._sending_s = self._paced_s = self._due_s = 0.0
         self._described_s: dict[str, float] = {}
         self._missing: dict[str, set[int]] = {}
-        self._doubts: dict[Token, Doubt] = {}
+        self._doubts: dict[Token, PresenceCheck] = {}
         self._silent = set[Token]()
         self._leaving: dict[Token, asyncio.TimerHandle] = {}
         self._reported: dict[str, str] = {}
@@ -110,7 +109,7 @@ class Discovery:
             self._audible.add(robot, self._loop.time(), self._strangers.discard(robot))
             self._ask_soon(0)
 
-    def doubt(self, doubt: Doubt) -> None:
+    def doubt(self, doubt: PresenceCheck) -> None:
         """Query if a described run is alive. A run that does not answer is reported as vanished."""
         robot, run = doubt.token
         if doubt.token in self._presence and run not in self._missing.get(robot, ()):
@@ -172,7 +171,7 @@ class Discovery:
 
     def _evict(self) -> list[Event]:
         """Forget the robot that most often has not answered, although its token is present."""
-        robot = self._strangers.victim()
+        robot = self._strangers.most_failed()
         if robot is None:
             return []
         self._strangers.discard(robot)
@@ -222,15 +221,17 @@ class Discovery:
                 found.append(said)
             return found if found and found[-1].incarnation == max(missing) else None
 
+        begin_s = self._loop.time()
         with suppress(TimeoutError):  # results found before a timeout count
             await self._ask(robot, judge)
+        took_s = self._loop.time() - begin_s
         for said in found:
             async with self._taking:
                 self._take(said)
                 await asyncio.sleep(0)
         missing = self._missing.get(robot)
         if not missing:
-            queue.finished(robot)
+            queue.finished(robot, took_s)
             return
         asked = queue.failed(robot, self._loop.time())
         if asked >= SILENT_QUESTIONS:

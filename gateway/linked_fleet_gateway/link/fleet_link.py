@@ -21,14 +21,13 @@ from linked_fleet_agent.wire.messages import (
     Stop,
 )
 from linked_fleet_gateway.fleet.answers import read_mesh, read_reply
-from linked_fleet_gateway.fleet.events import Event
-from linked_fleet_gateway.fleet.frames import Frames
-from linked_fleet_gateway.fleet.presence import Doubt, Token
+from linked_fleet_gateway.fleet.events import Event, Frames
+from linked_fleet_gateway.fleet.presence import PresenceCheck, Token
 from linked_fleet_gateway.link.discovery import Discovery, Judge
 from linked_fleet_gateway.link.heartbeat import Heartbeat
 from linked_fleet_gateway.link.incoming import Incoming
 from linked_fleet_gateway.link.transport import Question, Session, TransportError, ask
-from linked_fleet_gateway.runtime.request_context import step
+from linked_fleet_gateway.runtime.log import step
 
 _log = logging.getLogger(__name__)
 T = TypeVar("T")
@@ -108,7 +107,7 @@ class FleetLink:
         self._listens = True
         self._heartbeat.start()
 
-    def doubt(self, doubts: Iterable[Doubt]) -> None:
+    def doubt(self, doubts: Iterable[PresenceCheck]) -> None:
         """Query which of these runs are alive."""
         for doubt in doubts:
             self._discovery.doubt(doubt)
@@ -186,45 +185,62 @@ class FleetLink:
 
         All are queried concurrently. The named ones or, for a stop of all, those ``online`` are queried once more if
         they have not replied within ``ASK_AGAIN_S``, because an agent that renews its declarations has no queryable for
-        a moment.
+        a moment. The first query of a single robot is sent at once, and the others by threads, where they may wait for
+        a congested connection.
         """
         replies: dict[str, Reply] = {}
         expected = online if robots is None else robots
+        (only,) = robots if robots is not None and len(robots) == 1 else (None,)
 
-        def note(answer: bytes | str, key: str) -> None:
+        def note(answer: bytes | str, key: str) -> Reply | None:
             reply, reason = read_reply(answer, stop.id)
             robot = self._incoming.parse(key) if reply is not None else None
             if reply is None:
                 self._incoming.complaints.add(key, reason)
             elif robot is not None and not isinstance(replies.get(robot.robot), Accepted):  # two runs may answer
                 replies[robot.robot] = reply
+            return reply if only is not None and isinstance(reply, Accepted) else None
 
-        async def send(key: str, traceparent: bytes | None) -> None:
+        async def send(key: str, traceparent: bytes | None, patient: bool) -> None:
             question = Question(
-                key, encode(stop), timeout_s, MAX_REPLY_BYTES, priority="real time", traceparent=traceparent
-            )
+                key, encode(stop), timeout_s, MAX_REPLY_BYTES, priority="real time", patient=patient,
+                traceparent=traceparent,
+            )  # fmt: skip
             with contextlib.suppress(TimeoutError):
                 await ask(self._session, question, note)
 
-        async def send_again(traceparent: bytes | None) -> None:
-            await asyncio.sleep(ASK_AGAIN_S)
+        async def send_again(traceparent: bytes | None, wait_s: float) -> None:
+            await asyncio.sleep(wait_s)
             silent = [self._keys.robot(name, "stop") for name in expected if name not in replies]
             with contextlib.suppress(TimeoutError):
                 async with asyncio.timeout(timeout_s - ASK_AGAIN_S):
-                    await asyncio.gather(*(send(key, traceparent) for key in silent))
+                    await asyncio.gather(*(send(key, traceparent, patient=True) for key in silent))
 
-        keys = [self._keys.all_stops] if robots is None else [self._keys.robot(name, "stop") for name in robots]
+        again: asyncio.Task[None] | None = None
+
+        def begin_again(traceparent: bytes | None, wait_s: float) -> asyncio.Task[None]:
+            nonlocal again
+            again = again or asyncio.create_task(send_again(traceparent, wait_s))
+            return again
+
         about = {"command": stop.id} | ({} if stop.rehearsal else {"invocation": stop.command or stop.id})
-        (only,) = robots if robots is not None and len(robots) == 1 else (None,)
         with step("send stop", asks=True, **about, **({} if only is None else {"robot": only})) as span:
             traceparent = None if span is None else span.traceparent
-            again = asyncio.create_task(send_again(traceparent))
+            timer = asyncio.get_running_loop().call_later(ASK_AGAIN_S, begin_again, traceparent, 0.0)
             try:
-                await asyncio.gather(*(send(key, traceparent) for key in keys))
+                if only is not None:
+                    await send(self._keys.robot(only, "stop"), traceparent, patient=False)
+                elif robots is None:
+                    await send(self._keys.all_stops, traceparent, patient=True)
+                else:
+                    keys = [self._keys.robot(name, "stop") for name in robots]
+                    await asyncio.gather(*(send(key, traceparent, patient=True) for key in keys))
                 if any(name not in replies for name in expected):
-                    await again
+                    await begin_again(traceparent, timer.when() - asyncio.get_running_loop().time())
             finally:
-                again.cancel()
+                timer.cancel()
+                if again is not None:
+                    again.cancel()
             if span is not None and only is not None:
                 span.replied(replies.get(only))
         return replies

@@ -9,8 +9,7 @@ from linked_fleet_agent.wire.codec import WireError, decode
 from linked_fleet_agent.wire.keys import Keys, RobotKey
 from linked_fleet_agent.wire.messages import Progress
 from linked_fleet_gateway.fleet.answers import RejectedMessages
-from linked_fleet_gateway.fleet.events import Batch, Event, Framed, Inbox, Moved, Payload
-from linked_fleet_gateway.fleet.frames import Frames
+from linked_fleet_gateway.fleet.events import Batch, Event, Framed, Frames, Inbox, Moved, Payload
 from linked_fleet_gateway.link.discovery import Discovery
 from linked_fleet_gateway.link.transport import Session
 from linked_fleet_gateway.runtime.background import TURN_S, Turns

@@ -6,7 +6,7 @@ from collections import OrderedDict, defaultdict
 from collections.abc import Awaitable, Callable
 
 from linked_fleet_agent.wire.messages import Mesh
-from linked_fleet_gateway.base.errors import AgentSilent, Busy, Offline
+from linked_fleet_gateway.base.errors import AgentTimeout, Busy, Offline
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.link.fleet_link import NoAnswer
 
@@ -31,7 +31,7 @@ class Meshes:
         self._room_of = defaultdict[str, asyncio.Semaphore](lambda: asyncio.Semaphore(_AT_ONCE_OF_A_ROBOT))
 
     async def get(self, robot: Robot, mesh: Mesh) -> bytes:
-        """Return a mesh that the description of ``robot`` names. Raises Offline, AgentSilent or Busy."""
+        """Return a mesh that the description of ``robot`` names. Raises Offline, AgentTimeout or Busy."""
         if (held := self._held.get(mesh.sha256)) is not None:
             self._held.move_to_end(mesh.sha256)
             return held
@@ -62,11 +62,11 @@ class Meshes:
             try:
                 content = await self._ask(robot, mesh, _TIMEOUT_S)
             except NoAnswer as silence:
-                raise AgentSilent(f"The mesh could not be had: {silence.reason}.") from silence
+                raise AgentTimeout(f"The mesh could not be had: {silence.reason}.") from silence
             # Large ones take long enough to delay the event loop.
             digest = await asyncio.to_thread(lambda: hashlib.sha256(content).hexdigest())
         if digest != mesh.sha256:
-            raise AgentSilent(f"Robot {robot!r} gave other bytes than those that its description names.")
+            raise AgentTimeout(f"Robot {robot!r} gave other bytes than those that its description names.")
         self._keep(digest, content)
         return content
 

@@ -1,7 +1,7 @@
 """The gateway's session on Zenoh; the only module of the gateway that imports zenoh.
 
 Zenoh calls back on its own threads. Calls that may block on a congested connection run in a small thread pool. The
-query of a command, for which a client waits, may not block: it is dropped after a millisecond.
+queries of commands, and the first of a stop of one robot, may not block: they are dropped after a millisecond.
 """
 
 import asyncio
@@ -133,14 +133,15 @@ class ZenohSession:
         def take(sample: zenoh.Sample) -> None:
             hear(str(sample.key_expr), _bounded(sample.payload, limit))
 
-        await self._declare(lambda: self._session.declare_subscriber(key, take))
+        await self._declare(lambda: self._session.declare_subscriber(key, _at_once(take)))
 
     async def subscribe_tokens(self, key: str, hear: Callable[[str, bool], None]) -> None:
         def take(sample: zenoh.Sample) -> None:
             hear(str(sample.key_expr), sample.kind == zenoh.SampleKind.PUT)
 
         def declare() -> None:
-            self._token_subscribers.append(self._session.liveliness().declare_subscriber(key, take, history=True))
+            tokens = self._session.liveliness().declare_subscriber(key, _at_once(take), history=True)
+            self._token_subscribers.append(tokens)
 
         await self._in_thread(declare)
 
@@ -151,7 +152,7 @@ class ZenohSession:
         def ask() -> tuple[_T, bool]:
             # Known tokens are reported before ``get`` returns: a Zenoh channel is full at 256 and would block it.
             replies, over = list[zenoh.Reply](), threading.Event()
-            handler: Any = zenoh.handlers.Callback(replies.append, drop=over.set, indirect=False)
+            handler = _at_once(replies.append, over.set)
             self._session.liveliness().get(key, handler, timeout=timeout_s)
             complete = over.wait(timeout_s)
             found = [reply.ok for reply in replies.copy()]
@@ -197,9 +198,7 @@ class ZenohSession:
 
     def _get(self, question: Question, hand_over: Callable[[Answer | None], None]) -> float:
         begin_s = time.thread_time()
-        handler: Any = zenoh.handlers.Callback(
-            lambda reply: hand_over(_answer(reply, question)), drop=lambda: hand_over(None), indirect=False
-        )
+        handler = _at_once(lambda reply: hand_over(_answer(reply, question)), lambda: hand_over(None))
         self._session.get(
             self._routes.get(question.key, question.key),
             handler,
@@ -248,6 +247,11 @@ def _read(frames: Any, limit: int, hear: Callable[[str, Payload], None]) -> None
                 hear(str(sample.key_expr), _bounded(sample.payload, limit))
                 sample = frames.try_recv()
             time.sleep(_NAP_S)
+
+
+def _at_once(take: Callable[[Any], None], drop: Callable[[], None] | None = None) -> Any:
+    """Return a handler that Zenoh calls on its own thread; by default it would wake a thread of Python's for it."""
+    return zenoh.handlers.Callback(take, drop=drop, indirect=False)
 
 
 def _bounded(payload: zenoh.ZBytes, limit: int) -> Payload:

@@ -4,20 +4,24 @@ The same triples in the same order give the same bytes, so that an ETag can be t
 """
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from itertools import count
 from typing import TypeVar
 
 from pyoxigraph import BlankNode, Literal, NamedNode, RdfFormat, Triple, serialize
 
 from linked_fleet_gateway.rdf import jsonld, turtle
 from linked_fleet_gateway.rdf.parsing import ParseError, parse
-from linked_fleet_gateway.rdf.turtle import TYPE, Outline, Term
+from linked_fleet_gateway.rdf.turtle import TYPE, Outline, Subject, Term
 
-__all__ = ["JELLY", "JSON", "RDF_TYPES", "TEXT_TYPES", "ParseError", "WriteError", "parse", "render"]
+__all__ = [
+    "JELLY", "JSON", "N_TRIPLES", "RDF_TYPES", "TEXT_TYPES", "ParseError", "WriteError", "n_triples", "parse", "render",
+]  # fmt: skip
 
 JELLY = "application/x-jelly-rdf"
 JSON = "application/json"
-TEXT_TYPES = ("text/turtle", "application/ld+json", "application/n-triples", "application/rdf+xml")
+N_TRIPLES = "application/n-triples"
+TEXT_TYPES = ("text/turtle", "application/ld+json", N_TRIPLES, "application/rdf+xml")
 RDF_TYPES = (*TEXT_TYPES, JELLY)
 
 _T = TypeVar("_T", bound=Term)
@@ -32,7 +36,7 @@ class WriteError(ValueError):
     """The syntax cannot represent these triples; another one can."""
 
 
-class NothingYet(WriteError):  # noqa: N818 -- a state, not a defect
+class NoContentYet(WriteError):  # noqa: N818 -- a state, not a defect
     """There is no content yet, but there will be. This is not reported as an error."""
 
 
@@ -48,7 +52,7 @@ def render(triples: Sequence[Triple], media_type: str, prefixes: Mapping[str, st
         case "application/ld+json":
             return jsonld.write(triples, prefixes).encode()
         case "application/n-triples":
-            return _oxigraph(_relabelled(triples), RdfFormat.N_TRIPLES, {})
+            return n_triples(triples)
         case "application/rdf+xml":
             return _rdf_xml(triples, prefixes)
         case "application/x-jelly-rdf":
@@ -56,6 +60,31 @@ def render(triples: Sequence[Triple], media_type: str, prefixes: Mapping[str, st
 
             return jelly.write(_relabelled(triples))
     raise ValueError(f"no writer for {media_type}; there are {', '.join(RDF_TYPES)}")
+
+
+def n_triples(statements: Iterable[Triple | tuple[Subject, NamedNode, Term]]) -> bytes:
+    """Return the statements in N-Triples, grouped and with blank nodes renamed as in all other syntaxes."""
+    texts: dict[Term, str] = {}
+    numbers = count()
+
+    def text(term: Term) -> str:
+        found = texts.get(term)
+        if found is None:
+            if isinstance(term, Triple):
+                raise TypeError("triple terms (RDF 1.2) have no place in our documents")
+            found = texts[term] = f"_:b{next(numbers)}" if isinstance(term, BlankNode) else str(term)
+        return found
+
+    grouped: dict[Term, dict[NamedNode, list[Term]]] = {}
+    for subject, predicate, value in dict.fromkeys(statements):
+        grouped.setdefault(subject, {}).setdefault(predicate, []).append(value)
+    lines: list[str] = []
+    for subject, properties in grouped.items():
+        start = text(subject)
+        for predicate, values in properties.items():
+            begun = f"{start} {text(predicate)} "
+            lines += [f"{begun}{text(value)} .\n" for value in values]
+    return "".join(lines).encode()
 
 
 def _relabelled(triples: Sequence[Triple]) -> list[Triple]:

@@ -11,19 +11,20 @@ usual, and so is the first one of each form, because many forms occur once.
 
 import re
 import secrets
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from functools import lru_cache
 from typing import NamedTuple
 
 from pyoxigraph import BlankNode, Literal, NamedNode, Triple
 
 from linked_fleet_gateway.rdf.graph import Graph, Node, Term
-from linked_fleet_gateway.rdf.serialise import TEXT_TYPES, render
+from linked_fleet_gateway.rdf.serialise import N_TRIPLES, TEXT_TYPES, n_triples, render
 from linked_fleet_gateway.rdf.turtle import TYPE
 from linked_fleet_gateway.rdf.vocabulary import XSD
 
 MAX_TEMPLATES = 2048
 MAX_CHARACTERS = 8 * 1024 * 1024
-"""Limit of the characters of all templates; with one more template all are dropped."""
+"""Default limit of the characters of all templates; with one more template all are dropped."""
 MAX_FORMS = 16_384
 _ROOT = re.compile(r"(https?://[^/?#]+)(/[^?#]*)")
 # No syntax escapes these characters, and no segment looks like a prefix or a relative reference.
@@ -31,17 +32,46 @@ _PATH = re.compile(r"(?:/[A-Za-z0-9_~][A-Za-z0-9_~-]*)*/?(?:#[A-Za-z0-9_~][A-Za-
 _SEGMENT = re.compile(r"[^/#]+")
 _TEXT = re.compile(r"[A-Za-z0-9 _.,:;()/+=*@-]+", re.ASCII)
 _INTEGER = re.compile(r"0|-?[1-9][0-9]{0,14}", re.ASCII)
+_FRACTION = re.compile(r"-?[0-9]+\.[0-9]+", re.ASCII)
 _EXPONENT = re.compile("[eE]")
-_STRING, _FLOAT, _DOUBLE, _TIME, _WHOLE = (
-    each.value for each in (XSD.string, XSD.float, XSD.double, XSD.dateTime, XSD.integer)
+_STRING, _FLOAT, _DOUBLE, _TIME, _WHOLE, _DECIMAL = (
+    each.value for each in (XSD.string, XSD.float, XSD.double, XSD.dateTime, XSD.integer, XSD.decimal)
 )
 Key = tuple[object, ...]
 
 
-class _Template(NamedTuple):
+class Template(NamedTuple):
+    """A text with ``%s`` at each place, and the index of the value that belongs there."""
+
     text: str
     places: tuple[int, ...]
-    """Index of the value at each place."""
+
+    def filled(self, values: Sequence[str]) -> bytes:
+        return (self.text % tuple([values[place] for place in self.places])).encode()
+
+
+class Marks:
+    """Markers for values and names in one document: each ends with an index, and nothing else can equal it."""
+
+    def __init__(self) -> None:
+        self._word = f"m{secrets.token_hex(8)}"
+        self._kinds = {_WHOLE: f"9{secrets.randbelow(10**8):08}", _DECIMAL: f"8{secrets.randbelow(10**8):08}."}
+        words = "|".join(map(re.escape, (self._word, *self._kinds.values())))
+        self._pattern = re.compile(f"(?:{words})([0-9]{{5}})", re.ASCII)
+
+    def text(self, index: int) -> str:
+        """Return the marker in place of a text or a name."""
+        return f"{self._word}{index:05}"
+
+    def literal(self, index: int, literal: Literal) -> Literal:
+        """Return the marker in place of a literal for which ``is_replaceable`` is true."""
+        datatype = literal.datatype
+        return Literal(f"{self._kinds.get(datatype.value, self._word)}{index:05}", datatype=datatype)
+
+    def template(self, document: str) -> Template:
+        """Return the document with places where it has markers."""
+        pieces = self._pattern.split(document)
+        return Template("%s".join(each.replace("%", "%%") for each in pieces[::2]), tuple(map(int, pieces[1::2])))
 
 
 class _Form(NamedTuple):
@@ -54,10 +84,11 @@ class _Form(NamedTuple):
 
 
 class Templates:
-    """The templates of a process, by form, media type and root of the IRIs. Safe for threads."""
+    """Templates by form, media type and root of the IRIs, of ``max_characters`` in all. Safe for threads."""
 
-    def __init__(self) -> None:
-        self._kept: dict[Key, _Template] = {}
+    def __init__(self, max_characters: int = MAX_CHARACTERS) -> None:
+        self._kept: dict[Key, Template] = {}
+        self._max_characters = max_characters
         self._characters = 0
         self._met: set[int] = set()
 
@@ -68,15 +99,14 @@ class Templates:
         """Return the document as ``rdf.serialise.render`` does, with the same bytes. Raises WriteError as that does."""
         form = _form_of(graph, base, prefixes) if media_type in TEXT_TYPES else None
         if form is None:
-            return render(graph.triples, media_type, prefixes, base=base)
+            return _written(graph, media_type, prefixes, base)
         key = (media_type, *form.key)
         template = self._kept.get(key)
         if template is None:
             if self._is_new(key):
-                return render(graph.triples, media_type, prefixes, base=base)
+                return _written(graph, media_type, prefixes, base)
             template = self._keep(key, _compile(graph, form, media_type, prefixes, base))
-        values = form.literals + form.segments
-        return (template.text % tuple([values[place] for place in template.places])).encode()
+        return template.filled(form.literals + form.segments)
 
     def _is_new(self, key: Key) -> bool:
         """Return True the first time a form is met."""
@@ -88,8 +118,8 @@ class Templates:
         self._met.add(met)
         return True
 
-    def _keep(self, key: Key, template: _Template) -> _Template:
-        if len(self._kept) >= MAX_TEMPLATES or self._characters + len(template.text) > MAX_CHARACTERS:
+    def _keep(self, key: Key, template: Template) -> Template:
+        if len(self._kept) >= MAX_TEMPLATES or self._characters + len(template.text) > self._max_characters:
             self._kept.clear()
             self._characters = 0
         self._kept[key] = template
@@ -145,7 +175,7 @@ class _Codes:
         """Return the code of a literal, which has its text if that cannot be replaced, and add the text otherwise."""
         text, datatype = literal.value, literal.datatype.value
         language = literal.language
-        if language is None and _is_replaceable(text, datatype):
+        if language is None and is_replaceable(text, datatype):
             self.literals.append(text)
             return f"\1{datatype}"
         return f"\2{len(text)} {text} {datatype} {language}"
@@ -159,10 +189,12 @@ def _is_outside(path: str, folder: str) -> bool:
     return path.startswith("/") and not path.startswith(folder)
 
 
-def _is_replaceable(text: str, datatype: str) -> bool:
+def is_replaceable(text: str, datatype: str) -> bool:
     """Return True if all texts of this kind are written alike, in each syntax."""
     if datatype == _WHOLE:
         return _INTEGER.fullmatch(text) is not None
+    if datatype == _DECIMAL:
+        return _FRACTION.fullmatch(text) is not None
     if datatype == _DOUBLE and _EXPONENT.search(text):  # Turtle writes those without quotes
         return False
     return datatype in (_STRING, _FLOAT, _DOUBLE, _TIME) and _TEXT.fullmatch(text) is not None
@@ -171,7 +203,7 @@ def _is_replaceable(text: str, datatype: str) -> bool:
 def _form_of(graph: Graph, base: str, prefixes: Mapping[str, str]) -> _Form | None:
     """Return the form of a description; None if a name in it cannot be replaced."""
     split = _ROOT.fullmatch(base)
-    if split is None or any(namespace.startswith(split[1]) for namespace in prefixes.values()):
+    if split is None or _is_abbreviated(split[1], tuple(prefixes.values())):
         return None
     try:
         return _coded(graph, split[1], split[2])
@@ -179,13 +211,20 @@ def _form_of(graph: Graph, base: str, prefixes: Mapping[str, str]) -> _Form | No
         return None
 
 
+@lru_cache(maxsize=64)
+def _is_abbreviated(root: str, namespaces: tuple[str, ...]) -> bool:
+    """Return True if a prefix abbreviates IRIs of the fleet."""
+    return any(namespace.startswith(root) for namespace in namespaces)
+
+
 def _coded(graph: Graph, root: str, path: str) -> _Form:
     codes = _Codes(root, _folder(path))
-    found = [root, codes.path(path)]
+    found: list[object] = [root, codes.path(path)]
+    blanks: dict[str, int] = {}  # their labels are not part of a text
     known: dict[int, str] = {}  # by identity, because the graph holds the terms and often has the same object
     for subject, predicate, value in graph.statements:
         if type(subject) is BlankNode:
-            found.append(subject.value)
+            found.append(blanks.setdefault(subject.value, len(blanks)))
         elif code := known.get(id(subject)):
             found.append(code)
         else:
@@ -197,7 +236,7 @@ def _coded(graph: Graph, root: str, path: str) -> _Form:
         if type(value) is Literal:
             found.append(codes.literal(value))
         elif type(value) is BlankNode:
-            found.append(value.value)
+            found.append(blanks.setdefault(value.value, len(blanks)))
         elif found[-1] == TYPE.value:
             found.append(_fixed(codes.iri(value)))
         else:
@@ -212,26 +251,30 @@ def _fixed(code: str) -> str:
     return code
 
 
-def _compile(graph: Graph, form: _Form, media_type: str, prefixes: Mapping[str, str], base: str) -> _Template:
-    """Write the description with markers, which nothing else in it can equal, and find their places."""
+def _written(graph: Graph, media_type: str, prefixes: Mapping[str, str], base: str) -> bytes:
+    if media_type == N_TRIPLES:
+        return n_triples(graph.statements)
+    return render(graph.triples, media_type, prefixes, base=base)
+
+
+def _compile(graph: Graph, form: _Form, media_type: str, prefixes: Mapping[str, str], base: str) -> Template:
+    """Write the description with markers, and find their places."""
     split = _ROOT.fullmatch(base)
     assert split is not None
-    marks = _Marks(form, split[1], _folder(split[2]))
+    marks = _MarksOfForm(form, split[1], _folder(split[2]))
     marked = [
         Triple(marks.node(subject), predicate, marks.object(value)) for subject, predicate, value in graph.statements
     ]
     document = render(marked, media_type, prefixes, base=split[1] + marks.path(split[2])).decode()
-    pieces = marks.pattern.split(document)
-    return _Template("%s".join(each.replace("%", "%%") for each in pieces[::2]), tuple(map(int, pieces[1::2])))
+    return marks.template(document)
 
 
-class _Marks:
-    """Markers for the values of a form. Each ends with the index of its value."""
+class _MarksOfForm(Marks):
+    """Markers for the values of a form, by their indices in it."""
 
     def __init__(self, form: _Form, root: str, folder: str) -> None:
+        super().__init__()
         self._root, self._folder = root, folder
-        self._word, self._number = f"m{secrets.token_hex(8)}", f"9{secrets.randbelow(10**8):08}"
-        self.pattern = re.compile(f"(?:{self._word}|{self._number})([0-9]{{5}})", re.ASCII)
         self._literals = 0
         self._segments = {text: len(form.literals) + index for index, text in enumerate(form.segments)}
 
@@ -241,7 +284,7 @@ class _Marks:
         if isinstance(term, NamedNode) and term.value.startswith(self._root):
             path = term.value[len(self._root) :]
             if _is_outside(path, self._folder):
-                return NamedNode(f"{self._root}/{self._next(self._word)}")
+                return NamedNode(f"{self._root}/{self.text(self._next())}")
         return self.node(term)
 
     def node(self, node: Node) -> Node:
@@ -250,17 +293,16 @@ class _Marks:
         return node
 
     def path(self, path: str) -> str:
-        return _SEGMENT.sub(lambda match: f"{self._word}{self._segments[match[0]]:05}", path)
+        return _SEGMENT.sub(lambda match: self.text(self._segments[match[0]]), path)
 
     def _literal(self, literal: Literal) -> Literal:
-        datatype = literal.datatype
-        if literal.language is not None or not _is_replaceable(literal.value, datatype.value):
+        if literal.language is not None or not is_replaceable(literal.value, literal.datatype.value):
             return literal
-        return Literal(self._next(self._number if datatype.value == _WHOLE else self._word), datatype=datatype)
+        return self.literal(self._next(), literal)
 
-    def _next(self, mark: str) -> str:
+    def _next(self) -> int:
         index, self._literals = self._literals, self._literals + 1
-        return f"{mark}{index:05}"
+        return index
 
 
 _templates = Templates()

@@ -1,14 +1,19 @@
-"""Bodies from clients, judged: by a published shape, and as far as no shape judges them."""
+"""Bodies from clients, judged: by a published shape, and as far as no shape judges them.
+
+A write refuses triples that its reader does not use, because it would lose them (LDP 4.2.4.4).
+"""
 
 import math
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Self
 
-from pyoxigraph import Literal, NamedNode, Triple
+from pyoxigraph import BlankNode, Literal, NamedNode, Triple
 
 from linked_fleet_gateway.base.errors import UnprocessableContent
-from linked_fleet_gateway.rdf.graph import Node
-from linked_fleet_gateway.rdf.vocabulary import NUMERIC, PREFIXES, XSD
+from linked_fleet_gateway.rdf.graph import UNITS, Graph, Node, Term
+from linked_fleet_gateway.rdf.vocabulary import LDP, NUMERIC, PREFIXES, QUDT, RDF, SH, VOM, XSD
 from linked_fleet_gateway.shacl import Data, Violation, compile_shape, report
 
 # The lexical spaces of XML Schema 2, 3.2 and 3.3 (RDF 1.1 Concepts, 5.1), without white space, which only XML
@@ -21,7 +26,7 @@ _XML_NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_.-]*\Z")
 
 
 def root(body: Sequence[Triple], request: NamedNode) -> Node:
-    """Return ``<>``, else the only subject that is not an object (DESIGN: "body of an action")."""
+    """Return ``<>``, else the only subject that is not an object."""
     subjects = dict.fromkeys(t.subject for t in body)
     if request in subjects:
         return request
@@ -88,3 +93,175 @@ def _direct(violations: Sequence[Violation]) -> list[Violation]:
 def _sentence(messages: Sequence[str]) -> str:
     more = [f"and {len(messages) - _MOST_TOLD} more"] if len(messages) > _MOST_TOLD else []
     return "; ".join([*messages[:_MOST_TOLD], *more])
+
+
+TYPES_OF_ALL = frozenset({LDP.Resource, LDP.RDFSource})
+_MOST_NAMED, _MOST_IN_DETAIL = 20, 3
+_LONGEST_IRI, _LONGEST_LITERAL = 200, 32
+
+
+@dataclass
+class Terms:
+    """The predicates and types allowed at a node and, by predicate, those allowed at the nodes it leads to."""
+
+    inner: dict[NamedNode, "Terms"] = field(default_factory=dict)
+    types: set[Term] = field(default_factory=set)
+
+    @property
+    def speaks(self) -> bool:
+        """Return True if any predicate or type is allowed at such a node."""
+        return bool(self.inner or self.types)
+
+    @classmethod
+    def of(cls, shapes: Mapping[Node, Sequence[Triple]], *of: Node) -> Self:
+        """Return all terms of the shapes ``of``, among ``shapes``, which are not recursive."""
+        found = cls()
+        for each in of:
+            _Reader(shapes).add(found, each)
+        return found
+
+    def also(self, *predicates: NamedNode, types: Iterable[Term] = ()) -> Self:
+        """Return these terms with additional predicates and types at the first node."""
+        return type(self)(self.inner | {each: Terms() for each in predicates}, self.types.union(types))
+
+
+class _Reader:
+    """Collects terms from the triples of shapes."""
+
+    def __init__(self, shapes: Mapping[Node, Sequence[Triple]]) -> None:
+        self._shapes = shapes
+
+    def add(self, terms: Terms, shape: Node) -> None:
+        for predicate, value in self._stated(shape):
+            if predicate == SH.property:
+                self._property(terms, value)
+            elif predicate == SH.node:
+                self.add(terms, value)
+            elif predicate in (SH.or_, SH.and_):
+                for each in self._items(value):
+                    self.add(terms, each)
+            elif predicate in (SH.targetClass, SH.class_):
+                terms.types.add(value)
+
+    def _property(self, terms: Terms, shape: Node) -> None:
+        for path in self._paths(shape):
+            if path == RDF.type:
+                terms.types.update(self._values(shape))
+            else:
+                self.add(terms.inner.setdefault(path, Terms()), shape)
+
+    def _paths(self, shape: Node) -> list[NamedNode]:
+        """Return the predicate of the path, or each of its alternatives."""
+        paths = [value for predicate, value in self._stated(shape) if predicate == SH.path]
+        ways = [value for path in paths for predicate, value in self._stated(path) if predicate == SH.alternativePath]
+        found = [*paths, *(each for way in ways for each in self._items(way))]
+        return [each for each in found if isinstance(each, NamedNode)]
+
+    def _values(self, shape: Node) -> list[Node]:
+        stated = self._stated(shape)
+        listed = [each for predicate, value in stated if predicate == SH.in_ for each in self._items(value)]
+        return [*listed, *(value for predicate, value in stated if predicate == SH.hasValue)]
+
+    def _items(self, cell: Node) -> list[Node]:
+        found: list[Node] = []
+        while cell != RDF.nil:
+            stated = dict(self._stated(cell))
+            found.append(stated[RDF.first])
+            cell = stated[RDF.rest]
+        return found
+
+    def _stated(self, node: Node) -> list[tuple[NamedNode, Node]]:
+        return [
+            (triple.predicate, triple.object)
+            for triple in self._shapes.get(node, ())
+            if isinstance(triple.object, NamedNode | BlankNode)
+        ]
+
+
+def unused(body: Sequence[Triple], focus: Node, terms: Terms, present: frozenset[Triple] = frozenset()) -> list[Triple]:
+    """Return the triples that are neither about ``focus`` in these terms nor in ``present``."""
+    by_subject = subjects(body)
+    used: set[int] = set()  # by identity, because hashing a triple takes longer than the rest of the loop
+    pending, done = [(focus, terms)], set[tuple[Node, int]]()
+    while pending:
+        node, known = pending.pop()
+        if (node, id(known)) in done:
+            continue
+        done.add((node, id(known)))
+        about = by_subject.get(node, ())
+        for triple in about:
+            _, predicate, value = triple
+            inner = known.inner.get(predicate)
+            if inner is not None:
+                used.add(id(triple))
+                if inner.speaks and not isinstance(value, Literal):
+                    pending.append((value, inner))
+            elif _is_implied(predicate, value, known, about, node == focus):
+                used.add(id(triple))
+    left = [triple for triple in body if id(triple) not in used]
+    return [triple for triple in dict.fromkeys(left) if triple not in present]
+
+
+def _is_implied(predicate: object, value: object, known: Terms, about: Sequence[Triple], first: bool) -> bool:
+    """Return True for a type that the node has anyway, or a QUDT unit equal to the stated one."""
+    if predicate == RDF.type:
+        return value in known.types or (first and value in TYPES_OF_ALL)
+    if predicate != QUDT.unit or VOM.unit not in known.inner or value not in UNITS:
+        return False
+    units = [UNITS.get(t.object) for t in about if t.predicate == VOM.unit]  # type: ignore[arg-type]
+    return UNITS[value] in units  # type: ignore[index]
+
+
+def renamed(triples: Iterable[Triple], node: Node, name: Node) -> list[Triple]:
+    """Replace ``node`` by ``name`` where it is a subject or an object.
+
+    Predicates are left alone: they are not nodes and cannot be blank.
+    """
+
+    def called(term: object) -> Any:
+        return name if term == node else term
+
+    return [Triple(called(t.subject), t.predicate, called(t.object)) for t in triples]
+
+
+def subjects(triples: Iterable[Triple]) -> dict[Node, list[Triple]]:
+    """Return the triples by subject."""
+    found: dict[Node, list[Triple]] = {}
+    for triple in triples:
+        found.setdefault(triple.subject, []).append(triple)  # type: ignore[arg-type]
+    return found
+
+
+def reachable(body: Iterable[Triple], focus: Node) -> list[Triple]:
+    """Return the triples about ``focus`` and about the nodes that these refer to."""
+    by_subject, found = subjects(body), list[Triple]()
+    pending = [focus]
+    while pending:
+        for triple in by_subject.pop(pending.pop(), ()):
+            found.append(triple)
+            if isinstance(triple.object, NamedNode | BlankNode):
+                pending.append(triple.object)
+    return found
+
+
+def shown(description: Graph) -> frozenset[Triple]:
+    """Return the triples of a description that a client can send back unchanged: those without blank nodes."""
+    return frozenset(t for t in description.triples if not any(isinstance(term, BlankNode) for term in t))
+
+
+def refuse(left: Sequence[Triple], constraint: str, why: str = "Nothing here uses") -> None:
+    """Raise UnprocessableContent that names the triples ``left`` of a body, unless there are none."""
+    if not left:
+        return
+    named = [f"{_term(t.subject)} {_term(t.predicate)} {_term(t.object)} ." for t in left[:_MOST_NAMED]]
+    more = f" and {len(left) - _MOST_IN_DETAIL} more" if len(left) > _MOST_IN_DETAIL else ""
+    detail = f"{why} what the body says by {' '.join(named[:_MOST_IN_DETAIL])}{more}"
+    raise UnprocessableContent(f"{detail} Leave it out. Nothing has changed.", constraint=constraint, unused=named)
+
+
+def _term(term: object) -> str:
+    """Return a term as in N-Triples, shortened. Long literals are cut because they may be secrets."""
+    if isinstance(term, Literal):
+        text = term.value if len(term.value) <= _LONGEST_LITERAL else term.value[: _LONGEST_LITERAL // 4] + "…"
+        return str(Literal(text))
+    return str(term) if len(str(term)) <= _LONGEST_IRI else str(term)[:_LONGEST_IRI] + "…>"

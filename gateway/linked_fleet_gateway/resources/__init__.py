@@ -1,12 +1,14 @@
 """Resources: the tree, and how each resource is described, versioned and filtered by rights. Pure.
 
-``tree``: the only mapping from paths to resources; ``branches``: resources added by extensions; ``paths``: names in
-paths. ``resource``: the result of resolving a path; ``affordance``: its methods other than reading.
-``access_filter``: the part that a caller may see. ``describe``, ``properties``, ``invocation``,
-``subscription_resource``, ``documents``: descriptions. ``versioning``: definition of change. ``renderings``: measured
-values compiled, for GET and for messages. ``action_definition``, ``action_offer``, ``action_conditions``,
-``shape_parameters``: kinds of actions, the things that offer them, and the parts of their shapes that depend on the
-robot. ``action_body``, ``named_poses``: bodies as typed values in SI units. ``setting``, ``settable``,
+``tree``, ``action_tree``: the only mapping from paths to resources; ``branches``: resources added by extensions;
+``paths``: names in paths. ``resource``: the result of resolving a path; ``affordance``: its methods other than reading.
+``access_filter``: the part that a caller may see. ``things``, ``describe``, ``property``, ``properties``,
+``joint_kinds``, ``invocation``, ``subscription_resource``, ``documents``: descriptions. ``versioning``: definition of
+change. ``renderings``: measured values compiled, for GET and for messages; ``copies``: documents of one kind.
+``action_offer``, ``shape_parameters``, ``joint_limits``: kinds of actions, the things that offer them, and the parts of
+their shapes that depend on the robot. ``body_values``: bodies as typed values in SI units. ``settable``,
 ``annotations``: values that clients may set. ``json_form``, ``plain_json``: JSON derived from shapes.
-``binary_frames``: frames and their layouts. ``subscription``: the data of a subscription.
+``binary_frames``: frames and their layouts. ``subscription``, ``subscription_change``, ``signature``: the data of a
+subscription, its changes, and signed deliveries. ``relative_poses``: poses of things relative to each other.
+``fleet_functions``: functions that extensions offer to query languages.
 """

@@ -1,20 +1,126 @@
-"""Actions as things offer them (paper 5.4, figure 5a). The shape that describes the input also validates it."""
+"""Kinds of actions, and actions as things offer them (paper 5.4, figure 5a).
 
-from collections.abc import Iterable
+Kinds are read once from one Turtle file each in shapes/linked_fleet_shapes/actions. The shape that describes the input
+of an action also validates it. A kind may state conditions on the robot under which a thing offers it
+(``lf:offeredIf``).
+"""
+
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from functools import cache, cached_property
+from itertools import chain, islice
+from pathlib import Path
 
 from pyoxigraph import Literal, NamedNode
 
 from linked_fleet_gateway.fleet.model import Joint
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.rdf.graph import Graph, Node
-from linked_fleet_gateway.rdf.shapes import ACTIONS, closure, copy, load
-from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HTTP, HYBRIT, LF, METHODS, RDFS, SH
-from linked_fleet_gateway.resources.action_conditions import CONDITIONS
-from linked_fleet_gateway.resources.action_definition import Definition, definitions
+from linked_fleet_gateway.rdf.shapes import ACTIONS, add, closure, copy, load
+from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HTTP, HYBRIT, LF, METHODS, RDF, RDFS, SH
+from linked_fleet_gateway.resources.annotations import poses
 from linked_fleet_gateway.resources.joint_kinds import kind_of
+from linked_fleet_gateway.resources.joint_limits import JointLimits, limits_of
 from linked_fleet_gateway.resources.paths import joint_path, robot_path
-from linked_fleet_gateway.resources.shape_parameters import Scope, complete
+from linked_fleet_gateway.resources.shape_parameters import Scope, bounded, commandable, complete, moved_links
+
+
+@dataclass(frozen=True)
+class Definition:
+    """A kind of action.
+
+    ``offered_by`` are classes of things, ``offered_if`` conditions on the robot, ``capability`` is required of the
+    agent.
+    """
+
+    iri: NamedNode
+    segment: str
+    title: str
+    comment: str
+    offered_by: frozenset[NamedNode]
+    offered_if: tuple[NamedNode, ...]
+    capability: str
+    methods: tuple[NamedNode, ...]
+    consumes: NamedNode | None
+    produces: NamedNode
+    completions: frozenset[NamedNode] = frozenset()
+    """The parts that ``lf:completedBy`` adds to the shape of the body for a thing."""
+
+
+def add_kinds(files: Iterable[Path]) -> None:
+    """Add the kinds of actions in these Turtle files to this process, in place of files added earlier."""
+    if add(ACTIONS, files):
+        definitions.cache_clear()
+
+
+@cache
+def definitions() -> tuple[Definition, ...]:
+    """Return all kinds, in the order of their files."""
+    shapes = load(ACTIONS)
+    kinds = [node for node, triples in shapes.items() if any(t.object == LF.ActionKind for t in triples)]
+    return tuple(_read(kind) for kind in kinds if isinstance(kind, NamedNode))
+
+
+def _read(kind: NamedNode) -> Definition:
+    said: dict[NamedNode, list[NamedNode | Literal]] = {}
+    for triple in load(ACTIONS)[kind]:
+        said.setdefault(triple.predicate, []).append(triple.object)  # type: ignore[arg-type]
+
+    def text(predicate: NamedNode) -> str:
+        return said[predicate][0].value if predicate in said else ""
+
+    def named(predicate: NamedNode) -> tuple[NamedNode, ...]:
+        return tuple(each for each in said.get(predicate, ()) if isinstance(each, NamedNode))
+
+    assert RDF.type in said
+    consumes = next(iter(named(HYBRIT.consumes)), None)
+    return Definition(
+        iri=kind,
+        segment=text(LF.segment),
+        title=text(DCTERMS.title),
+        comment=text(RDFS.comment),
+        offered_by=frozenset(named(LF.offeredBy)),
+        offered_if=named(LF.offeredIf),
+        capability=text(LF.capability),
+        methods=named(HTTP.mthd),
+        consumes=consumes,
+        produces=named(HYBRIT.produces)[0],
+        completions=frozenset() if consumes is None else _completions(consumes),
+    )
+
+
+def _completions(shape: NamedNode) -> frozenset[NamedNode]:
+    found: set[NamedNode] = set()
+    done: set[object] = set()
+    pending: list[object] = [shape]
+    while pending:
+        node = pending.pop()
+        if node in done:
+            continue
+        done.add(node)
+        for triple in load(ACTIONS).get(node, ()):  # type: ignore[call-overload]
+            pending.append(triple.object)
+            if triple.predicate == LF.completedBy and isinstance(triple.object, NamedNode):
+                found.add(triple.object)
+    return frozenset(found)
+
+
+Condition = Callable[[Robot, Joint | None], bool]
+
+
+def _is_bounded(robot: Robot, joint: Joint | None) -> bool:
+    """Return True for a joint that has limits and is in the agent's frames, which means that it takes commands."""
+    listed = robot.description.joints if robot.description is not None else ()
+    return joint is not None and bounded(joint) and joint.name in listed
+
+
+CONDITIONS: dict[NamedNode, Condition] = {
+    LF.isBounded: _is_bounded,
+    LF.isCommandable: lambda robot, joint: joint is not None and joint.commandable,
+    LF.hasCommandableJoint: lambda robot, joint: bool(commandable(robot)),
+    LF.hasMovedLink: lambda robot, joint: bool(moved_links(robot)),
+    LF.hasNamedPose: lambda robot, joint: bool(poses(robot)),
+}
 
 
 @dataclass(frozen=True)
@@ -28,7 +134,11 @@ class Offer:
 
     @property
     def path(self) -> str:
-        return f"{self.thing.rstrip('/')}/actions/{self.definition.segment}"
+        return self.path_at(self.thing)
+
+    def path_at(self, thing: str) -> str:
+        """Return the path of the same action of the thing at a path."""
+        return f"{thing.rstrip('/')}/actions/{self.definition.segment}"
 
     @property
     def name(self) -> str:
@@ -43,16 +153,42 @@ class Offer:
     def takes_body(self) -> bool:
         return self.definition.consumes is not None
 
+    @cached_property
+    def values(self) -> tuple[Literal, ...]:
+        """The literals in which its description differs from those of other joints of the robot: name and limits."""
+        numbers = () if self._limits is None else self._limits.numbers.values()
+        return (Literal(self.name), *chain.from_iterable(numbers))
+
+    @cached_property
+    def _limits(self) -> JointLimits | None:
+        completions = self.definition.completions
+        return limits_of(self.joint, completions) if self.joint is not None and completions else None
+
+    @property
+    def alike(self) -> object:
+        """Key of the offers whose descriptions differ in the thing and in ``values`` alone; None if there are none."""
+        definition, robot, joint = self.definition, self.robot, self.joint
+        if definition.consumes is None:
+            return definition.iri
+        if robot is None or robot.description is None or joint is None:
+            return None
+        return definition.iri, joint.kind, robot.name, robot.model, robot.description.joints
+
     def describe(self, graph: Graph, base: str) -> None:
         """Describe the action as in figure 5a, corrected: limits on the value, per unit, and suitable methods."""
-        iri, definition = NamedNode(base + self.path), self.definition
+        self.describe_at(graph, base, self.thing, self.values)
+
+    def describe_at(self, graph: Graph, base: str, thing: str, values: Sequence[Literal]) -> None:
+        """Describe the same action of the thing at the path, with literals in place of ``values``."""
+        iri, definition = NamedNode(base + self.path_at(thing)), self.definition
+        name, *numbers = values
         graph.a(iri, HYBRIT.Action, HYBRIT.AsynchronousAction, definition.iri)
-        graph.add(iri, DCTERMS.title, Literal(self.name))
+        graph.add(iri, DCTERMS.title, name)
         graph.add(iri, DCTERMS.identifier, Literal(definition.segment))
         graph.add(iri, RDFS.comment, Literal(definition.comment))
-        graph.add(iri, RDFS.seeAlso, NamedNode(base + self.thing))
+        graph.add(iri, RDFS.seeAlso, NamedNode(base + thing))
         if definition.consumes is not None:
-            graph.add(iri, HYBRIT.consumes, self.consumes(graph, base))
+            graph.add(iri, HYBRIT.consumes, self._consumes(graph, base, numbers))
         graph.add(iri, HYBRIT.produces, NamedNode(iri.value + "/produceshape"))
         body = graph.blank(HTTP.Body) if definition.consumes is not None else None
         for method in definition.methods:
@@ -67,15 +203,26 @@ class Offer:
 
     def consumes(self, graph: Graph, base: str) -> Node:
         """Add the shape of the body, with the limits of this thing."""
+        return self._consumes(graph, base, self.values[1:])
+
+    def _consumes(self, graph: Graph, base: str, numbers: Iterable[Literal]) -> Node:
         assert self.definition.consumes is not None
-        scope = Scope(base, self.robot, self.joint)
+        limits = self._limits
+        if limits is not None:
+            given = iter(numbers)
+            stated = {each: tuple(islice(given, len(own))) for each, own in limits.numbers.items()}
+            limits = JointLimits(limits.dimension, limits.endless, stated)
+        scope = Scope(base, self.robot, limits)
         return copy(graph, load(ACTIONS), self.definition.consumes, complete(scope))
 
-    def describe_result(self, graph: Graph, base: str) -> None:
-        """Describe ``hybrit:produces``: the shape of the invocation resource that is created."""
-        iri = NamedNode(f"{base}{self.path}/produceshape")
+    def result_title(self) -> Literal:
+        return Literal(f"What {self.name} produces")
+
+    def describe_result(self, graph: Graph, base: str, thing: str, title: Literal) -> None:
+        """Describe ``hybrit:produces`` of the action of a thing: the shape of the invocation that is created."""
+        iri = NamedNode(f"{base}{self.path_at(thing)}/produceshape")
         graph.a(iri, SH.NodeShape)
-        graph.add(iri, DCTERMS.title, Literal(f"What {self.name} produces"))
+        graph.add(iri, DCTERMS.title, title)
         graph.add(iri, SH.targetClass, LF.Invocation)
         graph.add(iri, SH.node, self.definition.produces)
         closure(graph, self.definition.produces)

@@ -2,6 +2,8 @@
 
 from collections.abc import Sequence
 
+from pyoxigraph import Literal
+
 from linked_fleet_gateway.fleet.invocations import Invocation
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.rdf.graph import Graph
@@ -17,7 +19,7 @@ from linked_fleet_gateway.resources.invocation import (
     invocation_path,
 )
 from linked_fleet_gateway.resources.plain_json import with_json
-from linked_fleet_gateway.resources.resource import CONTAINER, Resource, blueprint_of
+from linked_fleet_gateway.resources.resource import CONTAINER, DescriptionTemplate, Resource, blueprint_of
 from linked_fleet_gateway.resources.versioning import Source
 
 
@@ -31,8 +33,7 @@ def resolve_action(
     if rest[1:] == []:
         return _action(offer, source, base)
     if rest[1:] == ["produceshape"]:
-        path, title = offer.path + "/produceshape", f"Shape of what {offer.name} produces"
-        return Resource(path, title, lambda graph: offer.describe_result(graph, base), source=source)
+        return _result(offer, source, base)
     if rest[1] != "invocations":
         return None
     if rest[2:] == []:
@@ -76,14 +77,49 @@ def _facts(invocation: Invocation) -> tuple[object, ...]:
 
 def _action(offer: Offer, source: Source, base: str) -> Resource:
     own = (offer.path + "/produceshape", offer.path + "/invocations")
+    alike = offer.alike
+    template = None
+    if alike is not None:
+        template = DescriptionTemplate(
+            alike, offer.thing, lambda graph, thing, values: offer.describe_at(graph, base, thing, values), offer.values
+        )
     # Neither an LDP resource nor a container: PUT does not replace state, POST does not create a member.
     return Resource(
-        offer.path, offer.name, lambda graph: offer.describe(graph, base), (), source, own, affords=Invoke(offer)
+        offer.path,
+        offer.name,
+        lambda graph: offer.describe(graph, base),
+        (),
+        source,
+        own,
+        affords=Invoke(offer),
+        template=template,
+    )
+
+
+def _result(offer: Offer, source: Source, base: str) -> Resource:
+    title = offer.result_title()
+
+    def describe(graph: Graph, thing: str, values: Sequence[Literal]) -> None:
+        offer.describe_result(graph, base, thing, *values)
+
+    return Resource(
+        offer.path + "/produceshape",
+        f"Shape of what {offer.name} produces",
+        lambda graph: offer.describe_result(graph, base, offer.thing, title),
+        source=source,
+        template=DescriptionTemplate((offer.definition.iri, "result"), offer.thing, describe, (title,)),
     )
 
 
 def _invocations(offer: Offer, invocations: InvocationsInView, base: str) -> Resource:
     members = invocations.of(offer.path)
+    template = None
+    if not members:
+        template = DescriptionTemplate(
+            (offer.definition.iri, "no invocations"),
+            offer.thing,
+            lambda graph, thing, _: describe_invocations(graph, base, offer.path_at(thing), offer.robot, []),
+        )
     return Resource(
         offer.path + "/invocations",
         f"Invocations of {offer.name}",
@@ -91,6 +127,7 @@ def _invocations(offer: Offer, invocations: InvocationsInView, base: str) -> Res
         CONTAINER,
         Source(lambda: [(each.id, each.state.value, each.reason) for each in invocations.of(offer.path)]),
         own=tuple(invocation_path(each) for each in members),
+        template=template,
     )
 
 

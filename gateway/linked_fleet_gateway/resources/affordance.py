@@ -11,7 +11,7 @@ from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.identity.rights import Right
 from linked_fleet_gateway.rdf.serialise import JSON, TEXT_TYPES
 from linked_fleet_gateway.resources.action_offer import Offer
-from linked_fleet_gateway.resources.setting import Setting
+from linked_fleet_gateway.resources.body_values import Setting
 from linked_fleet_gateway.resources.subscription import Record
 
 BODY_TYPES = TEXT_TYPES

@@ -1,27 +1,91 @@
 """Annotations of a robot in any vocabulary (R1.12): a layer of its agent, and one of clients above it.
 
-Neither layer can add statements reserved for the gateway, and clients cannot remove statements of the agent.
+Neither layer can add statements reserved for the gateway, and clients cannot remove statements of the agent. The
+gateway reads two facts from annotations: named poses (``lf:namedPose``), with positions by joint, by title; and the
+charge of the battery (``lf:batteryCharge``), of which agents send no message.
 """
 
 import logging
+import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
+from decimal import Decimal, InvalidOperation
 from functools import lru_cache
 from hashlib import blake2b
 
-from pyoxigraph import BlankNode, NamedNode, RdfFormat, Triple, serialize
+from pyoxigraph import BlankNode, Literal, NamedNode, RdfFormat, Triple, serialize
 
+from linked_fleet_agent.wire.keys import unescape
 from linked_fleet_gateway.base.errors import UnprocessableContent
 from linked_fleet_gateway.fleet.robot import Annotations, Robot
-from linked_fleet_gateway.rdf.graph import Graph, Node
+from linked_fleet_gateway.rdf.graph import UNITS, Graph, Node
 from linked_fleet_gateway.rdf.serialise import ParseError, parse
-from linked_fleet_gateway.rdf.unused import refuse, subjects
-from linked_fleet_gateway.rdf.validation import check_writable
-from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, LDP, LF, RDF, ROS, SH, SOSA, XHV
-from linked_fleet_gateway.resources.named_poses import read_poses
-from linked_fleet_gateway.resources.paths import robot_path
+from linked_fleet_gateway.rdf.validation import check_writable, refuse, subjects
+from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, LDP, LF, NUMERIC, RDF, ROS, SH, SOSA, VOM, XHV
+from linked_fleet_gateway.resources.paths import reserved_in_robot, robot_path
 
 log = logging.getLogger(__name__)
+
+# base for parsing, below which IRIs contain the names of joints, independent of the request
+_BASE = "http://robot.invalid/r/"
+_LONGEST = 128
+
+
+def poses(robot: Robot) -> Mapping[str, Mapping[str, float]]:
+    """Return positions (rad or m) by joint, by title of the pose. Poses outside the robot's limits are omitted."""
+    if robot.model is None:
+        return {}
+    agents, clients = map(read_poses, robot.annotations)
+    named = {**clients, **agents}  # poses of the agent take precedence
+    return {title: targets for title, targets in named.items() if _possible(robot, targets)}
+
+
+def _possible(robot: Robot, targets: Mapping[str, float]) -> bool:
+    for name, position in targets.items():
+        joint = robot.model.joints.get(name) if robot.model else None
+        if joint is None or not joint.commandable:
+            return False
+        low, high = joint.limits.lower, joint.limits.upper
+        if (low is not None and position < low) or (high is not None and position > high):
+            return False
+    return True
+
+
+@lru_cache(maxsize=256)
+def read_poses(annotations: str) -> Mapping[str, Mapping[str, float]]:
+    """Return positions by joint, by title, from one layer of annotations."""
+    try:
+        triples = parse(annotations.encode(), "text/turtle", _BASE)
+    except ParseError:  # already logged by ``annotate``
+        return {}
+    by_subject: dict[object, list[Triple]] = {}
+    for triple in triples:
+        by_subject.setdefault(triple.subject, []).append(triple)
+    found: dict[str, Mapping[str, float]] = {}
+    for triple in by_subject.get(NamedNode(_BASE), ()):
+        if triple.predicate == LF.namedPose and isinstance(triple.object, NamedNode | BlankNode):
+            about = by_subject.get(triple.object, [])
+            titles = [t.object.value for t in about if t.predicate == DCTERMS.title and isinstance(t.object, Literal)]
+            targets = [_target(by_subject.get(t.object, [])) for t in about if t.predicate == LF.target]
+            if titles and targets and None not in targets and len(titles[0]) <= _LONGEST:
+                found[titles[0]] = dict(each for each in targets if each is not None)
+    return found
+
+
+def _target(about: list[Triple]) -> tuple[str, float] | None:
+    said = {triple.predicate: triple.object for triple in about}
+    joint, value, unit = said.get(LF.ofJoint), said.get(VOM.numericalValue), said.get(VOM.unit)
+    if not (isinstance(joint, NamedNode) and isinstance(value, Literal) and isinstance(unit, NamedNode)):
+        return None
+    segment = joint.value.removeprefix(_BASE)
+    if "/" in segment or unit not in UNITS:
+        return None
+    try:
+        name, position = unescape(segment, reserved_in_robot()), float(value.value) * UNITS[unit].si
+    except ValueError:
+        return None
+    return (name, position) if math.isfinite(position) else None
+
 
 # Statements with these namespaces are reserved for the gateway: an annotation must not add an action or a value.
 _OWN = tuple(namespace.iri for namespace in (HYBRIT, LDP, LF, ROS, SH, SOSA, XHV))
@@ -194,3 +258,34 @@ def _relative(term: str, base: str, path: str) -> str:
     if term.startswith(f"<{base}{path}"):
         return f"<./{term.removeprefix(f'<{base}{path}')}"
     return f"<{term.removeprefix(f'<{base}')}" if re.match(f"<{re.escape(base)}/(?!/)", term) else term
+
+
+def battery_charge(robot: Robot) -> Decimal | None:
+    """Return the charge in percent (0 to 100) from the agent's annotations, else the clients'; None if unknown."""
+    return next((found for each in robot.annotations if (found := read_charge(each)) is not None), None)
+
+
+def read_charge(annotations: str) -> Decimal | None:
+    """Return the charge in one layer of annotations; None if missing or not a number from 0 to 100."""
+    return _read(annotations) if "batteryCharge" in annotations else None  # to parse takes long
+
+
+@lru_cache(maxsize=4096)
+def _read(annotations: str) -> Decimal | None:
+    try:
+        triples = parse(annotations.encode(), "text/turtle", _BASE)
+    except ParseError:  # ``annotate`` has said so in the log
+        return None
+    about = (each for each in triples if each.subject == NamedNode(_BASE) and each.predicate == LF.batteryCharge)
+    numbers = [number for each in about if (number := _number(each.object)) is not None]
+    return next((each for each in numbers if 0 <= each <= 100), None)
+
+
+def _number(term: object) -> Decimal | None:
+    if not isinstance(term, Literal) or term.datatype not in NUMERIC:
+        return None
+    try:
+        found = Decimal(term.value)
+    except InvalidOperation:
+        return None
+    return found if found.is_finite() else None

@@ -13,9 +13,8 @@ from pyoxigraph import BlankNode, Literal, NamedNode
 
 from linked_fleet_gateway.fleet.observation import Observation
 from linked_fleet_gateway.fleet.robot import Robot
-from linked_fleet_gateway.rdf.graph import Graph, Term, integer
+from linked_fleet_gateway.rdf.graph import NANOSECOND, UNITLESS, Graph, Term, integer
 from linked_fleet_gateway.rdf.serialise import WriteError
-from linked_fleet_gateway.rdf.units import NANOSECOND, UNITLESS
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, LF, MATHS, QUDT, RDFS, SPATIAL, VOM
 from linked_fleet_gateway.resources.describe import Describer
 from linked_fleet_gateway.resources.paths import joint_path, robot_path

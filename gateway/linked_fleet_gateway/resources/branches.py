@@ -48,7 +48,10 @@ class FleetBranch:
     takes_slashes: bool = False
     """True if later segments may contain encoded slashes."""
     graphs: Callable[[RequestView], Iterable[tuple[str, Sequence[Triple]]]] | None = None
-    """All statements of its resources by path, for copies of the whole fleet."""
+    """All statements of its resources by path, for copies of the whole fleet.
+
+    Blank node labels must be unique among all branches that describe the same path.
+    """
     poses: Callable[[], Mapping[str, Pose]] | None = None
     """Poses of its resources in the common frame of robots, by path."""
     link: tuple[str, str] | None = None

@@ -19,7 +19,7 @@ class FleetFunctions(Protocol):
     names: tuple[NamedNode, ...]
 
     def prepare(self) -> None:
-        """Load everything that calls need: afterwards no file can be opened."""
+        """Load everything that calls need: afterwards no file can be opened. Raises LibraryMissing."""
 
     def bind(self, base: str, robots: Mapping[str, Robot]) -> Mapping[NamedNode, Function]:
         """Return the functions for these robots only. ``base`` is the public URL without trailing slash."""

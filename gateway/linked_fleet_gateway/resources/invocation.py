@@ -1,4 +1,7 @@
-"""Invocations as resources: PROV-O activities with state, progress, target and result (paper 5.4, R0.8)."""
+"""Invocations and the control lease of a robot as resources.
+
+Invocations are PROV-O activities with state, progress, target and result (paper 5.4, R0.8).
+"""
 
 from collections.abc import Iterable, Mapping
 
@@ -6,11 +9,10 @@ from pyoxigraph import BlankNode, Literal, NamedNode, RdfFormat, parse
 
 from linked_fleet_gateway.fleet.invocations import Invocation, InvocationState
 from linked_fleet_gateway.fleet.robot import Robot
-from linked_fleet_gateway.rdf.graph import Graph, Node, timestamp
-from linked_fleet_gateway.rdf.units import METRE, RADIAN, SECOND, UNITLESS, Unit
+from linked_fleet_gateway.rdf.graph import METRE, RADIAN, SECOND, UNITLESS, Graph, Node, Unit, number, timestamp
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HTTP, HYBRIT, LDP, LF, METHODS, PROV, RDFS, SOSA
 from linked_fleet_gateway.resources.joint_kinds import kind_of
-from linked_fleet_gateway.resources.paths import joint_path, robot_path
+from linked_fleet_gateway.resources.paths import joint_path, lease_path, robot_path
 
 STATES = {
     InvocationState.ACCEPTED: LF.accepted,
@@ -208,3 +210,18 @@ def invocation_path(invocation: Invocation) -> str:
 
 def cancel_path(invocation: Invocation) -> str:
     return f"{invocation_path(invocation)}/actions/cancel"
+
+
+def describe_lease(graph: Graph, base: str, robot: Robot) -> None:
+    iri, lease = NamedNode(base + lease_path(robot.name)), robot.lease
+    graph.a(iri, LF.ControlLease)
+    graph.add(iri, DCTERMS.title, Literal(f"Control of {robot.name}"))
+    graph.add(iri, RDFS.seeAlso, NamedNode(base + robot_path(robot.name)))
+    graph.add(iri, HYBRIT.blueprint, LF.ControlLeaseShape, NamedNode(iri.value + "/blueprint"))
+    graph.add(iri, HYBRIT.consumes, LF.ControlLeaseInput)
+    graph.add(iri, LF.state, LF.free if lease is None else LF.held)
+    if lease is not None:
+        graph.add(iri, DCTERMS.identifier, Literal(lease.id))
+        graph.add(iri, LF.holder, Literal(lease.holder))
+        graph.add(iri, LF.leaseDuration, number(lease.duration_s))
+        graph.add(iri, LF.expires, timestamp(lease.expires_ns))

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pyoxigraph import NamedNode
 
 from linked_fleet_gateway.fleet.model import Joint, JointKind
-from linked_fleet_gateway.rdf.units import ANGULAR, LINEAR, Dimension
+from linked_fleet_gateway.rdf.graph import ANGULAR, LINEAR, Dimension
 from linked_fleet_gateway.rdf.vocabulary import LF, ROS
 
 # Resolutions of change detection (docs/TREE.md): a value that moved by less counts as the same.

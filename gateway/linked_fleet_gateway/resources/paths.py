@@ -3,7 +3,7 @@
 from collections.abc import Iterable
 from functools import lru_cache
 
-from linked_fleet_agent.wire.names import escape, unescape
+from linked_fleet_agent.wire.keys import escape, unescape
 from linked_fleet_gateway.fleet.model import RobotModel
 
 AUDIT = "/audit"

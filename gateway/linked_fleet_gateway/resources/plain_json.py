@@ -6,7 +6,6 @@ A JSON body is converted to the equivalent RDF triples and then handled like RDF
 import json
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -30,7 +29,7 @@ def with_json(resource: Resource, shape: NamedNode, base: str) -> Resource:
     if resource.describe is None or shape == LF.AnnotationsShape:
         return resource
     write = partial(document, resource.describe, NamedNode(base + resource.path), shape)
-    return replace(resource, documents={**resource.documents, JSON: write})
+    return resource.having(documents={**resource.documents, JSON: write})
 
 
 def document(describe: Callable[[Graph], None], iri: NamedNode, shape: NamedNode) -> bytes:

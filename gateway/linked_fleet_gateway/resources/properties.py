@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable, Sequence
+from functools import partial
 from itertools import chain
 
 from pyoxigraph import Literal, NamedNode
@@ -10,8 +11,7 @@ from linked_fleet_agent.wire.messages import Base
 from linked_fleet_gateway.fleet.model import Joint, Link, Pose
 from linked_fleet_gateway.fleet.observation import Observation
 from linked_fleet_gateway.fleet.robot import Robot
-from linked_fleet_gateway.rdf.graph import Graph, Node, integer, number
-from linked_fleet_gateway.rdf.units import (
+from linked_fleet_gateway.rdf.graph import (
     KILOGRAM,
     KILOGRAM_SQUARE_METRE,
     METRE,
@@ -20,7 +20,11 @@ from linked_fleet_gateway.rdf.units import (
     RADIAN_PER_SECOND,
     UNITLESS,
     Dimension,
+    Graph,
+    Node,
     Unit,
+    integer,
+    number,
 )
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, LF, MATHS, ROS, SPATIAL, XSD
 from linked_fleet_gateway.resources.action_offer import joint_offers
@@ -33,7 +37,12 @@ from linked_fleet_gateway.resources.joint_kinds import (
 )
 from linked_fleet_gateway.resources.paths import joint_path
 from linked_fleet_gateway.resources.property import ROBOT_PROPERTIES, Measurement, Property
-from linked_fleet_gateway.resources.settable import ABSOLUTE, setting_properties, target_property
+from linked_fleet_gateway.resources.settable import (
+    ABSOLUTE,
+    setting_properties,
+    target_property,
+    target_segment,
+)
 
 FRAME_MEDIA_TYPE = "application/vnd.linked-fleet.frame"
 
@@ -80,30 +89,49 @@ def _effort(robot: Robot, joint: str) -> Observation:
     return robot.observe(f"{joint}/effort", (robot.efforts.get(joint, math.nan),), EFFORT_RESOLUTION)
 
 
-def joint_properties(robot: Robot, joint: Joint) -> list[Property]:
+_Makers = dict[str, Callable[[], Property]]
+"""Functions that make the properties of a thing, by segment."""
+
+
+def _made(makers: _Makers, segment: str | None) -> list[Property]:
+    if segment is None:
+        return [make() for make in makers.values()]
+    return [makers[segment]()] if segment in makers else []
+
+
+def joint_properties(robot: Robot, joint: Joint, segment: str | None = None) -> list[Property]:
+    """Return the properties of a joint, or only the one with the segment, if there is one."""
     kind, name = kind_of(joint), joint.name
-    found: list[Property] = []
+    makers: _Makers = {}
     if kind.dimension is not None:
-        dimension = kind.dimension
-        found += [
-            _rotation(robot, joint) if kind.position == "rotation" else _translation(robot, joint),
-            _measured("velocity", LF.velocity, joint, lambda: _velocity(robot, name), dimension.velocity),
-            _measured("effort", LF.effort, joint, lambda: _effort(robot, name), dimension.effort),
-            _limits(joint, dimension),
-            scalar("friction", ROS.friction, f"static friction of {joint.name}", joint.friction, dimension.effort),
-            scalar("damping", LF.damping, f"damping of {joint.name}", joint.damping, dimension.damping),
-        ]
+        assert kind.position is not None
+        dimension, unit = kind.dimension, kind.dimension.velocity
+        moved = _rotation if kind.position == "rotation" else _translation
+        makers = {
+            kind.position: lambda: moved(robot, joint),
+            "velocity": lambda: _measured("velocity", LF.velocity, joint, lambda: _velocity(robot, name), unit),
+            "effort": lambda: _measured("effort", LF.effort, joint, lambda: _effort(robot, name), dimension.effort),
+            "limits": lambda: _limits(joint, dimension),
+            "friction": lambda: scalar(
+                "friction", ROS.friction, f"static friction of {name}", joint.friction, dimension.effort
+            ),
+            "damping": lambda: scalar("damping", LF.damping, f"damping of {name}", joint.damping, dimension.damping),
+        }
     elif kind.type != LF.FixedJoint:
         # A floating or planar joint inside the tree is not in the wire's arrays, so its pose is unknown.
-        found.append(_pose_property("pose", f"pose of {joint.name}", lambda: None, robot, f"{joint.name}/pose"))
-    found += [target_property(robot, offer) for offer in joint_offers(robot, joint) if offer.definition.iri in ABSOLUTE]
-    found.append(_reference_frame(robot, joint))
+        makers["pose"] = lambda: _pose_property("pose", f"pose of {name}", lambda: None, robot, f"{name}/pose")
+    if segment in (None, target_segment(joint)):
+        for offer in joint_offers(robot, joint):
+            if offer.definition.iri in ABSOLUTE:
+                makers[target_segment(joint)] = partial(target_property, robot, offer)
+    makers["jointReferenceFrame"] = lambda: _reference_frame(robot, joint)
     if joint.mimic is not None:
-        found.append(_mimic(robot, joint))
-    return found
+        makers["mimic"] = lambda: _mimic(robot, joint)
+    return _made(makers, segment)
 
 
-def link_properties(robot: Robot, link: Link) -> list[Property]:
+def link_properties(robot: Robot, link: Link, segment: str | None = None) -> list[Property]:
+    """Return the properties of a link, or only the one with the segment, if there is one."""
     inertial = link.inertial
 
     def centre(graph: Graph, iri: NamedNode, _: Measurement) -> None:
@@ -114,11 +142,11 @@ def link_properties(robot: Robot, link: Link) -> list[Property]:
         for term, value in zip((LF.ixx, LF.ixy, LF.ixz, LF.iyy, LF.iyz, LF.izz), moments, strict=True):
             graph.scalar(iri, term, value, KILOGRAM_SQUARE_METRE)
 
-    name = link.name
-    return [
-        _pose_property("pose", f"pose of {name}", lambda: robot.link_pose(name), robot, f"{name}~link/pose"),
-        scalar("mass", LF.mass, f"mass of {name}", inertial.mass_kg if inertial else None, KILOGRAM),
-        Property(
+    name, pose = link.name, partial(robot.link_pose, link.name)
+    makers: _Makers = {
+        "pose": lambda: _pose_property("pose", f"pose of {name}", pose, robot, f"{name}~link/pose"),
+        "mass": lambda: scalar("mass", LF.mass, f"mass of {name}", inertial.mass_kg if inertial else None, KILOGRAM),
+        "centreOfMass": lambda: Property(
             "centreOfMass",
             LF.centreOfMass,
             (LF.Point,),
@@ -126,7 +154,7 @@ def link_properties(robot: Robot, link: Link) -> list[Property]:
             f"centre of mass of {name}, in its frame",
             centre,
         ),
-        Property(
+        "inertia": lambda: Property(
             "inertia",
             LF.inertia,
             (LF.Inertia,),
@@ -134,7 +162,8 @@ def link_properties(robot: Robot, link: Link) -> list[Property]:
             f"inertia of {name} about its centre of mass",
             inertia,
         ),
-    ]
+    }
+    return _made(makers, segment)
 
 
 def robot_properties(robot: Robot, iri_of: Callable[[str], NamedNode]) -> list[Property]:

@@ -13,7 +13,7 @@ from linked_fleet_gateway.fleet.observation import Observation
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.rdf.graph import Graph
 from linked_fleet_gateway.resources.action_offer import Offer
-from linked_fleet_gateway.resources.setting import Setting
+from linked_fleet_gateway.resources.body_values import Setting
 
 
 class Measurement(NamedTuple):

@@ -1,16 +1,12 @@
-"""Compiled renderings: of measured values, and of documents that differ in their path alone.
+"""Compiled renderings of measured values, and the bodies of messages.
 
 A description is rendered once by ``Resource.measured`` with random marker values. Their positions in the document are
-the places into which values are written. So a compiled rendering always gives the document that ``measured`` gives.
-
-A fleet has thousands of blueprints of a few dozen kinds. A copy equals the rendered document byte for byte, because
-names of things are written unescaped in every text syntax.
+the places into which values are written. So a compiled rendering always gives the document that ``measured`` gives. The
+body of a message is the representation that GET returns, plus the version of the resource.
 """
 
 import math
 import random
-import re
-import secrets
 from collections.abc import Sequence
 from functools import lru_cache
 from itertools import accumulate, count, pairwise
@@ -20,11 +16,11 @@ from pyoxigraph import NamedNode
 
 from linked_fleet_gateway.fleet.observation import Observation
 from linked_fleet_gateway.rdf.graph import Graph, lexical, timestamp
-from linked_fleet_gateway.rdf.serialise import TEXT_TYPES
+from linked_fleet_gateway.rdf.serialise import RDF_TYPES, TEXT_TYPES, WriteError
 from linked_fleet_gateway.rdf.templates import write
 from linked_fleet_gateway.rdf.vocabulary import PREFIXES
 from linked_fleet_gateway.resources.property import Measurement
-from linked_fleet_gateway.resources.resource import DescriptionTemplate, Resource
+from linked_fleet_gateway.resources.resource import Resource
 from linked_fleet_gateway.resources.subscription_resource import describe_version
 
 _MILLISECOND_NS = 1_000_000
@@ -181,38 +177,19 @@ class Renderings:
         return len(self._kept)
 
 
-MAX_COPIES = 512
-# Excludes characters that some syntax escapes, and segments that look like a prefix or a relative reference.
-_PLAIN = re.compile(r"(/[A-Za-z0-9_~][A-Za-z0-9_~-]*)+/?", re.ASCII)
+def message_types(resource: Resource) -> tuple[str, ...]:
+    """Return the media types of messages about ``resource``: no HTML, and Turtle first (R1.2)."""
+    if not resource.observable:
+        return ()
+    return (*RDF_TYPES, *(each for each in resource.documents if each not in resource.constant))
 
 
-class Copies:
-    """Cached texts by kind, media type and base URL. The oldest is dropped first."""
-
-    def __init__(self, most: int = MAX_COPIES) -> None:
-        self._most = most
-        self._kept: dict[tuple[object, str, str], list[str]] = {}
-
-    def body(self, resource: Resource, media_type: str, base: str) -> bytes | None:
-        """Return the document; None if the resource has no kind or must be rendered. Raises WriteError."""
-        template = resource.template
-        if template is None or media_type not in TEXT_TYPES or not _PLAIN.fullmatch(template.owner):
-            return None
-        key = (template.key, media_type, base)
-        pieces = self._kept.get(key)
-        if pieces is None:
-            pieces = self._kept[key] = _pieces(resource, template, media_type, base)
-            if len(self._kept) > self._most:
-                del self._kept[next(iter(self._kept))]
-        return template.owner.rstrip("/").join(pieces).encode()
-
-
-def _pieces(resource: Resource, template: DescriptionTemplate, media_type: str, base: str) -> list[str]:
-    """Return the text of one resource of the kind, split at the path of its owner."""
-    mark = f"/x{secrets.token_hex(8)}"
-    slash = "/" if template.owner.endswith("/") else ""
-    path = mark + resource.path[len(template.owner.rstrip("/")) :]
-    graph = Graph()
-    template.describe(graph, mark + slash)
-    resource.state_model(graph, base, path)
-    return write(graph, media_type, PREFIXES, base=base + path).decode().split(mark)
+def message_body(resource: Resource, media_type: str, base: str, version: str, previous: str | None) -> bytes:
+    """Return the bytes of a message. Raises WriteError if the syntax cannot represent the triples."""
+    if media_type in resource.documents:
+        return resource.documents[media_type]()
+    if media_type not in RDF_TYPES:
+        raise WriteError(f"there is no {media_type} of {resource.path} at present")
+    graph = resource.whole(base)
+    describe_version(graph, NamedNode(base + resource.path), version, previous)
+    return write(graph, media_type, PREFIXES, base=base + resource.path)

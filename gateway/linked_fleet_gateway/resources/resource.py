@@ -2,9 +2,10 @@
 
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
+from typing import Any
 
-from pyoxigraph import NamedNode
+from pyoxigraph import Literal, NamedNode
 
 from linked_fleet_agent.wire.messages import Mesh
 from linked_fleet_gateway.fleet.robot import Robot
@@ -37,14 +38,16 @@ class Remote:
 
 @dataclass(frozen=True)
 class DescriptionTemplate:
-    """A kind of resources whose descriptions differ only in the owner's path: one is rendered, the others are copied.
+    """A kind of resources whose descriptions differ only in the owner's path and in values: one is rendered for all.
 
-    ``key`` identifies the kind. ``describe`` describes the resource of the owner at the given path.
+    ``key`` identifies the kind, which a resource shares with others that have values of the same datatypes.
+    ``describe`` describes the resource of the owner at the given path, with the given literals in place of ``values``.
     """
 
     key: object
     owner: str
-    describe: Callable[[Graph, str], None]
+    describe: Callable[[Graph, str, Sequence[Literal]], None]
+    values: tuple[Literal, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -94,7 +97,7 @@ class Resource:
     measured.
     """
     template: DescriptionTemplate | None = None
-    """The kind of resources whose descriptions differ only in their path."""
+    """The kind of resources whose descriptions differ only in their path and in values."""
     looks: tuple[Look, ...] = ()
     """Observations of the measured values that it shows, in the order of its properties."""
     quiet: tuple[Look, ...] = ()
@@ -120,7 +123,13 @@ class Resource:
 
     def read_as(self, other: "Resource") -> "Resource":
         """Return this resource with the reader of ``other``."""
-        return replace(self, reader=other.reader, rights=other.rights, audited=other.audited, warning=other.warning)
+        return self.having(reader=other.reader, rights=other.rights, audited=other.audited, warning=other.warning)
+
+    def having(self, **fields: Any) -> "Resource":
+        """Return a copy with these fields, as ``dataclasses.replace`` does, in a tenth of its time."""
+        found = object.__new__(Resource)
+        found.__dict__.update(self.__dict__, **fields)
+        return found
 
     def whole(self, base: str) -> Graph:
         """Return all triples of an RDF representation."""
@@ -165,17 +174,22 @@ def blueprint_of(
     resource: Resource, base: str, shapes: tuple[NamedNode, ...], source: Source | None = None
 ) -> Resource:
     """Return the blueprint of a resource (paper 5.1); ``source`` is given if it can change."""
+    return blueprint_at(resource.path, base, shapes, source or Source())
 
-    def describe(graph: Graph, owner: str) -> None:
+
+def blueprint_at(owned_by: str, base: str, shapes: tuple[NamedNode, ...], source: Source) -> Resource:
+    """Return the blueprint of the resource at the path ``owned_by``."""
+
+    def describe(graph: Graph, owner: str, _: Sequence[Literal] = ()) -> None:
         iri = NamedNode(base + owner.rstrip("/") + "/blueprint")
         blueprint(graph, iri, NamedNode(base + owner), shapes)
 
     return Resource(
-        resource.path.rstrip("/") + "/blueprint",
-        f"Blueprint of {resource.path}",
-        lambda graph: describe(graph, resource.path),
-        source=source or Source(),
-        template=DescriptionTemplate((shapes, resource.path.endswith("/")), resource.path, describe),
+        owned_by.rstrip("/") + "/blueprint",
+        f"Blueprint of {owned_by}",
+        lambda graph: describe(graph, owned_by),
+        source=source,
+        template=DescriptionTemplate(shapes, owned_by, describe),
     )
 
 

@@ -2,17 +2,18 @@
 
 from pyoxigraph import Literal, NamedNode
 
+from linked_fleet_gateway.fleet.model import Joint
 from linked_fleet_gateway.fleet.robot import Robot
-from linked_fleet_gateway.rdf.graph import Graph, integer
-from linked_fleet_gateway.rdf.units import ANGULAR, UNITLESS
+from linked_fleet_gateway.rdf.graph import ANGULAR, UNITLESS, Graph, integer
 from linked_fleet_gateway.rdf.vocabulary import HYBRIT, LF, SH
 from linked_fleet_gateway.resources.action_offer import Offer
 from linked_fleet_gateway.resources.affordance import PutSetting, PutTarget
 from linked_fleet_gateway.resources.annotations import annotate
+from linked_fleet_gateway.resources.body_values import Setting, settings
 from linked_fleet_gateway.resources.joint_kinds import kind_of
+from linked_fleet_gateway.resources.joint_limits import limits_of
 from linked_fleet_gateway.resources.property import Measurement, Property
 from linked_fleet_gateway.resources.resource import Resource
-from linked_fleet_gateway.resources.setting import Setting, settings
 from linked_fleet_gateway.resources.shape_parameters import Scope, complete
 
 ABSOLUTE = (LF.Rotate, LF.Translate)
@@ -54,13 +55,18 @@ def setting_properties(robot: Robot) -> list[Property]:
     ]
 
 
+def target_segment(joint: Joint) -> str:
+    """Return the path segment of the target of a joint that turns or slides."""
+    return "targetRotation" if kind_of(joint).dimension is ANGULAR else "targetTranslation"
+
+
 def target_property(robot: Robot, offer: Offer) -> Property:
     """Return the last target position of a joint as a property; PUT invokes ``offer``."""
     joint = offer.joint
     assert joint is not None
     dimension = kind_of(joint).dimension
     assert dimension is not None
-    segment = "targetRotation" if dimension is ANGULAR else "targetTranslation"
+    segment = target_segment(joint)
 
     def describe(graph: Graph, iri: NamedNode, _: Measurement) -> None:
         graph.scalar(iri, LF.value, robot.targets.get(joint.name), dimension.position)
@@ -89,7 +95,9 @@ def describe_target_input(graph: Graph, iri: NamedNode, offer: Offer, base: str)
     graph.add(value, SH.maxCount, integer(1))
     graph.add(value, SH.node, scalar)
     graph.a(scalar, SH.NodeShape)
-    complete(Scope(base, offer.robot, offer.joint))(graph, scalar, LF.jointPosition)
+    assert offer.joint is not None
+    limits = limits_of(offer.joint, (LF.jointPosition,))
+    complete(Scope(base, offer.robot, limits))(graph, scalar, LF.jointPosition)
 
 
 def describe_target_blueprint(blueprint: Resource, offer: Offer, base: str, graph: Graph) -> None:

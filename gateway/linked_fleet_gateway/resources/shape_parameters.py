@@ -3,39 +3,38 @@
 A shape in shapes/linked_fleet_shapes/actions names the parts to add by ``lf:completedBy``.
 """
 
-import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from decimal import Decimal
 
 from pyoxigraph import Literal, NamedNode
 
 from linked_fleet_gateway.fleet.model import Joint, JointKind
 from linked_fleet_gateway.fleet.robot import Robot
-from linked_fleet_gateway.rdf.graph import Graph, Node, Term, integer, lexical
-from linked_fleet_gateway.rdf.units import ANGULAR, LINEAR, Dimension, Unit
-from linked_fleet_gateway.rdf.vocabulary import LF, NUMERIC, SH, VOM, XSD
+from linked_fleet_gateway.rdf.graph import ANGULAR, LINEAR, Graph, Node, Term, Unit, integer
+from linked_fleet_gateway.rdf.vocabulary import LF, NUMERIC, SH, VOM
+from linked_fleet_gateway.resources.annotations import poses
 from linked_fleet_gateway.resources.joint_kinds import kind_of
-from linked_fleet_gateway.resources.named_poses import poses
+from linked_fleet_gateway.resources.joint_limits import JointLimits, dimension_of, ends_of
 from linked_fleet_gateway.resources.paths import joint_path, lease_path, link_path
 
-_DIGITS = 6  # limits are rounded inwards to a millionth of the unit, so that the robot accepts what the shape accepts
-MOST_TURNS = 10  # most turns of a continuous joint in one motion
-_FASTEST = {ANGULAR: 10.0, LINEAR: 10.0}  # rad/s or m/s, stated for a joint without a velocity limit
 _FAR = 1_000_000  # no joint position is beyond this, in any unit
 
 
 @dataclass(frozen=True)
 class Scope:
-    """The owner of a shape: the fleet, a robot, or a joint."""
+    """The owner of a shape: the fleet, a robot, or a joint with these limits."""
 
     base: str
     robot: Robot | None = None
-    joint: Joint | None = None
+    limits: JointLimits | None = None
 
     def required_robot(self) -> Robot:
         assert self.robot is not None
         return self.robot
+
+    def required_limits(self) -> JointLimits:
+        assert self.limits is not None
+        return self.limits
 
     def joint_iri(self, joint: str) -> NamedNode:
         return NamedNode(self.base + joint_path(self.required_robot().name, joint))
@@ -59,26 +58,6 @@ def commandable(robot: Robot) -> list[Joint]:
     return [joint for joint in joints if bounded(joint)]
 
 
-def bounds(joint: Joint, unit: Unit) -> tuple[float, float]:
-    """Return the lowest and highest position in ``unit``; a continuous joint has 0 up to, excluding, one turn."""
-    if joint.kind is JointKind.CONTINUOUS:
-        return 0.0, round(math.tau / unit.si, _DIGITS)
-    low, high = joint.limits.lower, joint.limits.upper
-    assert low is not None and high is not None
-    return _inwards(low / unit.si, high / unit.si)
-
-
-def _inwards(low: float, high: float) -> tuple[float, float]:
-    scale = 10**_DIGITS
-    return math.ceil(low * scale - 1e-3) / scale, math.floor(high * scale + 1e-3) / scale
-
-
-def dimension_of(joint: Joint) -> Dimension:
-    dimension = kind_of(joint).dimension
-    assert dimension is not None
-    return dimension
-
-
 # -- the completions ------------------------------------------------------------------------------------------------
 
 
@@ -87,44 +66,36 @@ def _any_number(graph: Graph, node: Node, scope: Scope) -> None:
 
 
 def _joint_position(graph: Graph, node: Node, scope: Scope) -> None:
-    joint = scope.joint
-    assert joint is not None
-    units = dimension_of(joint).accepted
+    limits = scope.required_limits()
+    units, numbers = limits.dimension.accepted, limits.numbers[LF.jointPosition]
     _value_and_unit(graph, node, units, "the absolute position to reach")
-    graph.add(node, SH.or_, graph.collection([position_branch(graph, joint, unit) for unit in units]))
-
-
-def position_branch(graph: Graph, joint: Joint, unit: Unit) -> Node:
-    """Return the joint's limits in one unit."""
-    return _branch(graph, unit, *bounds(joint, unit), open_end=joint.kind is JointKind.CONTINUOUS)
+    branches = [
+        _branch(graph, unit, low, high, open_end=limits.endless)
+        for unit, low, high in zip(units, numbers[::2], numbers[1::2], strict=True)
+    ]
+    graph.add(node, SH.or_, graph.collection(branches))
 
 
 def _joint_displacement(graph: Graph, node: Node, scope: Scope) -> None:
-    joint = scope.joint
-    assert joint is not None
-    units, limits = dimension_of(joint).accepted, joint.limits
-    if joint.kind is JointKind.CONTINUOUS:
-        span = MOST_TURNS * math.tau
-    else:
-        assert limits.lower is not None and limits.upper is not None
-        span = limits.upper - limits.lower
+    limits = scope.required_limits()
+    units, numbers = limits.dimension.accepted, limits.numbers[LF.jointDisplacement]
     _value_and_unit(graph, node, units, "how far to go, from where the joint is")
-    branches = [_branch(graph, unit, *_inwards(-span / unit.si, span / unit.si)) for unit in units]
+    branches = [
+        _branch(graph, unit, low, high) for unit, low, high in zip(units, numbers[::2], numbers[1::2], strict=True)
+    ]
     graph.add(node, SH.or_, graph.collection(branches))
 
 
 def _joint_speed(graph: Graph, node: Node, scope: Scope) -> None:
-    joint = scope.joint
-    assert joint is not None
-    dimension = dimension_of(joint)
-    fastest = joint.limits.velocity or _FASTEST[dimension]
-    _value_and_unit(graph, node, dimension.speeds, "the highest speed")
+    limits = scope.required_limits()
+    units = limits.dimension.speeds
+    _value_and_unit(graph, node, units, "the highest speed")
     branches = []
-    for unit in dimension.speeds:
-        limits = _path(graph, VOM.numericalValue)
-        graph.add(limits, SH.minExclusive, integer(0))
-        graph.add(limits, SH.maxInclusive, at_most(_inwards(0.0, fastest / unit.si)[1]))
-        branches.append(_both(graph, _unit_among(graph, unit.accepted), limits))
+    for unit, fastest in zip(units, limits.numbers[LF.jointSpeed], strict=True):
+        range_ = _path(graph, VOM.numericalValue)
+        graph.add(range_, SH.minExclusive, integer(0))
+        graph.add(range_, SH.maxInclusive, fastest)
+        branches.append(_both(graph, _unit_among(graph, unit.accepted), range_))
     graph.add(node, SH.or_, graph.collection(branches))
 
 
@@ -135,7 +106,8 @@ def _joint_target(graph: Graph, node: Node, scope: Scope) -> None:
     branches = []
     for joint in joints:
         for unit in dimension_of(joint).accepted:
-            branch, which = position_branch(graph, joint, unit), _path(graph, LF.ofJoint)
+            branch = _branch(graph, unit, *ends_of(joint, unit), open_end=joint.kind is JointKind.CONTINUOUS)
+            which = _path(graph, LF.ofJoint)
             graph.add(which, SH.hasValue, scope.joint_iri(joint.name))
             graph.add(branch, SH.property, which)
             branches.append(branch)
@@ -234,10 +206,10 @@ def _units(joints: Iterable[Joint]) -> list[Unit]:
     return list(dict.fromkeys(unit for joint in joints for unit in dimension_of(joint).accepted))
 
 
-def _branch(graph: Graph, unit: Unit, low: float, high: float, *, open_end: bool = False) -> Node:
+def _branch(graph: Graph, unit: Unit, low: Literal, high: Literal, *, open_end: bool = False) -> Node:
     limits = _path(graph, VOM.numericalValue)
-    graph.add(limits, SH.minInclusive, at_least(low))
-    graph.add(limits, *((SH.maxExclusive, double(high)) if open_end else (SH.maxInclusive, at_most(high))))
+    graph.add(limits, SH.minInclusive, low)
+    graph.add(limits, SH.maxExclusive if open_end else SH.maxInclusive, high)
     return _both(graph, _unit_among(graph, unit.accepted), limits)
 
 
@@ -270,29 +242,3 @@ def _with(graph: Graph, predicate: NamedNode, value: NamedNode) -> Node:
     node = graph.blank()
     graph.add(node, predicate, value)
     return node
-
-
-def at_least(value: float) -> Literal:
-    """Return ``value``, of ``_DIGITS`` decimal places, as the lowest conforming number."""
-    return double(-_reaching(-value))
-
-
-def at_most(value: float) -> Literal:
-    """Return ``value``, of ``_DIGITS`` decimal places, as the highest conforming number."""
-    return double(_reaching(value))
-
-
-def double(value: float) -> Literal:
-    """Return a limit as a double. With a decimal limit pySHACL would raise an exception on a NaN in the body."""
-    return Literal(lexical(value), datatype=XSD.double)
-
-
-def _reaching(value: float) -> float:
-    """Return the first double at or above ``value`` that is not below the decimal forms of itself and of ``value``.
-
-    Validators compare a double and a decimal exactly, and half of all doubles are below the decimal with their digits.
-    """
-    stated = Decimal(f"{value:.{_DIGITS}f}")
-    while Decimal(value) < max(stated, Decimal(repr(value))):
-        value = math.nextafter(value, math.inf)
-    return value

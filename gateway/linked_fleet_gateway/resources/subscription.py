@@ -50,7 +50,7 @@ class Changeable:
     deadband: float
     secret: str
 
-    def begins_anew(self, before: "Changeable") -> bool:
+    def needs_full_state(self, before: "Changeable") -> bool:
         """Return True if changing ``before`` to these options requires sending the present state of everything
         again.
         """

@@ -8,7 +8,7 @@ from pyoxigraph import NamedNode, Triple
 
 from linked_fleet_gateway.base.errors import UnprocessableContent
 from linked_fleet_gateway.rdf.shapes import SUBSCRIPTIONS, load
-from linked_fleet_gateway.rdf.unused import Terms, refuse, unused
+from linked_fleet_gateway.rdf.validation import Terms, refuse, unused
 from linked_fleet_gateway.rdf.vocabulary import HYBRIT, LF, RDF
 from linked_fleet_gateway.resources.subscription import Changeable, Subscription
 from linked_fleet_gateway.resources.subscription_resource import CALLBACKS, container_path, requested, subscription_path

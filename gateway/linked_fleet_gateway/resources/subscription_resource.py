@@ -10,8 +10,7 @@ from pyoxigraph import Literal, NamedNode, Triple
 from linked_fleet_gateway.base.errors import UnprocessableContent
 from linked_fleet_gateway.rdf.graph import Graph, Node, integer, number, timestamp
 from linked_fleet_gateway.rdf.shapes import SUBSCRIPTIONS, load
-from linked_fleet_gateway.rdf.unused import Terms, refuse, unused
-from linked_fleet_gateway.rdf.validation import check_lexical_forms, root
+from linked_fleet_gateway.rdf.validation import Terms, check_lexical_forms, refuse, root, unused
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HTTP, HYBRIT, LDP, LF, METHODS, PREFIXES, RDF, RDFS, XSD
 from linked_fleet_gateway.resources.affordance import ChangeSubscription, ResumeSubscription, Subscribe
 from linked_fleet_gateway.resources.resource import CONTAINER, Resource, blueprint_of

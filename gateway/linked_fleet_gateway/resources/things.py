@@ -12,12 +12,11 @@ from linked_fleet_gateway.rdf.graph import Graph
 from linked_fleet_gateway.rdf.vocabulary import LDP
 from linked_fleet_gateway.resources.action_offer import fleet_offers, joint_offers, robot_offers
 from linked_fleet_gateway.resources.affordance import Control
-from linked_fleet_gateway.resources.battery import battery_charge
+from linked_fleet_gateway.resources.annotations import battery_charge
 from linked_fleet_gateway.resources.binary_frames import frames_of, is_framed, layout_path, related_layouts
 from linked_fleet_gateway.resources.branches import Branches, RequestView
 from linked_fleet_gateway.resources.describe import Describer, RobotActivity, last_frame, part_paths
-from linked_fleet_gateway.resources.invocation import invocation_path
-from linked_fleet_gateway.resources.lease import describe_lease
+from linked_fleet_gateway.resources.invocation import describe_lease, invocation_path
 from linked_fleet_gateway.resources.paths import joint_path, lease_path, link_path, model_path, robot_path
 from linked_fleet_gateway.resources.plain_json import with_json
 from linked_fleet_gateway.resources.properties import joint_properties, link_properties

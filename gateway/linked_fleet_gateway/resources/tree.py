@@ -1,8 +1,9 @@
 """The resource tree, the only place where a path is resolved to a resource (docs/TREE.md)."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
 from functools import partial
+
+from pyoxigraph import NamedNode
 
 from linked_fleet_gateway.fleet.fleet import Fleet
 from linked_fleet_gateway.fleet.invocations import FLEET, Invocations
@@ -29,7 +30,7 @@ from linked_fleet_gateway.resources.paths import (
 )
 from linked_fleet_gateway.resources.properties import joint_properties, link_properties
 from linked_fleet_gateway.resources.property import Property
-from linked_fleet_gateway.resources.resource import Redirect, Resource, blueprint_of
+from linked_fleet_gateway.resources.resource import Redirect, Resource, blueprint_at, blueprint_of
 from linked_fleet_gateway.resources.settable import describe_target_blueprint
 from linked_fleet_gateway.resources.things import NO_SUBSCRIPTIONS, SubscriptionsByOwner, Things, description_source
 from linked_fleet_gateway.resources.versioning import Source
@@ -103,6 +104,8 @@ class Tree:
     def _in_robot(self, robot: Robot, rest: list[str]) -> Found:
         # Reserved segments are not parts. The robot's own resource, with its hundred links, is built only when needed.
         if rest == [""] or rest[0] in reserved_in_robot():
+            if rest == ["blueprint"]:
+                return self._blueprint(robot, robot_path(robot.name), LF.RobotShape)
             if rest == [""] or rest[0] in _OF_THINGS:
                 thing = self._things.robot(robot)
                 return thing if rest == [""] else self._things.owned(thing, rest, (LF.RobotShape,))
@@ -141,18 +144,26 @@ class Tree:
             return resolve_action(
                 joint_offers(robot, joint, rest[1]), rest[1:], self._invocations, description_source(robot), self._base
             )
+        path = joint_path(robot.name, joint.name)
+        if rest == ["blueprint"]:
+            return self._blueprint(robot, path, kind_of(joint).shape)
         if not rest or rest[0] in _OF_THINGS:
             thing = self._things.joint(robot, joint)
             return self._things.owned(thing, rest, (kind_of(joint).shape,)) if rest else thing
-        return self._property(robot, joint_path(robot.name, joint.name), joint_properties(robot, joint), rest)
+        return self._property(robot, path, joint_properties(robot, joint, rest[0]), rest)
 
     def _in_link(self, robot: Robot, link: Link, rest: list[str]) -> Found:
+        assert robot.model is not None
+        path = link_path(robot.name, robot.model, link.name)
+        if rest == ["blueprint"]:
+            return self._blueprint(robot, path, LF.LinkShape)
         if not rest or rest[0] in _OF_THINGS:
             thing = self._things.link(robot, link)
             return self._things.owned(thing, rest, (LF.LinkShape,)) if rest else thing
-        assert robot.model is not None
-        path = link_path(robot.name, robot.model, link.name)
-        return self._property(robot, path, link_properties(robot, link), rest)
+        return self._property(robot, path, link_properties(robot, link, rest[0]), rest)
+
+    def _blueprint(self, robot: Robot, path: str, shape: NamedNode) -> Resource:
+        return blueprint_at(path, self._base, (shape,), description_source(robot))
 
     # -- what things own --------------------------------------------------------------------------------------------
 
@@ -165,13 +176,12 @@ class Tree:
             if branch is not None:
                 return branch.resolve(self._view, robot, owner, item, rest[2:])
             return resolve_layout(self._things.describer, robot, owner, item, rest[1:])
-        resource = self._things.property(robot, owner, item)
         if not rest[1:]:
-            return resource
-        whole = blueprint_of(resource, self._base, (item.shape,), description_source(resource.source.robot))
+            return self._things.property(robot, owner, item)
+        whole = self._blueprint(robot, f"{owner.rstrip('/')}/{item.segment}", item.shape)
         if not isinstance(item.put, Offer):
             return whole
-        return replace(whole, describe=partial(describe_target_blueprint, whole, item.put, self._base), template=None)
+        return whole.having(describe=partial(describe_target_blueprint, whole, item.put, self._base), template=None)
 
     # -- all that is below ------------------------------------------------------------------------------------------
 

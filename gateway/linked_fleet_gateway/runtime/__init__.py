@@ -1,11 +1,11 @@
 """Runtime: everything that needs asyncio, Redis or a child process. Pure packages do not import it.
 
-``redis``: the connection to Redis or Valkey, one server or a cluster; the only module that imports redis.
-``embedded_redis``: the server that a gateway starts if none is configured; ``damaged_data`` keeps data that it cannot
-load. ``background``: supervised loops, reliable end of tasks, long work in slices. ``worker``: child processes.
-``replica``: state shared through Redis, and this gateway's copy. ``audit_log``: audit records, in the log and in
-Redis. ``request_context``, ``log``, ``tracing``: the current request, log formats, spans. ``metrics``: counters, and
-their Prometheus form.
+``redis``: the connection to Redis or Valkey, one server or a cluster; the only module that imports redis;
+``redis_exchange`` sends commands to one server. ``embedded_redis``: the server that a gateway starts if none is
+configured; ``damaged_data`` keeps data that it cannot load. ``background``: supervised loops, reliable end of tasks,
+long work in slices. ``worker``: child processes. ``replica``: state shared through Redis, and this gateway's copy.
+``audit_log``: audit records, in the log and in Redis. ``log``, ``tracing``: the current request, log formats, spans.
+``metrics``: counters, and their Prometheus form.
 
 Leases are not one class. All three expire as a key in Redis, but who compares and who is told differ. The lease of a
 robot (``actions.redis_scripts``) belongs to a client with a secret token, and is checked in the script that opens an
@@ -14,6 +14,6 @@ other run with its own monotonic clock, so that an outage of Redis ends no run. 
 each step of it checks the holder in the slot of the rules. Only ``SET`` with an expiry is common to them.
 
 Work is divided in two ways: ``background.sliced`` in a task, ``background.Turns`` in callbacks. Two other things called
-turns are queues with other purposes: ``http.stop_priority`` admits one request per iteration of the event loop,
-so that a stop overtakes the others, and the fair turns of queries bound the work of a child process per client.
+turns are queues with other purposes: ``http.scheduling`` admits one request per iteration of the event loop, so that a
+stop overtakes the others, and the fair turns of queries bound the work of a child process per client.
 """

@@ -103,7 +103,8 @@ class Audit:
 
 
 def _written(entry: Entry) -> list[str]:
-    return [text for each in fields(entry) for text in (each.name, str(getattr(entry, each.name)))]
+    said = ((each.name, str(getattr(entry, each.name))) for each in fields(entry))
+    return [text for name, value in said if value for text in (name, value)]
 
 
 def _read(pairs: list[bytes] | Mapping[bytes, bytes]) -> Entry:

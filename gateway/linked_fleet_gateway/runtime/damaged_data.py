@@ -42,7 +42,7 @@ def put_back(state_dir: Path, aside: Path) -> None:
     aside.rename(state_dir / DATA)
 
 
-def kept_aside(state_dir: Path) -> tuple[str, ...]:
+def damaged_copies(state_dir: Path) -> tuple[str, ...]:
     """Return the names of the folders set aside that still exist, oldest first. Raises OSError."""
     return tuple(sorted(path.name for path in state_dir.iterdir() if path.name.startswith(_DAMAGED)))
 

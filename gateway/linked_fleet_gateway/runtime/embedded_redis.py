@@ -116,7 +116,7 @@ class Embedded:
 
     async def _look(self) -> None:
         with suppress(OSError):  # an unusable folder is reported by the server start
-            names = await asyncio.to_thread(damage.kept_aside, self._dir)
+            names = await asyncio.to_thread(damage.damaged_copies, self._dir)
             if set(names) - set(self.set_aside):  # set aside by an earlier run or by another gateway
                 _log.warning("%s State folder: %s", damage.statement(names), self._dir)
             self.set_aside = names
@@ -166,7 +166,7 @@ class Embedded:
         self._report(str(ended))
 
     def _report(self, reason: str) -> None:
-        self.set_aside = damage.kept_aside(self._dir)
+        self.set_aside = damage.damaged_copies(self._dir)
         _log.error("%s State folder: %s. Reason: %s", damage.statement(self.set_aside), self._dir, reason)
 
     async def _start(self) -> None:

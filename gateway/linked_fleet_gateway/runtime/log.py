@@ -1,11 +1,77 @@
-"""Log records as text or JSON, one line each even if names contain control characters."""
+"""Log records as text or JSON, and the current request, for code far from its handler.
+
+A record is one line even if names contain control characters. The current request has an id for log records, and its
+start time. Tasks, timers and fan-out turns started by a request inherit its context and may outlive it. So the context
+becomes empty when the response starts.
+"""
 
 import json
 import logging
+import random
+import re
+import time
+from contextlib import AbstractContextManager
+from contextvars import ContextVar
+from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from typing import Literal, get_args
 
-from linked_fleet_gateway.runtime.request_context import present
+from linked_fleet_gateway.runtime.tracing import NO_STEP, Step, Trace
+
+_ID = re.compile(rb"[A-Za-z0-9._-]{1,64}")
+
+
+@dataclass
+class RequestContext:
+    """A request in progress; ``begun_s`` is monotonic, ``trace`` is set if requests are traced."""
+
+    id: str
+    begun_s: float = field(default_factory=lambda: time.monotonic())
+    answered: bool = False
+    trace: Trace | None = None
+
+
+_asked: ContextVar[RequestContext | None] = ContextVar("asked", default=None)
+
+
+def begin(proposed: bytes | None) -> RequestContext:
+    """Start a request. A valid proposed id is kept."""
+    asked = RequestContext(request_id(proposed))
+    _asked.set(asked)
+    return asked
+
+
+def request_id(proposed: bytes | None) -> str:
+    """Return the proposed id of a request if it is valid, else a new one."""
+    if proposed and _ID.fullmatch(proposed):
+        return proposed.decode("ascii")
+    return f"{random.getrandbits(128):032x}"  # it is no secret, so a fast generator suffices
+
+
+def present() -> RequestContext | None:
+    """Return the current request; None outside of one."""
+    asked = _asked.get()
+    return None if asked is None or asked.answered else asked
+
+
+def step(name: str, *, asks: bool = False, **attributes: str) -> AbstractContextManager[Step | None]:
+    """Return a span within that of the current request; without one, a context manager that yields None.
+
+    ``asks`` marks a call to another process, whose attributes are then set on the whole request too.
+    """
+    trace = traced()
+    if trace is None:
+        return NO_STEP
+    if asks:
+        trace.about(attributes)
+    return trace.step(name, asks, attributes)
+
+
+def traced() -> Trace | None:
+    """Return the trace of the current request."""
+    asked = present()
+    return None if asked is None else asked.trace
+
 
 Form = Literal["text", "json"]
 FORMS: tuple[str, ...] = get_args(Form)
@@ -33,6 +99,15 @@ def formatter(form: str) -> logging.Formatter:
 
 class TextFormatter(logging.Formatter):
     """Text records, followed by the ids of the current request and its trace."""
+
+    _second, _clock = -1, ""
+
+    def formatTime(self, record: logging.LogRecord, datefmt: str | None = None) -> str:  # noqa: N802 -- as above
+        """Return the local time as in ``logging``; all records of one second share the text of it."""
+        second = int(record.created)
+        if second != self._second:
+            self._second, self._clock = second, time.strftime(self.default_time_format, time.localtime(second))
+        return f"{self._clock},{int(record.msecs):03}"
 
     def formatMessage(self, record: logging.LogRecord) -> str:  # noqa: N802 -- named by the library
         asked = present()

@@ -11,7 +11,7 @@ from itertools import accumulate
 from prometheus_client.metrics_core import CounterMetricFamily, GaugeMetricFamily, HistogramMetricFamily, Metric
 
 from linked_fleet_agent.wire.messages import Accepted, Refused, Reply
-from linked_fleet_gateway.runtime.request_context import present
+from linked_fleet_gateway.runtime.log import present
 
 log = logging.getLogger(__name__)
 

@@ -15,10 +15,12 @@ from redis.asyncio.cluster import ClusterNode
 from redis.asyncio.retry import Retry
 from redis.backoff import NoBackoff
 
+from linked_fleet_gateway.runtime.redis_exchange import Command, Exchange
+
 _log = logging.getLogger(__name__)
 
 _ANSWER_S = 2.0  # for a command and for connecting; redis-py repeats a lost connection attempt after a second
-_PATIENCE_S = 3.0  # for one command in total, including its wait for a slot and the discovery of cluster nodes
+_TOTAL_S = 3.0  # for one command in total, including its wait for a slot and the discovery of cluster nodes
 _TURNS = 64  # concurrent commands; redis-py refuses more than its 100 connections
 AT_ONCE = 256
 """Commands in one pipeline: about 25 ms of redis-py's time, in which nothing else runs."""
@@ -70,6 +72,7 @@ class Connection:
             self._client = _client(url)  # Any: redis-py leaves raw commands untyped
         except ValueError as error:
             raise BadUrl(f"REDIS_URL: {error}") from error
+        self._server = _exchange(self._client)
         self._stream = stream
         self._position: str | None = None
         self._rested_s = 0.0
@@ -86,6 +89,8 @@ class Connection:
         return time.monotonic() - self._failed_s
 
     async def close(self) -> None:
+        if self._server is not None:
+            await self._server.close()
         await self._client.aclose()
         await _disconnect(self._client)
 
@@ -98,21 +103,21 @@ class Connection:
 
     async def one(self, *command: str | bytes | int) -> Any:
         """Send one command and return its answer. Raises StoreUnavailable."""
-        async with self._contact(), self._turns:
-            return await self._client.execute_command(*command)
+        async with self._contact() as bound, self._turns:
+            self._bound_answer(bound)
+            return await self._execute(*command)
 
-    async def all(self, commands: Sequence[tuple[str | bytes | int, ...]], at_once: int = AT_ONCE) -> list[Any]:
+    async def all(self, commands: Sequence[Command], at_once: int = AT_ONCE) -> list[Any]:
         """Send commands for any slots in pipelines and return their answers. Raises StoreUnavailable.
 
         Only commands for the same slot keep their order. Long lists are sent in parts, between which others are served.
         """
         answers: list[Any] = []
         for first in range(0, len(commands), at_once):
-            async with self._contact(), self._turns:
-                pipeline = self._client.pipeline(transaction=False)
-                for command in commands[first : first + at_once]:
-                    pipeline.execute_command(*command)
-                answers += _checked(await pipeline.execute(raise_on_error=False))
+            async with self._contact() as bound, self._turns:
+                self._bound_answer(bound)
+                part = commands[first : first + at_once]
+                answers += _checked(await (self._server.send if self._server else self._scattered)(part))
         return answers
 
     async def run(self, script: str, keys: tuple[str, ...], *arguments: str | bytes | int) -> Any:
@@ -121,7 +126,7 @@ class Connection:
 
     async def elsewhere(self, key: str, others: Sequence[str]) -> list[str]:
         """Return one of ``others`` for each master that has any of them and not ``key``. Raises StoreUnavailable."""
-        if not isinstance(self._client, redis.asyncio.RedisCluster):
+        if self._server is not None:
             return []
         async with self._contact():
             await self._client.initialize()
@@ -135,15 +140,11 @@ class Connection:
         Script and WAIT use one connection to the master of the key, because WAIT covers writes of its own connection
         only. Redirections to a new master are not followed. Raises StoreUnavailable.
         """
-        async with self._contact(), self._waits:
-            target, once = {}, {}
-            if isinstance(self._client, redis.asyncio.RedisCluster):
-                await self._client.initialize()
-                target, once = {"target_nodes": self._client.get_node_from_key(key)}, {"allow_redirections": False}
-            pipeline = self._client.pipeline(transaction=False)
-            pipeline.execute_command("EVAL", script, 1, key, *arguments, **target)
-            pipeline.execute_command("WAIT", 1, _REPLICA_MS, **target)
-            answer, replicas = _checked(await pipeline.execute(raise_on_error=False, **once))
+        commands: list[Command] = [("EVAL", script, 1, key, *arguments), ("WAIT", 1, _REPLICA_MS)]
+        async with self._contact() as bound, self._waits:
+            self._bound_answer(bound)
+            sent = self._server.send(commands) if self._server else self._at_master(key, commands)
+            answer, replicas = _checked(await sent)
             return answer, replicas > 0
 
     async def follow(self) -> list[dict[bytes, bytes]]:
@@ -153,9 +154,11 @@ class Connection:
         """
         raise_cancellation()
         await asyncio.sleep(self._rested_s - time.monotonic())
-        async with self._contact():  # takes no slot, because it waits most of the time
+        async with self._contact() as bound:  # takes no slot, because it waits most of the time
+            self._bound_answer(bound)
+            assert self._position is not None  # since the first contact
             command = ("XREAD", "COUNT", 100, "BLOCK", _BLOCK_MS, "STREAMS", self._stream, self._position)
-            answer = await self._client.execute_command(*command)
+            answer = await self._execute(*command)
         entries = answer[0][1] if answer else []
         if entries:
             self._position = entries[-1][0].decode()
@@ -180,16 +183,47 @@ class Connection:
             for fields in told:
                 yield fields
 
+    async def _execute(self, *command: str | bytes | int) -> Any:
+        if self._server is None:
+            return await self._client.execute_command(*command)
+        (answer,) = _checked(await self._server.send([command]))
+        return answer
+
+    async def _scattered(self, commands: Sequence[Command]) -> list[Any]:
+        """Send commands to the nodes of a cluster. Return their answers, with errors among them."""
+        pipeline = self._client.pipeline(transaction=False)
+        for command in commands:
+            pipeline.execute_command(*command)
+        answers: list[Any] = await pipeline.execute(raise_on_error=False)
+        return answers
+
+    async def _at_master(self, key: str, commands: Sequence[Command]) -> list[Any]:
+        """Send commands to the master of a key in a cluster. Return their answers, with errors among them."""
+        await self._client.initialize()
+        pipeline = self._client.pipeline(transaction=False)
+        for command in commands:
+            pipeline.execute_command(*command, target_nodes=self._client.get_node_from_key(key))
+        answers: list[Any] = await pipeline.execute(raise_on_error=False, allow_redirections=False)
+        return answers
+
+    def _bound_answer(self, bound: asyncio.Timeout) -> None:
+        """Bound the answer of one server, once a slot is free.
+
+        redis-py's own bound makes a task for each command, half of a command's cost. A cluster keeps it, because its
+        client looks for a new master only after a timeout of its own.
+        """
+        if self._server is not None:
+            until_s = asyncio.get_running_loop().time() + _ANSWER_S
+            bound.reschedule(until_s if (total_s := bound.when()) is None else min(total_s, until_s))
+
     @asynccontextmanager
-    async def _contact(self) -> AsyncIterator[None]:
+    async def _contact(self) -> AsyncIterator[asyncio.Timeout]:
         """Bound the time and translate errors; the first contact records the position of the stream."""
         try:
-            async with asyncio.timeout(_PATIENCE_S):
-                async with self._opening:  # redis-py cannot handle many concurrent commands before it knows the nodes
-                    if not self._open:
-                        await self._greet()
-                        self._open = True
-                yield
+            async with asyncio.timeout(_TOTAL_S) as bound:
+                if not self._open:
+                    await self._open_once()
+                yield bound
         except _UNREACHABLE as error:
             raise await self._failed(error) from error
         except exceptions.ResponseError as error:
@@ -201,8 +235,14 @@ class Connection:
                 raise
             raise await self._failed(error) from error
 
+    async def _open_once(self) -> None:
+        async with self._opening:  # redis-py cannot handle many concurrent commands before it knows the nodes
+            if not self._open:
+                await self._greet()
+                self._open = True
+
     async def _greet(self) -> None:
-        last = await self._client.execute_command("XREVRANGE", self._stream, "+", "-", "COUNT", 1)
+        last = await self._execute("XREVRANGE", self._stream, "+", "-", "COUNT", 1)
         if self._position is not None:  # not the first contact
             return
         self._position = last[0][0].decode() if last else "0-0"
@@ -210,6 +250,9 @@ class Connection:
             found = await self._client.config_get("append*")
         except exceptions.ResponseError:  # many hosted servers forbid CONFIG
             return
+        finally:
+            if self._server is not None:  # the only command on a connection of the pool
+                await self._client.connection_pool.disconnect()
         wrong = [f"{name} {found[name]}" for name, value in _DURABLE.items() if found.get(name, value) != value]
         if wrong:
             _log.warning("Redis may lose what was accepted, its settings are %s", " and ".join(wrong))
@@ -233,9 +276,9 @@ def _client(url: str) -> Any:
     scheme, _, rest = url.partition("://")
     once = Retry(NoBackoff(), 0)
     # RESP 2, so that answers have one form with every server.
-    options: dict[str, Any] = {"socket_connect_timeout": _ANSWER_S, "socket_timeout": _ANSWER_S, "protocol": 2}
+    options: dict[str, Any] = {"socket_connect_timeout": _ANSWER_S, "protocol": 2}
     if scheme in ("redis", "rediss", "unix"):
-        return redis.asyncio.Redis.from_url(url, retry=once, **options)
+        return redis.asyncio.Redis.from_url(url, retry=once, socket_timeout=None, **options)
     if scheme not in ("redis+cluster", "rediss+cluster"):
         raise ValueError(f"{scheme!r} is no scheme of Redis: redis, rediss, unix, redis+cluster or rediss+cluster")
     user, _, hosts = rest.rstrip("/").rpartition("@")
@@ -249,8 +292,16 @@ def _client(url: str) -> Any:
         password=unquote(password) or None,
         ssl=scheme == "rediss+cluster",
         retry=once,
+        socket_timeout=_ANSWER_S,
         **options,
     )
+
+
+def _exchange(client: Any) -> Exchange | None:
+    """Return the exchange with a single server, in the forms of answers that redis-py gives; None for a cluster."""
+    if isinstance(client, redis.asyncio.RedisCluster):
+        return None
+    return Exchange(client.connection_pool.make_connection, client.response_callbacks, exceptions.ResponseError)
 
 
 async def _disconnect(client: Any) -> None:

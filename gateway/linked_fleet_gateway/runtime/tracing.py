@@ -5,7 +5,7 @@ from contextlib import AbstractContextManager, nullcontext
 from types import TracebackType
 from typing import TYPE_CHECKING, Self
 
-from linked_fleet_agent.spans import close_provider, open_provider, within
+from linked_fleet_agent.spans import close_provider, open_provider, remote_context
 from linked_fleet_agent.wire import traceparent
 from linked_fleet_agent.wire.messages import Refused, Reply
 from linked_fleet_agent.wire.traceparent import TraceParent
@@ -106,7 +106,7 @@ class Tracing:
         """Start a span; ``parents`` are the ``traceparent`` fields of the request, of which several are all ignored."""
         from opentelemetry.trace import SpanKind
 
-        context = within(traceparent.parse(parents[0]) if len(parents) == 1 else None)
+        context = remote_context(traceparent.parse(parents[0]) if len(parents) == 1 else None)
         attributes = {
             "http.request.method": method,
             "url.scheme": scheme,

@@ -1,7 +1,7 @@
 """A SHACL compiler: validates in microseconds with results equal to pySHACL, which takes milliseconds.
 
-``compile_shape`` compiles a shape for a given focus node, ``compile_graph`` all shapes of a graph that have targets.
-Both raise Unsupported with the reason for any unknown construct; none is ignored.
+``compile_shape`` compiles a shape for a given focus node, ``Compiler`` several of one graph, ``compile_graph`` all
+shapes of a graph that have targets. All raise Unsupported with the reason for any unknown construct; none is ignored.
 
 Supported of SHACL Core: targets, paths, severities, deactivated shapes and all components but those refused, as tested
 by the W3C suite (CONFORMANCE.md). Refused: ``sh:lessThan``, ``sh:lessThanOrEquals``,
@@ -14,7 +14,7 @@ package depends on pyoxigraph and not on the gateway.
 """
 
 from linked_fleet_gateway.shacl.check import CompiledGraph, CompiledShape
-from linked_fleet_gateway.shacl.compiler import compile_graph, compile_shape
+from linked_fleet_gateway.shacl.compiler import Compiler, compile_graph, compile_shape
 from linked_fleet_gateway.shacl.data import Data
 from linked_fleet_gateway.shacl.report import Violation, report
 from linked_fleet_gateway.shacl.statements import Unsupported
@@ -22,6 +22,7 @@ from linked_fleet_gateway.shacl.statements import Unsupported
 __all__ = [
     "CompiledGraph",
     "CompiledShape",
+    "Compiler",
     "Data",
     "Unsupported",
     "Violation",

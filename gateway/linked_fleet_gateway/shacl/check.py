@@ -10,7 +10,7 @@ from itertools import islice
 from pyoxigraph import NamedNode, Triple
 
 from linked_fleet_gateway.shacl.data import Data, Reach
-from linked_fleet_gateway.shacl.report import Violation, Words, brief
+from linked_fleet_gateway.shacl.report import TermTexts, Violation, brief
 from linked_fleet_gateway.shacl.terms import SHACL, Node, Term
 
 MOST = 25  # violations in a report; more would not help its reader
@@ -25,7 +25,7 @@ _DISCRIMINATORS = (SHACL.HasValueConstraintComponent, SHACL.InConstraintComponen
 class Run:
     """The explanation of one refusal: its remaining number of details, and the explanations found so far."""
 
-    words: Words
+    texts: TermTexts
     room: int = _MOST_DETAILS
     told: dict[tuple[object, Term], tuple[Violation, ...]] = field(default_factory=dict)
 
@@ -72,7 +72,7 @@ class Constraint:
         """Return the violated condition as text, and the violations of the inner shapes."""
         detail = tuple(found for shape in self.inner for found in run.detail(shape, data, value))
         told = "; ".join(found.message for found in detail)
-        return brief(told or f"{run.words.shown(value)} must be {self.expected}"), detail
+        return brief(told or f"{run.texts.shown(value)} must be {self.expected}"), detail
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,7 +85,7 @@ class Either(Constraint):
         if 0 < len(meant) < len(found):
             best = min(meant, key=len)
             return brief("; ".join(v.message for v in best)), best
-        return brief(f"{run.words.shown(value)} must be {self.expected}"), tuple(v for each in found for v in each)
+        return brief(f"{run.texts.shown(value)} must be {self.expected}"), tuple(v for each in found for v in each)
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,9 +98,9 @@ class Switch(Either):
     def explain(self, data: Data, value: Term, run: Run) -> tuple[str, tuple[Violation, ...]]:
         meant = list(self.applicable(data, value))
         if not meant:
-            return f"{run.words.shown(self.predicate)} must be one of {run.words.listed(self.table)}", ()
+            return f"{run.texts.shown(self.predicate)} must be one of {run.texts.listed(self.table)}", ()
         best = min((run.detail(shape, data, value) for shape in meant), key=len)
-        return brief("; ".join(v.message for v in best) or f"{run.words.shown(value)} must be {self.expected}"), best
+        return brief("; ".join(v.message for v in best) or f"{run.texts.shown(value)} must be {self.expected}"), best
 
     def applicable(self, data: Data, value: Term) -> Iterator["Shape"]:
         for term in data.objects(value, self.predicate):
@@ -166,11 +166,11 @@ class Shape:
         values = (focus,) if self.path is None else tuple(self.reach(data, focus))
         for count in self.counts:
             if not count.holds(data, values):
-                told = f"must {count.expected}, and has {run.words.listed(values) or 'none'}"
+                told = f"must {count.expected}, and has {run.texts.listed(values) or 'none'}"
                 yield self._violation(focus, None, count.component, told)
         for relation in self.relations:
             for path, value in relation.breaches(data, focus, values):
-                at_fault = " ".join(run.words.shown(each) for each in (path, value) if each is not None)
+                at_fault = " ".join(run.texts.shown(each) for each in (path, value) if each is not None)
                 told = f"must {relation.expected}" + (f"; at fault: {at_fault}" if at_fault else "")
                 yield self._violation(focus, value, relation.component, told, path=path)
         for value in values:
@@ -200,13 +200,13 @@ class CompiledShape:
 
     shape: Shape
     triples: Mapping[Node, Sequence[Triple]]
-    words: Words
+    texts: TermTexts
 
     def check(self, data: Data, focus: Term) -> list[Violation]:
         """Return at most MOST violations of ``focus``; none if it conforms."""
         if self.shape.conforms(data, focus):
             return []
-        found = list(islice(self.shape.violations(data, focus, Run(self.words)), MOST))
+        found = list(islice(self.shape.violations(data, focus, Run(self.texts)), MOST))
         assert found, "a shape that refuses says why"
         return found
 

@@ -17,9 +17,17 @@ from linked_fleet_gateway.shacl.data import (
     sequence_path,
 )
 from linked_fleet_gateway.shacl.relations import RELATIONS
-from linked_fleet_gateway.shacl.report import Words, brief, shown
-from linked_fleet_gateway.shacl.statements import Statements, Unsupported, at_most_one, natural, one, true
-from linked_fleet_gateway.shacl.targets import TARGETS, targets
+from linked_fleet_gateway.shacl.report import TermTexts, brief, shown
+from linked_fleet_gateway.shacl.statements import (
+    TARGETS,
+    Statements,
+    Unsupported,
+    at_most_one,
+    natural,
+    one,
+    targets,
+    true,
+)
 from linked_fleet_gateway.shacl.terms import PREFIXES, RDF, SHACL, Node, Term
 
 _KNOWN = frozenset(
@@ -37,15 +45,14 @@ def compile_shape(
 
     Raises Unsupported, which names the construct.
     """
-    compiler = _Compiler(triples, prefixes)
-    return compiler.compiled(shape)
+    return Compiler(triples, prefixes).compiled(shape)
 
 
 def compile_graph(
     triples: Iterable[Triple] | Mapping[Node, Sequence[Triple]], prefixes: Mapping[str, str] = PREFIXES
 ) -> CompiledGraph:
     """Compile all shapes of a graph that have targets. Raises Unsupported, which names the construct."""
-    compiler = _Compiler(triples, prefixes)
+    compiler = Compiler(triples, prefixes)
     triples = [triple for about in compiler.triples.values() for triple in about]
     return CompiledGraph([(compiler.compiled(shape), find) for shape, find in targets(triples)])
 
@@ -57,12 +64,14 @@ def _by_subject(triples: Iterable[Triple]) -> dict[Node, list[Triple]]:
     return found
 
 
-class _Compiler:
+class Compiler:
+    """Compiles several shapes of one graph, which is searched once for what is unsupported. Raises Unsupported."""
+
     def __init__(
-        self, triples: Iterable[Triple] | Mapping[Node, Sequence[Triple]], prefixes: Mapping[str, str]
+        self, triples: Iterable[Triple] | Mapping[Node, Sequence[Triple]], prefixes: Mapping[str, str] = PREFIXES
     ) -> None:
         self.triples = triples if isinstance(triples, Mapping) else _by_subject(triples)
-        self.words = Words(prefixes)
+        self.texts = TermTexts(prefixes)
         for predicate in (t.predicate for about in self.triples.values() for t in about):
             if predicate in _OF_GRAPHS:
                 raise Unsupported(_OF_GRAPHS[predicate])
@@ -70,7 +79,8 @@ class _Compiler:
         self._done: dict[tuple[Node, int], Shape] = {}
 
     def compiled(self, shape: Node) -> CompiledShape:
-        return CompiledShape(self.shape(shape, 0), self.triples, self.words)
+        """Compile a shape as ``compile_shape`` does. Raises Unsupported, after which nothing else may be compiled."""
+        return CompiledShape(self.shape(shape, 0), self.triples, self.texts)
 
     def shape(self, node: Term, depth: int) -> Shape:
         """Return ``node`` as a shape whose focus nodes are ``depth`` paths away from the first one (2 means two or
@@ -92,7 +102,7 @@ class _Compiler:
         path = at_most_one(stated, SHACL.path)
         if isinstance(path, Literal):
             raise Unsupported("a literal as path")
-        name = _text(stated, SHACL.name) or (self.words.shown(path) if isinstance(path, NamedNode) else "")
+        name = _text(stated, SHACL.name) or (self.texts.shown(path) if isinstance(path, NamedNode) else "")
         severity = at_most_one(stated, SHACL.severity) or SHACL.Violation
         if not isinstance(severity, NamedNode):
             raise Unsupported(f"sh:severity {shown(severity)}")

@@ -11,7 +11,6 @@ from pyoxigraph import BlankNode, Literal, NamedNode
 
 from linked_fleet_gateway.shacl.check import Constraint, Count, Either, Shape, Switch, Values
 from linked_fleet_gateway.shacl.data import Data, comparable
-from linked_fleet_gateway.shacl.literals import NUMERIC, Number, well_typed
 from linked_fleet_gateway.shacl.report import brief, shown
 from linked_fleet_gateway.shacl.statements import (
     Shapes,
@@ -23,7 +22,7 @@ from linked_fleet_gateway.shacl.statements import (
     one,
     text_of,
 )
-from linked_fleet_gateway.shacl.terms import SHACL, Term
+from linked_fleet_gateway.shacl.terms import NUMERIC, SHACL, Number, Term, well_typed
 
 _FEWEST_BRANCHES = 4  # branches of an sh:or; with fewer, a lookup of the applicable one does not pay
 _KINDS: Mapping[Term, tuple[tuple[type, ...], str]] = {
@@ -58,7 +57,7 @@ def _values(count: int) -> str:
 
 def _has_value(shapes: Shapes, stated: Statements, _depth: int) -> Iterable[Count]:
     for term in fixed(stated[SHACL.hasValue]):
-        yield Count(SHACL.HasValueConstraintComponent, f"include {shapes.words.shown(term)}", _including(term))
+        yield Count(SHACL.HasValueConstraintComponent, f"include {shapes.texts.shown(term)}", _including(term))
 
 
 def _including(term: Term) -> Callable[[Data, Values], bool]:
@@ -94,7 +93,7 @@ def _datatype(shapes: Shapes, stated: Statements, _depth: int) -> Iterable[Const
         if formed is None:
             raise Unsupported(f"sh:datatype {shown(wanted)}")
         holds = _of_type(wanted, formed)
-    yield Constraint(SHACL.DatatypeConstraintComponent, f"of type {shapes.words.shown(wanted)}", holds)
+    yield Constraint(SHACL.DatatypeConstraintComponent, f"of type {shapes.texts.shown(wanted)}", holds)
 
 
 def _number_of(wanted: NamedNode) -> Callable[[Data, Term], bool]:
@@ -119,7 +118,7 @@ def _class(shapes: Shapes, stated: Statements, _depth: int) -> Iterable[Constrai
     for wanted in stated[SHACL.class_]:
         if not isinstance(wanted, NamedNode):
             raise Unsupported(f"sh:class {shown(wanted)}")
-        yield Constraint(SHACL.ClassConstraintComponent, f"a {shapes.words.shown(wanted)}", _of_class(wanted))
+        yield Constraint(SHACL.ClassConstraintComponent, f"a {shapes.texts.shown(wanted)}", _of_class(wanted))
 
 
 def _of_class(wanted: NamedNode) -> Callable[[Data, Term], bool]:
@@ -128,7 +127,7 @@ def _of_class(wanted: NamedNode) -> Callable[[Data, Term], bool]:
 
 def _in(shapes: Shapes, stated: Statements, _depth: int) -> Iterable[Constraint]:
     members = dict.fromkeys(fixed(shapes.items(one(stated, SHACL.in_))))
-    listed = shapes.words.listed(members)
+    listed = shapes.texts.listed(members)
     text = f"one of {listed}" if len(members) != 1 else listed
     yield Constraint(SHACL.InConstraintComponent, text, lambda _, value: value in members)
 
@@ -142,7 +141,7 @@ def _limit(
             if bound is None:
                 raise Unsupported(f"{shown(parameter)} {shown(term)}")
             yield Constraint(
-                component, f"{text} {_rounded(bound) or shapes.words.shown(term)}", _within(bound, compare)
+                component, f"{text} {_rounded(bound) or shapes.texts.shown(term)}", _within(bound, compare)
             )
 
     return constraints
@@ -189,7 +188,7 @@ def _pattern(shapes: Shapes, stated: Statements, _depth: int) -> Iterable[Constr
             pattern = re.compile(text_of(term, SHACL.pattern), re.IGNORECASE if flags else 0)
         except re.error as error:
             raise Unsupported(f"sh:pattern {shown(term)}: {error}") from error
-        yield Constraint(SHACL.PatternConstraintComponent, f"like {shapes.words.shown(term)}", _matching(pattern))
+        yield Constraint(SHACL.PatternConstraintComponent, f"like {shapes.texts.shown(term)}", _matching(pattern))
 
 
 def _matching(pattern: re.Pattern[str]) -> Callable[[Data, Term], bool]:

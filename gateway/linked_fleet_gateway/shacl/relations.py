@@ -26,7 +26,7 @@ def _repeated(_data: Data, _focus: Term, values: Values) -> Iterable[tuple[None,
 
 def _equals(shapes: Shapes, stated: Statements, _depth: int) -> Iterable[Relation]:
     for other in stated[SHACL.equals]:
-        text = f"have the values of {shapes.words.shown(other)}"
+        text = f"have the values of {shapes.texts.shown(other)}"
         yield Relation(SHACL.EqualsConstraintComponent, text, _differing(predicate_of(other, SHACL.equals)))
 
 
@@ -41,7 +41,7 @@ def _differing(other: NamedNode) -> Callable[[Data, Term, Values], Iterable[tupl
 
 def _disjoint(shapes: Shapes, stated: Statements, _depth: int) -> Iterable[Relation]:
     for other in stated[SHACL.disjoint]:
-        text = f"have no value of {shapes.words.shown(other)}"
+        text = f"have no value of {shapes.texts.shown(other)}"
         yield Relation(SHACL.DisjointConstraintComponent, text, _shared(predicate_of(other, SHACL.disjoint)))
 
 

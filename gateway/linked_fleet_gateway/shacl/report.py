@@ -7,8 +7,7 @@ from typing import TypeVar
 
 from pyoxigraph import BlankNode, Literal, NamedNode, Triple
 
-from linked_fleet_gateway.shacl.literals import NUMERIC
-from linked_fleet_gateway.shacl.terms import PREFIXES, RDF, SHACL, XSD, Node, Term
+from linked_fleet_gateway.shacl.terms import NUMERIC, PREFIXES, RDF, SHACL, XSD, Node, Term
 
 _T = TypeVar("_T", NamedNode | BlankNode, NamedNode | BlankNode | Literal)
 _LONGEST = 80  # characters of one term in a message
@@ -90,7 +89,7 @@ def _relabel(term: _T, origin: str) -> _T:
 
 
 @dataclass(frozen=True)
-class Words:
+class TermTexts:
     """Formats terms for people, shortening IRIs by ``prefixes``."""
 
     prefixes: Mapping[str, str]
@@ -116,7 +115,7 @@ class Words:
         return _cut(f"<{iri}>")
 
 
-shown = Words(PREFIXES).shown
+shown = TermTexts(PREFIXES).shown
 
 
 def brief(text: str) -> str:

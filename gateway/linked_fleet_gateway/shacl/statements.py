@@ -1,14 +1,18 @@
-"""Strict access to the statements of a shape: anything that SHACL does not allow is Unsupported."""
+"""Strict access to the statements of a shape, and the focus nodes that its targets select (SHACL 2.1.3).
+
+Anything that SHACL does not allow is Unsupported.
+"""
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Protocol
 
-from pyoxigraph import BlankNode, Literal, NamedNode
+from pyoxigraph import BlankNode, Literal, NamedNode, Triple
 
 from linked_fleet_gateway.shacl.check import Shape
-from linked_fleet_gateway.shacl.report import Words, shown
-from linked_fleet_gateway.shacl.terms import XSD, Term
+from linked_fleet_gateway.shacl.data import Data
+from linked_fleet_gateway.shacl.report import TermTexts, shown
+from linked_fleet_gateway.shacl.terms import RDF, RDFS, SHACL, XSD, Node, Term
 
 Statements = Mapping[NamedNode, Sequence[Term]]
 
@@ -20,7 +24,7 @@ class Unsupported(ValueError):  # noqa: N818 - named for the state of the shape
 class Shapes(Protocol):
     """The part of the shapes graph that constraints refer to."""
 
-    words: Words
+    texts: TermTexts
 
     def shape(self, node: Term, depth: int) -> Shape: ...
     def items(self, head: Term) -> list[Term]: ...
@@ -75,3 +79,46 @@ def predicate_of(term: Term, parameter: NamedNode) -> NamedNode:
     if not isinstance(term, NamedNode):
         raise Unsupported(f"{shown(parameter)} {shown(term)}")
     return term
+
+
+def _of_class(data: Data, wanted: Term) -> Iterable[Term]:
+    return (node for each in data.subclasses(wanted) for node in data.subjects(RDF.type, each))
+
+
+def _subjects_of(data: Data, predicate: Term) -> Iterable[Term]:
+    return (subject for subject, _ in data.stated(predicate))
+
+
+def _objects_of(data: Data, predicate: Term) -> Iterable[Term]:
+    return (value for _, value in data.stated(predicate))
+
+
+TARGETS: Mapping[NamedNode, Callable[[Data, Term], Iterable[Term]]] = {
+    SHACL.targetNode: lambda _, node: (node,),
+    SHACL.targetClass: _of_class,
+    SHACL.targetSubjectsOf: _subjects_of,
+    SHACL.targetObjectsOf: _objects_of,
+}
+_ANY = (*TARGETS, SHACL.target)  # a shape with sh:target is refused as unsupported
+
+
+def targets(triples: Iterable[Triple]) -> list[tuple[Node, Callable[[Data], Iterable[Term]]]]:
+    """Return the shapes of a graph that have targets, each with a function that finds its focus nodes."""
+    shapes = Data(list(triples))
+    nodes = [
+        node for node in shapes.nodes() if any(each in shapes.about(node) for each in _ANY) or _is_class(shapes, node)
+    ]
+    return [(node, _finder(shapes, node)) for node in nodes]
+
+
+def _is_class(shapes: Data, node: Node) -> bool:
+    """Return True for a shape that is also a class, whose instances are implicit targets."""
+    is_shape = shapes.is_a(node, SHACL.NodeShape) or shapes.is_a(node, SHACL.PropertyShape)
+    return is_shape and shapes.is_a(node, RDFS.Class)
+
+
+def _finder(shapes: Data, shape: Node) -> Callable[[Data], Iterable[Term]]:
+    stated = [(find, term) for each, find in TARGETS.items() for term in fixed(shapes.objects(shape, each))]
+    if _is_class(shapes, shape):
+        stated.append((_of_class, shape))
+    return lambda data: dict.fromkeys(node for find, term in stated for node in find(data, term))

@@ -10,8 +10,8 @@ from linked_fleet_gateway.resources.paths import robot_of
 from linked_fleet_gateway.resources.subscription import Delivery, DeliveryState, Kind, Record, Subscription
 from linked_fleet_gateway.runtime.metrics import Deliveries
 from linked_fleet_gateway.subscriptions.courier import Courier
+from linked_fleet_gateway.subscriptions.delivery_pace import Handshakes
 from linked_fleet_gateway.subscriptions.fan_out import FanOut
-from linked_fleet_gateway.subscriptions.handshakes import Handshakes
 from linked_fleet_gateway.subscriptions.network import Network, Unresolvable
 from linked_fleet_gateway.subscriptions.receiver import Receiver
 from linked_fleet_gateway.subscriptions.store import Store, StoreUnavailable
@@ -79,7 +79,7 @@ class Callbacks:
     async def aclose(self) -> None:
         await asyncio.gather(*(courier.stop() for courier in self._couriers.values()))
 
-    def woken(self, id: str) -> None:
+    def resumed(self, id: str) -> None:
         """Wake the courier of a callback that was resumed."""
         if (courier := self._couriers.get(id)) is not None:
             courier.wake()
@@ -98,14 +98,14 @@ class Callbacks:
     def serves(self, id: str) -> bool:
         return id in self._couriers
 
-    def obeys(self, subscription: Subscription) -> bool:
+    def has_options(self, subscription: Subscription) -> bool:
         """Return True if a callback uses these options, or is not served here."""
         courier = self._couriers.get(subscription.id)
         return courier is None or courier.subscription.options == subscription.options
 
     def change(self, subscription: Subscription) -> None:
         """Apply the options of the stored record to a callback that is served here."""
-        if not self.obeys(subscription):
+        if not self.has_options(subscription):
             self._couriers[subscription.id].change(subscription)
 
     async def drop(self, id: str) -> None:

@@ -20,11 +20,11 @@ from linked_fleet_gateway.resources.subscription import DeliveryState, Record, S
 from linked_fleet_gateway.resources.subscription_resource import subscription_path
 from linked_fleet_gateway.runtime.background import end
 from linked_fleet_gateway.runtime.metrics import Deliveries
+from linked_fleet_gateway.subscriptions.broadcast import Ending, Message
+from linked_fleet_gateway.subscriptions.delivery_pace import SUSPEND_AFTER, delay_s
 from linked_fleet_gateway.subscriptions.fan_out import FanOut
-from linked_fleet_gateway.subscriptions.message import Ending, Message
 from linked_fleet_gateway.subscriptions.network import Forbidden, Unresolvable
 from linked_fleet_gateway.subscriptions.receiver import NoConsent, Outcome, Receiver, Verdict
-from linked_fleet_gateway.subscriptions.retry import SUSPEND_AFTER, delay_s
 from linked_fleet_gateway.subscriptions.store import Backlog, Entry, Lost, Outgoing, Store, StoreUnavailable
 from linked_fleet_gateway.subscriptions.watcher import Watcher
 
@@ -85,7 +85,7 @@ class Courier:
         if self._watcher is not None:
             self._fan_out.change(self._watcher, subscription)
         else:
-            self._anew = self._anew or subscription.options.begins_anew(before)
+            self._anew = self._anew or subscription.options.needs_full_state(before)
 
     async def suspend(self, reason: str) -> None:
         """Stop deliveries until somebody resumes the subscription."""
@@ -297,7 +297,7 @@ class Courier:
         await self._note()  # raises Lost if another gateway has taken the subscription over
 
     async def _sleep(self, pause_s: float | None) -> None:
-        """Wait until the pause is over or the courier is woken."""
+        """Wait until the pause is over or the courier is resumed."""
         with suppress(TimeoutError):
             async with asyncio.timeout(pause_s):
                 await self._woken.wait()

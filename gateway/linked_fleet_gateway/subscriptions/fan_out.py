@@ -16,8 +16,7 @@ from linked_fleet_gateway.resources.paths import is_below, robot_of
 from linked_fleet_gateway.resources.resource import Redirect, Resource
 from linked_fleet_gateway.resources.subscription import Depth, Subscription
 from linked_fleet_gateway.runtime.background import TURN_S, Turns
-from linked_fleet_gateway.subscriptions.broadcast import Broadcast
-from linked_fleet_gateway.subscriptions.message import Ending, Message, Outlet, Stream
+from linked_fleet_gateway.subscriptions.broadcast import Broadcast, Ending, Message, Outlet, Stream
 from linked_fleet_gateway.subscriptions.topic import Topic
 from linked_fleet_gateway.subscriptions.watcher import Timer, Watcher
 
@@ -79,7 +78,7 @@ class FanOut:
 
     def change(self, watcher: Watcher, subscription: Subscription) -> None:
         """Apply other options; another depth or media type starts anew from the present state of everything."""
-        if subscription.options.begins_anew(watcher.subscription.options):
+        if subscription.options.needs_full_state(watcher.subscription.options):
             watcher.leave_all(subscription)
             self._begin(watcher)
         else:
@@ -89,6 +88,11 @@ class FanOut:
     def watched(self) -> KeysView[str | None]:
         """Live view of the robots of which something is watched; None stands for resources of no robot."""
         return self._of_robot.keys()
+
+    @property
+    def watches(self) -> bool:
+        """True if anything is watched, or waited for, by its path."""
+        return bool(self._topics or self._absent)
 
     # -- what happened ----------------------------------------------------------------------------------------------
 
@@ -115,7 +119,7 @@ class FanOut:
             self._dirty.update(dict.fromkeys(self._of_robot.get(name, ()), True))
         self._turns.soon()
 
-    def touched(self, *paths: str) -> None:
+    def mark_changed(self, *paths: str) -> None:
         """Mark resources as changed."""
         self.heard(None)
         for watcher in [each for each in self._absent if each.subscription.resource in paths]:

@@ -3,15 +3,14 @@
 import asyncio
 import logging
 import time
-from collections.abc import Awaitable, Callable, Collection, Iterator
+from collections.abc import Awaitable, Callable, Collection, Iterator, Mapping
 from contextlib import suppress
 from types import TracebackType
 
 from linked_fleet_agent.wire.keys import Keys
 from linked_fleet_agent.wire.messages import Accepted, Progress, Reply, Stop
-from linked_fleet_gateway.fleet.events import Event, Moved
+from linked_fleet_gateway.fleet.events import Event, Frames, Moved
 from linked_fleet_gateway.fleet.fleet import Change, Fleet
-from linked_fleet_gateway.fleet.frames import Frames
 from linked_fleet_gateway.fleet.invocations import Invocation, Invocations
 from linked_fleet_gateway.fleet.presence import Run, Silences
 from linked_fleet_gateway.identity.rights import ALL, View
@@ -192,23 +191,29 @@ class Live:
 
     def tell(self, invocation: Invocation) -> None:
         """Tell the resources that mention an invocation of its change: container, fleet, robot and joints."""
+        robot = self.fleet.robots.get(invocation.robot)
+        if robot is not None:
+            robot.tell_news()
+        # A motion changes no targets but those of its joints.
+        moved = invocation.targets if invocation.stops is None else None
+        changed = {name: self._retarget(name, moved) for name in {invocation.robot, *invocation.robots}}
+        self.fan_out.mark_changed(*(self._mentions(invocation, changed) if self.fan_out.watches else ()))
+        for hear in list(self._invocation_listeners):
+            hear(invocation)
+
+    def _mentions(self, invocation: Invocation, changed: Mapping[str, set[str]]) -> list[str]:
+        """Return the paths of what mentions an invocation; ``changed`` are joints with another target, by robot."""
         paths = [invocation_path(invocation), invocations_path(invocation.action)]
         # the fleet's representation only shows beginnings and ends
         if invocation.state.terminal or not invocation.progress:
             paths.append("/")
-        robot = self.fleet.robots.get(invocation.robot)
-        if robot is not None:
-            robot.tell_news()
-            paths.append(robot_path(robot.name))
-        # A motion changes no targets but those of its joints.
-        moved = invocation.targets if invocation.stops is None else None
-        for name in {invocation.robot, *invocation.robots}:
-            for joint in self._retarget(name, moved).union(invocation.targets if name == invocation.robot else ()):
+        if invocation.robot in self.fleet.robots:
+            paths.append(robot_path(invocation.robot))
+        for name, joints in changed.items():
+            for joint in joints.union(invocation.targets if name == invocation.robot else ()):
                 joint = joint_path(name, joint)
                 paths += joint, f"{joint}/targetRotation", f"{joint}/targetTranslation"
-        self.fan_out.touched(*paths)
-        for hear in list(self._invocation_listeners):
-            hear(invocation)
+        return paths
 
     def _retarget(self, name: str, joints: Collection[str] | None = None) -> set[str]:
         """Update the last commanded positions of the robot's joints from its invocations; return the changed joints.

@@ -17,9 +17,8 @@ from functools import cache
 from typing import TYPE_CHECKING
 
 from linked_fleet_gateway.base.lazy_imports import LazyModule
-from linked_fleet_gateway.subscriptions.handshakes import Handshakes
+from linked_fleet_gateway.subscriptions.delivery_pace import Handshakes, retry_after_s
 from linked_fleet_gateway.subscriptions.network import Address, Forbidden, Network, Unresolvable, callback_url
-from linked_fleet_gateway.subscriptions.retry import retry_after_s
 
 if TYPE_CHECKING:
     import httpx

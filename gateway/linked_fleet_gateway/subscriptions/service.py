@@ -9,9 +9,9 @@ from types import TracebackType
 
 from linked_fleet_gateway.resources.subscription import Changeable, Record, Subscription
 from linked_fleet_gateway.runtime.background import end, finish, supervised
+from linked_fleet_gateway.subscriptions.broadcast import Ending
 from linked_fleet_gateway.subscriptions.callbacks import Callbacks, MayContinue
 from linked_fleet_gateway.subscriptions.fan_out import FanOut
-from linked_fleet_gateway.subscriptions.message import Ending
 from linked_fleet_gateway.subscriptions.network import Network
 from linked_fleet_gateway.subscriptions.store import LEASE_S, News, Store, StoreUnavailable
 from linked_fleet_gateway.subscriptions.streams import Streams
@@ -113,8 +113,8 @@ class Subscriptions:
                 await self._drop(news.id)
             case "replaced":
                 await self.streams.replaced(news.id)
-            case "woken":
-                self.callbacks.woken(news.id)
+            case "resumed":
+                self.callbacks.resumed(news.id)
             case "changed":
                 with suppress(StoreUnavailable):  # ``_keep`` compares later
                     await self._refresh(news.id)
@@ -172,7 +172,7 @@ class Subscriptions:
         await self.callbacks.compare(held)
         await self.streams.compare(held)
         for id, record in held.items():
-            if not (self.streams.obeys(record.subscription) and self.callbacks.obeys(record.subscription)):
+            if not (self.streams.has_options(record.subscription) and self.callbacks.has_options(record.subscription)):
                 await self._refresh(id)  # it may have changed while this run took it over
 
 

@@ -5,7 +5,7 @@ and the owner's index, last the record: once it is written, the subscription is 
 found through the list of the crashed run.
 
 "Accepted" means on disk if the server reports ``appendonly yes`` and ``appendfsync always`` (otherwise a warning is
-logged), and in the memory of a replica where there is one (``replication``).
+logged), and in the memory of a replica where there is one (``records``).
 """
 
 import asyncio
@@ -28,6 +28,7 @@ from linked_fleet_gateway.subscriptions.records import (
     SubscriptionLists,
     TooMany,
     What,
+    confirm,
     read_entry,
     read_news,
     read_pairs,
@@ -38,7 +39,6 @@ from linked_fleet_gateway.subscriptions.records import (
     write_spec,
 )
 from linked_fleet_gateway.subscriptions.redis_scripts import Keys
-from linked_fleet_gateway.subscriptions.replication import confirm
 
 __all__ = ["LEASE_S", "Backlog", "Entry", "Lost", "News", "Outgoing", "Store", "StoreUnavailable", "TooMany"]
 _log = logging.getLogger(__name__)
@@ -171,7 +171,8 @@ class Store:
 
         Returns False, without a change, if it is gone or has other options by now.
         """
-        keys, anew = (self._keys.record(before.id), self._keys.sent(before.id)), options.begins_anew(before.options)
+        keys = self._keys.record(before.id), self._keys.sent(before.id)
+        anew = options.needs_full_state(before.options)
         holder = await self._redis.run(scripts.CHANGE, keys, before.revision, write_options(options), int(anew))
         if holder is not None:
             await self._tell("changed", before.id, holder.decode())
@@ -182,10 +183,10 @@ class Store:
         record = await self.record(id)
         if record is None or record.subscription.kind.streams:
             return record
-        woken = read_record(read_pairs(await self._redis.run(scripts.WAKE, (self._keys.record(id),))))
-        if woken is not None:
-            await self._tell("woken", id, woken.holder)
-        return woken
+        resumed = read_record(read_pairs(await self._redis.run(scripts.WAKE, (self._keys.record(id),))))
+        if resumed is not None:
+            await self._tell("resumed", id, resumed.holder)
+        return resumed
 
     async def note(self, id: str, delivery: Delivery, subscription: Subscription | None = None) -> None:
         """Write the state of deliveries, and optionally of the subscription; Lost if this run does not hold it."""

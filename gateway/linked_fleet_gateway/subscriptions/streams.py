@@ -13,8 +13,8 @@ from dataclasses import replace
 
 from linked_fleet_gateway.resources.subscription import Delivery, DeliveryState, Depth, Kind, Record, Subscription
 from linked_fleet_gateway.runtime.background import end
+from linked_fleet_gateway.subscriptions.broadcast import Ending, Outlet
 from linked_fleet_gateway.subscriptions.fan_out import FanOut
-from linked_fleet_gateway.subscriptions.message import Ending, Outlet
 from linked_fleet_gateway.subscriptions.store import Lost, Store, StoreUnavailable, TooMany
 from linked_fleet_gateway.subscriptions.watcher import Watcher
 
@@ -222,7 +222,7 @@ class Streams:
         if (watcher := self._open.pop(id, None)) is not None:
             watcher.end(ending)
 
-    def obeys(self, subscription: Subscription) -> bool:
+    def has_options(self, subscription: Subscription) -> bool:
         """Return True if a stream uses these options, or is not open here."""
         watcher = self._open.get(subscription.id)
         return watcher is None or watcher.subscription.options == subscription.options
@@ -231,7 +231,7 @@ class Streams:
         """Apply the options of the stored record to a stream of this gateway."""
         id = subscription.id
         if (watcher := self._open.get(id)) is not None:
-            if not self.obeys(subscription):
+            if not self.has_options(subscription):
                 options, revision = subscription.options, subscription.revision
                 self._fan_out.change(watcher, watcher.subscription.having(options, revision))
         elif id in self._coming:

@@ -4,12 +4,10 @@ from collections.abc import Callable
 from typing import Generic, Protocol
 
 from linked_fleet_gateway.identity.rights import ALL, View
-from linked_fleet_gateway.resources.message import message_body
-from linked_fleet_gateway.resources.renderings import Rendering, Versions, is_compilable
+from linked_fleet_gateway.resources.renderings import Rendering, Versions, is_compilable, message_body
 from linked_fleet_gateway.resources.resource import Redirect, Resource
 from linked_fleet_gateway.resources.versioning import Reading
-from linked_fleet_gateway.subscriptions.broadcast import Broadcast, M
-from linked_fleet_gateway.subscriptions.message import Framing, Message
+from linked_fleet_gateway.subscriptions.broadcast import Broadcast, Framing, M, Message
 
 
 class Resolver(Protocol):

@@ -4,11 +4,10 @@ import logging
 from collections.abc import Callable
 from typing import Protocol
 
-from linked_fleet_gateway.rdf.serialise import NothingYet, WriteError
+from linked_fleet_gateway.rdf.serialise import NoContentYet, WriteError
 from linked_fleet_gateway.resources.subscription import Depth, Subscription
 from linked_fleet_gateway.resources.versioning import Reading
-from linked_fleet_gateway.subscriptions.broadcast import Broadcast, SendCounter
-from linked_fleet_gateway.subscriptions.message import Ending, Message, Outlet, Stream
+from linked_fleet_gateway.subscriptions.broadcast import Broadcast, Ending, Message, Outlet, SendCounter, Stream
 from linked_fleet_gateway.subscriptions.topic import Topic
 
 _log = logging.getLogger(__name__)
@@ -239,7 +238,7 @@ class Watcher:
     def _send(self, topic: "Topic[Watcher]") -> None:
         try:
             message = self._schedule.message(topic, self.subscription)
-        except NothingYet:
+        except NoContentYet:
             return
         except WriteError as error:
             id = self.subscription.id

@@ -2,8 +2,8 @@
 
 from zenoh import ext
 
-from linked_fleet_agent.robots.ros2 import keys
-from linked_fleet_agent.robots.ros2.keys import Node, Topic
+from linked_fleet_agent.robots.ros2 import session
+from linked_fleet_agent.robots.ros2.session import Node, Topic
 
 HASH = "RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18"
 
@@ -24,10 +24,10 @@ def test_the_tokens_of_a_node_and_of_what_it_has() -> None:
         f"std_msgs::msg::dds_::String_/{HASH}/::,10:,:,:,,"
     )
     spaced = Topic(2, "/robot1/chatter", "std_msgs/msg/String", HASH)
-    assert "/MP/%/%/listener/%robot1%chatter/" in listener.token_of(1, "MP", spaced, keys.KEEP_LAST_ONE)
+    assert "/MP/%/%/listener/%robot1%chatter/" in listener.token_of(1, "MP", spaced, session.KEEP_LAST_ONE)
 
 
 def test_the_attachment_is_what_zenoh_serialises() -> None:
     """Number, time and identifier by zenoh's serialiser, with which rmw_zenoh reads and writes them."""
     gid = bytes(range(16))
-    assert keys.attachment(5, 6, gid) == ext.z_serialize((ext.Int64(5), ext.Int64(6), gid)).to_bytes()
+    assert session.attachment(5, 6, gid) == ext.z_serialize((ext.Int64(5), ext.Int64(6), gid)).to_bytes()

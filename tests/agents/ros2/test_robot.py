@@ -121,7 +121,7 @@ def test_a_robot_that_falls_silent_is_a_fault_and_cannot_be_held() -> None:
             return ""
 
         assert eventually(fault, "a fault") == "no joint state of this robot came on /joint_states for 0.1 s"
-        with pytest.raises(RobotFaultError, match=r"no position .* holds where it was sent last"):
+        with pytest.raises(RobotFaultError, match=r"no joint position .* holds the last position that it was sent"):
             driver.stop()
 
 
@@ -143,7 +143,7 @@ def test_a_robot_that_was_away_is_found_again() -> None:
             eventually(lambda: driver._ways[0][1].heard, "its controller")
             assert robot.heard == []  # and nothing moved because of that
             driver.apply({"pan": 0.3})
-            eventually(lambda: robot.heard, "it obeys")
+            eventually(lambda: robot.heard, "it has_options")
 
 
 def test_without_a_controller_nothing_can_be_moved() -> None:
@@ -178,11 +178,11 @@ def test_a_router_may_demand_certificates(tmp_path: Path) -> None:
 def test_a_missing_topic_is_reported() -> None:
     nowhere = endpoint()
     with pytest.raises(ConnectionError):
-        Ros2Robot.find("arm", parse_address(f"ros2:{nowhere}"), patience_s=0.0)
+        Ros2Robot.find("arm", parse_address(f"ros2:{nowhere}"), timeout_s=0.0)
     with RosRobot(endpoint(), urdf=None) as robot, pytest.raises(TimeoutError, match="/robot_description in domain 0"):
-        Ros2Robot.find("arm", parse_address(f"ros2:{robot.endpoint}"), patience_s=0.2)
+        Ros2Robot.find("arm", parse_address(f"ros2:{robot.endpoint}"), timeout_s=0.2)
     with RosRobot(endpoint(), urdf="<robot/>") as robot, pytest.raises(TimeoutError):
-        Ros2Robot.find("arm", parse_address(f"ros2:{robot.endpoint}"), patience_s=0.2)
+        Ros2Robot.find("arm", parse_address(f"ros2:{robot.endpoint}"), timeout_s=0.2)
     with RosRobot(endpoint()) as robot, pytest.raises(AddressError, match="thumb_grip"):
         find(robot, "?commands=a/b:pan;thumb_grip")
     with pytest.raises(UnavailableError, match="floating"):

@@ -7,7 +7,7 @@ import pytest
 
 from linked_fleet_agent.robot import RobotFaultError
 from linked_fleet_agent.robots.ros2.cdr import JointState
-from linked_fleet_agent.robots.ros2.states import JointStates
+from linked_fleet_agent.robots.ros2.joints import JointStates
 
 UNKNOWN = math.nan
 

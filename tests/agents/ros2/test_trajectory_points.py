@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from linked_fleet_agent.robots.ros2.trajectory_points import TrajectoryPoints, time_from_start_s
+from linked_fleet_agent.robots.ros2.joints import TrajectoryPoints, time_from_start_s
 
 
 @pytest.fixture

@@ -10,7 +10,7 @@ from linked_fleet_gateway.base.errors import UnprocessableContent
 from linked_fleet_gateway.rdf.serialise import parse
 from linked_fleet_gateway.rdf.validation import ShaclValidator
 from linked_fleet_gateway.rdf.vocabulary import HYBRIT, SH, VOM
-from linked_fleet_gateway.resources.action_body import as_ntriples
+from linked_fleet_gateway.resources.body_values import as_ntriples
 from linked_fleet_gateway.shacl import Data, compile_shape
 from shacl_findings import pyshacl_finds
 

@@ -11,12 +11,12 @@ import pytest
 from pyoxigraph import NamedNode, Triple
 
 from linked_fleet_agent.wire.messages import Move
-from linked_fleet_gateway.actions import handler_table as handlers
+from linked_fleet_gateway.actions import action_handlers as handlers
 from linked_fleet_gateway.base.errors import UnprocessableContent
 from linked_fleet_gateway.rdf import shapes
 from linked_fleet_gateway.rdf.validation import ShaclValidator
 from linked_fleet_gateway.rdf.vocabulary import HYBRIT, LF
-from linked_fleet_gateway.resources.action_definition import definitions
+from linked_fleet_gateway.resources.action_offer import definitions
 from linked_fleet_gateway.resources.shape_parameters import COMPLETIONS
 
 _ROOT = Path(__file__).parents[3]

@@ -1,7 +1,7 @@
 """Open motions counted by client, including those that are just beginning."""
 
 from linked_fleet_agent.wire.messages import WIRE_VERSION, Progress
-from linked_fleet_gateway.actions.quota import Quota
+from linked_fleet_gateway.actions.refusals import Quota
 from linked_fleet_gateway.fleet.invocations import Invocation, Invocations, InvocationState
 
 

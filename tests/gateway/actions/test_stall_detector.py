@@ -2,13 +2,13 @@
 
 import pytest
 
-from linked_fleet_gateway.actions import stall_detector
-from linked_fleet_gateway.actions.stall_detector import CATCH_UP_S, HELD_S, StallDetector
+from linked_fleet_gateway.actions import refusals
+from linked_fleet_gateway.actions.refusals import CATCH_UP_S, HELD_S, StallDetector
 
 
 def test_a_stall_counts_for_a_while_after_its_end(monkeypatch: pytest.MonkeyPatch) -> None:
     now_s = 100.0
-    monkeypatch.setattr(stall_detector.time, "monotonic", lambda: now_s)
+    monkeypatch.setattr(refusals.time, "monotonic", lambda: now_s)
     one = StallDetector()
     for pause_s, held in (
         (0.3, False),

@@ -18,6 +18,7 @@ from cryptography.x509.oid import NameOID
 from certificates import made
 from linked_fleet_gateway.app.doctor.__main__ import examine
 from linked_fleet_gateway.app.doctor.finding import Finding, summary
+from linked_fleet_gateway.app.doctor.libraries import libraries
 from linked_fleet_gateway.app.doctor.redis_server import _clock
 from redis_servers import single
 from running import free_port, process
@@ -53,7 +54,7 @@ def test_nothing_is_wrong_with_a_gateway_on_its_own(tmp_path: Path) -> None:
     found = _found("--state-dir", str(tmp_path / "state"))
     assert _wrong(found) == []
     assert summary(found) == "nothing is wrong"
-    assert {each.subject for each in found} == {"port", "zenoh", "clocks", "redis"}
+    assert {each.subject for each in found} == {"port", "zenoh", "clocks", "libraries", "redis"}
     assert not (tmp_path / "state").exists(), "nothing is changed"
 
 
@@ -107,7 +108,7 @@ def test_a_certificate_of_another_name_and_a_key_of_another_certificate_are_wron
     assert "is not for fleet.example" in said
     (tmp_path / "tls.key").write_text("no key")
     (said,) = _wrong(_found(*flags, "--public-url", "https://other.example"))
-    assert "are no certificate and its key" in said
+    assert "are not a certificate and its key" in said
 
 
 def test_redis_that_answers_and_redis_that_does_not(tmp_path: Path) -> None:
@@ -126,6 +127,33 @@ def test_a_clock_that_is_wrong_is_found() -> None:
     ahead = _clock([int(now_s) + 90, 0], now_s, now_s)
     assert ahead.wrong and "ahead of that of this machine" in ahead.sentence
     assert not _clock([int(now_s), int(now_s % 1 * 1e6)], now_s, now_s).wrong
+
+
+def test_a_library_that_the_system_lacks_is_named_with_its_package(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The dynamic loader finds an empty file instead of the library; Pinocchio is linked with it, Coal is not."""
+    (tmp_path / "libgomp.so.1").touch()
+    monkeypatch.setenv("LD_LIBRARY_PATH", str(tmp_path))
+    (said,) = _wrong(_found())
+    assert "pinocchio cannot be loaded" in said and "libgomp.so.1: file too short" in said
+    assert "so reach and lf:canReach fail, and motions of placed robots are refused; apt install libgomp1" in said
+
+
+def test_other_ways_in_which_a_library_fails(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "crashes.py").write_text("import os, signal\nos.kill(os.getpid(), signal.SIGILL)\n")
+    message = "libodd.so.3: cannot open shared object file: No such file or directory"
+    (tmp_path / "lacks_odd.py").write_text(f"raise ImportError({message!r})\n")
+    (tmp_path / "broken.py").write_text("raise ImportError('undefined symbol')\n")
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    crashes, lacks, broken, absent, fine = map(
+        str, asyncio.run(libraries(["crashes", "lacks_odd", "broken", "not_there", "json"]))
+    )
+    assert "crashes ends its process by signal 4; install a version that fits" in crashes
+    assert f"lacks_odd cannot be loaded: {message}; install the package of this system that has libodd.so.3" in lacks
+    assert "broken cannot be loaded: undefined symbol; reinstall it" in broken
+    assert "not_there is not installed: No module named 'not_there'; pip install linked-fleet" in absent
+    assert "json can be loaded" in fine and "WRONG" not in fine
 
 
 def test_routers_that_are_away_or_do_not_believe_us(tmp_path: Path) -> None:

@@ -11,10 +11,10 @@ import httpx
 import pytest
 from websockets.sync.client import connect
 
-import linked_fleet_gateway.__main__ as gateway
+import linked_fleet_gateway.app.main as gateway
 from certificates import made
 from linked_fleet_agent.settings import SettingsError, read_settings
-from linked_fleet_gateway.app.exposure import exposure_problems
+from linked_fleet_gateway.app.settings import exposure_problems
 from running import free_port, process
 
 
@@ -64,7 +64,7 @@ def test_refused_settings_are_reported_in_one_line(
 
 def test_a_key_of_another_certificate_is_refused(refusal: Refusal, folder: Path) -> None:
     line = refusal("--tls-cert", str(folder / "router.pem"), "--tls-key", str(folder / "gateway.key"))
-    assert "are no certificate and its key" in line
+    assert "are not a certificate and its key" in line
 
 
 def test_certificates_without_access_control_leave_a_listener_open(refusal: Refusal, folder: Path) -> None:
@@ -93,7 +93,7 @@ def test_an_agent_that_anybody_reaches_is_refused() -> None:
     with pytest.raises(SettingsError, match="plain-zenoh"):
         read_settings(words, {}, "host")
     assert read_settings([*words, "--allow", "plain-zenoh"], {}, "host").zenoh_listen == ("tcp/0.0.0.0:7447",)
-    with pytest.raises(SettingsError, match="all that can be allowed"):
+    with pytest.raises(SettingsError, match="only plain-zenoh can be allowed"):
         read_settings([*words, "--allow", "plain-http"], {}, "host")
 
 

@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 from rdflib import URIRef
 
-from actor import Actor, stage
 from browser import HYBRIT, VOM, Browser, Page
+from fake_robots import FakeRobot, open_session
 from running import eventually, process
 from small_fleet import Place
 
@@ -41,7 +41,7 @@ def _install(folder: Path) -> str:
 @dataclass(frozen=True)
 class Here:
     browser: Browser
-    actor: Actor
+    actor: FakeRobot
     url: str
 
     def page(self) -> Page:
@@ -70,10 +70,10 @@ def here(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Here]:
     sys.path.insert(0, str(folder))
     place = Place(folder / "state")
     try:
-        with process(*place.command(), "--extensions", name) as gateway, stage(place.zenoh) as session:
+        with process(*place.command(), "--extensions", name) as gateway, open_session(place.zenoh) as session:
             gateway.said("serving")
             browser = Browser(place.root)
-            found = Here(browser, Actor(session, "odd").appear(), f"{place.root}odd/odometer")
+            found = Here(browser, FakeRobot(session, "odd").appear(), f"{place.root}odd/odometer")
             eventually(lambda: browser.http.get(found.url).status_code == 200, "the robot")
             found.turn(0.0)
             yield found

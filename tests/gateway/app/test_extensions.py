@@ -11,8 +11,8 @@ import pytest
 import linked_fleet_gateway.extensions
 from linked_fleet_gateway.app.extensions import BUILT_IN, ExtensionSettings, chosen, in_order
 from linked_fleet_gateway.app.settings import GatewaySettings
-from linked_fleet_gateway.extensions.history.settings import HistorySettings
-from linked_fleet_gateway.extensions.rules.settings import RuleSettings
+from linked_fleet_gateway.extensions.history.extension import HistorySettings
+from linked_fleet_gateway.extensions.rules.extension import RuleSettings
 from linked_fleet_gateway.http.extension import Extension
 from running import process
 from small_fleet import Place

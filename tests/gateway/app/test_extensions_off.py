@@ -8,8 +8,8 @@ import httpx
 import pytest
 from walk import Walk, walk
 
-from actor import Actor, stage
 from browser import Browser
+from fake_robots import FakeRobot, open_session
 from linked_fleet_client.conform.verdict import Outcome
 from linked_fleet_gateway.app.extensions import BUILT_IN
 from running import eventually, process
@@ -37,9 +37,9 @@ def needing(name: str) -> list[str]:
 @contextlib.contextmanager
 def gateway(folder: Path, off: list[str]) -> Iterator[tuple[httpx.Client, str]]:
     place = Place(folder)
-    with process(*place.command(), "--extensions-off", ",".join(off)) as one, stage(place.zenoh) as session:
+    with process(*place.command(), "--extensions-off", ",".join(off)) as one, open_session(place.zenoh) as session:
         one.said("serving")
-        actor = Actor(session, "odd").appear()
+        actor = FakeRobot(session, "odd").appear()
         actor.put("state", actor.frame((0.5,)))
         with contextlib.closing(Browser(place.root)) as browser:
             eventually(lambda: browser.http.get(f"{place.root}odd/").status_code == 200, "the robot")

@@ -8,13 +8,12 @@ from types import SimpleNamespace
 
 import pytest
 
-from linked_fleet_gateway.app.application import create_app
+from linked_fleet_gateway.app.application import _check_all, check_shapes, create_app
 from linked_fleet_gateway.app.extensions import BUILT_IN, install
 from linked_fleet_gateway.app.settings import GatewaySettings
-from linked_fleet_gateway.app.shape_check import _check_all, check_shapes
 from linked_fleet_gateway.http.extension import Extension
 from linked_fleet_gateway.rdf import shapes
-from linked_fleet_gateway.resources.action_definition import definitions
+from linked_fleet_gateway.resources.action_offer import definitions
 from linked_fleet_gateway.shacl import Unsupported
 
 _SHAPES = Path(__file__).parents[3] / "shapes" / "linked_fleet_shapes"

@@ -4,7 +4,14 @@ from collections import Counter
 
 import pytest
 
-from linked_fleet_gateway.fleet.description_queue import BACKOFF_S, Bounds, DescriptionQueue
+from linked_fleet_gateway.fleet.presence import (
+    BACKOFF_S,
+    FIRST_OPEN,
+    PROMPT_S,
+    SLOW_S,
+    Bounds,
+    DescriptionQueue,
+)
 
 BOUNDS = Bounds(open=8, repeated=2, repeats_hz=10)
 
@@ -24,7 +31,7 @@ def test_the_first_and_the_last_that_came_are_asked_in_turn() -> None:
     queue.discard("x")
     assert drain(queue, 0) == ["a", "d", "b", "c"]
     for name in ("a", "b", "c", "d"):
-        queue.finished(name)
+        queue.finished(name, 0)
     assert len(queue) == 0
 
 
@@ -57,6 +64,30 @@ def test_the_number_of_questions_at_once_is_bounded() -> None:
     for number in range(100):
         queue.add(str(number), 0)
     assert len(drain(queue, 0)) == BOUNDS.open
+
+
+def test_prompt_replies_raise_the_number_of_questions_at_once_and_slow_ones_bring_it_back() -> None:
+    queue = DescriptionQueue(Bounds(open=4 * FIRST_OPEN, repeated=2, repeats_hz=10))
+    for number in range(1000):
+        queue.add(str(number), 0)
+    waiting = drain(queue, 0)
+    assert len(waiting) == FIRST_OPEN
+    at_once = []
+    for took_s in (PROMPT_S, PROMPT_S, PROMPT_S, SLOW_S, 2 * SLOW_S):
+        for name in waiting:
+            queue.finished(name, took_s)
+        waiting = drain(queue, 0)
+        at_once.append(len(waiting))
+    assert at_once == [2 * FIRST_OPEN, 4 * FIRST_OPEN, 4 * FIRST_OPEN, 4 * FIRST_OPEN, FIRST_OPEN]
+
+
+def test_a_question_without_a_reply_leaves_the_number_at_once_as_it_is() -> None:
+    queue = DescriptionQueue(Bounds(open=4 * FIRST_OPEN, repeated=2, repeats_hz=10))
+    for number in range(1000):
+        queue.add(str(number), 0)
+    for name in drain(queue, 0):
+        queue.failed(name, 2)
+    assert len(drain(queue, 2)) == FIRST_OPEN
 
 
 def test_repeated_questions_have_a_rate_however_many_robots_are_silent() -> None:
@@ -98,7 +129,7 @@ def test_a_robot_that_is_asked_for_anew_is_not_asked_twice_at_once() -> None:
 def test_the_robot_to_forget_is_the_one_that_has_been_silent_most_often() -> None:
     queue = DescriptionQueue(BOUNDS)
     queue.add("new", 0)
-    assert queue.victim() is None
+    assert queue.most_failed() is None
     queue.add("silent", 0, asked=5)
     queue.add("slow", 0, asked=1)
-    assert queue.victim() == "silent"
+    assert queue.most_failed() == "silent"

@@ -6,8 +6,8 @@ import pytest
 
 from linked_fleet_agent.wire.codec import encode_state, layout
 from linked_fleet_agent.wire.messages import WIRE_VERSION, Description, State
+from linked_fleet_gateway.fleet.events import Frames
 from linked_fleet_gateway.fleet.fleet import Appeared, Change, Described, Fleet, Framed, Moved, Robot, Vanished
-from linked_fleet_gateway.fleet.frames import Frames
 
 URDF = """<robot name='r'><link name='a'/><link name='b'/>
 <joint name='turn' type='continuous'><parent link='a'/><child link='b'/><axis xyz='0 0 1'/></joint></robot>"""

@@ -10,14 +10,14 @@ from linked_fleet_gateway.actions.plan import ActionRequest, RobotTime, robot_ti
 from linked_fleet_gateway.base.errors import Faulty
 from linked_fleet_gateway.fleet.fleet import Change, Fleet
 from linked_fleet_gateway.fleet.invocations import Invocations
-from linked_fleet_gateway.fleet.limits import TOLERANCE_RAD, joints_outside
+from linked_fleet_gateway.fleet.observation import TOLERANCE_RAD, joints_outside
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.rdf.graph import Graph
 from linked_fleet_gateway.rdf.vocabulary import LF, XSD
-from linked_fleet_gateway.resources.action_body import Body
+from linked_fleet_gateway.resources.body_values import Body
 from linked_fleet_gateway.resources.resource import Resource
 from linked_fleet_gateway.resources.tree import Tree
-from pictured import JOINTS, Pictured
+from mirrored_fleet import JOINTS, MirroredFleet
 
 SECOND_NS = 1_000_000_000
 BASE = "http://example.org"
@@ -25,8 +25,8 @@ TRUE = Literal("true", datatype=XSD.boolean)
 
 
 @pytest.fixture
-def pictured() -> Pictured:
-    made = Pictured()
+def mirrored() -> MirroredFleet:
+    made = MirroredFleet()
     made.describe("r")
     made.stand("r", (0.5, 0.0))
     return made
@@ -44,71 +44,71 @@ def marked(fleet: Fleet, path: str) -> int:
     return sum(triple.predicate == LF.outOfLimits for triple in described(fleet, path)[1].triples)
 
 
-def robot_of(pictured: Pictured) -> Robot:
-    return pictured.fleet.robots["r"]
+def robot_of(mirrored: MirroredFleet) -> Robot:
+    return mirrored.fleet.robots["r"]
 
 
-def test_a_value_outside_is_served_with_its_mark(pictured: Pictured) -> None:
-    assert marked(pictured.fleet, "/r/elbow/rotation") == 0
-    pictured.stand("r", (77.0, 0.0))
-    _, graph = described(pictured.fleet, "/r/elbow/rotation")
+def test_a_value_outside_is_served_with_its_mark(mirrored: MirroredFleet) -> None:
+    assert marked(mirrored.fleet, "/r/elbow/rotation") == 0
+    mirrored.stand("r", (77.0, 0.0))
+    _, graph = described(mirrored.fleet, "/r/elbow/rotation")
     assert Literal("77.0", datatype=XSD.float) in [triple.object for triple in graph.triples]
     assert [(triple.subject, triple.object) for triple in graph.triples if triple.predicate == LF.outOfLimits] == [
         (NamedNode(f"{BASE}/r/elbow/rotation"), TRUE)
     ]
-    assert (marked(pictured.fleet, "/r/jointState"), marked(pictured.fleet, "/r/slide/translation")) == (1, 0)
-    pictured.stand("r", (0.5, 7.0))
-    assert marked(pictured.fleet, "/r/elbow/rotation") == 0
-    assert (marked(pictured.fleet, "/r/jointState"), marked(pictured.fleet, "/r/slide/translation")) == (1, 1)
+    assert (marked(mirrored.fleet, "/r/jointState"), marked(mirrored.fleet, "/r/slide/translation")) == (1, 0)
+    mirrored.stand("r", (0.5, 7.0))
+    assert marked(mirrored.fleet, "/r/elbow/rotation") == 0
+    assert (marked(mirrored.fleet, "/r/jointState"), marked(mirrored.fleet, "/r/slide/translation")) == (1, 1)
 
 
-def test_plain_json_has_the_mark(pictured: Pictured) -> None:
-    pictured.stand("r", (77.0, 0.0))
-    resource, _ = described(pictured.fleet, "/r/elbow/rotation")
+def test_plain_json_has_the_mark(mirrored: MirroredFleet) -> None:
+    mirrored.stand("r", (77.0, 0.0))
+    resource, _ = described(mirrored.fleet, "/r/elbow/rotation")
     told = json.loads(resource.documents["application/json"]())
     assert told["outOfLimits"] is True
 
 
-def test_a_joint_at_its_stop_may_read_a_little_beyond_it(pictured: Pictured) -> None:
+def test_a_joint_at_its_stop_may_read_a_little_beyond_it(mirrored: MirroredFleet) -> None:
     for position in (1.0 + TOLERANCE_RAD / 2, -1.0 - TOLERANCE_RAD / 2, math.nan):
-        pictured.stand("r", (position, 0.0))
-        assert (robot_of(pictured).outside(), marked(pictured.fleet, "/r/elbow/rotation")) == ([], 0)
-    pictured.stand("r", (1.0 + 2 * TOLERANCE_RAD, 0.0))
-    assert [name for name, _ in robot_of(pictured).outside()] == ["elbow"]
+        mirrored.stand("r", (position, 0.0))
+        assert (robot_of(mirrored).outside(), marked(mirrored.fleet, "/r/elbow/rotation")) == ([], 0)
+    mirrored.stand("r", (1.0 + 2 * TOLERANCE_RAD, 0.0))
+    assert [name for name, _ in robot_of(mirrored).outside()] == ["elbow"]
 
 
-def test_a_robot_is_faulty_after_a_second_outside_and_online_again_within(pictured: Pictured) -> None:
-    fleet, robot = pictured.fleet, robot_of(pictured)
+def test_a_robot_is_faulty_after_a_second_outside_and_online_again_within(mirrored: MirroredFleet) -> None:
+    fleet, robot = mirrored.fleet, robot_of(mirrored)
     assert fleet.judge_limits(0) == []
-    pictured.stand("r", (77.0, 0.0))
+    mirrored.stand("r", (77.0, 0.0))
     assert fleet.judge_limits(1 * SECOND_NS) == []
     assert (robot.presence, fleet.malformed["r"]) == ("online", 1)
     assert fleet.judge_limits(2 * SECOND_NS - 1) == []
-    pictured.stand("r", (78.0, 0.0))
+    mirrored.stand("r", (78.0, 0.0))
     assert fleet.judge_limits(2 * SECOND_NS) == [Change("r", "faulty")]
     assert (robot.presence, robot.positions["elbow"], fleet.malformed["r"]) == ("faulty", 78.0, 2)
     assert "elbow" in (robot.fault or "")
     _, graph = described(fleet, "/r/")
     assert LF.faulty in [triple.object for triple in graph.triples if triple.predicate == LF.presence]
     assert fleet.judge_limits(3 * SECOND_NS) == []
-    pictured.stand("r", (0.5, 0.0))
+    mirrored.stand("r", (0.5, 0.0))
     assert fleet.judge_limits(4 * SECOND_NS) == [Change("r", "recovered")]
     assert (robot.presence, robot.fault) == ("online", None)
 
 
-def test_one_bad_frame_is_a_complaint_and_no_fault(pictured: Pictured) -> None:
-    fleet = pictured.fleet
-    pictured.stand("r", (77.0, 0.0))
+def test_one_bad_frame_is_a_complaint_and_no_fault(mirrored: MirroredFleet) -> None:
+    fleet = mirrored.fleet
+    mirrored.stand("r", (77.0, 0.0))
     fleet.judge_limits(1 * SECOND_NS)
-    pictured.stand("r", (0.5, 0.0))
+    mirrored.stand("r", (0.5, 0.0))
     fleet.judge_limits(SECOND_NS * 5 // 4)
-    pictured.stand("r", (77.0, 0.0))
+    mirrored.stand("r", (77.0, 0.0))
     assert fleet.judge_limits(3 * SECOND_NS) == []
-    assert (robot_of(pictured).presence, fleet.malformed["r"]) == ("online", 2)
+    assert (robot_of(mirrored).presence, fleet.malformed["r"]) == ("online", 2)
 
 
-def test_a_request_after_a_stop_is_later_than_it_before_the_next_frame(pictured: Pictured) -> None:
-    robot = robot_of(pictured)
+def test_a_request_after_a_stop_is_later_than_it_before_the_next_frame(mirrored: MirroredFleet) -> None:
+    robot = robot_of(mirrored)
     frame = robot.frame
     assert frame is not None and robot.incarnation is not None
     for stopped_ns, seen_ns in (
@@ -121,10 +121,10 @@ def test_a_request_after_a_stop_is_later_than_it_before_the_next_frame(pictured:
         assert robot_time(robot) == RobotTime(robot.incarnation, seen_ns)
 
 
-def test_a_faulty_robot_takes_no_motion(pictured: Pictured) -> None:
-    fleet, robot = pictured.fleet, robot_of(pictured)
+def test_a_faulty_robot_takes_no_motion(mirrored: MirroredFleet) -> None:
+    fleet, robot = mirrored.fleet, robot_of(mirrored)
     assert isinstance(robot_time(robot), RobotTime)
-    pictured.stand("r", (77.0, 0.0))
+    mirrored.stand("r", (77.0, 0.0))
     for now_s in (1, 2):
         fleet.judge_limits(now_s * SECOND_NS)
     assert robot_time(robot) is None
@@ -133,33 +133,33 @@ def test_a_faulty_robot_takes_no_motion(pictured: Pictured) -> None:
 
 
 @pytest.mark.parametrize("run", [None, 9])
-def test_the_end_of_a_run_ends_its_fault(pictured: Pictured, run: int | None) -> None:
-    fleet, robot = pictured.fleet, robot_of(pictured)
-    pictured.stand("r", (77.0, 0.0))
+def test_the_end_of_a_run_ends_its_fault(mirrored: MirroredFleet, run: int | None) -> None:
+    fleet, robot = mirrored.fleet, robot_of(mirrored)
+    mirrored.stand("r", (77.0, 0.0))
     for now_s in (1, 2):
         fleet.judge_limits(now_s * SECOND_NS)
     assert robot.presence == "faulty"
     if run is None:
-        pictured.leave("r")
+        mirrored.leave("r")
         assert robot.presence == "offline"
     else:
-        pictured.describe("r", run)
+        mirrored.describe("r", run)
         assert robot.presence == "online"
     fleet.judge_limits(3 * SECOND_NS)
     assert robot.fault is None
 
 
-def test_the_query_process_has_the_same_presence(pictured: Pictured) -> None:
-    pictured.stand("r", (77.0, 0.0))
+def test_the_query_process_has_the_same_presence(mirrored: MirroredFleet) -> None:
+    mirrored.stand("r", (77.0, 0.0))
     for now_s in (1, 2):
-        pictured.fleet.judge_limits(now_s * SECOND_NS)
-    mirrored = pictured.bring().robots["r"].robot
+        mirrored.fleet.judge_limits(now_s * SECOND_NS)
+    mirrored = mirrored.bring().robots["r"].robot
     assert (mirrored.presence, mirrored.positions["elbow"]) == ("faulty", 77.0)
 
 
-def test_positions_are_found_where_they_stand_in_a_frame(pictured: Pictured) -> None:
-    pictured.stand("r", (0.5, 77.0))
-    payload = robot_of(pictured).payload
+def test_positions_are_found_where_they_stand_in_a_frame(mirrored: MirroredFleet) -> None:
+    mirrored.stand("r", (0.5, 77.0))
+    payload = robot_of(mirrored).payload
     assert payload is not None
     bounds = dict.fromkeys(JOINTS, (-1.0, 1.0))
     assert joints_outside(payload, False, bounds) == [("slide", 77.0)]

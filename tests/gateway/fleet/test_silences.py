@@ -1,6 +1,6 @@
 """Runs that send no frames, on the test's own clock."""
 
-from linked_fleet_gateway.fleet.presence import PERIOD_S, RENEWALS, SILENT_S, Doubt, Run, Silences
+from linked_fleet_gateway.fleet.presence import PERIOD_S, RENEWALS, SILENT_S, PresenceCheck, Run, Silences
 
 
 class Gateway:
@@ -14,7 +14,7 @@ class Gateway:
     def hear(self, robot: str, sequence: int, run: int = 1) -> None:
         self.runs[robot] = Run(robot, run, sequence)
 
-    def check(self, gap_s: float = PERIOD_S) -> list[Doubt]:
+    def check(self, gap_s: float = PERIOD_S) -> list[PresenceCheck]:
         self.now_s += gap_s
         return self._silences.check(self.now_s, self.runs.values())
 
@@ -62,7 +62,7 @@ def test_another_run_or_a_frame_ends_a_silence() -> None:
         gateway.hear("r", sequence, run)
         for _ in range(round(SILENT_S / PERIOD_S)):
             assert gateway.check() == []
-    assert gateway.check() == [Doubt(("r", 2), renew=True)]
+    assert gateway.check() == [PresenceCheck(("r", 2), renew=True)]
 
 
 def test_one_that_was_offline_is_silent_from_its_return() -> None:
@@ -89,4 +89,4 @@ def test_frequent_calls_change_nothing() -> None:
     gateway = Gateway()
     gateway.hear("r", 7)
     asked = [doubt for _ in range(100) for doubt in gateway.check(gap_s=PERIOD_S / 4)]
-    assert asked == 2 * [Doubt(("r", 1), renew=True)]  # after 5 and after 15 of 25 s
+    assert asked == 2 * [PresenceCheck(("r", 1), renew=True)]  # after 5 and after 15 of 25 s

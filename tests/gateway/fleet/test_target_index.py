@@ -11,8 +11,8 @@ _TOOK = ("accepted", "running", "succeeded", "failed", "cancelled", "preempted")
 _JOINTS = ("elbow", "wrist")
 
 
-class Plainly:
-    """The same by its definition, without an index."""
+class UnindexedTargets:
+    """Computes targets by their definition, without an index."""
 
     def __init__(self) -> None:
         self.all: dict[str, Invocation] = {}
@@ -68,7 +68,7 @@ def _invocations(draw: st.DrawFn, id: int) -> Invocation:
 @settings(max_examples=examples(300))
 @given(data=st.data())
 def test_an_index_finds_what_a_look_through_all_finds(data: st.DataObject) -> None:
-    invocations, plainly = Invocations(), Plainly()
+    invocations, plainly = Invocations(), UnindexedTargets()
     for id in range(data.draw(st.integers(1, 8))):
         one = data.draw(_invocations(id))
         if any(other.created_ns == one.created_ns for other in plainly.all.values()):

@@ -6,8 +6,7 @@ import pytest
 
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.http.answers import Answer, Answers
-from linked_fleet_gateway.http.arrival import arrival_of
-from linked_fleet_gateway.http.authentication import Authenticated
+from linked_fleet_gateway.http.arrival import Authenticated, arrival_of
 from linked_fleet_gateway.identity.rights import Grant, Identity, Right
 from linked_fleet_gateway.resources.resource import Resource
 from linked_fleet_gateway.resources.versioning import Source

@@ -10,8 +10,8 @@ from starlette.responses import Response
 from starlette.types import Receive, Scope, Send
 
 from linked_fleet_gateway.http.answers import Reply
+from linked_fleet_gateway.http.message_heads import block
 from linked_fleet_gateway.http.protocol import HttpProtocol
-from linked_fleet_gateway.http.response_head import block
 from serving import connect, serving
 
 pytestmark = pytest.mark.virtual

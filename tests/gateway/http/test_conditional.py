@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from linked_fleet_gateway.http.conditional import etag, not_modified, precondition_holds
+from linked_fleet_gateway.http.representation import etag, not_modified, precondition_holds
 
 TAG = etag(b"body")
 

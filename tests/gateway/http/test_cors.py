@@ -5,7 +5,7 @@ import asyncio
 import httpx
 from starlette.responses import Response
 
-from linked_fleet_gateway.http.cors import cors_middleware
+from linked_fleet_gateway.http.entrance import cors_middleware
 
 _PAGE = "https://twin.example"
 

@@ -6,7 +6,7 @@ import httpx
 import pytest
 
 from browser import Browser
-from linked_fleet_gateway.http.encoding import preferred_coding, takes_gzip
+from linked_fleet_gateway.http.negotiation import preferred_coding, takes_gzip
 
 _JOINT = "baxter/right_s1"
 

@@ -1,4 +1,4 @@
-"""The HTTP table of DESIGN.md in detail, tested with hostile and pedantic clients."""
+"""HTTP of every resource in detail, tested with hostile and pedantic clients."""
 
 import asyncio
 import json
@@ -23,7 +23,7 @@ from linked_fleet_gateway.http.answers import Answers
 from linked_fleet_gateway.http.endpoint import Endpoint
 from linked_fleet_gateway.http.representation import Representations
 from linked_fleet_gateway.http.request import Services
-from linked_fleet_gateway.http.stop_priority import StopPriority
+from linked_fleet_gateway.http.scheduling import StopPriority
 from linked_fleet_gateway.rdf.graph import Graph
 from linked_fleet_gateway.rdf.serialise import RDF_TYPES
 from linked_fleet_gateway.resources.resource import Resource

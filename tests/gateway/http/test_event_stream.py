@@ -11,10 +11,10 @@ import pytest
 from starlette.types import Receive, Scope, Send
 
 from event_source import EventSource
-from linked_fleet_gateway.http.backpressure import HIGH_WATER_BYTES
+from linked_fleet_gateway.http.connection_limits import HIGH_WATER_BYTES
 from linked_fleet_gateway.http.event_stream import chunk, framed, serve_event_stream
 from linked_fleet_gateway.http.protocol import HTTP, HttpProtocol
-from linked_fleet_gateway.subscriptions.message import Ending, Message
+from linked_fleet_gateway.subscriptions.broadcast import Ending, Message
 from serving import Channel, connect, fill, serving, until
 
 pytestmark = pytest.mark.virtual

@@ -7,8 +7,8 @@ from starlette.datastructures import Headers
 from starlette.types import Scope
 
 from linked_fleet_gateway.app.settings import GatewaySettings
-from linked_fleet_gateway.http.forwarded import client_behind, find_client
-from linked_fleet_gateway.http.rates import bucket_of
+from linked_fleet_gateway.http.forwarding import client_behind, find_client
+from linked_fleet_gateway.http.scheduling import bucket_of
 
 _FRONTS = (ip_network("10.0.0.0/24"), ip_network("2001:db8:f::/48"))
 _FRONT = "10.0.0.1"

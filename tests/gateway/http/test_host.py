@@ -8,10 +8,11 @@ from starlette.applications import Starlette
 from starlette.requests import Request
 from starlette.responses import PlainTextResponse
 from starlette.routing import Route
+from starlette.types import Scope
 
 from linked_fleet_gateway.base.errors import FleetError, MisdirectedRequest
-from linked_fleet_gateway.http.arrival import Scope, arrival_of
-from linked_fleet_gateway.http.host import Authorities, Message, refuse
+from linked_fleet_gateway.http.arrival import arrival_of
+from linked_fleet_gateway.http.forwarding import Authorities, Message, refuse
 
 URLS = ("http://127.0.0.1:8000", "https://Fleet.example/", "http://[::1]:8000")
 
@@ -119,7 +120,7 @@ def test_pages_of_other_sites_do_nothing(method: str, origins: tuple[bytes, ...]
 
 
 def test_pages_of_other_sites_read_and_do_not_listen() -> None:
-    """Reading is open to whoever may see the response, which the browser decides."""
+    """Cross-origin reads are permitted, because the browser decides who sees the response."""
     foreign = ((b"origin", b"http://evil.example"),)
     assert ask("127.0.0.1:8000", more=foreign)[0]["status"] == 200
     events = ask("127.0.0.1:8000", more=(*foreign, (b"accept", b"text/event-stream")))

@@ -10,10 +10,10 @@ from starlette.types import Receive, Scope, Send
 
 from linked_fleet_gateway.base.errors import BadRequest
 from linked_fleet_gateway.http.arrival import arrival_of
-from linked_fleet_gateway.http.host import Authorities
+from linked_fleet_gateway.http.forwarding import Authorities
 from linked_fleet_gateway.http.internal_request import Reply, ReplyTooLong, ask
 from linked_fleet_gateway.http.request import Entrance, Gateway, Request, WebSocket
-from linked_fleet_gateway.runtime.request_context import begin, present
+from linked_fleet_gateway.runtime.log import begin, present
 
 BASE = "https://fleet.example:8443"
 

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 from typing import cast
 
 from linked_fleet_gateway.extensions.pages.extension import Pages
-from linked_fleet_gateway.http.lazy_imports import SUBSCRIPTIONS, ModuleLoader
+from linked_fleet_gateway.http.entrance import SUBSCRIPTIONS, ModuleLoader
 from linked_fleet_gateway.http.representation import Representations
 from linked_fleet_gateway.http.request import Entrance, Gateway, Services
 

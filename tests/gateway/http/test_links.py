@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from linked_fleet_gateway.fleet.fleet import Fleet
 from linked_fleet_gateway.fleet.invocations import Invocations
-from linked_fleet_gateway.http.links import Link, link_header, linkset_json, linkset_text
+from linked_fleet_gateway.http.fields import Link, link_header, linkset_json, linkset_text
 from linked_fleet_gateway.http.read import resource_headers
 from linked_fleet_gateway.http.representation import Representations
 from linked_fleet_gateway.resources.branches import Branches, FleetBranch

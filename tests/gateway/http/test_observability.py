@@ -17,12 +17,12 @@ from prometheus_client.parser import text_string_to_metric_families
 from prometheus_client.samples import Sample
 from starlette.requests import Request
 
-from actor import Actor, stage
 from browser import HYBRIT, ROS, Browser, Page
 from connections import websocket
+from fake_robots import FakeRobot, open_session
 from linked_fleet_gateway.app.settings import GatewaySettings
 from linked_fleet_gateway.extensions.world.extension import PREPARING
-from linked_fleet_gateway.http.health import ready
+from linked_fleet_gateway.http.operator_endpoints import ready
 from receivers import Answer, receiving
 from redis_servers import single
 from running import ROOT, Process, eventually, free_port, process
@@ -81,8 +81,8 @@ def test_health_is_read_only_and_has_nothing_below(http: httpx.Client) -> None:
 
 def test_a_robot_called_like_an_operators_address_is_found_beside_it(place: Place, http: httpx.Client) -> None:
     names = ("health", "metrics", "health/live")
-    with stage(place.zenoh) as session:
-        actors = [Actor(session, name).appear() for name in names]
+    with open_session(place.zenoh) as session:
+        actors = [FakeRobot(session, name).appear() for name in names]
         paths = ("/~68ealth/", "/~6Detrics/", "/health~2Flive/")
         for path in paths:
             eventually(lambda path=path: http.get(path).status_code == 200, path)
@@ -108,7 +108,7 @@ def test_without_anybody_to_connect_to_a_gateway_is_not_ready(tmp_path: Path) ->
     elsewhere = f"tcp/127.0.0.1:{free_port()}"
     with gateway(Place(tmp_path), "--zenoh-connect", elsewhere) as (_, http):
         eventually(lambda: unready(http) == ["no robot, router or other gateway is connected by Zenoh"], "its reason")
-        with stage(elsewhere):
+        with open_session(elsewhere):
             eventually(lambda: http.get("/health/ready").status_code == 200, "ready")
         eventually(lambda: http.get("/health/ready").status_code == 503, "not ready")
 
@@ -117,9 +117,9 @@ def test_without_anybody_to_connect_to_a_gateway_is_not_ready(tmp_path: Path) ->
 
 
 def test_metrics_are_those_of_this_moment(place: Place, http: httpx.Client) -> None:
-    with stage(place.zenoh) as session:
+    with open_session(place.zenoh) as session:
         before = sample(http, "linked_fleet_frames_taken_total")
-        robot = Actor(session, "counted").appear()
+        robot = FakeRobot(session, "counted").appear()
         eventually(lambda: http.get("/counted/elbow").status_code == 200, "its joint")
         robot.put("state", robot.frame([0.1]))
         eventually(lambda: sample(http, "linked_fleet_frames_taken_total") == before + 1, "one frame more")
@@ -146,8 +146,8 @@ def test_requests_are_counted_by_method_and_class_and_those_of_operators_are_not
 
 def test_no_name_of_a_robot_can_write_metrics_of_its_own(place: Place, http: httpx.Client) -> None:
     name = 'a"} 1\nlinked_fleet_redis_up 0\n# \\'
-    with stage(place.zenoh) as session:
-        robot = Actor(session, name).appear()
+    with open_session(place.zenoh) as session:
+        robot = FakeRobot(session, name).appear()
 
         def probe() -> bool:
             robot.put("state", robot.frame([0.2]))
@@ -182,10 +182,10 @@ def test_deliveries_are_counted_and_logged_by_subscription(tmp_path: Path) -> No
     with (
         receiving() as receiver,
         gateway(place, "--log-format=json") as (child, http),
-        stage(place.zenoh) as session,
+        open_session(place.zenoh) as session,
         contextlib.closing(Browser(place.root)) as browser,
     ):
-        robot = Actor(session, "toy").appear()
+        robot = FakeRobot(session, "toy").appear()
         joint = eventually(lambda: presence(browser, "toy") and _part(browser), "its joint")
         receiver.script(Answer(204), Answer(410))
         body = (
@@ -340,8 +340,8 @@ def test_alerts_use_exported_metrics_of_the_scraped_gateways() -> None:
 
 def test_lines_about_a_request_bear_its_id_and_its_robot(tmp_path: Path) -> None:
     place = Place(tmp_path)
-    with gateway(place, "--log-format=json") as (child, http), stage(place.zenoh) as session:
-        robot = Actor(session, "mute\nrobot").appear()
+    with gateway(place, "--log-format=json") as (child, http), open_session(place.zenoh) as session:
+        robot = FakeRobot(session, "mute\nrobot").appear()
         eventually(lambda: http.get("/mute~0Arobot/elbow").status_code == 200, "the robot")
         answer = http.post("/actions/stopAll", headers={"x-request-id": "from-the-front.1"})
         assert (answer.status_code, answer.headers["x-request-id"]) == (204, "from-the-front.1")

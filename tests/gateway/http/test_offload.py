@@ -6,7 +6,7 @@ import threading
 import pytest
 
 from linked_fleet_gateway.base.errors import Busy
-from linked_fleet_gateway.http.offload import MOST_WAITING, SHORT_BYTES, Offload
+from linked_fleet_gateway.http.scheduling import MOST_WAITING, SHORT_BYTES, Offload
 
 
 def test_short_work_is_done_at_once_and_long_work_in_a_thread() -> None:

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from linked_fleet_gateway.http.prefer import Prefer, parse_prefer
+from linked_fleet_gateway.http.fields import Prefer, parse_prefer
 
 
 @pytest.mark.parametrize(

@@ -9,6 +9,7 @@ from linked_fleet_gateway.base import errors
 from linked_fleet_gateway.extensions.pages.extension import Pages
 from linked_fleet_gateway.http.problem import problem_body
 from linked_fleet_gateway.rdf.parsing import parse
+from linked_fleet_gateway.rdf.vocabulary import XSD
 
 SH = "http://www.w3.org/ns/shacl#"
 PREFIXES = {"sh": SH, "lf": "https://w3id.org/linked-fleet#", "dcterms": "http://purl.org/dc/terms/"}
@@ -69,6 +70,25 @@ def test_rdf_carries_the_report(accept: str) -> None:
     triples = parse(body, content_type.partition(";")[0], BASE)
     assert Literal("too far") in [t.object for t in triples]
     assert NamedNode("https://w3id.org/linked-fleet#Problem") in [t.object for t in triples]
+
+
+@pytest.mark.parametrize(
+    "accept", ["text/turtle", "application/ld+json", "application/n-triples", "application/rdf+xml"]
+)
+def test_each_refusal_has_its_own_texts(accept: str) -> None:
+    """Refusals of one form, whatever characters their texts have."""
+    for value in ("400", "401.5", '"%s" <a>\\', "-0.5 °", "402.5"):
+        at, of = BlankNode(), f"{BASE}{len(value)}"
+        about = [
+            Triple(at, NamedNode(SH + "value"), Literal(value, datatype=kind))
+            for kind in (XSD.string, XSD.decimal)
+            if kind == XSD.string or value[0] == "4"
+        ]
+        about.append(Triple(at, NamedNode(SH + "focusNode"), NamedNode(of)))
+        body, content_type = problem_body(errors.UnprocessableContent(f"not {value}", report=about), accept, of)
+        parsed = parse(body, content_type.partition(";")[0], of)
+        assert {t.object for t in parsed} >= {t.object for t in about} | {Literal(f"not {value}")}
+        assert len(parsed) == len(about) + 5
 
 
 def test_extension_members() -> None:

@@ -7,15 +7,14 @@ from typing import Any, cast
 
 import pytest
 from starlette.responses import Response
+from starlette.types import Scope
 
 from linked_fleet_gateway.base.errors import TooManyRequests
-from linked_fleet_gateway.http.arrival import Scope, arrival_of
-from linked_fleet_gateway.http.authentication import Authenticated
-from linked_fleet_gateway.http.host import refuse
-from linked_fleet_gateway.http.pace import RateLimiter, await_turn
-from linked_fleet_gateway.http.rates import BURST_S, MAX_CLIENTS, TokenBuckets, bucket_of
+from linked_fleet_gateway.http.arrival import Authenticated, arrival_of
+from linked_fleet_gateway.http.entrance import RateLimiter, await_turn
+from linked_fleet_gateway.http.forwarding import refuse
 from linked_fleet_gateway.http.request import Request
-from linked_fleet_gateway.http.stop_priority import StopPriority
+from linked_fleet_gateway.http.scheduling import BURST_S, MAX_CLIENTS, StopPriority, TokenBuckets, bucket_of
 from linked_fleet_gateway.identity.rights import EVERYBODY, NOBODY, Identity
 
 

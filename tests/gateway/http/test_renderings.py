@@ -7,8 +7,8 @@ from collections.abc import Iterator, Sequence
 import httpx
 import pytest
 
-from actor import Actor, stage
 from browser import LF, Browser
+from fake_robots import FakeRobot, open_session
 from linked_fleet_gateway.fleet.observation import Observation
 from linked_fleet_gateway.rdf.graph import Graph
 from linked_fleet_gateway.rdf.vocabulary import LF as TERMS
@@ -54,9 +54,9 @@ class Connection:
 
 
 class Stand:
-    """A robot whose elbow is where it is told to be."""
+    """A robot whose elbow has the position that the test sets."""
 
-    def __init__(self, root: str, browser: Browser, actor: Actor) -> None:
+    def __init__(self, root: str, browser: Browser, actor: FakeRobot) -> None:
         self.root, self.browser, self.actor = root, browser, actor
 
     @property
@@ -78,8 +78,8 @@ class Stand:
 @pytest.fixture(scope="module")
 def stand(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Stand]:
     place = Place(tmp_path_factory.mktemp("renderings"))
-    with place.gateway() as (_, browser), stage(place.zenoh) as session:
-        found = Stand(place.root, browser, Actor(session, "odd").appear())
+    with place.gateway() as (_, browser), open_session(place.zenoh) as session:
+        found = Stand(place.root, browser, FakeRobot(session, "odd").appear())
         eventually(lambda: found.found, "the robot")
         yield found
 

@@ -4,7 +4,7 @@ import asyncio
 
 import pytest
 
-from linked_fleet_gateway.http.stop_priority import URGENT, StopPriority
+from linked_fleet_gateway.http.scheduling import URGENT, StopPriority
 
 
 def _scope(path: str, method: str = "POST") -> dict[str, str]:

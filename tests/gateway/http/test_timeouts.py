@@ -10,9 +10,8 @@ from starlette.requests import ClientDisconnect, Request
 from starlette.responses import Response
 from starlette.types import ASGIApp, Receive, Scope, Send
 
+from linked_fleet_gateway.http.connection_limits import MAX_HEAD_BYTES, Sockets
 from linked_fleet_gateway.http.protocol import HttpProtocol
-from linked_fleet_gateway.http.sockets import Sockets
-from linked_fleet_gateway.http.timeouts import MAX_HEAD_BYTES
 from serving import connect, serving, until
 
 pytestmark = pytest.mark.virtual

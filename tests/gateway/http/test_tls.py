@@ -11,13 +11,13 @@ from starlette.websockets import WebSocket
 from websockets.asyncio.client import connect as client
 
 from certificates import made
-from linked_fleet_gateway.http.backpressure import HIGH_WATER_BYTES
+from linked_fleet_gateway.http.connection_limits import HIGH_WATER_BYTES
 from linked_fleet_gateway.http.event_stream import serve_event_stream
 from linked_fleet_gateway.http.protocol import HTTP, HttpProtocol
 from linked_fleet_gateway.http.tls import Certificate, secured, unsent
 from linked_fleet_gateway.http.websocket import serve_websocket
 from linked_fleet_gateway.http.websocket_protocol import WEBSOCKET, WebSocketProtocol
-from linked_fleet_gateway.subscriptions.message import Message
+from linked_fleet_gateway.subscriptions.broadcast import Message
 from serving import Channel, fill, run_on_sockets, serving, until
 
 LARGE = 20_000

@@ -18,10 +18,10 @@ from websockets.asyncio.client import connect as client
 from websockets.exceptions import ConnectionClosed
 from websockets.frames import Frame, Opcode
 
-from linked_fleet_gateway.http.backpressure import HIGH_WATER_BYTES, BoundedWriter
+from linked_fleet_gateway.http.connection_limits import HIGH_WATER_BYTES, BoundedWriter
 from linked_fleet_gateway.http.websocket import framed, serve_websocket
 from linked_fleet_gateway.http.websocket_protocol import WEBSOCKET, WebSocketProtocol
-from linked_fleet_gateway.subscriptions.message import Ending, Message, Outlet
+from linked_fleet_gateway.subscriptions.broadcast import Ending, Message, Outlet
 from serving import Channel, connect, fill, serving, until
 
 pytestmark = pytest.mark.virtual

@@ -7,7 +7,7 @@ from collections.abc import AsyncIterator, Callable, Iterator
 import pytest
 import zenoh
 
-from actor import KEYS, Actor, stage
+from fake_robots import KEYS, FakeRobot, open_session
 from linked_fleet_agent.wire.codec import encode
 from linked_fleet_agent.wire.messages import WIRE_VERSION, Accepted, Command, Move
 from linked_fleet_gateway.fleet.events import Appeared, Event, Vanished
@@ -59,7 +59,7 @@ async def opened() -> AsyncIterator[tuple[Gateway, str]]:
 
 @contextlib.contextmanager
 def flooding(endpoint: str, tokens: list[str]) -> Iterator[zenoh.Session]:
-    with stage(endpoint) as session:
+    with open_session(endpoint) as session:
         kept = [session.liveliness().declare_token(token) for token in tokens]
         yield session
         for token in kept:
@@ -77,8 +77,8 @@ async def test_a_flood_of_names_hides_no_robot_and_leaves_nothing_behind() -> No
         with flooding(endpoint, [KEYS.presence(f"flood{number}", 1) for number in range(NAMES)]) as flood:
             held: list[zenoh.Query] = []
             hanging = flood.declare_queryable(KEYS.robot("flood1", "description"), held.append)
-            with stage(endpoint) as session:
-                genuine = Actor(session, "r").appear()  # its declarations last as long as the object
+            with open_session(endpoint) as session:
+                genuine = FakeRobot(session, "r").appear()  # its declarations last as long as the object
                 answering = session.declare_queryable(
                     KEYS.robot("r", "command"),
                     lambda query: query.reply(KEYS.robot("r", "command"), encode(Accepted("c1"))),
@@ -98,9 +98,9 @@ async def test_a_flood_of_names_hides_no_robot_and_leaves_nothing_behind() -> No
 async def test_a_flood_of_runs_costs_its_own_name_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(discovery, "_RELIST_S", 0.1)
     async with opened() as (gateway, endpoint):
-        with stage(endpoint) as session:
-            own = Actor(session, "own").appear()
-            other = Actor(session, "other").appear()
+        with open_session(endpoint) as session:
+            own = FakeRobot(session, "own").appear()
+            other = FakeRobot(session, "other").appear()
             await gateway.sees("own")
             await gateway.sees("other")
             last = own.incarnation + RUNS
@@ -119,12 +119,12 @@ async def test_a_flood_of_runs_costs_its_own_name_alone(monkeypatch: pytest.Monk
 
 async def test_one_question_asks_for_all_runs_of_a_robot() -> None:
     async with opened() as (gateway, endpoint):
-        with stage(endpoint) as session:
+        with open_session(endpoint) as session:
             asked = list[zenoh.Query]()
 
             def answer(query: zenoh.Query) -> None:
                 asked.append(query)
-                query.reply(KEYS.robot("r", "description"), Actor(session, "r").description())
+                query.reply(KEYS.robot("r", "description"), FakeRobot(session, "r").description())
 
             described = session.declare_queryable(KEYS.robot("r", "description"), answer)
             tokens = [session.liveliness().declare_token(KEYS.presence("r", 10**6 + run)) for run in range(RUNS)]
@@ -142,8 +142,8 @@ async def test_a_silent_robot_makes_room_for_one_that_comes(monkeypatch: pytest.
         silent = [KEYS.presence(f"silent{number}", 1) for number in range(20)]
         with flooding(endpoint, silent):
             await gateway.until(lambda: gateway.link.undescribed == 20 and gateway.fleet.malformed.total() >= 20)
-            with stage(endpoint) as session:
-                late = Actor(session, "late").appear()
+            with open_session(endpoint) as session:
+                late = FakeRobot(session, "late").appear()
                 await gateway.sees(late.name)
                 assert sum(isinstance(event, Vanished) for event in gateway.events) == 1
         await gateway.until(lambda: gateway.link.undescribed == 0)

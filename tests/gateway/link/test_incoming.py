@@ -4,9 +4,9 @@ import asyncio
 
 import pytest
 
-from actor import KEYS, Actor, stage
+from fake_robots import KEYS, FakeRobot, open_session
+from linked_fleet_gateway.fleet.events import Frames
 from linked_fleet_gateway.fleet.fleet import Described, Event, Fleet, Framed, Moved
-from linked_fleet_gateway.fleet.frames import Frames
 from linked_fleet_gateway.link.fleet_link import FleetLink
 from running import free_port
 from serving import until
@@ -46,8 +46,8 @@ async def test_frames_that_are_watched_or_unchecked_reach_the_event_loop() -> No
     gateway = Gateway(endpoint)
     async with gateway.link:
         await gateway.link.join()
-        with stage(endpoint) as session:
-            robot = Actor(session, "r").appear()
+        with open_session(endpoint) as session:
+            robot = FakeRobot(session, "r").appear()
             await gateway.until(Described)
             robot.put("state", robot.frame((0.1,)))
             await gateway.until(Framed)

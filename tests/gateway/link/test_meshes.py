@@ -6,8 +6,8 @@ import hashlib
 import pytest
 
 from linked_fleet_agent.wire.messages import Mesh
-from linked_fleet_gateway.base.errors import AgentSilent, Busy, Offline
-from linked_fleet_gateway.fleet.frames import Frames
+from linked_fleet_gateway.base.errors import AgentTimeout, Busy, Offline
+from linked_fleet_gateway.fleet.events import Frames
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.link import meshes
 from linked_fleet_gateway.link.fleet_link import NoAnswer
@@ -71,14 +71,14 @@ async def test_other_bytes_than_were_described_are_refused_and_not_kept() -> Non
     agents, mesh = Agents(), _mesh(b"right")
     agents.contents[mesh.sha256] = b"wrong"
     for _ in range(2):
-        with pytest.raises(AgentSilent, match="other bytes"):
+        with pytest.raises(AgentTimeout, match="other bytes"):
             await agents.meshes.get(_robot(), mesh)
     agents.contents[mesh.sha256] = b"right"
     assert await agents.meshes.get(_robot(), mesh) == b"right"
 
 
 async def test_no_answer_says_why() -> None:
-    with pytest.raises(AgentSilent, match="it has none such"):
+    with pytest.raises(AgentTimeout, match="it has none such"):
         await Agents().meshes.get(_robot(), _mesh(b"one"))
 
 

@@ -6,8 +6,7 @@ import pytest
 from pyoxigraph import BlankNode, NamedNode, RdfFormat, Triple, parse
 
 from linked_fleet_gateway.rdf.graph import Node
-from linked_fleet_gateway.rdf.unused import reachable
-from linked_fleet_gateway.rdf.validation import ShaclValidator
+from linked_fleet_gateway.rdf.validation import ShaclValidator, reachable
 from linked_fleet_gateway.rdf.vocabulary import PREFIXES, SH
 
 _PREFIXES = "".join(f"@prefix {prefix}: <{iri}> .\n" for prefix, iri in PREFIXES.items())

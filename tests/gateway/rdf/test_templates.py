@@ -81,6 +81,7 @@ def _thing(robot: str, joint: str, neighbour: str, title: str, value: str) -> tu
         (own, LF.value, scalar),
         (scalar, LF.value, Literal(value, datatype=XSD.float)),
         (scalar, LF.byteOffset, Literal("12", datatype=XSD.integer)),
+        (scalar, LF.status, Literal(f"{len(title)}.50", datatype=XSD.decimal)),
     )
     return graph, iri.value
 
@@ -109,6 +110,15 @@ def test_values_written_differently_have_another_template(media_type: str) -> No
     ):  # fmt: skip
         graph, base = _thing(*named)
         assert templates.render(graph, media_type, PREFIXES, base=base) == _written(graph, media_type, base)
+
+
+def test_labels_of_blank_nodes_do_not_matter() -> None:
+    """A parser gives each a new one."""
+    templates, base = Templates(), f"{ROOT}/a"
+    for label in ("b1", "a", "shape-7"):
+        graph = _graph(*[(BlankNode(label), LF.value, Literal(text)) for text in ("x", label)])
+        assert templates.render(graph, "text/turtle", PREFIXES, base=base) == _written(graph, "text/turtle", base)
+    assert len(templates) == 1
 
 
 def test_they_are_bounded() -> None:

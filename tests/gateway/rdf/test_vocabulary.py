@@ -8,13 +8,13 @@ import pytest
 import rdflib
 from pyoxigraph import BlankNode, Literal, NamedNode, RdfFormat, Triple
 
-from every_kind import BASE, described, described_paths, tree
-from every_term import LF
+from all_terms import LF
 from graphs import read
 from linked_fleet_gateway.rdf.serialise import JELLY, RDF_TYPES, render
 from linked_fleet_gateway.rdf.shapes import load
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, LDP, PREFIXES, RDF, RDFS, SH
 from linked_fleet_gateway.resources.resource import Resource
+from sample_resources import BASE, described, described_paths, tree
 
 _IRI = NamedNode(BASE + "/vocabulary")
 _ONTOLOGY = NamedNode("http://www.w3.org/2002/07/owl#Ontology")

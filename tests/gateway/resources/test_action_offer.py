@@ -5,12 +5,11 @@ from typing import Any
 import pytest
 from pyoxigraph import Literal, NamedNode
 
-from linked_fleet_gateway.actions.handler_table import HANDLERS
-from linked_fleet_gateway.extensions.reach.terms import LF
+from linked_fleet_gateway.actions.action_handlers import HANDLERS
+from linked_fleet_gateway.extensions.reach.can_reach import LF
 from linked_fleet_gateway.rdf.turtle import write
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HTTP, HYBRIT, METHODS, PREFIXES, RDF
-from linked_fleet_gateway.resources.action_definition import definitions
-from linked_fleet_gateway.resources.action_offer import fleet_offers, joint_offers, robot_offers
+from linked_fleet_gateway.resources.action_offer import definitions, fleet_offers, joint_offers, robot_offers
 
 _LIMIT = '<limit lower="-1" upper="1" velocity="1" effort="1"/>'
 _JOINTS = {

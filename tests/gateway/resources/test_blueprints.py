@@ -9,11 +9,11 @@ import pytest
 import rdflib
 from pyoxigraph import NamedNode, Triple
 
-from every_kind import BASE, blueprint_path, described, described_paths, tree
-from every_term import LF
+from all_terms import LF
 from graphs import graph_of
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, LDP, PROV, RDF, ROS, SH, SOSA, XHV, Namespace
 from linked_fleet_gateway.shacl import CompiledShape, Data, compile_shape
+from sample_resources import BASE, blueprint_path, described, described_paths, tree
 
 _SH = rdflib.SH
 # A resource may lack these: they depend on its parts, actions and options, and on past events.

@@ -4,6 +4,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 import pytest
+from pyoxigraph import Literal
 
 from linked_fleet_agent.wire.codec import layout
 from linked_fleet_agent.wire.messages import WIRE_VERSION, Description
@@ -12,7 +13,7 @@ from linked_fleet_gateway.fleet.fleet import Fleet
 from linked_fleet_gateway.fleet.invocations import Invocations
 from linked_fleet_gateway.rdf.serialise import TEXT_TYPES, render
 from linked_fleet_gateway.rdf.vocabulary import PREFIXES
-from linked_fleet_gateway.resources.renderings import Copies
+from linked_fleet_gateway.resources.copies import Copies
 from linked_fleet_gateway.resources.resource import Resource
 from linked_fleet_gateway.resources.tree import Tree
 
@@ -24,50 +25,75 @@ _URDF = """
     <limit lower="-1" upper="1" effort="5" velocity="2"/></joint>
   <joint name="ros:turn%2" type="revolute"><parent link="arm"/><child link="ärm 2"/><axis xyz="0 0 1"/>
     <limit lower="-1" upper="1" effort="5" velocity="2"/></joint>
+  <link name="head"/><joint name="lean" type="revolute"><parent link="arm"/><child link="head"/><axis xyz="0 1 0"/>
+    <limit lower="-0.25" upper="0.5" effort="5" velocity="3"/></joint>
   <joint name="slide" type="prismatic"><parent link="ärm 2"/><child link="hand"/><axis xyz="1 0 0"/>
     <limit lower="0" upper="0.5" effort="5" velocity="0.25"/></joint>
 </robot>
 """
 
 
-def _blueprints() -> Iterator[Resource]:
+def _described() -> Iterator[Resource]:
+    """Yield blueprints, actions, shapes of their results, and empty containers of invocations."""
     fleet = Fleet()
     for name in ("r", "cell 3/r-2"):
         said = Description(
             version=WIRE_VERSION, robot=name, incarnation=1, title="R", urdf=_URDF,
-            joints=("turn", "ros:turn%2", "slide"), base="fixed", rate_hz=50, layout=layout(3, False),
-            capabilities=("move",),
+            joints=("turn", "ros:turn%2", "slide", "lean"), base="fixed", rate_hz=50, layout=layout(4, False),
+            capabilities=("move", "stop"),
         )  # fmt: skip
         for event in (Appeared(name, 1), Described(said)):
             fleet.apply(event, 1)
     tree = Tree(fleet, Invocations(), _BASE)
     for resource, _ in tree.subtree("/"):
-        found = tree.resolve(resource.path.rstrip("/") + "/blueprint")
-        if isinstance(found, Resource):
-            yield found
+        stem = resource.path.rstrip("/")
+        paths = [f"{stem}/blueprint"]
+        for segment in ("rotate", "rotateBy", "translate", "translateBy", "hold", "stop", "moveJoints"):
+            paths += [f"{stem}/actions/{segment}{end}" for end in ("", "/produceshape", "/invocations")]
+        yield from [found for path in paths if isinstance(found := tree.resolve(path), Resource)]
 
 
 @pytest.mark.parametrize("media_type", sorted(TEXT_TYPES))
 def test_a_copy_equals_the_rendered_document(media_type: str) -> None:
     copies, copied = Copies(), 0
-    for resource in _blueprints():
+    for resource in _described():
         body = copies.body(resource, media_type, _BASE)
         if body is not None:
             copied += 1
             written = render(resource.whole(_BASE).triples, media_type, PREFIXES, base=_BASE + resource.path)
             assert body == written, resource.path
-    assert copied > 40
+    assert copied > 80
+
+
+def test_joints_with_other_limits_share_the_document_of_an_action() -> None:
+    """A robot with two such joints has one text for both, into which their names and limits go."""
+    copies = Copies()
+    actions = [each for each in _described() if each.path in ("/r/turn/actions/rotate", "/r/lean/actions/rotate")]
+    one, other = [copies.body(each, "text/turtle", _BASE) for each in actions]
+    assert one is not None and other is not None and len(copies._kept) == 1
+    assert b"-57.29577" in one and b"-57.29577" not in other and b"lean" in other
+
+
+def test_titles_with_other_characters_are_not_copied() -> None:
+    """Some syntaxes would escape them."""
+    copies = Copies()
+    resource = next(each for each in _described() if each.path.endswith("/hold"))
+    assert resource.template is not None
+    odd = replace(resource.template, values=(Literal('a "title"'),))
+    assert copies.body(replace(resource, template=odd), "text/turtle", _BASE) is None
 
 
 def test_resources_without_a_template_are_not_copied() -> None:
     copies = Copies()
-    resource = next(_blueprints())
+    resource = next(_described())
     assert copies.body(replace(resource, template=None), "text/turtle", _BASE) is None
     assert copies.body(resource, "application/x-jelly-rdf", _BASE) is None
 
 
 def test_few_are_kept() -> None:
-    copies = Copies(most=2)
-    for resource in _blueprints():
-        copies.body(resource, "text/turtle", _BASE)
-    assert len(copies._kept) <= 2
+    few, short = Copies(most=2), Copies(max_characters=50_000)
+    for resource in _described():
+        few.body(resource, "text/turtle", _BASE)
+        short.body(resource, "text/turtle", _BASE)
+        assert len(few._kept) <= 2
+        assert sum(len(each.text) for each in short._kept.values()) <= 50_000

@@ -5,9 +5,9 @@ import pytest
 import rdflib
 from pyoxigraph import Literal, NamedNode
 
-from every_kind import BASE, described, described_paths, tree
 from graphs import graph_of
 from linked_fleet_gateway.rdf.vocabulary import HYBRIT, SH, XSD
+from sample_resources import BASE, described, described_paths, tree
 
 _LIMITS = (SH.minInclusive, SH.maxInclusive, SH.minExclusive, SH.maxExclusive)
 _PREFIXES = """@prefix vom: <http://vocab.arvida.de/2015/06/vom/vocab#> . @prefix unit: <http://qudt.org/vocab/unit/> .

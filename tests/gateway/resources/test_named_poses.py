@@ -7,7 +7,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from linked_fleet_gateway.resources.named_poses import poses
+from linked_fleet_gateway.resources.annotations import poses
 from properties import examples
 
 _JOINTS = {

@@ -20,14 +20,14 @@ from linked_fleet_gateway.http.body import BODY_TYPES
 from linked_fleet_gateway.rdf.graph import Graph
 from linked_fleet_gateway.rdf.serialise import parse, render
 from linked_fleet_gateway.rdf.turtle import write
-from linked_fleet_gateway.rdf.unused import shown
+from linked_fleet_gateway.rdf.validation import shown
 from linked_fleet_gateway.rdf.vocabulary import PREFIXES
 from linked_fleet_gateway.resources.annotations import MAX_ANNOTATIONS, annotate
+from linked_fleet_gateway.resources.body_values import Setting
+from linked_fleet_gateway.resources.body_values import settings as settings_of
 from linked_fleet_gateway.resources.describe import Describer
 from linked_fleet_gateway.resources.property import Measurement, Property
 from linked_fleet_gateway.resources.settable import setting_properties
-from linked_fleet_gateway.resources.setting import Setting
-from linked_fleet_gateway.resources.setting import settings as settings_of
 from properties import examples
 
 _BASE, _OTHER = "http://fleet.example:8000", "https://robots.example.org"

@@ -11,18 +11,11 @@ from hypothesis import strategies as st
 
 from linked_fleet_gateway.base.errors import UnprocessableContent
 from linked_fleet_gateway.fleet.model import RobotModel
+from linked_fleet_gateway.rdf.graph import DEGREE, METRE, MILLIMETRE, RADIAN, UNITS
 from linked_fleet_gateway.rdf.shapes import load
-from linked_fleet_gateway.rdf.units import DEGREE, METRE, MILLIMETRE, RADIAN, UNITS
 from linked_fleet_gateway.rdf.vocabulary import LF, XSD
-from linked_fleet_gateway.resources.shape_parameters import (
-    COMPLETIONS,
-    MOST_TURNS,
-    at_least,
-    at_most,
-    bounds,
-    commandable,
-    moved_links,
-)
+from linked_fleet_gateway.resources.joint_limits import MOST_TURNS, at_least, at_most, bounds
+from linked_fleet_gateway.resources.shape_parameters import COMPLETIONS, commandable, moved_links
 
 _URDF = """<robot name="r"><link name="a"/><link name="b"/><joint name="j" type="{}"><parent link="a"/>
 <child link="b"/><axis xyz="0 0 1"/><limit lower="{!r}" upper="{!r}" velocity="2" effort="1"/></joint></robot>"""

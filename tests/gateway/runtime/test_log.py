@@ -25,3 +25,11 @@ def test_text_and_traceback_of_a_record() -> None:
     said = json.loads(JsonFormatter().format(record))
     assert said["message"] == "robot a\nb\x1b[2J"
     assert said["exception"].endswith("OSError: gone")
+
+
+def test_the_time_of_each_record_is_that_of_logging() -> None:
+    form, formatter = "%(asctime)s %(message)s", TextFormatter("%(asctime)s %(message)s")
+    for created in (1_800_000_000.0, 1_800_000_000.5, 1_800_000_001.999, 1_800_000_000.25):
+        record = logging.LogRecord("gateway.x", logging.INFO, "", 0, "said", (), None)
+        record.created, record.msecs = created, created % 1 * 1000
+        assert formatter.format(record) == logging.Formatter(form).format(record)

@@ -11,10 +11,10 @@ import httpx
 import pytest
 import zenoh
 
-from actor import KEYS, Actor, stage
 from browser import LF, Browser
 from collector import Collector, collecting
 from commanding import TURTLE, expecting, of_joint, of_robot, radian
+from fake_robots import KEYS, FakeRobot, open_session
 from linked_fleet_agent.wire.codec import decode, decode_reply, encode
 from linked_fleet_agent.wire.messages import Accepted, Command, Refused
 from receivers import Answer
@@ -141,7 +141,7 @@ def test_reads_and_unsampled_requests_are_not_traced(traced: Traced) -> None:
 
 @pytest.mark.parametrize("attachment", [b"", b"\xff\x00", b"00-" + b"0" * 52, b"x" * 1_000_000])
 def test_an_agent_answers_with_any_attachment(traced: Traced, attachment: bytes) -> None:
-    with stage(traced.place.zenoh) as session:
+    with open_session(traced.place.zenoh) as session:
         replies = session.get(KEYS.robot("ur5", "command"), payload=b"{}", attachment=attachment)
         (reply,) = [decode_reply(each.ok.payload.to_bytes()) for each in replies if each.ok is not None]
     assert isinstance(reply, Refused)
@@ -149,8 +149,8 @@ def test_an_agent_answers_with_any_attachment(traced: Traced, attachment: bytes)
 
 
 def test_a_robot_that_says_nothing_is_marked(traced: Traced) -> None:
-    with stage(traced.place.zenoh) as session:
-        robot = Actor(session, "mute").appear().stand(0.0)
+    with open_session(traced.place.zenoh) as session:
+        robot = FakeRobot(session, "mute").appear().stand(0.0)
         live(traced.browser, robot.name)
         answer, trace = traced.post(of_joint(traced.browser, "elbow", robot="mute"), radian(0.1))
         assert answer.status_code == 504, answer.text
@@ -169,8 +169,8 @@ def test_without_a_collector_nothing_is_attached(tmp_path: Path) -> None:
         command = decode(query.payload.to_bytes(), Command)
         query.reply(query.key_expr, encode(Accepted(command.id, 1.0, (), 1)))
 
-    with place.gateway() as (_, browser), stage(place.zenoh) as session:
-        robot = Actor(session, "toy").appear().stand(0.0)
+    with place.gateway() as (_, browser), open_session(place.zenoh) as session:
+        robot = FakeRobot(session, "toy").appear().stand(0.0)
         robot.keep(session.declare_queryable(KEYS.robot("toy", "command"), answer, complete=True))
         live(browser, "toy")
         action = of_joint(browser, "elbow", robot="toy")
@@ -190,7 +190,7 @@ def test_without_its_packages_a_process_that_is_to_trace_says_so_and_ends(
     run = f"{code}from {module}.__main__ import main; sys.exit(main())"
     with collecting() as collector, collector.named(), process("-c", run) as child:
         assert child.ended() == 2
-    assert child.output.startswith(f"{program}: OTEL_EXPORTER_OTLP_ENDPOINT is set, but what traces is not installed")
+    assert child.output.startswith(f"{program}: OTEL_EXPORTER_OTLP_ENDPOINT is set, but OpenTelemetry is not installed")
     assert child.output.endswith("pip install 'linked-fleet-agent[tracing]'\n")
     assert child.output.count("\n") == 1
 

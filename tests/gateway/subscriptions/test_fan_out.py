@@ -11,7 +11,7 @@ from collections.abc import Callable
 import msgspec
 import pytest
 
-from actor import joint, link, robot
+from fake_robots import joint, link, robot
 from linked_fleet_agent.wire.codec import encode_state, layout
 from linked_fleet_agent.wire.messages import WIRE_VERSION, Description, State
 from linked_fleet_gateway.fleet.events import Appeared, Described, Event, Framed, Undescribed, Vanished
@@ -20,8 +20,8 @@ from linked_fleet_gateway.fleet.invocations import Invocation, Invocations, Invo
 from linked_fleet_gateway.resources.subscription import Depth, Kind, Subscription
 from linked_fleet_gateway.resources.tree import Tree
 from linked_fleet_gateway.subscriptions import fan_out
+from linked_fleet_gateway.subscriptions.broadcast import Ending, Message
 from linked_fleet_gateway.subscriptions.fan_out import FanOut
-from linked_fleet_gateway.subscriptions.message import Ending, Message
 from linked_fleet_gateway.subscriptions.watcher import Timer
 
 _BASE = "http://fleet.example"
@@ -346,7 +346,7 @@ async def test_depths_of_a_joint() -> None:
 
 
 async def test_a_subtree_follows_its_members() -> None:
-    """A robot described anew, robots that join, invocations: new resources are covered, up to their last state."""
+    """Resources of a new description, of new robots and of new invocations are covered, up to their last state."""
     world = await World().up()
     outlet = await begin(world, "/", depth=Depth.SUBTREE)
     assert "/" in outlet.take()
@@ -363,7 +363,7 @@ async def test_a_subtree_follows_its_members() -> None:
     world.fan_out.appeared(path)
     for state in (InvocationState.ACCEPTED, InvocationState.RUNNING, InvocationState.SUCCEEDED):
         invocation.state = state
-        world.fan_out.touched(path)
+        world.fan_out.mark_changed(path)
         await world.settle()
         (message,) = outlet.messages
         assert state.value in message.body.decode()
@@ -400,7 +400,7 @@ async def test_a_subtree_ends_with_its_root() -> None:
 
 
 async def test_a_robot_that_says_nothing_usable_for_a_while_ends_nobody() -> None:
-    """Its joints do not exist while it is faulty; their watchers are told when they are back."""
+    """Joints of a robot with an unusable description do not exist; their watchers get a message when they return."""
     world = await World().up()
     outlets = [watch(world, _ROTATION), watch(world, _JOINT, depth=Depth.SUBTREE)]
     for outlet in outlets:
@@ -608,7 +608,7 @@ async def test_a_new_interval_counts_from_the_change_of_options() -> None:
 
 
 async def test_a_changed_deadband_is_compared_with_the_sent_value() -> None:
-    """A smaller one releases what was no news before; a larger one holds back what is no longer news."""
+    """A smaller deadband sends changes that were suppressed before; a larger one suppresses further changes."""
     world = await World().up()
     outlet = await begin(world, _ROTATION, deadband=0.5)
     await world.move(0.3)

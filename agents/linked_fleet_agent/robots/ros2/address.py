@@ -63,7 +63,7 @@ def parse_address(text: str) -> Address:
     )
     if given:
         known = "domain, namespace, states, description, commands and stale"
-        raise AddressError(f"{next(iter(given))!r} is no option of a ROS 2 robot; there are {known}")
+        raise AddressError(f"{next(iter(given))!r} is not an option of a ROS 2 robot; the options are {known}")
     return address
 
 
@@ -73,7 +73,7 @@ def _options(query: str) -> dict[str, list[str]]:
     except ValueError as error:
         raise AddressError(f"{query!r} is not OPTION=VALUE&OPTION=VALUE: {error}") from error
     if not pairs:
-        raise AddressError("nothing follows the question mark, which is to be OPTION=VALUE&OPTION=VALUE")
+        raise AddressError("no options follow the question mark; OPTION=VALUE&OPTION=VALUE is expected")
     options: dict[str, list[str]] = {}
     for name, value in pairs:
         options.setdefault(name, []).append(value)
@@ -83,34 +83,34 @@ def _options(query: str) -> dict[str, list[str]]:
 def _one(given: dict[str, list[str]], name: str, default: str) -> str:
     values = given.pop(name, [default])
     if len(values) > 1:
-        raise AddressError(f"{name!r} is there {len(values)} times")
+        raise AddressError(f"{name!r} is given {len(values)} times")
     return values[0]
 
 
 def _domain(text: str) -> int:
     if not re.fullmatch(r"[0-9]{1,3}", text) or int(text) > MAX_DOMAIN:
-        raise AddressError(f"domain={text!r} is no number from 0 to {MAX_DOMAIN}")
+        raise AddressError(f"domain={text!r} is not a number from 0 to {MAX_DOMAIN}")
     return int(text)
 
 
 def _stale(text: str) -> float:
     least, most = SHORTEST_STALE_S, LONGEST_STALE_S
     if not re.fullmatch(r"[0-9]{1,2}(\.[0-9]{1,6})?", text) or not least <= float(text) <= most:
-        raise AddressError(f"stale={text!r} is no number of seconds from {least:g} to {most:g}")
+        raise AddressError(f"stale={text!r} is not a number of seconds from {least:g} to {most:g}")
     return float(text)
 
 
 def _namespace(text: str) -> str:
     """Return an empty string for the root, else the namespace with a leading and no trailing slash."""
     if text != "/" and not (text.startswith("/") and _RELATIVE.fullmatch(text[1:])):
-        raise AddressError(f"namespace={text!r} is no ROS namespace such as /arm")
+        raise AddressError(f"namespace={text!r} is not a ROS namespace such as /arm")
     return text.rstrip("/")
 
 
 def _topic(text: str, namespace: str) -> str:
     full = text if text.startswith("/") else f"{namespace}/{text}"
     if len(full) > _LONGEST_NAME or not _RELATIVE.fullmatch(full[1:]):
-        raise AddressError(f"{text!r} is no name of a ROS topic such as joint_states or /arm/joint_states")
+        raise AddressError(f"{text!r} is not the name of a ROS topic such as joint_states or /arm/joint_states")
     return full
 
 
@@ -119,9 +119,9 @@ def _controllers(values: Sequence[str], namespace: str) -> tuple[Controller, ...
     topics = [controller.topic for controller in found]
     joints = [joint for controller in found for joint in controller.joints]
     if len(set(topics)) < len(topics) or len(set(joints)) < len(joints):
-        raise AddressError("commands: each topic and each joint may be there once")
+        raise AddressError("commands: each topic and each joint may be given only once")
     if len(found) > 1 and not all(controller.joints for controller in found):
-        raise AddressError("commands: where there are several, each names its joints, as in TOPIC:JOINT;JOINT")
+        raise AddressError("commands: if there are several, each must name its joints, as in TOPIC:JOINT;JOINT")
     return found
 
 

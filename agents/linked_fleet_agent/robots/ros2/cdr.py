@@ -72,7 +72,7 @@ def read_joint_state(payload: bytes) -> JointState:
 
 
 def write_trajectory(joints: Sequence[str], positions: Sequence[float], reached_in_s: float) -> bytes:
-    """Return a ``trajectory_msgs/JointTrajectory`` that starts on arrival and reaches its one point after that time."""
+    """Return a ``trajectory_msgs/JointTrajectory`` with one point, reached ``reached_in_s`` after its arrival."""
     nothing = np.zeros(0)
     seconds, nanoseconds = divmod(round(reached_in_s * 1e9), 1_000_000_000)
     point = Point(
@@ -88,7 +88,7 @@ def write_trajectory(joints: Sequence[str], positions: Sequence[float], reached_
 
 def _read(payload: bytes, message: str, most: int) -> object:
     if len(payload) > most:
-        raise CdrError(f"{len(payload)} bytes are too many, {most} may be in a {message}")
+        raise CdrError(f"{len(payload)} bytes are too many; a {message} may have {most}")
     try:
         return _STORE.deserialize_cdr(payload, message)
     except SerdeError as error:
@@ -97,5 +97,5 @@ def _read(payload: bytes, message: str, most: int) -> object:
 
 def _row(row: "np.typing.NDArray[np.float64]", count: int) -> tuple[float, ...]:
     if len(row) not in (0, count):
-        raise CdrError(f"{len(row)} values are neither none nor one for each of {count} joints")
+        raise CdrError(f"a row has {len(row)} values for {count} joints; it may be empty or have one for each")
     return tuple(value if math.isfinite(value) else math.nan for value in row.tolist()) or (math.nan,) * count

@@ -9,15 +9,13 @@ from dataclasses import replace
 from linked_fleet_agent.robot import Facts, JointFacts, Reading, RobotFaultError
 from linked_fleet_agent.robots.ros2 import cdr
 from linked_fleet_agent.robots.ros2.address import Address, AddressError, Controller
-from linked_fleet_agent.robots.ros2.keys import Topic
-from linked_fleet_agent.robots.ros2.session import Mailbox, Outlet, ReceivedMessage, RosSession
-from linked_fleet_agent.robots.ros2.states import JointStates
-from linked_fleet_agent.robots.ros2.trajectory_points import TrajectoryPoints, time_from_start_s
+from linked_fleet_agent.robots.ros2.joints import JointStates, TrajectoryPoints, time_from_start_s
+from linked_fleet_agent.robots.ros2.session import Mailbox, Outlet, ReceivedMessage, RosSession, Topic
 from linked_fleet_agent.urdf import UrdfError, joints_of, parse
 
 _log = logging.getLogger(__name__)
 
-PATIENCE_S = 30.0
+TIMEOUT_S = 30.0
 """Longest wait for the description of a robot."""
 _SETTLE_S = 2.0
 _LOOK_S = 0.02
@@ -41,13 +39,13 @@ class Ros2Robot:
         self._read_s = self._cycle_s = 0.0
 
     @classmethod
-    def find(cls, name: str, address: Address, patience_s: float = PATIENCE_S) -> "Ros2Robot":
+    def find(cls, name: str, address: Address, timeout_s: float = TIMEOUT_S) -> "Ros2Robot":
         """Connect to the robot at ``address``: wait for its description, and briefly for joint states and controllers.
 
-        Raises ConnectionError if the endpoint does not answer within ``patience_s``, TimeoutError if no description
+        Raises ConnectionError if the endpoint does not answer within ``timeout_s``, TimeoutError if no description
         arrives, AddressError if a controller names joints that the robot does not have.
         """
-        deadline_s = time.monotonic() + patience_s
+        deadline_s = time.monotonic() + timeout_s
         session = _opened(name, address, deadline_s)
         try:
             facts = _described(name, address, session, deadline_s)
@@ -129,7 +127,8 @@ class Ros2Robot:
             raise RobotFaultError(f"no controller listens to {follower.topic}")
         if not positions:
             raise RobotFaultError(
-                f"no position of a joint of {follower.topic} is known; its controller holds where it was sent last"
+                f"no joint position of {follower.topic} is known; its controller holds the last position that "
+                "it was sent"
             )
         outlet.put(cdr.write_trajectory(list(positions), list(positions.values()), time_from_start_s(self._cycle_s)))
 
@@ -178,7 +177,7 @@ def _described(name: str, address: Address, session: RosSession, deadline_s: flo
     try:
         return _with_controllers(_first(name, box, deadline_s), address.controllers)
     except TimeoutError as error:
-        raise TimeoutError(f"nobody says on {topic.name} in domain {address.domain} what the robot is") from error
+        raise TimeoutError(f"no robot description came on {topic.name} in domain {address.domain}") from error
     finally:
         end()
 
@@ -203,7 +202,7 @@ def facts_of(name: str, arrived: ReceivedMessage) -> Facts:
     joints = joints_of(urdf)
     names = {joint.name for joint in joints}
     if not 0 < len(names) == len(joints) <= cdr.MAX_JOINTS:
-        raise UrdfError(f"{len(joints)} joints of {len(names)} names are no joints of a robot")
+        raise UrdfError(f"{len(joints)} joints with {len(names)} different names are not the joints of a robot")
     return Facts((parse(urdf).get("name") or name)[:_LONGEST_TITLE], urdf, joints)
 
 
@@ -213,7 +212,7 @@ def _with_controllers(facts: Facts, controllers: Sequence[Controller]) -> Facts:
     for controller in controllers:
         missing = [joint for joint in controller.joints if joint not in free]
         if missing:
-            raise AddressError(f"{controller.topic} is to have {', '.join(missing)}: no joint that takes commands")
+            raise AddressError(f"{controller.topic} is configured for {', '.join(missing)}, which take no commands")
     if not any(controller.joints for controller in controllers):
         return facts
     led = {joint for controller in controllers for joint in controller.joints}

@@ -1,21 +1,83 @@
-"""The Zenoh session of the ROS 2 driver. Apart from zenoh_session.py, no other module of the agent imports zenoh.
+"""The Zenoh session of the ROS 2 driver, and the keys, liveliness tokens and attachments of rmw_zenoh.
 
-Its callbacks only put bytes into bounded queues, which the driver empties in its own thread.
+Keys, tokens and attachments follow docs/design.md of rmw_zenoh (ROS 2 Jazzy and later), and are pure. Apart from
+zenoh_session.py, no other module of the agent imports zenoh. The callbacks of the session only put bytes into bounded
+queues, which the driver empties in its own thread.
 """
 
 import secrets
+import struct
 import time
 from collections import deque
 from collections.abc import Callable
 from contextlib import ExitStack
-from typing import Any, NamedTuple
+from dataclasses import dataclass
+from typing import Any, Literal, NamedTuple
 
 import zenoh
 from zenoh import ext
 
-from linked_fleet_agent.robots.ros2 import keys
-from linked_fleet_agent.robots.ros2.keys import Node, Topic
 from linked_fleet_agent.zenoh_session import configuration
+
+GID_BYTES = 16
+Kind = Literal["MP", "MS"]
+# QoS policies: reliability, durability, history and depth, deadline, lifespan, liveliness. A field that has rmw_zenoh's
+# default stays empty. Reliable is such a default; durability 1 is transient local.
+KEEP_LAST_ONE = "::,1:,:,:,,"
+LATCHED = ":1:,1:,:,:,,"
+
+
+@dataclass(frozen=True)
+class Topic:
+    """A topic by its full name, ``type`` as in ``std_msgs/msg/String``, and the hash of that type (REP 2016)."""
+
+    domain: int
+    name: str
+    type: str
+    type_hash: str
+
+    @property
+    def key(self) -> str:
+        """The key expression of its messages."""
+        return f"{self.domain}/{self.name.strip('/')}/{self.dds_type}/{self.type_hash}"
+
+    @property
+    def dds_type(self) -> str:
+        package, kind, name = self.type.split("/")
+        return f"{package}::{kind}::dds_::{name}_"
+
+
+@dataclass(frozen=True)
+class Node:
+    """A ROS node in the root namespace; ``session`` is the identifier of its Zenoh session."""
+
+    domain: int
+    session: str
+    name: str
+
+    @property
+    def token(self) -> str:
+        """The liveliness token that announces the node to ROS."""
+        return self._token(0, "NN")
+
+    def token_of(self, number: int, kind: Kind, topic: Topic, quality: str) -> str:
+        """Return the token of a publisher (MP) or subscription (MS) of the node; each has its own ``number``."""
+        of_topic = (_mangled(topic.name), topic.dds_type, topic.type_hash, quality)
+        return "/".join((self._token(number, kind), *of_topic))
+
+    def _token(self, number: int, kind: str) -> str:
+        enclave, namespace = _mangled("/"), _mangled("/")
+        return f"@ros2_lv/{self.domain}/{self.session}/0/{number}/{kind}/{enclave}/{namespace}/{self.name}"
+
+
+def attachment(sequence: int, stamp_ns: int, gid: bytes) -> bytes:
+    """Return the attachment of a message: sequence number from 1, wall time, sender (16 bytes with length prefix)."""
+    return struct.pack("<qqB16s", sequence, stamp_ns, GID_BYTES, gid)
+
+
+def _mangled(name: str) -> str:
+    return name.replace("/", "%")
+
 
 _LEASE_MS = 2_000
 _MOST_STATES, _MOST_DESCRIPTIONS = 32, 2
@@ -49,7 +111,7 @@ class Outlet:
 
     def __init__(self, publisher: Any) -> None:
         self._publisher = publisher
-        self._gid, self._sequence = secrets.token_bytes(keys.GID_BYTES), 0
+        self._gid, self._sequence = secrets.token_bytes(GID_BYTES), 0
 
     @property
     def heard(self) -> bool:
@@ -59,7 +121,7 @@ class Outlet:
     def put(self, payload: bytes) -> None:
         """Publish without waiting. Raises zenoh.ZError if the session is closed."""
         self._sequence += 1
-        self._publisher.put(payload, attachment=keys.attachment(self._sequence, time.time_ns(), self._gid))
+        self._publisher.put(payload, attachment=attachment(self._sequence, time.time_ns(), self._gid))
 
 
 class RosSession:
@@ -85,7 +147,7 @@ class RosSession:
         """Subscribe to messages of up to ``longest`` bytes."""
         box = Mailbox(longest, _MOST_STATES)
         self._keep(self._session.declare_subscriber(topic.key, box.put))
-        self._show("MS", topic, keys.KEEP_LAST_ONE)
+        self._show("MS", topic, KEEP_LAST_ONE)
         return box
 
     def listen_latched(self, topic: Topic, longest: int) -> tuple[Mailbox, Callable[[], None]]:
@@ -96,7 +158,7 @@ class RosSession:
         box = Mailbox(longest, _MOST_DESCRIPTIONS)
         history = ext.HistoryConfig(detect_late_publishers=True, max_samples=1)
         subscriber: Any = ext.declare_advanced_subscriber(self._session, topic.key, box.put, history=history)
-        token = self._session.liveliness().declare_token(self._next_token("MS", topic, keys.LATCHED))
+        token = self._session.liveliness().declare_token(self._next_token("MS", topic, LATCHED))
 
         def end() -> None:
             token.undeclare()
@@ -110,7 +172,7 @@ class RosSession:
             topic.key, congestion_control=zenoh.CongestionControl.DROP, express=True
         )
         self._keep(publisher)
-        self._show("MP", topic, keys.KEEP_LAST_ONE)
+        self._show("MP", topic, KEEP_LAST_ONE)
         return Outlet(publisher)
 
     def close(self) -> None:
@@ -118,10 +180,10 @@ class RosSession:
         self._declared.close()
         self._session.close()
 
-    def _show(self, kind: keys.Kind, topic: Topic, quality: str) -> None:
+    def _show(self, kind: Kind, topic: Topic, quality: str) -> None:
         self._keep(self._session.liveliness().declare_token(self._next_token(kind, topic, quality)))
 
-    def _next_token(self, kind: keys.Kind, topic: Topic, quality: str) -> str:
+    def _next_token(self, kind: Kind, topic: Topic, quality: str) -> str:
         self._number += 1
         return self._node.token_of(self._number, kind, topic, quality)
 

@@ -25,7 +25,7 @@ spec:
       {{- end }}
     spec:
       {{- include "lf.pod" (dict "root" .root "user" 10001 "placement" (merge (dict) .agent $values.agentDefaults)) | nindent 6 }}
-      terminationGracePeriodSeconds: 10 # the robot holds, then the agent leaves
+      terminationGracePeriodSeconds: 10 # the robot holds, then the agent ends
       containers:
         - name: agent
           {{- include "lf.container" (dict "root" .root "image" (merge (dict) (.agent.image | default dict) $values.images.agent) "resources" (.agent.resources | default $values.agentDefaults.resources)) | nindent 10 }}

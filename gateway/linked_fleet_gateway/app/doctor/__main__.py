@@ -11,10 +11,9 @@ from collections.abc import Iterator, Mapping, Sequence
 from datetime import UTC, datetime
 
 from linked_fleet_agent.wire.trust import is_loopback, open_to_all
-from linked_fleet_gateway.app.doctor import certificates, clocks, ports, redis_server, zenoh_routers
+from linked_fleet_gateway.app.doctor import certificates, libraries, machine, redis_server, zenoh_routers
 from linked_fleet_gateway.app.doctor.finding import Finding, lines, summary
-from linked_fleet_gateway.app.exposure import exposure_problems
-from linked_fleet_gateway.app.settings import GatewaySettings
+from linked_fleet_gateway.app.settings import GatewaySettings, exposure_problems
 
 _REDIS_S = 10.0
 
@@ -36,7 +35,8 @@ async def examine(environment: Mapping[str, str], arguments: Sequence[str]) -> l
     except ValueError as error:
         return [Finding("settings", str(error), "docs/SETTINGS.md has all settings")]
     wire = list(_wire(settings))
-    found = [*_exposure(settings), *_ports(settings), *_tls(settings), *wire, clocks.this_machine()]
+    found = [*_exposure(settings), *_ports(settings), *_tls(settings), *wire, machine.this_machine()]
+    found += await libraries.libraries()
     if settings.redis_url:
         answers = redis_server.redis_server(settings.redis_url, settings.namespace)
         found += await redis_server.every(answers, _REDIS_S)
@@ -65,9 +65,9 @@ def _exposure(settings: GatewaySettings) -> Iterator[Finding]:
 
 
 def _ports(settings: GatewaySettings) -> Iterator[Finding]:
-    http = ports.http_port(settings.host, settings.port, bool(settings.tls_cert))
+    http = machine.http_port(settings.host, settings.port, bool(settings.tls_cert))
     yield http
-    yield from ports.zenoh_ports(settings.listen_endpoints, "already" in http.sentence)
+    yield from machine.zenoh_ports(settings.listen_endpoints, "already" in http.sentence)
 
 
 def _tls(settings: GatewaySettings) -> Iterator[Finding]:

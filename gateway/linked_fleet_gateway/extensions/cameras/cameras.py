@@ -5,10 +5,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 
-from linked_fleet_agent.wire.codec import WireError
+from linked_fleet_agent.wire.codec import HEADER, PictureHeader, WireError, decode_picture
+from linked_fleet_agent.wire.keys import MAX_NAME_BYTES, escape
 from linked_fleet_agent.wire.messages import MAX_PIXELS, Camera, PictureFormat
-from linked_fleet_agent.wire.names import MAX_NAME_BYTES, escape
-from linked_fleet_agent.wire.pictures import HEADER, PictureHeader, decode_picture
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.resources.paths import robot_of, robot_path
 
@@ -64,7 +63,7 @@ def read_picture(
     if moment.incarnation != incarnation:
         return None, f"the picture is of run {moment.incarnation}, but {incarnation} is present"
     if len(answer) > size_limit(camera):
-        return None, f"the picture has {len(answer)} bytes; {size_limit(camera)} are the most of {camera.name!r}"
+        return None, f"the picture has {len(answer)} bytes; {size_limit(camera)} is the maximum for {camera.name!r}"
     said = (camera.height, camera.width, camera.near_m, camera.far_m)
     if (moment.rows, moment.columns, moment.near_m, moment.far_m) != said:
         return None, f"the picture is of another camera than {camera.name!r}: its size or its range differs"
@@ -97,5 +96,5 @@ def camera_path(robot: str, camera: str) -> str:
 
 
 def is_in_cameras(path: str) -> bool:
-    """Return True if the resource at ``path`` is a camera, if it is any, or below one."""
+    """Return True if ``path`` has the form of the path of a camera, or of a resource below one."""
     return robot_of(path) is not None and path.split("/")[2:3] == [SEGMENT]

@@ -4,7 +4,7 @@ from pathlib import Path
 
 from pyoxigraph import NamedNode
 
-from linked_fleet_gateway.extensions.cameras.terms import LF
+from linked_fleet_gateway.extensions.cameras.resources import LF
 from linked_fleet_gateway.extensions.pages.thing_views import AROUND, PRESENCE, presence
 from linked_fleet_gateway.extensions.pages.values import Facts
 from linked_fleet_gateway.extensions.pages.views import PageView, Part

@@ -11,7 +11,7 @@ from typing import Self
 
 from linked_fleet_agent.wire.codec import encode
 from linked_fleet_agent.wire.messages import WIRE_VERSION, Camera, PictureFormat, PictureQuery
-from linked_fleet_gateway.base.errors import AgentSilent, Busy, Offline
+from linked_fleet_gateway.base.errors import AgentTimeout, Busy, Offline
 from linked_fleet_gateway.extensions.cameras.cameras import (
     FORMATS,
     Picture,
@@ -76,24 +76,24 @@ class Pictures:
         for asking in self._under_way.values():
             asking.cancel()
 
-    def held(self, robot: str, camera: str) -> dict[str, Picture]:
-        """Return the last pictures of a followed camera by format; empty if nobody follows it."""
+    def latest(self, robot: str, camera: str) -> dict[str, Picture]:
+        """Return the last pictures of a followed camera by format; empty if no client follows it."""
         followed = self._followed.get(camera_path(robot, camera))
         return followed.pictures if followed is not None else {}
 
-    async def get(self, source: RobotCamera, format: PictureFormat, *, anew: bool = False) -> Picture:
-        """Return a recent picture, or a new one if ``anew``. Raises Offline, AgentSilent or Busy."""
+    async def get(self, source: RobotCamera, format: PictureFormat, *, renew: bool = False) -> Picture:
+        """Return a recent picture, or a new one if ``renew``. Raises Offline, AgentTimeout or Busy."""
         key = (source.robot.name, source.camera.name, format)
         if not source.robot.online:
-            raise Offline(f"Robot {source.robot.name!r} is offline: nobody knows what its cameras see.")
+            raise Offline(f"Robot {source.robot.name!r} is offline, so its cameras give no pictures.")
         fresh = self._fresh.get(key)
-        if fresh is not None and fresh.moment.incarnation == source.robot.incarnation and not anew:
+        if fresh is not None and fresh.moment.incarnation == source.robot.incarnation and not renew:
             return fresh
         task = self._under_way.get(key)
         if task is None:
             of_robot = sum(name == source.robot.name for name, *_ in self._under_way)
             if len(self._under_way) >= MAX_UNDER_WAY or of_robot >= MAX_UNDER_WAY_OF_A_ROBOT:
-                raise Busy("Too many pictures are being asked for; ask again in a moment.")
+                raise Busy("Too many pictures are being requested; try again in a moment.")
             task = self._under_way[key] = asyncio.create_task(self._fetch(key, source))
             task.add_done_callback(lambda done: self._ended(key, done))
         # other requests may wait for the same query, so a cancelled one does not end it
@@ -108,7 +108,7 @@ class Pictures:
         followed.watchers[watcher] = format
         followed.joined.set()
         if followed.task is None:
-            failed = f"what is seen at {path} could not be had"
+            failed = f"no pictures of {path} at present"
             followed.task = supervised(partial(self._keep, path, followed), f"watch {path}", log, failed, _AGAIN_S)
 
     def leave(self, watcher: Watcher) -> None:
@@ -131,7 +131,7 @@ class Pictures:
             followed.pictures = {format: picture for format, picture in followed.pictures.items() if format in wanted}
             followed.pictures |= seen
             if seen:
-                self._live.fan_out.touched(path)
+                self._live.fan_out.mark_changed(path)
             await asyncio.sleep(max(0.0, due_s - loop.time()))
             rest_s = followed.period_s - _PERIOD_S if seen else _AGAIN_S
             with suppress(TimeoutError):
@@ -148,21 +148,21 @@ class Pictures:
         source, seen = self.find(path), dict[str, Picture]()
         for format in sorted(wanted) if source is not None else ():
             assert source is not None
-            with suppress(Offline, AgentSilent, Busy):
-                seen[format] = await self.get(source, format, anew=True)
+            with suppress(Offline, AgentTimeout, Busy):
+                seen[format] = await self.get(source, format, renew=True)
         return seen
 
     def _ended(self, key: _Key, task: asyncio.Task[Picture]) -> None:
         del self._under_way[key]
         if not task.cancelled():
-            task.exception()  # retrieved even if nobody waits any more
+            task.exception()  # retrieved even if no request waits any more
 
     async def _fetch(self, key: _Key, source: RobotCamera) -> Picture:
         async with self._room_of[key[0]], self._room:
             try:
                 picture = await self._ask(source.robot, source.camera, key[2])
             except NoAnswer as silence:
-                raise AgentSilent(f"The picture could not be had: {silence.reason}.") from silence
+                raise AgentTimeout(f"No picture could be fetched: {silence.reason}.") from silence
         self._fresh[key] = picture
         asyncio.get_running_loop().call_later(_PERIOD_S, self._forget, key, picture)
         return picture
@@ -174,7 +174,7 @@ class Pictures:
         def read(answer: bytes | str) -> tuple[Picture | None, str]:
             return read_picture(answer, camera, format, robot.incarnation)
 
-        none = f"no agent shows what robot {robot.name!r} sees"
+        none = f"no agent serves pictures of robot {robot.name!r}"
         return await self._live.link.ask_agent(
             robot.name, "picture", glance, size_limit(camera), _TIMEOUT_S, read, none
         )

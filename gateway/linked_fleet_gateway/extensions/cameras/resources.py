@@ -1,4 +1,4 @@
-"""Cameras as properties of their robot (desideratum D5): their RDF and their pictures.
+"""Cameras as properties of their robot (desideratum D5): their RDF, their terms and their pictures.
 
 The RDF of a camera does not describe its pictures, so it changes only with its robot. A picture is cached only while a
 client follows it; otherwise a GET queries the robot.
@@ -20,14 +20,13 @@ from linked_fleet_gateway.extensions.cameras.cameras import (
     cameras_path,
     types_of,
 )
-from linked_fleet_gateway.extensions.cameras.terms import LF
 from linked_fleet_gateway.fleet.model import Link
 from linked_fleet_gateway.fleet.observation import Observation
 from linked_fleet_gateway.fleet.robot import Robot
-from linked_fleet_gateway.rdf.graph import Graph, integer
-from linked_fleet_gateway.rdf.serialise import NothingYet
-from linked_fleet_gateway.rdf.units import HERTZ, METRE, RADIAN
+from linked_fleet_gateway.rdf.graph import HERTZ, METRE, RADIAN, Graph, integer
+from linked_fleet_gateway.rdf.serialise import NoContentYet
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, LDP, QUDT, RDFS, SOSA
+from linked_fleet_gateway.rdf.vocabulary import LF as CORE
 from linked_fleet_gateway.resources.binary_frames import FRAME_TYPES, Field, add_field, begin_layout, layout_path
 from linked_fleet_gateway.resources.branches import RequestView, RobotBranch
 from linked_fleet_gateway.resources.describe import Describer
@@ -35,23 +34,28 @@ from linked_fleet_gateway.resources.paths import link_path, robot_path
 from linked_fleet_gateway.resources.resource import CONTAINER, Resource, blueprint_of
 from linked_fleet_gateway.resources.versioning import Source, presence
 
+LF = CORE.extended(
+    "Camera Cameras CameraShape CamerasShape cameras imageWidth imageHeight verticalFieldOfView nearest"
+    " farthest maximumRate picture"
+)
+
 MAX_RATE_HZ = 10.0
 """Highest rate of queries to one camera, however many clients want its pictures."""
 _DEPTH_HEADER = (
     Field("magic", "char2", 0, "The letters LD."),
-    Field("version", "uint16", 2, "Of this form of frames: 1."),
-    Field("rows", "uint16", 4, "How many rows of depths there are."),
-    Field("columns", "uint16", 6, "How many depths a row has."),
+    Field("version", "uint16", 2, "Version of this frame layout: 1."),
+    Field("rows", "uint16", 4, "Number of rows of depths."),
+    Field("columns", "uint16", 6, "Number of depths in a row."),
     Field("incarnation", "uint64", 8, "The run of the agent, as in lf:version."),
-    Field("sequence", "uint64", 16, "The frame of state that is seen, counted from 0: one less than in lf:version."),
-    Field("monotonic_ns", "int64", 24, "When the robot was so, by the agent's monotonic clock."),
-    Field("wall_ns", "int64", 32, "When the robot was so, by the agent's clock: since 1970 (UTC)."),
-    Field("near_m", "float64", 40, "No depth is less."),
-    Field("far_m", "float64", 48, "No depth is more."),
+    Field("sequence", "uint64", 16, "Number of the state frame shown, counted from 0: one less than in lf:version."),
+    Field("monotonic_ns", "int64", 24, "Time of that state by the agent's monotonic clock."),
+    Field("wall_ns", "int64", 32, "Time of that state by the agent's wall clock, since 1970 (UTC)."),
+    Field("near_m", "float64", 40, "Lower bound of all depths."),
+    Field("far_m", "float64", 48, "Upper bound of all depths."),
 )
 _DEPTHS = Field(
     "depth", "float32", 56,
-    "Row by row, the uppermost first: how far away along the optical axis; NaN where nothing is in range.",
+    "Distances along the optical axis, row by row from the top; NaN where nothing is in range.",
 )  # fmt: skip
 
 Held = Callable[[str, str], dict[str, Picture]]
@@ -141,7 +145,7 @@ def _camera(held: Held, view: RequestView, robot: Robot, camera: Camera) -> Reso
 def _content(seen: Callable[[], dict[str, Picture]], path: str, format: str) -> bytes:
     picture = seen().get(format)
     if picture is None:
-        raise NothingYet(f"nothing has been seen at {path} yet")
+        raise NoContentYet(f"no picture of {path} has been taken yet")
     return picture.content
 
 
@@ -181,7 +185,11 @@ def _describe(graph: Graph, view: RequestView, robot: Robot, camera: Camera) -> 
     graph.add(iri, LF.picture, iri if types else LF.unknown)
     graph.add(iri, DCTERMS.format, *map(Literal, types))
     if not types:
-        graph.add(iri, LF.reason, Literal(camera.unavailable or "The robot says of no kind of picture that we know."))
+        graph.add(
+            iri,
+            LF.reason,
+            Literal(camera.unavailable or "The robot offers no picture format that this gateway supports."),
+        )
     if not robot.online:
         Describer(view.base).presence(graph, iri, robot)
 

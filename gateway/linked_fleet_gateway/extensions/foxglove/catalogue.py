@@ -10,7 +10,7 @@ from linked_fleet_gateway.extensions.foxglove.protocol import Channel, Parameter
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.identity.rights import Identity, Right
 from linked_fleet_gateway.resources.action_offer import fleet_offers, robot_offers
-from linked_fleet_gateway.resources.named_poses import poses
+from linked_fleet_gateway.resources.annotations import poses
 from linked_fleet_gateway.resources.paths import robot_path
 from linked_fleet_gateway.subscriptions.live import Live
 
@@ -32,7 +32,7 @@ def picture_format(formats: Iterable[str]) -> PictureFormat | None:
 
 
 class Catalogue:
-    """The advertised channels and services. No id is reused, so that a late message never refers to something else."""
+    """The advertised channels and services. Ids are never reused, so a late message cannot refer to another channel."""
 
     def __init__(self, live: Live, cameras: bool) -> None:
         self.channels: dict[int, Channel] = {}
@@ -86,7 +86,7 @@ class Catalogue:
     def _find_services(self, robots: Iterable[Robot]) -> Iterator[Service]:
         for offer in (*fleet_offers(), *(offer for each in robots for offer in robot_offers(each))):
             if offer.definition.segment in _SERVICES:
-                # What a pose is called, and of which joints it is, stands in the schema of a request.
+                # The schema of a request has the names of poses and their joints.
                 if (robot := offer.robot) is None or robot.description is None:
                     yield Service(self._id(offer.path), offer, None)
                 else:

@@ -9,9 +9,9 @@ from starlette.responses import Response
 from linked_fleet_gateway.extensions.cameras.pictures import Pictures
 from linked_fleet_gateway.extensions.foxglove.protocol import SUBPROTOCOLS
 from linked_fleet_gateway.extensions.world.service import World
-from linked_fleet_gateway.http.conversation import Speaker
 from linked_fleet_gateway.http.extension import Core, Extension, Mount
 from linked_fleet_gateway.http.request import Request
+from linked_fleet_gateway.http.websocket import WebSocketHandler
 from linked_fleet_gateway.resources.branches import FleetBranch, Found, RequestView
 from linked_fleet_gateway.resources.resource import Resource
 
@@ -37,7 +37,7 @@ class FoxgloveExtension(Extension):
         yield Mount(
             branches=(FleetBranch(_PATH[1:], None, _resolve),),
             readers={FoxgloveEndpoint: _read},
-            speakers={FoxgloveEndpoint: Speaker(SUBPROTOCOLS, hub.speak)},
+            websocket_handlers={FoxgloveEndpoint: WebSocketHandler(SUBPROTOCOLS, hub.serve)},
         )
 
 

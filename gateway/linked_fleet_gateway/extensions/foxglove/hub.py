@@ -1,7 +1,7 @@
 """Messages for all clients, encoded once and only while somebody has subscribed.
 
-The latest frame of each robot is polled every 6 ms. So a frame costs only its encoding; frames that follow each other
-faster may be left out, as they are for a client that reads too slowly.
+The latest frame of each robot is polled every 6 ms, so that arriving frames cause no work. Frames that arrive faster
+may be left out, as for clients that read too slowly.
 """
 
 import asyncio
@@ -23,7 +23,7 @@ from linked_fleet_gateway.extensions.world.scene import SceneObject
 from linked_fleet_gateway.extensions.world.service import World
 from linked_fleet_gateway.fleet.invocation import Invocation
 from linked_fleet_gateway.fleet.robot import Robot
-from linked_fleet_gateway.http.conversation import Conversation
+from linked_fleet_gateway.http.websocket import Conversation
 from linked_fleet_gateway.runtime.background import sliced, supervised
 from linked_fleet_gateway.subscriptions.live import Live
 
@@ -39,7 +39,7 @@ _Run = tuple[Callable[[], Awaitable[None]], float]
 
 
 class Hub:
-    """The tasks run while at least one client is connected."""
+    """Publishes messages to all clients. Its tasks run while at least one client is connected."""
 
     def __init__(self, live: Live, pictures: Pictures | None, world: World | None) -> None:
         self._catalogue = Catalogue(live, pictures is not None)
@@ -53,7 +53,7 @@ class Hub:
         self._scene: tuple[Mapping[str, SceneObject], bytes] = {}, b""
         self._tasks: dict[int, asyncio.Task[None]] = {}
 
-    async def speak(self, conversation: Conversation, _: object) -> None:
+    async def serve(self, conversation: Conversation, _: object) -> None:
         """Serve one client. Raises Ended."""
         if len(self._sessions) >= MOST_CLIENTS:
             message = "Too many clients of Foxglove are connected."
@@ -88,7 +88,7 @@ class Hub:
             self._tasks.pop(id).cancel()
         for id in runs.keys() - self._tasks.keys():
             run, pause_s = runs[id]
-            self._tasks[id] = supervised(run, "Foxglove", log, "Foxglove may show what was", pause_s)
+            self._tasks[id] = supervised(run, "Foxglove", log, "Foxglove may show outdated values", pause_s)
 
     def _publish(self, channel: Channel | None, content: bytes) -> None:
         for session, id in self._subscribers.get(channel.id, ()) if channel is not None else ():
@@ -134,7 +134,7 @@ class Hub:
             yield messages.POSE, messages.pose(next(iter(poses.values())), frame, state.wall_ns)
 
     async def _survey(self) -> None:
-        """Poll for what changes seldom."""
+        """Poll for rarely changing data: channels, the objects of the world, and the presence of robots."""
         if self._catalogue.update():
             self._rewatch()
         for session in self._sessions:
@@ -176,7 +176,7 @@ class Hub:
         if source is None or format is None:
             return
         try:
-            found = await pictures.get(source, format, anew=True)
+            found = await pictures.get(source, format, renew=True)
         except FleetError as error:
             log.debug("no picture of %s: %s", channel.topic, error)
             await asyncio.sleep(_AGAIN_S)

@@ -41,7 +41,7 @@ def schemas() -> "dict[str, Schema]":
 
 
 def joint_states(joints: Iterable[str], state: State) -> bytes:
-    """``joints``: names in the order of the numbers of ``state``."""
+    """Return a JointStates message. ``joints`` are the names in the order of the numbers of ``state``."""
     rows = zip(joints, state.positions, state.velocities, state.efforts, strict=True)
     found = [fox.JointState(name=name, position=p, velocity=v, effort=e) for name, p, v, e in rows]
     return fox.JointStates(timestamp=_stamp(state.wall_ns), joints=found).encode()
@@ -64,7 +64,7 @@ def link_poses(robot: Robot, placement: Pose | None) -> dict[str, Pose]:
 
 
 def transforms(robot: str, poses: Mapping[str, Pose], frame: str, stamp_ns: int) -> bytes:
-    """``poses``: of links in ``frame``."""
+    """Return a FrameTransforms message for ``poses`` of links in ``frame``."""
     stamp = _stamp(stamp_ns)
     found = [
         fox.FrameTransform(

@@ -64,7 +64,7 @@ class Call:
 
 @dataclass(frozen=True)
 class Channel:
-    """``robot``: None if the channel belongs to no single robot; ``what``: the kind of its messages."""
+    """A channel with messages of the kind ``what``; ``robot`` is None if it belongs to no single robot."""
 
     id: int
     topic: str
@@ -114,7 +114,7 @@ def _parse_call(message: bytes) -> Call:
     op, service, call, length = _CALL_HEADER.unpack_from(message)
     content = message[_CALL_HEADER.size :]
     if op != _CALL or length > len(content):
-        raise UnsupportedMessage("Of binary messages, whole calls of services are taken, and nothing else.")
+        raise UnsupportedMessage("The only binary messages that this server accepts are complete service calls.")
     return Call(service, call, content[:length].decode(), content[length:])
 
 

@@ -1,4 +1,4 @@
-"""One client: its subscriptions and its requests, which it sends to the gateway itself (``ask``)."""
+"""One client: its subscriptions and its requests, which become internal HTTP requests to this gateway."""
 
 import asyncio
 from collections import defaultdict
@@ -18,8 +18,8 @@ from linked_fleet_gateway.extensions.foxglove.protocol import (
     Service,
     UnsupportedMessage,
 )
-from linked_fleet_gateway.http.conversation import Conversation, Ended
 from linked_fleet_gateway.http.internal_request import Reply, ReplyTooLong, ask
+from linked_fleet_gateway.http.websocket import Conversation, Ended
 from linked_fleet_gateway.runtime.background import end, sliced
 
 MOST_CALLS = 8
@@ -30,7 +30,7 @@ _FIELDS = {"content-type": "application/json", "accept": "application/json"}
 
 
 class Session:
-    """``subscribed``: channels by subscription id; ``told``: the last state sent, by channel.
+    """A client's session. ``subscribed`` are channels by subscription id, ``told`` is the last state sent by channel.
 
     ``rewatch`` is called when the subscriptions change.
     """
@@ -49,7 +49,7 @@ class Session:
         """Serve the client until it disconnects. Raises Ended."""
         info = {"name": "Linked Fleet", "capabilities": protocol.CAPABILITIES, "supportedEncodings": [protocol.JSON]}
         await self._say("serverInfo", **info, sessionId=f"{id(self):x}")
-        telling = asyncio.create_task(_until_ended(self._tell()), name="tell a client of Foxglove")
+        telling = asyncio.create_task(_until_ended(self._tell()), name="advertise to a Foxglove client")
         try:
             while True:
                 await self._take(await self.conversation.receive())
@@ -153,7 +153,7 @@ class Session:
         elif call.encoding != protocol.JSON:
             await self._fail(call, f"Services take {protocol.JSON}, not {call.encoding[:40]!r}.")
         elif sum(stops == service.stops for stops in self._calls.values()) >= MOST_CALLS:
-            await self._fail(call, "Too many calls are under way; wait for their answers.")
+            await self._fail(call, "Too many calls are in progress; wait for their responses.")
         else:
             task = asyncio.create_task(_until_ended(self._answer(service, call)), name=f"call of {service.offer.path}")
             self._calls[task] = service.stops
@@ -180,6 +180,6 @@ class Session:
 
 
 async def _until_ended(work: Awaitable[None]) -> None:
-    """Await ``work`` in a task of its own; a disconnected client is no error here, the session notices it itself."""
+    """Await ``work``; ignore the error of a disconnected client, because the session detects it itself."""
     with suppress(Ended):
         await work

@@ -1,4 +1,4 @@
-"""Histories as Linked Data: the extent of a robot's history, and observations (SOSA) of one of its properties.
+"""Histories as Linked Data, and their terms: the extent of a robot's history, and observations (SOSA) of a property.
 
 Clients build no URLs: each description links the last seconds and the next page, and has a template (Hydra) for any
 other part.
@@ -11,24 +11,36 @@ from pyoxigraph import BlankNode, Literal, NamedNode
 
 from linked_fleet_gateway.extensions.history.files import CSV, MCAP
 from linked_fleet_gateway.extensions.history.recorder import History
-from linked_fleet_gateway.extensions.history.series import Numbers, Series
-from linked_fleet_gateway.extensions.history.span import Span, moment, query
-from linked_fleet_gateway.extensions.history.terms import LF
-from linked_fleet_gateway.extensions.history.track import Excerpt, Track
+from linked_fleet_gateway.extensions.history.span import Span, lexical_time, query
+from linked_fleet_gateway.extensions.history.track import Excerpt, Numbers, Series, Track
 from linked_fleet_gateway.fleet.robot import Robot
-from linked_fleet_gateway.rdf.graph import Graph, integer, number, timestamp
-from linked_fleet_gateway.rdf.units import METRE, METRE_PER_SECOND, RADIAN_PER_SECOND, SECOND
+from linked_fleet_gateway.rdf.graph import (
+    METRE,
+    METRE_PER_SECOND,
+    RADIAN_PER_SECOND,
+    SECOND,
+    Graph,
+    integer,
+    number,
+    timestamp,
+)
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, HYDRA, QUDT, RDFS, SOSA
+from linked_fleet_gateway.rdf.vocabulary import LF as CORE
 from linked_fleet_gateway.resources.describe import Describer
 from linked_fleet_gateway.resources.paths import robot_path
 from linked_fleet_gateway.resources.property import Property
+
+LF = CORE.extended(
+    "History HistoryList HistoryListShape HistoryShape histories history historySpan samplingPeriod oldestSample "
+    "newestSample sampleCount from to last limit"
+)
 
 _READY = {"the last 10 s": "PT10S", "the last minute": "PT1M"}
 _VARIABLES = {
     "from": (LF.from_, "xsd:dateTime; samples from then on"),
     "to": (LF.to, "xsd:dateTime; samples before then"),
-    "last": (LF.last, "xsd:duration; so long before the newest sample"),
-    "limit": (LF.limit, "how many samples at most: the first ones of a span, the newest if it has no beginning"),
+    "last": (LF.last, "xsd:duration; length of the span up to the newest sample"),
+    "limit": (LF.limit, "maximum number of samples: the first ones of a span, or the newest if it has no beginning"),
 }
 
 
@@ -49,8 +61,8 @@ class Page:
         after = None if self.excerpt is None else self.excerpt.after
         if after is None or not self.span.forward:
             return ""
-        end = {} if self.span.end_ns is None else {"to": moment(self.span.end_ns)}
-        return query(from_=moment(after), **end, **self._limit)
+        end = {} if self.span.end_ns is None else {"to": lexical_time(self.span.end_ns)}
+        return query(from_=lexical_time(after), **end, **self._limit)
 
     @property
     def previous(self) -> str:
@@ -58,7 +70,7 @@ class Page:
         excerpt = self.excerpt
         if excerpt is None or excerpt.before is None or self.span.forward:
             return ""
-        return query(to=moment(excerpt.before + 1), **self._limit)
+        return query(to=lexical_time(excerpt.before + 1), **self._limit)
 
     @property
     def _limit(self) -> dict[str, int]:

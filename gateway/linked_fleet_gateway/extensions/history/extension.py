@@ -1,19 +1,108 @@
-"""The extension ``history``: recent values of each robot, and of each measured property."""
+"""The extension ``history``: recent values of each robot, and of each measured property.
 
+Histories are rendered in a thread and sent at the pace of the client, with links to adjacent pages.
+"""
+
+import asyncio
 from collections.abc import AsyncIterator, Iterator
 from contextlib import asynccontextmanager
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import ClassVar
 
 from prometheus_client.metrics_core import Metric
+from starlette.responses import Response
+from starlette.types import Receive, Scope, Send
 
-from linked_fleet_gateway.extensions.history.http import read_history
-from linked_fleet_gateway.extensions.history.listing import HISTORIES, list_branch
+from linked_fleet_gateway.base.errors import Busy
+from linked_fleet_gateway.base.settings import Section, setting, whole_number
+from linked_fleet_gateway.extensions.history.files import CSV, MCAP
 from linked_fleet_gateway.extensions.history.recorder import History
-from linked_fleet_gateway.extensions.history.resources import RecordedHistory, history_branches
-from linked_fleet_gateway.extensions.history.settings import HistorySettings
+from linked_fleet_gateway.extensions.history.resources import (
+    HISTORIES,
+    SEGMENT,
+    RecordedHistory,
+    history_branches,
+    list_branch,
+    measured,
+)
+from linked_fleet_gateway.extensions.history.span import parse_span
 from linked_fleet_gateway.http.extension import Core, Extension, Mount
+from linked_fleet_gateway.http.fields import Link, link_header
 from linked_fleet_gateway.http.html import NavigationEntry
+from linked_fleet_gateway.http.operations import described, names, parameter, reading, segment
+from linked_fleet_gateway.http.preconditions import check_preconditions
+from linked_fleet_gateway.http.read import read
+from linked_fleet_gateway.http.request import Request
+from linked_fleet_gateway.resources.branches import RequestView
+from linked_fleet_gateway.resources.json_form import Json
+from linked_fleet_gateway.resources.paths import robot_path
+from linked_fleet_gateway.resources.resource import Resource
 from linked_fleet_gateway.runtime.metrics import gauge
+
+_PIECE_BYTES = 64 * 1024
+_LINK_BYTES = 512
+_SUFFIXES = {CSV: "csv", MCAP: "mcap"}
+
+
+async def read_history(request: Request, found: Resource, past: RecordedHistory) -> Response:
+    """Return the requested part of a history, rendered in a thread. Raises BadRequest, Busy."""
+
+    def work(resource: Resource) -> Response:
+        check_preconditions(request, resource)
+        return read(request, resource)
+
+    shown = past.shown(parse_span(request.query_params.multi_items()))
+    async with past.history.workers:
+        response = await asyncio.to_thread(work, replace(shown.resource.read_as(found), query=request.url.query))
+    media_type = response.headers.get("content-type", "").partition(";")[0]
+    file = media_type in _SUFFIXES
+    page, address = shown.file if file else shown.document, request.base + shown.resource.path
+    leads = [Link(f"{address}?{query}", rel) for rel, query in (("next", page.next), ("prev", page.previous)) if query]
+    if leads:
+        response.headers.append("link", link_header(leads, [], limit=_LINK_BYTES))
+    if file:
+        name = shown.resource.path[1:].replace("/", "-")  # contains nothing that would need quoting
+        response.headers["content-disposition"] = f'attachment; filename="{name}.{_SUFFIXES[media_type]}"'
+    if len(response.body) <= _PIECE_BYTES:
+        return response
+    if past.history.files.locked():
+        raise Busy("Too many histories are being sent; try again.")
+    return _Pieces(response, past.history.files)
+
+
+class _Pieces(Response):
+    """A response sent at the pace of the client. It occupies a slot until then, because its bytes stay in memory."""
+
+    def __init__(self, response: Response, slots: asyncio.Semaphore) -> None:
+        self.status_code, self.raw_headers, self.body = response.status_code, response.raw_headers, response.body
+        self.background = None
+        self._slots = slots
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        async with self._slots:
+            await send({"type": "http.response.start", "status": self.status_code, "headers": self.raw_headers})
+            for first in range(0, len(self.body), _PIECE_BYTES):
+                piece = bytes(self.body[first : first + _PIECE_BYTES])
+                more = first + _PIECE_BYTES < len(self.body)
+                await send({"type": "http.response.body", "body": piece, "more_body": more})
+
+
+@dataclass(frozen=True)
+class HistorySettings(Section):
+    prefix: ClassVar[str] = "LINKED_FLEET_HISTORY_"
+
+    s: int = setting(whole_number(0, 86_400), "300", "seconds to keep of each robot; 0: none")
+    hz: int = setting(
+        whole_number(1, 100),
+        "10",
+        "samples a second to keep of each robot, at most 100",
+    )
+    mb: int = setting(
+        whole_number(1, 1_000_000),
+        "24",
+        "memory (MB) of all histories; when it is full, older samples are thinned out",
+    )
 
 
 class HistoryExtension(Extension):
@@ -27,7 +116,7 @@ class HistoryExtension(Extension):
         "linked_fleet_gateway.extensions.history.page:HISTORY",
     )
     navigation = (NavigationEntry("History", HISTORIES, 40),)
-    operations = ("linked_fleet_gateway.extensions.history.operations:operations",)
+    operations = ("linked_fleet_gateway.extensions.history.extension:operations",)
     settings = HistorySettings
 
     @asynccontextmanager
@@ -46,3 +135,37 @@ class HistoryExtension(Extension):
 def _metrics(history: History) -> Iterator[Metric]:
     yield gauge("history_bytes", "Memory of the histories of all robots.", history.bytes)
     yield gauge("history_samples", "Samples in the histories of all robots.", history.samples)
+
+
+_TIME: Json = {"type": "string", "format": "date-time"}
+_DURATION: Json = {"type": "string", "pattern": "^PT[0-9]{1,6}S$", "examples": ["PT10S"]}
+_SPAN = [
+    parameter("from", "query", _TIME, "The earliest time."),
+    parameter("to", "query", _TIME, "The end of the span; samples at that time are excluded."),
+    parameter("last", "query", _DURATION, "Length of the span up to the newest sample, instead of from and to."),
+    parameter(
+        "limit", "query", {"type": "integer", "minimum": 1, "maximum": 999_999_999}, "The maximum number of samples."
+    ),
+]
+
+
+def operations(view: RequestView) -> dict[str, Json]:
+    """Return the OpenAPI path items of the list of histories, and of histories of robots and measured properties."""
+    robots = [each for each in view.robots.values() if each.model is not None]
+    of = {"robot": names(segment(robot_path(each.name)) for each in robots)}
+    paths = [path.split("/")[2:] for each in robots for path in measured(each)]
+    own, parts = [each for each in paths if len(each) == 1], [each for each in paths if len(each) == 2]
+    whole = reading("readHistory", "Recent values of a robot", None, {"csv": CSV, "mcap": MCAP}, _SPAN)
+    found = described(HISTORIES, {}, "Histories", "The histories of all robots")
+    if robots:
+        found |= described(f"/{{robot}}/{SEGMENT}", of, "History", "Recent values of a robot", whole)
+    if own:
+        get = reading("readOwnHistory", "Recent values of a property of a robot", None, {"csv": CSV}, _SPAN)
+        template, parameters = f"/{{robot}}/{{property}}/{SEGMENT}", of | {"property": names(each[0] for each in own)}
+        found |= described(template, parameters, "OwnHistory", "History of a property of a robot", get)
+    if parts:
+        get = reading("readPartHistory", "Recent values of a property of a joint or link", None, {"csv": CSV}, _SPAN)
+        parameters = of | {"part": names(each[0] for each in parts), "property": names(each[1] for each in parts)}
+        template = f"/{{robot}}/{{part}}/{{property}}/{SEGMENT}"
+        found |= described(template, parameters, "PartHistory", "History of a property of a part", get)
+    return found

@@ -13,10 +13,9 @@ from enum import IntEnum
 from typing import TYPE_CHECKING
 
 from linked_fleet_gateway.base.lazy_imports import LazyModule
-from linked_fleet_gateway.extensions.history.series import Numbers, samples
-from linked_fleet_gateway.extensions.history.span import moment
-from linked_fleet_gateway.extensions.history.track import Excerpt
-from linked_fleet_gateway.rdf.units import Unit
+from linked_fleet_gateway.extensions.history.span import lexical_time
+from linked_fleet_gateway.extensions.history.track import Excerpt, Numbers, samples
+from linked_fleet_gateway.rdf.graph import Unit
 
 if TYPE_CHECKING:
     from mcap import writer as mcap
@@ -104,7 +103,7 @@ def table(columns: Sequence[tuple[str, Unit]], rows: Iterable[tuple[int, Numbers
     write = csv.writer(text, lineterminator="\r\n")
     write.writerow(["time", *(f"{name} ({_UCUM[unit.qudt.value.rpartition('/')[2]]})" for name, unit in columns)])
     for stamp_ns, numbers in rows:
-        write.writerow([moment(stamp_ns), *(value if value == value else "" for value in numbers)])
+        write.writerow([lexical_time(stamp_ns), *(value if value == value else "" for value in numbers)])
     return text.getvalue().encode()
 
 

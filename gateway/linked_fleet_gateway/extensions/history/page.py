@@ -7,8 +7,8 @@ from pathlib import Path
 
 from pyoxigraph import NamedNode
 
-from linked_fleet_gateway.extensions.history.terms import LF
-from linked_fleet_gateway.extensions.pages import labels, sentences
+from linked_fleet_gateway.extensions.history.describe import LF
+from linked_fleet_gateway.extensions.pages import texts
 from linked_fleet_gateway.extensions.pages.thing_views import Presence, presence
 from linked_fleet_gateway.extensions.pages.values import Facts, Link, Value
 from linked_fleet_gateway.extensions.pages.views import PageView, Part
@@ -44,7 +44,7 @@ def histories(facts: Facts, iri: NamedNode) -> Part:
 
 def _listed(facts: Facts, iri: NamedNode, robot: Term | None) -> Listed:
     assert isinstance(robot, NamedNode)  # the shape of the list
-    link = Link(labels.place(robot.value, facts.root), iri.value, iri.value)
+    link = Link(texts.place(robot.value, facts.root), iri.value, iri.value)
     length = _length(facts.text(iri, LF.oldestSample), facts.text(iri, LF.newestSample))
     return Listed(link, facts.link(robot), presence(facts, robot), length, facts.text(iri, LF.sampleCount))
 
@@ -92,7 +92,7 @@ def history(facts: Facts, iri: NamedNode) -> Part:
         more |= {"presence": presence(facts, robot), "state": facts.iri_of(robot, LF.jointState)}
     properties = {each for each in facts.of if isinstance(each, NamedNode) and each.value.startswith(facts.root)}
     nodes = {*facts.all(iri, HYDRA.search), *facts.all(iri, SOSA.hasMember)}
-    title = f"History of {sentences.thing(iri.value.rpartition('/')[0], facts.root)}"
+    title = f"History of {texts.thing(iri.value.rpartition('/')[0], facts.root)}"
     return Part(more, shown, {*properties, *nodes} - {iri}, title)  # type: ignore[arg-type]
 
 
@@ -107,11 +107,11 @@ def _parts(facts: Facts, iri: NamedNode) -> Iterator[PartHistory]:
         if isinstance(each, NamedNode):
             of = each.value.rpartition("/")[0]
             owner, _, name = of.rpartition("/")
-            by_owner.setdefault(owner, []).append(Link(labels.words(name), each.value, each.value))
+            by_owner.setdefault(owner, []).append(Link(texts.words(name), each.value, each.value))
     for owner, found in by_owner.items():
-        own = len(sentences.segments(owner, facts.root)) == 1
+        own = len(texts.segments(owner, facts.root)) == 1
         address = owner + "/" if own else owner
-        name = "the robot itself" if own else labels.place(owner, facts.root)
+        name = "the robot itself" if own else texts.place(owner, facts.root)
         yield PartHistory(Link(name, address, address), any(each.text == "velocity" for each in found), found)
 
 

@@ -11,8 +11,8 @@ from types import TracebackType
 from typing import Self
 
 from linked_fleet_gateway.extensions.history.track import Track, joints_of
+from linked_fleet_gateway.fleet.events import Latest
 from linked_fleet_gateway.fleet.fleet import Fleet
-from linked_fleet_gateway.fleet.frames import Latest
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.runtime.background import end, sliced, supervised
 
@@ -94,7 +94,7 @@ class History:
         frame = latest.frame[0]
         if track is not None and frame is not track.newest:
             self.bytes -= track.bytes
-            track.take(frame, int(self.span_s * 1e9))
+            track.append(frame, int(self.span_s * 1e9))
             self.bytes += track.bytes
 
     def _begin(self, latest: Latest, before: Track | None) -> Track | None:

@@ -1,29 +1,46 @@
-"""Histories in the tree: ``/{robot}/history``, and one below each measured property."""
+"""Histories in the tree: ``/{robot}/history``, one below each measured property, and their list.
 
-from collections.abc import Callable, Iterator
+The list, ``/history``, has the history of each robot with its extent, for people who look for one.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
+from pyoxigraph import Literal, NamedNode
+
 from linked_fleet_agent.wire.messages import Description
-from linked_fleet_gateway.extensions.history.describe import Page, describe_property, describe_robot, page_of
+from linked_fleet_gateway.base.errors import BadRequest
+from linked_fleet_gateway.extensions.history.describe import (
+    LF,
+    Page,
+    describe_extent,
+    describe_property,
+    describe_robot,
+    page_of,
+)
 from linked_fleet_gateway.extensions.history.files import CSV, MCAP, recording, table
 from linked_fleet_gateway.extensions.history.recorder import History
-from linked_fleet_gateway.extensions.history.series import (
+from linked_fleet_gateway.extensions.history.span import Span
+from linked_fleet_gateway.extensions.history.track import (
+    Excerpt,
+    Joints,
     Series,
+    Track,
     all_columns,
+    has_history,
+    joints_of,
     of_base,
     of_joint,
     of_link,
-    remembers,
     samples,
 )
-from linked_fleet_gateway.extensions.history.span import Span
-from linked_fleet_gateway.extensions.history.terms import LF
-from linked_fleet_gateway.extensions.history.track import Excerpt, Joints, Track, joints_of
 from linked_fleet_gateway.fleet.geometry import SUFFIXES, drawable, file_name
 from linked_fleet_gateway.fleet.robot import Robot
-from linked_fleet_gateway.rdf.graph import Graph
+from linked_fleet_gateway.rdf.graph import SECOND, Graph
 from linked_fleet_gateway.rdf.serialise import WriteError
-from linked_fleet_gateway.resources.branches import Found, PropertyBranch, RequestView, RobotBranch
+from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, RDFS
+from linked_fleet_gateway.resources.branches import FleetBranch, Found, PropertyBranch, RequestView, RobotBranch
+from linked_fleet_gateway.resources.describe import Describer
 from linked_fleet_gateway.resources.joint_kinds import kind_of
 from linked_fleet_gateway.resources.paths import joint_path, link_path, mesh_path, part_of, robot_path
 from linked_fleet_gateway.resources.property import Property
@@ -46,7 +63,7 @@ class HistoryPage:
 
 @dataclass(frozen=True)
 class RecordedHistory:
-    """A history, whose part is selected by the query of the request (``extensions/history/http.py``)."""
+    """A history, whose part is selected by the query of the request (``extensions/history/extension.py``)."""
 
     history: History
     shown: Callable[[Span], HistoryPage]
@@ -68,7 +85,7 @@ def history_branches(history: History) -> tuple[RobotBranch, PropertyBranch]:
         return None if rest else found
 
     in_robot = RobotBranch(SEGMENT, LF.history, of_robot, lambda robot: robot.model is not None)
-    return in_robot, PropertyBranch(SEGMENT, of_property, remembers)
+    return in_robot, PropertyBranch(SEGMENT, of_property, has_history)
 
 
 def _of_robot(history: History, view: RequestView, robot: Robot) -> Resource:
@@ -116,7 +133,7 @@ def _of_property(history: History, view: RequestView, robot: Robot, owner: str, 
 
         def csv() -> bytes:
             if series is None:
-                raise WriteError(f"{robot.name} has not said what it is")
+                raise WriteError(f"{robot.name} has not published its description")
             return table(series.columns, series.samples(_kept(file, joints)))
 
         resource = Resource(path, title, describe, source=source, own=own, documents={CSV: csv}, followed=False)
@@ -164,13 +181,77 @@ def _kept(page: Page, joints: Joints | None) -> Excerpt:
     if page.excerpt is not None:
         return page.excerpt
     if joints is None:
-        raise WriteError("the robot has not said what it is")
+        raise WriteError("the robot has not published its description")
     return Excerpt(joints)
 
 
 def _urdf(robot: str, description: Description | None, base: str) -> bytes:
     """Return the URDF with public URLs of its meshes."""
     if description is None:
-        raise WriteError(f"{robot} has not said what it is")
+        raise WriteError(f"{robot} has not published its description")
     meshes = [each for each in description.meshes if each.type in SUFFIXES]
     return drawable(description.urdf, {each.uri: base + mesh_path(robot, file_name(each)) for each in meshes})
+
+
+HISTORIES = "/" + SEGMENT
+
+
+@dataclass(frozen=True)
+class _Listed:
+    robot: Robot
+    page: Page
+
+
+def list_branch(history: History) -> FleetBranch:
+    """Return the branch of the list, of the robots that the caller sees."""
+
+    def resolve(view: RequestView, rest: list[str]) -> Found:
+        found = _list(history, view)
+        if rest == ["blueprint"]:
+            return blueprint_of(found, view.base, (LF.HistoryListShape,))
+        return None if rest else found
+
+    return FleetBranch(SEGMENT, LF.histories, resolve)
+
+
+def _list(history: History, view: RequestView) -> Resource:
+    own = (HISTORIES + "/blueprint",)
+
+    def shown(span: Span) -> HistoryPage:
+        """Read the extents here, since the thread that renders them must not read tracks that grow."""
+        if span != Span():
+            raise BadRequest("The list of histories has no spans; each history in it has.")
+        robots = [each for each in view.robots.values() if each.model is not None and history.span_s]
+        listed = [_Listed(each, _extent(history, each)) for each in robots]
+
+        def describe(graph: Graph) -> None:
+            _describe(graph, view, history.span_s, listed)
+
+        resource = Resource(HISTORIES, "History", describe, own=own, followed=False)
+        return HistoryPage(resource, Page(span), Page(span))
+
+    return Resource(HISTORIES, "History", None, own=own, remote=RecordedHistory(history, shown))
+
+
+def _extent(history: History, robot: Robot) -> Page:
+    track = history.track(robot)
+    return Page(Span()) if track is None else Page(Span(), None, track.ends, len(track))
+
+
+def _describe(graph: Graph, view: RequestView, span_s: float, listed: Sequence[_Listed]) -> None:
+    iri, say = view.iri(HISTORIES), Describer(view.base)
+    graph.a(iri, LF.HistoryList)
+    graph.add(iri, DCTERMS.title, Literal("History"))
+    graph.add(iri, RDFS.seeAlso, view.iri("/"))
+    graph.add(iri, HYBRIT.blueprint, LF.HistoryListShape, NamedNode(iri.value + "/blueprint"))
+    graph.scalar(iri, LF.historySpan, span_s, SECOND)
+    for each in listed:
+        robot, path = view.iri(robot_path(each.robot.name)), robot_path(each.robot.name) + SEGMENT
+        own = view.iri(path)
+        graph.add(iri, DCTERMS.hasPart, own)
+        graph.a(own, LF.History)
+        graph.add(own, DCTERMS.title, Literal(f"History of {each.robot.name}"))
+        graph.add(own, LF.ofRobot, robot)
+        describe_extent(graph, own, each.page)
+        graph.add(robot, DCTERMS.title, Literal(each.robot.title))
+        say.presence(graph, robot, each.robot)

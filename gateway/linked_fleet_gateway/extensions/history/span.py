@@ -50,7 +50,7 @@ def parse_span(query: Iterable[tuple[str, str]]) -> Span:
     given = [(name, value) for name, value in query if name != "as"]
     said = dict(given)
     if len(said) < len(given) or said.keys() - set(_VARIABLES):
-        raise BadRequest(f"A history is asked by {', '.join(_VARIABLES)} and as, each once.")
+        raise BadRequest(f"The parameters of a history are {', '.join(_VARIABLES)} and as, each at most once.")
     if "last" in said and said.keys() & {"from", "to"}:
         raise BadRequest("Either last, or from and to.")
     span = Span(
@@ -64,7 +64,7 @@ def parse_span(query: Iterable[tuple[str, str]]) -> Span:
     return span
 
 
-def moment(stamp_ns: int) -> str:
+def lexical_time(stamp_ns: int) -> str:
     """Return an xsd:dateTime in UTC with all digits, so that parsing it gives the same time."""
     seconds = datetime.fromtimestamp(stamp_ns // _SECOND_NS, UTC).strftime("%Y-%m-%dT%H:%M:%S")
     return f"{seconds}.{stamp_ns % _SECOND_NS:09}Z"

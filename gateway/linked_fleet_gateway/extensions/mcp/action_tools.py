@@ -12,11 +12,10 @@ from mcp_types import CallToolResult, ToolAnnotations
 from pydantic import Field
 
 from linked_fleet_gateway.extensions.mcp.message_context import MessageContext
-from linked_fleet_gateway.extensions.mcp.replies import content_result, refusal_result
-from linked_fleet_gateway.extensions.mcp.tool import Progress, Target, Tool
+from linked_fleet_gateway.extensions.mcp.tool import Progress, Target, Tool, content_result, refusal_result
 from linked_fleet_gateway.fleet.invocation import Invocation, InvocationState
 from linked_fleet_gateway.http.internal_request import Reply
-from linked_fleet_gateway.http.stop_priority import URGENT
+from linked_fleet_gateway.http.scheduling import URGENT
 
 _JSON = "application/json"
 _PAUSE_S, _LOOK_S = 0.1, 1.0
@@ -24,11 +23,13 @@ _LEASE = "the Lock-Token of the control lease of the robot, if you have it"
 
 
 class Rehearse(Tool):
-    """Have an action judged without a motion: shape, limits, lease, collisions. The answer says how long it would take,
-    or why it would be refused."""
+    """Check an action without moving: shape, limits, lease, collisions. The result has the duration of the motion, or
+    the reason for its refusal."""
 
-    action: Target = Field(description="IRI or path of an action, as find tells it")
-    body: dict[str, Any] = Field({}, description="what the action consumes, as body_schema of find says")
+    action: Target = Field(description="IRI or path of an action, as returned by find")
+    body: dict[str, Any] = Field(
+        {}, description="the body of the action, valid against body_schema as returned by find"
+    )
     lock_token: str = Field("", max_length=200, description=_LEASE)
 
     async def run(self, context: MessageContext, progress: Progress) -> CallToolResult:
@@ -46,13 +47,15 @@ class Rehearse(Tool):
 
 
 class Act(Rehearse):
-    """Invoke an action and wait for its end. It is rehearsed first. Who cancels the request cancels the motion."""
+    """Invoke an action and wait for its end. It is rehearsed first. Cancelling the request cancels the motion."""
 
     hints = ToolAnnotations(read_only_hint=False, destructive_hint=True, open_world_hint=True)
     rehearse: bool = Field(True, description="rehearse first, and move nothing if that is refused")
     wait_s: float = Field(60, ge=0, le=600, allow_inf_nan=False, description="seconds to wait for the end")
     idempotency_key: str = Field(
-        "", pattern=r"^[\w.:~-]{0,200}$", description="a key of yours: a call that is repeated with it moves nothing"
+        "",
+        pattern=r"^[\w.:~-]{0,200}$",
+        description="an idempotency key: a repeated call with the same key moves nothing",
     )
 
     async def run(self, context: MessageContext, progress: Progress) -> CallToolResult:
@@ -67,7 +70,7 @@ class Act(Rehearse):
             reply = await self._invoke(context, _JSON, fields)
         iri = reply.headers.get("location", "")
         if reply.status >= 400 or not iri:
-            return content_result(reply, f"What is known of it is at {iri}." if iri else "")
+            return content_result(reply, f"Its state is at {iri}." if iri else "")
         try:
             await _follow(context, iri, self.wait_s, progress)
         except asyncio.CancelledError:
@@ -137,7 +140,8 @@ def _ended(iri: str, reply: Reply) -> CallToolResult:
     state = InvocationState(found["state"].rpartition("#")[2])
     reason = f": {found['reason']}" if found.get("reason") else ""
     result = content_result(
-        reply, f"The motion has ended: {state}{reason}." if state.terminal else f"It goes on ({state}); see {iri}."
+        reply,
+        f"The motion has ended: {state}{reason}." if state.terminal else f"It has not ended ({state}); see {iri}.",
     )
     result.structured_content, result.is_error = found, state.terminal and state is not InvocationState.SUCCEEDED
     return result

@@ -4,7 +4,7 @@ import asyncio
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from linked_fleet_gateway.actions.waiters import Waiters
+from linked_fleet_gateway.actions.lifecycle import Waiters
 from linked_fleet_gateway.http.internal_request import Reply, ask
 from linked_fleet_gateway.http.problem import PROBLEM_JSON
 from linked_fleet_gateway.http.request import Request
@@ -19,7 +19,7 @@ MAX_REPLY_BYTES = 256 * 1024
 class MessageContext:
     """The context of one message.
 
-    Whatever changes anything is a request to the gateway with the caller's credentials.
+    All changes are requests to the gateway with the caller's credentials.
     """
 
     request: Request

@@ -18,24 +18,22 @@ from starlette.types import Receive, Scope, Send
 
 from linked_fleet_gateway.base.errors import FleetError
 from linked_fleet_gateway.extensions.mcp.action_tools import Act, Rehearse, Stop
-from linked_fleet_gateway.extensions.mcp.find_tool import Find
+from linked_fleet_gateway.extensions.mcp.extension import McpSettings
 from linked_fleet_gateway.extensions.mcp.message_context import KEY, MessageContext
-from linked_fleet_gateway.extensions.mcp.read_tools import Query, Read, contents, resources, templates
-from linked_fleet_gateway.extensions.mcp.replies import failure_result, refusal_result
-from linked_fleet_gateway.extensions.mcp.settings import McpSettings
-from linked_fleet_gateway.extensions.mcp.tool import Tool
+from linked_fleet_gateway.extensions.mcp.read_tools import Find, Query, Read, contents, resources, templates
+from linked_fleet_gateway.extensions.mcp.tool import Tool, failure_result, refusal_result
 from linked_fleet_gateway.http.internal_request import ReplyTooLong
 from linked_fleet_gateway.http.problem import problem_body
-from linked_fleet_gateway.http.rates import bucket_of
+from linked_fleet_gateway.http.scheduling import bucket_of
 
 MOST_CALLS = 32
 """Unfinished tool calls per client. Calls that stop robots do not count."""
 TOOLS: tuple[type[Tool], ...] = (Find, Read, Query, Rehearse, Act, Stop)
 _BY_NAME = {each.published().name: each for each in TOOLS}
 _INSTRUCTIONS = """\
-Linked Fleet: robots as linked resources. Use find to learn which robots, joints and actions there are and which body an
-action takes; read for present values; rehearse to have an action judged without a motion; act to move and wait for the
-end; stop at any time. A refusal says which constraint was broken and what would be right; mend it and ask again.
+Linked Fleet: robots as linked resources. Use find to list robots, joints and actions with the JSON Schemas of action
+bodies; read to get present values; rehearse to check an action without moving; act to move and wait for the end; stop
+at any time. A refusal names the violated constraint and the permitted values; correct the call and repeat it.
 Values have units (IRIs of QUDT); an unknown value is null."""
 _Context: TypeAlias = ServerRequestContext[Any, Any]
 
@@ -62,7 +60,7 @@ class Handlers:
             raise MCPError(types.INVALID_PARAMS, f"Unknown tool: {name[:100]}")
         client = "" if name == "stop" else bucket_of(message.request.scope)
         if client and self._calls[client] >= MOST_CALLS:
-            return failure_result(f"{MOST_CALLS} calls of yours have not ended yet; wait for one of them.")
+            return failure_result(f"{MOST_CALLS} of your calls have not ended yet; wait for one of them.")
         self._calls[client] += 1
         try:
             return await _BY_NAME[name].call(message, params.arguments or {}, context.session.report_progress)

@@ -34,7 +34,7 @@ LOCK_TOKEN: Json = {
     "examples": ["<urn:uuid:00000000-0000-4000-8000-000000000000>"],
 }
 _FIELDS: dict[str, tuple[str, Json, str]] = {
-    "IfMatch": ("If-Match", _TEXT, "Entity tags of which one must be current."),
+    "IfMatch": ("If-Match", _TEXT, "Entity tags; one of them must be current."),
     "IfNoneMatch": ("If-None-Match", _TEXT, "Entity tags of representations that the client has."),
     "IdempotencyKey": (
         "Idempotency-Key",
@@ -44,7 +44,7 @@ _FIELDS: dict[str, tuple[str, Json, str]] = {
     "LockToken": (
         "Lock-Token",
         LOCK_TOKEN,
-        "The proof of having the control lease of the robot, as it came with it.",
+        "The token of the control lease of the robot, as returned with the lease.",
     ),
     "Prefer": (
         "Prefer",
@@ -56,7 +56,7 @@ _FIELDS: dict[str, tuple[str, Json, str]] = {
 
 
 def components(secured: bool, schemas: Mapping[str, Json]) -> Json:
-    """``secured``: whether callers must authenticate. ``schemas``: those of bodies and properties."""
+    """Return the components. ``secured``: callers must authenticate; ``schemas``: those of bodies and properties."""
     found: Json = {
         "schemas": {
             "Problem": _PROBLEM,
@@ -72,7 +72,7 @@ def components(secured: bool, schemas: Mapping[str, Json]) -> Json:
         "headers": {
             "ETag": {"description": "The entity tag of the representation.", "required": True, "schema": _TEXT},
             "Location": {
-                "description": "The address of what was made.",
+                "description": "The URL of the created resource.",
                 "required": True,
                 "schema": {"type": "string", "format": "uri"},
             },
@@ -91,7 +91,7 @@ def _answer(status: str, text: str) -> Json:
     problem: dict[str, Any] = {PROBLEM_JSON: {"schema": {"$ref": "#/components/schemas/Problem"}}}
     said: Json = {"description": text, "content": problem}
     if status in ("429", "503"):
-        wait = {"description": "Seconds after which to ask again.", "schema": {"type": "integer"}}
+        wait = {"description": "Seconds to wait before the next request.", "schema": {"type": "integer"}}
         said["headers"] = {"Retry-After": wait}
     return said
 
@@ -127,7 +127,7 @@ _JSONLD: Json = {
 }
 ANNOTATIONS: Json = {
     "type": "object",
-    "description": "What is said of the robot, in any vocabulary; here in two members of that of RDF.",
+    "description": "Statements about the robot in any vocabulary; this schema names two terms of RDF Schema.",
     "properties": {
         "@context": {"const": "https://w3id.org/linked-fleet/context"},
         "@id": {"const": "./"},

@@ -1,21 +1,133 @@
-"""The extension ``openapi``: a description of the JSON interface for client generators and testers."""
+"""The extension ``openapi``: a description of the JSON interface for client generators and testers.
 
-from collections.abc import AsyncIterator
+The OpenAPI 3.1 description has everything that one caller sees. Recent descriptions are cached.
+"""
+
+import asyncio
+import json
+from collections import OrderedDict
+from collections.abc import AsyncIterator, Iterable, Mapping
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, replace
 from functools import partial
+from hashlib import blake2b
+from pkgutil import resolve_name
+from typing import Any
 
 from starlette.responses import Response
 
-from linked_fleet_gateway.extensions.openapi.document import PATH, TYPE, Documents
-from linked_fleet_gateway.http.extension import Core, Extension, Mount
+from linked_fleet_gateway.extensions.openapi.components import components
+from linked_fleet_gateway.extensions.openapi.paths import FleetPaths
+from linked_fleet_gateway.extensions.openapi.schemas import closed
+from linked_fleet_gateway.http.extension import Core, Extension, Mount, Operations
+from linked_fleet_gateway.http.operations import document, errors, path_item, reading, writing
 from linked_fleet_gateway.http.preconditions import await_preconditions
 from linked_fleet_gateway.http.read import read
 from linked_fleet_gateway.http.request import Request
 from linked_fleet_gateway.rdf.serialise import JSON
 from linked_fleet_gateway.rdf.vocabulary import LDP
 from linked_fleet_gateway.resources.branches import FleetBranch, Found, RequestView
+from linked_fleet_gateway.resources.json_form import Json
 from linked_fleet_gateway.resources.resource import Resource
+from linked_fleet_gateway.runtime.background import sliced
+
+PATH = "/openapi.json"
+TYPE = "application/vnd.oai.openapi+json;version=3.1"
+VERSION = "3.1.0"
+_KEPT = 8
+_METHODS = ("get", "put", "post", "patch", "delete")
+_ALWAYS, _SECURED = ("400", "404", "406", "421", "429", "500", "503"), ("401", "403")
+
+
+class Documents:
+    """Makes descriptions, one at a time, and caches the recently used ones."""
+
+    def __init__(self, operations: Iterable[str]) -> None:
+        """Create the cache; ``operations`` are the operations of all extensions as ``module:attribute``."""
+        self._operations: list[Operations] = [resolve_name(name) for name in operations]
+        self._made: OrderedDict[bytes, bytes] = OrderedDict()
+        self._turn = asyncio.Lock()
+
+    async def of(self, view: RequestView) -> bytes:
+        """Return the description of everything that ``view`` shows."""
+        async with self._turn:
+            version = blake2b(await _facts(view), digest_size=16).digest()
+            if version not in self._made:
+                self._made[version] = await self._make(view)
+                if len(self._made) > _KEPT:
+                    self._made.popitem(last=False)
+            self._made.move_to_end(version)
+            return self._made[version]
+
+    async def _make(self, view: RequestView) -> bytes:
+        fleet = FleetPaths(view)
+        async for robot in sliced(list(view.robots.values())):
+            fleet.add(robot)
+        paths: dict[str, Mapping[str, Any]] = {}
+        async for operations in sliced(self._operations):  # the first time they read shapes, some milliseconds each
+            paths |= operations(view)
+        # Schemas of hundreds of joints take a second; their inputs are never modified in place, so a thread may read
+        # them.
+        return await asyncio.to_thread(_written, view.base, view.secured, fleet, paths)
+
+
+async def _facts(view: RequestView) -> bytes:
+    """Return everything that a description is made from, for its version."""
+    facts = [repr((view.base, view.secured))]
+    async for name, robot in sliced(sorted(view.robots.items())):
+        said = robot.description
+        known = None if said is None else (said.urdf, said.joints, said.base, said.capabilities, said.cameras)
+        facts.append(repr((name, robot.model is None, known, robot.annotations)))
+    return "\n".join(facts).encode()
+
+
+def _written(base: str, secured: bool, fleet: FleetPaths, more: Mapping[str, Mapping[str, Any]]) -> bytes:
+    paths = {**_own_paths(), **dict(fleet.paths()), **more}
+    said: Json = {
+        "openapi": VERSION,
+        "info": {
+            "title": "Linked Fleet",
+            "version": "1",
+            "description": "Robots as Linked Data: clients read their state and invoke their actions. This document "
+            "describes the plain JSON of the gateway, and JSON-LD where a resource has no plain JSON. The unit of a "
+            "number is the member beside it. Bodies may have only the members that their schema names. A body schema "
+            "shared by several joints has the widest limits among them. The description of an action has the limits "
+            "of its joint; values outside of them get 422.",
+        },
+        "servers": [{"url": base}],
+        "paths": {template: _completed(item, secured) for template, item in paths.items()},
+        "components": components(secured, fleet.schemas),
+    }
+    if secured:
+        said["security"] = [{"bearer": []}]
+    return json.dumps(said, ensure_ascii=False, allow_nan=False).encode()
+
+
+def _completed(item: Mapping[str, Any], secured: bool) -> Json:
+    """Return a path item with the responses that any resource may give; JSON bodies have no unnamed members."""
+    common = errors((*_ALWAYS, *(_SECURED if secured else ("403",))))
+    found = dict(item)
+    for method in found.keys() & _METHODS:
+        operation = found[method] = found[method] | {"responses": common | found[method]["responses"]}
+        if body := operation.get("requestBody"):
+            content = {kind: each | _closed(kind, each) for kind, each in body["content"].items()}
+            operation["requestBody"] = body | {"content": content}
+    return found
+
+
+def _closed(media_type: str, body: Json) -> Json:
+    return {"schema": closed(body["schema"])} if media_type == JSON and "schema" in body else {}
+
+
+def _own_paths() -> dict[str, Json]:
+    status: Json = {JSON: {"schema": {"type": "object", "required": ["status"]}}}
+    live: Json = {"200": {"description": "Live.", "content": status}}
+    described: Json = {TYPE: {"schema": {"type": "object", "required": ["openapi"]}}, JSON: {}}
+    return {
+        PATH: path_item({}, get=document("readOpenApi", "This description", described)),
+        "/audit": path_item({}, get=reading("readAudit", "Commands and changes, newest first")),
+        "/health/live": path_item({}, get=writing("readLive", "The process serves", live)),
+    }
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 from pyoxigraph import BlankNode, NamedNode
 
 from linked_fleet_gateway.base.lazy_imports import LazyModule
-from linked_fleet_gateway.extensions.pages import labels, sentences
+from linked_fleet_gateway.extensions.pages import texts
 from linked_fleet_gateway.extensions.pages.thing_views import actions
 from linked_fleet_gateway.extensions.pages.values import Facts, Link, Number, State, Value
 from linked_fleet_gateway.extensions.pages.views import Part
@@ -23,7 +23,7 @@ _PREDICATES_OF_SUBSCRIPTION = (LF.deliveryState, LF.lastDelivery, LF.failures, L
 
 def action(facts: Facts, iri: NamedNode) -> Part:
     more = {
-        "comment": labels.sentence(facts.text(iri, RDFS.comment)),
+        "comment": texts.sentence(facts.text(iri, RDFS.comment)),
         "form": form.form_of_action(facts, iri),
         "invocations": facts.iri_of(iri, LF.invocations),
     }
@@ -36,7 +36,7 @@ def action(facts: Facts, iri: NamedNode) -> Part:
 
 
 @dataclass(frozen=True)
-class Targeted:
+class JointTarget:
     """A joint with its target and its resulting position."""
 
     joint: Link
@@ -53,9 +53,9 @@ def invocation(facts: Facts, iri: NamedNode) -> Part:
     joints = dict.fromkeys((*targets, *results))
     more = {
         **said,
-        "about": sentences.thing(iri.value, facts.root),
+        "about": texts.thing(iri.value, facts.root),
         "input": facts.values(iri, LF.input),
-        "joints": [Targeted(facts.link(each), targets.get(each), results.get(each)) for each in joints],
+        "joints": [JointTarget(facts.link(each), targets.get(each), results.get(each)) for each in joints],
         "actions": actions(facts, iri),
         "open": facts.one(iri, HYBRIT.action) is not None,
     }
@@ -73,7 +73,7 @@ def _positions(facts: Facts, iri: NamedNode, predicate: NamedNode) -> dict[Named
 
 
 @dataclass(frozen=True)
-class Done:
+class InvocationRow:
     """An invocation in its container's list."""
 
     link: Link
@@ -89,16 +89,16 @@ def invocations(facts: Facts, iri: NamedNode) -> Part:
     states = sorted({each.state.name for each in listed if isinstance(each.state, State)})
     people = sorted({each.who for each in listed if each.who})
     more = {"listed": listed, "choices": [("state-name", "State", states), ("who", "Who", people)]}
-    title = f"Invocations of {sentences.task(iri.value, facts.root)}"
+    title = f"Invocations of {texts.task(iri.value, facts.root)}"
     return Part(more, {LDP.contains}, set(members), title)
 
 
-def _done(facts: Facts, iri: NamedNode) -> Done:
+def _done(facts: Facts, iri: NamedNode) -> InvocationRow:
     agent = facts.one(iri, PROV.wasAssociatedWith)
-    return Done(
+    return InvocationRow(
         Link(_motion(facts, iri), iri.value, iri.value),
         _only(facts, iri, LF.state),
-        labels.sentence(facts.text(iri, LF.reason)),
+        texts.sentence(facts.text(iri, LF.reason)),
         _only(facts, iri, DCTERMS.created),
         facts.text(agent, DCTERMS.title) if agent is not None else "",
     )
@@ -107,11 +107,11 @@ def _done(facts: Facts, iri: NamedNode) -> Done:
 def _motion(facts: Facts, iri: NamedNode) -> str:
     """Describe an invocation in words, with its targets if there are any."""
     targets = {
-        labels.place(joint.value, facts.root): (float(number.value), number.name)
+        texts.place(joint.value, facts.root): (float(number.value), number.name)
         for joint, number in _positions(facts, iri, LF.target).items()
         if number.value
     }
-    return sentences.motion(iri.value, facts.root, targets)
+    return texts.motion(iri.value, facts.root, targets)
 
 
 def _only(facts: Facts, iri: Term, predicate: NamedNode) -> Value | None:
@@ -123,8 +123,8 @@ def _only(facts: Facts, iri: Term, predicate: NamedNode) -> Value | None:
 
 
 @dataclass(frozen=True)
-class Watch:
-    """A subscription as shown on a page: who watches which resource, and the state of its delivery."""
+class SubscriptionRow:
+    """A subscription as shown on a page: its receiver, its resource, and the state of its delivery."""
 
     link: Link
     type: str
@@ -150,14 +150,16 @@ def subscriptions(facts: Facts, iri: NamedNode) -> Part:
     return Part(more, {LDP.contains, LDP.constrainedBy, LF.vocabulary}, set(members))
 
 
-def _watch(facts: Facts, iri: NamedNode) -> Watch:
+def _watch(facts: Facts, iri: NamedNode) -> SubscriptionRow:
     types = [each for each in facts.types(iri) if each.iri not in (HYBRIT.Subscription.value, LF.Stream.value)]
     link = Link(facts.text(iri, DCTERMS.identifier)[:8], iri.value, iri.value)
     state, delivery, failures, reason = (_only(facts, iri, each) for each in _PREDICATES_OF_SUBSCRIPTION)
     receiver = facts.text(iri, HYBRIT.callbackURL)
     watched = facts.iri_of(iri, HYBRIT.onResource)
-    resource = Link(sentences.thing(watched, facts.root), watched, watched)
-    return Watch(link, types[0].text if types else "stream", receiver, resource, state, delivery, failures, reason)
+    resource = Link(texts.thing(watched, facts.root), watched, watched)
+    return SubscriptionRow(
+        link, types[0].text if types else "stream", receiver, resource, state, delivery, failures, reason
+    )
 
 
 def subscription(facts: Facts, iri: NamedNode) -> Part:

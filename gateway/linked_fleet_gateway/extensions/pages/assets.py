@@ -1,4 +1,8 @@
-"""The scripts and styles of the pages, as built by `scripts/build`: each is named by its content and never changes."""
+"""The scripts and styles of the pages, and thumbnails of robots, as resources.
+
+Scripts and styles below ``/assets`` come from `scripts/build`: each is named by its content and never changes. Each
+robot has a thumbnail.
+"""
 
 import json
 import logging
@@ -6,6 +10,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
+
+from linked_fleet_gateway.extensions.pages.thumbnail import SVG, drawing
+from linked_fleet_gateway.fleet.robot import Robot
+from linked_fleet_gateway.rdf.vocabulary import LDP
+from linked_fleet_gateway.resources.branches import FleetBranch, RequestView, RobotBranch
+from linked_fleet_gateway.resources.paths import robot_path
+from linked_fleet_gateway.resources.resource import Resource
 
 log = logging.getLogger(__name__)
 
@@ -28,7 +39,7 @@ class Asset:
 
 @dataclass(frozen=True)
 class Assets:
-    """``files`` by name. ``entries``: the names of files that pages refer to, by source."""
+    """Built files by name. ``entries`` maps sources to the names of the files that pages refer to."""
 
     files: Mapping[str, Asset]
     entries: Mapping[str, str]
@@ -53,3 +64,25 @@ def assets() -> Assets:
 def _coded(path: Path) -> dict[str, bytes]:
     files = {coding: path.with_name(path.name + suffix) for coding, suffix in _CODINGS.items()}
     return {coding: file.read_bytes() for coding, file in files.items() if file.exists()}
+
+
+THUMBNAIL = "thumbnail"
+
+
+def _asset(view: RequestView, rest: list[str]) -> Resource | None:
+    found = assets().files.get("/".join(rest))
+    if found is None:
+        return None
+    path, documents = "/assets/" + "/".join(rest), {found.media_type: lambda: found.content}
+    return Resource(path, rest[-1], None, (LDP.Resource,), documents=documents, immutable=True, coded=found.coded)
+
+
+def _thumbnail(view: RequestView, robot: Robot, rest: list[str]) -> Resource | None:
+    if rest:
+        return None
+    path, title = robot_path(robot.name) + THUMBNAIL, f"Thumbnail of {robot.name}"
+    return Resource(path, title, None, (LDP.Resource,), documents={SVG: lambda: drawing(robot)})
+
+
+BRANCH = FleetBranch("assets", None, _asset)
+THUMBNAILS = RobotBranch(THUMBNAIL, None, _thumbnail)

@@ -8,10 +8,9 @@ from pyoxigraph import Triple
 
 from linked_fleet_gateway.base.errors import FleetError
 from linked_fleet_gateway.extensions.pages import page
-from linked_fleet_gateway.extensions.pages.navigation import set_entries
-from linked_fleet_gateway.extensions.pages.policy import FORMS, POLICY
-from linked_fleet_gateway.extensions.pages.resources import BRANCH, THUMBNAIL, THUMBNAILS
-from linked_fleet_gateway.extensions.pages.views import add_view
+from linked_fleet_gateway.extensions.pages.assets import BRANCH, THUMBNAIL, THUMBNAILS
+from linked_fleet_gateway.extensions.pages.page import FORMS, POLICY
+from linked_fleet_gateway.extensions.pages.views import add_view, set_entries
 from linked_fleet_gateway.http.extension import Core, Extension, Mount
 from linked_fleet_gateway.http.html import NOBODY, Formats, Reader
 from linked_fleet_gateway.resources.resource import Resource

@@ -10,11 +10,11 @@ import rdflib
 from pyoxigraph import BlankNode, Literal, NamedNode, RdfFormat, parse, serialize
 from rdflib.term import Node, URIRef
 
-from linked_fleet_client.form import choices, every_field
+from linked_fleet_client.form import all_fields, choices
 from linked_fleet_client.quantity import INTEGERS, UNIT_PATHS, UNITS
 from linked_fleet_client.shape import Bound, Field, Shape, merged, read_shape
 from linked_fleet_client.vocabulary import SH
-from linked_fleet_gateway.extensions.pages import labels
+from linked_fleet_gateway.extensions.pages import texts
 from linked_fleet_gateway.extensions.pages.form_parts import Form, Group, Leaf
 from linked_fleet_gateway.extensions.pages.values import Facts
 from linked_fleet_gateway.rdf.graph import Graph
@@ -37,16 +37,16 @@ _RDF_TYPE = rdflib.RDF.type
 def form_of_action(facts: Facts, iri: NamedNode) -> Form:
     """Return the form of an action; it has no fields if the action consumes nothing."""
     methods = {each.value.rpartition("#")[2] for each in facts.all(iri, HYBRIT.binding, HTTP.mthd)}
-    name = facts.text(iri, DCTERMS.identifier) or labels.place(iri.value, facts.root)
+    name = facts.text(iri, DCTERMS.identifier) or texts.place(iri.value, facts.root)
     rehearses = facts.one(iri, LF.dryRun) == Literal("true", datatype=XSD.boolean)
     consumed = facts.one(iri, HYBRIT.consumes)
     classes, fields = ("", ()) if consumed is None else _fields(_written(facts), str(consumed))
     # PUT first, because it can be repeated safely.
-    return _form(iri.value, sorted(methods, reverse=True) or ["POST"], labels.words(name), classes, fields, rehearses)
+    return _form(iri.value, sorted(methods, reverse=True) or ["POST"], texts.words(name), classes, fields, rehearses)
 
 
 def form_of_setting(facts: Facts, iri: NamedNode) -> Form | None:
-    """Return the form of a setting; None if what may be put is described elsewhere."""
+    """Return the form of a setting; None if another document describes the accepted body."""
     consumed = facts.one(iri, HYBRIT.consumes)
     if not isinstance(consumed, NamedNode) or consumed not in load(BLUEPRINTS):
         return None
@@ -66,10 +66,10 @@ def form_of_shape(
 
 
 def form_of_subscription(container: str, owner: str) -> Form:
-    """``owner``: the IRI of the thing to which the container belongs."""
+    """Return the form that creates a subscription; ``owner`` is the IRI of the thing to which the container belongs."""
     classes, fields = _fields(_request_shape(), str(LF.SubscriptionShape))
     shown = _prefilled(fields, {HYBRIT.onResource.value: owner})
-    return Form(container, labels.mark(container), "POST", classes, "subscribe", shown, ())
+    return Form(container, texts.mark(container), "POST", classes, "subscribe", shown, ())
 
 
 def _form(
@@ -83,7 +83,7 @@ def _form(
     fields = list(fields)
     needed = [each for each in fields if each.required or (isinstance(each, Leaf) and each.input == "hidden")]
     further = [each for each in fields if each not in needed]
-    return Form(action, labels.mark(action), " ".join(methods), classes, name, needed, further, rehearses)
+    return Form(action, texts.mark(action), " ".join(methods), classes, name, needed, further, rehearses)
 
 
 def _prefilled(fields: Iterable[Leaf | Group], values: Mapping[str, str]) -> list[Leaf | Group]:
@@ -171,7 +171,7 @@ def _classes(shape: Shape) -> str:
 
 def _asked(shape: Shape) -> list[Field]:
     """Return the fields without the type, which the classes imply unless it must be chosen."""
-    return [each for each in every_field(shape) if each.path != _RDF_TYPE or _is_choice(each)]
+    return [each for each in all_fields(shape) if each.path != _RDF_TYPE or _is_choice(each)]
 
 
 def _is_choice(own: Field) -> bool:
@@ -187,7 +187,7 @@ def _field(own: Field, shape: Shape) -> Leaf | Group:
     there = [found.shape for branch in branches if (found := branch.field(own.path)) and found.shape.fields]
     nested = merged([own.shape, *there])
     most = _MANY if own.max_count is None else own.max_count
-    name, hint = labels.words(own.name), labels.sentence(labels.clean(own.description))
+    name, hint = texts.words(own.name), texts.sentence(texts.clean(own.description))
     inner = _asked(nested)
     if inner:
         fields = [_field(each, nested) for each in inner]
@@ -248,7 +248,7 @@ def _each_unit_once(offered: Sequence[Node]) -> list[Node]:
     once: dict[object, Node] = {}
     for each in offered:
         once.setdefault(UNITS.get(str(each), each), each)
-    return sorted(once.values(), key=lambda each: not (_is_unit(each) and labels.unit(str(each)).startswith("°")))
+    return sorted(once.values(), key=lambda each: not (_is_unit(each) and texts.unit(str(each)).startswith("°")))
 
 
 def _is_unit(term: Node) -> bool:
@@ -257,12 +257,12 @@ def _is_unit(term: Node) -> bool:
 
 def _option(term: Node) -> str:
     if not isinstance(term, URIRef):
-        return labels.clean(str(term))
-    return labels.unit(str(term)) or "no unit" if _is_unit(term) else labels.named(str(term))
+        return texts.clean(str(term))
+    return texts.unit(str(term)) or "no unit" if _is_unit(term) else texts.named(str(term))
 
 
 def _limits(own: Field, branches: Sequence[Shape]) -> str:
-    """Return JSON with the ranges of a number and the values of other fields on which each depends, narrowest first."""
+    """Return JSON: the ranges of a number, narrowest first, each with the values of other fields that select it."""
     ranges = [_range(own, branch) for branch in (*(each for each in branches if each.field(own.path)), Shape())]
     bounded = [each for each in ranges if "min" in each or "max" in each]
     return json.dumps(bounded, separators=(",", ":")) if bounded else ""

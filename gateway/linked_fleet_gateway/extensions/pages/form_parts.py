@@ -35,7 +35,7 @@ class Leaf:
     kind: ClassVar[str] = "leaf"
 
     @property
-    def says(self) -> str:
+    def term_kind(self) -> str:
         """The kind of term that `scripts/src/form.js` makes of the value."""
         return (
             self.editor if self.editor in _GRAPHS else "variable" if self.variable else "iri" if self.iri else "literal"
@@ -73,7 +73,7 @@ class Group:
 
 @dataclass(frozen=True)
 class Form:
-    """``mark``: a prefix for ids on the page. ``needed`` fields come first; ``further`` ones are optional."""
+    """A form. ``mark`` is a prefix for ids on the page, ``needed`` are required fields, ``further`` optional ones."""
 
     action: str
     mark: str

@@ -1,4 +1,7 @@
-"""Resources as HTML: the triples of their description in readable form; scripts only add live updates."""
+"""Resources as HTML: the triples of their description in readable form; scripts only add live updates.
+
+The Content Security Policy (Level 3) of pages allows only this gateway's scripts and connections.
+"""
 
 from collections.abc import Mapping, Sequence
 from functools import cache
@@ -11,12 +14,11 @@ from pyoxigraph import Triple
 
 from linked_fleet_gateway.base.errors import FleetError
 from linked_fleet_gateway.base.lazy_imports import LazyModule
-from linked_fleet_gateway.extensions.pages import sentences
+from linked_fleet_gateway.extensions.pages import texts
 from linked_fleet_gateway.extensions.pages.assets import assets
-from linked_fleet_gateway.extensions.pages.labels import clean
-from linked_fleet_gateway.extensions.pages.navigation import places
+from linked_fleet_gateway.extensions.pages.texts import clean
 from linked_fleet_gateway.extensions.pages.view import view_of
-from linked_fleet_gateway.extensions.pages.views import added_views
+from linked_fleet_gateway.extensions.pages.views import added_views, places
 from linked_fleet_gateway.http.html import Formats, Reader
 from linked_fleet_gateway.http.representation import FORMATS
 from linked_fleet_gateway.rdf import jsonld
@@ -27,6 +29,7 @@ if TYPE_CHECKING:
     import jinja2
 else:
     jinja2 = LazyModule("jinja2")
+
 
 _TEMPLATES = Path(__file__).parent / "templates"
 
@@ -48,7 +51,7 @@ def write_problem(
     return render(
         "problem.html",
         error=error,
-        detail=sentences.plain(error.detail, root) if root else error.detail,
+        detail=texts.plain(error.detail, root) if root else error.detail,
         instance=instance,
         root=root,
         places=places(address.path if address else None, bool(reader and reader.audited)),
@@ -73,7 +76,7 @@ def embedded(json: str) -> Markup:
 
 @cache
 def _templates(folders: tuple[Path, ...]) -> "jinja2.Environment":
-    """``folders``: those of other extensions."""
+    """Return the environment of templates; ``folders`` are template folders of other extensions."""
     environment = jinja2.Environment(
         loader=jinja2.FileSystemLoader([_TEMPLATES, *folders]),
         autoescape=True,
@@ -84,3 +87,20 @@ def _templates(folders: tuple[Path, ...]) -> "jinja2.Environment":
     )
     environment.filters["clean"] = clean
     return environment
+
+
+POLICY = "; ".join(
+    (
+        "default-src 'none'",
+        "script-src 'self'",
+        "style-src 'self'",
+        "img-src 'self' data: blob:",  # textures inside meshes become object URLs
+        "connect-src 'self'",
+        "base-uri 'none'",
+        "form-action 'none'",
+        "frame-ancestors 'none'",
+    )
+)
+
+FORMS = POLICY.replace("form-action 'none'", "form-action 'self'")
+"""The policy of pages with a form that works without scripts: those for logging in and out."""

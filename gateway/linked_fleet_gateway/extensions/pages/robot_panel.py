@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 from pyoxigraph import BlankNode, NamedNode
 
-from linked_fleet_gateway.extensions.pages.terms import LF
 from linked_fleet_gateway.extensions.pages.values import Facts, Link
+from linked_fleet_gateway.extensions.pages.views import LF
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT
 
 _MOVE, _REACH = "/moveJoints", "/reach"
@@ -16,7 +16,7 @@ _UNITS_OF_POSITION = frozenset({"rad", "m"})
 
 @dataclass(frozen=True)
 class Pose:
-    """``targets`` is JSON for `scripts/src/poses.js`: the position of each joint, in rad or m, by its IRI."""
+    """A named pose. ``targets`` is JSON for `scripts/src/poses.js`: positions in rad or m by the IRI of the joint."""
 
     name: str
     targets: str

@@ -7,10 +7,9 @@ from typing import TYPE_CHECKING
 from pyoxigraph import BlankNode, NamedNode
 
 from linked_fleet_gateway.base.lazy_imports import LazyModule
-from linked_fleet_gateway.extensions.pages import labels, robot_panel
-from linked_fleet_gateway.extensions.pages.terms import LF
+from linked_fleet_gateway.extensions.pages import robot_panel, texts
 from linked_fleet_gateway.extensions.pages.values import Address, Facts, Link, Number, Row, State, Time, Value, Vector
-from linked_fleet_gateway.extensions.pages.views import Part, constant
+from linked_fleet_gateway.extensions.pages.views import LF, Part, constant
 from linked_fleet_gateway.rdf.turtle import Subject, Term
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, RDF, RDFS, ROS, SOSA
 
@@ -102,7 +101,7 @@ def cards(facts: Facts, iri: NamedNode) -> list[tuple[NamedNode, Card]]:
     for predicate, values in facts.of.get(iri, {}).items():
         if predicate != HYBRIT.property:
             names.update((value, predicate) for value in values)
-    return [(each, card(facts, each, labels.words(names.get(each, each).value))) for each in listed]
+    return [(each, card(facts, each, texts.words(names.get(each, each).value))) for each in listed]
 
 
 def _leading(facts: Facts, iri: NamedNode) -> set[NamedNode]:
@@ -136,7 +135,7 @@ PRESENCE = frozenset({LF.presence, LF.lastSeen, LF.fault})
 def actions(facts: Facts, iri: NamedNode) -> list[Link]:
     """Return links to the actions, named by the last segment in words."""
     found = [each.value for each in facts.all(iri, HYBRIT.action) if isinstance(each, NamedNode)]
-    return [Link(labels.words(each), each, each) for each in found]
+    return [Link(texts.words(each), each, each) for each in found]
 
 
 # -- robot ----------------------------------------------------------------------------------------------------------
@@ -196,7 +195,7 @@ def _parts(facts: Facts, iri: NamedNode) -> tuple[list[NamedNode], list[NamedNod
 
 def _kind_of_joint(facts: Facts, iri: NamedNode) -> str:
     types = [each for each in facts.all(iri, RDF.type) if each not in (HYBRIT.RoboticThing, LF.Joint)]
-    return labels.words(types[0].value).removesuffix(" joint") if types else ""
+    return texts.words(types[0].value).removesuffix(" joint") if types else ""
 
 
 def _samples(facts: Facts, samples: Iterable[Term]) -> dict[NamedNode, list[Number]]:

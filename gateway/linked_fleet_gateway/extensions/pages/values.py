@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, ClassVar
 from pyoxigraph import BlankNode, Literal, NamedNode, Triple
 
 from linked_fleet_gateway.base.lazy_imports import LazyModule
-from linked_fleet_gateway.extensions.pages import labels, sentences
+from linked_fleet_gateway.extensions.pages import texts
 from linked_fleet_gateway.rdf.turtle import Outline, Subject, Term
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, LF, MATHS, NUMERIC, PREFIXES, QUDT, RDF, SOSA, VOM, XSD
 
@@ -84,7 +84,7 @@ class Text:
 
 @dataclass(frozen=True)
 class Link:
-    """``href``: empty for an IRI that a browser cannot follow. ``help``: the vocabulary's comment on a term."""
+    """A link. ``href`` is empty for an IRI that a browser cannot follow; ``help`` is the comment on a term."""
 
     text: str
     href: str
@@ -115,13 +115,13 @@ class Row:
 
 
 @dataclass(frozen=True)
-class Nest:
+class NestedFacts:
     rows: Sequence[Row]
     types: Sequence[Link] = field(default=())
     kind: ClassVar[str] = "nest"
 
 
-Value = Number | Time | State | Text | Link | Vector | Items | Nest
+Value = Number | Time | State | Text | Link | Vector | Items | NestedFacts
 
 
 class Facts:
@@ -149,7 +149,7 @@ class Facts:
 
     def text(self, subject: Term, predicate: NamedNode) -> str:
         found = self.one(subject, predicate)
-        return labels.clean(found.value) if isinstance(found, Literal) else ""
+        return texts.clean(found.value) if isinstance(found, Literal) else ""
 
     def iri_of(self, subject: Term, predicate: NamedNode) -> str:
         """Return the first IRI reached; empty if there is none."""
@@ -183,7 +183,7 @@ class Facts:
         return at and at.below(predicate)
 
     def value(self, term: Term, predicate: NamedNode, at: Address | None) -> Value:
-        """``at``: None for one of several values, which has no address in the graph."""
+        """Return a term as shown; ``at`` is None for one of several values, which has no address in the graph."""
         if isinstance(term, Literal):
             return self._literal(term, predicate, at)
         if (items := self.outline.list_items(term)) is not None:
@@ -191,7 +191,7 @@ class Facts:
         if isinstance(term, BlankNode):
             return self._node(term, at)
         if predicate in _STATES:
-            return State(labels.local_name(term.value), at)
+            return State(texts.local_name(term.value), at)
         if term == LF.unknown:
             return Time("unknown", "", at) if predicate in _TIMES else Number("unknown", "", at)
         return self.link(term)
@@ -200,9 +200,9 @@ class Facts:
         if literal.datatype in _NUMERIC:
             return self.number(literal, at)
         if literal.datatype == XSD.dateTime:
-            text = labels.clean(literal.value)
-            return Time(labels.moment(text), text, at if predicate in _LIVE_TIMES else None)
-        return Text(labels.sentence(labels.clean(literal.value)), literal.language or "")
+            text = texts.clean(literal.value)
+            return Time(texts.moment(text), text, at if predicate in _LIVE_TIMES else None)
+        return Text(texts.sentence(texts.clean(literal.value)), literal.language or "")
 
     def _node(self, node: BlankNode, at: Address | None) -> Value:
         if not self.outline.is_nested(node):
@@ -213,7 +213,7 @@ class Facts:
             return self.scalar(node, at)
         if others in ({*_AXES[:3]}, {*_AXES}) and all(len(said[axis]) == 1 for axis in others):
             return self._vector(node, at)
-        return Nest(self.rows(node, at), self.types(node))
+        return NestedFacts(self.rows(node, at), self.types(node))
 
     def scalar(self, node: Term, at: Address | None, predicate: NamedNode = VOM.numericalValue) -> Number:
         """Return a node that has a number and a unit."""
@@ -228,21 +228,21 @@ class Facts:
     def _vector(self, node: BlankNode, at: Address | None) -> Vector:
         said, unit = self.of[node], self.unit_of(node)
         parts = [
-            (labels.local_name(axis.value), self.number(said[axis][0], at and at.below(axis)))
+            (texts.local_name(axis.value), self.number(said[axis][0], at and at.below(axis)))
             for axis in _AXES
             if axis in said
         ]
-        return Vector(parts, labels.unit(unit) if unit else "")
+        return Vector(parts, texts.unit(unit) if unit else "")
 
     def number(self, term: Term, at: Address | None, unit: str = "") -> Number:
         """Return a number; ``unit``: its IRI, or empty."""
-        shown, name = (labels.unit(unit), quantity.unit_label(unit)) if unit else ("", "")
+        shown, name = (texts.unit(unit), quantity.unit_label(unit)) if unit else ("", "")
         if not isinstance(term, Literal):
             return Number("unknown", "", at, shown, name)
         value = _float(term.value)
         if value is None:
-            return Number(labels.clean(term.value), labels.clean(term.value), at, shown, name)
-        return Number(labels.number(value, name), term.value, at, shown, name, labels.converted(value, name))
+            return Number(texts.clean(term.value), texts.clean(term.value), at, shown, name)
+        return Number(texts.number(value, name), term.value, at, shown, name, texts.converted(value, name))
 
     # -- names and links --------------------------------------------------------------------------------------------
 
@@ -252,18 +252,18 @@ class Facts:
     def term(self, iri: NamedNode) -> Link:
         """Return a link for a term; terms of this project's vocabulary link to the page that describes them."""
         href = f"{self.root}vocabulary#{iri.value.removeprefix(LF.iri)}" if iri.value.startswith(LF.iri) else iri.value
-        return Link(labels.words(iri.value), href if _is_web(href) else "", iri.value, labels.described(iri.value)[1])
+        return Link(texts.words(iri.value), href if _is_web(href) else "", iri.value, texts.described(iri.value)[1])
 
     def link(self, iri: NamedNode) -> Link:
         """Return a link with the title of its target, if the triples contain it."""
-        title = sentences.plain(self.text(iri, DCTERMS.title), self.root) if iri in self.of else ""
+        title = texts.plain(self.text(iri, DCTERMS.title), self.root) if iri in self.of else ""
         if iri.value.startswith(self.root):
-            return Link(title or labels.place(iri.value, self.root), iri.value, iri.value)
+            return Link(title or texts.place(iri.value, self.root), iri.value, iri.value)
         if title:
             return Link(title, iri.value if _is_web(iri.value) else "", iri.value)
         if iri.value.startswith(_VOCABULARIES):
             return self.term(iri)
-        return Link(labels.foreign(iri.value), iri.value if _is_web(iri.value) else "", iri.value)
+        return Link(texts.foreign(iri.value), iri.value if _is_web(iri.value) else "", iri.value)
 
 
 def _is_web(iri: str) -> bool:

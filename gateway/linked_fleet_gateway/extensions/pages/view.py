@@ -7,16 +7,12 @@ from typing import Any
 
 from pyoxigraph import NamedNode, Triple
 
-from linked_fleet_gateway.extensions.pages import action_views, labels, sentences
+from linked_fleet_gateway.extensions.pages import action_views, texts
 from linked_fleet_gateway.extensions.pages import thing_views as things
-from linked_fleet_gateway.extensions.pages.audit_view import audit
-from linked_fleet_gateway.extensions.pages.fleet_view import fleet
-from linked_fleet_gateway.extensions.pages.navigation import Place, places
-from linked_fleet_gateway.extensions.pages.terms import LF
+from linked_fleet_gateway.extensions.pages.root_views import audit, fleet, vocabulary
 from linked_fleet_gateway.extensions.pages.thing_views import Described, described
 from linked_fleet_gateway.extensions.pages.values import Facts, Link, Row
-from linked_fleet_gateway.extensions.pages.views import Part, added_views
-from linked_fleet_gateway.extensions.pages.vocabulary_view import vocabulary
+from linked_fleet_gateway.extensions.pages.views import LF, Part, Place, added_views, places
 from linked_fleet_gateway.http.html import Formats
 from linked_fleet_gateway.rdf.serialise import RDF_TYPES
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, LDP, OWL, PROV, RDF, ROS, SOSA, XHV
@@ -40,7 +36,7 @@ _KINDS: Mapping[NamedNode, tuple[str, Callable[[Facts, NamedNode], Part]]] = {
     HYBRIT.Subscription: ("subscription", action_views.subscription),
     LF.ControlLease: ("lease", action_views.lease),
 }
-# Types that everything of a kind has, which help nobody in the heading of a page.
+# Types that all resources of a kind have, so that a heading need not name them.
 _PLAIN_TYPES = frozenset(
     {HYBRIT.RoboticThing, HYBRIT.Property, HYBRIT.Action, HYBRIT.AsynchronousAction, LF.Joint, PROV.Activity}
     | {LDP.Container, LDP.BasicContainer, LDP.RDFSource}
@@ -109,7 +105,7 @@ def view_of(resource: Resource, triples: Sequence[Triple], base: str, formats: F
         offered=formats,
         root=facts.root,
         kind=kind,
-        title=part.title or sentences.plain(facts.text(iri, DCTERMS.title) or labels.clean(resource.title), facts.root),
+        title=part.title or texts.plain(facts.text(iri, DCTERMS.title) or texts.clean(resource.title), facts.root),
         types=[
             facts.term(each)
             for each in facts.all(iri, RDF.type)
@@ -161,7 +157,7 @@ def _crumbs(path: str, root: str) -> list[tuple[str, str]]:
         address = root + "/".join(segments[: depth + 1])
         robot = depth == 0 and segment not in reserved_at_root()
         if segment not in _NOT_SERVED:
-            crumbs.append((labels.step(segments, depth), address + ("/" if robot else "")))
+            crumbs.append((texts.step(segments, depth), address + ("/" if robot else "")))
     return [*crumbs[:-1], (crumbs[-1][0], "")]
 
 
@@ -170,5 +166,5 @@ def _stop(resource: Resource, root: str) -> tuple[str, str]:
     head, robot = resource.path[1:].partition("/")[0], resource.source.robot
     able = robot is None or any(each.definition.iri == LF.StopRobot for each in robot_offers(robot))
     if head and head not in reserved_at_root() and able:
-        return labels.segment_name(head, 0), f"{root}{head}/actions/stop"
+        return texts.segment_name(head, 0), f"{root}{head}/actions/stop"
     return "all", f"{root}actions/stopAll"

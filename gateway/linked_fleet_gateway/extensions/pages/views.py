@@ -1,6 +1,10 @@
-"""Page views: a template and a function for each kind of resource. Other extensions add theirs."""
+"""Views and navigation of pages, to which other extensions add theirs, and terms of extensions that pages look for.
 
-from collections.abc import Callable, Mapping, Set
+A view is a template and a function for one kind of resource. The navigation of all pages has the fleet, entries of
+enabled extensions, and the audit.
+"""
+
+from collections.abc import Callable, Iterable, Mapping, Sequence, Set
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -8,7 +12,12 @@ from typing import Any
 from pyoxigraph import NamedNode
 
 from linked_fleet_gateway.extensions.pages.values import Facts
+from linked_fleet_gateway.http.html import NavigationEntry
 from linked_fleet_gateway.rdf.turtle import Subject
+from linked_fleet_gateway.rdf.vocabulary import LF as CORE
+from linked_fleet_gateway.resources.paths import AUDIT
+
+LF = CORE.extended("Directory cameras history placement world")
 
 
 @dataclass(frozen=True)
@@ -57,3 +66,51 @@ def added_views() -> list[PageView]:
 def constant(name: str) -> str:
     """Return the value that an added view gives this name; empty if there is none."""
     return next((each.constants[name] for each in _added.values() if name in each.constants), "")
+
+
+_FLEET = NavigationEntry("Fleet", "/", 0)
+_AUDIT = NavigationEntry("Audit", AUDIT, 90)
+_entries: tuple[NavigationEntry, ...] = ()
+
+
+@dataclass(frozen=True)
+class Place:
+    """An entry on a page. ``current``: the value of aria-current: empty, ``page``, or ``true`` for a page below."""
+
+    title: str
+    href: str
+    current: str = ""
+
+
+def set_entries(entries: Iterable[NavigationEntry]) -> None:
+    """Set the extensions' entries for the pages of this process."""
+    global _entries
+    _entries = tuple(entries)
+
+
+def places(
+    path: str | None = None,
+    audited: bool = False,
+    entries: Iterable[NavigationEntry] | None = None,
+    root: str = "/",
+) -> list[Place]:
+    """Return the ordered entries for the page at ``path``; ``audited``: whether the reader may read the audit.
+
+    ``entries``: those of extensions, if not set in this process; ``root``: the address of the fleet.
+    """
+    added = _entries if entries is None else entries
+    shown = sorted([_FLEET, *added, *([_AUDIT] if audited else [])], key=lambda each: each.rank)
+    here = _section(path, shown)
+    return [Place(each.title, root + each.path[1:], _current(path, each) if each is here else "") for each in shown]
+
+
+def _section(path: str | None, entries: Sequence[NavigationEntry]) -> NavigationEntry | None:
+    """Return the entry at or above the page; robots belong to the fleet."""
+    if path is None:
+        return None
+    below = (each for each in entries if path == each.path or path.startswith(each.path + "/"))
+    return next(below, _FLEET)
+
+
+def _current(path: str | None, entry: NavigationEntry) -> str:
+    return "page" if path == entry.path else "true"

@@ -8,10 +8,9 @@ from typing import ClassVar
 from pyoxigraph import Literal, NamedNode
 
 from linked_fleet_gateway.extensions.query.examples import EXAMPLES
-from linked_fleet_gateway.extensions.query.functions import FUNCTIONS
+from linked_fleet_gateway.extensions.query.functions import FUNCTIONS, LF
 from linked_fleet_gateway.extensions.query.rdf_mirror import SHAPES
 from linked_fleet_gateway.extensions.query.service import Queries
-from linked_fleet_gateway.extensions.query.terms import LF
 from linked_fleet_gateway.identity.rights import Right
 from linked_fleet_gateway.rdf.graph import Graph, integer
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, FORMAT, PREFIXES, RDFS, SD, SH, VOID
@@ -76,7 +75,9 @@ def _describe(graph: Graph, view: RequestView, counts: Mapping[str, int]) -> Non
     iri = view.iri(PATH)
     graph.a(iri, SD.Service)
     graph.add(iri, DCTERMS.title, Literal("Query the fleet"))
-    graph.add(iri, RDFS.comment, Literal("SPARQL over the live fleet: every query is answered of one instant."))
+    graph.add(
+        iri, RDFS.comment, Literal("SPARQL over the live fleet: every query is evaluated on a consistent snapshot.")
+    )
     graph.add(iri, RDFS.seeAlso, view.iri("/"))
     graph.add(iri, SD.endpoint, iri)
     graph.add(iri, SD.supportedLanguage, SD.SPARQL11Query)

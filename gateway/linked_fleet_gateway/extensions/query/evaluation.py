@@ -51,12 +51,12 @@ class VisibleGraphs:
 
 
 @cache
-def warm(media_type: str) -> None:
+def preload(media_type: str) -> None:
     """Load the writer of a media type: afterwards no file can be opened."""
     if media_type in RDF_TYPES:
         render([Triple(LF.Fleet, RDF.type, LF.Fleet)], media_type, PREFIXES, base="http://localhost/")
     elif media_type not in ROWS:
-        page.warm()
+        page.preload()
 
 
 def evaluate(store: Store, ask: QueryRequest, seen: VisibleGraphs, functions: Mapping[NamedNode, Function]) -> bytes:
@@ -147,8 +147,8 @@ class _Bounded(io.BytesIO):
 def _malformed(said: str) -> Refusal:
     found = _POSITION.match(said)
     if found is None:
-        return Refusal(reason="wrong", detail=f"This is no SPARQL query: {said[:_LONGEST]}")
+        return Refusal(reason="wrong", detail=f"This is not a SPARQL query: {said[:_LONGEST]}")
     words = " ".join(found[3].split())
     # The parser also lists every character that could have followed.
-    detail = "This is no SPARQL query" + (f": {words}." if len(words) <= _LONGEST else ".")
+    detail = "This is not a SPARQL query" + (f": {words}." if len(words) <= _LONGEST else ".")
     return Refusal(reason="wrong", detail=detail, line=int(found[1]), column=int(found[2]))

@@ -6,7 +6,7 @@ import msgspec
 
 from linked_fleet_agent.wire.codec import encode_state, read_header
 from linked_fleet_gateway.extensions.query.messages import HypotheticalRobot, Member, News, RobotFacts
-from linked_fleet_gateway.fleet.frames import Frames
+from linked_fleet_gateway.fleet.events import Frames
 from linked_fleet_gateway.fleet.invocation import Invocation
 from linked_fleet_gateway.fleet.robot import Robot
 
@@ -40,14 +40,14 @@ class Mirror:
         for said in news.robots:
             held = self.robots.get(said.name)
             if held is None:
-                held = self.robots[said.name] = MirroredRobot(Robot(said.name, _complain, self._frames))
+                held = self.robots[said.name] = MirroredRobot(Robot(said.name, _log_error, self._frames))
             _tell(held, said)
         for name in news.forgotten:
             self.robots.pop(name, None)
         for name, frame in news.frames.items():
             _show(self.robots[name], frame)
 
-    def suppose(self, instead: HypotheticalRobot) -> None:
+    def assume(self, instead: HypotheticalRobot) -> None:
         """Replace a robot's state by a hypothetical one; only for a forked copy that gets no further news."""
         held = self.robots.get(instead.robot)
         if held is None:
@@ -91,5 +91,5 @@ def _show(held: MirroredRobot, frame: bytes | None) -> None:
         held.robot.take(read_header(frame), frame, 0)
 
 
-def _complain(robot: str, what: object) -> None:
+def _log_error(robot: str, what: object) -> None:
     log.warning("robot %s: %s", robot, what)

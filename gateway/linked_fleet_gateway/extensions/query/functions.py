@@ -1,16 +1,18 @@
-"""The query functions ``lf:poseIn`` and ``lf:distance``."""
+"""The query functions ``lf:poseIn`` and ``lf:distance``, and the terms of the extension."""
 
 import math
 from collections.abc import Collection, Mapping
 
 from pyoxigraph import Literal, NamedNode
 
-from linked_fleet_gateway.extensions.query.terms import LF
 from linked_fleet_gateway.fleet.model import Pose
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.rdf.graph import number
+from linked_fleet_gateway.rdf.vocabulary import LF as CORE
 from linked_fleet_gateway.resources.fleet_functions import Function, Term, path_of
 from linked_fleet_gateway.resources.relative_poses import relative_pose, rounded
+
+LF = CORE.extended("query poseIn distance example")
 
 FUNCTIONS = (LF.poseIn, LF.distance)
 COMPONENTS = ("x", "y", "z", "qx", "qy", "qz", "qw")

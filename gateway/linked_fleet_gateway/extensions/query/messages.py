@@ -1,5 +1,9 @@
-"""Messages between the gateway and its query process: MessagePack with a length prefix, and one socket per query."""
+"""Messages between the gateway and its query process: MessagePack with a length prefix, one socket per query.
 
+The process also gets the process-wide contributions of extensions, so that it resolves the same tree.
+"""
+
+from pathlib import Path
 from typing import Literal
 
 import msgspec
@@ -9,6 +13,12 @@ from linked_fleet_agent.wire.messages import Description
 from linked_fleet_gateway.fleet.invocation import Invocation, Lease
 from linked_fleet_gateway.fleet.model import Pose
 from linked_fleet_gateway.http.html import NOBODY, Reader
+from linked_fleet_gateway.rdf.shapes import ACTIONS, BLUEPRINTS, VOCABULARY, add, added_to
+from linked_fleet_gateway.resources.action_offer import add_kinds
+from linked_fleet_gateway.resources.fleet_functions import FUNCTIONS
+from linked_fleet_gateway.resources.paths import reserve, reserved_at_root, reserved_in_robot
+from linked_fleet_gateway.resources.property import LINK_STATEMENTS, ROBOT_PROPERTIES
+from linked_fleet_gateway.resources.relative_poses import PLACEMENTS
 
 Member = tuple[str, str]
 """Predicate and path of a statement that a branch adds."""
@@ -93,11 +103,11 @@ class QueryRequest(Struct, frozen=True, kw_only=True):
 
 
 class Refusal(Struct, frozen=True, kw_only=True):
-    """The reason for having no result: the query is ``wrong``, its result too ``large``, or the evaluation
-    ``failed``.
+    """The reason for having no result: the query is ``wrong``, its result too ``large``, the evaluation ``failed``, or
+    a library that it needs is ``missing``.
     """
 
-    reason: Literal["wrong", "large", "failed"]
+    reason: Literal["wrong", "large", "failed", "missing"]
     detail: str
     line: int | None = None
     column: int | None = None
@@ -140,3 +150,45 @@ def decode_ask(content: bytes) -> QueryRequest:
 def decode_refusal(content: bytes) -> Refusal:
     """Decode a refusal. Raises ValidationError."""
     return _refusal.decode(content)
+
+
+class Contributions(msgspec.Struct):
+    """Reserved segments, Turtle files, and ``module:attribute`` names of other contributions."""
+
+    at_root: list[str]
+    in_robot: list[str]
+    files: dict[str, list[str]]
+    robot_properties: list[str]
+    link_statements: list[str]
+    functions: list[str]
+    placements: list[str]
+
+
+def contributions() -> str:
+    """Return the contributions in this process as an argument of the query process."""
+    known = Contributions(
+        sorted(reserved_at_root()),
+        sorted(reserved_in_robot()),
+        {name: [str(each) for each in added_to(name)] for name in (ACTIONS, VOCABULARY, BLUEPRINTS)},
+        list(ROBOT_PROPERTIES.names),
+        list(LINK_STATEMENTS.names),
+        list(FUNCTIONS.names),
+        list(PLACEMENTS.names),
+    )
+    return msgspec.json.encode(known).decode()
+
+
+def decode_contributions(text: str) -> Contributions:
+    return msgspec.json.decode(text, type=Contributions)
+
+
+def register(said: Contributions) -> None:
+    """Register the same contributions in this process."""
+    reserve(said.at_root, said.in_robot)
+    add_kinds(map(Path, said.files[ACTIONS]))
+    for name in (VOCABULARY, BLUEPRINTS):
+        add(name, map(Path, said.files[name]))
+    ROBOT_PROPERTIES.replace(said.robot_properties)
+    LINK_STATEMENTS.replace(said.link_statements)
+    FUNCTIONS.replace(said.functions)
+    PLACEMENTS.replace(said.placements)

@@ -9,14 +9,13 @@ from urllib.parse import urlencode
 from pyoxigraph import BlankNode, Literal, NamedNode, QueryBoolean, QuerySolutions, Triple
 
 from linked_fleet_gateway.base.errors import BadRequest, FleetError
-from linked_fleet_gateway.extensions.pages.labels import clean, foreign, number
-from linked_fleet_gateway.extensions.pages.navigation import Place, places
 from linked_fleet_gateway.extensions.pages.page import render
+from linked_fleet_gateway.extensions.pages.texts import clean, foreign, number
 from linked_fleet_gateway.extensions.pages.values import Facts
-from linked_fleet_gateway.extensions.pages.views import PageView, Part, add_view
+from linked_fleet_gateway.extensions.pages.views import PageView, Part, Place, add_view, places
 from linked_fleet_gateway.extensions.query.examples import EXAMPLES
+from linked_fleet_gateway.extensions.query.functions import LF
 from linked_fleet_gateway.extensions.query.messages import QueryRequest, Refused, too_large
-from linked_fleet_gateway.extensions.query.terms import LF
 from linked_fleet_gateway.http.html import NOBODY, NavigationEntry, Reader
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, NUMERIC, PREFIXES, RDFS, SD, SH
 
@@ -44,7 +43,7 @@ class Problem:
     column: int = 0
 
 
-def warm() -> None:
+def preload() -> None:
     """Load everything that pages need: afterwards no file can be opened."""
     add_view(VIEW)  # its folder contains the template
     _page("", "http://localhost", [], NOBODY)

@@ -1,5 +1,6 @@
-"""The query process of a gateway: started for the first query, updated before each, restarted after a crash, ended when
-idle.
+"""The query process of a gateway, and the snapshots of the fleet that it gets, reduced to changes.
+
+The process is started for the first query, updated before each, restarted after a crash, and ended when idle.
 """
 
 import asyncio
@@ -8,29 +9,103 @@ import socket
 import time
 from asyncio.subprocess import DEVNULL
 from collections.abc import Callable
+from itertools import islice
 
-from linked_fleet_gateway.base.errors import BadRequest, Busy, FleetError
-from linked_fleet_gateway.extensions.query.contributions import contributions
-from linked_fleet_gateway.extensions.query.errors import QueryTooCostly, ResultTooLarge
+from linked_fleet_gateway.base.errors import BadRequest, Busy, FleetError, LibraryMissing
 from linked_fleet_gateway.extensions.query.messages import (
     DONE,
     FORKED,
     PATIENCE,
     REFUSED,
+    Member,
+    News,
     QueryRequest,
     Refusal,
+    RobotFacts,
+    contributions,
     decode_refusal,
     encode,
 )
-from linked_fleet_gateway.extensions.query.snapshot import Feed
-from linked_fleet_gateway.runtime.worker import Worker
+from linked_fleet_gateway.extensions.query.turns import QueryTooCostly, ResultTooLarge
+from linked_fleet_gateway.fleet.fleet import Fleet
+from linked_fleet_gateway.fleet.invocations import FLEET, Invocation, Invocations
+from linked_fleet_gateway.fleet.robot import Robot
+from linked_fleet_gateway.resources.branches import Branches
+from linked_fleet_gateway.resources.paths import robot_path
+from linked_fleet_gateway.runtime.worker import IDLE_S, Worker
 
 log = logging.getLogger(__name__)
 
+MAX_ENDED = 20
+"""Number of ended invocations sent for each robot and for the fleet: the most recent ones."""
+
+
+class Feed:
+    """The state known to one query process.
+
+    Call ``news`` and encode its result in one turn of the event loop, because it refers to live objects.
+    """
+
+    def __init__(self, fleet: Fleet, invocations: Invocations, branches: Callable[[], Branches]) -> None:
+        self._fleet, self._invocations, self._branches = fleet, invocations, branches
+        self._said: dict[str, tuple[object, ...]] = {}
+        self._frames: dict[str, bytes | None] = {}
+
+    def news(self) -> News:
+        """Return the changes since the last call."""
+        robots, frames = [], {}
+        for name, robot in self._fleet.robots.items():
+            invocations = recent(self._invocations, name)
+            branches = self._branches().linked_from(robot, robot_path(name))
+            key = _key(robot, invocations, branches)
+            if key != self._said.get(name):
+                self._said[name] = key
+                robots.append(_said(robot, invocations, [(term.value, path) for term, path in branches]))
+            if (frame := robot.payload) is not self._frames.get(name):
+                frames[name] = self._frames[name] = frame
+        forgotten = list(self._said.keys() - set(self._fleet.robots))
+        for name in forgotten:
+            del self._said[name]
+            self._frames.pop(name, None)
+        return News(robots=robots, frames=frames, forgotten=forgotten)
+
+    def of_fleet(self) -> list[Invocation]:
+        """Return the invocations of the whole fleet."""
+        return recent(self._invocations, FLEET)
+
+
+def recent(invocations: Invocations, robot: str) -> list[Invocation]:
+    """Return the invocations that are not over, and the most recent of the others."""
+    ended = (each for each in invocations.of_robot(robot) if each.state.terminal)
+    return [*invocations.open_of(robot), *islice(ended, MAX_ENDED)]
+
+
+def _key(robot: Robot, invocations: list[Invocation], branches: object) -> tuple[object, ...]:
+    """Return a key that changes whenever anything but a frame changes."""
+    known = [(one.id, one.state, one.progress, one.reason, one.ended_ns, one.preempted_by) for one in invocations]
+    said = robot.online, robot.incarnation, robot.news, robot.description, robot.fault
+    return *said, robot.lease, robot.settings, dict(robot.targets), known, branches
+
+
+def _said(robot: Robot, invocations: list[Invocation], branches: list[Member]) -> RobotFacts:
+    return RobotFacts(
+        name=robot.name,
+        online=robot.online,
+        incarnation=robot.incarnation,
+        description=robot.description,
+        fault=robot.fault,
+        limit_fault=robot.limit_fault,
+        last_seen_ns=robot.last_seen_ns,
+        lease=robot.lease,
+        settings=dict(robot.settings),
+        targets=robot.targets,
+        branches=branches,
+        invocations=invocations,
+    )
+
+
 _BEGIN_S = 60.0  # time for the first snapshot of the whole fleet
 _GRACE_S = 1.0
-IDLE_S = 300.0
-"""Idle seconds after which the process ends. Its RDF copy of the fleet takes more memory than the gateway."""
 _CHUNK = 256 * 1024
 # The process forks, and threads do not survive that; single queries do not need them.
 _ALONE = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
@@ -40,23 +115,16 @@ class QueryProcess:
     """The process and its feed; ``feed`` creates one for a process without any state."""
 
     def __init__(self, feed: Callable[[], Feed], idle_s: float = IDLE_S) -> None:
-        self._new_feed, self._idle_s = feed, idle_s
-        self._under_way = 0
-        self._idle_timer: asyncio.TimerHandle | None = None
-        self._ending: asyncio.Task[None] | None = None
+        self._new_feed = feed
         self._feed = feed()
         self._control: socket.socket | None = None
-        self._worker = Worker("linked_fleet_gateway.extensions.query.worker", _ALONE)
+        self._worker = Worker("linked_fleet_gateway.extensions.query.worker", _ALONE, idle_s=idle_s, on_idle=self.close)
         self._telling = asyncio.Lock()
 
     async def ask(self, make: Callable[[Feed], QueryRequest]) -> bytes:
         """Return the result of the query that ``make`` builds from the present snapshot. Raises FleetError."""
-        self._under_way += 1
-        try:
+        with self._worker.in_use():
             return await self._ask(make)
-        finally:
-            self._under_way -= 1
-            self._rest()
 
     async def _ask(self, make: Callable[[Feed], QueryRequest]) -> bytes:
         ours, theirs = socket.socketpair()
@@ -72,26 +140,10 @@ class QueryProcess:
         return self._control is not None
 
     async def close(self) -> None:
-        if self._idle_timer is not None:
-            self._idle_timer.cancel()
         if self._control is not None:
             self._control.close()
             self._control = None
         await self._worker.end()
-
-    def _rest(self) -> None:
-        """Restart the idle timer."""
-        if self._idle_timer is not None:
-            self._idle_timer.cancel()
-        self._idle_timer = asyncio.get_running_loop().call_later(self._idle_s, self._end_idle)
-
-    def _end_idle(self) -> None:
-        self._ending = asyncio.create_task(self._close_idle())
-
-    async def _close_idle(self) -> None:
-        async with self._telling:
-            if not self._under_way:
-                await self.close()
 
     async def _begin(self, make: Callable[[Feed], QueryRequest], ours: socket.socket, theirs: socket.socket) -> float:
         """Start a query in the process. Return its time limit in seconds."""
@@ -107,9 +159,9 @@ class QueryProcess:
                     raise ConnectionError("it ended")
                 return ask.limit_s
             except (OSError, TimeoutError) as error:
-                log.warning("the query process is started anew: %s", error)
+                log.warning("the query process is restarted: %s", error)
                 await self.close()
-                raise Busy("Queries cannot be answered at this moment; ask again.") from error
+                raise Busy("Queries cannot be answered at the moment; try again.") from error
             except BaseException:  # it has received a part of a message
                 await self.close()
                 raise
@@ -133,10 +185,10 @@ async def _send(control: socket.socket, content: bytes, answer: socket.socket) -
     await asyncio.get_running_loop().sock_sendall(control, content)
 
 
-async def _read_all(ours: socket.socket, patience_s: float) -> bytearray:
+async def _read_all(ours: socket.socket, timeout_s: float) -> bytearray:
     content = bytearray()
     try:
-        async with asyncio.timeout(patience_s):
+        async with asyncio.timeout(timeout_s):
             while chunk := await asyncio.get_running_loop().sock_recv(ours, _CHUNK):
                 content += chunk
     except (TimeoutError, ConnectionError):
@@ -151,8 +203,10 @@ def _result(answer: bytearray, late: bool) -> bytes:
     if end == REFUSED:
         raise _error(decode_refusal(content))
     if late:
-        raise QueryTooCostly("The query took longer than it may. Ask of fewer robots, or with fewer open paths.")
-    raise QueryTooCostly("The query took more memory than it may, or is too deep. Ask of fewer robots, or in parts.")
+        raise QueryTooCostly("The query exceeded its time limit. Query fewer robots, or use fewer unbounded paths.")
+    raise QueryTooCostly(
+        "The query exceeded its memory limit, or is nested too deeply. Query fewer robots, or split it."
+    )
 
 
 def _error(refusal: Refusal) -> FleetError:
@@ -160,4 +214,6 @@ def _error(refusal: Refusal) -> FleetError:
         return BadRequest(refusal.detail, line=refusal.line, column=refusal.column)
     if refusal.reason == "large":
         return ResultTooLarge(refusal.detail)
-    return QueryTooCostly("The query takes more memory than it may. Ask of fewer robots, or in parts.")
+    if refusal.reason == "missing":
+        return LibraryMissing(refusal.detail)
+    return QueryTooCostly("The query exceeded its memory limit. Query fewer robots, or split it.")

@@ -18,8 +18,7 @@ from linked_fleet_gateway.rdf.graph import Graph, Node, Term
 from linked_fleet_gateway.rdf.shapes import BLUEPRINTS, load
 from linked_fleet_gateway.resources.describe import Describer, last_frame
 from linked_fleet_gateway.resources.documents import VOCABULARY, describe_terms
-from linked_fleet_gateway.resources.invocation import describe_invocation, invocation_path
-from linked_fleet_gateway.resources.lease import describe_lease
+from linked_fleet_gateway.resources.invocation import describe_invocation, describe_lease, invocation_path
 from linked_fleet_gateway.resources.paths import joint_path, link_path, robot_path
 from linked_fleet_gateway.resources.property import Measurement, Property
 from linked_fleet_gateway.resources.resource import complete
@@ -27,7 +26,7 @@ from linked_fleet_gateway.resources.resource import complete
 SHAPES = "/blueprint"
 
 
-class Labelled(Graph):
+class LabelledGraph(Graph):
     """A description whose blank node labels are unique by ``prefix``."""
 
     def __init__(self, prefix: str) -> None:
@@ -100,14 +99,14 @@ class _Robot:
 
 
 class RdfMirror:
-    """The store under one base URL (scheme and authority). ``bring`` updates it from the mirror."""
+    """The store under one base URL (scheme and authority). ``update`` adopts the state of the mirror."""
 
     def __init__(self, base: str) -> None:
         self.base, self.store = base, Store()
         self._say = StaticDescriber(base)
         self._robots: dict[str, _Robot] = {}
         self._documents = 0
-        graph = Labelled("v")
+        graph = LabelledGraph("v")
         complete(describe_terms(base, graph))
         self._extend(NamedNode(base + VOCABULARY), graph.triples)
         shapes = [triple for triples in load(BLUEPRINTS).values() for triple in triples]
@@ -118,12 +117,12 @@ class RdfMirror:
 
     def add(self, path: str, triples: Sequence[Triple], prefix: str) -> None:
         """Add statements to a graph, with blank nodes of their own."""
-        graph = Labelled(prefix)
+        graph = LabelledGraph(prefix)
         for triple in triples:
             graph.add(triple.subject, triple.predicate, triple.object)  # type: ignore[arg-type]
         self._extend(NamedNode(self.base + path), graph.triples)
 
-    def bring(self, mirror: Mirror) -> None:
+    def update(self, mirror: Mirror) -> None:
         for name in [name for name, known in self._robots.items() if known.held is not mirror.robots.get(name)]:
             self.store.remove_graph(self._robots.pop(name).graph)
         for name, held in mirror.robots.items():
@@ -162,7 +161,7 @@ class RdfMirror:
             del known.documents[gone]
 
     def invocation(self, one: Invocation, others: dict[str, Invocation], sees: Callable[[str], bool]) -> list[Triple]:
-        """Return an invocation of the whole fleet as seen by a caller who ``sees`` some robots."""
+        """Return the triples of an invocation of the whole fleet; ``sees`` has the robots that the caller may see."""
         graph = Graph()
         answers = {name: answer for name, answer in one.robots.items() if sees(name)}
         describe_invocation(graph, self.base, None, one, others, answers)
@@ -189,7 +188,7 @@ class RdfMirror:
         if held is not None and key is not None and held.key == key:
             return
         prefix = self._fresh() if held is None else held.prefix
-        say, graph = StaticDescriber(self.base), Labelled(prefix)
+        say, graph = StaticDescriber(self.base), LabelledGraph(prefix)
         describe(say, graph)
         self._replace(known, name, _Document(key, prefix, graph.triples))
         if say.measured and name not in known.values:
@@ -212,7 +211,7 @@ class RdfMirror:
         seen = Measurement.of(value.item.look())
         if seen == value.seen:
             return
-        graph = Labelled(value.prefix)
+        graph = LabelledGraph(value.prefix)
         self._say.value(graph, value.owner, value.item, seen)
         if len(graph.triples) == len(value.triples):
             for before, after in zip(value.triples, graph.triples, strict=True):

@@ -15,8 +15,7 @@ from pyoxigraph import (
 )
 
 from linked_fleet_gateway.extensions.query.messages import HypotheticalRobot, QueryRequest
-from linked_fleet_gateway.extensions.query.process import QueryProcess
-from linked_fleet_gateway.extensions.query.snapshot import Feed
+from linked_fleet_gateway.extensions.query.process import Feed, QueryProcess
 from linked_fleet_gateway.extensions.query.turns import FairTurns
 from linked_fleet_gateway.http.html import HTML, NOBODY, NavigationEntry, Reader
 from linked_fleet_gateway.identity.rights import View
@@ -71,7 +70,7 @@ class Queries:
 
         ``base`` is scheme and authority of all IRIs. ``bindings`` are values of variables without question marks, which
         the query must select. Callers with the same view share their turns. ``instead`` are robots in a hypothetical
-        state. Raises BadRequest, PayloadTooLarge, ResultTooLarge, QueryTooCostly, TooManyQueries, Busy.
+        state. Raises BadRequest, PayloadTooLarge, ResultTooLarge, QueryTooCostly, TooManyQueries, Busy, LibraryMissing.
         """
         check_select(query)
         body = await self.run(
@@ -109,7 +108,7 @@ class Queries:
         """Return the result in a media type that suits the query form.
 
         ``dataset`` overrides that of the query. ``reader`` is that of a page. Raises
-        BadRequest, ResultTooLarge, QueryTooCostly, TooManyQueries, Busy.
+        BadRequest, ResultTooLarge, QueryTooCostly, TooManyQueries, Busy, LibraryMissing.
         """
         asked = query.dataset if dataset is None or dataset == Dataset() else dataset
 
@@ -155,7 +154,7 @@ def _json(term: Term) -> dict[str, str]:
     if isinstance(term, NamedNode):
         return {"type": "uri", "value": term.value}
     if isinstance(term, BlankNode):
-        raise TypeError("a blank node of elsewhere stands for nothing here")
+        raise TypeError("a blank node of another document cannot be a binding")
     if term.language is not None:
         return {"type": "literal", "value": term.value, "xml:lang": term.language}
     return {"type": "literal", "value": term.value, "datatype": term.datatype.value}

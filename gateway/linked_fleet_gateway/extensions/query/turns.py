@@ -1,19 +1,44 @@
-"""Fair scheduling of queries: round-robin over clients, with bounds on concurrency and on waiting queries."""
+"""Fair scheduling of queries: round-robin over clients, with bounds on concurrency and on waiting queries.
+
+Errors of queries: ``ResultTooLarge`` (413, result-too-large), ``TooManyQueries`` (429, too-many-queries),
+``QueryTooCostly`` (503, query-too-costly).
+"""
+
+# ruff: noqa: N818  (named like the errors of linked_fleet_gateway.base.errors)
 
 import asyncio
 from collections import OrderedDict, deque
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 
-from linked_fleet_gateway.base.errors import Busy
-from linked_fleet_gateway.extensions.query.errors import TooManyQueries
+from linked_fleet_gateway.base.errors import Busy, FleetError, PayloadTooLarge
+
+
+class ResultTooLarge(PayloadTooLarge):
+    """The result exceeds the limit. Results are never truncated."""
+
+    code, title = "result-too-large", "The result of the query is too large"
+
+
+class TooManyQueries(FleetError):
+    """Too many queries of the client are waiting (RFC 6585, 4)."""
+
+    status, code, title = 429, "too-many-queries", "The client has too many queries waiting"
+    retry_after_s = 1
+
+
+class QueryTooCostly(FleetError):
+    """A query was ended at its limit of time or memory. Other requests are not affected; repeating it does not help."""
+
+    status, code, title = 503, "query-too-costly", "The query takes too much time or memory"
+
 
 AT_ONCE = 2
 MAX_OF_CLIENT, MAX_WAITING = 8, 128
 
 
 class FairTurns:
-    """``AT_ONCE`` concurrent turns, assigned round-robin to waiting clients."""
+    """Limits concurrent queries to ``AT_ONCE``, and serves waiting clients round-robin."""
 
     def __init__(self) -> None:
         self._taken = 0
@@ -35,9 +60,9 @@ class FairTurns:
     async def _wait(self, client: str) -> None:
         own = self._waiting.get(client, ())
         if len(own) >= MAX_OF_CLIENT:
-            raise TooManyQueries(f"{MAX_OF_CLIENT} queries of yours are waiting already.")
+            raise TooManyQueries(f"{MAX_OF_CLIENT} of your queries are waiting already.")
         if sum(map(len, self._waiting.values())) >= MAX_WAITING:
-            raise Busy("Too many queries are waiting; ask again.")
+            raise Busy("Too many queries are waiting; try again.")
         turn: asyncio.Future[None] = asyncio.get_running_loop().create_future()
         self._waiting.setdefault(client, deque()).append(turn)
         try:

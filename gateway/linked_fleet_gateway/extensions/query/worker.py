@@ -16,8 +16,8 @@ from pathlib import Path
 
 from pyoxigraph import NamedNode, RdfFormat, parse
 
-from linked_fleet_gateway.extensions.query.contributions import decode_contributions, register
-from linked_fleet_gateway.extensions.query.evaluation import VisibleGraphs, evaluate, warm
+from linked_fleet_gateway.base.errors import LibraryMissing
+from linked_fleet_gateway.extensions.query.evaluation import VisibleGraphs, evaluate, preload
 from linked_fleet_gateway.extensions.query.fleet_mirror import Mirror
 from linked_fleet_gateway.extensions.query.functions import functions_of
 from linked_fleet_gateway.extensions.query.messages import (
@@ -26,9 +26,12 @@ from linked_fleet_gateway.extensions.query.messages import (
     PATIENCE,
     REFUSED,
     QueryRequest,
+    Refusal,
     Refused,
     decode_ask,
+    decode_contributions,
     encode,
+    register,
 )
 from linked_fleet_gateway.extensions.query.rdf_mirror import SHAPES, RdfMirror
 from linked_fleet_gateway.identity.rights import View
@@ -67,11 +70,15 @@ class Worker:
     def _answer(self, ask: QueryRequest, to: socket.socket, control: socket.socket) -> None:
         self._mirror.take(ask.news)
         rdf_mirror = self._rdf_mirror(ask.base)
-        rdf_mirror.bring(self._mirror)
-        for each in self._functions:
-            if any(name.value.rpartition("#")[2] in ask.query for name in each.names):
-                each.prepare()
-        warm(ask.media_type)
+        rdf_mirror.update(self._mirror)
+        try:
+            for each in self._functions:
+                if any(name.value.rpartition("#")[2] in ask.query for name in each.names):
+                    each.prepare()
+        except LibraryMissing as error:
+            to.sendall(FORKED + encode(Refusal(reason="missing", detail=error.detail)) + REFUSED)
+            return
+        preload(ask.media_type)
         if os.fork() == 0:
             try:
                 control.close()
@@ -79,7 +86,7 @@ class Worker:
                 to.sendall(FORKED)
                 to.sendall(self._result(ask, rdf_mirror))
             except ConnectionError:
-                log.debug("nobody waits for the answer any more")
+                log.debug("the client of the query has disconnected")
             except Exception:
                 # The boundary of the fork: it must not continue as if it were its parent.
                 log.exception("a query failed")
@@ -99,8 +106,8 @@ class Worker:
         robots = {name: held.robot for name, held in self._mirror.robots.items() if sees.sees(name)}
         if ask.instead:
             for each in ask.instead:
-                self._mirror.suppose(each)
-            rdf_mirror.bring(self._mirror)
+                self._mirror.assume(each)
+            rdf_mirror.update(self._mirror)
         try:
             seen = _complete(ask, rdf_mirror, self._mirror, sees)
             functions = functions_of(ask.base, robots, ask.poses)
@@ -161,7 +168,7 @@ def _receive(control: socket.socket) -> tuple[bytes, int] | None:
 
 def main() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C ends the gateway, which then ends this process
-    signal.signal(signal.SIGCHLD, signal.SIG_IGN)  # nobody collects the exit status of a query
+    signal.signal(signal.SIGCHLD, signal.SIG_IGN)  # the exit status of a query is not collected
     if len(sys.argv) > 2:
         register(decode_contributions(sys.argv[2]))
     with socket.socket(fileno=int(sys.argv[1])) as control:

@@ -1,4 +1,7 @@
-"""The function ``lf:canReach``: True if joints within their limits can bring the origin of a link to a point."""
+"""The query function ``lf:canReach``, and the terms of the extension.
+
+The function is True if joints within their limits can bring the origin of a link to a point.
+"""
 
 import logging
 import math
@@ -9,23 +12,25 @@ from typing import TYPE_CHECKING
 from pyoxigraph import Literal, NamedNode
 
 from linked_fleet_gateway.base.lazy_imports import LazyModule
-from linked_fleet_gateway.extensions.reach.terms import LF
 from linked_fleet_gateway.fleet.kinematics import ORIGIN, compose, envelope, inverse, placed
 from linked_fleet_gateway.fleet.model import JointKind, ModelError, Pose
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.fleet.xml import Vector
+from linked_fleet_gateway.rdf.vocabulary import LF as CORE
 from linked_fleet_gateway.resources.fleet_functions import Function, Term, path_of
 from linked_fleet_gateway.resources.paths import part_of, robot_name
 from linked_fleet_gateway.resources.shape_parameters import commandable
 
-TOLERANCE_M = 5e-5
-_SOLVER = "linked_fleet_gateway.extensions.reach.inverse_kinematics"
 if TYPE_CHECKING:
     from linked_fleet_gateway.extensions.reach import inverse_kinematics as solver
 else:
-    solver = LazyModule(_SOLVER, "pinocchio", "numpy")
+    solver = LazyModule("linked_fleet_gateway.extensions.reach.inverse_kinematics", "pinocchio", "numpy")
 
 log = logging.getLogger(__name__)
+
+LF = CORE.extended("Reach ofLink canReach")
+
+TOLERANCE_M = 5e-5
 
 
 class CanReach:
@@ -34,7 +39,7 @@ class CanReach:
     names = (LF.canReach,)
 
     def prepare(self) -> None:
-        import_module(_SOLVER)
+        _ = solver.reach
         import_module("numpy.random")  # numpy imports it lazily
 
     def bind(self, base: str, robots: Mapping[str, Robot]) -> dict[NamedNode, Function]:

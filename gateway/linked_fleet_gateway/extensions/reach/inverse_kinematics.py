@@ -42,7 +42,7 @@ _PATIENCE, _PROGRESS = 15, 0.003
 
 
 @dataclass(frozen=True)
-class Reached:
+class Solution:
     """Positions (rad or m) of the movable joints, and the residual errors.
 
     ``residual_rad`` is 0 without a target orientation.
@@ -59,7 +59,7 @@ class Unreachable(Exception):  # noqa: N818 a result rather than a fault
     reason.
     """
 
-    def __init__(self, message: str, best: Reached) -> None:
+    def __init__(self, message: str, best: Solution) -> None:
         super().__init__(message)
         self.best = best
 
@@ -75,7 +75,7 @@ def reach(
     movable: Collection[str],
     base: Base | None,
     frame: Literal["base", "world"],
-) -> Reached:
+) -> Solution:
     """Find positions of ``movable`` joints, near ``start``, that bring ``link`` within 0.05 mm and 0.01° of a pose.
 
     ``base`` is the frame of the root link; ``world`` differs from it only for a floating base, whose present pose is
@@ -89,7 +89,7 @@ def reach(
     task = _Task(chain_to(urdf, floating, link), start, limits, movable)
     task.aim(position_m, orientation_xyzw, floating and frame == "world", base)
     if max(map(abs, task.position)) > FAR:
-        away = Reached(task.named(task.nearest(task.start)), math.hypot(*task.position), 0.0, 0)
+        away = Solution(task.named(task.nearest(task.start)), math.hypot(*task.position), 0.0, 0)
         raise Unreachable(f"{link} cannot be {_length(away.residual_m)} away from the root of the robot", away)
     best, iterations = _search(task)
     reached = task.reached(best, iterations)
@@ -109,7 +109,7 @@ def _rotation(what: str, xyzw: Quaternion) -> Array:
     _check_finite(what, xyzw)
     length = math.hypot(*xyzw)
     if not 1e-6 < length < math.inf:
-        raise ValueError(f"{what} is no orientation: {xyzw}")
+        raise ValueError(f"{what} is not an orientation: {xyzw}")
     x, y, z, w = (part / length for part in xyzw)
     return np.array(rotation((x, y, z, w)))
 
@@ -192,11 +192,11 @@ class _Task:
     def named(self, x: Array) -> dict[str, float]:
         return dict(zip(self.names, x.tolist(), strict=True))
 
-    def reached(self, found: _Try, iterations: int) -> Reached:
+    def reached(self, found: _Try, iterations: int) -> Solution:
         residuals = math.hypot(*found.error[:3]), math.hypot(*found.error[3:]) / _M_PER_RAD
-        return Reached(self.named(self._unwound(found.x)), *residuals, iterations)
+        return Solution(self.named(self._fewest_turns(found.x)), *residuals, iterations)
 
-    def _unwound(self, x: Array) -> Array:
+    def _fewest_turns(self, x: Array) -> Array:
         """Return the same pose with as few whole turns from the start as the limits allow."""
         unwound = x.copy()
         for i in np.flatnonzero(self._turning):
@@ -254,9 +254,9 @@ def _step(task: _Task, here: _Try, caution: float) -> Array:
     return step * (_LONGEST_STEP / max(_LONGEST_STEP, float(np.abs(step).max())))
 
 
-def _obstacles(task: _Task, best: Reached) -> str:
+def _obstacles(task: _Task, best: Solution) -> str:
     if not task.names:
-        return "no joint that may move moves it"
+        return "no movable joint moves it"
     ends = zip(best.positions.items(), task.lower, task.upper, strict=True)
     stops = [(name, "lower" if x <= low else "upper") for (name, x), low, up in ends if not low < x < up]
     return ", ".join(f"{name} is at its {end} limit" for name, end in stops) or "no joint is at a limit"

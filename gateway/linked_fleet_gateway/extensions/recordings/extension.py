@@ -1,12 +1,183 @@
-"""The extension ``recordings``: the last 30 s of a robot, kept when something went wrong."""
+"""The extension ``recordings``: the last 30 s of a robot, kept as MCAP when a motion fails or somebody stops it."""
 
+import asyncio
+import hashlib
+import logging
+import time
+from collections import defaultdict
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from uuid import UUID
 
-from linked_fleet_gateway.extensions.history.files import MCAP
+from pyoxigraph import Literal, NamedNode
+
+from linked_fleet_gateway.extensions.history.files import MCAP, Level, LogMessage, recording
 from linked_fleet_gateway.extensions.history.recorder import History
-from linked_fleet_gateway.extensions.recordings.recorder import SEGMENT, Recorder
+from linked_fleet_gateway.extensions.history.track import Excerpt, wall_ns
+from linked_fleet_gateway.fleet.invocation import Invocation, InvocationState
+from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.http.extension import Core, Extension, Mount
+from linked_fleet_gateway.rdf.graph import Graph, timestamp
+from linked_fleet_gateway.rdf.serialise import NoContentYet
+from linked_fleet_gateway.rdf.vocabulary import DCTERMS, LDP, RDFS
+from linked_fleet_gateway.resources.branches import Found, RequestView, RobotBranch
+from linked_fleet_gateway.resources.paths import robot_path
+from linked_fleet_gateway.resources.resource import CONTAINER, Resource
+from linked_fleet_gateway.resources.versioning import Source
+from linked_fleet_gateway.runtime.background import end, supervised
+from linked_fleet_gateway.subscriptions.live import Live
+
+log = logging.getLogger(__name__)
+
+SEGMENT, TERMS = "recordings", "https://w3id.org/linked-fleet/recordings#"
+SPAN_NS, PAUSE_S = 30 * 10**9, 5.0
+"""Length of a recording, and the shortest time between two of a robot, since a stop is often pressed twice."""
+MOST_WAITING, MOST_OF_ROBOT, MOST_FRAMES, _MOST_KNOWN = 64, 8, 3001, 4096
+
+
+@dataclass(frozen=True)
+class Job:
+    """A recording that waits to be written."""
+
+    robot: str
+    excerpt: Excerpt
+    urdf: bytes
+    invocation: Invocation
+    at_ns: int
+
+    @property
+    def content(self) -> bytes:
+        """The file: the frames, followed by the outcome of the invocation."""
+        one, last_ns = self.invocation, max(map(wall_ns, self.excerpt.frames[-1:]), default=self.at_ns)
+        level = Level.ERROR if one.state is InvocationState.FAILED else Level.WARN
+        text = f"{one.action}: {one.state}" + (f", {one.reason}" if one.reason else "")
+        said = {"id": str(one.id), "action": one.action, "client": one.client, "state": one.state, "reason": one.reason}
+        about = {name: str(value) for name, value in said.items() if value}
+        return recording(self.excerpt, self.urdf, [LogMessage(last_ns, level, self.robot, text)], {"invocation": about})
+
+
+class Recorder:
+    """Writes recordings to ``folder``, which outlives the process.
+
+    Each robot has a folder; files are named by time and invocation.
+    """
+
+    def __init__(self, live: Live, history: History, folder: Path) -> None:
+        self._live, self._history, self._folder = live, history, folder
+        self._begun_ns = time.time_ns()
+        self._over: dict[str, bool] = {}  # by invocation id; oldest first
+        self._last_s: dict[str, float] = {}
+        self._files: dict[str, dict[str, Path]] = defaultdict(dict)
+        self.waiting: asyncio.Queue[Job] = asyncio.Queue(MOST_WAITING)
+
+    @asynccontextmanager
+    async def running(self) -> AsyncIterator[RobotBranch]:
+        for path in await asyncio.to_thread(lambda: sorted(self._folder.glob("*/*.mcap"))):
+            self._files[path.parent.name][path.stem.partition("-")[2]] = path
+        writing = supervised(self._write_next, "recordings", log, "a recording is lost", 0.0)
+        self._live.add_invocation_listener(self.hear)
+        yield RobotBranch(SEGMENT, NamedNode(TERMS + SEGMENT), self._resolve, lambda robot: bool(self._of(robot.name)))
+        self._live.remove_invocation_listener(self.hear)
+        await end([writing])
+
+    def _of(self, robot: str) -> dict[str, Path]:
+        return self._files.get(_folder_name(robot), {})
+
+    def hear(self, invocation: Invocation) -> None:
+        """Record once when a motion fails or a stop begins.
+
+        Ignores invocations that ended before this gateway began, which come from Redis.
+        """
+        known, ends = self._over.get(invocation.id), invocation.state.terminal or invocation.stops is not None
+        self._over[invocation.id] = ends
+        if len(self._over) > _MOST_KNOWN:
+            del self._over[next(iter(self._over))]
+        old = known is None and invocation.created_ns < max(self._begun_ns, time.time_ns() - SPAN_NS)
+        if known or not ends or old:
+            return
+        if invocation.stops is not None or invocation.state is InvocationState.FAILED:
+            for name in invocation.robots or (invocation.robot,):
+                self._record(name, invocation)
+
+    def _record(self, name: str, invocation: Invocation) -> None:
+        robot, now_s = self._live.fleet.robots.get(name), time.monotonic()
+        track = None if robot is None else self._history.track(robot)
+        if robot is None or robot.description is None or track is None or track.ends is None:
+            return
+        if now_s < self._last_s.get(name, -PAUSE_S) + PAUSE_S:
+            return
+        excerpt = track.between(track.ends[1] - SPAN_NS, None, MOST_FRAMES)
+        job = Job(name, excerpt, robot.description.urdf.encode(), replace(invocation), time.time_ns())
+        try:
+            self.waiting.put_nowait(job)
+            self._last_s[name] = now_s
+        except asyncio.QueueFull:
+            log.warning("robot %s is not recorded: %d recordings wait", name, MOST_WAITING, extra={"robot": name})
+
+    async def _write_next(self) -> None:
+        job = await self.waiting.get()
+        path = self._folder / _folder_name(job.robot) / f"{job.at_ns:020}-{UUID(job.invocation.id)}.mcap"
+        files = self._files[path.parent.name]
+        gone = list(files.items())[: -MOST_OF_ROBOT + 1] if len(files) >= MOST_OF_ROBOT else []
+        for id, _ in gone:
+            del files[id]
+        try:
+            await asyncio.to_thread(_write, path, job, [old for _, old in gone])
+        except OSError as error:
+            log.error("the recording of robot %s is lost: %s", job.robot, error, extra={"robot": job.robot})
+            return
+        files[str(job.invocation.id)] = path
+        if robot := self._live.fleet.robots.get(job.robot):
+            robot.tell_news()
+
+    def _resolve(self, view: RequestView, robot: Robot, rest: list[str]) -> Found:
+        files, path = self._of(robot.name), f"{robot_path(robot.name)}{SEGMENT}"
+
+        def describe(graph: Graph) -> None:
+            graph.a(view.iri(path), LDP.BasicContainer, LDP.Container)
+            graph.add(view.iri(path), DCTERMS.title, Literal(f"Recordings of {robot.name}"))
+            graph.add(view.iri(path), LDP.contains, *(view.iri(f"{path}/{id}") for id in files))
+
+        def describe_one(graph: Graph) -> None:
+            iri = view.iri(f"{path}/{rest[0]}")
+            graph.a(iri, NamedNode(TERMS + "Recording"))
+            graph.add(iri, DCTERMS.title, Literal(f"Recording of {robot.name}"))
+            graph.add(iri, DCTERMS.created, timestamp(int(files[rest[0]].stem.partition("-")[0])))
+            graph.add(iri, DCTERMS.format, Literal(MCAP))
+            graph.add(iri, RDFS.seeAlso, view.iri(robot_path(robot.name)))
+
+        if not rest:
+            return Resource(path, f"Recordings of {robot.name}", describe, CONTAINER, Source(lambda: tuple(files)))
+        if len(rest) > 1 or rest[0] not in files:
+            return None
+        file, source = files[rest[0]], Source(lambda: rest[0])
+        documents = {MCAP: lambda: _read(file)}
+        title = f"Recording of {robot.name}"
+        return Resource(f"{path}/{rest[0]}", title, describe_one, source=source, documents=documents, followed=False)
+
+
+def _folder_name(robot: str) -> str:
+    """Return a folder name for a robot, whose name may be long and contain anything."""
+    return hashlib.sha256(robot.encode()).hexdigest()
+
+
+def _write(path: Path, job: Job, gone: list[Path]) -> None:
+    """Write in one step, so that no file is ever incomplete."""
+    for each in gone:
+        each.unlink(missing_ok=True)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    new = path.with_suffix(".new")
+    new.write_bytes(job.content)
+    new.replace(path)
+
+
+def _read(path: Path) -> bytes:
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        raise NoContentYet(f"the recording cannot be read: {error.strerror}") from error
 
 
 class RecordingsExtension(Extension):

@@ -1,8 +1,9 @@
-"""Motions started by firings, and the earlier state of their robots. Pure.
+"""Causes of firings: motions that rules started, the earlier state of their robots, and rules that trigger themselves.
 
-A rule caused a firing if the condition would not have started to hold had the joints and motions moved by earlier
-firings of that rule kept their state of the last evaluation. This is determined by evaluating the condition on the
-fleet in that hypothetical state (``HypotheticalRobot``), not by analysis of the query.
+Pure; times are wall nanoseconds. A rule caused a firing if the condition would not have started to hold had the joints
+and motions moved by earlier firings of that rule kept their state of the last evaluation. This is determined by
+evaluating the condition on the fleet in that hypothetical state (``HypotheticalRobot``), not by analysis of the query.
+A rule that triggers itself is found by its latest firings.
 """
 
 from collections.abc import Collection, Iterable, Mapping
@@ -47,7 +48,7 @@ class CausedMotion:
 
 @dataclass(frozen=True)
 class Counterfactual:
-    """The fleet as if some motions had had no effect since the last evaluation, and the rules that caused them."""
+    """A hypothetical fleet in which some motions had no effect since the last evaluation; ``rules`` caused them."""
 
     rules: frozenset[str]
     instead: tuple[HypotheticalRobot, ...]
@@ -59,7 +60,7 @@ class Causes:
     def __init__(self) -> None:
         self._motions: dict[str, CausedMotion] = {}
 
-    def began(self, motion: Invocation, robot: Robot, rules: Collection[str], before: RobotState) -> None:
+    def note_motion(self, motion: Invocation, robot: Robot, rules: Collection[str], before: RobotState) -> None:
         """Record the motion that a firing started, with the state of its robot before. Stops are no causes."""
         if motion.targets:
             joints = _moved(robot, motion.targets)
@@ -76,7 +77,7 @@ class Causes:
                     continue
                 if motion.id not in self._motions and motion.robot in robots:
                     robot = robots[motion.robot]
-                    self.began(motion, robot, {known.rule.id, *firing.causes}, state_of(robot, invocations))
+                    self.note_motion(motion, robot, {known.rule.id, *firing.causes}, state_of(robot, invocations))
 
     def look(self, robots: Mapping[str, Robot], invocations: Invocations, now_s: float) -> Look:
         """Return the present state of the robots of all motions that may still cause changes."""
@@ -89,7 +90,7 @@ class Causes:
         names = {each.robot for each in self._motions.values() if _lasts(each, now_s)}
         return {name: state_of(robots[name], invocations) for name in names if name in robots}
 
-    def questions(self, rule: str, since_s: float, look: Look) -> list[Counterfactual]:
+    def counterfactuals(self, rule: str, since_s: float, look: Look) -> list[Counterfactual]:
         """Return the hypothetical states that reveal the causes of a change since ``since_s``, given the state then.
 
         The motions caused by ``rule`` itself come first, then the most recent ones.
@@ -148,3 +149,29 @@ def _moved(robot: Robot, targets: Collection[str]) -> frozenset[str]:
 
 def _lasts(caused: CausedMotion, since_s: float) -> bool:
     return caused.over_s is None or caused.over_s + SETTLING_S >= since_s
+
+
+FIRINGS, WITHIN_S = 6, 60
+"""A rule whose own firings caused this many new firings within ``WITHIN_S`` seconds is disabled."""
+
+
+def self_caused(known: RuleRecord, causes: Collection[str], at_ns: int) -> tuple[int, ...]:
+    """Return the times within the last ``WITHIN_S`` at which its own firings made the rule start to hold.
+
+    ``causes`` are the rules that caused it to hold at ``at_ns``. The latest firing of the same revision stores the
+    earlier times; enabling a rule creates a new revision and so restarts the count.
+    """
+    claimed = [each for each in known.firings.values() if each.state is not FiringState.SUPPRESSED]
+    before = claimed[-1].self_caused if claimed and claimed[-1].revision == known.revision else ()
+    now = (at_ns,) if known.rule.id in causes else ()
+    recent = [each for each in (*before, *now) if at_ns - each < WITHIN_S * 10**9]
+    return tuple(recent[-FIRINGS:])
+
+
+def reason_to_disable(known: RuleRecord, causes: Collection[str], times_ns: Collection[int]) -> str:
+    """Return a sentence for people if the rule must be disabled, else an empty string."""
+    if known.rule.id not in causes or len(times_ns) < FIRINGS:
+        return ""
+    others = sorted(each for each in causes if each != known.rule.id)
+    through = f", through {', '.join(f'/rules/{id}' for id in others[:5])}" if others else ""
+    return f"disabled because its own firings made it start to hold {FIRINGS} times within {WITHIN_S} s{through}"

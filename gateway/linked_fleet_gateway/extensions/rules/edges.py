@@ -18,7 +18,7 @@ LOOK_S = 0.02
 
 
 class ChangeNotifier:
-    """Calls ``tell`` when the fleet has changed, at most every ``LOOK_S``. While closed it costs nothing."""
+    """Calls ``tell`` after changes of the fleet, at most once every ``LOOK_S``. It observes nothing while closed."""
 
     def __init__(self, live: Live, tell: Callable[[], None]) -> None:
         self._live, self._tell = live, tell
@@ -67,8 +67,8 @@ MOST_CHARACTERS = 8_192
 """Most characters in the terms of one row, because firings show them."""
 
 
-class Unusable(ValueError):  # noqa: N818 -- named like the other outcomes
-    """The result of a condition cannot be compared with the previous one. A sentence for the rule's author."""
+class UnusableResult(ValueError):  # noqa: N818 -- named like the other outcomes
+    """The result of a condition cannot be compared with the previous one; the message is for the rule's author."""
 
 
 @dataclass(frozen=True)
@@ -86,10 +86,10 @@ def holding(rows: Sequence[Row], told_apart_by: Collection[str] = ()) -> dict[st
     """Return the rows by key, in the order of their terms.
 
     The key consists of the variables ``told_apart_by`` (all if empty); the first row of each key is kept. Raises
-    Unusable.
+    UnusableResult.
     """
     if len(rows) > MOST_ROWS:
-        raise Unusable(f"its condition has more than {MOST_ROWS} answers")
+        raise UnusableResult(f"its condition has more than {MOST_ROWS} answers")
     written = sorted(((_written(row), row) for row in rows), key=lambda pair: pair[0])
     found: dict[str, Row] = {}
     for _, row in written:
@@ -107,9 +107,9 @@ def _written(row: Row) -> tuple[tuple[str, str], ...]:
     terms = tuple(sorted((name, str(term)) for name, term in row.items()))
     for name, term in row.items():
         if isinstance(term, BlankNode):
-            raise Unusable(f"?{name} is a blank node, which is another one each time: select IRIs and values")
+            raise UnusableResult(f"?{name} is a blank node, which differs in each answer: select IRIs and values")
     if sum(len(term) for _, term in terms) > MOST_CHARACTERS:
-        raise Unusable(f"an answer of its condition has more than {MOST_CHARACTERS} characters")
+        raise UnusableResult(f"an answer of its condition has more than {MOST_CHARACTERS} characters")
     return terms
 
 

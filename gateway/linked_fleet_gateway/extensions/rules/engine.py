@@ -11,14 +11,18 @@ from typing import Protocol
 
 from linked_fleet_gateway.actions.plan import robot_time
 from linked_fleet_gateway.actions.service import Actions
-from linked_fleet_gateway.base.errors import AgentSilent, Busy, FleetError
+from linked_fleet_gateway.base.errors import AgentTimeout, Busy, FleetError
 from linked_fleet_gateway.extensions.query.messages import HypotheticalRobot
-from linked_fleet_gateway.extensions.rules.causes import Causes, Look, state_of
-from linked_fleet_gateway.extensions.rules.creators import RightsEnded, check_action
-from linked_fleet_gateway.extensions.rules.edges import Edge, Row, Unusable, edge, holding
-from linked_fleet_gateway.extensions.rules.loops import reason_to_disable, self_caused
+from linked_fleet_gateway.extensions.rules.causes import Causes, Look, reason_to_disable, self_caused, state_of
+from linked_fleet_gateway.extensions.rules.edges import Edge, Row, UnusableResult, edge, holding
 from linked_fleet_gateway.extensions.rules.rule import Firing, FiringState, Rule, RuleRecord
-from linked_fleet_gateway.extensions.rules.rule_invocation import Moments, action_path, invoke
+from linked_fleet_gateway.extensions.rules.rule_invocation import (
+    Moments,
+    RightsEnded,
+    action_path,
+    check_action,
+    invoke,
+)
 from linked_fleet_gateway.extensions.rules.store import Changed, Lost, RuleStore, StoreUnavailable
 from linked_fleet_gateway.identity.rights import Identity, View
 from linked_fleet_gateway.resources.invocation import invocation_path
@@ -85,7 +89,7 @@ class Engine:
         self._one = asyncio.Semaphore(1)
         self._seen: set[str] | None = None
 
-    async def compare(self, ids: set[str]) -> None:
+    async def set_rules(self, ids: set[str]) -> None:
         """Serve exactly these rules from now on; new ones are evaluated at once."""
         if ids and not self._tasks:
             self._causes.restore(self._known.values(), self._live.fleet.robots, self._live.invocations)
@@ -109,7 +113,7 @@ class Engine:
         """True if there are rules to evaluate here."""
         return bool(self._tasks)
 
-    def entitled(self, rule: Rule) -> Identity:
+    def identity_of(self, rule: Rule) -> Identity:
         """Return the identity that the rule acts for now. Raises RightsEnded."""
         creator = self._creator_of(rule)
         check_action(rule, self._live.tree(rule.base, creator.sees), creator)
@@ -134,7 +138,7 @@ class Engine:
         if held is not None and held.revision != known.revision:
             held = None
         try:
-            creator = self.entitled(rule)
+            creator = self.identity_of(rule)
         except RightsEnded as error:
             await self._complain(known, suspended=str(error))
             return None
@@ -146,13 +150,13 @@ class Engine:
         except Busy:  # the query process is busy: retried later
             self._due[rule.id].set()
             return held
-        except (FleetError, Unusable) as error:
+        except (FleetError, UnusableResult) as error:
             # A suspended rule stays so until it is evaluated: rows that came to hold meanwhile do not fire.
             await self._complain(known, fault=str(error)[:_LONGEST], suspended=known.suspended)
             return held
         await self._note_seen()
         evaluated = Evaluated(known.revision, set(now), look, at_s)
-        before = held.keys if held is not None else None if was_suspended else await self._store.recall(known)
+        before = held.keys if held is not None else None if was_suspended else await self._store.rows_held(known)
         if before is None:  # rows that hold at the start have not started to hold
             await self._store.begin(known, now)
             await self._complain(known)
@@ -170,7 +174,7 @@ class Engine:
     async def _causes_of(self, rule: Rule, sees: View, held: Evaluated, change: Edge) -> dict[str, set[str]]:
         """Return, for each row that started to hold, the rules whose earlier firings caused it."""
         found: dict[str, set[str]] = {key: set() for key, _ in change.began}
-        for question in self._causes.questions(rule.id, held.at_s, held.look) if found else ():
+        for question in self._causes.counterfactuals(rule.id, held.at_s, held.look) if found else ():
             then = await self._ask(rule, sees, question.instead)
             for key in found.keys() - then.keys():
                 found[key] |= question.rules
@@ -223,7 +227,7 @@ class Engine:
 
     async def _complain(self, known: RuleRecord, fault: str = "", suspended: str = "") -> None:
         if (known.fault, known.suspended) != (fault, suspended):
-            await self._store.complain(replace(known, fault=fault, suspended=suspended))
+            await self._store.store_fault(replace(known, fault=fault, suspended=suspended))
             await self._refresh(known.rule.id)
 
     # -- firings ------------------------------------------------------------------------------------------------------
@@ -244,7 +248,7 @@ class Engine:
         try:
             await self._store.finish(rule, number, firing)
         except StoreUnavailable as error:
-            log.warning("what became of firing %d of rule %s could not be remembered: %s", number, rule.id, error)
+            log.warning("the result of firing %d of rule %s could not be stored: %s", number, rule.id, error)
 
     async def _invoke(
         self, known: RuleRecord, creator: Identity, number: int, row: Row, moments: Moments, firing: Firing
@@ -258,13 +262,13 @@ class Engine:
             robot = self._live.fleet.robots.get(robot_of(path) or "")
             before = None if robot is None else state_of(robot, invocations)
             invocation = await invoke(self._actions, tree, rule, path, creator, number, row, moments)
-        except AgentSilent as error:
+        except AgentTimeout as error:
             path = error.headers.get("location", "")
             return replace(firing, state=FiringState.UNKNOWN, invocation=path, reason=str(error)[:_LONGEST])
         except FleetError as error:
             return replace(firing, state=FiringState.FAILED, reason=str(error)[:_LONGEST])
         if robot is not None and before is not None:
-            self._causes.began(invocation, robot, {rule.id, *firing.causes}, before)
+            self._causes.note_motion(invocation, robot, {rule.id, *firing.causes}, before)
         return replace(firing, state=FiringState.ACCEPTED, invocation=invocation_path(invocation))
 
 

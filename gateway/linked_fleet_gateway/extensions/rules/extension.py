@@ -3,22 +3,31 @@
 from collections import Counter
 from collections.abc import AsyncIterator, Iterator
 from contextlib import asynccontextmanager
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import ClassVar
 
 from prometheus_client.metrics_core import Metric
 
+from linked_fleet_gateway.base.settings import Section, setting, whole_number
 from linked_fleet_gateway.extensions.query.service import Queries
-from linked_fleet_gateway.extensions.rules.creators import creator_of
 from linked_fleet_gateway.extensions.rules.description import ChangeRule, MakeRule, branch, rule_state
 from linked_fleet_gateway.extensions.rules.http import change_rule, post_rule
 from linked_fleet_gateway.extensions.rules.request import RULE_SHAPE
+from linked_fleet_gateway.extensions.rules.rule_invocation import creator_of
 from linked_fleet_gateway.extensions.rules.service import Rules
-from linked_fleet_gateway.extensions.rules.settings import RuleSettings
 from linked_fleet_gateway.extensions.rules.store import RuleStore
 from linked_fleet_gateway.http.extension import Core, Extension, Mount
 from linked_fleet_gateway.http.html import NavigationEntry
 from linked_fleet_gateway.runtime.metrics import counter, gauges
+
+
+@dataclass(frozen=True)
+class RuleSettings(Section):
+    prefix: ClassVar[str] = "LINKED_FLEET_RULES_"
+
+    per_client: int = setting(whole_number(), "50", "rules of one client")
 
 
 class RulesExtension(Extension):
@@ -33,7 +42,7 @@ class RulesExtension(Extension):
         "linked_fleet_gateway.extensions.rules.page:RULE",
         "linked_fleet_gateway.extensions.rules.page:FIRINGS",
     )
-    operations = ("linked_fleet_gateway.extensions.rules.operations:operations",)
+    operations = ("linked_fleet_gateway.extensions.rules.http:operations",)
     navigation = (NavigationEntry("Rules", "/rules", 20),)
 
     @asynccontextmanager

@@ -1,39 +1,74 @@
-"""Creation, replacement and deletion of rules over HTTP (desideratum D6)."""
+"""Rules over HTTP (desideratum D6): creation, replacement and deletion, and their operations in OpenAPI.
+
+Operations have bodies in JSON-LD, because a rule may give its action any RDF. The error of rules is ``TooManyRules``
+(429, too-many-rules).
+"""
+
+# ruff: noqa: N818  (the names say what is wrong, as those of linked_fleet_gateway.base.errors)
 
 import time
 import uuid
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from dataclasses import replace
+from functools import cache
+from itertools import chain
 
 from starlette.responses import Response
 
 from linked_fleet_gateway.base.errors import (
     BadRequest,
+    FleetError,
     InsufficientScope,
     NotFound,
     PayloadTooLarge,
     PreconditionFailed,
-    StoreAway,
+    StoreDown,
     UnprocessableContent,
 )
-from linked_fleet_gateway.extensions.rules.creators import may_have_rules
 from linked_fleet_gateway.extensions.rules.description import ChangeRule, MakeRule, rule_path
-from linked_fleet_gateway.extensions.rules.errors import TooManyRules
-from linked_fleet_gateway.extensions.rules.request import CONTAINER, RuleRequest, check_variables, parse_rule
+from linked_fleet_gateway.extensions.rules.request import (
+    CONTAINER,
+    RULE_SHAPE,
+    RuleRequest,
+    check_variables,
+    parse_rule,
+)
 from linked_fleet_gateway.extensions.rules.rule import Rule, RuleRecord
-from linked_fleet_gateway.extensions.rules.rule_invocation import find_action, path_in_fleet
+from linked_fleet_gateway.extensions.rules.rule_invocation import find_action, may_have_rules, path_in_fleet
 from linked_fleet_gateway.extensions.rules.service import Rules
 from linked_fleet_gateway.extensions.rules.store import Changed, FleetFull, Full, StoreUnavailable
-from linked_fleet_gateway.extensions.rules.terms import LF
+from linked_fleet_gateway.extensions.rules.template import LF
 from linked_fleet_gateway.http.body import body_type, parse_body, read_as
-from linked_fleet_gateway.http.created import check_accepted, created_response
 from linked_fleet_gateway.http.fields import field
 from linked_fleet_gateway.http.invoke import refuse_rehearsal
+from linked_fleet_gateway.http.operations import (
+    CHANGED,
+    ID,
+    JSONLD,
+    created,
+    described,
+    header,
+    path_item,
+    reading,
+    writing,
+)
 from linked_fleet_gateway.http.request import Request
+from linked_fleet_gateway.http.writes import check_accepted, created_response
 from linked_fleet_gateway.identity.rights import Claims, Identity, Right
+from linked_fleet_gateway.rdf.shapes import load_file
 from linked_fleet_gateway.rdf.sparql_syntax import MAX_QUERY_BYTES, bound_to
+from linked_fleet_gateway.rdf.vocabulary import DCTERMS
+from linked_fleet_gateway.resources.branches import RequestView
+from linked_fleet_gateway.resources.json_form import Json, form_in
 from linked_fleet_gateway.resources.resource import Resource
+
+
+class TooManyRules(FleetError):
+    """The client, or the fleet, has too many rules (RFC 6585, 4)."""
+
+    status, code, title = 429, "too-many-rules", "There are too many rules"
+
 
 _LENGTHS = {LF.condition: MAX_QUERY_BYTES}
 WORD_S = 86_400
@@ -63,7 +98,7 @@ async def change_rule(rules: Rules, request: Request, afforded: ChangeRule) -> R
     caller, known = request.caller, afforded.known
     own = caller.name == known.rule.creator
     if not own and not caller.may(Right.ADMIN, None):
-        detail = "Only its creator, and who administers the fleet, may change a rule."
+        detail = "Only its creator and administrators of the fleet may change a rule."
         raise InsufficientScope(detail, scope=Right.ADMIN)
     if request.method == "DELETE":
         async with _refusals(rules):
@@ -98,7 +133,9 @@ def _changed(rules: Rules, request: Request, known: RuleRecord, wanted: RuleRequ
         return replace(written, client=rule.client)
     said = (rule.title, rule.condition, _iri(rule), rule.body, rule.told_apart_by, rule.interval_s)
     if said != (wanted.title, wanted.condition, wanted.invokes, wanted.body, wanted.told_apart_by, wanted.interval_s):
-        raise InsufficientScope("What a rule says is for its creator to change: it has his rights.", scope=Right.ADMIN)
+        raise InsufficientScope(
+            "Only its creator may change the content of a rule, because it has the creator's rights.", scope=Right.ADMIN
+        )
     return replace(rule, enabled=wanted.enabled, reason="")
 
 
@@ -163,7 +200,7 @@ def _check_bound(rules: Rules, request: Request, wanted: RuleRequest) -> None:
 
 
 def _foreign(what: str, base: str) -> UnprocessableContent:
-    detail = f"{what} is no action of this fleet; here their IRIs begin with {base}/."
+    detail = f"{what} is not an action of this fleet; here their IRIs begin with {base}/."
     return UnprocessableContent(detail, constraint=base + CONTAINER)
 
 
@@ -180,7 +217,7 @@ def _word(caller: Identity) -> Claims | None:
 def _demand_rights(caller: Identity) -> None:
     if not may_have_rules(caller):
         wanted = "to subscribe to all that you may read, and to act or stop"
-        raise InsufficientScope(f"A rule takes the right {wanted}, which you do not have.", scope=Right.SUBSCRIBE)
+        raise InsufficientScope(f"A rule requires the right {wanted}, which you do not have.", scope=Right.SUBSCRIBE)
 
 
 @asynccontextmanager
@@ -195,4 +232,60 @@ async def _refusals(rules: Rules) -> AsyncIterator[None]:
     except Changed as error:
         raise PreconditionFailed("The rule has changed or been deleted meanwhile.") from error
     except StoreUnavailable as error:
-        raise StoreAway("The server that remembers rules is away; try again in a moment.") from error
+        raise StoreDown("The server that remembers rules is away; try again in a moment.") from error
+
+
+_CONTEXT = "https://w3id.org/linked-fleet/context"
+_MEMBERS = {
+    "dcterms:title": DCTERMS.title,
+    "lf:condition": LF.condition,
+    "lf:minimumInterval": LF.minimumInterval,
+    "lf:enabled": LF.enabled,
+}
+
+
+@cache
+def _schema() -> Json:
+    form = form_in(chain.from_iterable(load_file(RULE_SHAPE).values()), LF.RuleShape)
+    of_path = {each.path: each.schema() for each in form.fields}  # the shape names them for people
+    action: Json = {"type": "object", "properties": {"@id": {"type": "string", "format": "uri"}}, "required": ["@id"]}
+    return {
+        "type": "object",
+        "properties": {
+            "@context": {"const": _CONTEXT},
+            "@type": {"const": "lf:Rule"},
+            **{member: of_path[predicate,] for member, predicate in _MEMBERS.items()},
+            "lf:invokes": action | {"description": "The action."},
+            "lf:body": {
+                "description": "The body of the action; a node with lf:variable stands for the value of that variable."
+            },
+        },
+        "required": ["@context", "dcterms:title", "lf:condition", "lf:invokes"],
+    }
+
+
+def operations(view: RequestView) -> dict[str, Json]:
+    """Return the path items of rules, which are written, replaced and deleted, and of their firings."""
+    example = {
+        "@context": _CONTEXT,
+        "@type": "lf:Rule",
+        "dcterms:title": "Stop all robots when one is faulty",
+        "lf:condition": f"SELECT ?robot {{ ?robot <{LF.presence.value}> <{LF.faulty.value}> }}",
+        "lf:invokes": {"@id": view.base + "/actions/stopAll"},
+        "lf:enabled": False,
+    }
+    body: Json = {JSONLD: {"schema": _schema(), "examples": {"stop all": {"value": example}}}}
+    rule, parameters, fields = f"{CONTAINER}/{{rule}}", {"rule": ID}, [header("IfMatch")]
+    return {
+        CONTAINER: path_item(
+            {},
+            get=reading("readRules", "Rules, with their states"),
+            post=writing("addRule", "Write a rule", created("Written."), body),
+        ),
+        **described(
+            rule, parameters, "Rule", "A rule, and whether it fires",
+            put=writing("putRule", "Replace, enable or disable a rule", CHANGED, body, fields),
+            delete=writing("deleteRule", "Delete a rule", CHANGED, None, fields),
+        ),
+        f"{rule}/firings": path_item(parameters, get=reading("readFirings", "Firings of a rule, the newest first")),
+    }  # fmt: skip

@@ -1,4 +1,7 @@
-"""The pages of rules: a list with switches and an editor, one rule, and its firings."""
+"""The pages of rules: a list with switches and an editor, one rule, and its firings.
+
+The list has examples; those for the demo can be saved unchanged.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -8,20 +11,83 @@ from typing import TYPE_CHECKING
 from pyoxigraph import BlankNode, Literal, NamedNode
 
 from linked_fleet_gateway.base.lazy_imports import LazyModule
-from linked_fleet_gateway.extensions.pages import labels, sentences
+from linked_fleet_gateway.extensions.pages import texts
 from linked_fleet_gateway.extensions.pages.form_parts import Form, Group, Leaf
 from linked_fleet_gateway.extensions.pages.values import Facts, Link, Value
 from linked_fleet_gateway.extensions.pages.views import PageView, Part
-from linked_fleet_gateway.extensions.rules.examples import EXAMPLES
 from linked_fleet_gateway.extensions.rules.request import RULE_SHAPE
-from linked_fleet_gateway.extensions.rules.template import as_turtle
-from linked_fleet_gateway.extensions.rules.terms import LF
+from linked_fleet_gateway.extensions.rules.template import LF, as_turtle
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, LDP
 
 if TYPE_CHECKING:
     from linked_fleet_gateway.extensions.pages import form
 else:
     form = LazyModule("linked_fleet_gateway.extensions.pages.form")
+
+
+_LF = "PREFIX lf: <https://w3id.org/linked-fleet#>\n"
+
+
+@dataclass(frozen=True)
+class Example:
+    """An example. ``invokes`` is the path of an action, ``body`` Turtle about ``_:body``, its input."""
+
+    title: str
+    comment: str
+    condition: str
+    invokes: str
+    body: str = ""
+    told_apart_by: str = ""
+
+
+UPRIGHT = Example(
+    "The UR5 stands up when its wrist turns too far",
+    "Turn wrist_3_joint of the UR5 beyond 1 rad (57°) to see it fire.",
+    _LF
+    + """PREFIX ros: <http://ros.org/#>
+PREFIX spatial: <http://vocab.arvida.de/2015/06/spatial/vocab#>
+PREFIX vom: <http://vocab.arvida.de/2015/06/vom/vocab#>
+SELECT ?joint ?angle WHERE {
+  BIND(</ur5/wrist_3_joint> AS ?joint)
+  ?joint ros:rotation/spatial:rotationAngle/vom:numericalValue ?angle .
+  FILTER(?angle > 1)
+}
+""",
+    "/ur5/actions/assumePose",
+    """@prefix lf: <https://w3id.org/linked-fleet#> .
+
+_:body lf:poseName "upright" .
+""",
+    "joint",
+)
+GREET = Example(
+    "The Panda opens its hand when the UR5 moves",
+    "Move any joint of the UR5 to see it fire, once for each motion.",
+    _LF
+    + """SELECT ?task WHERE {
+  </ur5/> lf:currentTask ?task .
+}
+""",
+    "/panda/panda_finger_joint1/actions/translate",
+    """@prefix vom: <http://vocab.arvida.de/2015/06/vom/vocab#> .
+@prefix unit: <http://qudt.org/vocab/unit/> .
+
+_:body vom:numericalValue 0.04 ; vom:unit unit:M .
+""",
+)
+KEEP_AWAY = Example(
+    "The UR5 stops when it comes near to the Panda",
+    "Bring the tool of the UR5 nearer than 0.4 m to the hand of the Panda to see it fire. It is no safety function.",
+    _LF
+    + """SELECT ?tool WHERE {
+  BIND(</ur5/tool0> AS ?tool)
+  FILTER(lf:distance(?tool, </panda/panda_hand>) < 0.4)
+}
+""",
+    "/ur5/actions/stop",
+)
+EXAMPLES = (UPRIGHT, GREET, KEEP_AWAY)
+
 
 _TEMPLATES = Path(__file__).parent / "templates"
 
@@ -113,7 +179,7 @@ def _listed(facts: Facts, iri: NamedNode) -> RuleRow:
         facts.link(iri),
         _enabled(facts, iri),
         _first(facts, iri, LF.state),
-        [labels.clean(each.value) for each in facts.all(iri, LF.reason) if isinstance(each, Literal)],
+        [texts.clean(each.value) for each in facts.all(iri, LF.reason) if isinstance(each, Literal)],
         _fired(facts, last) if isinstance(last, NamedNode) else None,
     )
 
@@ -122,9 +188,9 @@ def _fired(facts: Facts, iri: NamedNode) -> FiringRow:
     invocation = facts.one(iri, LF.invocation)
     did = None
     if isinstance(invocation, NamedNode):
-        text = sentences.capital(sentences.motion(invocation.value, facts.root, {}))
+        text = texts.capitalized(texts.motion(invocation.value, facts.root, {}))
         did = Link(text, invocation.value, invocation.value)
-    number = labels.local_name(iri.value)
+    number = texts.local_name(iri.value)
     bindings = [
         (facts.text(node, LF.variable), value)
         for node in facts.all(iri, LF.binding)

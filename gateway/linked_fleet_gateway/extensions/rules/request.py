@@ -9,12 +9,10 @@ from pathlib import Path
 from pyoxigraph import BlankNode, Literal, NamedNode, Triple
 
 from linked_fleet_gateway.base.errors import UnprocessableContent
-from linked_fleet_gateway.extensions.rules.template import below, template, variables
-from linked_fleet_gateway.extensions.rules.terms import LF
+from linked_fleet_gateway.extensions.rules.template import LF, below, template, variables
 from linked_fleet_gateway.rdf.graph import Node
 from linked_fleet_gateway.rdf.shapes import load_file
-from linked_fleet_gateway.rdf.unused import Terms, refuse, unused
-from linked_fleet_gateway.rdf.validation import ShaclValidator, check_lexical_forms, root
+from linked_fleet_gateway.rdf.validation import ShaclValidator, Terms, check_lexical_forms, refuse, root, unused
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, PROV, RDF, RDFS
 
 RULE_SHAPE = Path(__file__).with_name("rules.ttl")
@@ -123,7 +121,7 @@ def check_variables(wanted: RuleRequest, selected: Collection[str], base: str) -
         used.add(wanted.invokes[1:])
     if missing := sorted(used.difference(selected)):
         names = ", ".join(f"?{name[:50]}" for name in missing[:5])
-        raise _refusal(f"lf:condition does not select {names}, which the rule speaks of.", base + CONTAINER)
+        raise _refusal(f"lf:condition does not select {names}, which the rule uses.", base + CONTAINER)
 
 
 @cache

@@ -1,5 +1,9 @@
-"""Invocation of an action for a rule, like a client's request, with the rights of the rule's creator."""
+"""Invocation of an action for a rule, like a client's request, with the rights of the rule's creator.
 
+The rights are those of the creator at the time of the check.
+"""
+
+import time
 from collections.abc import Mapping, Sequence
 from hashlib import blake2b
 from urllib.parse import unquote
@@ -14,10 +18,11 @@ from linked_fleet_gateway.extensions.rules.edges import Row
 from linked_fleet_gateway.extensions.rules.rule import Rule
 from linked_fleet_gateway.extensions.rules.template import fill
 from linked_fleet_gateway.fleet.invocations import Invocation
-from linked_fleet_gateway.identity.rights import Identity, Right
-from linked_fleet_gateway.resources.action_body import Body, as_ntriples
+from linked_fleet_gateway.identity.rights import EVERYBODY, Identity, Right
+from linked_fleet_gateway.identity.service import Identities
 from linked_fleet_gateway.resources.action_offer import Offer
 from linked_fleet_gateway.resources.affordance import Invoke
+from linked_fleet_gateway.resources.body_values import Body, as_ntriples
 from linked_fleet_gateway.resources.paths import robot_of
 from linked_fleet_gateway.resources.resource import Resource
 from linked_fleet_gateway.resources.tree import Tree
@@ -33,7 +38,7 @@ def find_action(tree: Tree, path: str, creator: Identity) -> Offer:
     needs = found.affords.needs
     if not creator.may_any(needs, robot_of(path)):
         wanted = " or ".join(needs)
-        raise InsufficientScope(f"{path[:200]} takes the right to {wanted}, which is missing.", scope=needs[0])
+        raise InsufficientScope(f"{path[:200]} requires the right to {wanted}, which is missing.", scope=needs[0])
     return found.affords.offer
 
 
@@ -74,7 +79,7 @@ def action_path(rule: Rule, row: Row, bases: Sequence[str]) -> str:
     term = row.get(rule.variable)
     path = path_in_fleet(term.value, (rule.base, *bases)) if isinstance(term, NamedNode) else None
     if path is None:
-        detail = f"?{rule.variable} is bound to {str(term)[:200]}, which is no action of this fleet"
+        detail = f"?{rule.variable} is bound to {str(term)[:200]}, which is not an action of this fleet"
         raise UnprocessableContent(f"{detail}; nothing was requested from anywhere.")
     return path
 
@@ -83,3 +88,45 @@ def path_in_fleet(iri: str, bases: Sequence[str]) -> str | None:
     """Return the path of a resource under one of the public URLs of this fleet; None for other IRIs."""
     base = next((each for each in bases if iri.startswith(each + "/")), None)
     return None if base is None else unquote(iri[len(base) :])
+
+
+class RightsEnded(Exception):  # noqa: N818
+    """The creator lost the right to have the rule; the message is a sentence for people."""
+
+
+def creator_of(rule: Rule, identities: Identities | None) -> Identity:
+    """Return the identity that the rule acts for; everybody if authentication is off. Raises RightsEnded."""
+    if identities is None:
+        return EVERYBODY
+    now_ns = time.time_ns()
+    if rule.claims is not None:
+        now = identities.roster.identity(rule.claims, now_ns)
+    else:
+        now = identities.roster.holder(rule.creator, now_ns)
+    if now is None or not may_have_rules(now):
+        raise RightsEnded("the rights of its creator ended")
+    if now.sees != rule.view:
+        raise RightsEnded("the robots that its creator sees have changed since it was written; write it again")
+    return now
+
+
+def may_have_rules(identity: Identity) -> bool:
+    """Return True if the identity may have rules.
+
+    It must be able to subscribe to all that it reads, because a condition reveals changes, and to act on or stop some
+    robot.
+    """
+    reads = identity.may(Right.READ, None) and identity.over(Right.SUBSCRIBE).covers(identity.sees)
+    return reads and identity.may_any((Right.ACT, Right.STOP), None)
+
+
+def check_action(rule: Rule, tree: Tree, creator: Identity) -> None:
+    """Raise RightsEnded if the creator may not invoke the rule's fixed action."""
+    if rule.variable is not None:
+        return
+    try:
+        find_action(tree, rule.invokes, creator)
+    except InsufficientScope as error:
+        raise RightsEnded(error.detail) from error
+    except UnprocessableContent:
+        return

@@ -10,12 +10,12 @@ from types import TracebackType
 from typing import Self
 
 from linked_fleet_gateway.actions.service import Actions
-from linked_fleet_gateway.extensions.rules.creators import RightsEnded
 from linked_fleet_gateway.extensions.rules.description import firings_path, rule_path
 from linked_fleet_gateway.extensions.rules.edges import ChangeNotifier
 from linked_fleet_gateway.extensions.rules.engine import Engine, Select, robot_invoked
 from linked_fleet_gateway.extensions.rules.request import CONTAINER
 from linked_fleet_gateway.extensions.rules.rule import Firing, FiringState, Rule, RuleRecord
+from linked_fleet_gateway.extensions.rules.rule_invocation import RightsEnded
 from linked_fleet_gateway.extensions.rules.store import Changed, RuleStore, StoreUnavailable
 from linked_fleet_gateway.identity.rights import Identity
 from linked_fleet_gateway.resources.affordance import Invoke
@@ -82,8 +82,8 @@ class Rules:
     ) -> None:
         await end([*self._tasks, *self._writing])
         self._changes.close()
-        await self._engine.compare(set())
-        await finish(self._store.leave(), log, "the store could not be told that this gateway ends")
+        await self._engine.set_rules(set())
+        await finish(self._store.leave(), log, "the lease of the rules could not be released")
         await self._store.close()
 
     @property
@@ -122,7 +122,7 @@ class Rules:
         asyncio.get_running_loop().call_soon(self._disable_movers, robots)
 
     def _disable_movers(self, robots: Collection[str] | None) -> None:
-        """Disable the rules that could move them again: here at once, elsewhere as soon as Redis knows."""
+        """Disable the rules that could move them again: here at once, at other gateways as soon as Redis has it."""
         whom = "all robots were" if robots is None else f"{', '.join(sorted(robots))[:200]} was"
         for known in list(self.known.values()):
             if known.rule.enabled and self._moves(known.rule, robots):
@@ -172,7 +172,7 @@ class Rules:
         fired = [number for number in {*old, *new} if old.get(number) != new.get(number)]
         paths = (CONTAINER, rule_path(either.rule), firings_path(either.rule))
         for path in (*paths, *(f"{firings_path(either.rule)}/{number}" for number in fired)):
-            self._live.fan_out.touched(path)
+            self._live.fan_out.mark_changed(path)
 
     # -- serving ------------------------------------------------------------------------------------------------------
 
@@ -195,7 +195,7 @@ class Rules:
             self._changes.open()
         elif not enabled and self._engine.serves:
             self._changes.close()
-        await self._engine.compare(enabled)
+        await self._engine.set_rules(enabled)
         if any(self._turned(self.known[id]) for id in enabled):
             self._engine.wake()
 
@@ -210,7 +210,7 @@ class Rules:
     def _turned(self, known: RuleRecord) -> bool:
         """Return True if its creator lost or regained the right to it."""
         try:
-            self._engine.entitled(known.rule)
+            self._engine.identity_of(known.rule)
         except RightsEnded as error:
             return known.suspended != str(error)
         return bool(known.suspended)
@@ -219,7 +219,7 @@ class Rules:
         """Stop evaluating, because another gateway serves the rules."""
         if self._engine.serves:
             self._changes.close()
-        await self._engine.compare(set())
+        await self._engine.set_rules(set())
         self._awaited = self._serving_since_s = None
 
     def _noted(self, rule: Rule, number: int, firing: Firing) -> None:

@@ -103,7 +103,7 @@ class RuleStore:
             rule = msgspec.json.decode(body, type=Rule)
             numbered = {int(number): _firing(text) for number, text in _pairs(fired)}
         except ValueError as error:
-            log.warning("rule %s is left alone, it cannot be read: %r", id, error)
+            log.warning("rule %s is ignored, because it cannot be read: %r", id, error)
             return None
         texts = {name.decode(): text.decode() for name, text in _pairs(said)}
         return RuleRecord(
@@ -136,14 +136,14 @@ class RuleStore:
         if left:
             await self._redis.one("SREM", self._keys.seen, *left)
 
-    async def recall(self, known: RuleRecord) -> set[str] | None:
+    async def rows_held(self, known: RuleRecord) -> set[str] | None:
         """Return the keys of the rows that held at the last evaluation; None without one since the rule was written."""
-        said, *keys = await self._mine(scripts.RECALL, known)
+        said, *keys = await self._run_while_serving(scripts.RECALL, known)
         return None if said == b"new" else {key.decode() for key in keys}
 
     async def begin(self, known: RuleRecord, holding: Collection[str]) -> None:
         """Store the rows that hold at the first evaluation."""
-        await self._mine(scripts.BEGIN, known, *holding)
+        await self._run_while_serving(scripts.BEGIN, known, *holding)
         await self._tell(known.rule.id)
 
     async def advance(self, known: RuleRecord, began: Mapping[str, Firing], ended: Collection[str]) -> list[int]:
@@ -153,7 +153,7 @@ class RuleStore:
         """
         rows = [part for key, firing in began.items() for part in (key, msgspec.json.encode(firing))]
         limits = (round(known.rule.interval_s * 1000), AT_ONCE, KEPT, len(began))
-        _, *numbers = await self._mine(scripts.ADVANCE, known, *limits, *rows, *ended)
+        _, *numbers = await self._run_while_serving(scripts.ADVANCE, known, *limits, *rows, *ended)
         if began:
             await self._tell(known.rule.id)
         return [int(number) for number in numbers]
@@ -164,17 +164,17 @@ class RuleStore:
         await self._redis.run(scripts.FINISH, (self._keys.of_rule(rule.id)[2],), number, text)
         await self._tell(rule.id)
 
-    async def complain(self, known: RuleRecord) -> None:
-        """Store why a rule does not fire, or that it does again."""
+    async def store_fault(self, known: RuleRecord) -> None:
+        """Store the reason why a rule is not evaluated; an empty ``fault`` and ``suspended`` clear it."""
         keys = (self._keys.server, self._keys.revisions, self._keys.of_rule(known.rule.id)[1])
         arguments = (self._run, known.rule.id, known.revision, known.fault, known.suspended)
-        _heeded(await self._redis.run(scripts.COMPLAIN, keys, *arguments), known)
+        _checked(await self._redis.run(scripts.COMPLAIN, keys, *arguments), known)
         await self._tell(known.rule.id)
 
-    async def _mine(self, script: str, known: RuleRecord, *arguments: str | bytes | int) -> Any:
+    async def _run_while_serving(self, script: str, known: RuleRecord, *arguments: str | bytes | int) -> Any:
         keys = (self._keys.server, self._keys.revisions, *self._keys.of_rule(known.rule.id))
         answer = await self._redis.run(script, keys, self._run, known.rule.id, known.revision, *arguments)
-        return _heeded(answer, known)
+        return _checked(answer, known)
 
     # News
 
@@ -191,7 +191,7 @@ class RuleStore:
         await self._redis.one("XADD", self._keys.news, "MAXLEN", "~", _NEWS, "*", "id", id, "run", self._run)
 
 
-def _heeded(answer: Any, known: RuleRecord) -> Any:
+def _checked(answer: Any, known: RuleRecord) -> Any:
     if answer[0] == b"lost":
         raise Lost
     if answer[0] == b"changed":

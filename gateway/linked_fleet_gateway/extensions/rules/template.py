@@ -1,4 +1,4 @@
-"""The body of a rule's action: a template with terms in place of variables. Pure.
+"""The body of a rule's action: a template with terms in place of variables. Pure. Beside it the terms of rules.
 
 Variables are replaced in RDF, not in text, so that no value can inject more than one term.
 """
@@ -9,9 +9,15 @@ from pyoxigraph import BlankNode, Literal, NamedNode, RdfFormat, Triple, parse, 
 
 from linked_fleet_gateway.base.errors import UnprocessableContent
 from linked_fleet_gateway.extensions.rules.edges import Row
-from linked_fleet_gateway.extensions.rules.terms import LF
 from linked_fleet_gateway.rdf.graph import Node
+from linked_fleet_gateway.rdf.vocabulary import LF as CORE
 from linked_fleet_gateway.rdf.vocabulary import PREFIXES
+
+LF = CORE.extended(
+    "Rule Firing RuleList FiringList RuleShape RuleResourceShape FiringShape disabled suppressed rules"
+    " condition invokes body toldApartBy enabled firings lastFiring causedBy suppressions variable"
+    " binding invocation"
+)
 
 ROOT = BlankNode("body")
 MOST_TRIPLES = 200
@@ -29,14 +35,16 @@ def template(triples: Sequence[Triple], root: BlankNode) -> str:
         raise UnprocessableContent(f"lf:body has {len(found)} triples; there may be {MOST_TRIPLES}.")
     for node, said in _holes(found).items():
         if said != 1 or node == ROOT or sum(each.subject == node for each in found) != 1:
-            raise UnprocessableContent('A node of lf:body with lf:variable says nothing else: [ lf:variable "name" ].')
+            raise UnprocessableContent(
+                'A node of lf:body with lf:variable has no other statements: [ lf:variable "name" ].'
+            )
     written = serialize(found, format=RdfFormat.N_TRIPLES)
     assert written is not None  # None only when it writes to a file
     return written.decode()
 
 
 def as_turtle(triples: Sequence[Triple], root: BlankNode) -> str:
-    """Write what ``template`` takes for people: Turtle about ``_:body``, with the prefixes that it needs."""
+    """Return the input of ``template`` for people: Turtle about ``_:body``, with the needed prefixes."""
     found = triples_of(template(triples, root))
     used = {term.value for each in found for term in (each.predicate, each.object) if isinstance(term, NamedNode)}
     prefixes = {name: iri for name, iri in PREFIXES.items() if any(each.startswith(iri) for each in used)}
@@ -87,7 +95,7 @@ def fill(text: str, row: Row, action: NamedNode) -> list[Triple]:
 def _bound(row: Row, name: str) -> NamedNode | Literal:
     term = row.get(name)
     if term is None or isinstance(term, BlankNode):
-        raise UnprocessableContent(f"?{name} is bound to nothing that a body could say.")
+        raise UnprocessableContent(f"?{name} is not bound to an IRI or a literal.")
     return term
 
 

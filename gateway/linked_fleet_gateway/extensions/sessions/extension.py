@@ -1,14 +1,110 @@
-"""The extension ``sessions``: browser login, with a token or at an issuer."""
+"""The extension ``sessions``: browser login, with a token or at an issuer.
+
+A session cookie authenticates browsers; their requests must come from the gateway's own pages.
+"""
 
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import ClassVar
+from urllib.parse import quote
 
-from linked_fleet_gateway.extensions.sessions.ended_sessions import EndedSessions
-from linked_fleet_gateway.extensions.sessions.scheme import SessionScheme
-from linked_fleet_gateway.extensions.sessions.service import Sessions
-from linked_fleet_gateway.extensions.sessions.session_key import SessionKey
-from linked_fleet_gateway.extensions.sessions.settings import SessionSettings
+from starlette.datastructures import Headers
+from starlette.responses import RedirectResponse, Response
+from starlette.types import Receive, Scope
+
+from linked_fleet_gateway.base.errors import ForeignOrigin, StoreDown, Unauthenticated
+from linked_fleet_gateway.base.settings import FILE, Section, setting
+from linked_fleet_gateway.extensions.sessions.cookies import note_session, read_cookie
+from linked_fleet_gateway.extensions.sessions.login import Login
+from linked_fleet_gateway.extensions.sessions.service import EndedSessions, SessionKey, Sessions
+from linked_fleet_gateway.http.arrival import Authenticated, arrival_of
 from linked_fleet_gateway.http.extension import Core, Extension, Mount
+from linked_fleet_gateway.http.html import HTML
+from linked_fleet_gateway.http.negotiation import choose
+from linked_fleet_gateway.http.request import Request
+from linked_fleet_gateway.rdf.serialise import RDF_TYPES
+from linked_fleet_gateway.runtime.redis import StoreUnavailable
+
+
+@dataclass(frozen=True)
+class SessionSettings(Section):
+    prefix: ClassVar[str] = "LINKED_FLEET_SESSION_"
+
+    key_file: Path | None = setting(
+        FILE, "", "key of browser sessions, 32 bytes in base64; empty: made once and kept in Redis"
+    )
+
+
+_READ = ("GET", "HEAD", "OPTIONS")
+
+
+class SessionScheme:
+    """Implements ``linked_fleet_gateway.http.arrival.Scheme``."""
+
+    hint = "Log in at /login."
+
+    def __init__(self, sessions: Sessions) -> None:
+        self._sessions, self._login = sessions, Login()
+
+    async def authenticate(self, scope: Scope) -> Authenticated | None:
+        sealed = read_cookie(scope)
+        if not sealed:
+            return None
+        _check_page(scope, Headers(scope=scope))
+        try:
+            found = await self._sessions.find(sealed)
+        except StoreUnavailable as error:
+            raise StoreDown("Sessions cannot be checked while Redis is away; tokens can.") from error
+        if found is None:
+            raise Unauthenticated(f"The session is over. {self.hint}", wrong=True)
+        caller, session = found
+        note_session(scope, session)
+        return Authenticated(caller, partial(self._sessions.is_valid, session), on_page=True)
+
+    def has_page(self, path: str) -> bool:
+        return self._login.has(path)
+
+    async def answer(self, scope: Scope, receive: Receive) -> Response:
+        return await self._login.answer(Request(scope, receive), self._sessions)
+
+    def invitation(self, scope: Scope) -> Response | None:
+        return _to_login(scope) if _would_log_in(scope) else None
+
+
+def _check_page(scope: Scope, headers: Headers) -> None:
+    """Raise ForeignOrigin for a request with a cookie that writes or listens, unless it comes from our own page.
+
+    ``Authorities`` has refused or marked foreign origins; here a missing Origin is refused too. Pages of other sites
+    must use tokens, because otherwise they would act for the person who is logged in. Reads are exempt: other sites may
+    link here, and only the reader sees the response.
+    """
+    events = "text/event-stream" in headers.get("accept", "")
+    calls_back = "callback" in headers.get("upgrade", "").lower()
+    reads = scope["type"] == "http" and scope["method"] in _READ and not events and not calls_back
+    elsewhere = arrival_of(scope).elsewhere
+    ours = headers.get("sec-fetch-site") == "same-origin" or ("origin" in headers and not calls_back and not elsewhere)
+    if not reads and not ours:
+        raise ForeignOrigin(
+            "a request with a session cookie needs an Origin field of this gateway; or send a bearer token"
+        )
+
+
+def _would_log_in(scope: Scope) -> bool:
+    """Return True for a browser navigation that expects a page."""
+    if scope["type"] != "http" or scope["method"] not in ("GET", "HEAD"):
+        return False
+    accept = Headers(scope=scope).get("accept")
+    return accept is not None and "text/event-stream" not in accept and choose(accept, (*RDF_TYPES, HTML)) == HTML
+
+
+def _to_login(scope: Scope) -> RedirectResponse:
+    query = scope.get("query_string", b"").decode("latin-1")
+    then = quote(scope["path"] + (f"?{query}" if query else ""), safe="")
+    headers = {"cache-control": "no-store", "vary": "Accept"}
+    return RedirectResponse(f"{arrival_of(scope).base}/login?then={then}", 303, headers)
 
 
 class SessionsExtension(Extension):

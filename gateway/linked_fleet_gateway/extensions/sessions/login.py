@@ -1,4 +1,9 @@
-"""The pages for login and logout: by a token, or at an issuer (OpenID Connect, code flow with PKCE)."""
+"""The pages for login and logout: by a token, or at an issuer (OpenID Connect, code flow with PKCE).
+
+The error of logins is ``TooManyLogins`` (429, too-many-logins).
+"""
+
+# ruff: noqa: N818  (the names say what is wrong, as those of linked_fleet_gateway.base.errors)
 
 import logging
 import math
@@ -15,28 +20,36 @@ from starlette.responses import RedirectResponse, Response
 from linked_fleet_gateway.base.addresses import network_of
 from linked_fleet_gateway.base.errors import (
     BadRequest,
+    FleetError,
     ForeignOrigin,
-    IssuerAway,
+    IssuerDown,
     MethodNotAllowed,
     NotFound,
-    StoreAway,
+    StoreDown,
 )
-from linked_fleet_gateway.extensions.pages.navigation import places
-from linked_fleet_gateway.extensions.pages.page import render
-from linked_fleet_gateway.extensions.pages.policy import FORMS
+from linked_fleet_gateway.extensions.pages.page import FORMS, render
+from linked_fleet_gateway.extensions.pages.views import places
 from linked_fleet_gateway.extensions.sessions.cookies import LOGIN, read_cookie, session_of, set_cookie
-from linked_fleet_gateway.extensions.sessions.errors import TooManyLogins
 from linked_fleet_gateway.extensions.sessions.sealed_cookie import SESSION_S, PendingLogin, open_login, seal_login
 from linked_fleet_gateway.extensions.sessions.service import Sessions
-from linked_fleet_gateway.extensions.sessions.session_key import StoreUnavailable
 from linked_fleet_gateway.http.arrival import arrival_of
 from linked_fleet_gateway.http.body import read_body
-from linked_fleet_gateway.http.rates import TokenBuckets
 from linked_fleet_gateway.http.request import Request
-from linked_fleet_gateway.identity.jwts import BadToken, endpoint, verified
+from linked_fleet_gateway.http.scheduling import TokenBuckets
+from linked_fleet_gateway.identity.issuers import BadToken, IssuerFailed, endpoint, verified
 from linked_fleet_gateway.identity.rights import Claims, Credential, Identity, Right
 from linked_fleet_gateway.identity.roster import Issuer
-from linked_fleet_gateway.identity.web import IssuerSilent
+from linked_fleet_gateway.runtime.redis import StoreUnavailable
+
+
+class TooManyLogins(FleetError):
+    """Too many logins from one address failed. ``Retry-After`` gives the time until another failure is permitted."""
+
+    status, code, title = 429, "too-many-logins", "Too many attempts to log in"
+
+    def __init__(self, detail: str, *, retry_after_s: int) -> None:
+        super().__init__(detail, headers={"Retry-After": str(retry_after_s)})
+
 
 log = logging.getLogger(__name__)
 
@@ -75,7 +88,9 @@ class Login:
                 return await self._with_token(request, sessions)
             return _page(sessions, _path(request.query_params.get("then")), request.caller)
         except StoreUnavailable as error:
-            raise StoreAway("Nobody can log in while Redis is away; tokens in Authorization are taken.") from error
+            raise StoreDown(
+                "Login is not possible while Redis is away; tokens in Authorization are accepted."
+            ) from error
 
     def _failed(self, request: Request, error: BadToken) -> None:
         """Count a failed login and log it. Raises TooManyLogins beyond the limit of the address.
@@ -103,8 +118,8 @@ class Login:
         except BadToken as error:
             self._failed(request, error)
             return _page(sessions, then, None, f"This token is not accepted: {error}.", status=401)
-        except IssuerSilent as error:
-            raise IssuerAway("The issuer of this token cannot be asked for its keys; try again in a moment.") from error
+        except IssuerFailed as error:
+            raise IssuerDown("The issuer of this token cannot be asked for its keys; try again in a moment.") from error
         assert found.credential is not None
         return await _logged_in(request, sessions, found.credential, then)
 
@@ -119,8 +134,8 @@ class Login:
         login = PendingLogin(issuer.url, state, nonce, verifier, _path(request.query_params.get("then")))
         try:
             there = endpoint(await sessions.identities.keys(issuer).described(), "authorization_endpoint", issuer.url)
-        except IssuerSilent as error:
-            raise IssuerAway(f"{issuer.name} cannot be reached; try again in a moment.") from error
+        except IssuerFailed as error:
+            raise IssuerDown(f"{issuer.name} cannot be reached; try again in a moment.") from error
         challenge = urlsafe_b64encode(sha256(login.verifier.encode()).digest()).rstrip(b"=").decode()
         query = {
             "response_type": "code",
@@ -146,16 +161,16 @@ class Login:
         except BadToken as error:
             self._failed(request, error)
             return _page(sessions, "/", None, failed=f"You are not logged in: {error}.", status=401)
-        except IssuerSilent as error:
+        except IssuerFailed as error:
             log.warning("a login failed: %s", error)
-            raise IssuerAway("The issuer does not answer as it should; try again in a moment.") from error
+            raise IssuerDown("The issuer does not answer as it should; try again in a moment.") from error
         response = await _logged_in(request, sessions, claims, login.then)
         set_cookie(request.scope, response, "", LOGIN)
         return response
 
 
 async def _claims(request: Request, sessions: Sessions, issuer: Issuer, login: PendingLogin) -> Claims:
-    """Return the claims of a person who returns from the issuer with a code. Raises BadToken, IssuerSilent."""
+    """Return the claims of a person who returns from the issuer with a code. Raises BadToken, IssuerFailed."""
     said = request.query_params
     if not compare_digest(said.get("state", "").encode(), login.state.encode()):
         raise BadToken("it began in another browser")
@@ -174,12 +189,12 @@ async def _claims(request: Request, sessions: Sessions, issuer: Issuer, login: P
     answer = await sessions.identities.web.post(there, form, secret)
     token: Any = answer.get("id_token")
     if not isinstance(token, str):
-        raise IssuerSilent(f"{issuer.url} gave no id_token")
+        raise IssuerFailed(f"{issuer.url} gave no id_token")
     found = await verified(token, issuer, keys, issuer.client_id)
     if not compare_digest(str(found.get("nonce", "")).encode(), login.nonce.encode()):
-        raise BadToken("its answer is to another question")
+        raise BadToken("the nonce of its id_token is wrong")
     if found.get("azp", issuer.client_id) != issuer.client_id:
-        raise BadToken("its answer is for somebody else")
+        raise BadToken("its id_token is for another client")
     claims = issuer.claims(found, time.time_ns() + SESSION_S * 1_000_000_000)
     if claims is None:
         raise BadToken(f"{issuer.name} does not say who you are")
@@ -260,7 +275,7 @@ def _rights(caller: Identity) -> list[tuple[str, str, str]]:
 def _one(form: dict[str, list[str]], name: str) -> str:
     values = form.get(name, [""])
     if len(values) != 1:
-        raise BadRequest(f"The form has {name} once.")
+        raise BadRequest(f"The form must have {name} exactly once.")
     return values[0]
 
 

@@ -1,17 +1,27 @@
-"""Discovery of Thing Descriptions (W3C WoT Discovery): ``/.well-known/wot`` and the directory ``/things``."""
+"""Discovery of Thing Descriptions (W3C WoT Discovery): ``/.well-known/wot`` and the directory ``/things``.
+
+A page of the directory in RDF has things with their names and classes, in the order of their ids. The terms of the
+extension are here too.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 
+from pyoxigraph import Literal, NamedNode
+
 from linked_fleet_gateway.extensions.things.td import DIRECTORY, TD, write_description
-from linked_fleet_gateway.extensions.things.terms import LF
 from linked_fleet_gateway.fleet.model import Joint, Link
 from linked_fleet_gateway.fleet.robot import Robot
-from linked_fleet_gateway.rdf.vocabulary import LDP
+from linked_fleet_gateway.rdf.graph import Graph
+from linked_fleet_gateway.rdf.vocabulary import DCTERMS, LDP, RDFS, ROS, XHV
+from linked_fleet_gateway.rdf.vocabulary import LF as CORE
 from linked_fleet_gateway.resources.branches import FleetBranch, Found, RequestView, ThingDocument
+from linked_fleet_gateway.resources.joint_kinds import kind_of
 from linked_fleet_gateway.resources.paths import joint_path, link_path, part_of, robot_name, robot_path
 from linked_fleet_gateway.resources.resource import Resource
+
+LF = CORE.extended("Directory things")
 
 MOST = 50
 """Most descriptions on one page."""
@@ -20,7 +30,7 @@ Place = tuple[Robot | None, Joint | Link | None]
 
 @dataclass(frozen=True)
 class Listing:
-    """All things that the caller may see, as served by ``linked_fleet_gateway.extensions.things.http``."""
+    """All things that the caller may see, as served by ``linked_fleet_gateway.extensions.things.extension``."""
 
     view: RequestView
 
@@ -95,3 +105,33 @@ BRANCHES = (
     FleetBranch(DIRECTORY[1:], LF.things, _directory, takes_slashes=True),
     ThingDocument(TD, write_description),
 )
+
+
+MOST_LISTED = 200
+"""Most things on one page."""
+
+
+def describe_page(
+    view: RequestView, things: Sequence[tuple[str, Place]], offset: int, limit: int, graph: Graph
+) -> None:
+    iri = view.iri(DIRECTORY)
+    graph.a(iri, LF.Directory, LDP.Container)
+    graph.add(iri, DCTERMS.title, Literal("Things"))
+    graph.add(iri, RDFS.seeAlso, view.iri("/"))
+    end = offset + limit
+    if offset:
+        graph.add(iri, XHV.prev, view.iri(f"{DIRECTORY}?offset={max(0, offset - limit)}&limit={limit}"))
+    if end < len(things):
+        graph.add(iri, XHV.next, view.iri(f"{DIRECTORY}?offset={end}&limit={limit}"))
+    for id, place in things[offset:end]:
+        thing, (robot, part) = NamedNode(id), place
+        graph.add(iri, LDP.contains, thing)
+        if robot is None:
+            graph.a(thing, LF.Fleet)
+            graph.add(thing, DCTERMS.title, Literal("Linked Fleet"))
+        elif part is None:
+            graph.a(thing, LF.Robot)
+            graph.add(thing, DCTERMS.title, Literal(robot.title))
+        else:
+            graph.a(thing, kind_of(part).type if isinstance(part, Joint) else ROS.Link)
+            graph.add(thing, DCTERMS.title, Literal(part.name))

@@ -1,14 +1,106 @@
-"""The extension ``things``: Thing Descriptions and their directory (W3C Web of Things)."""
+"""The extension ``things``: Thing Descriptions and their directory (W3C Web of Things).
 
-from collections.abc import AsyncIterator
+The directory is served complete or by pages (W3C WoT Discovery, 7.3.2.3), and in RDF by pages.
+"""
+
+import re
+from collections.abc import AsyncIterator, Iterable, Sequence
 from contextlib import asynccontextmanager
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
-from linked_fleet_gateway.extensions.things.directory import BRANCHES, Listing
-from linked_fleet_gateway.extensions.things.http import read_listing
-from linked_fleet_gateway.extensions.things.td import TD
+from starlette.responses import Response, StreamingResponse
+
+from linked_fleet_gateway.base.errors import BadRequest, NotAcceptable, Unimplemented
+from linked_fleet_gateway.extensions.things.directory import BRANCHES, MOST, MOST_LISTED, Listing, Place, describe_page
+from linked_fleet_gateway.extensions.things.td import DIRECTORY, TD
 from linked_fleet_gateway.http.extension import Core, Extension, Mount
+from linked_fleet_gateway.http.fields import Link, field, link_header
 from linked_fleet_gateway.http.html import NavigationEntry
+from linked_fleet_gateway.http.negotiation import choose
+from linked_fleet_gateway.http.operations import JSONLD, document, errors, header, parameter, path_item
+from linked_fleet_gateway.http.read import read
+from linked_fleet_gateway.http.representation import etag, not_modified
+from linked_fleet_gateway.http.request import Request
+from linked_fleet_gateway.rdf.serialise import JSON
+from linked_fleet_gateway.resources.branches import RequestView
+from linked_fleet_gateway.resources.json_form import Json
+from linked_fleet_gateway.resources.resource import Resource
+from linked_fleet_gateway.runtime.background import sliced
+
+TYPES = ("application/ld+json", JSON)
+_SORTING = ("sort_by", "sort_order")
+_COUNT = re.compile(r"[0-9]{1,9}", re.ASCII)
+
+
+async def read_listing(request: Request, resource: Resource, listing: Listing) -> Response:
+    """Return all descriptions or, with ``limit``, a page of them that links the next page and the complete list.
+
+    In other media types it lists things by pages.
+    """
+    representations = request.services.representations
+    types = (*TYPES, *(each for each in representations.media_types if each not in TYPES))
+    accept = representations.preferred(field(request, "accept"), request.query_params.get("as"))
+    media_type = choose(accept, types)
+    if media_type is None:
+        raise NotAcceptable(f"Available here: {', '.join(types)}.", offered=types)
+    if unsupported := [name for name in _SORTING if name in request.query_params]:
+        raise Unimplemented(f"Descriptions are sorted by id, in ascending order; there is no {unsupported[0]}.")
+    offset, limit = _count(request, "offset", 0) or 0, _count(request, "limit", 1)
+    things = listing.things()
+    if media_type not in TYPES:
+        describe = partial(describe_page, listing.view, things, offset, min(limit or MOST_LISTED, MOST_LISTED))
+        return read(request, replace(resource, describe=describe, remote=None, query=request.url.query))
+    links = [Link(iri.value, "type") for iri in resource.interaction]
+    headers = {"vary": "Accept", "cache-control": "no-cache", "x-content-type-options": "nosniff"}
+    content = {"content-type": media_type, "allow": "GET, HEAD, OPTIONS"}
+    if limit is None:
+        headers["link"] = link_header([*links, *_canonical(things, request.base, paged=offset > 0)], [])
+        # weak, because the body is not known before it is sent
+        headers["etag"] = "W/" + etag(b"%d " % offset + listing.version())
+        if not_modified(field(request, "if-none-match"), headers["etag"]):
+            return Response(status_code=304, headers=headers)
+        places = [place for _, place in things[offset:]]
+        return StreamingResponse(_array(listing, places if request.method == "GET" else []), headers=headers | content)
+    end = offset + min(limit, MOST)
+    links += _canonical(things, request.base, paged=True)
+    if end < len(things):
+        links.append(Link(f"{request.base}{DIRECTORY}?offset={end}&limit={limit}", "next"))
+    body = b"".join([part async for part in _array(listing, [place for _, place in things[offset:end]])])
+    headers |= {"link": link_header(links, []), "etag": etag(body)}
+    if not_modified(field(request, "if-none-match"), headers["etag"]):
+        return Response(status_code=304, headers=headers)
+    return Response(body, headers=headers | content)
+
+
+def _canonical(things: Sequence[tuple[str, Place]], base: str, *, paged: bool) -> list[Link]:
+    """Return the link of a page to the collection.
+
+    Its etag changes when things are added or removed, which moves pages.
+    """
+    if not paged:
+        return []
+    state = etag("\n".join(id for id, _ in things).encode()).strip('"')
+    return [Link(base + DIRECTORY, "canonical", etag=state)]
+
+
+async def _array(listing: Listing, places: Iterable[Place]) -> AsyncIterator[bytes]:
+    """Yield a JSON array of descriptions, each of which takes milliseconds to render."""
+    separator = b"["
+    async for place in sliced(places):
+        yield separator + listing.description(place)
+        separator = b",\n"
+    yield b"]" if separator != b"[" else b"[]"
+
+
+def _count(request: Request, name: str, least: int) -> int | None:
+    text = request.query_params.get(name)
+    if text is None:
+        return None
+    if not _COUNT.fullmatch(text) or int(text) < least:
+        raise BadRequest(f"{name} is a whole number, at least {least}.")
+    return int(text)
 
 
 class ThingsExtension(Extension):
@@ -17,8 +109,28 @@ class ThingsExtension(Extension):
     at_root = (".well-known", "things")
     views = ("linked_fleet_gateway.extensions.things.page:VIEW",)
     navigation = (NavigationEntry("Things", "/things", 60),)
-    operations = ("linked_fleet_gateway.extensions.things.operations:operations",)
+    operations = ("linked_fleet_gateway.extensions.things.extension:operations",)
 
     @asynccontextmanager
     async def start(self, core: Core) -> AsyncIterator[Mount]:
         yield Mount(branches=BRANCHES, readers={Listing: read_listing}, formats={"td": ("Thing Description", TD)})
+
+
+_THING: Json = {"type": "object", "required": ["@context", "id", "title"]}
+_THINGS: Json = {"schema": {"type": "array", "items": _THING}}
+
+
+def operations(view: RequestView) -> dict[str, Json]:
+    """Return the operations: read the fleet's description, the directory by pages, and one thing by its id."""
+    known = [header("IfNoneMatch")]
+    offset = parameter("offset", "query", {"type": "integer", "minimum": 0, "maximum": 999_999_999})
+    limit = parameter("limit", "query", {"type": "integer", "minimum": 1, "maximum": 999_999_999}, f"At most {MOST}.")
+    listed = document("readThings", "Thing Descriptions", {JSONLD: _THINGS, JSON: _THINGS}, [offset, limit, *known])
+    listed["responses"] |= errors(["501"])
+    one: Json = {TD: {"schema": _THING}}
+    id: Json = {"type": "string", "enum": [view.base + "/"]}
+    return {
+        "/.well-known/wot": path_item({}, get=document("readFleetThing", "Thing Description of the fleet", one, known)),
+        DIRECTORY: path_item({}, get=listed),
+        f"{DIRECTORY}/{{id}}": path_item({"id": id}, get=document("readThing", "One Thing Description", one, known)),
+    }

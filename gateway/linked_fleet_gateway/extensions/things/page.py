@@ -5,10 +5,10 @@ from pathlib import Path
 
 from pyoxigraph import NamedNode
 
-from linked_fleet_gateway.extensions.pages import labels, sentences
+from linked_fleet_gateway.extensions.pages import texts
 from linked_fleet_gateway.extensions.pages.values import Facts, Link
 from linked_fleet_gateway.extensions.pages.views import PageView, Part
-from linked_fleet_gateway.extensions.things.terms import LF
+from linked_fleet_gateway.extensions.things.directory import LF
 from linked_fleet_gateway.rdf.vocabulary import LDP
 
 
@@ -33,9 +33,9 @@ def directory(facts: Facts, iri: NamedNode) -> Part:
 
 
 def _thing(facts: Facts, iri: NamedNode) -> ListedThing:
-    path = sentences.segments(iri.value, facts.root)
+    path = texts.segments(iri.value, facts.root)
     kinds = facts.types(iri)
-    robot = labels.segment_name(path[0], 0) if path else ""
+    robot = texts.segment_name(path[0], 0) if path else ""
     return ListedThing(facts.link(iri), kinds[0].text if kinds else "", robot, iri.value + "?as=td")
 
 

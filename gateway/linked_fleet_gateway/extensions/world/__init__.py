@@ -1,8 +1,8 @@
 """World: placements, objects and zones, poses between frames, and collision checks of motions (README.md).
 
-``service``, ``resources``, ``describe``, ``page``: the resources at ``/world``. ``store``, ``replicated_objects``:
-objects in Redis and this gateway's copy. ``checks``: the guard of motions; it queries ``worker``, a separate process,
-through ``process`` and ``messages``. In that process, ``preparation``, ``shapes``, ``surfaces`` and ``mesh_cache``
-build collision shapes from URDFs, ``pairs`` selects the pairs of bodies to check, and ``path``, ``swept_path`` and
-``collision_check`` check a path.
+``extension``: HTTP. ``service``: objects in Redis and this gateway's copy. ``placement``, ``scene``: placements and
+objects as typed values. ``resources``, ``descriptions``, ``page``: the resources at ``/world``. ``checks``: the guard
+of motions; it queries ``check_process``, which runs ``worker``, through ``process`` and ``messages``. ``collisions``:
+the motions that it refused. In that process, ``shapes`` and ``surfaces`` build collision shapes from URDFs, ``robot``
+selects the pairs of bodies to check, and ``path``, ``surroundings`` and ``collision_check`` check a path.
 """

@@ -1,38 +1,108 @@
 """Collision checks of motions before they are accepted: questions to the check process, and their answers.
 
 A robot without a placement is not checked. A motion is refused unless its path was found free.
+
+The paths that a motion may take, and the configurations in which other moving robots may be met, are computed without
+side effects; radian, metre, second. A motion of joints at rest is linear in joint space; a trajectory passes its
+waypoints on the cubics of Fritsch and Carlson, like the agent. Joints that another motion moves meanwhile may be
+anywhere between their position and their target. They are checked at both ends, and moving in parallel with this
+motion.
 """
 
 import asyncio
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
+from itertools import pairwise
 from pathlib import Path
 from types import TracebackType
 from typing import Self
 
+from linked_fleet_agent.wire.messages import Follow, Move
 from linked_fleet_gateway.actions.plan import Motion
 from linked_fleet_gateway.base.errors import Busy
-from linked_fleet_gateway.extensions.world.collisions import Collisions
-from linked_fleet_gateway.extensions.world.describe import object_path
-from linked_fleet_gateway.extensions.world.errors import Collides, Unchecked
-from linked_fleet_gateway.extensions.world.messages import Check, CheckFailed, CollisionFound, Placement, Positions
-from linked_fleet_gateway.extensions.world.placement import placement_of, pose_in_world
-from linked_fleet_gateway.extensions.world.preparation import Preparation, is_placed, key_of
-from linked_fleet_gateway.extensions.world.process import Checker
+from linked_fleet_gateway.extensions.world.collisions import Collides, Collisions, Unchecked
+from linked_fleet_gateway.extensions.world.descriptions import object_path
+from linked_fleet_gateway.extensions.world.messages import (
+    Check,
+    CheckFailed,
+    CollisionFound,
+    MotionPath,
+    PathSegment,
+    Placement,
+    Positions,
+)
+from linked_fleet_gateway.extensions.world.placement import LF, placement_of, pose_in_world
+from linked_fleet_gateway.extensions.world.process import Checker, Preparation, is_placed, key_of
 from linked_fleet_gateway.extensions.world.scene import SceneObject
-from linked_fleet_gateway.extensions.world.swept_path import paths_of, stances_of
-from linked_fleet_gateway.extensions.world.terms import LF
 from linked_fleet_gateway.fleet.model import Pose
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.identity.rights import View
 from linked_fleet_gateway.resources.paths import link_path
+from linked_fleet_gateway.runtime.worker import IDLE_S
 from linked_fleet_gateway.subscriptions.live import Live
+
+CONFIGURATION_STEP_RAD = 0.05  # also metre
+MOST_CONFIGURATIONS = 24
+
+
+def paths_of(motion: Move | Follow, start: Positions, elsewhere: Mapping[str, float]) -> tuple[MotionPath, ...]:
+    """Return the paths from ``start``; ``elsewhere`` are the targets of joints in other motions."""
+    legs = _legs(motion, start)
+    own = legs[-1].ends
+    meanwhile = {name: end for name, end in elsewhere.items() if name not in own and name in start}
+    ways = (MotionPath(start, legs),)
+    if not meanwhile:
+        return ways
+    along = tuple(_beside(leg, (i + 1) / len(legs), start, meanwhile) for i, leg in enumerate(legs))
+    return (*ways, MotionPath(start | meanwhile, legs), MotionPath(start, along))
+
+
+def _beside(leg: PathSegment, share: float, start: Positions, meanwhile: Mapping[str, float]) -> PathSegment:
+    there = {name: start[name] + share * (end - start[name]) for name, end in meanwhile.items()}
+    return PathSegment(leg.ends | there)
+
+
+def sampled_configurations(start: Positions, ends: Mapping[str, float]) -> tuple[Positions, ...]:
+    """Return joint positions at equal steps between ``start`` and ``ends``; the first are the present ones."""
+    moved = {name: end - start[name] for name, end in ends.items() if name in start}
+    count = min(MOST_CONFIGURATIONS, round(max(map(abs, moved.values()), default=0.0) / CONFIGURATION_STEP_RAD + 0.5))
+    shares = [(i + 1) / count for i in range(count)]
+    return (start, *({name: start[name] + share * way for name, way in moved.items()} for share in shares))
+
+
+def _legs(motion: Move | Follow, start: Positions) -> tuple[PathSegment, ...]:
+    if isinstance(motion, Move):
+        return (PathSegment(dict(motion.targets)),)
+    times = (0.0, *motion.times_s)
+    rows = (tuple(start[joint] for joint in motion.joints), *motion.positions)
+    velocities = [_velocities(times, column) for column in zip(*rows, strict=True)]
+    legs = []
+    for i, (before, after) in enumerate(pairwise(times)):
+        enters, leaves = ({j: v[at] for j, v in zip(motion.joints, velocities, strict=True)} for at in (i, i + 1))
+        legs.append(PathSegment(dict(zip(motion.joints, rows[i + 1], strict=True)), after - before, enters, leaves))
+    return tuple(legs)
+
+
+def _velocities(times: Iterable[float], positions: Iterable[float]) -> list[float]:
+    """Return the velocities at the waypoints, from rest to rest (Fritsch and Butland, 1984)."""
+    steps = [after - before for before, after in pairwise(times)]
+    slopes = [(after - before) / step for (before, after), step in zip(pairwise(positions), steps, strict=True)]
+    inner = [_slope(*one, *other) for one, other in pairwise(zip(steps, slopes, strict=True))]
+    return [0.0, *inner, 0.0]
+
+
+def _slope(step: float, slope: float, next_step: float, next_slope: float) -> float:
+    if slope * next_slope <= 0.0:
+        return 0.0
+    weight, next_weight = 2.0 * next_step + step, next_step + 2.0 * step
+    return (weight + next_weight) / (weight / slope + next_weight / next_slope)
+
 
 WITHIN_S = 1.0
 """Processor time for the check of one motion, in seconds."""
 EARLY_S = 5.0
 """Longest wait of a motion for shapes that are being prepared."""
-_PATIENCE_S = 3.0  # for a check including its wait for a turn and for the processor
+_TIMEOUT_S = 3.0  # for a check including its wait for a turn and for the processor
 _ANSWER_S = 10.0
 MOST_WAITING = 16
 MOST_EARLY = 64
@@ -43,18 +113,24 @@ NEAR_M = 25.0
 class Checks:
     """Implements ``MotionGuard``; an async context manager. It starts no process before a robot is placed.
 
-    Meshes are cached in ``folder``; ``collisions`` keeps the refused motions.
+    Meshes are cached in ``folder``; ``collisions`` keeps the refused motions. After ``idle_s`` seconds without a
+    motion or a new robot the process ends, and the next motion waits until it has been started again.
     """
 
     finding = LF.collisionFree
 
     def __init__(
-        self, live: Live, objects: Mapping[str, SceneObject], folder: Path, collisions: Collisions | None = None
+        self,
+        live: Live,
+        objects: Mapping[str, SceneObject],
+        folder: Path,
+        collisions: Collisions | None = None,
+        idle_s: float = IDLE_S,
     ) -> None:
         self._live, self._objects = live, objects
-        self._checker = Checker(folder)
+        self._checker = Checker(folder, idle_s)
         self._preparation = Preparation(live, self._checker)
-        self._collisions = collisions or Collisions(live.fan_out.touched)
+        self._collisions = collisions or Collisions(live.fan_out.mark_changed)
         self._waiting = self._early = 0
 
     async def __aenter__(self) -> Self:
@@ -77,14 +153,14 @@ class Checks:
         if placement_of(robot) is None:
             return
         if self._early >= MOST_EARLY:
-            raise Busy(f"{MOST_EARLY} motions wait for shapes that are being prepared; ask again.")
+            raise Busy(f"{MOST_EARLY} motions wait for shapes that are being prepared; try again.")
         self._early += 1
         try:
             async with asyncio.timeout(EARLY_S):
                 await self._preparation.robots(self._perhaps_around(robot))
                 await self._preparation.objects(self._objects)
         except TimeoutError as error:
-            raise Unchecked("What there is to be met is still being prepared; ask again.") from error
+            raise Unchecked("The shapes around the robot are still being prepared; try again.") from error
         finally:
             self._early -= 1
 
@@ -96,13 +172,14 @@ class Checks:
         if placement_of(motion.robot) is None:
             return False
         if self._waiting >= MOST_WAITING:
-            raise Busy(f"{MOST_WAITING} motions are being checked; ask again.")
+            raise Busy(f"{MOST_WAITING} motions are being checked; try again.")
         self._waiting += 1
         try:
-            async with asyncio.timeout(_PATIENCE_S):
-                await self._check(motion, sees, own)
+            async with asyncio.timeout(_TIMEOUT_S):
+                with self._checker.in_use():  # between the preparation and the check too
+                    await self._check(motion, sees, own)
         except TimeoutError as error:
-            raise Unchecked("The check of the motion took too long; ask again.") from error
+            raise Unchecked("The check of the motion took too long; try again.") from error
         finally:
             self._waiting -= 1
         return True
@@ -116,7 +193,7 @@ class Checks:
             self._collisions.add(motion.robot.name, collides)
             raise collides
         if isinstance(answer, CheckFailed):
-            raise Unchecked(f"Whether {motion.robot.name} meets anything is unknown: {answer.reason}.")
+            raise Unchecked(f"It is unknown if {motion.robot.name} would collide: {answer.reason}.")
         self._collisions.forget(motion.robot.name)
 
     def _around(self, robot: Robot, sees: View) -> list[Robot]:
@@ -153,7 +230,9 @@ class Checks:
         robot = motion.robot
         start = _positions(robot)
         if missing := [name for name in motion.targets if name not in start]:
-            raise Unchecked(f"Whether {robot.name} meets anything is unknown: so is where {missing[0]} is.")
+            raise Unchecked(
+                f"It is unknown if {robot.name} would collide, because the place of {missing[0]} is unknown."
+            )
         return Check(
             Placement(robot.name, self._preparation.key(robot), _base(robot, sees)),
             paths_of(motion.motion, start, self._underway(robot, own)),
@@ -164,11 +243,11 @@ class Checks:
 
     def _stood(self, robot: Robot, sees: View) -> Placement:
         name = robot.name if sees.sees(robot.name) else ""
-        stances = stances_of(_positions(robot), self._underway(robot, ""))
-        return Placement(name, self._preparation.key(robot), _base(robot, sees), stances)
+        configurations = sampled_configurations(_positions(robot), self._underway(robot, ""))
+        return Placement(name, self._preparation.key(robot), _base(robot, sees), configurations)
 
     def _underway(self, robot: Robot, own: str) -> dict[str, float]:
-        """Return the targets of its joints in other motions that have not ended."""
+        """Return the targets of the robot's joints in other motions that have not ended."""
         ends: dict[str, float] = {}
         for invocation in reversed(self._live.invocations.open_of(robot.name)):
             if invocation.id != own:
@@ -207,10 +286,10 @@ def _positions(robot: Robot) -> Positions:
 
 
 def _base(robot: Robot, sees: View) -> Pose:
-    """Return the pose of its root in the world. Raises Unchecked."""
+    """Return the pose of the robot's root link in the world. Raises Unchecked if it is unknown."""
     assert robot.model is not None
     pose = pose_in_world(robot, robot.model.root)
     if pose is None:
         name = robot.name if sees.sees(robot.name) else "another robot"
-        raise Unchecked(f"Where {name} is at present is unknown, so nothing is known to be free of it.")
+        raise Unchecked(f"The present place of {name} is unknown, so no path is known to be clear of it.")
     return pose

@@ -19,7 +19,6 @@ import coal
 import numpy as np
 import numpy.typing as npt
 
-from linked_fleet_gateway.extensions.world.contact import Shape, depth, distance, is_inside, meeting_point
 from linked_fleet_gateway.extensions.world.messages import (
     Answer,
     Check,
@@ -32,7 +31,19 @@ from linked_fleet_gateway.extensions.world.messages import (
 from linked_fleet_gateway.extensions.world.path import STEP_M, Path, Unknown, changed, path_of
 from linked_fleet_gateway.extensions.world.robot import Robot
 from linked_fleet_gateway.extensions.world.surfaces import Array
-from linked_fleet_gateway.extensions.world.surroundings import MARGIN_M, Mover, Thing, objects_of, others_of, se3
+from linked_fleet_gateway.extensions.world.surroundings import (
+    MARGIN_M,
+    MovingRobot,
+    Shape,
+    StaticBody,
+    depth,
+    distance,
+    is_inside,
+    meeting_point,
+    objects_of,
+    others_of,
+    se3,
+)
 from linked_fleet_gateway.fleet.xml import Vector
 
 CLEARANCE_M = 0.001  # half a step, so that parts that keep it at two neighbouring places do not touch between them
@@ -41,7 +52,7 @@ _NEAREST_M = 1e-5  # least margin of a pair that does not touch at the start
 _SLACK_M = 0.001  # the distance of a near pair that does not move varies by rounding
 _MOST_PAIRS = 100_000
 _WINDOW, _ROOM = 512, 1_000_000  # places evaluated ahead, and limit of the numbers that this takes
-_TOO_LONG = "it takes too long to be checked; go it in parts"
+_TOO_LONG = "the check takes too long; split the motion"
 _ALIGNED = 8  # places: pairs that are far apart are evaluated together
 
 Indices = npt.NDArray[np.intp]
@@ -56,7 +67,7 @@ class _Pair:
 
     body: int
     other: int
-    thing: Thing | None
+    thing: StaticBody | None
     least_m: float
     by_depth: bool = False
     fine: bool = False  # its margin is so small that it might touch between two places of the path
@@ -79,11 +90,11 @@ def check(asked: Check, robots: Mapping[str, Robot], objects: Mapping[str, coal.
 class _Sweep:
     """The check of all pairs that may come near on any of the paths."""
 
-    def __init__(self, asked: Check, robot: Robot, things: list[Thing], ends_s: float) -> None:
+    def __init__(self, asked: Check, robot: Robot, things: list[StaticBody], ends_s: float) -> None:
         self._ways, self._robot, self._things, self._ends_s = asked.ways, robot, things, ends_s
         self._base = se3(asked.robot.base)
         start = asked.ways[0].start
-        self._mover = Mover(robot, start)
+        self._mover = MovingRobot(robot, start)
         gone = self._furthest(start)
         self._joints = tuple(name for name in gone if robot.model.existJointName(name))
         moving = {name for way in asked.ways[:1] for name in changed(robot, way)}
@@ -105,7 +116,7 @@ class _Sweep:
         self._looks = 0
 
     def _furthest(self, start: Positions) -> dict[str, float]:
-        """Return by joint its largest motion on any path, including the distance between their starts."""
+        """Return the largest motion of each joint on any path, plus the distance between the starts of the paths."""
         found: dict[str, float] = {}
         for way in self._ways:
             gone = changed(self._robot, way)
@@ -123,7 +134,7 @@ class _Sweep:
         centres = self._mover.centres(np.arange(len(self._robot.bodies)))
         found = [*self._near_things(centres), *self._near_own(centres)]
         if len(found) > _MOST_PAIRS:
-            raise Unknown("there is too much around it")
+            raise Unknown("too many bodies are near it")
         kept = [(pair, weights) for pair, weights, gap in found if gap >= pair.least_m or self._settle(pair)]
         return [pair for pair, _ in kept], [weights for _, weights in kept]
 
@@ -191,7 +202,7 @@ class _Sweep:
             room, met = self._look(path, at, now)
             if met is not None:
                 return met, at
-            gone = ((path.gone[at] - path.gone[seen[now]]) * self._weights[now]).sum(axis=1)
+            gone = ((path.accumulated[at] - path.accumulated[seen[now]]) * self._weights[now]).sum(axis=1)
             for n in now[self._fine[now] & (rooms[now] + room < gone)].tolist():
                 if self._meets_between(path, at - 1, n):
                     return self._pairs[n], at
@@ -199,7 +210,7 @@ class _Sweep:
         return None
 
     def _look(self, path: Path, at: int, pairs: Indices) -> tuple[Array, _Pair | None]:
-        """Return lower bounds of the free distance of each pair at a place (m), and a pair without any."""
+        """Return lower bounds of the free distance of each pair at a place (m), and a colliding pair or None."""
         self._stand(path, at)
         room = self._room(pairs)
         for n in np.nonzero(room <= 2 * STEP_M)[0].tolist():
@@ -213,7 +224,7 @@ class _Sweep:
         if time.thread_time() > self._ends_s:
             raise Unknown(_TOO_LONG)
         self._looks += 1
-        self._mover.stand(dict(zip(path.joints, path.positions[at].tolist(), strict=True)))
+        self._mover.set_positions(dict(zip(path.joints, path.positions[at].tolist(), strict=True)))
 
     def _exact_room(self, pair: _Pair) -> float:
         one, other = self._shapes(pair)
@@ -222,7 +233,7 @@ class _Sweep:
     def _meets_between(self, path: Path, place: int, n: int) -> bool:
         """Check a pair between a place and the next, refining down to ``FINEST_M`` where it may collide."""
         finer = path.between(place)
-        gone = finer.gone @ self._weights[n]
+        gone = finer.accumulated @ self._weights[n]
         rooms: dict[int, float] = {}
         pending = [(0, finer.steps)]
         while pending:
@@ -252,7 +263,7 @@ class _Sweep:
     def _places(self, path: Path, at: int, pairs: Indices, room: Array) -> Indices:
         """Return the number of places until each pair must be checked again, given its free distance ``room``."""
         window = max(2 * _ALIGNED, min(_WINDOW, _ROOM // len(pairs)))
-        gone = (path.gone[at : at + window] - path.gone[at]) @ self._weights[pairs].T
+        gone = (path.accumulated[at : at + window] - path.accumulated[at]) @ self._weights[pairs].T
         free: Indices = np.maximum(1, (gone <= room).sum(axis=0))
         return np.where(free > 2 * _ALIGNED, (at + free) // _ALIGNED * _ALIGNED - at, free)
 

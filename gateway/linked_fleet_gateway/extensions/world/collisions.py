@@ -1,33 +1,77 @@
 """Motions refused because of a collision: the latest of each robot, until one of its motions is found free.
 
-Each gateway knows those that it has refused itself, including rehearsals, and forgets them when it ends.
+Each gateway knows those that it has refused itself, including rehearsals, and forgets them when it ends. Errors of the
+check: ``Collides`` (409, collision), ``Unchecked`` (503, unchecked).
 """
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 
 from pyoxigraph import Literal, NamedNode
 
-from linked_fleet_gateway.extensions.world.errors import Collides
-from linked_fleet_gateway.extensions.world.placement import WORLD
-from linked_fleet_gateway.extensions.world.terms import LF
+from linked_fleet_gateway.base.errors import Members, MotionRefused
+from linked_fleet_gateway.extensions.world.placement import LF, WORLD
 from linked_fleet_gateway.fleet.xml import Vector
-from linked_fleet_gateway.rdf.graph import Graph, timestamp
-from linked_fleet_gateway.rdf.units import METRE
+from linked_fleet_gateway.rdf.graph import METRE, Graph, timestamp
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, RDFS
 from linked_fleet_gateway.resources.branches import RequestView
 from linked_fleet_gateway.resources.paths import robot_of, robot_path
 from linked_fleet_gateway.resources.resource import Resource, blueprint_of
 from linked_fleet_gateway.resources.versioning import Source
 
+
+class Collides(MotionRefused):
+    """The motion would collide.
+
+    ``things`` are IRIs of the robot's link and of the other body, if the caller may know it, with ``names`` for people.
+    ``share`` is the free share of the path, ``point`` the place of the collision in the world in metre, if known.
+    ``reason`` names only parts of the robot itself.
+    """
+
+    status, code, title = 409, "collision", "The motion would end in a collision"
+
+    def __init__(
+        self,
+        detail: str,
+        *,
+        things: Sequence[str] = (),
+        names: Sequence[str] = (),
+        share: float | None = None,
+        point: Vector | None = None,
+        reason: str = "",
+    ) -> None:
+        super().__init__(detail, reason=reason)
+        self.things, self.names, self.share, self.point = list(things), list(names), share, point
+
+    def locate(self, base: str) -> None:
+        self.things = [base + path for path in self.things]
+
+    @property
+    def members(self) -> Members:
+        if self.share is None:
+            return {}
+        place = {} if self.point is None else {"point": list(self.point)}
+        return {"things": self.things, "names": self.names, "share": self.share, **place}
+
+
+class Unchecked(MotionRefused):
+    """The motion could not be checked for collisions, so it is refused; ``reason`` as in Collides."""
+
+    status, code, title = 503, "unchecked", "The motion could not be checked"
+    retry_after_s = 2
+
+    def __init__(self, detail: str, *, reason: str = "") -> None:
+        super().__init__(detail, reason=reason or "it could not be checked for collisions")
+
+
 COLLISIONS = f"{WORLD}/collisions"
 
 
 @dataclass(frozen=True)
 class Collision:
-    """``things``: paths of the colliding things, with ``names`` for people. ``point``: in the world in m.
+    """A collision. ``things`` are the paths of both things, ``names`` their titles, ``point`` a place in the world (m).
 
     ``detail`` names both things, ``reason`` only what belongs to the robot.
     """
@@ -50,12 +94,12 @@ def _robot_of(path: str) -> str | None:
 
 
 Known = Mapping[str, Collision]
-"""Return the name of the robot that would have moved."""
+"""Collisions by the name of the robot that would have moved."""
 NONE: Known = MappingProxyType({})
 
 
 class Collisions:
-    """``touched`` is called with the path of a resource that changed."""
+    """The collisions of refused motions. ``touched`` is called with the path of each changed resource."""
 
     def __init__(self, touched: Callable[[str], None]) -> None:
         self.known: dict[str, Collision] = {}
@@ -69,13 +113,13 @@ class Collisions:
         self._touched(COLLISIONS)
 
     def forget(self, robot: str) -> None:
-        """Remove the entry of a robot, a motion of which was found free."""
+        """Remove the entry of a robot after one of its motions was found free."""
         if self.known.pop(robot, None) is not None:
             self._touched(COLLISIONS)
 
 
 def resolve_collisions(view: RequestView, rest: list[str], known: Known) -> Resource | None:
-    """``rest``: the segments below ``/world/collisions``."""
+    """Return the resource at ``rest``, the segments below ``/world/collisions``."""
     whole = Resource(
         COLLISIONS,
         "Refused motions",
@@ -100,7 +144,7 @@ def _describe(graph: Graph, view: RequestView, known: Known) -> None:
 
 
 def _describe_one(graph: Graph, view: RequestView, iri: NamedNode, collision: Collision) -> None:
-    """Describe a collision without what the caller may not see: its place, and the thing."""
+    """Describe a collision. The place and the other thing are left out if the caller may not see them."""
     node = graph.blank(LF.Collision)
     graph.add(iri, LF.collision, node)
     graph.add(node, LF.ofRobot, view.iri(robot_path(collision.robot)))

@@ -38,21 +38,22 @@ class PrepareObject(Struct, frozen=True, tag="object"):
 
 
 class Placement(Struct, frozen=True):
-    """The placement of something prepared. ``name`` is used in answers, ``base`` is its root in the world.
+    """The placement of a prepared robot or object: its ``name`` in answers, and ``base``, its root pose in the world.
 
-    ``stances`` are all joint positions in which it may be met: the first is complete, others contain only what differs.
+    ``configurations`` are all joint positions in which it may be met: the first is complete, others contain only what
+    differs.
     """
 
     name: str
     key: str
     base: Pose
-    stances: tuple[Positions, ...] = ()
+    configurations: tuple[Positions, ...] = ()
 
 
 class PathSegment(Struct, frozen=True):
-    """Joints that move together to ``ends``: linearly, or as a cubic with these velocities at both ends.
+    """A segment in which joints move together to ``ends``: linearly, or as cubics with these velocities at both ends.
 
-    A leg with velocities takes ``duration_s``.
+    ``duration_s`` is the time of a segment with velocities.
     """
 
     ends: Positions
@@ -67,7 +68,7 @@ class MotionPath(Struct, frozen=True):
 
 
 class Check(Struct, frozen=True, tag="check"):
-    """Question: does the robot collide on any of ``ways``? It is now at the start of the first.
+    """Request to check if the robot collides on any of the paths ``ways``. It is now at the start of the first.
 
     The answer takes at most ``within_s`` seconds of processor time.
     """
@@ -96,7 +97,7 @@ class Free(Struct, frozen=True, tag="free"):
 
 
 class CollisionFound(Struct, frozen=True, tag="meets"):
-    """``link`` collides with the link ``other`` of ``name``, or with that object, after ``share`` of the path.
+    """A collision: ``link`` meets link ``other`` of robot ``name``, or object ``name``, after ``share`` of the path.
 
     ``point`` is the place in the world, None if unknown.
     """

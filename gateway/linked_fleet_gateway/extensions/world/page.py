@@ -9,15 +9,19 @@ from typing import TYPE_CHECKING
 from pyoxigraph import BlankNode, NamedNode
 
 from linked_fleet_gateway.base.lazy_imports import LazyModule
-from linked_fleet_gateway.extensions.pages import labels
+from linked_fleet_gateway.extensions.pages import texts
 from linked_fleet_gateway.extensions.pages.form_parts import Form, Group, Leaf
 from linked_fleet_gateway.extensions.pages.thing_views import path_below
 from linked_fleet_gateway.extensions.pages.values import Facts, Link, Value
 from linked_fleet_gateway.extensions.pages.views import PageView, Part
-from linked_fleet_gateway.extensions.world.body import PREDICATES_OF_GEOMETRY
-from linked_fleet_gateway.extensions.world.describe import OBJECTS, describe_object, object_path
+from linked_fleet_gateway.extensions.world.descriptions import (
+    OBJECTS,
+    PREDICATES_OF_GEOMETRY,
+    describe_object,
+    object_path,
+)
+from linked_fleet_gateway.extensions.world.placement import LF
 from linked_fleet_gateway.extensions.world.scene import Box, SceneObject
-from linked_fleet_gateway.extensions.world.terms import LF
 from linked_fleet_gateway.fleet.model import Pose
 from linked_fleet_gateway.rdf.graph import Graph
 from linked_fleet_gateway.rdf.turtle import Term
@@ -116,8 +120,8 @@ def _listed(facts: Facts, iri: NamedNode) -> Listed:
     positions = facts.values(iri, LF.position)
     return Listed(
         facts.link(iri),
-        labels.named(kinds[0].value) if kinds else "",
-        labels.named(forms[0].value) if forms else "",
+        texts.named(kinds[0].value) if kinds else "",
+        texts.named(forms[0].value) if forms else "",
         positions[0] if positions else None,
     )
 
@@ -134,7 +138,7 @@ def _form(action: str, method: str, name: str, facts: Facts, subject: NamedNode)
         iri=True,
         datatype="",
         value=next((each.value for each in _KINDS if facts.is_a(subject, each)), ""),
-        options=[(each.value, labels.named(each.value)) for each in _KINDS],
+        options=[(each.value, texts.named(each.value)) for each in _KINDS],
     )
     title, *others = sorted(made.needed, key=lambda each: each.path != DCTERMS.title.value)
     further = [each for each in made.further if each.path not in (LF.inFrame.value, RDF.type.value)]

@@ -38,7 +38,7 @@ class Path:
     legs: tuple[tuple[int, int, Callable[[Array], Array]], ...] = ()
 
     @cached_property
-    def gone(self) -> Array:
+    def accumulated(self) -> Array:
         """By place (rows), the accumulated motion of each joint."""
         found = np.zeros_like(self.positions)
         np.cumsum(np.abs(np.diff(self.positions, axis=0)), axis=0, out=found[1:])
@@ -67,7 +67,7 @@ def path_of(robot: Robot, way: MotionPath, joints: Sequence[str], weights: Array
         changes = np.array([abs(after.get(name, 0.0) - before.get(name, 0.0)) for name in joints])
         far = float((weights @ np.nan_to_num(changes)).max(initial=0.0)) * (_EASING if leg.duration_s else 1.0)
         if not far <= STEP_M * (MOST_STEPS - steps):  # also refuses NaN
-            raise Unknown("the way is too long to be checked; go it in parts")
+            raise Unknown("the path is too long to be checked; split the motion")
         count = max(1, math.ceil(far / STEP_M))
         positions, steps = partial(_positions, robot, joints, before, leg), steps + count
         rows.append(positions(np.arange(1, count + 1) / count))

@@ -1,7 +1,7 @@
 """The placement of a robot in the world: its body, its record, its description, its property. Metre.
 
 Without a placement the position of a robot is unknown; there is no default. For a floating base the placement is that
-of the odometry frame, in which its agent reports the base.
+of the odometry frame, in which its agent reports the base. The terms of the extension are here too.
 """
 
 import math
@@ -10,18 +10,23 @@ import msgspec
 from pyoxigraph import NamedNode
 
 from linked_fleet_gateway.base.errors import UnprocessableContent
-from linked_fleet_gateway.extensions.world.terms import LF
 from linked_fleet_gateway.fleet.kinematics import compose
 from linked_fleet_gateway.fleet.model import Pose
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.fleet.xml import Quaternion, Vector
-from linked_fleet_gateway.rdf.graph import Graph, Node
-from linked_fleet_gateway.rdf.units import METRE
+from linked_fleet_gateway.rdf.graph import METRE, Graph, Node
 from linked_fleet_gateway.rdf.vocabulary import HYBRIT, MATHS
-from linked_fleet_gateway.resources.action_body import Body
+from linked_fleet_gateway.rdf.vocabulary import LF as CORE
+from linked_fleet_gateway.resources.body_values import Body, Setting
 from linked_fleet_gateway.resources.paths import robot_path
 from linked_fleet_gateway.resources.property import Measurement, Property
-from linked_fleet_gateway.resources.setting import Setting
+
+LF = CORE.extended(
+    "World Placement SceneObject SceneObjects Obstacle KeepOutZone Box Sphere Cylinder TriangleMesh"
+    " WorldShape PlacementShape PlacementInput SceneObjectShape SceneObjectsShape SceneObjectInput"
+    " PoseInFrameShape PoseInFrame world placement inFrame poseOf objects poses geometry size radius"
+    " length stl Collisions Collision CollisionsShape collisions collision meets collisionFree"
+)
 
 PLACEMENT = "placement"
 WORLD = "/world"

@@ -1,14 +1,39 @@
-"""The gateway's side of the check process: started with the first question, restarted after it has ended."""
+"""The gateway's side of the check process: started for the first question, restarted after a crash, ended when idle.
+
+Collision shapes are prepared as soon as a robot is placed; motions that need them earlier wait.
+"""
 
 import asyncio
 import logging
 from asyncio.subprocess import PIPE
+from collections import Counter
+from collections.abc import Collection, Mapping, Set
+from contextlib import AbstractContextManager
+from functools import lru_cache
+from hashlib import blake2b
 from pathlib import Path
 
 import msgspec
 
-from linked_fleet_gateway.extensions.world.messages import Answer, CheckFailed, Prepare, PrepareObject, Question, Ready
-from linked_fleet_gateway.runtime.worker import Worker
+from linked_fleet_agent.wire.messages import Description
+from linked_fleet_gateway.base.errors import FleetError
+from linked_fleet_gateway.extensions.world.messages import (
+    Answer,
+    CheckFailed,
+    MeshesMissing,
+    Prepare,
+    PrepareMesh,
+    PrepareObject,
+    Question,
+    Ready,
+)
+from linked_fleet_gateway.extensions.world.placement import placement_of
+from linked_fleet_gateway.extensions.world.scene import MAX_OBJECTS, SceneObject
+from linked_fleet_gateway.fleet.geometry import file_name, meshes_of
+from linked_fleet_gateway.fleet.robot import Robot
+from linked_fleet_gateway.runtime.background import end, supervised
+from linked_fleet_gateway.runtime.worker import IDLE_S, Worker
+from linked_fleet_gateway.subscriptions.live import Live
 
 _log = logging.getLogger(__name__)
 
@@ -21,15 +46,33 @@ NO_ANSWER = CheckFailed("the process that checks motions gave no answer")
 class Checker:
     """Sends one question at a time. Meshes are cached in ``folder``."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, idle_s: float = IDLE_S) -> None:
         self._folder = folder
         self._known: set[str] = set()
-        self._worker = Worker("linked_fleet_gateway.extensions.world.worker")
+        self._known_before = frozenset[str]()
+        self._worker = Worker(
+            "linked_fleet_gateway.extensions.world.check_process", idle_s=idle_s, on_idle=self._end_idle
+        )
         self._turn = asyncio.Lock()
 
     def knows(self, key: str) -> bool:
         """Return True if the present process has prepared it."""
         return key in self._known and self._worker.running
+
+    def knew(self, key: str) -> bool:
+        """Return True if a process that has ended because it was idle had prepared it.
+
+        Its meshes are on disk, so that the next motion waits for it only briefly.
+        """
+        return key in self._known_before
+
+    def forget_others(self, present: Set[str]) -> None:
+        """Forget what ended processes had prepared, except what is in ``present``."""
+        self._known_before &= present
+
+    def in_use(self) -> AbstractContextManager[None]:
+        """Keep the process, if it runs, from ending because it is idle."""
+        return self._worker.in_use()
 
     async def ask(self, question: Question, timeout_s: float) -> Answer:
         """Return the answer, or ``NO_ANSWER`` after ``timeout_s``, when the process is killed.
@@ -40,16 +83,20 @@ class Checker:
 
     async def _in_turn(self, question: Question, timeout_s: float) -> Answer:
         async with self._turn:
-            try:
-                async with asyncio.timeout(timeout_s):
-                    return await self._exchange(question)
-            except (TimeoutError, OSError, EOFError, msgspec.ValidationError) as error:
-                _log.warning("the process that checks motions gave no answer and is started anew: %r", error)
-                await self.close()
-                return NO_ANSWER
-            except asyncio.CancelledError:
-                await self.close()
-                raise
+            with self.in_use():
+                return await self._answer(question, timeout_s)
+
+    async def _answer(self, question: Question, timeout_s: float) -> Answer:
+        try:
+            async with asyncio.timeout(timeout_s):
+                return await self._exchange(question)
+        except (TimeoutError, OSError, EOFError, msgspec.ValidationError) as error:
+            _log.warning("the process that checks motions gave no answer and is restarted: %r", error)
+            await self.close()
+            return NO_ANSWER
+        except asyncio.CancelledError:
+            await self.close()
+            raise
 
     async def _exchange(self, question: Question) -> Answer:
         if not self._worker.running:
@@ -66,8 +113,157 @@ class Checker:
         answer: Answer = _ANSWERS.decode(await stdout.readexactly(size))
         if isinstance(question, Prepare | PrepareObject) and isinstance(answer, Ready):
             self._known.add(question.key)
+            self._known_before -= {question.key}
         return answer
 
     async def close(self) -> None:
         self._known.clear()
+        self._known_before = frozenset()
         await self._worker.end()
+
+    async def _end_idle(self) -> None:
+        if self._worker.running:
+            self._known_before |= self._known
+        self._known.clear()
+        await self._worker.end()
+
+
+_PREPARE_S, _OBJECT_S = 60.0, 3.0
+_LOOK_S = 0.5
+_MOST_TRIES = 3  # attempts for a robot during whose preparation the process ended, possibly for another reason
+
+
+class Preparation:
+    """Sends robots and objects to ``checker``; must be ended by ``close``."""
+
+    def __init__(self, live: Live, checker: Checker) -> None:
+        self._live, self._checker = live, checker
+        self._under_way: dict[str, asyncio.Task[None]] = {}
+        self._unusable: dict[str, str] = {}
+        self._unheard: set[str] = set()
+        self._ended = Counter[str]()
+        self._keys: dict[str, tuple[Description, str]] = {}
+        self._tasks: list[asyncio.Task[None]] = []
+
+    def open(self) -> None:
+        failed = "robots could not be prepared for checks"
+        self._tasks = [supervised(self._look, "prepare robots", _log, failed, _LOOK_S)]
+
+    async def close(self) -> None:
+        await end([*self._tasks, *self._under_way.values()])
+
+    def key(self, robot: Robot) -> str:
+        """Return a key that is equal for robots with equal geometry."""
+        description = robot.description
+        assert description is not None
+        held = self._keys.get(robot.name)
+        if held is None or held[0] is not description:
+            digest = blake2b(description.urdf.encode(), digest_size=16)
+            for mesh in description.meshes:
+                digest.update(f"{mesh.uri} {mesh.sha256}\n".encode())
+            held = self._keys[robot.name] = description, digest.hexdigest()
+        return held[1]
+
+    def is_complete(self) -> bool:
+        """Return True if every placed robot is prepared, as far as its shapes are available.
+
+        That is also so after the process has ended because it was idle: the next motion starts it again.
+        """
+        keys = {self.key(robot) for robot in self._live.fleet.robots.values() if is_placed(robot)}
+        return all(
+            self._checker.knows(key) or self._checker.knew(key) or key in self._unusable or key in self._unheard
+            for key in keys
+        )
+
+    def missing(self, robot: Robot) -> str | None:
+        """Return why the robot is not prepared; None if it is."""
+        key = self.key(robot)
+        if self._checker.knows(key):
+            return None
+        return self._unusable.get(key, "it is being prepared, try again")
+
+    async def robots(self, robots: Collection[Robot]) -> None:
+        """Wait until each robot is prepared or cannot be. Cancelling one waiter does not affect others."""
+        tasks = [task for robot in robots if (task := self._begin(robot)) is not None]
+        if tasks:
+            await asyncio.wait(tasks)
+
+    async def objects(self, objects: Mapping[str, SceneObject]) -> str | None:
+        """Prepare all objects. Return why one cannot be prepared, or None."""
+        for thing in list(objects.values()):
+            key = key_of(thing)
+            if not self._checker.knows(key):
+                answer = await self._checker.ask(PrepareObject(key, thing.geometry), _OBJECT_S)
+                if isinstance(answer, CheckFailed):
+                    return f"The shape of {thing.title} cannot be used: {answer.reason}."
+        return None
+
+    def _begin(self, robot: Robot) -> asyncio.Task[None] | None:
+        """Start the preparation of a robot; return None if there is nothing to do."""
+        key = self.key(robot)
+        if self._checker.knows(key) or key in self._unusable:
+            return None
+        task = self._under_way.get(key)
+        if task is None:
+            task = self._under_way[key] = asyncio.create_task(self._prepare(robot, key), name=f"prepare {robot.name}")
+            task.add_done_callback(lambda _: self._under_way.pop(key, None))
+        return task
+
+    async def _prepare(self, robot: Robot, key: str) -> None:
+        try:
+            answer = await self._told(robot, key)
+        except FleetError as error:  # retried at the next check
+            self._unheard.add(key)
+            _log.info("the shape of %s is not available: %s", robot.name, error.detail)
+            return
+        if answer == NO_ANSWER:
+            self._ended[key] += 1
+            if self._ended[key] < _MOST_TRIES:
+                return
+        if isinstance(answer, CheckFailed):
+            self._unusable[key] = answer.reason
+            _log.warning("no motion near %s can be checked: %s", robot.name, answer.reason)
+
+    async def _told(self, robot: Robot, key: str) -> Answer:
+        """Return the answer after sending all missing meshes. Raises FleetError for a mesh that is not available."""
+        assert robot.description is not None
+        meshes = {uri: (file_name(mesh), mesh) for uri, mesh in meshes_of(robot).items()}
+        question = Prepare(key, robot.description.urdf, {uri: name for uri, (name, _) in meshes.items()})
+        answer = await self._checker.ask(question, _PREPARE_S)
+        if not isinstance(answer, MeshesMissing):
+            return answer
+        by_name = dict(meshes.values())
+        for name in answer.meshes:
+            content = await self._live.meshes.get(robot, by_name[name])
+            read = await self._checker.ask(PrepareMesh(name, content), _PREPARE_S)
+            if isinstance(read, CheckFailed):
+                return read if read == NO_ANSWER else CheckFailed(f"the mesh {by_name[name].uri}: {read.reason}")
+        answer = await self._checker.ask(question, _PREPARE_S)
+        return CheckFailed("its meshes are too large to be kept") if isinstance(answer, MeshesMissing) else answer
+
+    async def _look(self) -> None:
+        """Prepare newly placed robots, so that the first motion need not wait."""
+        self._forget()
+        for robot in self._live.fleet.robots.values():
+            if is_placed(robot) and not self._checker.knew(self.key(robot)):
+                self._begin(robot)
+
+    def _forget(self) -> None:
+        """Drop data of descriptions that no robot has any more."""
+        robots = self._live.fleet.robots
+        self._keys = {name: held for name, held in self._keys.items() if name in robots}
+        present = {key for _, key in self._keys.values()}
+        self._unusable = {key: why for key, why in self._unusable.items() if key in present}
+        self._ended = Counter({key: times for key, times in self._ended.items() if key in present})
+        self._unheard &= present
+        self._checker.forget_others(present)
+
+
+def is_placed(robot: Robot) -> bool:
+    """Return True if the robot has a placement and a description."""
+    return placement_of(robot) is not None and robot.model is not None and robot.description is not None
+
+
+@lru_cache(maxsize=2 * MAX_OBJECTS)
+def key_of(thing: SceneObject) -> str:
+    return "object-" + blake2b(msgspec.msgpack.encode(thing.geometry), digest_size=16).hexdigest()

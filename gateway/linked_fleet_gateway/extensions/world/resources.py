@@ -6,7 +6,7 @@ from typing import ClassVar
 from zlib import crc32
 
 from linked_fleet_gateway.extensions.world.collisions import COLLISIONS, NONE, Known, resolve_collisions
-from linked_fleet_gateway.extensions.world.describe import (
+from linked_fleet_gateway.extensions.world.descriptions import (
     OBJECTS,
     POSES,
     STL,
@@ -16,9 +16,8 @@ from linked_fleet_gateway.extensions.world.describe import (
     describe_world,
     object_path,
 )
-from linked_fleet_gateway.extensions.world.placement import PLACEMENT, WORLD
+from linked_fleet_gateway.extensions.world.placement import LF, PLACEMENT, WORLD
 from linked_fleet_gateway.extensions.world.scene import SceneObject, TriangleMesh
-from linked_fleet_gateway.extensions.world.terms import LF
 from linked_fleet_gateway.identity.rights import Right
 from linked_fleet_gateway.rdf.vocabulary import LDP
 from linked_fleet_gateway.resources.affordance import FORM_TYPES

@@ -1,13 +1,20 @@
-"""A robot prepared for collision checks. Metre."""
+"""A robot prepared for collision checks, and the pairs of its bodies to check against each other. Metre.
+
+Pairs are selected once, when the robot is prepared. Excluded are bodies that no joint or a single joint moves relative
+to each other; two joints whose origins are less than 2 cm apart count as one. The two sides of a gripper, of which one
+mimics the other, are excluded too. So are bodies with two or three joints between them that touch in more than a third
+of the sampled positions: their geometry overlaps by design.
+"""
 
 from dataclasses import dataclass
+from itertools import combinations
 
 import coal
 import numpy as np
 import pinocchio as pin
 
 from linked_fleet_gateway.extensions.world.surfaces import Array, Surface
-from linked_fleet_gateway.fleet.model import RobotModel
+from linked_fleet_gateway.fleet.model import JointKind, RobotModel
 
 
 @dataclass(frozen=True)
@@ -56,3 +63,91 @@ def put(robot: Robot, q: Array, joint: int, position: float) -> None:
         q[kind.idx_q] = position
     elif kind.nq == 2:
         q[kind.idx_q : kind.idx_q + 2] = np.cos(position), np.sin(position)
+
+
+_TRIALS = 64
+_MOST_DOUBTFUL = 2_000  # pairs to sample, which takes a second; a robot with more has all of them checked
+_MOST_TOUCHING = 1 / 3  # share of the positions
+_MOST_BETWEEN = 3
+_COMPOUND_M = 0.02
+_TURN_RAD = np.pi
+
+
+def own_pairs(robot: Robot) -> list[tuple[int, int]]:
+    """Return pairs of indices into the robot's bodies."""
+    supports = [set(robot.model.supports[joint]) for joint in range(robot.model.njoints)]
+    found: list[tuple[int, int]] = []
+    doubtful: dict[tuple[int, ...], list[tuple[int, int]]] = {}
+    for (i, one), (j, other) in combinations(enumerate(robot.bodies), 2):
+        between = tuple(sorted(supports[one.joint] ^ supports[other.joint]))
+        if len(between) > _MOST_BETWEEN:
+            found.append((i, j))
+        elif len(between) == _MOST_BETWEEN or (len(between) == 2 and not _is_one_joint(robot, *between)):
+            doubtful.setdefault(between, []).append((i, j))
+    if sum(map(len, doubtful.values())) > _MOST_DOUBTFUL:
+        return found + [pair for pairs in doubtful.values() for pair in pairs]
+    for between, pairs in doubtful.items():
+        share = _touching(robot, between, pairs)
+        found += [pair for pair in pairs if share[pair] <= _MOST_TOUCHING]
+    return found
+
+
+def _is_one_joint(robot: Robot, one: int, other: int) -> bool:
+    return _is_gripper(robot, one, other) or _is_compound(robot, one, other)
+
+
+def _is_gripper(robot: Robot, one: int, other: int) -> bool:
+    names = robot.model.names[one], robot.model.names[other]
+    mimics = (robot.tree.joints[name].mimic for name in names)
+    return any(mimic is not None and mimic.joint in names for mimic in mimics)
+
+
+def _is_compound(robot: Robot, one: int, other: int) -> bool:
+    """Return True if two successive joints rotate about almost the same point, like one joint with two axes."""
+    turn = all(robot.tree.joints[robot.model.names[each]].kind is not JointKind.PRISMATIC for each in (one, other))
+    apart = float(np.linalg.norm(robot.model.jointPlacements[other].translation))
+    return turn and robot.model.parents[other] == one and apart < _COMPOUND_M
+
+
+def _touching(robot: Robot, between: tuple[int, ...], pairs: list[tuple[int, int]]) -> dict[tuple[int, int], float]:
+    """Return the share of sampled positions of the joints ``between`` in which each pair touches. Deterministic."""
+    data, placed = robot.model.createData(), pin.GeometryData(robot.geometry)
+    counts = dict.fromkeys(pairs, 0)
+    for trial in _spread(_TRIALS, len(between)):
+        q: Array = pin.neutral(robot.model)
+        for joint, share in zip(between, trial, strict=True):
+            put(robot, q, joint, _within(robot, joint, float(share)))
+        pin.updateGeometryPlacements(robot.model, data, robot.geometry, placed, q)
+        for i, j in pairs:
+            counts[i, j] += _meet(robot, placed, i, j)
+    return {pair: count / _TRIALS for pair, count in counts.items()}
+
+
+def _spread(count: int, dimensions: int) -> Array:
+    """Return points that fill the unit cube evenly: the additive recurrence of the generalised golden ratio."""
+    ratio = 2.0
+    for _ in range(32):
+        ratio = (1.0 + ratio) ** (1.0 / (dimensions + 1))
+    steps = ratio ** -np.arange(1.0, dimensions + 1)
+    found: Array = (0.5 + np.outer(np.arange(1, count + 1), steps)) % 1.0
+    return found
+
+
+def _within(robot: Robot, joint: int, share: float) -> float:
+    limits = robot.tree.joints[robot.model.names[joint]].limits
+    lower = -_TURN_RAD if limits.lower is None else max(limits.lower, -_TURN_RAD)
+    upper = _TURN_RAD if limits.upper is None else min(limits.upper, _TURN_RAD)
+    return lower + share * (upper - lower)
+
+
+def _meet(robot: Robot, placed: pin.GeometryData, i: int, j: int) -> bool:
+    one, other, found = placed.oMg[i], placed.oMg[j], coal.CollisionResult()
+    coal.collide(
+        robot.bodies[i].shape,
+        coal.Transform3s(one.rotation, one.translation),
+        robot.bodies[j].shape,
+        coal.Transform3s(other.rotation, other.translation),
+        coal.CollisionRequest(),
+        found,
+    )
+    return bool(found.isCollision())

@@ -69,9 +69,9 @@ def read_stl(content: bytes) -> TriangleMesh:
     """
     count = struct.unpack_from("<I", content, 80)[0] if len(content) >= 84 else 0
     if len(content) != 84 + 50 * count or count == 0:
-        raise ValueError("it is no binary STL: 80 bytes, the number of triangles, and 50 bytes for each")
+        raise ValueError("it is not a binary STL: 80 bytes, the number of triangles, and 50 bytes for each")
     if count > MAX_TRIANGLES:
-        raise ValueError(f"it has {count} triangles; {MAX_TRIANGLES} are the most")
+        raise ValueError(f"it has {count} triangles; {MAX_TRIANGLES} is the maximum")
     # Each triangle has a normal, which is ignored, three corners, and two bytes of attributes.
     for corners in struct.iter_unpack("<12x9f2x", memoryview(content)[84:]):
         if not (max(corners) <= FARTHEST_M and min(corners) >= -FARTHEST_M and math.isfinite(sum(corners))):

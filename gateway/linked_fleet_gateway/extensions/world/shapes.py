@@ -13,8 +13,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from linked_fleet_gateway.extensions.world.pairs import own_pairs
-from linked_fleet_gateway.extensions.world.robot import Body, Robot
+from linked_fleet_gateway.extensions.world.robot import Body, Robot, own_pairs
 from linked_fleet_gateway.extensions.world.scene import Box, Cylinder, Geometry, Sphere
 from linked_fleet_gateway.extensions.world.surfaces import Array, Surface
 from linked_fleet_gateway.fleet.model import Joint, JointKind, RobotModel

@@ -1,28 +1,92 @@
-"""The moving robot and the static bodies around it, in its root frame. Metre."""
+"""The moving robot and the static bodies around it, in its root frame, and distances between placed shapes. Metre."""
 
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 import coal
 import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
 
-from linked_fleet_gateway.extensions.world.contact import Shape
 from linked_fleet_gateway.extensions.world.messages import Check, Kind, Positions
-from linked_fleet_gateway.extensions.world.path import Unknown, follow
+from linked_fleet_gateway.extensions.world.path import STEP_M, Unknown, follow
 from linked_fleet_gateway.extensions.world.robot import Body, Robot, put
-from linked_fleet_gateway.extensions.world.surfaces import Array
+from linked_fleet_gateway.extensions.world.surfaces import Array, Surface, winding_number
 from linked_fleet_gateway.fleet.model import Pose
 from linked_fleet_gateway.fleet.xml import rotation
+
+_NEARLY_M = 4 * STEP_M  # above this, the distance of the hulls replaces that of the surfaces
+_REQUEST = coal.DistanceRequest()
+_REQUEST.gjk_tolerance = 1e-9  # by default, convex shapes within a micrometre have distance zero
+
+
+@dataclass(frozen=True)
+class Shape:
+    """A placed shape.
+
+    ``shape`` is exact; ``hull``, if any, is convex and contains it; ``surface`` is that of a mesh.
+    """
+
+    shape: coal.CollisionGeometry
+    hull: coal.CollisionGeometry | None
+    surface: Surface | None
+    at: pin.SE3
+
+    @cached_property
+    def place(self) -> coal.Transform3s:
+        return coal.Transform3s(self.at.rotation, self.at.translation)
+
+
+def distance(one: Shape, other: Shape, least_m: float) -> float:
+    """Return a lower bound of the distance; exact near ``least_m`` and below, and not above zero for a contact."""
+    exact = one.hull is one.shape and other.hull is other.shape
+    if not exact and one.hull is not None and other.hull is not None:
+        apart = depth(one, other)
+        if apart > least_m + _NEARLY_M:
+            return apart
+    return _distance(one.shape, one, other.shape, other)
+
+
+def depth(one: Shape, other: Shape) -> float:
+    """Return the distance of the convex hulls in metre, negative for a penetration depth."""
+    assert one.hull is not None and other.hull is not None
+    return _distance(one.hull, one, other.hull, other)
+
+
+def _distance(mine: coal.CollisionGeometry, one: Shape, yours: coal.CollisionGeometry, other: Shape) -> float:
+    return float(coal.distance(mine, one.place, yours, other.place, _REQUEST, coal.DistanceResult()))
+
+
+def meeting_point(one: Shape, other: Shape) -> npt.NDArray[np.float64] | None:
+    """Return the middle between the nearest points of both; None if unavailable, as for some intersecting meshes."""
+    request, result = coal.DistanceRequest(True), coal.DistanceResult()
+    coal.distance(one.shape, one.place, other.shape, other.place, request, result)
+    middle = (np.array(result.getNearestPoint1()) + np.array(result.getNearestPoint2())) / 2
+    found: npt.NDArray[np.float64] = middle.reshape(3)
+    return found if np.isfinite(found).all() else None
+
+
+def is_inside(one: Shape, other: Shape) -> bool:
+    """Return True if ``one`` is inside ``other``, given that their surfaces do not touch."""
+    if other.surface is None:
+        return False
+    one.shape.computeLocalAABB()
+    somewhere = one.surface.vertices[0] if one.surface is not None else np.array(one.shape.aabb_center, dtype=float)
+    seen = other.at.actInv(one.at.act(somewhere))
+    low, high = other.surface.vertices.min(axis=0), other.surface.vertices.max(axis=0)
+    if (seen < low).any() or (seen > high).any():
+        return False
+    return abs(winding_number(other.surface, seen)) > 0.5
+
 
 MARGIN_M = 0.01
 """Margin in metre to everything except the robot itself."""
 
 
 @dataclass(frozen=True)
-class Thing:
+class StaticBody:
     """A static body in the root frame of the moving robot. The surface of an object has no hull."""
 
     kind: Kind
@@ -33,16 +97,16 @@ class Thing:
     radius: float
 
 
-class Mover:
+class MovingRobot:
     """A robot with adjustable joint positions."""
 
     def __init__(self, robot: Robot, start: Positions) -> None:
         self.robot = robot
         self._data, self._placed = robot.model.createData(), pin.GeometryData(robot.geometry)
         self._q = _configuration(robot, start)
-        self.stand(start)
+        self.set_positions(start)
 
-    def stand(self, moved: Positions) -> None:
+    def set_positions(self, moved: Positions) -> None:
         """Set the positions: those of the start, except of joints that have ``moved``."""
         model = self.robot.model
         for name, position in moved.items():
@@ -63,7 +127,7 @@ class Mover:
         return found
 
 
-def objects_of(asked: Check, objects: Mapping[str, coal.CollisionGeometry]) -> Iterator[Thing]:
+def objects_of(asked: Check, objects: Mapping[str, coal.CollisionGeometry]) -> Iterator[StaticBody]:
     root = se3(asked.robot.base).inverse()
     for each in asked.objects:
         shape = objects[each.key]
@@ -71,30 +135,30 @@ def objects_of(asked: Check, objects: Mapping[str, coal.CollisionGeometry]) -> I
         at = root * se3(each.base)
         centre = at.act(np.array(shape.aabb_center, dtype=float))
         hull = None if isinstance(shape, coal.BVHModelOBBRSS) else shape
-        yield Thing("object", each.name, "", Shape(shape, hull, None, at), centre, float(shape.aabb_radius))
+        yield StaticBody("object", each.name, "", Shape(shape, hull, None, at), centre, float(shape.aabb_radius))
 
 
-def others_of(asked: Check, robots: Mapping[str, Robot]) -> Iterator[Thing]:
-    """Yield the bodies of other robots within reach, in each of their stances."""
+def others_of(asked: Check, robots: Mapping[str, Robot]) -> Iterator[StaticBody]:
+    """Yield the bodies of other robots within reach, in each of their configurations."""
     root, near = se3(asked.robot.base).inverse(), robots[asked.robot.key].radius_m + MARGIN_M
     for each in asked.robots:
         other, base = robots[each.key], root * se3(each.base)
         if float(np.linalg.norm(base.translation)) > near + other.radius_m:
             continue
         try:
-            stood = Mover(other, each.stances[0])
+            stood = MovingRobot(other, each.configurations[0])
         except Unknown as error:
             raise Unknown(f"of {each.name or 'another robot'} {error}") from error
         seen: set[tuple[int, bytes]] = set()
-        for stance in each.stances:
-            stood.stand(follow(other, each.stances[0], stance))  # type: ignore[arg-type]  # of numbers, numbers
+        for configuration in each.configurations:
+            stood.set_positions(follow(other, each.configurations[0], configuration))  # type: ignore[arg-type]  # of numbers, numbers
             for i, body in enumerate(other.bodies):
                 at = base * stood.at(i)
                 centre = at.act(body.centre)
                 place = (i, np.round(at.homogeneous, 6).tobytes())
                 if float(np.linalg.norm(centre)) <= near + body.radius and place not in seen:
                     seen.add(place)
-                    yield Thing("robot", each.name, body.link, _shape(body, at), centre, body.radius)
+                    yield StaticBody("robot", each.name, body.link, _shape(body, at), centre, body.radius)
 
 
 def _shape(body: Body, at: pin.SE3) -> Shape:

@@ -1,22 +1,12 @@
-"""The check process: questions on standard input, answers on standard output, until the input ends.
+"""The state of the check process, and its answers to questions. Importing it loads Pinocchio and Coal."""
 
-It parses data of robots and clients with libraries that were not made for untrusted input. So it has no secrets, no
-network connections and a memory limit, and may be killed at any time. Its argument is the folder of the mesh cache.
-"""
-
-import logging
-import resource
-import struct
-import sys
 from collections import OrderedDict
 from pathlib import Path
-from typing import BinaryIO
+from typing import Self
 
 import coal
-import msgspec
 
 from linked_fleet_gateway.extensions.world.collision_check import check
-from linked_fleet_gateway.extensions.world.mesh_cache import MeshCache
 from linked_fleet_gateway.extensions.world.messages import (
     Answer,
     Check,
@@ -29,17 +19,20 @@ from linked_fleet_gateway.extensions.world.messages import (
 )
 from linked_fleet_gateway.extensions.world.robot import Robot
 from linked_fleet_gateway.extensions.world.shapes import meshes_needed, object_of, robot_of
-from linked_fleet_gateway.extensions.world.surfaces import Surface, read_mesh
+from linked_fleet_gateway.extensions.world.surfaces import MeshCache, Surface, read_mesh
 from linked_fleet_gateway.fleet.xml import ModelError
 
-MAX_MEMORY_BYTES = 4 * 2**30
-LENGTH = struct.Struct("<I")
 MOST_TRIANGLES_HELD = 2_000_000
 """Bound of the meshes kept for robots that may still be prepared: about 100 MB."""
 
 
 class Worker:
     """The state of the process that checks motions: prepared shapes, and the answers to its questions."""
+
+    @classmethod
+    def caching_in(cls, folder: Path | None) -> Self:
+        """Return a worker with a cache of meshes in this folder; without one, for None."""
+        return cls(MeshCache(folder))
 
     def __init__(self, cache: MeshCache, most_triangles: int = MOST_TRIANGLES_HELD) -> None:
         self._cache, self._most_triangles = cache, most_triangles
@@ -85,23 +78,3 @@ class Worker:
         self._meshes[name] = surface
         while sum(len(each.triangles) for each in self._meshes.values()) > self._most_triangles:
             self._meshes.popitem(last=False)
-
-
-def main() -> None:
-    resource.setrlimit(resource.RLIMIT_AS, (MAX_MEMORY_BYTES, MAX_MEMORY_BYTES))
-    logging.basicConfig(format="%(asctime)s %(levelname)s %(name)s %(message)s")
-    decoder, encode = msgspec.msgpack.Decoder(Question), msgspec.msgpack.encode
-    worker = Worker(MeshCache(Path(sys.argv[1]) if len(sys.argv) > 1 else None))
-    stdin, stdout = sys.stdin.buffer, sys.stdout.buffer
-    while head := stdin.read(LENGTH.size):
-        answer = encode(worker.answer(decoder.decode(_read(stdin, head))))
-        stdout.write(LENGTH.pack(len(answer)) + answer)
-        stdout.flush()
-
-
-def _read(stdin: BinaryIO, head: bytes) -> bytes:
-    return stdin.read(LENGTH.unpack(head)[0])
-
-
-if __name__ == "__main__":
-    main()

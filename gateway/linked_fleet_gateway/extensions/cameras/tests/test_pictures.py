@@ -17,12 +17,12 @@ from msgspec.structs import replace
 from rdflib import URIRef
 from websockets.exceptions import InvalidStatus
 
-from actor import Actor, stage
 from browser import DCTERMS, HYBRIT, LDP, LF, SH, Browser, Page
 from camera_robot import BLIND, DEPTH, EYE, JPEG, PNG, CameraRobot
 from connections import websocket
+from fake_robots import FakeRobot, open_session
+from linked_fleet_agent.wire.codec import HEADER, PictureHeader, encode_picture
 from linked_fleet_agent.wire.messages import Camera
-from linked_fleet_agent.wire.pictures import HEADER, PictureHeader, encode_picture
 from running import eventually
 from small_fleet import Place
 
@@ -39,7 +39,7 @@ class Hall:
 
     def seer(self, *cameras: Camera) -> tuple[CameraRobot, Page]:
         """Return a robot, and the page of its first camera."""
-        seer = CameraRobot(Actor(self.session, next(self.names))).appear(*cameras)
+        seer = CameraRobot(FakeRobot(self.session, next(self.names))).appear(*cameras)
         return seer, self.camera(seer.actor.name)
 
     def camera(self, robot: str) -> Page:
@@ -59,7 +59,7 @@ class Hall:
 @pytest.fixture(scope="module")
 def hall(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Hall]:
     place = Place(tmp_path_factory.mktemp("state"))
-    with place.gateway() as (_, browser), stage(place.zenoh) as session:
+    with place.gateway() as (_, browser), open_session(place.zenoh) as session:
         yield Hall(browser, session)
 
 

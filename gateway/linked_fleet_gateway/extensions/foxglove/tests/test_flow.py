@@ -11,13 +11,13 @@ from typing import Any
 import pytest
 from websockets.exceptions import ConnectionClosed
 
-from actor import Actor, stage
 from browser import Browser
 from camera_robot import EYE, JPEG, CameraRobot
+from fake_robots import FakeRobot, open_session
 from foxglove_client import Client, connected
 from linked_fleet_gateway.extensions.foxglove import messages
 from linked_fleet_gateway.extensions.foxglove.protocol import SUBPROTOCOLS
-from linked_fleet_gateway.http.backpressure import HIGH_WATER_BYTES, STALL_S
+from linked_fleet_gateway.http.connection_limits import HIGH_WATER_BYTES, STALL_S
 from linked_fleet_gateway.rdf.vocabulary import PREFIXES
 from small_fleet import Place, live
 from virtual.client import WebSocket
@@ -47,8 +47,8 @@ class Hall:
 @pytest.fixture(scope="module")
 def hall(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Hall]:
     place = Place(tmp_path_factory.mktemp("state"))
-    with place.gateway() as (_, browser), place.ur5(), stage(place.zenoh) as session:
-        seer = CameraRobot(Actor(session, "seer")).appear(EYE)
+    with place.gateway() as (_, browser), place.ur5(), open_session(place.zenoh) as session:
+        seer = CameraRobot(FakeRobot(session, "seer")).appear(EYE)
         for name in ("ur5", "seer"):
             live(browser, name)
         yield Hall(place, browser, seer)

@@ -7,8 +7,8 @@ from collections.abc import Iterator
 import pytest
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 
+from authenticated_gateway import ALL, HIDDEN, SEEN, AuthenticatedGateway, run_authenticated
 from foxglove_client import Client, connected
-from guarded import ALL, HIDDEN, SEEN, Guarded, guarded
 from linked_fleet_gateway.extensions.foxglove.protocol import SUBPROTOCOLS
 
 pytestmark = pytest.mark.virtual
@@ -16,8 +16,8 @@ LAB = ("lab-*",)
 
 
 @pytest.fixture(scope="module")
-def here(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Guarded]:
-    with guarded(tmp_path_factory.mktemp("guarded")) as one:
+def here(tmp_path_factory: pytest.TempPathFactory) -> Iterator[AuthenticatedGateway]:
+    with run_authenticated(tmp_path_factory.mktemp("guarded")) as one:
         one.add("lab", *ALL, robots=LAB)
         one.add("watcher", "read", "subscribe")
         one.add("reader", "read")
@@ -25,12 +25,14 @@ def here(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Guarded]:
         yield one
 
 
-def opened(here: Guarded, name: str = "root", subprotocol: str = SUBPROTOCOLS[0]) -> Client:
+def opened(here: AuthenticatedGateway, name: str = "root", subprotocol: str = SUBPROTOCOLS[0]) -> Client:
     return connected(here.root, here.tokens[name], subprotocol)
 
 
 @pytest.mark.parametrize("subprotocol", SUBPROTOCOLS)
-def test_a_client_is_told_what_there_is_and_decodes_what_it_subscribes_to(here: Guarded, subprotocol: str) -> None:
+def test_a_client_is_told_what_there_is_and_decodes_what_it_subscribes_to(
+    here: AuthenticatedGateway, subprotocol: str
+) -> None:
     client = opened(here, subprotocol=subprotocol)
     with client.socket:
         assert client.socket.subprotocol == subprotocol
@@ -46,7 +48,7 @@ def test_a_client_is_told_what_there_is_and_decodes_what_it_subscribes_to(here: 
         assert log.message == "online" and not scene.entities
 
 
-def test_a_robot_that_the_caller_does_not_see_has_no_channels(here: Guarded) -> None:
+def test_a_robot_that_the_caller_does_not_see_has_no_channels(here: AuthenticatedGateway) -> None:
     client = opened(here, "lab")
     with client.socket:
         client.subscribe(f"/{SEEN}/joint_states")
@@ -63,19 +65,19 @@ def test_a_robot_that_the_caller_does_not_see_has_no_channels(here: Guarded) -> 
 
 
 @pytest.mark.parametrize(("name", "subprotocol", "status"), [("reader", SUBPROTOCOLS[0], 403), ("root", "x", 406)])
-def test_the_handshake_is_refused(here: Guarded, name: str, subprotocol: str, status: int) -> None:
+def test_the_handshake_is_refused(here: AuthenticatedGateway, name: str, subprotocol: str, status: int) -> None:
     with pytest.raises(InvalidStatus) as refused:
         opened(here, name, subprotocol)
     assert refused.value.response.status_code == status
 
 
-def test_a_get_says_that_this_is_a_websocket(here: Guarded) -> None:
+def test_a_get_says_that_this_is_a_websocket(here: AuthenticatedGateway) -> None:
     with here.browsing("root") as browser:
         answer = browser.http.get(f"{here.root}foxglove", headers={"accept": "*/*"})
     assert answer.status_code == 426 and "ws://" in answer.text
 
 
-def test_services_act_with_the_rights_of_the_caller(here: Guarded) -> None:
+def test_services_act_with_the_rights_of_the_caller(here: AuthenticatedGateway) -> None:
     client = opened(here)
     with client.socket:
         client.subscribe(f"/{SEEN}/invocations")
@@ -96,14 +98,16 @@ def test_services_act_with_the_rights_of_the_caller(here: Guarded) -> None:
     ("content", "reason"),
     [(b'{"pose": "nowhere"}', "422: "), (b"{", "400: "), (b"[]", "422: "), (b"\xff", "400: "), (b"", "422: ")],
 )
-def test_a_pose_that_there_is_not_is_refused_with_the_reason(here: Guarded, content: bytes, reason: str) -> None:
+def test_a_pose_that_there_is_not_is_refused_with_the_reason(
+    here: AuthenticatedGateway, content: bytes, reason: str
+) -> None:
     client = opened(here)
     with client.socket:
         client.call(f"/{SEEN}/assumePose", content)
         assert client.next("serviceCallFailure")["message"].startswith(reason)
 
 
-def test_a_named_pose_is_assumed(here: Guarded) -> None:
+def test_a_named_pose_is_assumed(here: AuthenticatedGateway) -> None:
     client = opened(here)
     with client.socket:
         service = client.until(lambda: client.services.get(f"/{SEEN}/assumePose"))
@@ -113,7 +117,7 @@ def test_a_named_pose_is_assumed(here: Guarded) -> None:
         assert client.responses[0][1]["status"] in (200, 201, 202, 204)
 
 
-def test_parameters_are_read_set_and_followed(here: Guarded) -> None:
+def test_parameters_are_read_set_and_followed(here: AuthenticatedGateway) -> None:
     name = f"/{SEEN}/maximumSpeedScale"
     client, other = opened(here), opened(here, "watcher")
     with client.socket, other.socket:
@@ -147,7 +151,7 @@ BAD = [
 
 
 @pytest.mark.parametrize("bad", BAD, ids=range(len(BAD)))
-def test_bad_input_gets_the_status_message_of_the_protocol(here: Guarded, bad: str | bytes) -> None:
+def test_bad_input_gets_the_status_message_of_the_protocol(here: AuthenticatedGateway, bad: str | bytes) -> None:
     client = opened(here)
     with client.socket:
         client.socket.send(bad)
@@ -156,7 +160,7 @@ def test_bad_input_gets_the_status_message_of_the_protocol(here: Guarded, bad: s
         assert client.next("parameterValues")["parameters"], "the connection goes on"
 
 
-def test_calls_of_unknown_services_fail(here: Guarded) -> None:
+def test_calls_of_unknown_services_fail(here: AuthenticatedGateway) -> None:
     client = opened(here)
     with client.socket:
         client.socket.send(struct.pack("<BIII", 2, 999_999, 3, 4) + b"json{}")
@@ -165,7 +169,7 @@ def test_calls_of_unknown_services_fail(here: Guarded) -> None:
         assert "json" in client.next("serviceCallFailure")["message"]
 
 
-def test_a_revoked_token_ends_the_connection(here: Guarded) -> None:
+def test_a_revoked_token_ends_the_connection(here: AuthenticatedGateway) -> None:
     here.add("short", *ALL)
     here.known("short")
     client = opened(here, "short")

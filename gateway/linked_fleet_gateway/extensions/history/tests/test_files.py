@@ -10,10 +10,9 @@ from mcap_ros2.decoder import DecoderFactory
 from linked_fleet_agent.wire.codec import encode_state
 from linked_fleet_agent.wire.messages import Base, State
 from linked_fleet_gateway.extensions.history.files import recording, table
-from linked_fleet_gateway.extensions.history.series import all_columns, samples
-from linked_fleet_gateway.extensions.history.track import Excerpt, Joints
+from linked_fleet_gateway.extensions.history.track import Excerpt, Joints, all_columns, samples
 from linked_fleet_gateway.fleet.model import RobotModel
-from linked_fleet_gateway.rdf.units import NEWTON_METRE, RADIAN
+from linked_fleet_gateway.rdf.graph import NEWTON_METRE, RADIAN
 
 S = 1_000_000_000
 ODD = 'arm 2/"left",é'

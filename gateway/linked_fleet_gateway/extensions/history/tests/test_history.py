@@ -14,11 +14,11 @@ from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 from rdflib import Literal, URIRef
 
-from actor import KEYS, Actor, stage
 from browser import HYBRIT, LF, ROS, SOSA, Browser, Page, links
+from fake_robots import KEYS, FakeRobot, open_session
 from linked_fleet_agent.wire.codec import decode_state
 from linked_fleet_agent.wire.messages import State
-from linked_fleet_gateway.extensions.history.span import moment
+from linked_fleet_gateway.extensions.history.span import lexical_time
 from linked_fleet_gateway.fleet.events import Payload
 from running import eventually
 from small_fleet import Place, live, presence
@@ -97,8 +97,8 @@ def observations(page: Page) -> dict[str, float]:
 def test_the_history_has_the_values_of_the_frames(moving: Moving) -> None:
     rows = moving.rows(moving.whole)
     begin = min(moving.said)
-    held = {moment(stamp): state for stamp, state in list(moving.said.items())}
-    compared = [row for row in rows if row["time"] >= moment(begin)]
+    held = {lexical_time(stamp): state for stamp, state in list(moving.said.items())}
+    compared = [row for row in rows if row["time"] >= lexical_time(begin)]
     assert len(compared) > 20
     for row in compared:
         state = held[row["time"]]
@@ -215,8 +215,8 @@ def test_files_of_a_robot_without_frames_are_empty(moving: Moving, place: Place)
         page = presence(moving.browser, "silent")
         return page if page is not None and (page.iri, LF.history, None) in page.graph else None
 
-    with stage(place.zenoh) as session:
-        actor = Actor(session, "silent").appear()
+    with open_session(place.zenoh) as session:
+        actor = FakeRobot(session, "silent").appear()
         whole = str(eventually(described, "the robot").one(LF.history))
         rotation = str(moving.browser.part("silent", "elbow").one(ROS.rotation))
         for url in (whole, str(moving.browser.page(whole).graph.value(URIRef(rotation), LF.history))):

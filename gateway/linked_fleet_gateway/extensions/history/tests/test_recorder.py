@@ -9,8 +9,8 @@ from linked_fleet_agent.wire.codec import encode_state, layout
 from linked_fleet_agent.wire.messages import WIRE_VERSION, Description, State
 from linked_fleet_gateway.extensions.history.recorder import History
 from linked_fleet_gateway.extensions.history.track import wall_ns
+from linked_fleet_gateway.fleet.events import Frames
 from linked_fleet_gateway.fleet.fleet import Appeared, Described, Fleet, Framed, Vanished
-from linked_fleet_gateway.fleet.frames import Frames
 
 S = 1_000_000_000
 JOINTS = tuple(f"j{number}" for number in range(3))

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from linked_fleet_gateway.base.errors import BadRequest
-from linked_fleet_gateway.extensions.history.span import MOST, Span, moment, parse_span, query
+from linked_fleet_gateway.extensions.history.span import MOST, Span, lexical_time, parse_span, query
 
 S = 1_000_000_000
 
@@ -52,7 +52,9 @@ def test_an_invalid_span_is_refused_with_a_valid_example(said: list[tuple[str, s
 
 @given(st.integers(0, 2**63 - 1), st.integers(1, 999_999_999))
 def test_a_written_time_is_parsed_to_the_same_time(stamp_ns: int, limit: int) -> None:
-    assert parse_span(parse_qsl(query(from_=moment(stamp_ns), limit=limit))) == Span(begin_ns=stamp_ns, limit=limit)
+    assert parse_span(parse_qsl(query(from_=lexical_time(stamp_ns), limit=limit))) == Span(
+        begin_ns=stamp_ns, limit=limit
+    )
 
 
 def test_observations_are_bounded() -> None:

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from linked_fleet_agent.wire.codec import encode_state
 from linked_fleet_agent.wire.messages import State
 from linked_fleet_gateway.extensions.history.track import Joints, Track, wall_ns
-from linked_fleet_gateway.fleet.frames import Latest
+from linked_fleet_gateway.fleet.events import Latest
 from linked_fleet_gateway.fleet.model import RobotModel
 
 S = 1_000_000_000
@@ -27,7 +27,7 @@ def frame(stamp_ns: int, value: float = 0.0) -> bytes:
 def track(*stamps_ns: int, keep_ns: int = 1000 * S) -> Track:
     made = Track(Latest("r", 1, frame(0), 0), Joints(MODEL, ("turn",), False))
     for stamp_ns in stamps_ns:
-        made.take(frame(stamp_ns), keep_ns)
+        made.append(frame(stamp_ns), keep_ns)
     return made
 
 
@@ -86,7 +86,7 @@ def test_a_track_that_may_take_more_again_is_dense_again() -> None:
     one = kept.bytes // len(kept)
     kept.thin(20 * one)
     for stamp_ns in range(300 * S, 600 * S, S // 10):
-        kept.take(frame(stamp_ns), 300 * S)
+        kept.append(frame(stamp_ns), 300 * S)
         if kept.bytes > 2000 * one:
             kept.thin(1500 * one)
     assert len(kept) > 700
@@ -96,7 +96,7 @@ def test_old_samples_of_a_small_track_are_kept() -> None:
     kept, spans = track(0), []
     one = kept.bytes
     for stamp_ns in range(S // 10, 1200 * S, S // 10):
-        kept.take(frame(stamp_ns), 300 * S)
+        kept.append(frame(stamp_ns), 300 * S)
         if kept.bytes > 20 * one:
             kept.thin(15 * one)
         assert kept.ends is not None

@@ -8,10 +8,10 @@ from pathlib import Path
 import httpx
 import pytest
 
-from guarded import ALL, HIDDEN, SEEN, Guarded, guarded
+from authenticated_gateway import ALL, HIDDEN, SEEN, AuthenticatedGateway, run_authenticated
+from mcp_client import DEGREE, McpClient, mcp_session, text_of
 from parallel import pool
 from running import eventually
-from speaking import DEGREE, Speaker, speaking, text_of
 
 pytestmark = pytest.mark.virtual
 PAGE = "https://agent.example"
@@ -21,9 +21,9 @@ ROTATE = ELBOW + "/actions/rotate"
 
 
 @pytest.fixture(scope="module")
-def here(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Guarded]:
+def here(tmp_path_factory: pytest.TempPathFactory) -> Iterator[AuthenticatedGateway]:
     bounds = ("--mcp-sessions-per-client", str(SESSIONS), "--mcp-idle-s", "30", "--cors-origins", PAGE)
-    with guarded(tmp_path_factory.mktemp("mcp"), *bounds) as one:
+    with run_authenticated(tmp_path_factory.mktemp("mcp"), *bounds) as one:
         one.add("lab", "read", "act", robots=("lab-*",))
         one.add("reader", "read")
         one.add("stopper", "read", "stop")
@@ -33,8 +33,8 @@ def here(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Guarded]:
 
 
 @pytest.fixture
-def lab(here: Guarded) -> Iterator[Speaker]:
-    with speaking(here.root, here.tokens["lab"]) as one:
+def lab(here: AuthenticatedGateway) -> Iterator[McpClient]:
+    with mcp_session(here.root, here.tokens["lab"]) as one:
         yield one
         one.end()
 
@@ -43,7 +43,7 @@ def _degrees(value: float, **more: object) -> dict[str, object]:
     return {"value": value, "unit": DEGREE, **more}
 
 
-def _moved_to(speaker: Speaker, value: float) -> None:
+def _moved_to(speaker: McpClient, value: float) -> None:
     found = speaker.call("read", target=f"{ELBOW}/rotation")["structuredContent"]["value"]
     assert found == pytest.approx(value * 3.14159265 / 180, abs=0.02)
 
@@ -51,8 +51,8 @@ def _moved_to(speaker: Speaker, value: float) -> None:
 # -- what there is --------------------------------------------------------------------------------------------------
 
 
-def test_a_session_begins_with_the_capabilities_of_the_server(here: Guarded) -> None:
-    speaker = Speaker(here.root, here.tokens["lab"])
+def test_a_session_begins_with_the_capabilities_of_the_server(here: AuthenticatedGateway) -> None:
+    speaker = McpClient(here.root, here.tokens["lab"])
     opened = speaker.open()
     assert opened["serverInfo"]["name"] == "linked-fleet" and "rehearse" in opened["instructions"]
     assert set(opened["capabilities"]) >= {"tools", "resources"}
@@ -60,7 +60,7 @@ def test_a_session_begins_with_the_capabilities_of_the_server(here: Guarded) -> 
     assert speaker.post({"jsonrpc": "2.0", "id": 1, "method": "ping"}).status_code == 404
 
 
-def test_tools_are_few_and_describe_their_arguments(lab: Speaker) -> None:
+def test_tools_are_few_and_describe_their_arguments(lab: McpClient) -> None:
     tools = {each["name"]: each for each in lab.ask("tools/list")["result"]["tools"]}
     assert [*tools] == ["find", "read", "query", "rehearse", "act", "stop"]
     assert tools["act"]["inputSchema"]["required"] == ["action"]
@@ -68,7 +68,9 @@ def test_tools_are_few_and_describe_their_arguments(lab: Speaker) -> None:
     assert [name for name, each in tools.items() if not each["annotations"]["readOnlyHint"]] == ["act", "stop"]
 
 
-def test_the_find_tool_returns_callable_actions_that_the_caller_may_see(lab: Speaker, here: Guarded) -> None:
+def test_the_find_tool_returns_callable_actions_that_the_caller_may_see(
+    lab: McpClient, here: AuthenticatedGateway
+) -> None:
     robots = lab.call("find", kind="robot")["structuredContent"]["items"]
     assert [each["name"] for each in robots] == [SEEN]
     found = lab.call("find", text="elbow_joint absolute", kind="action")["structuredContent"]
@@ -81,9 +83,9 @@ def test_the_find_tool_returns_callable_actions_that_the_caller_may_see(lab: Spe
     assert lab.call("find", limit=2)["structuredContent"]["more"] is True
 
 
-def test_only_permitted_actions_are_found(here: Guarded) -> None:
+def test_only_permitted_actions_are_found(here: AuthenticatedGateway) -> None:
     def kinds(name: str) -> set[str]:
-        with speaking(here.root, here.tokens[name]) as one:
+        with mcp_session(here.root, here.tokens[name]) as one:
             items = one.call("find", kind="action", robot=SEEN, limit=50)["structuredContent"]["items"]
             one.end()
             return {each["call"]["tool"] for each in items}
@@ -91,7 +93,7 @@ def test_only_permitted_actions_are_found(here: Guarded) -> None:
     assert (kinds("reader"), kinds("stopper"), kinds("lab")) == (set(), {"stop"}, {"act", "stop"})
 
 
-def test_resources_are_the_tree(lab: Speaker, here: Guarded) -> None:
+def test_resources_are_the_tree(lab: McpClient, here: AuthenticatedGateway) -> None:
     listed = lab.ask("resources/list")["result"]["resources"]
     assert [each["uri"] for each in listed] == [here.root, f"{here.root}{SEEN}/"]
     templates = lab.ask("resources/templates/list")["result"]["resourceTemplates"]
@@ -104,19 +106,19 @@ def test_resources_are_the_tree(lab: Speaker, here: Guarded) -> None:
 
 
 @pytest.mark.parametrize("path", [f"{HIDDEN}/", "nothing/", "nothing", "?as=nothing"])
-def test_an_unreadable_resource_is_a_protocol_error(lab: Speaker, here: Guarded, path: str) -> None:
+def test_an_unreadable_resource_is_a_protocol_error(lab: McpClient, here: AuthenticatedGateway, path: str) -> None:
     error = lab.ask("resources/read", {"uri": here.root + path})["error"]
     assert error["code"] == -32602 and error["data"]["status"] in (404, 406)
 
 
-def test_queries_are_those_of_the_fleet_that_the_caller_sees(lab: Speaker) -> None:
+def test_queries_are_those_of_the_fleet_that_the_caller_sees(lab: McpClient) -> None:
     query = "SELECT ?robot { ?robot a <https://w3id.org/linked-fleet#Robot> }"
     rows = lab.call("query", query=query)["structuredContent"]["results"]["bindings"]
     assert len(rows) == 1 and rows[0]["robot"]["value"].endswith(f"/{SEEN}/")
     assert "SPARQL" in text_of(lab.call("query", query="SELECT nothing"))
 
 
-def test_the_endpoint_describes_itself(here: Guarded) -> None:
+def test_the_endpoint_describes_itself(here: AuthenticatedGateway) -> None:
     with here.browsing("lab") as browser:
         answer = browser.http.get(here.root + "mcp", headers={"accept": "text/turtle"})
         assert answer.status_code == 200 and "Model Context Protocol" in answer.text
@@ -128,7 +130,7 @@ def test_the_endpoint_describes_itself(here: Guarded) -> None:
 # -- what moves -----------------------------------------------------------------------------------------------------
 
 
-def test_a_motion_is_followed_to_its_end(lab: Speaker) -> None:
+def test_a_motion_is_followed_to_its_end(lab: McpClient) -> None:
     lab.call("act", action=ROTATE, body=_degrees(0))
     result = lab.call("act", action=ROTATE, body=_degrees(90, speedScale=0.2))
     assert result["isError"] is False and "succeeded" in text_of(result)
@@ -138,9 +140,9 @@ def test_a_motion_is_followed_to_its_end(lab: Speaker) -> None:
     _moved_to(lab, 90)
 
 
-def test_a_call_without_waiting_returns_the_invocation(lab: Speaker) -> None:
+def test_a_call_without_waiting_returns_the_invocation(lab: McpClient) -> None:
     result = lab.call("act", action=ROTATE, body=_degrees(0, speedScale=0.1), wait_s=0)
-    assert result["isError"] is False and "goes on" in text_of(result)
+    assert result["isError"] is False and "has not ended" in text_of(result)
     iri = result["structuredContent"]["iri"]
     assert lab.call("stop", target=iri)["isError"] is False
     eventually(
@@ -148,7 +150,7 @@ def test_a_call_without_waiting_returns_the_invocation(lab: Speaker) -> None:
     )
 
 
-def test_a_rehearsal_moves_nothing(lab: Speaker) -> None:
+def test_a_rehearsal_moves_nothing(lab: McpClient) -> None:
     before = lab.call("read", target=f"{ELBOW}/rotation")["structuredContent"]["value"]
     result = lab.call("rehearse", action=ROTATE, body=_degrees(45))
     assert result["isError"] is False and "Nothing has moved" in text_of(result) and "Rehearsal" in text_of(result)
@@ -156,7 +158,7 @@ def test_a_rehearsal_moves_nothing(lab: Speaker) -> None:
 
 
 @pytest.mark.parametrize("rehearse", [True, False])
-def test_a_refusal_has_the_reason_of_the_shape(lab: Speaker, rehearse: bool) -> None:
+def test_a_refusal_has_the_reason_of_the_shape(lab: McpClient, rehearse: bool) -> None:
     invocations = lab.call("read", target=f"{ROTATE}/invocations", format="turtle")
     result = lab.call("act", action=ROTATE, body=_degrees(200), rehearse=rehearse)
     assert result["isError"] is True and "200 must be at most 180" in text_of(result)
@@ -181,13 +183,15 @@ def test_a_refusal_has_the_reason_of_the_shape(lab: Speaker, rehearse: bool) -> 
         ({"action": ROTATE, "body": _degrees(1), "wait_s": 1e9}, "wait_s"),
     ],
 )
-def test_an_invalid_call_is_answered_with_a_correction(lab: Speaker, arguments: dict[str, object], reason: str) -> None:
+def test_an_invalid_call_is_answered_with_a_correction(
+    lab: McpClient, arguments: dict[str, object], reason: str
+) -> None:
     result = lab.call("act", **arguments)
     assert result["isError"] is True and reason in text_of(result)
 
 
-def test_rights_leases_and_the_audit_are_those_of_the_caller(here: Guarded, lab: Speaker) -> None:
-    with speaking(here.root, here.tokens["reader"]) as reader:
+def test_rights_leases_and_the_audit_are_those_of_the_caller(here: AuthenticatedGateway, lab: McpClient) -> None:
+    with mcp_session(here.root, here.tokens["reader"]) as reader:
         refusal = reader.call("act", action=ROTATE, body=_degrees(1))
         assert refusal["isError"] is True and refusal["structuredContent"]["status"] == 403
         assert reader.call("stop", target=f"/{SEEN}/")["structuredContent"]["status"] == 403
@@ -207,7 +211,7 @@ def test_rights_leases_and_the_audit_are_those_of_the_caller(here: Guarded, lab:
     assert f"POST {ROTATE}" in audit and '"lab"' in audit and "POST /mcp" not in audit
 
 
-def test_a_key_moves_once(lab: Speaker) -> None:
+def test_a_key_moves_once(lab: McpClient) -> None:
     ends = [lab.call("act", action=ROTATE, body=_degrees(5), idempotency_key="once") for _ in range(2)]
     assert len({each["structuredContent"]["iri"] for each in ends}) == 1
 
@@ -215,7 +219,7 @@ def test_a_key_moves_once(lab: Speaker) -> None:
 # -- what stops -----------------------------------------------------------------------------------------------------
 
 
-def test_cancelling_the_request_cancels_the_motion(lab: Speaker) -> None:
+def test_cancelling_the_request_cancels_the_motion(lab: McpClient) -> None:
     lab.call("act", action=ROTATE, body=_degrees(0))
     with pool(1) as beside:
         slow = _degrees(120, speedScale=0.02)
@@ -229,7 +233,7 @@ def test_cancelling_the_request_cancels_the_motion(lab: Speaker) -> None:
     assert found["state"].endswith("#cancelled") and found["progress"]["value"] < 0.5
 
 
-def _running(speaker: Speaker) -> str | None:
+def _running(speaker: McpClient) -> str | None:
     """Return the IRI of the running invocation of the action."""
     said = json.loads(text_of(speaker.call("read", target=f"{ROTATE}/invocations", format="jsonld")))
     nodes = said.get("@graph", [said])
@@ -237,7 +241,7 @@ def _running(speaker: Speaker) -> str | None:
 
 
 @pytest.mark.parametrize("target", ["/", f"/{SEEN}/", ELBOW, f"{ELBOW}/rotation", f"/{SEEN}/actions/stop", None])
-def test_the_stop_tool_stops_joints_robots_and_invocations(lab: Speaker, target: str | None) -> None:
+def test_the_stop_tool_stops_joints_robots_and_invocations(lab: McpClient, target: str | None) -> None:
     lab.call("act", action=ROTATE, body=_degrees(0))
     moving = lab.call("act", action=ROTATE, body=_degrees(120, speedScale=0.02), wait_s=0)["structuredContent"]["iri"]
     result = lab.call("stop", **({} if target is None else {"target": target}))
@@ -251,7 +255,10 @@ def test_reads_hold_up_no_stop(tmp_path: Path) -> None:
     """A client that asked too often is refused everything but stops."""
     read = {"name": "read", "arguments": {"target": "/"}}
     message = {"jsonrpc": "2.0", "id": 1, "method": "tools/call", "params": read}
-    with guarded(tmp_path, "--requests-per-client", "1") as one, speaking(one.root, one.tokens["root"]) as speaker:
+    with (
+        run_authenticated(tmp_path, "--requests-per-client", "1") as one,
+        mcp_session(one.root, one.tokens["root"]) as speaker,
+    ):
         answers = [speaker.post(message).status_code for _ in range(20)]
         assert answers[0] == 200 and answers[-1] == 429
         for _ in range(20):
@@ -262,30 +269,30 @@ def test_reads_hold_up_no_stop(tmp_path: Path) -> None:
 # -- sessions and bounds ----------------------------------------------------------------------------------------------
 
 
-def test_a_session_belongs_to_its_caller(here: Guarded, lab: Speaker) -> None:
+def test_a_session_belongs_to_its_caller(here: AuthenticatedGateway, lab: McpClient) -> None:
     other = {"authorization": f"Bearer {here.tokens['reader']}"}
     ping = {"jsonrpc": "2.0", "id": 1, "method": "ping"}
     assert [lab.post(ping, **other).status_code, lab.post(ping).status_code] == [404, 200]
     assert lab.post(ping, authorization="Bearer x").status_code == 401
 
 
-def test_sessions_are_bounded_in_number_and_time(here: Guarded) -> None:
-    speakers = [Speaker(here.root, here.tokens["stopper"]) for _ in range(SESSIONS)]
-    for each in speakers:
+def test_sessions_are_bounded_in_number_and_time(here: AuthenticatedGateway) -> None:
+    websocket_handlers = [McpClient(here.root, here.tokens["stopper"]) for _ in range(SESSIONS)]
+    for each in websocket_handlers:
         each.open()
-    one_more = Speaker(here.root, here.tokens["stopper"])
+    one_more = McpClient(here.root, here.tokens["stopper"])
     initialize = {"protocolVersion": "2025-11-25", "capabilities": {}, "clientInfo": {"name": "x", "version": "1"}}
     message = {"jsonrpc": "2.0", "id": 1, "method": "initialize", "params": initialize}
     assert one_more.post(message).status_code == 503
-    with speaking(here.root, here.tokens["reader"]) as other:
+    with mcp_session(here.root, here.tokens["reader"]) as other:
         other.end()
     time.sleep(29)
     ping = {"jsonrpc": "2.0", "id": 1, "method": "ping"}
-    assert speakers[0].post(ping).status_code == 200
+    assert websocket_handlers[0].post(ping).status_code == 200
     time.sleep(15)
-    assert [each.post(ping).status_code for each in speakers] == [200, 404, 404]
+    assert [each.post(ping).status_code for each in websocket_handlers] == [200, 404, 404]
     one_more.open()
-    assert [one_more.end(), speakers[0].end()] == [200, 200]
+    assert [one_more.end(), websocket_handlers[0].end()] == [200, 200]
 
 
 @pytest.mark.parametrize(
@@ -307,13 +314,13 @@ def test_sessions_are_bounded_in_number_and_time(here: Guarded) -> None:
         (b'{"jsonrpc": "2.0", "id": 1, "method": "resources/read", "params": {"uri": 1}}', 200, -32602),
     ],
 )
-def test_bad_messages_get_the_errors_of_json_rpc(lab: Speaker, content: bytes, status: int, code: int) -> None:
+def test_bad_messages_get_the_errors_of_json_rpc(lab: McpClient, content: bytes, status: int, code: int) -> None:
     answer = lab.post(content)
     text = answer.text.rpartition("data: ")[2]
     assert (answer.status_code, json.loads(text)["error"]["code"]) == (status, code)
 
 
-def test_an_invalid_message_is_refused_as_by_other_resources(lab: Speaker) -> None:
+def test_an_invalid_message_is_refused_as_by_other_resources(lab: McpClient) -> None:
     assert lab.post(b'"' + b"x" * 300_000 + b'"').status_code == 413
     assert lab.post({}, **{"content-type": "text/turtle"}).status_code == 415
     assert lab.post({}, **{"content-encoding": "gzip"}).status_code == 415
@@ -321,7 +328,7 @@ def test_an_invalid_message_is_refused_as_by_other_resources(lab: Speaker) -> No
     assert lab.http.put(lab.url, headers=lab.fields, content=b"{}").status_code == 405
 
 
-def test_pages_of_other_sites_need_the_leave_of_the_operator(lab: Speaker) -> None:
+def test_pages_of_other_sites_need_the_leave_of_the_operator(lab: McpClient) -> None:
     ping = {"jsonrpc": "2.0", "id": 1, "method": "ping"}
     assert lab.post(ping, origin="https://evil.example").status_code == 403
     answer = lab.post(ping, origin=PAGE)
@@ -332,6 +339,6 @@ def test_pages_of_other_sites_need_the_leave_of_the_operator(lab: Speaker) -> No
 
 
 def test_a_gateway_without_the_extension_has_no_such_resource(tmp_path: Path) -> None:
-    with guarded(tmp_path, "--extensions-off", "mcp", robots=False) as one, one.browsing("root") as browser:
+    with run_authenticated(tmp_path, "--extensions-off", "mcp", robots=False) as one, one.browsing("root") as browser:
         one.add("all", *ALL)
         assert browser.http.get(one.root + "mcp").status_code == 404

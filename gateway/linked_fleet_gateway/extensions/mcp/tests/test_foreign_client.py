@@ -17,9 +17,9 @@ from mcp.client.client import Client
 from mcp_types import CallToolResult, TextContent
 
 from browser import Browser
+from mcp_client import DEGREE
 from running import PATIENCE_S, eventually, process
 from small_fleet import Place, live
-from speaking import DEGREE
 from wot import HERE, node
 
 pytestmark = [pytest.mark.processes, pytest.mark.test_all]
@@ -189,7 +189,7 @@ def test_without_sessions_killing_the_inspector_cancels_the_motion(inspector: In
 
 
 def _killed_while_it_moves(inspector: Inspector, root: str, degrees: float, *more: str) -> str:
-    """The IRI of a slow motion that an inspector has begun, and whose end it does not live to see."""
+    """Begin a slow motion by an inspector, and kill the inspector during it. Return the IRI of the invocation."""
     body = {"value": degrees, "unit": DEGREE, "speedScale": 0.02}
     child = inspector.start(*inspector.words("act", action=ROTATE, body=body), *more)
     with child:

@@ -8,12 +8,12 @@ import pytest
 from jsonschema import Draft202012Validator
 from schemathesis.specs.openapi.definitions import OPENAPI_31_VALIDATOR
 
-from every_kind import BASE, tree
-from linked_fleet_gateway.extensions.openapi.document import Documents
+from linked_fleet_gateway.extensions.openapi.extension import Documents
 from linked_fleet_gateway.http.read import allowed
 from linked_fleet_gateway.resources.branches import RequestView
 from linked_fleet_gateway.resources.resource import Resource
 from linked_fleet_gateway.resources.tree import Tree
+from sample_resources import BASE, tree
 
 _METHODS = {"get", "put", "post", "patch", "delete"}
 
@@ -98,7 +98,7 @@ def test_every_schema_is_one_and_takes_its_examples(whole: dict[str, Any]) -> No
 
 @pytest.mark.parametrize("hidden", [("floating",), ("fixed", "floating"), ("fixed", "floating", "faulty", "mute")])
 def test_invisible_robots_are_not_in_the_description(hidden: tuple[str, ...]) -> None:
-    """Neither by name nor by the addresses of its joints, as if the robots did not exist."""
+    """Neither names of hidden robots nor IRIs of their joints are served."""
     text = json.dumps(_described(*hidden))
     for name in hidden:
         assert f"{BASE}/{name}/" not in text and f'"{name}"' not in text.replace('"const": "floating"', "")

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from running import PATIENCE_S, eventually
-from simulated import simulated
+from simulated_robots import simulated
 from small_fleet import Place, live
 
 pytestmark = [pytest.mark.processes, pytest.mark.test_all]

@@ -6,9 +6,9 @@ from typing import Any
 
 import pytest
 
-from actor import Actor, stage
 from browser import Browser
 from camera_robot import EYE, CameraRobot
+from fake_robots import FakeRobot, open_session
 from small_fleet import Place, live
 
 pytestmark = pytest.mark.virtual
@@ -19,8 +19,8 @@ EXTENSIONS = ("/world", "/rules", "/query", "/things", "/{robot}/history", "/{ro
 @pytest.fixture(scope="module")
 def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
     place = Place(tmp_path_factory.mktemp("state"))
-    with place.gateway() as (_, browser), stage(place.zenoh) as session:
-        CameraRobot(Actor(session, "seer")).appear(EYE)
+    with place.gateway() as (_, browser), open_session(place.zenoh) as session:
+        CameraRobot(FakeRobot(session, "seer")).appear(EYE)
         live(browser, "seer")
         yield browser
 

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from browser import Browser
-from simulated import simulated
+from simulated_robots import simulated
 from small_fleet import Place, live
 
 pytestmark = [pytest.mark.processes, pytest.mark.test_all]

@@ -1,5 +1,7 @@
-// Bundles what pages need into ../assets, each file named by its content, and writes down the licences.
+// Bundles what pages need into ../assets, each file named by its content, and writes down the licences. The scripts of
+// each extension are in its folder `scripts`: `page.js` exports `start`, and `style.css` is part of the stylesheet.
 
+import { existsSync } from "node:fs";
 import { mkdir, readdir, readFile, rm, writeFile } from "node:fs/promises";
 import path from "node:path";
 import { fileURLToPath } from "node:url";
@@ -10,12 +12,36 @@ import { build } from "esbuild";
 const LEAST_BYTES = 1024; // shorter ones gain nothing
 const here = path.dirname(fileURLToPath(import.meta.url));
 const assets = path.join(here, "..", "assets");
+const extensions = path.join(here, "..", "..");
+
+const folders = (await readdir(extensions)).sort().map((each) => path.join(extensions, each, "scripts"));
+
+/** Resolves the modules "extensions" and "extensions.css", which import the file of each extension that has one. */
+const ofExtensions = {
+  name: "extensions",
+  setup({ onResolve, onLoad }) {
+    const named = (file) => folders.map((each) => path.join(each, file)).filter(existsSync).map((each) => JSON.stringify(each));
+    onResolve({ filter: /^extensions(\.css)?$/ }, (found) => ({ path: found.path, namespace: "extensions" }));
+    onLoad({ filter: /^extensions$/, namespace: "extensions" }, () => {
+      const files = named("page.js");
+      const imports = files.map((file, index) => `import * as part${index} from ${file};`);
+      const parts = `export const parts = [${files.map((_, index) => `part${index}`)}];`;
+      return { contents: [...imports, parts].join("\n"), resolveDir: here };
+    });
+    onLoad({ filter: /[.]css$/, namespace: "extensions" }, () => {
+      const imports = named("style.css").map((file) => `@import ${file};`);
+      return { contents: imports.join("\n"), loader: "css", resolveDir: here };
+    });
+  },
+};
 
 await rm(assets, { recursive: true, force: true });
 await mkdir(assets, { recursive: true });
 
 const result = await build({
   absWorkingDir: here,
+  nodePaths: [path.join(here, "node_modules")],
+  plugins: [ofExtensions],
   entryPoints: { page: "src/page.js", style: "src/style.css", icon: "src/icon.svg" },
   loader: { ".svg": "copy" },
   bundle: true,

@@ -9,9 +9,9 @@ from playwright.sync_api import Browser, ConsoleMessage, Page, Request, expect, 
 
 from browser import Browser as Client
 from chromium import DESK, EXECUTABLE, MISSING, launch
-from operators import SIZES, Operator, operating
+from gateway_group import Gateway, Hub, gateway, hub
+from page_user import SIZES, PageUser, using_page
 from running import PATIENCE_S
-from several import Gateway, Hub, gateway, hub
 from small_fleet import Place, live
 
 # a folder for the pictures of README.md, which are then taken in high resolution
@@ -96,10 +96,10 @@ def page(chromium: Browser, request: pytest.FixtureRequest) -> Iterator[Page]:
 
 
 @pytest.fixture(params=list(SIZES))
-def operator(request: pytest.FixtureRequest, chromium: Browser, no_webgl: str) -> Iterator[Operator]:
+def operator(request: pytest.FixtureRequest, chromium: Browser, no_webgl: str) -> Iterator[PageUser]:
     """Yield somebody at an empty page, on a desktop and on a phone; with WebGL in tests that are marked ``webgl``."""
     drawing = request.node.get_closest_marker("webgl") is not None
-    with operating(chromium, request.param, "" if drawing else no_webgl) as one:
+    with using_page(chromium, request.param, "" if drawing else no_webgl) as one:
         yield one
 
 

@@ -11,9 +11,9 @@ from accessibility import violations, violations_in_both_schemes
 from browser import DCTERMS, HYBRIT, LF, ROS, Browser
 from commanding import PREFIXES, TURTLE, radian
 from html_checker import errors
-from operators import Operator
+from page_user import PageUser
 from plain_words import FOR_PROGRAMS, faults
-from ruling import BY_SIDE, a_rule, fired, posted, sides
+from rules_client import BY_SIDE, a_rule, fired, posted, sides
 from running import eventually
 from shared_fixtures import RunningFleet
 
@@ -103,7 +103,7 @@ def _watching(resource: str) -> str:
     return f"<> a <{HYBRIT.Subscription}>, <{HYBRIT.WebCallback}> ; {watches} ."
 
 
-def test_no_page_shuts_anybody_out(operator: Operator, pages: dict[str, str]) -> None:
+def test_no_page_shuts_anybody_out(operator: PageUser, pages: dict[str, str]) -> None:
     """No violation in light and dark mode, no sideways scrolling, and plain words, with all actions unfolded."""
     page, found = operator.page, list[Any]()
     for kind, url in pages.items():

@@ -8,12 +8,12 @@ from typing import Any
 import pytest
 from playwright.sync_api import Locator, Page, expect
 
-from actor import Actor, crowd, stage
 from browser import LF
 from browser import Browser as Client
 from chromium import MainThread
 from commanding import TURTLE, of_joint, of_robot, slowly
-from operators import Operator
+from fake_robots import FakeRobot, many_robots, open_session
+from page_user import PageUser
 from running import eventually
 from small_fleet import Place
 
@@ -41,7 +41,7 @@ def moving(client: Client) -> Iterator[str]:
     client.http.post(of_robot(client, LF.StopRobot))
 
 
-def test_a_moving_robot_is_reached_with_one_click(operator: Operator, client: Client, moving: str) -> None:
+def test_a_moving_robot_is_reached_with_one_click(operator: PageUser, client: Client, moving: str) -> None:
     """The card of the robot says what it does; a press on it leads to the robot, whose page shows how far that is."""
     page = operator.page
     page.goto(client.root)
@@ -65,7 +65,7 @@ def _changed(image: Locator, before: str | None) -> Callable[[], bool]:
 
 
 @pytest.mark.webgl
-def test_a_point_is_reached_in_the_scene(operator: Operator, client: Client) -> None:
+def test_a_point_is_reached_in_the_scene(operator: PageUser, client: Client) -> None:
     """Open *reach*, drag its target, whereupon a dry run says what would happen, and send it."""
     page = operator.page
     page.goto(client.robot("ur5").url)
@@ -92,7 +92,7 @@ def _drawn(page: Page) -> Callable[[], Any]:
     return lambda: page.evaluate(drawn)
 
 
-def test_a_recording_is_downloaded_with_one_click(operator: Operator, client: Client) -> None:
+def test_a_recording_is_downloaded_with_one_click(operator: PageUser, client: Client) -> None:
     page = operator.page
     page.goto(client.robot("ur5").url)
     figure = page.locator("figure.chart")
@@ -105,7 +105,7 @@ def test_a_recording_is_downloaded_with_one_click(operator: Operator, client: Cl
     assert operator.made == 1
 
 
-def test_the_history_of_a_robot_is_found_with_two_clicks(operator: Operator, client: Client) -> None:
+def test_the_history_of_a_robot_is_found_with_two_clicks(operator: PageUser, client: Client) -> None:
     """From any page: its chart is filled with the past, of several joints, and reaches as far back as one likes."""
     page = operator.page
     page.goto(client.part("ur5", "elbow_joint").url)
@@ -126,15 +126,15 @@ def test_the_history_of_a_robot_is_found_with_two_clicks(operator: Operator, cli
 
 
 @pytest.fixture
-def thousand(tmp_path: Path) -> Iterator[tuple[Client, list[Actor]]]:
+def thousand(tmp_path: Path) -> Iterator[tuple[Client, list[FakeRobot]]]:
     """A thousand robots, each of which sends a position once a second."""
     place = Place(tmp_path)
-    with place.gateway() as (_, client), stage(place.zenoh) as session, crowd(session, THOUSAND) as actors:
+    with place.gateway() as (_, client), open_session(place.zenoh) as session, many_robots(session, THOUSAND) as actors:
         eventually(lambda: _cards(client) == THOUSAND, "a thousand robots")
         yield client, actors
 
 
-def test_a_thousand_robots_can_be_searched(thousand: tuple[Client, list[Actor]], operator: Operator) -> None:
+def test_a_thousand_robots_can_be_searched(thousand: tuple[Client, list[FakeRobot]], operator: PageUser) -> None:
     """Measured in processor time of the main thread, so that other programs do not count."""
     (client, actors), page = thousand, operator.page
     thread = MainThread(page)

@@ -6,9 +6,9 @@ from io import BytesIO
 import pytest
 from playwright.sync_api import Page, expect
 
-from actor import Actor, stage
 from browser import Browser
 from camera_robot import BLIND, EYE, CameraRobot
+from fake_robots import FakeRobot, open_session
 from running import eventually
 from small_fleet import Place
 
@@ -19,10 +19,10 @@ Image = pytest.importorskip("PIL.Image")
 @pytest.fixture(scope="module")
 def seer(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[CameraRobot, str]]:
     place = Place(tmp_path_factory.mktemp("state"))
-    with place.gateway() as (_, browser), stage(place.zenoh) as session:
-        seer = CameraRobot(Actor(session, "seer")).appear(EYE)
+    with place.gateway() as (_, browser), open_session(place.zenoh) as session:
+        seer = CameraRobot(FakeRobot(session, "seer")).appear(EYE)
         seer.contents["jpeg"] = picture("red")
-        CameraRobot(Actor(session, "blind")).appear(BLIND)
+        CameraRobot(FakeRobot(session, "blind")).appear(BLIND)
         for name in ("seer", "blind"):
             eventually(lambda name=name: there(browser, name), f"{name} with cameras")
         yield seer, f"{browser.root}seer/cameras/eye"

@@ -8,8 +8,8 @@ from collections.abc import Iterator
 import pytest
 from playwright.sync_api import Page
 
+from authenticated_gateway import ALL, SEEN, run_authenticated
 from browser import LF
-from guarded import ALL, SEEN, guarded
 
 pytestmark = [pytest.mark.processes, pytest.mark.test_all]
 
@@ -41,7 +41,7 @@ def test_a_page_of_another_origin_reads_and_acts_with_its_token(
     page: Page, tmp_path_factory: pytest.TempPathFactory
 ) -> None:
     """Preflight requests are answered, and response fields can be read."""
-    with _site() as twin, guarded(tmp_path_factory.mktemp("cors"), "--cors-origins", twin) as fleet:
+    with _site() as twin, run_authenticated(tmp_path_factory.mktemp("cors"), "--cors-origins", twin) as fleet:
         fleet.add("all", *ALL)
         fleet.known("all")
         with fleet.browsing("root") as browser:

@@ -7,8 +7,8 @@ import pytest
 import zenoh
 from playwright.sync_api import ConsoleMessage, Page, expect
 
-from actor import KEYS, Actor, joint, link, robot, stage
 from browser import Browser
+from fake_robots import KEYS, FakeRobot, joint, link, open_session, robot
 from linked_fleet_agent.wire.codec import encode, layout
 from linked_fleet_agent.wire.messages import WIRE_VERSION, Description, Mesh
 from small_fleet import Place, live
@@ -40,13 +40,13 @@ FILES = {
 @pytest.fixture(scope="module")
 def gateway(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[zenoh.Session, Browser]]:
     place = Place(tmp_path_factory.mktemp("state"))
-    with place.gateway() as (_, browser), stage(place.zenoh) as session:
+    with place.gateway() as (_, browser), open_session(place.zenoh) as session:
         yield session, browser
 
 
 def _appear(session: zenoh.Session, name: str, file: str, media_type: str, content: bytes) -> None:
     """Add a robot whose base has this file as its mesh."""
-    actor = Actor(session, name)
+    actor = FakeRobot(session, name)
     mesh = Mesh(uri=file, sha256=hashlib.sha256(content).hexdigest(), size=len(content), type=media_type)
     key = KEYS.robot(name, "mesh")
     actor.keep(session.declare_queryable(key, lambda query: query.reply(key, content), complete=True))

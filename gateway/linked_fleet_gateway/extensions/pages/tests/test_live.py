@@ -8,8 +8,8 @@ import pytest
 from playwright.sync_api import Locator, Page, expect
 
 from browser import DCTERMS, LF, VOM
+from gateway_group import Gateway, Hub, gateway, hub
 from running import eventually
-from several import Gateway, Hub, gateway, hub
 from small_fleet import Place, live, offline
 
 pytestmark = pytest.mark.processes

@@ -7,10 +7,10 @@ import pytest
 from playwright.sync_api import Browser, Page, expect
 
 from accessibility import violations_in_both_schemes
+from authenticated_gateway import ALL, HIDDEN, SEEN, AuthenticatedGateway, run_authenticated
 from browser import LF
-from guarded import ALL, HIDDEN, SEEN, Guarded, guarded
 from issuer import Issuer, issuing
-from operators import Operator
+from page_user import PageUser
 from running import eventually
 from subscribers import members
 
@@ -25,19 +25,19 @@ def issuer() -> Iterator[Issuer]:
 
 
 @pytest.fixture(scope="module")
-def own(tmp_path_factory: pytest.TempPathFactory, issuer: Issuer) -> Iterator[Guarded]:
-    with guarded(tmp_path_factory.mktemp("guarded"), issuer=issuer) as one:
+def own(tmp_path_factory: pytest.TempPathFactory, issuer: Issuer) -> Iterator[AuthenticatedGateway]:
+    with run_authenticated(tmp_path_factory.mktemp("guarded"), issuer=issuer) as one:
         one.add("lab", *ALL, robots=("lab-*",))
         one.known("lab")
         yield one
 
 
-def _log_in(page: Page, own: Guarded, name: str) -> None:
+def _log_in(page: Page, own: AuthenticatedGateway, name: str) -> None:
     page.get_by_label("Token", exact=True).fill(own.tokens[name])
     page.get_by_role("button", name="Log in").click()
 
 
-def test_a_token_opens_what_it_is_for(operator: Operator, own: Guarded) -> None:
+def test_a_token_opens_what_it_is_for(operator: PageUser, own: AuthenticatedGateway) -> None:
     """The requested page follows the login with one click; it is live, and can stop a robot."""
     page = operator.page
     page.goto(f"{own.root}{SEEN}/")
@@ -61,7 +61,7 @@ def test_a_token_opens_what_it_is_for(operator: Operator, own: Guarded) -> None:
     assert violations_in_both_schemes(page) == [] and operator.fits()
 
 
-def test_a_page_of_a_session_is_live(page: Page, watched: object, own: Guarded) -> None:
+def test_a_page_of_a_session_is_live(page: Page, watched: object, own: AuthenticatedGateway) -> None:
     """Its WebSocket or event stream accepts the cookie."""
     page.goto(f"{own.root}{SEEN}/")
     _log_in(page, own, "lab")
@@ -76,7 +76,7 @@ def test_a_page_of_a_session_is_live(page: Page, watched: object, own: Guarded) 
     assert page.evaluate("window.marked") is True
 
 
-def test_every_page_says_what_one_may_do(page: Page, watched: object, own: Guarded) -> None:
+def test_every_page_says_what_one_may_do(page: Page, watched: object, own: AuthenticatedGateway) -> None:
     """Other pages show the rights over their resource, the account page shows all."""
     page.goto(f"{own.root}{SEEN}/")
     _log_in(page, own, "lab")
@@ -87,7 +87,7 @@ def test_every_page_says_what_one_may_do(page: Page, watched: object, own: Guard
     expect(page.get_by_role("navigation", name="Sections").get_by_role("link", name="Audit")).to_have_count(0)
 
 
-def test_one_logs_out(page: Page, watched: object, own: Guarded) -> None:
+def test_one_logs_out(page: Page, watched: object, own: AuthenticatedGateway) -> None:
     page.goto(own.root)
     _log_in(page, own, "lab")
     page.get_by_role("button", name="Log out").click()
@@ -96,7 +96,7 @@ def test_one_logs_out(page: Page, watched: object, own: Guarded) -> None:
     expect(page).to_have_url(re.compile("/login"))
 
 
-def test_a_wrong_token_says_so(page: Page, watched: object, own: Guarded) -> None:
+def test_a_wrong_token_says_so(page: Page, watched: object, own: AuthenticatedGateway) -> None:
     page.goto(own.root + "login")
     page.get_by_label("Token", exact=True).fill("wrong")
     page.get_by_role("button", name="Log in").click()
@@ -108,7 +108,7 @@ def test_a_wrong_token_says_so(page: Page, watched: object, own: Guarded) -> Non
     watched.forgive(REFUSED)  # type: ignore[attr-defined]
 
 
-def test_without_scripts(chromium: Browser, own: Guarded) -> None:
+def test_without_scripts(chromium: Browser, own: AuthenticatedGateway) -> None:
     context = chromium.new_context(java_script_enabled=False)
     page = context.new_page()
     page.goto(f"{own.root}{SEEN}/")
@@ -119,7 +119,7 @@ def test_without_scripts(chromium: Browser, own: Guarded) -> None:
     context.close()
 
 
-def test_an_issuer_says_who_one_is(page: Page, own: Guarded, issuer: Issuer) -> None:
+def test_an_issuer_says_who_one_is(page: Page, own: AuthenticatedGateway, issuer: Issuer) -> None:
     page.goto(f"{own.root}{SEEN}/")
     page.get_by_role("link", name="Log in at plant").click()
     expect(page).to_have_url(f"{own.root}{SEEN}/")
@@ -128,7 +128,7 @@ def test_an_issuer_says_who_one_is(page: Page, own: Guarded, issuer: Issuer) -> 
     assert names == {"linked-fleet"}  # that of the pending login is gone
 
 
-def test_a_login_without_rights_sees_no_robots(page: Page, own: Guarded, issuer: Issuer) -> None:
+def test_a_login_without_rights_sees_no_robots(page: Page, own: AuthenticatedGateway, issuer: Issuer) -> None:
     issuer.subject, issuer.claims = "eve", {"groups": ["visitors"]}
     try:
         page.goto(f"{own.root}{SEEN}/")
@@ -139,7 +139,7 @@ def test_a_login_without_rights_sees_no_robots(page: Page, own: Guarded, issuer:
 
 
 def test_a_login_of_another_browser_is_not_taken_over(
-    page: Page, chromium: Browser, own: Guarded, issuer: Issuer
+    page: Page, chromium: Browser, own: AuthenticatedGateway, issuer: Issuer
 ) -> None:
     """Login CSRF: the address to which an issuer redirects one browser is worthless in another."""
     returned: list[str] = []
@@ -155,7 +155,7 @@ def test_a_login_of_another_browser_is_not_taken_over(
     context.close()
 
 
-def test_a_page_whose_session_is_over_leads_to_the_login(page: Page, own: Guarded) -> None:
+def test_a_page_whose_session_is_over_leads_to_the_login(page: Page, own: AuthenticatedGateway) -> None:
     own.add("passing", "read", "subscribe")
     own.known("passing")
     page.goto(f"{own.root}{SEEN}/")
@@ -165,7 +165,7 @@ def test_a_page_whose_session_is_over_leads_to_the_login(page: Page, own: Guarde
     expect(page).to_have_url(re.compile("/login"))
 
 
-def test_a_page_without_the_right_to_subscribe_says_that_it_is_not_live(page: Page, own: Guarded) -> None:
+def test_a_page_without_the_right_to_subscribe_says_that_it_is_not_live(page: Page, own: AuthenticatedGateway) -> None:
     own.add("reader", "read")
     own.known("reader")
     page.goto(f"{own.root}{SEEN}/")

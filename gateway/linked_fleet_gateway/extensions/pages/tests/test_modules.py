@@ -10,7 +10,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from playwright.sync_api import Page, Route
 
-from linked_fleet_gateway.extensions.pages import labels
+from linked_fleet_gateway.extensions.pages import texts
 from properties import examples
 
 pytestmark = [pytest.mark.processes, pytest.mark.test_all]
@@ -90,13 +90,13 @@ def test_invalid_n_triples_are_refused(module: Page) -> None:
 def test_numbers_are_written_as_the_gateway_does(module: Page, value: float) -> None:
     written = module.evaluate('async (value) => (await import("/format.js")).number(value)', value)
     # Halves are rounded to even on one side, and away from zero on the other.
-    close = {labels.number(value), labels.number(value * (1 + 1e-9)), labels.number(value * (1 - 1e-9))}
+    close = {texts.number(value), texts.number(value * (1 + 1e-9)), texts.number(value * (1 - 1e-9))}
     assert written in close
     for unit in ("rad", "m", "kg"):
         also = module.evaluate(
             'async ([value, unit]) => (await import("/format.js")).converted(value, unit)', [value, unit]
         )
-        assert also in {labels.converted(value * factor, unit) for factor in (1, 1 + 1e-9, 1 - 1e-9)}
+        assert also in {texts.converted(value * factor, unit) for factor in (1, 1 + 1e-9, 1 - 1e-9)}
 
 
 def test_nodes_that_share_nodes_are_read_once(module: Page) -> None:

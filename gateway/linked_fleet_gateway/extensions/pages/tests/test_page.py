@@ -5,7 +5,7 @@ from pyoxigraph import BlankNode, Literal, NamedNode, Triple
 
 from dom import parsed
 from linked_fleet_gateway.base import errors
-from linked_fleet_gateway.extensions.pages import labels
+from linked_fleet_gateway.extensions.pages import texts
 from linked_fleet_gateway.extensions.pages.extension import Pages
 from linked_fleet_gateway.extensions.pages.page import write
 from linked_fleet_gateway.http.problem import problem
@@ -58,7 +58,7 @@ def test_texts_of_a_robot_are_escaped(evil: str, kind: NamedNode | None) -> None
         ["module", "application/ld+json"],
     )
     (title,) = [each.text for each in root.all("h1")]
-    assert title == labels.clean(evil)
+    assert title == texts.clean(evil)
     assert not [name for each in root.all() for name in each.attributes if name.startswith("on") or name == "style"]
     assert not set(range(32)) - {10} & set(body)
     data = next(each.text for each in root.all("script") if each["type"] == "application/ld+json")
@@ -138,7 +138,7 @@ def test_an_unknown_value_is_no_number() -> None:
     ],
 )  # fmt: skip
 def test_numbers_are_written_as_the_scripts_write_them(value: float, unit: str, text: str) -> None:
-    assert labels.number(value, unit) == text
+    assert texts.number(value, unit) == text
 
 
 def test_the_command_to_copy_is_quoted_for_a_shell() -> None:

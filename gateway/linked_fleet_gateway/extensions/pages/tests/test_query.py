@@ -58,7 +58,7 @@ def test_a_mistake_keeps_the_text_and_is_marked(query: Page, watched: Any) -> No
     wrong = "SELECT ?x {\n  VALUES ?x nonsense { 1 }\n}"
     write(query, wrong)
     query.get_by_role("button", name="Ask", exact=True).click()
-    expect(query.locator("#results .error")).to_contain_text("This is no SPARQL query")
+    expect(query.locator("#results .error")).to_contain_text("This is not a SPARQL query")
     expect(query.locator(".cm-lintRange-error")).to_have_text("nonsense")
     assert query.locator("textarea[name=query]").input_value() == wrong
     query.reload()
@@ -98,7 +98,7 @@ def test_a_query_needs_no_script(chromium: Browser, client: Client) -> None:
     page.goto(str(client.page(client.root).one(LF.query)))
     page.get_by_role("textbox", name="Query").fill("ASK {")
     page.get_by_role("button", name="Ask", exact=True).click()
-    expect(page.get_by_role("alert")).to_contain_text("This is no SPARQL query")
+    expect(page.get_by_role("alert")).to_contain_text("This is not a SPARQL query")
     expect(page.get_by_role("textbox", name="Query")).to_have_value("ASK {")
     page.get_by_role("textbox", name="Query").fill("ASK {}")
     page.get_by_role("button", name="Ask", exact=True).click()

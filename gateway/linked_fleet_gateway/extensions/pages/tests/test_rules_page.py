@@ -85,7 +85,7 @@ def test_a_condition_is_tried_before_it_is_saved(rules: Page, watched: Any, clie
     expect(rules.locator("#results tbody td")).to_have_text(["ur5/"])
     editor.fill("SELECT ?robot WHERE { ?robot nonsense }")
     rules.get_by_role("button", name="Try the condition").click()
-    expect(rules.locator("#results .error")).to_contain_text("This is no SPARQL query")
+    expect(rules.locator("#results .error")).to_contain_text("This is not a SPARQL query")
     expect(rules.locator(".cm-lintRange-error")).to_have_count(1)
     rules.get_by_role("button", name="Save the rule").click()
     expect(rules.locator("output.answer")).to_contain_text("condition")

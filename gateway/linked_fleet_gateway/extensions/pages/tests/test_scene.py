@@ -10,9 +10,9 @@ from urllib.parse import urlsplit
 import pytest
 from playwright.sync_api import Page, expect
 
-from actor import Actor, joint, link, robot, stage
 from browser import LF, MATHS, Browser
 from commands import PREFIXES
+from fake_robots import FakeRobot, joint, link, open_session, robot
 from linked_fleet_gateway.fleet.kinematics import ORIGIN, LinkPoses
 from linked_fleet_gateway.fleet.model import RobotModel
 from running import Process, eventually, process
@@ -244,8 +244,8 @@ def test_a_robot_without_meshes_is_drawn_from_its_frames(
 ) -> None:
     """An unmeasured joint is named, and does not move."""
     urdf = robot(link("base"), link("thigh"), link("shin"), _stick("hip", "thigh", 0.5), _stick("knee", "shin", 0.4))
-    with stage(place[0].zenoh) as session:
-        actor = Actor(session, "sticks")
+    with open_session(place[0].zenoh) as session:
+        actor = FakeRobot(session, "sticks")
         actor.appear(actor.description(urdf, ("hip", "knee"))).stand(0.3, math.nan)
         _show(page, live(place[1], "sticks").url)
         eventually(lambda: _drawn(page, [])["positions"].get("hip") == 0.3, "the hip is drawn where it is")
@@ -271,8 +271,8 @@ def test_nothing_is_asked_of_another_host(page: Page, watched: object, place: tu
     urdf = urdf.replace("</robot>", joint("elbow", "revolute", "base", name.replace("<", "&lt;")) + "</robot>")
     asked: list[str] = []
     page.on("request", lambda request: asked.append(request.url))
-    with stage(place[0].zenoh) as session:
-        actor = Actor(session, "hostile")
+    with open_session(place[0].zenoh) as session:
+        actor = FakeRobot(session, "hostile")
         actor.appear(actor.description(urdf, ("elbow",))).stand(0.0)
         _show(page, live(place[1], "hostile").url)
         page.mouse.move(*_spot(page, name))

@@ -7,11 +7,11 @@ from xml.etree import ElementTree as ET
 import pytest
 from pyoxigraph import Literal
 
-from linked_fleet_gateway.extensions.pages.resources import THUMBNAILS
+from linked_fleet_gateway.extensions.pages.assets import THUMBNAILS
 from linked_fleet_gateway.extensions.pages.thumbnail import HEIGHT, SVG, WIDTH, drawing
 from linked_fleet_gateway.fleet.invocations import Invocations
 from linked_fleet_gateway.rdf.vocabulary import LF
-from linked_fleet_gateway.resources.battery import read_charge
+from linked_fleet_gateway.resources.annotations import read_charge
 from linked_fleet_gateway.resources.branches import Branches
 from linked_fleet_gateway.resources.tree import Tree
 

@@ -17,7 +17,7 @@ from browser import all_live
 from commanding import angle
 from linked_fleet_demo.tree import PLACES
 from linked_fleet_demo.tree import place as place_robot
-from operators import Operator
+from page_user import PageUser
 from running import Process, eventually, process
 from shared_fixtures import ROBOTS
 from small_fleet import Place
@@ -109,7 +109,7 @@ TURN = """() => new Promise((resolve) => {
 })"""
 
 
-def test_names_of_robots_do_not_cover_each_other(operator: Operator, demo: tuple[Client, Process]) -> None:
+def test_names_of_robots_do_not_cover_each_other(operator: PageUser, demo: tuple[Client, Process]) -> None:
     """From eight sides of the world, and none of them leaves the drawing; from the first, all have one."""
     page = operator.page
     page.goto(demo[0].root)

@@ -8,8 +8,8 @@ import pytest
 from playwright.sync_api import Page, expect
 
 from browser import VOM
+from gateway_group import Gateway, Hub
 from running import eventually
-from several import Gateway, Hub
 from small_fleet import Place, live
 
 pytestmark = [pytest.mark.processes, pytest.mark.test_all]

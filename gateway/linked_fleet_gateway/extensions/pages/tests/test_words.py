@@ -8,7 +8,7 @@ import pytest
 
 from browser import LF, Browser
 from dom import Element, parsed
-from linked_fleet_gateway.extensions.pages import labels, sentences
+from linked_fleet_gateway.extensions.pages import texts
 from linked_fleet_gateway.resources.paths import reserved_at_root, reserved_in_robot
 from plain_words import for_programs
 
@@ -82,12 +82,12 @@ def test_every_page_has_the_navigation_and_marks_one_entry(pages: dict[str, Elem
 
 
 def test_a_motion_is_a_sentence() -> None:
-    assert sentences.motion("/b/s1/actions/rotateBy/invocations/7", "/", {"s1": (-1.745329, "rad")}) == (
+    assert texts.motion("/b/s1/actions/rotateBy/invocations/7", "/", {"s1": (-1.745329, "rad")}) == (
         "Rotate by s1 to \N{MINUS SIGN}100°"
     )
     both = {"a": (0.0, "rad"), "b": (1.0, "m")}
-    assert sentences.motion("/b/actions/moveJoints/invocations/7", "/", both) == "Move joints (2 joints)"
-    assert sentences.motion("/actions/stopAll/invocations/7", "/", {}) == "Stop all"
+    assert texts.motion("/b/actions/moveJoints/invocations/7", "/", both) == "Move joints (2 joints)"
+    assert texts.motion("/actions/stopAll/invocations/7", "/", {}) == "Stop all"
 
 
 @pytest.mark.parametrize(
@@ -101,19 +101,19 @@ def test_a_motion_is_a_sentence() -> None:
     ],
 )
 def test_a_request_is_described_in_words(what: str, path: str, said: str) -> None:
-    assert sentences.done(what, path) == said
+    assert texts.audited(what, path) == said
 
 
 def test_terms_are_words_and_have_help() -> None:
-    assert labels.words("http://vocab.arvida.de/2015/06/spatial/vocab#Rotation3D") == "rotation 3D"
-    assert labels.words(f"{LF}lastSeen") == "last seen"
-    assert labels.described(f"{LF}offline")[1] == "The agent is not connected; see last seen."
-    assert not re.search(r"[a-z]:[a-z]", labels.sentence("see lf:lastSeen, maths:x"))
+    assert texts.words("http://vocab.arvida.de/2015/06/spatial/vocab#Rotation3D") == "rotation 3D"
+    assert texts.words(f"{LF}lastSeen") == "last seen"
+    assert texts.described(f"{LF}offline")[1] == "The agent is not connected; see last seen."
+    assert not re.search(r"[a-z]:[a-z]", texts.sentence("see lf:lastSeen, maths:x"))
 
 
 def test_an_id_is_named_by_its_container() -> None:
     one = "10421415-23b7-4b39-9e85-93fa4776e84d"
-    assert labels.place(f"/ur5/elbow/actions/hold/invocations/{one}", "/") == "invocation"
-    assert labels.place(f"/world/objects/{one}", "/") == "object"
-    assert labels.place(f"/ur5/elbow/actions/hold/invocations/{one}/blueprint", "/") == "blueprint"
-    assert labels.place("/ur5/12345678", "/") == "12345678"
+    assert texts.place(f"/ur5/elbow/actions/hold/invocations/{one}", "/") == "invocation"
+    assert texts.place(f"/world/objects/{one}", "/") == "object"
+    assert texts.place(f"/ur5/elbow/actions/hold/invocations/{one}/blueprint", "/") == "blueprint"
+    assert texts.place("/ur5/12345678", "/") == "12345678"

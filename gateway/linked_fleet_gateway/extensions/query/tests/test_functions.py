@@ -11,8 +11,7 @@ from linked_fleet_agent.wire.codec import encode_state, layout
 from linked_fleet_agent.wire.messages import Description, State
 from linked_fleet_gateway.extensions.reach import inverse_kinematics as reach
 from linked_fleet_gateway.extensions.reach import joint_chain
-from linked_fleet_gateway.extensions.reach.can_reach import CanReach
-from linked_fleet_gateway.extensions.reach.terms import LF
+from linked_fleet_gateway.extensions.reach.can_reach import LF, CanReach
 from linked_fleet_gateway.fleet.events import Appeared, Described, Framed
 from linked_fleet_gateway.fleet.fleet import Fleet
 from linked_fleet_gateway.fleet.model import RobotModel
@@ -48,7 +47,7 @@ def test_few_searches_are_made_in_vain_and_the_urdf_is_read_once(
     reads: list[str] = []
     search, read = reach.reach, joint_chain.build_model
 
-    def counted(*arguments: Any) -> reach.Reached:
+    def counted(*arguments: Any) -> reach.Solution:
         try:
             return search(*arguments)
         except reach.Unreachable:

@@ -223,7 +223,7 @@ def test_the_page_keeps_a_query_that_is_refused(http: httpx.Client) -> None:
     assert (page.status_code, page.headers["cache-control"]) == (400, "no-store")
     assert "form-action 'self'" in page.headers["content-security-policy"]
     assert f">\n{query}</textarea>" in page.text and 'data-line="2"' in page.text
-    assert "This is no SPARQL query" in page.text
+    assert "This is not a SPARQL query" in page.text
     problem = ask(http, query, accept="application/json")
     assert (problem.headers["content-type"], problem.json()["line"]) == ("application/problem+json", 2)
 

@@ -16,16 +16,16 @@ from linked_fleet_gateway.app.application import new_live
 from linked_fleet_gateway.app.extensions import BUILT_IN, install
 from linked_fleet_gateway.app.settings import GatewaySettings
 from linked_fleet_gateway.base.errors import BadRequest, FleetError
-from linked_fleet_gateway.extensions.query.errors import QueryTooCostly, ResultTooLarge
 from linked_fleet_gateway.extensions.query.messages import HypotheticalRobot
 from linked_fleet_gateway.extensions.query.service import Queries, Term
+from linked_fleet_gateway.extensions.query.turns import QueryTooCostly, ResultTooLarge
 from linked_fleet_gateway.fleet.invocation import Invocation
 from linked_fleet_gateway.fleet.kinematics import ORIGIN
 from linked_fleet_gateway.fleet.model import Pose
 from linked_fleet_gateway.identity.rights import ALL, View, view
 from linked_fleet_gateway.resources.branches import FleetBranch, RequestView
 from linked_fleet_gateway.subscriptions.live import Live
-from pictured import Pictured
+from mirrored_fleet import MirroredFleet
 from running import eventually
 from virtual.loop import VirtualLoop, current
 from virtual.zenoh_network import ZenohNetwork
@@ -49,7 +49,7 @@ class Asking:
     loop: VirtualLoop
     live: Live
     queries: Queries
-    robots: Pictured
+    robots: MirroredFleet
 
     def run(self, query: str, sees: View = ALL, bindings: Mapping[str, Term] = {}) -> list[dict[str, Term]]:
         return self.loop.run(self.select(query, sees, bindings))
@@ -72,7 +72,7 @@ def asking() -> Iterator[Asking]:
         return live, await Queries(live, limit_s=0.5).__aenter__()
 
     live, queries = loop.run(enter())
-    robots = Pictured(live.fleet, live.invocations)
+    robots = MirroredFleet(live.fleet, live.invocations)
     for name in ("a", "b"):
         robots.describe(name)
         robots.stand(name, (0.25, 0.1))

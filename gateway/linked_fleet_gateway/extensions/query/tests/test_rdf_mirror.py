@@ -14,22 +14,22 @@ from linked_fleet_gateway.resources.invocation import invocation_path
 from linked_fleet_gateway.resources.paths import lease_path, robot_path
 from linked_fleet_gateway.resources.resource import Resource
 from linked_fleet_gateway.resources.tree import Tree
-from pictured import Pictured
+from mirrored_fleet import MirroredFleet
 
 BASE = "http://fleet.example"
 
 
 @pytest.fixture
-def pictured() -> Pictured:
-    return Pictured()
+def mirrored() -> MirroredFleet:
+    return MirroredFleet()
 
 
-def served(pictured: Pictured, name: str) -> Dataset:
+def served(mirrored: MirroredFleet, name: str) -> Dataset:
     """Return all triples that GET serves for a robot and its parts."""
-    tree = Tree(pictured.fleet, pictured.invocations, BASE)
+    tree = Tree(mirrored.fleet, mirrored.invocations, BASE)
     robot = tree.resolve(robot_path(name))
     assert isinstance(robot, Resource)
-    paths = [robot.path, lease_path(name), *robot.parts, *map(invocation_path, pictured.invocations.of_robot(name))]
+    paths = [robot.path, lease_path(name), *robot.parts, *map(invocation_path, mirrored.invocations.of_robot(name))]
     store = Store()  # the store normalizes numbers by type: 1.0 and 1 are one xsd:float
     for at, path in enumerate(paths):
         store.extend(Quad(*_own(triple, f"p{at}x")) for triple in _described(tree, path))
@@ -65,60 +65,60 @@ def invocation(id: str, robot: str, state: InvocationState = InvocationState.RUN
     return Invocation(id, robot, action, state=state, **(given | more))  # type: ignore[arg-type]
 
 
-def test_the_mirror_equals_the_served_descriptions(pictured: Pictured) -> None:
+def test_the_mirror_equals_the_served_descriptions(mirrored: MirroredFleet) -> None:
     rdf_mirror = RdfMirror(BASE)
 
     def same(*names: str) -> None:
-        rdf_mirror.bring(pictured.bring())
+        rdf_mirror.update(mirrored.bring())
         for name in names:
-            assert canonical(held(rdf_mirror, name)) == canonical(served(pictured, name)), name
+            assert canonical(held(rdf_mirror, name)) == canonical(served(mirrored, name)), name
 
-    pictured.describe("a", annotations='<> <http://x/made> [ <http://x/by> "somebody" ] .')
-    pictured.describe("b", floating=True)
+    mirrored.describe("a", annotations='<> <http://x/made> [ <http://x/by> "somebody" ] .')
+    mirrored.describe("b", floating=True)
     same("a", "b")  # no frame yet
-    pictured.stand("a", (0.1, 0.2))
-    pictured.stand("b", (0.0, 0.0), base=Base((1.0, 2.0, 3.0), (0.0, 0.0, 0.0, 1.0), (0.0,) * 3, (0.0,) * 3))
+    mirrored.stand("a", (0.1, 0.2))
+    mirrored.stand("b", (0.0, 0.0), base=Base((1.0, 2.0, 3.0), (0.0, 0.0, 0.0, 1.0), (0.0,) * 3, (0.0,) * 3))
     same("a", "b")
-    pictured.stand("a", (0.3, 0.2))
+    mirrored.stand("a", (0.3, 0.2))
     same("a", "b")
-    pictured.invocations.add(invocation("i-1", "a"))
-    pictured.invocations.add(invocation("i-2", "a", preempts=("i-1",), created_ns=2 * 10**9))
-    robot = pictured.fleet.robots["a"]
+    mirrored.invocations.add(invocation("i-1", "a"))
+    mirrored.invocations.add(invocation("i-2", "a", preempts=("i-1",), created_ns=2 * 10**9))
+    robot = mirrored.fleet.robots["a"]
     robot.targets = {"elbow": 0.25}
     robot.tell_news()
-    pictured.fleet.control("a", Lease("l", "a", "ann", 1, 2 * 10**9, 5.0))
-    pictured.fleet.configure("b", {"title": "Other", "maximumSpeedScale": "0.5"})
+    mirrored.fleet.control("a", Lease("l", "a", "ann", 1, 2 * 10**9, 5.0))
+    mirrored.fleet.configure("b", {"title": "Other", "maximumSpeedScale": "0.5"})
     same("a", "b")
-    one = pictured.invocations.get("i-1")
+    one = mirrored.invocations.get("i-1")
     assert one is not None
     one.state, one.preempted_by, one.ended_ns = InvocationState.PREEMPTED, "i-2", 3 * 10**9
     same("a", "b")
-    pictured.invocations.remove("i-1")
-    pictured.leave("a")
-    pictured.describe("b", 2)  # another run, with a fixed base
+    mirrored.invocations.remove("i-1")
+    mirrored.leave("a")
+    mirrored.describe("b", 2)  # another run, with a fixed base
     same("a", "b")
-    pictured.stand("b", (0.0, 0.4), 2)
+    mirrored.stand("b", (0.0, 0.4), 2)
     same("a", "b")
 
 
 @pytest.mark.parametrize("moved", [(0.1, 0.2), (0.1000001, 0.2)])
-def test_unchanged_values_are_not_written_again(pictured: Pictured, moved: tuple[float, float]) -> None:
+def test_unchanged_values_are_not_written_again(mirrored: MirroredFleet, moved: tuple[float, float]) -> None:
     rdf_mirror = RdfMirror(BASE)
-    pictured.describe("a")
-    pictured.stand("a", (0.1, 0.2))
-    rdf_mirror.bring(pictured.bring())
+    mirrored.describe("a")
+    mirrored.stand("a", (0.1, 0.2))
+    rdf_mirror.update(mirrored.bring())
     before = set(rdf_mirror.store)
-    pictured.stand("a", moved)
-    rdf_mirror.bring(pictured.bring())
+    mirrored.stand("a", moved)
+    rdf_mirror.update(mirrored.bring())
     changed = before ^ set(rdf_mirror.store)
     assert {quad.predicate.value for quad in changed} == {"https://w3id.org/linked-fleet#lastFrame"}
 
 
-def test_statements_of_an_unusable_description_are_removed(pictured: Pictured) -> None:
+def test_statements_of_an_unusable_description_are_removed(mirrored: MirroredFleet) -> None:
     rdf_mirror = RdfMirror(BASE)
-    pictured.describe("a")
-    pictured.stand("a", (0.1, 0.2))
-    rdf_mirror.bring(pictured.bring())
-    pictured.fleet.robots["a"].undescribe("it makes no sense")
-    rdf_mirror.bring(pictured.bring())
-    assert canonical(held(rdf_mirror, "a")) == canonical(served(pictured, "a"))
+    mirrored.describe("a")
+    mirrored.stand("a", (0.1, 0.2))
+    rdf_mirror.update(mirrored.bring())
+    mirrored.fleet.robots["a"].undescribe("it makes no sense")
+    rdf_mirror.update(mirrored.bring())
+    assert canonical(held(rdf_mirror, "a")) == canonical(served(mirrored, "a"))

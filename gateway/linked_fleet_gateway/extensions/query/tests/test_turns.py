@@ -1,16 +1,15 @@
-"""Whose query is next."""
+"""The order in which queries of several clients are evaluated."""
 
 import asyncio
 
 import pytest
 
 from linked_fleet_gateway.base.errors import Busy, FleetError
-from linked_fleet_gateway.extensions.query.errors import TooManyQueries
-from linked_fleet_gateway.extensions.query.turns import AT_ONCE, MAX_OF_CLIENT, MAX_WAITING, FairTurns
+from linked_fleet_gateway.extensions.query.turns import AT_ONCE, MAX_OF_CLIENT, MAX_WAITING, FairTurns, TooManyQueries
 
 
 class Asked:
-    """Queries of clients, each in progress until it is told to end."""
+    """Queries of clients, each in progress until the test ends it."""
 
     def __init__(self) -> None:
         self.turns = FairTurns()

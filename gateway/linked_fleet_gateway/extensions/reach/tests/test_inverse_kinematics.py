@@ -15,7 +15,7 @@ from linked_fleet_gateway.extensions.reach.inverse_kinematics import (
     MAX_ITERATIONS,
     TOLERANCE_M,
     TOLERANCE_RAD,
-    Reached,
+    Solution,
     Unreachable,
     reach,
 )
@@ -63,7 +63,7 @@ class Demo:
     def random(self, seeded: np.random.Generator) -> dict[str, float]:
         return {name: float(seeded.uniform(*self.limits.get(name, (-3, 3)))) for name in self.home}
 
-    def reach(self, link: str, pose: Pose, oriented: bool = True) -> Reached:
+    def reach(self, link: str, pose: Pose, oriented: bool = True) -> Solution:
         orientation = pose.orientation_xyzw if oriented else None
         asked = (pose.position_m, orientation, self.home, self.limits, self.movable, STANDING)
         return reach(self.urdf, self.floating, link, *asked, "world")
@@ -152,7 +152,7 @@ def arm(
     base: Base | None = None,
     floating: bool = False,
     **start: float,
-) -> Reached:
+) -> Solution:
     at = {"shoulder": 0.3, "elbow": 0.4, "finger": 0.0} | start
     return reach(
         urdf, floating, link, position, orientation, at, limits, movable, base, "world" if floating else "base"
@@ -192,7 +192,7 @@ def test_whole_turns_that_the_limits_forbid_are_not_undone() -> None:
 def test_joints_that_may_not_move_stay_where_they_are() -> None:
     found = arm((math.cos(1) + math.cos(1.4), math.sin(1) + math.sin(1.4), 0), movable=("shoulder",))
     assert found.positions == pytest.approx({"shoulder": 1}, abs=1e-4)
-    with pytest.raises(Unreachable, match=r"tip comes no nearer than .* mm: no joint that may move moves it"):
+    with pytest.raises(Unreachable, match=r"tip comes no nearer than .* mm: no movable joint moves it"):
         arm(movable=("finger",))
 
 

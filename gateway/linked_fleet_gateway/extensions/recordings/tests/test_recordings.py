@@ -20,8 +20,8 @@ from linked_fleet_gateway.app.application import new_live
 from linked_fleet_gateway.app.settings import GatewaySettings
 from linked_fleet_gateway.extensions.history.recorder import History
 from linked_fleet_gateway.extensions.history.track import Excerpt, Joints, joints_of
-from linked_fleet_gateway.extensions.recordings import recorder
-from linked_fleet_gateway.extensions.recordings.recorder import MOST_WAITING, TERMS, Job, Recorder
+from linked_fleet_gateway.extensions.recordings import extension
+from linked_fleet_gateway.extensions.recordings.extension import MOST_WAITING, TERMS, Job, Recorder
 from linked_fleet_gateway.fleet.invocation import FLEET, Invocation, InvocationState
 from linked_fleet_gateway.subscriptions.live import Live
 from running import eventually
@@ -94,7 +94,7 @@ def test_stops_in_a_row_are_one_recording(made: Bench) -> None:
     for _ in range(5):
         made.begin(stops=())
     assert made.begun == ["r0"]
-    time.sleep(recorder.PAUSE_S)
+    time.sleep(extension.PAUSE_S)
     made.begin(stops=())
     assert made.begun == ["r0"]
 

@@ -6,7 +6,7 @@ from linked_fleet_gateway.extensions.query.messages import HypotheticalRobot
 from linked_fleet_gateway.extensions.rules.causes import KEPT_S, SETTLING_S, Causes, Counterfactual, Look, state_of
 from linked_fleet_gateway.extensions.rules.rule import Firing, FiringState, Rule, RuleRecord
 from linked_fleet_gateway.fleet.invocation import Invocation, InvocationState
-from pictured import Pictured
+from mirrored_fleet import MirroredFleet
 
 IDS = map(str, itertools.count())
 
@@ -15,7 +15,7 @@ class Scene:
     """Two robots, ``a`` and ``b``, which stand; motions begin and end when the test says so."""
 
     def __init__(self) -> None:
-        self.fleet, self.causes = Pictured(), Causes()
+        self.fleet, self.causes = MirroredFleet(), Causes()
         for name in ("a", "b"):
             self.fleet.describe(name)
             self.fleet.stand(name, (0.0, 0.0))
@@ -24,7 +24,7 @@ class Scene:
         motion, there = self.motion(robot, joint), self.fleet.fleet.robots[robot]
         before = state_of(there, self.fleet.invocations)
         self.fleet.invocations.add(motion)
-        self.causes.began(motion, there, {rule, *because}, before)
+        self.causes.note_motion(motion, there, {rule, *because}, before)
         return motion
 
     def motion(self, robot: str = "a", joint: str = "elbow") -> Invocation:
@@ -34,10 +34,10 @@ class Scene:
         return self.causes.look(self.fleet.fleet.robots, self.fleet.invocations, now_s)
 
     def questions(self, rule: str, since_s: float, look: Look) -> list[set[str]]:
-        return [set(each.rules) for each in self.causes.questions(rule, since_s, look)]
+        return [set(each.rules) for each in self.causes.counterfactuals(rule, since_s, look)]
 
     def question(self, rule: str, since_s: float, look: Look) -> HypotheticalRobot:
-        (found,) = self.causes.questions(rule, since_s, look)
+        (found,) = self.causes.counterfactuals(rule, since_s, look)
         assert isinstance(found, Counterfactual)
         (instead,) = found.instead
         return instead
@@ -110,7 +110,7 @@ def test_stopping_moves_nothing_and_is_no_cause() -> None:
     scene = Scene()
     robot = scene.fleet.fleet.robots["a"]
     stop = Invocation(next(IDS), "a", "/a/actions/stop", {}, 1, 2, stops=())
-    scene.causes.began(stop, robot, {"one"}, state_of(robot, scene.fleet.invocations))
+    scene.causes.note_motion(stop, robot, {"one"}, state_of(robot, scene.fleet.invocations))
     assert scene.look(1.0) == {}
 
 

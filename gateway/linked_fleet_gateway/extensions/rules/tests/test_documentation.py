@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from linked_fleet_gateway.extensions.rules import engine, request, service, store, template
-from linked_fleet_gateway.extensions.rules.settings import RuleSettings
+from linked_fleet_gateway.extensions.rules.extension import RuleSettings
 from linked_fleet_gateway.rdf.serialise import parse
 from linked_fleet_gateway.rdf.sparql_syntax import check_select
 

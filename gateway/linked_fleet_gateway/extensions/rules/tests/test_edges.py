@@ -3,7 +3,7 @@
 import pytest
 from pyoxigraph import BlankNode, Literal, NamedNode
 
-from linked_fleet_gateway.extensions.rules.edges import MOST_ROWS, Unusable, edge, holding
+from linked_fleet_gateway.extensions.rules.edges import MOST_ROWS, UnusableResult, edge, holding
 
 ONE = {"arm": NamedNode("http://fleet/one"), "angle": Literal(1.0)}
 OTHER = {"arm": NamedNode("http://fleet/other"), "angle": Literal(1.0)}
@@ -45,5 +45,5 @@ def test_terms_that_are_written_alike_are_not_the_same() -> None:
     ids=["blank", "long", "many"],
 )
 def test_rows_that_cannot_be_compared_are_refused(rows: list[dict[str, Literal]]) -> None:
-    with pytest.raises(Unusable):
+    with pytest.raises(UnusableResult):
         holding(rows)

@@ -9,8 +9,8 @@ from rdflib import URIRef
 from browser import LDP, LF, MATHS, Browser
 from commanding import PREFIXES, of_joint, of_robot, radian, slowly
 from linked_fleet_demo.tree import PLACES
-from linked_fleet_gateway.extensions.rules.examples import GREET, KEEP_AWAY, UPRIGHT, Example
-from ruling import TURTLE, fired, firings, posted
+from linked_fleet_gateway.extensions.rules.page import GREET, KEEP_AWAY, UPRIGHT, Example
+from rules_client import TURTLE, fired, firings, posted
 from running import eventually
 
 pytestmark = [pytest.mark.virtual, pytest.mark.test_all]

@@ -8,12 +8,12 @@ import pytest
 
 from browser import LDP, LF, Browser
 from commanding import angle, begun, of_joint, post, radian
-from linked_fleet_gateway.extensions.rules.loops import FIRINGS, WITHIN_S, reason_to_disable, self_caused
+from gateway_group import Gateway, Hub, gateways, hub
+from linked_fleet_gateway.extensions.rules.causes import FIRINGS, WITHIN_S, reason_to_disable, self_caused
 from linked_fleet_gateway.extensions.rules.rule import Firing, FiringState, Rule, RuleRecord
 from redis_servers import single
-from ruling import BY_SIDE, TO_TARGET, a_rule, container, fired, posted, put, sides
+from rules_client import BY_SIDE, TO_TARGET, a_rule, container, fired, posted, put, sides
 from running import eventually, process
-from several import Gateway, Hub, gateways, hub
 from small_fleet import live
 
 pytestmark = pytest.mark.virtual
@@ -65,7 +65,7 @@ def test_suppressed_firings_are_not_counted() -> None:
 
 @dataclass
 class Scene:
-    """``hub`` has a robot whose joint the test moves like a person; rules move the other robot."""
+    """The robot of ``hub`` is moved by the test; rules move the other robot."""
 
     hub: Hub
     one: Gateway

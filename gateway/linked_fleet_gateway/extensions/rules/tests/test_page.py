@@ -5,7 +5,7 @@ from pyoxigraph import NamedNode
 
 from linked_fleet_gateway.extensions.pages.values import Facts, State
 from linked_fleet_gateway.extensions.rules import page
-from linked_fleet_gateway.extensions.rules.examples import EXAMPLES, Example
+from linked_fleet_gateway.extensions.rules.page import EXAMPLES, Example
 from linked_fleet_gateway.extensions.rules.request import parse_rule
 from linked_fleet_gateway.rdf.serialise import parse
 from linked_fleet_gateway.rdf.sparql_syntax import check_select
@@ -74,7 +74,7 @@ def test_the_form_of_a_saved_rule_says_what_the_rule_says() -> None:
         "SELECT ?x {}",
         "sparql",
     )
-    assert (fields["invokes"].value, fields["invokes"].says) == ("?task", "variable")
+    assert (fields["invokes"].value, fields["invokes"].term_kind) == ("?task", "variable")
     assert [each.value for each in fields["toldApartBy"].repeated] == ["x", "y"]
     assert (fields["minimumInterval"].value, fields["enabled"].value) == ("2.5", "false")
     sent = "".join(
@@ -87,7 +87,7 @@ def test_the_form_of_a_saved_rule_says_what_the_rule_says() -> None:
     triples = parse((PREFIXES + sent).encode(), "text/turtle", iri.value)
     before = parse((PREFIXES + RULE).encode(), "text/turtle", RULES.value)
     base = ROOT.rstrip("/")
-    assert fields["body"].says == "turtle"
+    assert fields["body"].term_kind == "turtle"
     assert parse_rule(triples, iri.value, base) == parse_rule(before, iri.value, base)
 
 

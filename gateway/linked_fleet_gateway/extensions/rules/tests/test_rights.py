@@ -5,9 +5,9 @@ from collections.abc import Iterator
 import pytest
 from rdflib import URIRef
 
+from authenticated_gateway import ALL, HIDDEN, SEEN, AuthenticatedGateway, run_authenticated
 from browser import LDP, LF, Browser
-from guarded import ALL, HIDDEN, SEEN, Guarded, guarded
-from ruling import a_rule, container, fired, firings, post, posted, put, sides
+from rules_client import a_rule, container, fired, firings, post, posted, put, sides
 from running import eventually
 from small_fleet import move
 
@@ -17,8 +17,8 @@ _BODY = "vom:numericalValue 0.1 ; vom:unit unit:RAD"
 
 
 @pytest.fixture(scope="module")
-def here(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Guarded]:
-    with guarded(tmp_path_factory.mktemp("guarded"), "--rules-per-client", "2") as one:
+def here(tmp_path_factory: pytest.TempPathFactory) -> Iterator[AuthenticatedGateway]:
+    with run_authenticated(tmp_path_factory.mktemp("guarded"), "--rules-per-client", "2") as one:
         one.add("reader", "read")
         one.add("subscriber", "read", "subscribe")
         one.add("writer", "read", "subscribe", "act", robots=LAB)
@@ -29,13 +29,13 @@ def here(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Guarded]:
 
 
 @pytest.fixture(scope="module")
-def root(here: Guarded) -> Iterator[Browser]:
+def root(here: AuthenticatedGateway) -> Iterator[Browser]:
     with here.browsing("root") as browser:
         yield browser
 
 
 @pytest.fixture
-def rule(here: Guarded, root: Browser) -> Iterator[str]:
+def rule(here: AuthenticatedGateway, root: Browser) -> Iterator[str]:
     """Return the writer's rule: the position of one joint controls another."""
     with here.browsing("writer") as writer:
         text = a_rule(
@@ -66,13 +66,13 @@ def reaches(root: Browser, rule: str, state: URIRef) -> None:
 
 
 @pytest.mark.parametrize("name", ["reader", "subscriber"])
-def test_a_rule_takes_the_rights_to_be_told_and_to_act(here: Guarded, root: Browser, name: str) -> None:
+def test_a_rule_takes_the_rights_to_be_told_and_to_act(here: AuthenticatedGateway, root: Browser, name: str) -> None:
     with here.browsing(name) as browser:
         answer = post(browser, a_rule(sides(joint(root, SEEN)), rotate(root, SEEN), _BODY))
         assert answer.status_code == 403
 
 
-def test_rules_need_the_right_to_see_and_move_their_robots(here: Guarded, root: Browser) -> None:
+def test_rules_need_the_right_to_see_and_move_their_robots(here: AuthenticatedGateway, root: Browser) -> None:
     with here.browsing("writer") as writer:
         answer = post(writer, a_rule(sides(joint(root, SEEN)), rotate(root, HIDDEN), _BODY))
         absent = post(writer, a_rule(sides(joint(root, SEEN)), rotate(root, HIDDEN).replace(HIDDEN, "hall-9"), _BODY))
@@ -80,7 +80,9 @@ def test_rules_need_the_right_to_see_and_move_their_robots(here: Guarded, root: 
         assert answer.json()["detail"].replace(HIDDEN, "hall-9") == absent.json()["detail"]
 
 
-def test_a_rule_is_invisible_without_the_right_to_its_robots(here: Guarded, root: Browser, rule: str) -> None:
+def test_a_rule_is_invisible_without_the_right_to_its_robots(
+    here: AuthenticatedGateway, root: Browser, rule: str
+) -> None:
     with here.browsing("hall") as browser:
         assert browser.http.get(rule).status_code == browser.http.get(rule + "/firings").status_code == 404
         assert not list(browser.page(container(browser)).graph.objects(None, LDP.contains))
@@ -89,7 +91,9 @@ def test_a_rule_is_invisible_without_the_right_to_its_robots(here: Guarded, root
         assert browser.page(rule).one(LF.enabled)
 
 
-def test_creators_change_rules_and_administrators_delete_them(here: Guarded, root: Browser, rule: str) -> None:
+def test_creators_change_rules_and_administrators_delete_them(
+    here: AuthenticatedGateway, root: Browser, rule: str
+) -> None:
     with here.browsing("colleague") as browser:
         assert put(browser, rule, "lf:enabled true", "lf:enabled false").status_code == 403
         assert browser.http.delete(rule).status_code == 403
@@ -101,7 +105,9 @@ def test_creators_change_rules_and_administrators_delete_them(here: Guarded, roo
     reaches(root, rule, LF.active)
 
 
-def test_a_rule_fires_with_the_present_rights_of_its_creator(here: Guarded, root: Browser, rule: str) -> None:
+def test_a_rule_fires_with_the_present_rights_of_its_creator(
+    here: AuthenticatedGateway, root: Browser, rule: str
+) -> None:
     turn(root, 1.2)
     assert fired(root, rule, 1) == [("accepted", "up")]
     whole = here.tables["writer"]
@@ -121,7 +127,7 @@ def test_a_rule_fires_with_the_present_rights_of_its_creator(here: Guarded, root
     assert fired(root, rule, 2)[1:] == [("accepted", "up")]
 
 
-def test_a_client_has_so_many_rules(here: Guarded, root: Browser, rule: str) -> None:
+def test_a_client_has_so_many_rules(here: AuthenticatedGateway, root: Browser, rule: str) -> None:
     text = a_rule(sides(joint(root, SEEN)), rotate(root, SEEN), _BODY)
     with here.browsing("writer") as writer:
         second = posted(writer, text)

@@ -12,14 +12,14 @@ import rdflib
 from rdflib import URIRef
 
 from browser import HYBRIT, LDP, LF, SH, Browser, Page
+from gateway_group import Gateway, Hub, gateway, gateways, hub
 from linked_fleet_gateway.extensions.rules.rule import Rule, RuleRecord
 from linked_fleet_gateway.extensions.rules.service import Rules
 from linked_fleet_gateway.extensions.rules.store import Changed
 from receivers import receiving
 from redis_servers import Servers, single
-from ruling import BEGIN, BY_SIDE, TO_TARGET, TURTLE, a_rule, container, fired, firings, post, posted, put, sides
+from rules_client import BEGIN, BY_SIDE, TO_TARGET, TURTLE, a_rule, container, fired, firings, post, posted, put, sides
 from running import eventually, process
-from several import Gateway, Hub, gateway, gateways, hub
 from small_fleet import live
 
 pytestmark = pytest.mark.virtual
@@ -135,7 +135,7 @@ def test_an_action_elsewhere_is_refused_by_the_firing_and_asked_of_nobody(scene:
         scene.turn(1.5)
         assert fired(scene.one.browser, rule, 1) == [("failed", "up")]
         reason = str(scene.one.browser.page(rule + "/firings/1").one(LF.reason))
-        assert iri in reason and "no action of this fleet" in reason and "nothing was requested" in reason
+        assert iri in reason and "not an action of this fleet" in reason and "nothing was requested" in reason
         assert elsewhere.connections == 0
 
 
@@ -207,7 +207,7 @@ def disabled(browser: Browser, rule: str) -> Page | None:
         (a_rule("SELECT ?a WHERE { ?a ?b ", "{rotate}"), "lf:condition"),
         (a_rule("SELECT ?a WHERE { SERVICE <http://x/> { ?a ?b ?c } }", "{rotate}"), "SERVICE"),
         (a_rule("SELECT ?a WHERE { ?a ?b ?c }", "{rotate}", 'lf:value [ lf:variable "b" ]'), "does not select ?b"),
-        (a_rule("SELECT ?a WHERE { ?a ?b ?c }", "http://elsewhere/act"), "no action of this fleet"),
+        (a_rule("SELECT ?a WHERE { ?a ?b ?c }", "http://elsewhere/act"), "not an action of this fleet"),
         (a_rule("SELECT ?a WHERE { ?a ?b ?c }", "{root}ur5/"), "no action"),
         (a_rule("SELECT ?a WHERE { ?a ?b ?c }", "{rotate}", more="lf:minimumInterval -1"), "minimumInterval"),
         (a_rule("SELECT ?a WHERE { ?a ?b ?c }", "{rotate}", more="lf:intervall 1"), "intervall"),

@@ -4,8 +4,7 @@ import pytest
 from pyoxigraph import BlankNode, Literal, NamedNode
 
 from linked_fleet_gateway.base.errors import UnprocessableContent
-from linked_fleet_gateway.extensions.rules.template import fill, template, triples_of, variables
-from linked_fleet_gateway.extensions.rules.terms import LF
+from linked_fleet_gateway.extensions.rules.template import LF, fill, template, triples_of, variables
 from linked_fleet_gateway.rdf.serialise import parse
 from linked_fleet_gateway.rdf.vocabulary import VOM
 

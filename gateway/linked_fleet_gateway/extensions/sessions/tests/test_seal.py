@@ -14,7 +14,7 @@ from linked_fleet_gateway.extensions.sessions.sealed_cookie import (
     seal_login,
     seal_session,
 )
-from linked_fleet_gateway.extensions.sessions.session_key import read_key
+from linked_fleet_gateway.extensions.sessions.service import read_key
 from linked_fleet_gateway.identity.rights import Claims, TokenHash
 from linked_fleet_gateway.identity.roster import BadRoster
 

@@ -6,8 +6,8 @@ from urllib.parse import urlsplit
 import httpx
 import pytest
 
+from authenticated_gateway import SEEN, AuthenticatedGateway
 from browser import LF
-from guarded import SEEN, Guarded
 from running import eventually
 from subscribers import Socket, refused
 
@@ -16,7 +16,7 @@ _HTML = "text/html,application/xhtml+xml,*/*;q=0.8"
 
 
 @pytest.fixture
-def http(here: Guarded) -> Iterator[httpx.Client]:
+def http(here: AuthenticatedGateway) -> Iterator[httpx.Client]:
     """Yield a client like a browser with a session of ``all``, without further headers."""
     with httpx.Client(timeout=20) as client:
         answer = log_in(here, client, here.tokens["all"])
@@ -24,16 +24,16 @@ def http(here: Guarded) -> Iterator[httpx.Client]:
         yield client
 
 
-def log_in(here: Guarded, client: httpx.Client, token: str, then: str = "/") -> httpx.Response:
+def log_in(here: AuthenticatedGateway, client: httpx.Client, token: str, then: str = "/") -> httpx.Response:
     return client.post(here.root + "login", data={"token": token, "then": then}, headers={"origin": here.root[:-1]})
 
 
-def _stop_all(here: Guarded) -> str:
+def _stop_all(here: AuthenticatedGateway) -> str:
     with here.browsing("root") as browser:
         return browser.action(browser.page(browser.root), LF.StopAll)
 
 
-def test_people_are_sent_to_the_login_and_back(here: Guarded) -> None:
+def test_people_are_sent_to_the_login_and_back(here: AuthenticatedGateway) -> None:
     with httpx.Client() as client:
         sent = client.get(here.root + f"{SEEN}/?as=turtle", headers={"accept": _HTML})
         assert sent.status_code == 303
@@ -44,14 +44,14 @@ def test_people_are_sent_to_the_login_and_back(here: Guarded) -> None:
         assert client.get(back.headers["location"], headers={"accept": _HTML}).status_code == 200
 
 
-def test_the_cookie_is_for_the_browser_alone(here: Guarded) -> None:
+def test_the_cookie_is_for_the_browser_alone(here: AuthenticatedGateway) -> None:
     with httpx.Client() as client:
         said = log_in(here, client, here.tokens["all"]).headers["set-cookie"]
     assert said.startswith("linked-fleet=") and here.tokens["all"] not in said
     assert {"HttpOnly", "Path=/", "SameSite=lax"} <= set(said.split("; "))
 
 
-def test_a_session_reads(here: Guarded, http: httpx.Client) -> None:
+def test_a_session_reads(here: AuthenticatedGateway, http: httpx.Client) -> None:
     page = http.get(here.root, headers={"accept": _HTML})
     assert page.status_code == 200 and SEEN in page.text
     assert page.headers["cache-control"] == "private, no-cache"
@@ -70,13 +70,13 @@ def test_a_session_reads(here: Guarded, http: httpx.Client) -> None:
     ],
 )
 def test_a_session_acts_for_our_pages_alone(
-    here: Guarded, http: httpx.Client, headers: dict[str, str], status: int
+    here: AuthenticatedGateway, http: httpx.Client, headers: dict[str, str], status: int
 ) -> None:
     said = {name: value.replace("OURS", here.root[:-1]) for name, value in headers.items()}
     assert http.post(_stop_all(here), headers=said).status_code == status
 
 
-def test_a_session_listens_for_our_pages_alone(here: Guarded, http: httpx.Client) -> None:
+def test_a_session_listens_for_our_pages_alone(here: AuthenticatedGateway, http: httpx.Client) -> None:
     cookie, ours = f"linked-fleet={http.cookies['linked-fleet']}", here.root[:-1]
     for origin in ({}, {"Origin": "https://evil.example"}, {"Origin": "null"}):
         assert refused(here.root, Cookie=cookie, **origin).status_code == 403
@@ -94,19 +94,21 @@ def test_a_session_listens_for_our_pages_alone(here: Guarded, http: httpx.Client
     assert http.get(here.root, headers=callback).status_code == 403
 
 
-def test_a_foreign_page_cannot_open_a_websocket(here: Guarded) -> None:
+def test_a_foreign_page_cannot_open_a_websocket(here: AuthenticatedGateway) -> None:
     bearer = f"Bearer {here.tokens['all']}"
     assert refused(here.root, Authorization=bearer, Origin="https://evil.example").status_code == 403
 
 
-def test_one_logs_out_and_the_session_is_over(here: Guarded, http: httpx.Client) -> None:
+def test_one_logs_out_and_the_session_is_over(here: AuthenticatedGateway, http: httpx.Client) -> None:
     assert http.post(here.root + "logout").status_code == 403  # from a page of another origin
     out = http.post(here.root + "logout", headers={"origin": here.root[:-1]})
     assert out.status_code == 303 and "Max-Age=0" in out.headers["set-cookie"]
     assert http.get(here.root, headers={"accept": "text/turtle"}).status_code == 401
 
 
-def test_a_copied_cookie_is_worth_nothing_once_its_owner_has_logged_out(here: Guarded, http: httpx.Client) -> None:
+def test_a_copied_cookie_is_worth_nothing_once_its_owner_has_logged_out(
+    here: AuthenticatedGateway, http: httpx.Client
+) -> None:
     """Streams of that session end; other sessions with the same token continue."""
     copy, ours = f"linked-fleet={http.cookies['linked-fleet']}", {"origin": here.root[:-1]}
     with httpx.Client() as tablet, Socket(here.root, Cookie=copy, Origin=here.root[:-1]) as open_:
@@ -124,7 +126,7 @@ def test_a_copied_cookie_is_worth_nothing_once_its_owner_has_logged_out(here: Gu
         assert tablet.get(here.root).status_code == 200
 
 
-def test_a_session_lives_no_longer_than_its_token(here: Guarded) -> None:
+def test_a_session_lives_no_longer_than_its_token(here: AuthenticatedGateway) -> None:
     here.add("passing", "read")
     here.known("passing")
     with httpx.Client() as client:
@@ -134,44 +136,44 @@ def test_a_session_lives_no_longer_than_its_token(here: Guarded) -> None:
         assert eventually(lambda: client.get(here.root).status_code == 401, "the session over")
 
 
-def test_the_numbers_are_for_programs_with_a_token(here: Guarded, http: httpx.Client) -> None:
+def test_the_numbers_are_for_programs_with_a_token(here: AuthenticatedGateway, http: httpx.Client) -> None:
     assert http.get(here.root + "metrics").status_code == 401
     assert http.get(here.root + "metrics", headers={"authorization": f"Bearer {here.tokens['all']}"}).status_code == 200
     assert here.gateway is not None and "Traceback" not in here.gateway.output
 
 
 @pytest.mark.parametrize("value", ["", "x", "a.b.c", "eyJhbGciOiJub25lIn0.eyJ0b2tlbiI6IjAwIiwiYXVkIjoic2Vzc2lvbiJ9."])
-def test_a_cookie_of_ones_own_making_is_none(here: Guarded, value: str) -> None:
+def test_a_cookie_of_ones_own_making_is_none(here: AuthenticatedGateway, value: str) -> None:
     answer = httpx.get(here.root, headers={"cookie": f"linked-fleet={value}"})
     assert answer.status_code == 401
 
 
 @pytest.mark.parametrize("then", ["//evil.example/", "https://evil.example/", "/\\evil.example", "x", "/a\r\nX: y"])
-def test_the_login_leads_to_us_and_nowhere_else(here: Guarded, then: str) -> None:
+def test_the_login_leads_to_us_and_nowhere_else(here: AuthenticatedGateway, then: str) -> None:
     with httpx.Client() as client:
         there = log_in(here, client, here.tokens["all"], then).headers["location"]
     assert urlsplit(there).netloc == urlsplit(here.root).netloc and "X:" not in there.partition("/a")[1]
 
 
-def test_nobody_is_logged_in_by_a_foreign_page(here: Guarded) -> None:
+def test_nobody_is_logged_in_by_a_foreign_page(here: AuthenticatedGateway) -> None:
     for headers in ({}, {"origin": "https://evil.example"}, {"sec-fetch-site": "cross-site"}):
         form = {"token": here.tokens["all"]}
         assert httpx.post(here.root + "login", data=form, headers=headers).status_code == 403
 
 
 @pytest.mark.parametrize("path", ["login", "login/start", "login/return", "logout"])
-def test_the_pages_have_their_methods_and_no_others(here: Guarded, path: str) -> None:
+def test_the_pages_have_their_methods_and_no_others(here: AuthenticatedGateway, path: str) -> None:
     answer = httpx.request("DELETE", here.root + path)
     assert answer.status_code == 405 and answer.headers["allow"]
 
 
-def test_a_return_without_a_beginning_is_refused(here: Guarded) -> None:
+def test_a_return_without_a_beginning_is_refused(here: AuthenticatedGateway) -> None:
     answer = httpx.get(here.root + "login/return?code=x&state=y", headers={"accept": _HTML})
     assert answer.status_code == 401 and "set-cookie" not in answer.headers
     assert httpx.get(here.root + "login/start?issuer=none").status_code == 404
 
 
-def test_guessing_is_slowed_down(here: Guarded) -> None:
+def test_guessing_is_slowed_down(here: AuthenticatedGateway) -> None:
     """After ten failures a wrong token gets 429; requests with a valid one are answered."""
     with httpx.Client() as client:
         answers = [log_in(here, client, f"guess{n}") for n in range(12)]

@@ -9,15 +9,15 @@ from typing import Any
 import pytest
 from starlette.responses import Response
 
-from every_kind import BASE, tree
 from linked_fleet_gateway.base.errors import BadRequest, FleetError
 from linked_fleet_gateway.extensions.things.directory import MOST, Listing
-from linked_fleet_gateway.extensions.things.http import read_listing
+from linked_fleet_gateway.extensions.things.extension import read_listing
 from linked_fleet_gateway.http.arrival import arrive
 from linked_fleet_gateway.http.representation import Representations
 from linked_fleet_gateway.http.request import Request
 from linked_fleet_gateway.resources.branches import RequestView
 from linked_fleet_gateway.resources.resource import Resource
+from sample_resources import BASE, tree
 
 
 class _Answer:
@@ -75,7 +75,7 @@ def _get(query: str = "", *, method: str = "GET", without: str = "", **fields: s
 
 def test_a_client_that_does_not_page_gets_everything(monkeypatch: pytest.MonkeyPatch) -> None:
     """However few descriptions one page has."""
-    monkeypatch.setattr("linked_fleet_gateway.extensions.things.http.MOST", 5)
+    monkeypatch.setattr("linked_fleet_gateway.extensions.things.extension.MOST", 5)
     whole = _get()
     assert len(whole.ids) == len(set(whole.ids)) == 35
     assert len(_get("limit=100").ids) == 5

@@ -6,14 +6,13 @@ import struct
 import pytest
 
 from linked_fleet_gateway.base.errors import UnprocessableContent
-from linked_fleet_gateway.extensions.world.body import read_object
-from linked_fleet_gateway.extensions.world.describe import describe_object
+from linked_fleet_gateway.extensions.world.descriptions import describe_object, read_object
 from linked_fleet_gateway.extensions.world.scene import Box, Cylinder, Geometry, SceneObject, Sphere, TriangleMesh
 from linked_fleet_gateway.fleet.model import Pose
 from linked_fleet_gateway.http.body import BODY_TYPES
 from linked_fleet_gateway.rdf.graph import Graph
 from linked_fleet_gateway.rdf.serialise import parse, render
-from linked_fleet_gateway.rdf.unused import shown
+from linked_fleet_gateway.rdf.validation import shown
 from linked_fleet_gateway.rdf.vocabulary import PREFIXES
 
 _BASE = "http://fleet.example"

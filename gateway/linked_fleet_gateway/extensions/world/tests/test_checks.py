@@ -16,7 +16,7 @@ from linked_fleet_gateway.app.application import new_live
 from linked_fleet_gateway.app.settings import GatewaySettings
 from linked_fleet_gateway.extensions.world import checks
 from linked_fleet_gateway.extensions.world.checks import Checks
-from linked_fleet_gateway.extensions.world.errors import Unchecked
+from linked_fleet_gateway.extensions.world.collisions import Unchecked
 from linked_fleet_gateway.extensions.world.placement import PLACEMENT
 from linked_fleet_gateway.extensions.world.scene import SceneObject
 from linked_fleet_gateway.fleet.events import Appeared, Described, Framed
@@ -25,10 +25,18 @@ from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.identity.rights import ALL
 from linked_fleet_gateway.link.fleet_link import NoAnswer
 from linked_fleet_gateway.link.meshes import Meshes
+from linked_fleet_gateway.runtime.worker import IDLE_S, Worker
 from meshes import channel, stl
 from virtual.zenoh_network import ZenohNetwork
 
 PATIENCE_S = 30.0
+
+
+@pytest.fixture(autouse=True)
+def _patience(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A busy machine takes longer than the limits to start the process."""
+    monkeypatch.setattr(checks, "EARLY_S", PATIENCE_S)
+    monkeypatch.setattr(checks, "_TIMEOUT_S", PATIENCE_S)
 
 
 def content(name: str) -> bytes:
@@ -38,11 +46,11 @@ def content(name: str) -> bytes:
 class Scene:
     """Robots with a mesh that they serve only when permitted, and the checks of their motions."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, idle_s: float = IDLE_S) -> None:
         self.live = new_live(GatewaySettings(), ZenohNetwork().gateway("g"))
         self.live.meshes = Meshes(self._ask)
         self.objects: dict[str, SceneObject] = {}
-        self.checks = Checks(self.live, self.objects, folder)
+        self.checks = Checks(self.live, self.objects, folder, idle_s=idle_s)
         self.asked: dict[str, asyncio.Event] = {}
         self.let: dict[str, asyncio.Event] = {}
         self.silent: set[str] = set()
@@ -80,13 +88,21 @@ class Scene:
         robot.settings[PLACEMENT] = msgspec.json.encode(Pose((x, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))).decode()
         return robot
 
+    @property
+    def worker(self) -> Worker:
+        return self.checks._checker._worker
+
+    async def idle(self) -> None:
+        """Wait until the process has ended because it was idle."""
+        await self.worker.process.wait()
+
     async def is_free(self, robot: Robot) -> bool:
         return await self.checks.free(Motion(robot, Move({"turn": 1.0}), {"turn": 1.0}, RobotTime(1, 1)), ALL, "")
 
 
 @asynccontextmanager
-async def scene_in(folder: Path) -> AsyncIterator[Scene]:
-    made = Scene(folder)
+async def scene_in(folder: Path, idle_s: float = IDLE_S) -> AsyncIterator[Scene]:
+    made = Scene(folder, idle_s)
     async with made.checks:
         yield made
         for each in made.let.values():
@@ -160,12 +176,51 @@ async def test_shapes_are_prepared_again_when_the_process_that_has_them_is_gone(
     async with scene_in(tmp_path) as scene:
         robot = scene.robot("arm", let=True)
         await scene.checks.ready(robot, ALL)
-        process = scene.checks._checker._worker.process
+        process = scene.worker.process
         process.kill()
         await process.wait()
         assert not scene.checks.prepared
         await scene.checks.ready(robot, ALL)
         assert await scene.is_free(robot)
+
+
+async def test_the_process_ends_when_idle_and_the_next_motion_starts_it_again(tmp_path: Path) -> None:
+    async with scene_in(tmp_path, idle_s=0.0) as scene:
+        robot = scene.robot("arm", let=True)
+        await scene.checks.ready(robot, ALL)
+        scene.asked["arm"].clear()
+        for _ in range(2):
+            await scene.idle()
+            await scene.checks._preparation._look()
+            assert scene.checks.prepared and not scene.worker.running, "nothing but a motion needs it"
+            await scene.checks.ready(robot, ALL)
+            assert await scene.is_free(robot)
+        assert not scene.asked["arm"].is_set(), "its shapes are on disk"
+
+
+async def test_a_robot_that_is_placed_after_the_process_became_idle_is_prepared_at_once(tmp_path: Path) -> None:
+    async with scene_in(tmp_path, idle_s=0.0) as scene:
+        await scene.checks.ready(scene.robot("first", let=True), ALL)
+        await scene.idle()
+        second = scene.robot("second", x=1.0)
+        assert not scene.checks.prepared
+        await scene.asked["second"].wait()
+        scene.let["second"].set()
+        await scene.checks.ready(second, ALL)
+        assert scene.checks.prepared and await scene.is_free(second)
+
+
+async def test_a_process_that_dies_after_it_was_idle_has_nothing_prepared(tmp_path: Path) -> None:
+    async with scene_in(tmp_path, idle_s=0.0) as scene:
+        robot = scene.robot("arm", let=True)
+        await scene.checks.ready(robot, ALL)
+        await scene.idle()
+        with scene.worker.in_use():
+            await scene.checks.ready(robot, ALL)
+            process = scene.worker.process
+            process.kill()
+            await process.wait()
+            assert not scene.checks.prepared
 
 
 def test_waiting_for_a_check_does_not_make_a_motion_late_but_a_stop_overrides_it(tmp_path: Path) -> None:

@@ -6,8 +6,7 @@ from typing import Any
 from pyoxigraph import Literal, NamedNode
 
 from linked_fleet_gateway.extensions.pages.values import Facts
-from linked_fleet_gateway.extensions.world.collisions import COLLISIONS, Collisions, resolve_collisions
-from linked_fleet_gateway.extensions.world.errors import Collides
+from linked_fleet_gateway.extensions.world.collisions import COLLISIONS, Collides, Collisions, resolve_collisions
 from linked_fleet_gateway.extensions.world.page import collisions
 from linked_fleet_gateway.fleet.invocations import Invocations
 from linked_fleet_gateway.identity.rights import ALL

@@ -6,8 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from linked_fleet_gateway.extensions.world.mesh_cache import MeshCache
-from linked_fleet_gateway.extensions.world.surfaces import Surface
+from linked_fleet_gateway.extensions.world.surfaces import MeshCache, Surface
 from meshes import BOX, channel, read
 
 NAMES = [f"{number:064x}.stl" for number in range(8)]

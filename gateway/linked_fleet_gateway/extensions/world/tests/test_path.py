@@ -6,9 +6,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from linked_fleet_agent.wire.messages import Follow, Move
+from linked_fleet_gateway.extensions.world.checks import paths_of
 from linked_fleet_gateway.extensions.world.path import FINEST_M, STEP_M, Path, path_of
 from linked_fleet_gateway.extensions.world.shapes import robot_of
-from linked_fleet_gateway.extensions.world.swept_path import paths_of
 
 MIMIC = "<mimic joint='a' multiplier='-2'/>"
 ROBOT = robot_of(
@@ -51,4 +51,4 @@ def test_mimicking_joints_follow_between_samples() -> None:
 
 
 def _longest(found: Path) -> float:
-    return float((np.diff(found.gone, axis=0) @ REACH.T).max(initial=0.0))
+    return float((np.diff(found.accumulated, axis=0) @ REACH.T).max(initial=0.0))

@@ -18,7 +18,7 @@ from linked_fleet_gateway.extensions.world.messages import (
     Placement,
 )
 from linked_fleet_gateway.extensions.world.shapes import robot_of
-from linked_fleet_gateway.extensions.world.surfaces import read_mesh, winding
+from linked_fleet_gateway.extensions.world.surfaces import read_mesh, winding_number
 from linked_fleet_gateway.fleet.model import Pose
 from linked_fleet_gateway.fleet.xml import ModelError
 from meshes import BOX, channel, plate, read, stl
@@ -35,14 +35,14 @@ def test_a_closed_mesh_that_fills_its_hull_is_its_hull() -> None:
 
 def test_a_point_within_a_closed_mesh_is_inside() -> None:
     surface = read(channel())
-    assert abs(winding(surface, np.array([0.0, -0.075, 0.0]))) == pytest.approx(1.0)
-    assert winding(surface, np.array([0.0, 0.05, 0.0])) == pytest.approx(0.0, abs=1e-9)
+    assert abs(winding_number(surface, np.array([0.0, -0.075, 0.0]))) == pytest.approx(1.0)
+    assert winding_number(surface, np.array([0.0, 0.05, 0.0])) == pytest.approx(0.0, abs=1e-9)
 
 
 def test_a_mesh_of_too_many_triangles_counts_as_its_hull(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(surfaces, "MOST_TRIANGLES", 8)
     surface = read(channel())
-    assert surface.fills_hull and winding(surface, np.array([0.0, 0.05, 0.0])) != 0
+    assert surface.fills_hull and winding_number(surface, np.array([0.0, 0.05, 0.0])) != 0
 
 
 @pytest.mark.parametrize("content", [b"", b"solid", stl([]), stl([((0, 0, 0),) * 3]), stl(BOX)[:200]])

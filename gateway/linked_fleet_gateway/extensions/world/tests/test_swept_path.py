@@ -6,8 +6,8 @@ from hypothesis import strategies as st
 
 from linked_fleet_agent.trajectory import through
 from linked_fleet_agent.wire.messages import Follow, Move
+from linked_fleet_gateway.extensions.world.checks import MOST_CONFIGURATIONS, paths_of, sampled_configurations
 from linked_fleet_gateway.extensions.world.path import on_leg
-from linked_fleet_gateway.extensions.world.swept_path import MOST_STANCES, paths_of, stances_of
 
 values = st.floats(-3, 3)
 
@@ -32,7 +32,7 @@ def test_joints_that_go_elsewhere_meanwhile_are_here_there_and_on_the_way() -> N
 
 
 def test_a_standing_robot_has_one_stance_and_a_moving_one_several() -> None:
-    assert stances_of({"a": 0.0}, {}) == ({"a": 0.0},)
-    assert stances_of({"a": 0.0}, {"a": 0.1})[1:] == ({"a": 0.05}, {"a": 0.1})
-    many = stances_of({"a": 0.0, "b": 1.0}, {"a": 30.0})
-    assert len(many) == MOST_STANCES + 1 and many[-1] == {"a": 30.0}
+    assert sampled_configurations({"a": 0.0}, {}) == ({"a": 0.0},)
+    assert sampled_configurations({"a": 0.0}, {"a": 0.1})[1:] == ({"a": 0.05}, {"a": 0.1})
+    many = sampled_configurations({"a": 0.0, "b": 1.0}, {"a": 30.0})
+    assert len(many) == MOST_CONFIGURATIONS + 1 and many[-1] == {"a": 30.0}

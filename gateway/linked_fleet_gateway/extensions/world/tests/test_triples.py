@@ -6,9 +6,9 @@ from pyoxigraph import Literal, NamedNode
 
 from linked_fleet_gateway.app.application import new_live
 from linked_fleet_gateway.app.settings import GatewaySettings
+from linked_fleet_gateway.extensions.world.placement import LF
 from linked_fleet_gateway.extensions.world.scene import SceneObject, Sphere, encode
 from linked_fleet_gateway.extensions.world.service import World
-from linked_fleet_gateway.extensions.world.terms import LF
 from linked_fleet_gateway.fleet.invocations import Invocations
 from linked_fleet_gateway.fleet.model import Pose
 from linked_fleet_gateway.identity.rights import ALL

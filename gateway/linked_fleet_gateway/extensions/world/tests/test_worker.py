@@ -3,7 +3,6 @@
 import hashlib
 from pathlib import Path
 
-from linked_fleet_gateway.extensions.world.mesh_cache import MeshCache
 from linked_fleet_gateway.extensions.world.messages import (
     Check,
     CheckFailed,
@@ -16,6 +15,7 @@ from linked_fleet_gateway.extensions.world.messages import (
     Question,
     Ready,
 )
+from linked_fleet_gateway.extensions.world.surfaces import MeshCache
 from linked_fleet_gateway.extensions.world.worker import Worker
 from linked_fleet_gateway.fleet.model import Pose
 from meshes import BOX, channel, stl

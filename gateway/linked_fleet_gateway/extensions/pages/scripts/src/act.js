@@ -103,7 +103,7 @@ export const outcome = {
 function rehearsed(form, graph, full = true) {
   const [root, facts] = [...(graph?.subjects ?? [])].find(([, each]) => each.get(RDF_TYPE)?.some(({ value }) => value === lf("Rehearsal"))) ?? [];
   if (!root) {
-    answer(form, "done", "It would be done; nothing has moved.");
+    answer(form, "done", "The action is possible; nothing has moved.");
     return;
   }
   const lines = [];

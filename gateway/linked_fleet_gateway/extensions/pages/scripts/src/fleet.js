@@ -7,7 +7,7 @@ import { adopt } from "./region.js";
 import { lf, taskName } from "./vocabulary.js";
 
 const CARDS = "#robots li[data-robot]";
-const LOW_PERCENT = 20; // as in fleet_view.py
+const LOW_PERCENT = 20; // as in root_views.py
 const PRESENCES = ["online", "faulty", "offline"];
 let filter;
 

@@ -1,4 +1,4 @@
-// Numbers as people read them; gateway/linked_fleet_gateway/extensions/pages/labels.py does the same.
+// Numbers as people read them; gateway/linked_fleet_gateway/extensions/pages/texts.py does the same.
 
 const LARGE = 1e15;
 const SMALL = 1e-9;

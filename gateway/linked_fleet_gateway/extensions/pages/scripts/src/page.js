@@ -13,34 +13,25 @@ import * as tasks from "./tasks.js";
 import * as include from "./include.js";
 import * as remove from "./remove.js";
 import * as copy from "./copy.js";
-import * as camera from "./camera.js";
 import * as fleet from "./fleet.js";
 import * as rows from "./rows.js";
 import * as robotState from "./robot_state.js";
 import * as sliders from "./sliders.js";
 import * as poses from "./poses.js";
-import * as arrange from "./arrange.js";
-import * as refused from "./refused.js";
-import * as reach from "./reach.js";
 import * as lease from "./lease.js";
 import { whenWanted } from "./lazy_scene.js";
-import * as thumbnails from "./thumbnails.js";
-import * as query from "./query.js";
-import * as rules from "./rules.js";
+import { parts } from "extensions";
 
-const ROBOT = [robotState, sliders, poses, reach, lease, thumbnails];
-const FLEET = [fleet, rows, arrange, refused];
-const PAGE = [stop, notice, region, presence, live, age, connection, form, act, tasks, include, remove, copy, camera];
-for (const part of [...PAGE, ...ROBOT, ...FLEET, query, rules]) {
+const ROBOT = [robotState, sliders, poses, lease];
+const FLEET = [fleet, rows];
+const PAGE = [stop, notice, region, presence, live, age, connection, form, act, tasks, include, remove, copy];
+for (const part of [...PAGE, ...ROBOT, ...FLEET, ...parts]) {
   try {
     part.start();
   } catch (error) {
     notice.notice(`Something on this page does not work: ${error.message}`);
   }
 }
-
-const chart = document.querySelector("figure.chart[data-history]");
-if (chart) import("./chart.js").then(({ start }) => start(chart), failed);
 
 const areas = document.querySelectorAll("textarea[data-editor]");
 if (areas.length) import("./editor.js").then(({ edit }) => areas.forEach(edit), failed);
@@ -50,12 +41,9 @@ region.adopt((root) => {
   if (root.querySelector("figure.plot")) plots();
 });
 
-const scene = document.getElementById("scene");
-if (scene) whenWanted(scene, () => drawing(scene).then(({ show }) => show(scene), failed));
-
-function drawing({ dataset }) {
-  return "world" in dataset ? import("./scene_world.js") : import("./scene.js");
-}
+/** @type {HTMLElement | null} */
+const scene = document.querySelector("#scene[data-model]");
+if (scene) whenWanted(scene, () => import("./scene.js").then(({ show }) => show(scene), failed));
 
 /** Plots and the 3D scene are large: only pages that have them fetch them. */
 function plots() {

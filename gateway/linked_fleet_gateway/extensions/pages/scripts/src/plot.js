@@ -3,8 +3,8 @@
 import uPlot from "uplot";
 
 import { number } from "./format.js";
-import { fetchPast, historyOf } from "./history.js";
 import { follow, reach } from "./live.js";
+import { past } from "./past.js";
 import { adopt } from "./region.js";
 import { options, SPANS_S } from "./plot_options.js";
 import { onConnection } from "./socket.js";
@@ -98,9 +98,10 @@ class Series {
 
   /** Put the history before the live values. */
   async fill() {
-    this.history = await historyOf(this.subject);
-    if (!this.history) return;
-    const { names, times, columns } = await fetchPast(this.history, LONGEST_S);
+    const found = await past(this.subject, LONGEST_S);
+    if (!found) return;
+    this.record = found.iri;
+    const { names, times, columns } = found.table;
     const name = this.path.map(localName).join(".");
     const values = columns[Math.max(0, names.indexOf(name))];
     const begin = this.times[0] ?? Infinity;
@@ -152,7 +153,7 @@ class Plot {
     this.canvas.setAttribute("role", "img");
     figure.append(this.canvas);
     this.renew();
-    if (data.history) this.remembered();
+    if (data.record) this.remembered();
   }
 
   /** Show the choice of the drawn time span and the download of the history. */
@@ -164,7 +165,7 @@ class Plot {
       this.span = Number(choose.value);
       this.draw(Date.now() / 1000);
     };
-    const csv = Object.assign(document.createElement("a"), { href: `${this.data.history}?as=csv`, textContent: "CSV", download: "" });
+    const csv = Object.assign(document.createElement("a"), { href: `${this.data.record}?as=csv`, textContent: "CSV", download: "" });
     this.bar = Object.assign(document.createElement("div"), { className: "plot-bar" });
     this.bar.append(choose, csv);
     this.figure.append(this.bar);

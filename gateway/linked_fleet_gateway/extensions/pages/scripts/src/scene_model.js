@@ -35,7 +35,7 @@ export async function fetchModel(address, signal) {
 export function build(urdf, address) {
   const xml = new DOMParser().parseFromString(urdf, "application/xml");
   const root = xml.querySelector(":root");
-  if (root?.nodeName !== "robot") throw new Error("the model is no URDF");
+  if (root?.nodeName !== "robot") throw new Error("the model is not a URDF");
   const declared = new Set([...root.querySelectorAll(":scope > link:has(> visual)")].map((link) => link.getAttribute("name")));
   harmless(root, address);
   const meshes = [];

@@ -16,3 +16,8 @@ interface HTMLElement {
   /** The drawing in a section for one. */
   scene?: any;
 }
+
+/** The `scripts/page.js` of each extension. */
+declare module "extensions" {
+  export const parts: { start(): void }[];
+}

@@ -36,7 +36,7 @@ export function words(name) {
   return name.replace(/([a-z0-9])([A-Z])/g, "$1 $2").toLowerCase();
 }
 
-/** `…/arm/elbow/actions/rotateBy/invocations/1` is "rotate by elbow", as sentences.py has it. */
+/** `…/arm/elbow/actions/rotateBy/invocations/1` is "rotate by elbow", as texts.py has it. */
 export function taskName(iri) {
   const found = segments(iri);
   const at = found.indexOf("actions");

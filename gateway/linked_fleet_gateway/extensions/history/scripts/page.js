@@ -1,0 +1,15 @@
+// The history of measured values in charts and plots. The code that reads and draws it is fetched when it is needed.
+
+import { notice } from "../../pages/scripts/src/notice.js";
+import { provide } from "../../pages/scripts/src/past.js";
+
+export function start() {
+  provide(async (iri, spanS) => (await import("./past.js")).recorded(iri, spanS));
+  /** @type {HTMLElement | null} */
+  const figure = document.querySelector("figure.chart[data-history]");
+  if (!figure) return;
+  import("./chart.js").then(
+    ({ start }) => start(figure),
+    (error) => notice(`The chart could not be fetched: ${error.message}`),
+  );
+}

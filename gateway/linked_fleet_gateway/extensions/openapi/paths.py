@@ -1,0 +1,296 @@
+"""Paths of a description: fleet, robots, joints, links, their properties, actions and invocations.
+
+Everything of the same form has one path. Links of a new invocation lead to reading, cancelling and deleting it.
+"""
+
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+
+from pyoxigraph import NamedNode
+
+from linked_fleet_gateway.extensions.openapi.components import ANNOTATIONS, LOCK_TOKEN
+from linked_fleet_gateway.extensions.openapi.schemas import closed, example, hoisted, union, unnamed
+from linked_fleet_gateway.fleet.robot import Robot
+from linked_fleet_gateway.http.fields import LINKSET_TYPES
+from linked_fleet_gateway.http.operations import (
+    CHANGED,
+    DESCRIBED,
+    ID,
+    JSONLD,
+    Parameters,
+    described,
+    document,
+    header,
+    names,
+    parameter,
+    patching,
+    path_item,
+    reading,
+    ref,
+    segment,
+    writing,
+)
+from linked_fleet_gateway.rdf.serialise import JSON
+from linked_fleet_gateway.rdf.vocabulary import LF
+from linked_fleet_gateway.resources.action_offer import Offer, fleet_offers, joint_offers, robot_offers
+from linked_fleet_gateway.resources.body_values import Setting
+from linked_fleet_gateway.resources.branches import RequestView
+from linked_fleet_gateway.resources.json_form import Form, Json, form_of, form_of_input, form_of_target
+from linked_fleet_gateway.resources.paths import joint_path, link_path, robot_path
+from linked_fleet_gateway.resources.properties import joint_properties, link_properties, robot_properties
+from linked_fleet_gateway.resources.property import Property
+
+_FORMAT: Json = {"type": "string", "enum": ["json", "jsonld"], "default": "json"}
+_PICKS = "The format of what is sent."
+PICK = parameter("as", "query", _FORMAT, _PICKS)
+_INVOCATION, _REHEARSAL = ref("schemas", "Invocation"), ref("schemas", "Rehearsal")
+_APPLIED: Json = {"Preference-Applied": {"schema": {"type": "string"}}}
+
+
+def action_paths(
+    template: str, name: str, parameters: Parameters, offers: Sequence[Offer], body: Json | None
+) -> dict[str, Json]:
+    """Return the path items of an action at ``template`` and below; ``offers``: one for each thing that has it."""
+    definition = offers[0].definition
+    one = {**parameters, "invocation": ID}
+    listed, read = f"{template}/invocations", f"{template}/invocations/{{invocation}}"
+    done: Json = {"204": {"description": "The robot holds."}}
+    cancel = reading(f"describeCancel{name}", "Describe the action cancel of a running invocation")
+    return {
+        template: path_item(
+            parameters,
+            get=reading(f"describe{name}", f"{definition.title}: description and shape of the body"),
+            **{method.lower(): _invoke(method, name, parameters, offers[0], body) for method in offers[0].methods},
+        ),
+        f"{template}/produceshape": path_item(parameters, get=reading(f"shape{name}", "Shape of the result")),
+        listed: path_item(parameters, get=reading(f"list{name}", "Invocations, the newest first")),
+        read: path_item(
+            one,
+            get=reading(f"read{name}", "Read an invocation: its state, progress and result", _INVOCATION),
+            delete=writing(f"delete{name}", "Stop an invocation and remove it", done),
+        ),
+        f"{read}/blueprint": path_item(one, get=reading(f"blueprint{name}", "Shape of an invocation")),
+        f"{read}/actions/cancel": path_item(
+            one, get=cancel, post=writing(f"cancel{name}", "Cancel an invocation and keep it", done)
+        ),
+    }
+
+
+def capitalized(name: str) -> str:
+    return name[0].upper() + name[1:]
+
+
+def _invoke(method: str, name: str, parameters: Parameters, offer: Offer, body: Json | None) -> Json:
+    # A wrong query must never prevent a stop: a request without a body accepts any format name.
+    pick = parameter("as", "query", {"type": "string", "default": "json"}, _PICKS) if body is None else PICK
+    fields = ["Prefer"] if body is None else ["Prefer", "IdempotencyKey", "LockToken", "IfMatch"]
+    return writing(
+        ("put" if method == "PUT" else "invoke") + name,
+        offer.definition.title,
+        invocation_responses(name, parameters),
+        None if body is None else {JSON: body},
+        [pick, *map(header, fields)],
+        description=offer.definition.comment,
+    )
+
+
+def invocation_responses(name: str, parameters: Parameters) -> Json:
+    """Return the responses to an invocation. A 202 contains the invocation only if the client prefers that."""
+    location: Json = {"Location": ref("headers", "Location")}
+    known = {each: f"$request.path.{each}" for each in parameters}
+    links = {
+        f"{does}Invocation": {
+            "operationId": f"{does}{name}",
+            "parameters": known | {"invocation": "$response.body#/id"},
+        }
+        for does in ("read", "cancel", "delete")
+    }
+    return {
+        "200": {
+            "description": "Rehearsed, as preferred by dry-run; nothing has moved.",
+            "headers": _APPLIED,
+            "content": {JSON: {"schema": _REHEARSAL}, **DESCRIBED},
+        },
+        "201": {
+            "description": "Accepted; the invocation is sent, as preferred by return=representation.",
+            "headers": location | _APPLIED,
+            "content": {JSON: {"schema": _INVOCATION}, **DESCRIBED},
+            "links": links,
+        },
+        "202": {"description": "Accepted; it goes on. Location is the invocation.", "headers": location | _APPLIED},
+        "204": {"description": "Accepted. Location is the invocation.", "headers": location},
+    }
+
+
+_MOST_NAMED = 8
+"""Up to this number of robots, bodies list the names of joints."""
+_MOST_FORMS = 256
+
+
+@dataclass
+class _CommonPath:
+    """Properties or actions with the same name, and the robots and parts that have them."""
+
+    robots: dict[str, None] = field(default_factory=dict)
+    parts: dict[str, None] = field(default_factory=dict)
+    kinds: dict[str, None] = field(default_factory=dict)
+    items: list[Property] = field(default_factory=list)
+    offers: list[Offer] = field(default_factory=list)
+
+    def note(self, robot: str, part: str = "", kind: str = "") -> None:
+        self.robots[robot] = None
+        if part:
+            self.parts[part], self.kinds[kind] = None, None
+
+    def parameters(self) -> Parameters:
+        robots = {"robot": names(self.robots)}
+        if not self.parts:
+            return robots
+        (name,) = self.kinds if len(self.kinds) == 1 else ("part",)
+        return robots | {name: names(self.parts)}
+
+    def template(self, end: str) -> str:
+        return "".join(f"/{{{name}}}" for name in self.parameters()) + end
+
+
+class FleetPaths:
+    """Collects the contents of robots, one robot at a time, and then yields the paths."""
+
+    def __init__(self, view: RequestView) -> None:
+        self._base = view.base
+        self._robots, self._parts = _CommonPath(), _CommonPath()
+        self._properties: dict[tuple[bool, str], _CommonPath] = {}
+        self._actions: dict[tuple[bool, str], _CommonPath] = {}
+        self.schemas: dict[str, Json] = {}
+        """Schemas of bodies by name, filled by ``paths``."""
+
+    def add(self, robot: Robot) -> None:
+        """Add a robot; one without a readable description has no parts and no properties."""
+        name = segment(robot_path(robot.name))
+        self._robots.note(name)
+        if robot.model is None:
+            return
+        own = robot_properties(robot, lambda path: NamedNode(self._base + path))
+        self._note(name, "", "", own, robot_offers(robot))
+        for joint in robot.model.joints.values():
+            part = segment(joint_path(robot.name, joint.name))
+            self._note(name, part, "joint", joint_properties(robot, joint), joint_offers(robot, joint))
+        for link in robot.model.links.values():
+            part = segment(link_path(robot.name, robot.model, link.name))
+            self._note(name, part, "link", link_properties(robot, link), ())
+
+    def _note(self, robot: str, part: str, kind: str, items: Iterable[Property], offers: Iterable[Offer]) -> None:
+        if part:
+            self._parts.note(robot, part, kind)
+        for item in items:
+            found = self._properties.setdefault((bool(part), item.segment), _CommonPath())
+            found.note(robot, part, kind)
+            found.items.append(item)
+        for offer in offers:
+            found = self._actions.setdefault((bool(part), offer.definition.segment), _CommonPath())
+            found.note(robot, part, kind)
+            found.offers.append(offer)
+
+    def paths(self) -> Iterator[tuple[str, Json]]:
+        """Yield path items by template. Each schema of a joint takes about a millisecond."""
+        yield from _thing("/", {}, "Fleet").items()
+        for offer in fleet_offers():
+            name = capitalized(offer.definition.segment)
+            yield from action_paths(offer.path, name, {}, [offer], self._body(name, [offer], form_of_input)).items()
+        yield "/vocabulary", path_item({}, get=reading("readVocabulary", "Terms and shapes"))
+        context: Json = {JSONLD: {"schema": ref("schemas", "JsonLd")}}
+        yield "/context", path_item({}, get=document("readContext", "JSON-LD context", context))
+        if not self._robots.robots:
+            return
+        robots = self._robots.parameters()
+        yield from _thing("/{robot}/", robots, "Robot").items()
+        yield from _lease(robots).items()
+        if self._parts.parts:
+            yield from _thing(self._parts.template(""), self._parts.parameters(), "Part").items()
+        for (_, called), alike in self._properties.items():
+            yield from self._property(alike, called).items()
+        for (in_part, called), alike in self._actions.items():
+            # A robot and its joints may have actions of one name.
+            name = capitalized(called) + ("OfRobot" if not in_part and (True, called) in self._actions else "")
+            body = self._body(name, alike.offers, form_of_input)
+            template, parameters = alike.template(f"/actions/{called}"), alike.parameters()
+            yield from action_paths(template, name, parameters, alike.offers, body).items()
+
+    def _body(self, name: str, offers: list[Offer], form: Callable[[Offer, str], Form]) -> Json | None:
+        """Return the media type object that all of ``offers`` accept; None if they take no body."""
+        if not offers[0].takes_body:
+            return None
+        alike, few = self._distinct(offers), len(self._robots.robots) <= _MOST_NAMED
+        forms = [form(each, self._base).schema for each in alike[:_MOST_FORMS]]
+        shown = forms if few else [unnamed(each, self._base) for each in forms]
+        known = len(alike) <= _MOST_FORMS
+        schema = closed(union(shown)) if known else {"type": "object"}
+        self.schemas[f"{name}Input"] = hoisted(schema, f"{name}Input", self.schemas)
+        return {"schema": ref("schemas", f"{name}Input"), "examples": {"first": {"value": example(forms[0])}}}
+
+    def _distinct(self, offers: Iterable[Offer]) -> list[Offer]:
+        """Return one offer for each distinct body schema.
+
+        Joints with equal limits share a schema, and so do equal robots where bodies do not list joints.
+        """
+        found: dict[tuple[object, ...], Offer] = {}
+        for each in offers:
+            robot, joint = each.robot, each.joint
+            own = (each.path,) if joint is None else (joint.kind, joint.limits)
+            if robot is not None and robot.description is not None and len(self._robots.robots) > _MOST_NAMED:
+                about = (robot.description.urdf, robot.description.joints, robot.annotations)
+                found.setdefault((about, *own[1:], own[0] if joint else ""), each)
+            else:
+                found.setdefault((robot and robot.name, *own), each)
+        return list(found.values())
+
+    def _property(self, alike: _CommonPath, called: str) -> dict[str, Json]:
+        item, parameters, template = alike.items[0], alike.parameters(), alike.template(f"/{called}")
+        (*_, owner), form = parameters, form_of(item.shape)
+        of, title = capitalized(owner) + capitalized(called), f"The {called} of a {owner}"
+        schema = None
+        if form.fields:
+            self.schemas[of], schema = form.schema, ref("schemas", of)
+        methods = {"get": reading(f"read{of}", title, schema)}
+        if puts := [each.put for each in alike.items if isinstance(each.put, Offer)]:
+            body = self._body(of, puts, form_of_target)
+            answers = invocation_responses(capitalized(puts[0].definition.segment), parameters)
+            fields = [PICK, *map(header, ("Prefer", "IdempotencyKey", "LockToken", "IfMatch"))]
+            methods["put"] = writing(f"put{of}", "Command the joint to a position", answers, {JSON: body or {}}, fields)
+        elif isinstance(item.put, Setting):
+            methods |= self._setting(of, item.put)
+        return described(template, parameters, of, title, **methods)
+
+    def _setting(self, of: str, setting: Setting) -> Mapping[str, Json]:
+        shape, fields = setting.shape, (header("IfMatch"), header("LockToken"))
+        self.schemas[f"{of}Input"] = ANNOTATIONS if shape is None else closed(form_of(shape).schema)
+        body = {JSONLD if shape is None else JSON: {"schema": ref("schemas", f"{of}Input")}}
+        found = {
+            "put": writing(f"put{of}", "Replace it", CHANGED, body, fields),
+            "patch": patching(f"patch{of}", "Change it by a SPARQL update"),
+        }
+        removed = writing(f"delete{of}", "Remove it", CHANGED, None, fields)
+        return found | ({"delete": removed} if setting.removable else {})
+
+
+def _thing(template: str, parameters: Parameters, kind: str) -> dict[str, Json]:
+    stem, linkset = template.rstrip("/"), {LINKSET_TYPES[0]: {"schema": {"type": "object", "required": ["linkset"]}}}
+    whole, blueprint = described(stem, parameters, kind, f"{kind}: description, properties and actions").values()
+    get = document(f"read{kind}Links", f"Links of a {kind.lower()} (RFC 9264)", linkset)
+    links = path_item(parameters, get=get)
+    return {template: whole, f"{stem}/blueprint": blueprint, f"{stem}/linkset": links}
+
+
+def _lease(robots: Parameters) -> dict[str, Json]:
+    schema = form_of(LF.ControlLeaseInput).schema
+    taken = {"204": {"description": "Control is yours.", "headers": {"Lock-Token": ref("headers", "LockToken")}}}
+    body = {JSON: {"schema": schema, "examples": {"a minute": {"value": {"holder": "a planner", "duration": 60}}}}}
+    proof = parameter("Lock-Token", "header", LOCK_TOKEN, "As it came.", required=True)
+    return described(
+        "/{robot}/lease",
+        robots,
+        "Lease",
+        "Control of a robot: holder and end",
+        put=writing("takeLease", "Take or renew control", taken, body, (header("LockToken"), header("IfMatch"))),
+        delete=writing("releaseLease", "Release control", {"204": {"description": "Released."}}, None, (proof,)),
+    )

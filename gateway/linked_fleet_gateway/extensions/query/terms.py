@@ -1,5 +1,0 @@
-"""Terms of the extension, beside those of the core; vocabulary.ttl and shapes.ttl describe them."""
-
-from linked_fleet_gateway.rdf.vocabulary import LF as CORE
-
-LF = CORE.extended("query poseIn distance example")

@@ -1,0 +1,57 @@
+"""The check process: questions on standard input, answers on standard output, until the input ends.
+
+It parses data of robots and clients with libraries that were not made for untrusted input. So it has no secrets, no
+network connections and a memory limit, and may be killed at any time. Its argument is the folder of the mesh cache.
+"""
+
+import logging
+import resource
+import struct
+import sys
+from collections.abc import Callable
+from importlib import import_module
+from pathlib import Path
+from typing import BinaryIO
+
+import msgspec
+
+from linked_fleet_gateway.base.errors import LibraryMissing
+from linked_fleet_gateway.extensions.world.messages import Answer, CheckFailed, Question
+
+MAX_MEMORY_BYTES = 4 * 2**30
+LENGTH = struct.Struct("<I")
+
+log = logging.getLogger(__name__)
+
+
+def main() -> None:
+    resource.setrlimit(resource.RLIMIT_AS, (MAX_MEMORY_BYTES, MAX_MEMORY_BYTES))
+    logging.basicConfig(format="%(asctime)s %(levelname)s %(name)s %(message)s")
+    decoder, encode = msgspec.msgpack.Decoder(Question), msgspec.msgpack.encode
+    answered = answers(Path(sys.argv[1]) if len(sys.argv) > 1 else None)
+    stdin, stdout = sys.stdin.buffer, sys.stdout.buffer
+    while head := stdin.read(LENGTH.size):
+        answer = encode(answered(decoder.decode(_read(stdin, head))))
+        stdout.write(LENGTH.pack(len(answer)) + answer)
+        stdout.flush()
+
+
+def answers(folder: Path | None) -> Callable[[Question], Answer]:
+    """Return the function that answers questions. If a library cannot be loaded, each answer is the reason."""
+    try:
+        # Not at the top of the module, so that the process outlives an ImportError and can report it.
+        worker = import_module("linked_fleet_gateway.extensions.world.worker").Worker.caching_in(folder)
+    except ImportError as error:
+        missing = LibraryMissing.named("pinocchio or coal", error).detail.rstrip(".")
+        log.error("no motion of a placed robot can be checked: %s", missing)
+        return lambda question: CheckFailed(missing)
+    answer: Callable[[Question], Answer] = worker.answer
+    return answer
+
+
+def _read(stdin: BinaryIO, head: bytes) -> bytes:
+    return stdin.read(LENGTH.unpack(head)[0])
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,216 @@
+"""Writes of resources: PUT, DELETE and PATCH, the requested interaction model, and the response to a creation.
+
+PUT and DELETE apply to the control lease and to settings of a robot (R0.5). PATCH is a SPARQL update of one resource
+(RFC 5789; LDP 4.2.7), whose result is handled like PUT. A client requests an interaction model by ``Link; rel="type"``
+(LDP 5.2.3.4 and 4.2.1.4). The response to a creation has the location and the description of the resource.
+"""
+
+import re
+from collections.abc import Callable, Iterable, Sequence
+from functools import partial
+from typing import TYPE_CHECKING
+
+from pyoxigraph import NamedNode, Triple
+from starlette.responses import Response
+
+from linked_fleet_gateway.actions.replicated_invocations import ReplicatedInvocations
+from linked_fleet_gateway.actions.service import Actions
+from linked_fleet_gateway.base.errors import (
+    BadRequest,
+    NotAcceptable,
+    NotFound,
+    UnprocessableContent,
+    UnsupportedMediaType,
+)
+from linked_fleet_gateway.http.body import body_type, parse_body, parse_form, read_as
+from linked_fleet_gateway.http.fields import field, parameters, split
+from linked_fleet_gateway.http.invoke import lock_token, refuse_rehearsal
+from linked_fleet_gateway.http.negotiation import choose
+from linked_fleet_gateway.http.preconditions import present_under_preconditions
+from linked_fleet_gateway.http.request import Request
+from linked_fleet_gateway.rdf.sparql_syntax import MAX_QUERY_BYTES
+from linked_fleet_gateway.rdf.sparql_update import Operation, read_update, updated
+from linked_fleet_gateway.rdf.validation import refuse, shown
+from linked_fleet_gateway.rdf.vocabulary import LDP, LF
+from linked_fleet_gateway.resources.affordance import FORM_TYPES, Control, PutSetting
+from linked_fleet_gateway.resources.body_values import Body, Setting, validated
+from linked_fleet_gateway.resources.paths import lease_path
+from linked_fleet_gateway.resources.resource import Resource
+
+if TYPE_CHECKING:
+    from linked_fleet_gateway.resources.json_form import Form
+
+
+PATCH_TYPES = ("application/sparql-update",)
+Managed = Callable[[Sequence[Triple]], Iterable[Triple]]
+"""Returns the statements of a description that clients cannot remove."""
+
+
+async def read_patch(request: Request, iri: str) -> list[Operation]:
+    """Return the update in the body, with ``iri`` as base.
+
+    Raises BadRequest, PayloadTooLarge, Busy, UnsupportedMediaType.
+    """
+    try:
+        body_type(request, PATCH_TYPES)
+    except UnsupportedMediaType as error:
+        error.headers["Accept-Patch"] = ", ".join(PATCH_TYPES)
+        raise
+    return await read_as(request, lambda content: _read(content, iri), MAX_QUERY_BYTES)
+
+
+def _read(content: bytes, iri: str) -> list[Operation]:
+    try:
+        return read_update(content.decode("utf-8-sig"), iri)
+    except UnicodeDecodeError as error:
+        raise BadRequest("The update is not UTF-8.") from error
+
+
+def apply_patch(operations: Sequence[Operation], resource: Resource, base: str, managed: Managed) -> list[Triple]:
+    """Return the description after the update. Raises UnprocessableContent if it removes managed statements."""
+    graph = resource.whole(base)
+    after = updated(graph.triples, operations)
+    left = set(after)
+    refuse(
+        [triple for triple in managed(graph.triples) if triple not in left],
+        f"{base}{resource.path}/blueprint",
+        "No client takes back",
+    )
+    return after
+
+
+# All of them are in every description and on every page of the robot.
+MAX_ANNOTATION_TRIPLES = 256
+
+
+async def control_lease(request: Request, afforded: Control) -> Response:
+    """PUT takes or renews the lease and returns its ``Lock-Token``; DELETE releases it with that token."""
+    shared = _shared(request)
+    refuse_rehearsal(request)
+    robot, token = afforded.robot, lock_token(request)
+    if request.method == "DELETE":
+        if not token:
+            raise BadRequest("Releasing control takes the Lock-Token that the lease came with.")
+        if not await shared.release(robot, token):
+            raise NotFound("Nobody has control at present.")
+        return Response(status_code=204)
+    iri = request.base + lease_path(robot.name)
+    media_type = body_type(request, FORM_TYPES)
+    form = partial(_form, LF.ControlLeaseInput)
+    lease = request.tree().resolve(lease_path(robot.name))
+    present = shown(lease.whole(request.base)) if isinstance(lease, Resource) else frozenset()
+
+    def read(content: bytes) -> Body:
+        return validated(parse_form(content, media_type, iri, request.base, form), LF.ControlLeaseInput, iri, present)
+
+    body = await read_as(request, read)
+    holder, duration_s = body.text(body.root, LF.holder), body.number(body.root, LF.leaseDuration)
+    assert holder is not None and duration_s is not None
+    _, proof = await shared.take(robot, holder, duration_s, token)
+    return Response(status_code=204, headers={"lock-token": f"<{proof}>", "cache-control": "no-store"})
+
+
+def _shared(request: Request) -> ReplicatedInvocations:
+    actions: Actions = request.services.actions
+    return actions.lifecycle.replicated
+
+
+async def put_setting(request: Request, afforded: PutSetting) -> Response:
+    shared = _shared(request)
+    refuse_rehearsal(request)
+    setting = afforded.setting
+    change = await _change(request, setting)
+    while True:
+        # Evaluated in each attempt, because the value may change meanwhile, also at another gateway.
+        present = await present_under_preconditions(request, lambda: request.tree().resolve(setting.path))
+        assert present is not None  # no robot is forgotten while its settings are written
+        if await shared.configure(setting.robot, setting.name, change(present), lock_token(request)):
+            return Response(status_code=204)
+
+
+async def _change(request: Request, setting: Setting) -> Callable[[Resource], str | None]:
+    """Return the function from the present resource to the value to store; None clears the setting."""
+    if request.method == "DELETE":
+        return lambda present: None
+    if request.method == "PUT":
+        triples = await _read_setting(request, setting)
+        return lambda present: setting.admit(triples, request.base, shown(present.whole(request.base)))
+    iri = request.base + setting.path
+    update = await read_patch(request, iri)
+
+    def patch(present: Resource) -> str:
+        after = apply_patch(update, present, request.base, lambda described: setting.managed(described, request.base))
+        return setting.admit(after, request.base, shown(present.whole(request.base)))
+
+    return patch
+
+
+async def _read_setting(request: Request, setting: Setting) -> list[Triple]:
+    iri, shape = request.base + setting.path, setting.shape
+    if shape is None:
+        media_type = body_type(request)
+        return await read_as(
+            request, lambda body: parse_body(body, media_type, iri, request.base, MAX_ANNOTATION_TRIPLES)
+        )
+
+    media_type, form = body_type(request, FORM_TYPES), partial(_form, shape)
+    return await read_as(request, lambda body: parse_form(body, media_type, iri, request.base, form))
+
+
+def _form(shape: NamedNode) -> "Form":
+    from linked_fleet_gateway.resources.json_form import form_of
+
+    return form_of(shape)
+
+
+_MODELS = (LDP.Resource.value, LDP.RDFSource.value)
+# One link (RFC 8288, 3): the target, then parameters, in which quoted strings are consumed whole.
+_LINK = re.compile(r'<([^<>]*+)>((?:[^",]++|"(?:[^"\\]++|\\.)*+")*+)')
+
+
+def check_model(request: Request, resource: Resource) -> None:
+    """Raise UnprocessableContent for an unavailable model: clients can create RDF sources but no containers.
+
+    Actions and queries are exempt, because they do not replace the resource.
+    """
+    if not resource.interaction or resource.remote is not None or request.method not in ("POST", "PUT"):
+        return
+    others = [each for each in _types(field(request, "link") or "") if each.startswith(LDP.iri) and each not in _MODELS]
+    if others:
+        raise UnprocessableContent(
+            f"What is written here is a plain {LDP.RDFSource.value}; the model <{others[0][:200]}> is not to be had."
+        )
+
+
+def _types(header: str) -> list[str]:
+    """Return the targets of links with relation ``type`` from the resource itself; malformed links are ignored."""
+    found = []
+    for target, rest in _LINK.findall(header):
+        said = [each for each in parameters(split(rest, ";")) if each is not None]
+        relations = next((value for name, value in said if name == "rel"), "").lower().split()
+        if "type" in relations and not any(name == "anchor" for name, _ in said):
+            found.append(target.strip())
+    return found
+
+
+def created_response(request: Request, resource: Resource, accept: str | None = None) -> Response:
+    """Return 201 with Location and the description (RFC 9110, 15.3.2); ``accept`` overrides the request's field."""
+    accept = accept or field(request, "accept")
+    representation = request.services.representations.negotiated(accept, resource, request.base)
+    location = request.base + resource.path
+    headers = {
+        "location": location,
+        "content-location": location,
+        "content-type": representation.content_type,
+        "etag": representation.etag,
+        "cache-control": "no-store",
+        "vary": "Accept",
+    }
+    return Response(representation.body, 201, headers)
+
+
+def check_accepted(request: Request) -> None:
+    """Raise NotAcceptable, before anything is created, if the client could not read the description."""
+    offered = request.services.representations.media_types
+    if choose(field(request, "accept"), offered) is None:
+        raise NotAcceptable(f"Available here: {', '.join(offered)}.", offered=offered)

@@ -1,0 +1,66 @@
+"""Documents of one kind, which differ in the path of their owner and in values: one is rendered, the others are copies.
+
+A fleet has thousands of blueprints of a few dozen kinds, and hundreds of actions that differ in limits. The document of
+a kind is rendered with markers in place of path and values. A copy equals the rendered document byte for byte, because
+only names and values take part that every text syntax writes as they are.
+"""
+
+import re
+
+from linked_fleet_gateway.rdf.graph import Graph
+from linked_fleet_gateway.rdf.serialise import TEXT_TYPES
+from linked_fleet_gateway.rdf.templates import Marks, Template, is_replaceable, write
+from linked_fleet_gateway.rdf.vocabulary import PREFIXES
+from linked_fleet_gateway.resources.resource import DescriptionTemplate, Resource
+
+MAX_COPIES = 512
+MAX_CHARACTERS = 8 * 1024 * 1024
+"""Limit of the characters of all kinds. The oldest is dropped first."""
+# Excludes characters that some syntax escapes, and segments that look like a prefix or a relative reference.
+_PLAIN = re.compile(r"(/[A-Za-z0-9_~][A-Za-z0-9_~-]*)+/?", re.ASCII)
+_Key = tuple[object, ...]
+
+
+class Copies:
+    """Cached texts by kind, datatypes of values, media type and base URL."""
+
+    def __init__(self, most: int = MAX_COPIES, max_characters: int = MAX_CHARACTERS) -> None:
+        self._most, self._max_characters = most, max_characters
+        self._kept: dict[_Key, Template] = {}
+        self._characters = 0
+
+    def body(self, resource: Resource, media_type: str, base: str) -> bytes | None:
+        """Return the document; None if the resource has no kind or must be rendered. Raises WriteError."""
+        kind = resource.template
+        if kind is None or media_type not in TEXT_TYPES or not _PLAIN.fullmatch(kind.owner):
+            return None
+        texts, datatypes = [], []
+        for literal in kind.values:
+            text, datatype = literal.value, literal.datatype.value
+            if literal.language is not None or not is_replaceable(text, datatype):
+                return None
+            texts.append(text)
+            datatypes.append(datatype)
+        key = (kind.key, kind.owner.endswith("/"), *datatypes, media_type, base)
+        template = self._kept.get(key) or self._keep(key, _compile(resource, kind, media_type, base))
+        texts.append(kind.owner.rstrip("/")[1:])
+        return template.filled(texts)
+
+    def _keep(self, key: _Key, template: Template) -> Template:
+        self._kept[key] = template
+        self._characters += len(template.text)
+        while len(self._kept) > self._most or (self._characters > self._max_characters and len(self._kept) > 1):
+            self._characters -= len(self._kept.pop(next(iter(self._kept))).text)
+        return template
+
+
+def _compile(resource: Resource, kind: DescriptionTemplate, media_type: str, base: str) -> Template:
+    """Return the text of one resource of the kind, with places for its values and for the path of its owner."""
+    marks = Marks()
+    owner = "/" + marks.text(len(kind.values))
+    path = owner + resource.path[len(kind.owner.rstrip("/")) :]
+    graph = Graph()
+    values = [marks.literal(index, literal) for index, literal in enumerate(kind.values)]
+    kind.describe(graph, owner + ("/" if kind.owner.endswith("/") else ""), values)
+    resource.state_model(graph, base, path)
+    return marks.template(write(graph, media_type, PREFIXES, base=base + path).decode())

@@ -1,0 +1,123 @@
+"""The limits of joints as numbers of shapes: rounded inwards, in every unit that a body may use."""
+
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from decimal import Decimal
+
+from pyoxigraph import Literal, NamedNode
+
+from linked_fleet_gateway.fleet.model import Joint, JointKind
+from linked_fleet_gateway.rdf.graph import ANGULAR, LINEAR, Dimension, Unit, lexical
+from linked_fleet_gateway.rdf.vocabulary import LF, XSD
+from linked_fleet_gateway.resources.joint_kinds import kind_of
+
+_DIGITS = 6  # limits are rounded inwards to a millionth of the unit, so that the robot accepts what the shape accepts
+MOST_TURNS = 10  # most turns of a continuous joint in one motion
+_FASTEST = {ANGULAR: 10.0, LINEAR: 10.0}  # rad/s or m/s, stated for a joint without a velocity limit
+
+
+@dataclass(frozen=True)
+class JointLimits:
+    """All that shapes state about one joint: the numbers of each completion in ``NUMBERS``, in the order of its units.
+
+    Shapes of two joints of a robot differ in these numbers alone if dimension and ``endless`` are equal.
+    """
+
+    dimension: Dimension
+    endless: bool
+    """True for a continuous joint."""
+    numbers: Mapping[NamedNode, Sequence[Literal]]
+
+
+def dimension_of(joint: Joint) -> Dimension:
+    dimension = kind_of(joint).dimension
+    assert dimension is not None
+    return dimension
+
+
+def bounds(joint: Joint, unit: Unit) -> tuple[float, float]:
+    """Return the lowest and highest position in ``unit``; a continuous joint has 0 up to, excluding, one turn."""
+    if joint.kind is JointKind.CONTINUOUS:
+        return 0.0, round(math.tau / unit.si, _DIGITS)
+    low, high = joint.limits.lower, joint.limits.upper
+    assert low is not None and high is not None
+    return _inwards(low / unit.si, high / unit.si)
+
+
+def _inwards(low: float, high: float) -> tuple[float, float]:
+    scale = 10**_DIGITS
+    return math.ceil(low * scale - 1e-3) / scale, math.floor(high * scale + 1e-3) / scale
+
+
+def limits_of(joint: Joint, completions: Iterable[NamedNode]) -> JointLimits:
+    """Return the limits of the joint that these completions state; those that state no limits are skipped."""
+    numbers = {each: NUMBERS[each](joint) for each in completions if each in NUMBERS}
+    return JointLimits(dimension_of(joint), joint.kind is JointKind.CONTINUOUS, numbers)
+
+
+def _positions(joint: Joint) -> list[Literal]:
+    """Return the lowest and the highest position in each unit."""
+    return [number for unit in dimension_of(joint).accepted for number in ends_of(joint, unit)]
+
+
+def ends_of(joint: Joint, unit: Unit) -> tuple[Literal, Literal]:
+    """Return the lowest and the highest position in one unit; a continuous joint excludes the highest."""
+    low, high = bounds(joint, unit)
+    return at_least(low), double(high) if joint.kind is JointKind.CONTINUOUS else at_most(high)
+
+
+def _displacements(joint: Joint) -> list[Literal]:
+    """Return the lowest and the highest displacement in each unit."""
+    limits = joint.limits
+    if joint.kind is JointKind.CONTINUOUS:
+        span = MOST_TURNS * math.tau
+    else:
+        assert limits.lower is not None and limits.upper is not None
+        span = limits.upper - limits.lower
+    found: list[Literal] = []
+    for unit in dimension_of(joint).accepted:
+        low, high = _inwards(-span / unit.si, span / unit.si)
+        found += (at_least(low), at_most(high))
+    return found
+
+
+def _speeds(joint: Joint) -> list[Literal]:
+    """Return the highest speed in each unit."""
+    dimension = dimension_of(joint)
+    fastest = joint.limits.velocity or _FASTEST[dimension]
+    return [at_most(_inwards(0.0, fastest / unit.si)[1]) for unit in dimension.speeds]
+
+
+NUMBERS: dict[NamedNode, Callable[[Joint], Sequence[Literal]]] = {
+    LF.jointPosition: _positions,
+    LF.jointDisplacement: _displacements,
+    LF.jointSpeed: _speeds,
+}
+"""Completions that depend on the joint, and the numbers that they state about it."""
+
+
+def at_least(value: float) -> Literal:
+    """Return ``value``, of ``_DIGITS`` decimal places, as the lowest conforming number."""
+    return double(-_reaching(-value))
+
+
+def at_most(value: float) -> Literal:
+    """Return ``value``, of ``_DIGITS`` decimal places, as the highest conforming number."""
+    return double(_reaching(value))
+
+
+def double(value: float) -> Literal:
+    """Return a limit as a double. With a decimal limit pySHACL would raise an exception on a NaN in the body."""
+    return Literal(lexical(value), datatype=XSD.double)
+
+
+def _reaching(value: float) -> float:
+    """Return the first double at or above ``value`` that is not below the decimal forms of itself and of ``value``.
+
+    Validators compare a double and a decimal exactly, and half of all doubles are below the decimal with their digits.
+    """
+    stated = Decimal(f"{value:.{_DIGITS}f}")
+    while Decimal(value) < max(stated, Decimal(repr(value))):
+        value = math.nextafter(value, math.inf)
+    return value

@@ -1,0 +1,69 @@
+"""Somebody at a page of the gateway, with a mouse or a finger, whose clicks or taps and drags are counted."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from playwright.sync_api import Browser, Locator, Page, ViewportSize
+
+from chromium import DESK, PHONE
+from running import PATIENCE_S
+
+SIZES: dict[str, ViewportSize] = {"desk": DESK, "phone": PHONE}
+
+
+class PageUser:
+    """``made`` counts clicks or taps, and drags."""
+
+    def __init__(self, page: Page, size: str) -> None:
+        self.page, self.touch, self.made = page, size == "phone", 0
+        self.said: list[str] = []
+        """Warnings and errors on the console."""
+        page.on("console", lambda message: message.type in ("error", "warning") and self.said.append(message.text))
+
+    def press(self, place: Locator) -> None:
+        self.made += 1
+        (place.tap if self.touch else place.click)()
+
+    def drag(self, x: float, y: float, right: int) -> None:
+        self.made += 1
+        if not self.touch:
+            self.page.mouse.move(x, y)
+            self.page.mouse.down()
+            self.page.mouse.move(x + right, y, steps=4)
+            self.page.mouse.up()
+            return
+        session = self.page.context.new_cdp_session(self.page)
+        places = [x, *(x + right * step / 4 for step in range(1, 5))]
+        for kind, place in zip(("touchStart", *["touchMove"] * 4), places, strict=True):
+            session.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": [{"x": place, "y": y}]})
+        session.send("Input.dispatchTouchEvent", {"type": "touchEnd", "touchPoints": []})
+
+    def forgive(self, *texts: str) -> None:
+        """Accept console messages of the browser about failed requests that the test caused."""
+        self.said = [each for each in self.said if not any(text in each for text in texts)]
+
+    def fits(self) -> bool:
+        """Return True unless the page scrolls sideways."""
+        width = self.page.viewport_size["width"] if self.page.viewport_size else 0
+        return bool(self.page.evaluate("document.documentElement.scrollWidth") == width)
+
+
+@contextmanager
+def using_page(chromium: Browser, size: str, script: str = "") -> Iterator[PageUser]:
+    """Open a page of this size, with few pixels. It must say nothing on the console and not scroll sideways.
+
+    ``script`` runs before those of each page.
+    """
+    touch = size == "phone"
+    context = chromium.new_context(
+        viewport=SIZES[size], has_touch=touch, is_mobile=touch, reduced_motion="reduce", device_scale_factor=0.5
+    )
+    context.set_default_timeout(PATIENCE_S * 1000)
+    if script:
+        context.add_init_script(script)
+    operator = PageUser(context.new_page(), size)
+    yield operator
+    assert operator.fits()
+    operator.forgive("closed before the connection is established")
+    assert operator.said == []
+    context.close()

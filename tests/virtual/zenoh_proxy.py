@@ -1,0 +1,44 @@
+"""The connection between a gateway and the robots simulated by a test, which the test can cut and heal."""
+
+import contextlib
+from collections.abc import Iterator
+from typing import Protocol
+
+from forwarder import proxy
+from running import Process
+from simulated_robots import SIMULATED
+from virtual.loop import VirtualLoop, current
+
+
+class ZenohProxy(Protocol):
+    """``endpoint``: where robots connect. Whatever is sent while the connection is cut waits, as in TCP."""
+
+    @property
+    def endpoint(self) -> str: ...
+    def cut(self) -> None: ...
+    def heal(self) -> None: ...
+
+
+class _InMemory:
+    def __init__(self, loop: VirtualLoop, endpoint: str, node: str) -> None:
+        from virtual.processes import world  # it imports the product, for which few tests wait
+
+        self._loop, self._node, self.endpoint = loop, node, endpoint
+        self._network = world(loop).network((endpoint,))
+
+    def cut(self) -> None:
+        self._loop.inside(self._network.partition, self._node, SIMULATED)
+
+    def heal(self) -> None:
+        self._loop.inside(self._network.heal, self._node, SIMULATED)
+
+
+@contextlib.contextmanager
+def zenoh_proxy(endpoint: str, gateway: Process) -> Iterator[ZenohProxy]:
+    """Yield the connection to a gateway at ``endpoint``: a TCP proxy, or the in-memory network on virtual time."""
+    loop = current()
+    if loop is None:
+        with proxy(int(endpoint.rpartition(":")[2])) as between:
+            yield between
+    else:
+        yield _InMemory(loop, endpoint, gateway.name)  # type: ignore[attr-defined]
