@@ -18,8 +18,8 @@ from linked_fleet_gateway.resources.paths import part_of, robot_path
 class RobotTime:
     """The time of a request by the robot's own clock: its run, and the monotonic time of its latest frame.
 
-    The command keeps this time whatever delays follow (a search, Redis, a turn), so it is refused as stale after too
-    long or after a stop.
+    The command keeps this time whatever delays follow (Redis, a turn), so it is refused as stale after too long or
+    after a stop.
     """
 
     incarnation: int
@@ -32,7 +32,7 @@ class Motion:
 
     ``targets`` are the final positions (rad or m), ``scale`` the share of the robot's speed, ``expects`` required
     positions at the start. A ``tied`` motion stops when the lease ends. ``facts`` are further values to report, by name
-    (SI).
+    (SI). ``computing_ns`` is the time that the plan took.
     """
 
     robot: Robot
@@ -43,6 +43,7 @@ class Motion:
     expects: Mapping[str, Expectation] = field(default_factory=dict)
     tied: bool = False
     facts: Mapping[str, float] = field(default_factory=dict)
+    computing_ns: int = 0
 
 
 @dataclass(frozen=True)
@@ -64,20 +65,22 @@ Plan = Motion | Halt | DeferredPlan
 
 
 TIME_TO_LIVE_NS = 2_000_000_000
+MOST_TIME_TO_LIVE_NS = 60_000_000_000
+"""The longest that a command can have (PROTOCOL.md of the wire)."""
 _FRAME_NS = 1_000_000_000  # a stop that is further ahead of the latest frame was another run's, by another clock
 
 
 def command_of(id: str, motion: Motion, waited_ns: int = 0, *, rehearsal: bool = False) -> Command:
     """Return the command, with the time of the request, whatever time has passed since.
 
-    ``waited_ns`` is the time spent in collision checks, which does not count.
+    The time that the plan took does not count, nor ``waited_ns``, the time spent in collision checks.
     """
     return Command(
         version=WIRE_VERSION,
         id=id,
         incarnation=motion.requested_at.incarnation,
         seen_ns=motion.requested_at.seen_ns,
-        time_to_live_ns=TIME_TO_LIVE_NS + waited_ns,
+        time_to_live_ns=min(TIME_TO_LIVE_NS + motion.computing_ns + waited_ns, MOST_TIME_TO_LIVE_NS),
         motion=motion.motion,
         scale=motion.scale,
         expects=dict(motion.expects),

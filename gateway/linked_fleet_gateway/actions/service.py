@@ -5,7 +5,7 @@ import logging
 import time
 import uuid
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from types import TracebackType
 from typing import Protocol, Self
 
@@ -186,14 +186,17 @@ class Actions:
     async def compute(self, plan: DeferredPlan) -> Motion:
         """Compute a plan in a thread; one at a time, so that clients share the processor.
 
-        Raises Busy if so many wait that the plan would be stale.
+        The motion does not become stale by the time of its computation: the first one loads libraries, which takes
+        seconds on a busy machine. Raises Busy if so many wait that the plan would be stale.
         """
         if self._planning >= MOST_PLANS:
             raise Busy(f"{MOST_PLANS} plans are being made; ask again.")
         self._planning += 1
         try:
             async with self._computing:
-                return await asyncio.to_thread(plan.compute)
+                began_ns = time.monotonic_ns()
+                motion = await asyncio.to_thread(plan.compute)
+                return replace(motion, computing_ns=time.monotonic_ns() - began_ns)
         finally:
             self._planning -= 1
 
