@@ -13,16 +13,15 @@ from random import Random
 from urllib.parse import urlsplit
 
 from bench.beside import BARE, bare, stored_ms, wire
-from bench.scene import Scene, browsing, cpu_s, scene
+from bench.scene import Scene, cpu_s, scene_of_robots
 from bench.table import Row, bounded, known, percentile, within
 from bench.varied import Client, Target, for_ever, timed_ms
 from browser import LF, Browser
 from commanding import PREFIXES
 from fuzzing.hostile import Attack, Endpoint, attacks
 from linked_fleet_gateway.http.invoke import MAX_BODY_BYTES, MAX_TRIPLES
-from running import eventually, free_port, process
+from running import eventually, free_port
 from shared_fixtures import ROBOTS
-from small_fleet import live
 
 _JOINTS = (
     *(f"shoulder_{each}_joint" for each in ("pan", "lift")),
@@ -39,13 +38,7 @@ def rows(seconds: float) -> list[Row]:
     query_ms = percentile(wire(f"tcp/127.0.0.1:{free_port()}", 100, seconds).answers_ms, 0.5)
     with bare(1) as (url, _):
         posted_ms = percentile(timed_ms(url, [Target("/", lambda chance: _scalar(chance.random()))], 204, seconds), 0.5)
-    with (
-        scene("--requests-per-client", "0") as place,
-        process("-m", "linked_fleet_agent", *(f"--robot={name}" for name in ROBOTS), "--connect", place.place.zenoh),
-        browsing(place.place) as browser,
-    ):
-        for name in ROBOTS:
-            live(browser, name)
+    with scene_of_robots("--requests-per-client", "0") as (place, browser):
         disk_ms = percentile(stored_ms(place.place.state, seconds / 2), 0.5)
         found = [
             known(f"{_QUERY}, p50", "ms", query_ms),

@@ -24,14 +24,12 @@ import httpx
 from pyoxigraph import NamedNode, RdfFormat, parse
 
 from bench.beside import BARE, Constant, bare
-from bench.scene import Scene, browsing, cpu_s, scene
+from bench.scene import Scene, cpu_s, scene_of_robots
 from bench.synthetic import urdf
 from bench.table import Row, UnavailableError, at_least, at_most, known
 from browser import HYBRIT, LF
 from fake_robots import FakeRobot
-from running import eventually, process
-from shared_fixtures import ROBOTS
-from small_fleet import live
+from running import eventually
 
 CONNECTIONS = 32
 _BROWSER = Path(__file__).with_name("browser.lua")
@@ -66,13 +64,9 @@ class Asked:
 
 def rows(seconds: float) -> list[Row]:
     with (
-        scene("--requests-per-client", "0") as place,
-        process("-m", "linked_fleet_agent", *(f"--robot={name}" for name in ROBOTS), "--connect", place.place.zenoh),
-        browsing(place.place) as browser,
+        scene_of_robots("--requests-per-client", "0") as (place, _),
         tempfile.TemporaryDirectory() as folder,
     ):
-        for name in ROBOTS:
-            live(browser, name)
         root = place.place.root
         values, others, first_s, first_cpu_s = _walk(root, place.pid)
         again_s = _read_all(root, [*values, *others], "application/n-triples")

@@ -11,14 +11,12 @@ from urllib.parse import urlsplit
 import httpx
 from pyoxigraph import NamedNode, RdfFormat, parse
 
-from bench.scene import Scene, browsing, cpu_s, scene
+from bench.scene import Scene, cpu_s, scene_of_robots
 from bench.table import Row, known
 from bench.varied import ENCODINGS, Client
 from browser import HYBRIT
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS
-from running import process
 from shared_fixtures import ROBOTS
-from small_fleet import live
 
 _ASSET = re.compile(r'(?:src|href)="(/assets/[^"]+\.(?:js|css))"')
 _CODINGS = {"without a content coding": "identity", "gzip": "gzip", "br": "br"}
@@ -33,13 +31,7 @@ class Cost(NamedTuple):
 
 def rows(seconds: float) -> list[Row]:
     """Measure resources that were read before, as random clients ask for them one after the other."""
-    with (
-        scene("--requests-per-client", "0") as place,
-        process("-m", "linked_fleet_agent", *(f"--robot={name}" for name in ROBOTS), "--connect", place.place.zenoh),
-        browsing(place.place) as browser,
-    ):
-        for name in ROBOTS:
-            live(browser, name)
+    with scene_of_robots("--requests-per-client", "0") as (place, browser):
         paths = _paths(place.place.root, [browser.robot(name).url for name in ROBOTS])
         idle = _idle(place, seconds)
         found = []

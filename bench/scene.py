@@ -18,6 +18,7 @@ import zenoh
 from browser import Browser
 from fake_robots import FakeRobot, open_session
 from running import Process, process
+from shared_fixtures import ROBOTS
 from small_fleet import Place, live
 
 READERS = Path(__file__).with_name("readers.py")
@@ -75,6 +76,19 @@ def scene(*flags: str) -> Iterator[Scene]:
             gateway.said("serving")
             with open_session(place.zenoh) as session:
                 yield Scene(place, session, pid_of(gateway))
+
+
+@contextlib.contextmanager
+def scene_of_robots(*flags: str) -> Iterator[tuple[Scene, Browser]]:
+    """Run a gateway and the simulated robots of the demo, from the time when all of them are live."""
+    with (
+        scene(*flags) as place,
+        process("-m", "linked_fleet_agent", *(f"--robot={name}" for name in ROBOTS), "--connect", place.place.zenoh),
+        browsing(place.place) as browser,
+    ):
+        for name in ROBOTS:
+            live(browser, name)
+        yield place, browser
 
 
 class Mover:
