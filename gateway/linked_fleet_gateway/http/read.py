@@ -99,20 +99,20 @@ _FOR_EVER = "public, max-age=31536000, immutable"
 
 def read(request: Request, resource: Resource) -> Response:
     """Return the representation that the client prefers, or 304. Raises NotAcceptable."""
-    return _response(request, resource, request.services.representations.negotiated(*_asked(request, resource)))
+    representation = request.services.representations.negotiated(*_asked(request, resource))
+    return _response(request, resource, representation, _coding(request, resource, representation, MOST_BYTES))
 
 
 async def read_in_turns(request: Request, resource: Resource) -> Response:
     """Return the same as ``read``. Other requests get turns if it takes long, and long contents are compressed too."""
     asked, threads = _asked(request, resource), request.services.writing
     representation = await request.services.representations.negotiated_in_turns(*asked, threads)
-    size = len(representation.body)
-    if size <= MOST_BYTES or resource.coded or not _coding(request, resource, representation, size):
-        return _response(request, resource, representation)
-    if not_modified(field(request, "if-none-match"), representation.etag):
-        return _response(request, resource, representation, b"")
-    coded = await threads.run(partial(compressed, representation.body), size, MOST_BYTES)
-    return _response(request, resource, representation, coded)
+    body, known = representation.body, not_modified(field(request, "if-none-match"), representation.etag)
+    coding = _coding(request, resource, representation, len(body))
+    if not coding or known or len(body) <= MOST_BYTES or resource.coded:
+        return _response(request, resource, representation, coding)
+    coded = await threads.run(partial(compressed, body), len(body), MOST_BYTES)
+    return _response(request, resource, representation, coding, coded)
 
 
 def _asked(request: Request, resource: Resource) -> tuple[str | None, Resource, str]:
@@ -122,9 +122,9 @@ def _asked(request: Request, resource: Resource) -> tuple[str | None, Resource, 
 
 
 def _response(
-    request: Request, resource: Resource, representation: Representation, in_gzip: bytes | None = None
+    request: Request, resource: Resource, representation: Representation, coding: str, coded: bytes = b""
 ) -> Response:
-    """Return the representation or 304. ``in_gzip``: its content in gzip, if that is what the client gets."""
+    """Return the representation in the coding, or 304. ``coded``: its content in the coding, if that is known."""
     representations = request.services.representations
     headers = resource_headers(resource, request.base, "")
     headers["vary"] += ", Accept-Encoding"
@@ -140,12 +140,11 @@ def _response(
         plain = representation.body if resource.measured is None else None
         return _Ready(answer.reply(field(request, "if-none-match"), takes_gzip(_accepted_codings(request)), plain))
     tag, body = representation.etag, representation.body
-    coding = _coding(request, resource, representation, MOST_BYTES) if in_gzip is None else "gzip"
     headers["etag"] = coded_tag(tag, coding)
     if not_modified(field(request, "if-none-match"), tag):
         return Response(status_code=304, headers=headers)
     if coding:
-        body, headers["content-encoding"] = in_gzip or resource.coded.get(coding) or compressed(body), coding
+        body, headers["content-encoding"] = coded or resource.coded.get(coding) or compressed(body), coding
     # Starlette computes Content-Length from the body; the server leaves out the body of a HEAD.
     return Response(body, headers=headers | of_content)
 

@@ -109,7 +109,7 @@ class Switch(Either):
 
 @dataclass(eq=False)
 class Shape:
-    """A node shape (``path`` is None, its only value node is the focus) or a property shape.
+    """A node shape (``path`` is None, and ``reach`` yields the focus alone) or a property shape.
 
     ``requires`` maps predicates to terms, one of which a conforming node must have. ``remembers`` is set if several
     paths may lead to the same focus, so that results are cached.
@@ -138,7 +138,7 @@ class Shape:
         return verdict
 
     def _judge(self, data: Data, focus: Term) -> bool:
-        values = (focus,) if self.path is None else tuple(self.reach(data, focus))
+        values = tuple(self.reach(data, focus))
         for count in self.counts:
             if not count.holds(data, values):
                 return False
@@ -163,7 +163,7 @@ class Shape:
         yield from run.told[self, focus]
 
     def _violations(self, data: Data, focus: Term, run: Run) -> Iterator[Violation]:
-        values = (focus,) if self.path is None else tuple(self.reach(data, focus))
+        values = tuple(self.reach(data, focus))
         for count in self.counts:
             if not count.holds(data, values):
                 told = f"must {count.expected}, and has {run.texts.listed(values) or 'none'}"

@@ -38,6 +38,11 @@ log = logging.getLogger(__name__)
 
 MAX_ENDED = 20
 """Number of ended invocations sent for each robot and for the fleet: the most recent ones."""
+_BEGIN_S = 60.0  # time for the first snapshot of the whole fleet
+_GRACE_S = 1.0
+_CHUNK = 256 * 1024
+# The process forks, and threads do not survive that; single queries do not need them.
+_ALONE = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
 
 
 class Feed:
@@ -102,13 +107,6 @@ def _said(robot: Robot, invocations: list[Invocation], branches: list[Member]) -
         branches=branches,
         invocations=invocations,
     )
-
-
-_BEGIN_S = 60.0  # time for the first snapshot of the whole fleet
-_GRACE_S = 1.0
-_CHUNK = 256 * 1024
-# The process forks, and threads do not survive that; single queries do not need them.
-_ALONE = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
 
 
 class QueryProcess:
