@@ -8,7 +8,7 @@ import rdflib
 from pyoxigraph import Literal, NamedNode, Triple
 
 from linked_fleet_gateway.rdf.graph import Graph, integer
-from linked_fleet_gateway.shacl import Unsupported, compile_graph, compile_shape
+from linked_fleet_gateway.shacl import Data, Unsupported, compile_graph, compile_shape
 from linked_fleet_gateway.shacl.terms import SHACL, XSD, Term
 from shacl_findings import EX, compiled_finds, turtle, unrepaired_pyshacl_finds
 
@@ -107,7 +107,10 @@ def _compile(text: str) -> None:
         ("ex:Shape sh:node ex:Missing", "<http://example.org/Missing> is not described as a shape"),
         ("ex:Shape sh:node [ sh:path ex:p ; sh:minCount 1 ]", "sh:node of a property shape"),
         ("ex:Shape sh:property [ sh:class ex:C ]", "sh:property a blank node without sh:path"),
-        ("ex:Shape sh:property ex:Other . ex:Other sh:class ex:C", "sh:property <http://example.org/Other> without"),
+        (
+            "ex:Shape sh:property ex:Other . ex:Other sh:class ex:C",
+            "sh:property <http://example.org/Other> without sh:path",
+        ),
         ("ex:Shape sh:minCount 1", "a count in a node shape"),
         ("ex:Shape sh:maxCount 1", "a count in a node shape"),
         ("ex:Shape sh:property [ sh:path ex:p , ex:q ]", "2 values of sh:path"),
@@ -145,7 +148,7 @@ def _compile(text: str) -> None:
         ('ex:Shape sh:minInclusive "a"', "sh:minInclusive 'a'"),
         ('ex:Shape sh:maxInclusive "2026-01-01T00:00:00Z"^^xsd:dateTime', "sh:maxInclusive '2026-01-01T00:00:00Z'"),
         ('ex:Shape sh:maxInclusive "NaN"^^xsd:float', "sh:maxInclusive NaN"),
-        ('ex:Shape sh:pattern "("', "sh:pattern '('"),
+        ('ex:Shape sh:pattern "("', "sh:pattern '(': missing ), unterminated subpattern at position 0"),
         ('ex:Shape sh:pattern "a"@en', "sh:pattern 'a'"),
         ("ex:Shape sh:pattern ex:a", "sh:pattern <http://example.org/a>"),
         ('ex:Shape sh:pattern "a" ; sh:flags "x"', "sh:flags 'x'"),
@@ -169,7 +172,14 @@ def test_unknown_constraints_are_refused(text: str, reason: str) -> None:
     """A constraint is compiled or refused, never ignored; the reason states why."""
     with pytest.raises(Unsupported) as refused:
         _compile(text + " .")
-    assert reason in str(refused.value)
+    assert str(refused.value) == reason
+
+
+def test_the_shapes_of_a_graph_report_with_the_prefixes_that_they_are_given() -> None:
+    """As single shapes do."""
+    text = "ex:Shape sh:targetNode ex:body ; sh:property [ sh:path ex:p ; sh:minCount 1 ] ."
+    (violation,) = compile_graph(turtle(text), {"x": "http://example.org/"}).check(Data([]))
+    assert violation.message == "x:p: must have 1 value or more, and has none"
 
 
 def test_targets_that_it_does_not_know_are_refused() -> None:
