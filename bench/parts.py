@@ -17,7 +17,7 @@ from bench.table import Row, known
 from linked_fleet_agent.wire.codec import decode
 from linked_fleet_agent.wire.messages import Description
 from linked_fleet_gateway.actions import redis_scripts as scripts
-from linked_fleet_gateway.fleet.events import Appeared, Described, Framed, Frames, Moved
+from linked_fleet_gateway.fleet.events import Appeared, Described, Framed, Frames
 from linked_fleet_gateway.fleet.fleet import Fleet
 from linked_fleet_gateway.fleet.invocations import Invocations
 from linked_fleet_gateway.http.websocket import framed
@@ -98,12 +98,10 @@ async def _rendered_us(robots: int) -> float:
     for _ in range(_ROUNDS):
         for each in crowd:
             each.send(epoch_ns, JOINTS)
-            latest = fleet.frames.put(each.name, each.publisher.frame, time.time_ns())
-            assert latest is not None
-            latest.scheduled = True
+            assert fleet.frames.put(each.name, each.publisher.frame, time.time_ns())
         before, begin = _Sink.messages, time.process_time()
         for each in crowd:
-            if fleet.apply(Moved(each.name), time.time_ns()):
+            if fleet.moved(each.name):
                 fan_out.moved(each.name)
         while _Sink.messages - before < robots * JOINTS:  # noqa: ASYNC110 - measures turns of the loop
             await asyncio.sleep(0)

@@ -7,9 +7,10 @@ almost nothing, and malformed, late or foreign frames never replace a good one.
 
 import struct
 import threading
-from collections import Counter, deque
+from collections import deque
 from collections.abc import Callable, Container
 from dataclasses import dataclass, field
+from functools import partial
 
 from linked_fleet_agent.wire import messages
 from linked_fleet_agent.wire.codec import layout
@@ -55,14 +56,7 @@ class Framed:
     payload: bytes
 
 
-@dataclass(frozen=True)
-class Moved:
-    """Newer frames of a watched robot are in ``frames.Frames``."""
-
-    robot: str
-
-
-Event = Appeared | Vanished | Described | Undescribed | Framed | Moved
+Event = Appeared | Vanished | Described | Undescribed | Framed
 
 
 MAX_KEYS = 20_000
@@ -87,9 +81,9 @@ class Batch:
     presence: dict[str, bool] = field(default_factory=dict)
     states: dict[str, Payload] = field(default_factory=dict)
     moved: dict[str, None] = field(default_factory=dict)
-    progress: deque[tuple[str, Payload]] = field(default_factory=lambda: deque(maxlen=MAX_PROGRESS))
-    told: Counter[str] = field(default_factory=Counter)
-    tokens: Counter[str] = field(default_factory=Counter)
+    progress: deque[tuple[str, Payload]] = field(default_factory=partial(deque, maxlen=MAX_PROGRESS))
+    told: dict[str, int] = field(default_factory=dict)
+    tokens: dict[str, int] = field(default_factory=dict)
     presence_lost: bool = False
 
 
@@ -112,10 +106,10 @@ class Inbox:
         with self._lock:
             batch, robot = self._batch, key.rpartition("/")[0]
             # removed first, so that the order is that of the latest change
-            known = batch.presence.pop(key, None) is not None
-            if known or (len(batch.presence) < MAX_KEYS and batch.tokens[robot] < MAX_TOKENS_OF_ONE):
+            known, tokens = batch.presence.pop(key, None) is not None, batch.tokens.get(robot, 0)
+            if known or (len(batch.presence) < MAX_KEYS and tokens < MAX_TOKENS_OF_ONE):
                 batch.presence[key] = present
-                batch.tokens[robot] += not known
+                batch.tokens[robot] = tokens + (not known)
             else:
                 batch.presence_lost = True
             self._wake_reader()
@@ -127,26 +121,26 @@ class Inbox:
             self._wake_reader()
 
     def put_moved(self, robot: str) -> None:
+        """Announce newer frames of a watched robot, which are in ``Frames``."""
         with self._lock:
             self._batch.moved[robot] = None
             self._wake_reader()
 
     def put_progress(self, key: str, payload: Payload) -> None:
         with self._lock:
-            if self._batch.told[key] < MAX_PROGRESS_OF_ONE:
-                self._batch.told[key] += 1
+            told = self._batch.told.get(key, 0)
+            if told < MAX_PROGRESS_OF_ONE:
+                self._batch.told[key] = told + 1
                 self._batch.progress.append((key, payload))
             self._wake_reader()
 
-    def take(self) -> Batch:
+    def take(self) -> Batch | None:
+        """Return the messages since the last call; None if there are none."""
+        if not self._woken:
+            return None
         with self._lock:
             batch, self._batch, self._woken = self._batch, Batch(), False
             return batch
-
-    @property
-    def has_news(self) -> bool:
-        """True if the reader was woken and has not taken the batch yet."""
-        return self._woken
 
     def close(self) -> None:
         """Stop waking the reader, and drop what it has not taken."""
@@ -164,50 +158,38 @@ _TIMES = struct.Struct("<Qqq")  # sequence, monotonic and wall time
 _BEGIN = _OFFSET["sequence"]
 """Length of the prefix that all frames of one run and shape share: magic, version, flags, joints, incarnation."""
 
+Received = tuple[bytes, int, int, int]
+"""A frame: payload, gateway wall time of arrival (ns), sequence number, agent's wall time (ns)."""
+
 
 class Latest:
-    """The latest frame of one run with one shape. One thread writes it, another reads; each attribute is replaced
-    atomically.
+    """The latest frame of one run with one shape. One thread replaces ``frame``, another reads it."""
 
-    ``frame`` holds the payload and its gateway wall time of arrival (ns).
-    """
+    __slots__ = ("begin", "frame", "robot", "scheduled", "size", "unreported")
 
-    __slots__ = ("_begin", "_size", "frame", "robot", "scheduled", "sequence", "unreported")
-
-    def __init__(self, robot: str, sequence: int, payload: bytes, now_ns: int) -> None:
+    def __init__(self, robot: str, frame: Received) -> None:
         self.robot = robot
-        self.sequence = sequence
-        self.frame = (payload, now_ns)
+        self.frame = frame
+        self.begin, self.size = frame[0][:_BEGIN], len(frame[0])
+        """Begin and length that all frames of the run have."""
         self.unreported = False
         """True if the watchers of the robot have not been told of the frame."""
         self.scheduled = False
         """True if the event loop is already scheduled to read it."""
-        self._begin, self._size = payload[:_BEGIN], len(payload)
-
-    def put(self, payload: bytes, now_ns: int) -> bool:
-        """Store a frame that continues the run. Return False for any other, which needs a full check."""
-        if len(payload) != self._size or not payload.startswith(self._begin):
-            return False
-        sequence, monotonic_ns, wall_ns = _TIMES.unpack_from(payload, _BEGIN)
-        if sequence <= self.sequence or monotonic_ns < 0 or wall_ns < 0:
-            return False
-        self.sequence = sequence
-        self.frame = (payload, now_ns)
-        self.unreported = True
-        return True
 
 
 class Frames:
     """The latest frame of each robot. ``key_of`` maps a robot's name to the key of its frames.
 
-    ``taken`` counts stored frames. Frames are reported at once for robots in ``watched``, or for all robots
-    while ``has_listeners``.
+    ``taken`` counts stored frames. ``report`` is called at once with the names of robots in ``watched``, or of all
+    robots while ``has_listeners``; not again before ``Robot.tell``.
     """
 
     def __init__(self, key_of: Callable[[str], str] = str) -> None:
         self.taken = 0
         self.watched: Container[str | None] = frozenset()
         self.has_listeners = False
+        self.report: Callable[[str], object] = bool
         self._key_of = key_of
         self._latest: dict[str, Latest] = {}
 
@@ -222,17 +204,24 @@ class Frames:
         """Return the latest frames of all robots. Only the event loop, which opens and closes them, may call this."""
         return list(self._latest.values())
 
-    def put(self, key: str, payload: bytes, now_ns: int) -> Latest | None:
-        """Store a frame; return None if it is not known to be valid. Called by one thread at a time."""
-        latest = self._latest.get(key)
-        if latest is None or not latest.put(payload, now_ns):
-            return None
-        self.taken += 1
-        return latest
+    def put(self, key: str, payload: bytes, now_ns: int) -> bool:
+        """Store a frame that continues its run. Return False for any other, which needs a full check.
 
-    def urgent(self, latest: Latest) -> bool:
-        """Return True if the event loop must be told and is not scheduled yet."""
-        return not latest.scheduled and (self.has_listeners or latest.robot in self.watched)
+        Called by one thread at a time.
+        """
+        latest = self._latest.get(key)
+        if latest is None or len(payload) != latest.size or not payload.startswith(latest.begin):
+            return False
+        sequence, monotonic_ns, wall_ns = _TIMES.unpack_from(payload, _BEGIN)
+        if sequence <= latest.frame[2] or monotonic_ns < 0 or wall_ns < 0:
+            return False
+        latest.frame = (payload, now_ns, sequence, wall_ns)
+        latest.unreported = True
+        self.taken += 1
+        if not latest.scheduled and (self.has_listeners or latest.robot in self.watched):
+            latest.scheduled = True
+            self.report(latest.robot)
+        return True
 
     def unreported(self, robot: str) -> bool:
         """Return True if a frame has arrived that was not reported, because nobody watched the robot then."""

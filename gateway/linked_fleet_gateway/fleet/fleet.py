@@ -19,7 +19,7 @@ from typing import Any, Literal
 from linked_fleet_agent.wire.codec import WireError, read_header
 from linked_fleet_agent.wire.messages import Description
 from linked_fleet_gateway.fleet.answers import RejectedMessages
-from linked_fleet_gateway.fleet.events import Appeared, Described, Event, Framed, Frames, Moved, Undescribed, Vanished
+from linked_fleet_gateway.fleet.events import Appeared, Described, Event, Framed, Frames, Undescribed, Vanished
 from linked_fleet_gateway.fleet.invocation import Lease
 from linked_fleet_gateway.fleet.limit_watch import LimitWatch
 from linked_fleet_gateway.fleet.observation import Observation
@@ -33,7 +33,6 @@ __all__ = [
     "Event",
     "Fleet",
     "Framed",
-    "Moved",
     "Observation",
     "Robot",
     "Undescribed",
@@ -120,7 +119,6 @@ class Fleet:
             Described: self._described,
             Undescribed: self._not_described,
             Framed: self._framed,
-            Moved: self._moved,
         }
 
     @property
@@ -167,6 +165,17 @@ class Fleet:
     def apply(self, event: Event, now_ns: int) -> list[Change]:
         """Apply an event at gateway wall time ``now_ns`` and return the changes."""
         return self._handlers[type(event)](event, now_ns)
+
+    def moved(self, name: str) -> bool:
+        """Make the latest frame in ``frames`` the present one, which its watchers are being told of.
+
+        Return False if the robot is unknown or has no frame yet.
+        """
+        entry = self._entries.get(name)
+        if entry is None:
+            return False
+        entry.robot.tell()
+        return entry.robot.sequence is not None
 
     def judge_limits(self, now_ns: int) -> list[Change]:
         """Compare the latest frame of each robot with the limits in its URDF."""
@@ -314,13 +323,6 @@ class Fleet:
             return []
         robot.take(header, event.payload, now_ns)
         return [Change(event.robot, "frame")] if robot.described else []
-
-    def _moved(self, event: Moved, now_ns: int) -> list[Change]:
-        entry = self._entries.get(event.robot)
-        if entry is None:
-            return []
-        entry.robot.tell()
-        return [Change(event.robot, "frame")] if entry.robot.header is not None else []
 
     def _enter(self, name: str) -> tuple[_Entry | None, list[Change]]:
         """Return a new entry, at the limit in place of the robot that was offline longest; None without one."""

@@ -7,7 +7,7 @@ from typing import Literal
 
 from linked_fleet_agent.wire.codec import MAX_JOINTS, Header, WireError, decode_state, layout, read_header
 from linked_fleet_agent.wire.messages import Description, State
-from linked_fleet_gateway.fleet.events import Frames, Latest
+from linked_fleet_gateway.fleet.events import Frames, Latest, Received
 from linked_fleet_gateway.fleet.invocation import Lease
 from linked_fleet_gateway.fleet.kinematics import ORIGIN, LinkPoses, placed
 from linked_fleet_gateway.fleet.model import ModelError, Pose, RobotModel
@@ -62,7 +62,7 @@ class Robot:
         self._observations = Observations()
         self._frames = frames
         self._latest: Latest | None = None
-        self._frame: tuple[bytes, int] | None = None
+        self._frame: Received | None = None
         self._derived = _Derived()
 
     @property
@@ -236,7 +236,7 @@ class Robot:
 
         Frames that continue it are then stored beside it, for ``look``.
         """
-        self._latest = Latest(self.name, header.sequence, payload, now_ns)
+        self._latest = Latest(self.name, (payload, now_ns, header.sequence, header.wall_ns))
         self._frame = self._latest.frame
         self._derived = _Derived(header)
         self._frames.open(self._latest)
@@ -244,7 +244,7 @@ class Robot:
     def trust(self) -> None:
         """Accept the frame that arrived before the description. It has not been reported yet."""
         if self._latest is not None:
-            self._latest = Latest(self.name, self._latest.sequence, *self._latest.frame)
+            self._latest = Latest(self.name, self._latest.frame)
             self._frames.open(self._latest)
 
     def tell(self) -> None:
@@ -297,7 +297,7 @@ class Robot:
             derived.header = read_header(self._frame[0])
         return derived.header
 
-    def _usable_frame(self) -> tuple[bytes, int] | None:
+    def _usable_frame(self) -> Received | None:
         return self._frame if self.described else None
 
     def _row(self, name: str) -> Mapping[str, float]:

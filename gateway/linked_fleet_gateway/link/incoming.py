@@ -4,12 +4,13 @@ import asyncio
 import logging
 import time
 from collections.abc import Callable, Iterator
+from functools import partial
 
 from linked_fleet_agent.wire.codec import WireError, decode
 from linked_fleet_agent.wire.keys import Keys, RobotKey
 from linked_fleet_agent.wire.messages import Progress
 from linked_fleet_gateway.fleet.answers import RejectedMessages
-from linked_fleet_gateway.fleet.events import Batch, Event, Framed, Frames, Inbox, Moved, Payload
+from linked_fleet_gateway.fleet.events import Batch, Event, Framed, Frames, Inbox, Payload
 from linked_fleet_gateway.link.discovery import Discovery
 from linked_fleet_gateway.link.transport import Session
 from linked_fleet_gateway.runtime.background import TURN_S, Turns
@@ -20,9 +21,10 @@ MAX_STATE_BYTES = MAX_PROGRESS_BYTES = 65_536
 
 
 class Incoming:
-    """Calls ``discovery``, ``on_events`` and ``on_progress`` on the event loop, in turns of a few milliseconds.
+    """Calls its four listeners on the event loop, in turns of a few milliseconds.
 
-    Frames that ``frames`` stores cause no event until somebody watches their robot.
+    ``frames`` stores the frames that continue a run. They cause no event; ``on_moved`` is called if somebody watches
+    their robot.
     """
 
     def __init__(
@@ -31,16 +33,18 @@ class Incoming:
         frames: Frames,
         discovery: Discovery,
         on_events: Callable[[list[Event]], None],
+        on_moved: Callable[[str], None],
         on_progress: Callable[[str, Progress], None],
     ) -> None:
         self._keys = keys
         self._frames = frames
         self._discovery = discovery
         self._on_events = on_events
+        self._on_moved = on_moved
         self._on_progress = on_progress
-        self._loop = asyncio.get_running_loop()
-        self._turns = Turns(self._work)
-        self._inbox = Inbox(lambda: self._loop.call_soon_threadsafe(self._turns.take))
+        turns = Turns(self._work)
+        self._inbox = Inbox(partial(asyncio.get_running_loop().call_soon_threadsafe, turns.take))
+        frames.report = self._inbox.put_moved
         self._steps: Iterator[None] = iter(())
         self.complaints = RejectedMessages(_log)
 
@@ -65,12 +69,8 @@ class Incoming:
     # -- in threads -------------------------------------------------------------------------------------------------
 
     def _hear_state(self, key: str, payload: Payload) -> None:
-        latest = None if isinstance(payload, int) else self._frames.put(key, payload, time.time_ns())
-        if latest is None:
+        if isinstance(payload, int) or not self._frames.put(key, payload, time.time_ns()):
             self._inbox.put_state(key, payload)
-        elif self._frames.urgent(latest):
-            latest.scheduled = True
-            self._inbox.put_moved(latest.robot)
 
     # -- in the event loop ------------------------------------------------------------------------------------------
 
@@ -80,9 +80,10 @@ class Incoming:
             for _ in self._steps:
                 if time.perf_counter() - begin > TURN_S:
                     return True
-            if not self._inbox.has_news:
+            batch = self._inbox.take()
+            if batch is None:
                 return False
-            self._steps = self._tell(self._inbox.take())
+            self._steps = self._tell(batch)
 
     def _tell(self, batch: Batch) -> Iterator[None]:
         """Process one message per step; presence precedes the messages of the same batch."""
@@ -102,7 +103,7 @@ class Incoming:
                 self._too_large(robot.robot, payload)
             yield
         for name in batch.moved:
-            self._on_events([Moved(name)])
+            self._on_moved(name)
             yield
         for key, payload in batch.progress:
             self._progressed(key, payload)

@@ -9,7 +9,7 @@ from types import TracebackType
 
 from linked_fleet_agent.wire.keys import Keys
 from linked_fleet_agent.wire.messages import Accepted, Progress, Reply, Stop
-from linked_fleet_gateway.fleet.events import Event, Frames, Moved
+from linked_fleet_gateway.fleet.events import Event, Frames
 from linked_fleet_gateway.fleet.fleet import Change, Fleet
 from linked_fleet_gateway.fleet.invocations import Invocation, Invocations
 from linked_fleet_gateway.fleet.presence import Run, Silences
@@ -61,6 +61,7 @@ class Live:
             self._on_events,
             lambda robot, progress: self.on_progress(robot, progress),
             self.fleet.frames,
+            self._on_moved,
         )
         self.meshes = Meshes(self.link.mesh)
 
@@ -81,7 +82,8 @@ class Live:
         """
         frames = self.fleet.frames
         watched = self.fleet.robots if frames.has_listeners else self.fan_out.watched
-        self._on_events([Moved(name) for name in watched if name and frames.unreported(name)])
+        for name in [each for each in watched if each and frames.unreported(each)]:
+            self._on_moved(name)
         for change in self.fleet.judge_limits(time.time_ns()):
             self._on_change(change)
         self.link.doubt(self._silences.check(asyncio.get_running_loop().time(), self._present()))
@@ -176,11 +178,15 @@ class Live:
         for event in events:
             for change in self.fleet.apply(event, now_ns):
                 if change.what == "frame":
-                    self._judged += not isinstance(event, Moved)
+                    self._judged += 1
                     self.fan_out.moved(change.robot)
                     continue
                 self._on_change(change)
         self._heard.set()
+
+    def _on_moved(self, robot: str) -> None:
+        if self.fleet.moved(robot):
+            self.fan_out.moved(robot)
 
     def _on_change(self, change: Change) -> None:
         log.info("robot %s: %s", change.robot, change.what, extra={"robot": change.robot})

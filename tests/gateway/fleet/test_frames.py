@@ -7,7 +7,7 @@ import pytest
 from linked_fleet_agent.wire.codec import encode_state, layout
 from linked_fleet_agent.wire.messages import WIRE_VERSION, Description, State
 from linked_fleet_gateway.fleet.events import Frames
-from linked_fleet_gateway.fleet.fleet import Appeared, Change, Described, Fleet, Framed, Moved, Robot, Vanished
+from linked_fleet_gateway.fleet.fleet import Appeared, Described, Fleet, Framed, Robot, Vanished
 
 URDF = """<robot name='r'><link name='a'/><link name='b'/>
 <joint name='turn' type='continuous'><parent link='a'/><child link='b'/><axis xyz='0 0 1'/></joint></robot>"""
@@ -40,7 +40,7 @@ def fleet() -> Fleet:
 
 
 def put(fleet: Fleet, payload: bytes, now_ns: int = 2) -> bool:
-    return fleet.frames.put("key/r", payload, now_ns) is not None
+    return fleet.frames.put("key/r", payload, now_ns)
 
 
 def robot(fleet: Fleet) -> Robot:
@@ -83,7 +83,7 @@ def test_an_unchecked_frame_is_judged_and_replaces_nothing(fleet: Fleet, payload
 
 
 def test_nothing_of_a_robot_that_is_not_known_is_taken(fleet: Fleet) -> None:
-    assert fleet.frames.put("key/s", frame(1), 1) is None
+    assert not fleet.frames.put("key/s", frame(1), 1)
 
 
 def test_a_frame_of_the_run_before_is_not_that_of_this_one(fleet: Fleet) -> None:
@@ -117,21 +117,28 @@ def test_a_change_that_no_frame_brought_is_counted_on_from_the_frame_before(flee
 
 
 def test_a_watched_robot_is_reported_once_until_it_is_read(fleet: Fleet) -> None:
-    frames = fleet.frames
-    first = frames.put("key/r", frame(2, 0.2), 2)
-    assert first is not None
-    assert not frames.urgent(first)
+    frames, reported = fleet.frames, list[str]()
+    frames.report = reported.append
+    assert put(fleet, frame(2, 0.2))
+    assert not reported
     frames.watched = {"r"}
     assert frames.unreported("r")
-    assert frames.urgent(first)
-    first.scheduled = True
-    assert frames.put("key/r", frame(3, 0.3), 3) is first
-    assert not frames.urgent(first)
+    assert put(fleet, frame(3, 0.3))
+    assert put(fleet, frame(4, 0.4))
+    assert reported == ["r"]
     robot(fleet)  # something else reads meanwhile
-    assert fleet.apply(Moved("r"), 4) == [Change("r", "frame")]
+    assert fleet.moved("r")
     assert not frames.unreported("r")
-    assert frames.urgent(first)
+    assert put(fleet, frame(5, 0.5))
+    assert reported == ["r", "r"]
+
+
+def test_robots_are_reported_to_listeners_although_nobody_watches_them(fleet: Fleet) -> None:
+    reported = list[str]()
+    fleet.frames.report, fleet.frames.has_listeners = reported.append, True
+    assert put(fleet, frame(2, 0.2))
+    assert reported == ["r"]
 
 
 def test_frames_of_an_unknown_robot_are_not_reported(fleet: Fleet) -> None:
-    assert fleet.apply(Moved("s"), 4) == []
+    assert not fleet.moved("s")

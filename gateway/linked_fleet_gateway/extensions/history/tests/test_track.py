@@ -25,7 +25,7 @@ def frame(stamp_ns: int, value: float = 0.0) -> bytes:
 
 
 def track(*stamps_ns: int, keep_ns: int = 1000 * S) -> Track:
-    made = Track(Latest("r", 1, frame(0), 0), Joints(MODEL, ("turn",), False))
+    made = Track(Latest("r", (frame(0), 0, 1, 0)), Joints(MODEL, ("turn",), False))
     for stamp_ns in stamps_ns:
         made.append(frame(stamp_ns), keep_ns)
     return made
