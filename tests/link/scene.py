@@ -66,10 +66,10 @@ class Gateway:
 
     async def commands(self, name: str) -> bool:
         """Return True if the robot answers that it would execute a motion."""
-        header = self._live.fleet.robots[name].header
-        assert header is not None
+        frame = self._live.fleet.robots[name].frame
+        assert frame is not None
         command = Command(
-            version=WIRE_VERSION, id="c1", incarnation=header.incarnation, seen_ns=header.monotonic_ns,
+            version=WIRE_VERSION, id="c1", incarnation=frame.incarnation, seen_ns=frame.monotonic_ns,
             time_to_live_ns=10**10, motion=Move({"joint_0": 0.2}), rehearsal=True,
         )  # fmt: skip
         return isinstance(await self._live.link.command(name, command, 5.0), Accepted)

@@ -40,7 +40,7 @@ class Sampler:
     def __init__(self, fleet: Fleet) -> None:
         self.loop_lag, self.frame_lag = Histogram(), Histogram()
         self._fleet = fleet
-        self._seen: dict[str, tuple[int, int]] = {}
+        self._seen: dict[str, tuple[int | None, int | None]] = {}
         self._tasks: list[asyncio.Task[None]] = []
 
     async def __aenter__(self) -> Self:
@@ -67,12 +67,12 @@ class Sampler:
             robot = self._fleet.robots.get(name)
             if robot is None:
                 continue  # forgotten meanwhile
-            header, taken_ns = robot.header, robot.last_seen_ns
-            if header is not None and taken_ns is not None:
-                frame = (header.incarnation, header.sequence)
+            wall_ns, taken_ns = robot.wall_ns, robot.last_seen_ns
+            if wall_ns is not None and taken_ns is not None:
+                frame = (robot.incarnation, robot.sequence)
                 if self._seen.get(robot.name) != frame:
                     self._seen[robot.name] = frame
-                    self.frame_lag.add((taken_ns - header.wall_ns) / 1e9)
+                    self.frame_lag.add((taken_ns - wall_ns) / 1e9)
 
 
 def registry(numbers: "Numbers") -> CollectorRegistry:
@@ -122,7 +122,7 @@ class Numbers(Collector):
             [
                 (robot.name, (now_ns - robot.last_seen_ns) / 1e9)
                 for robot in robots
-                if robot.header is not None and robot.last_seen_ns is not None
+                if robot.sequence is not None and robot.last_seen_ns is not None
             ],
         )  # fmt: skip
         malformed = _sum(fleet.malformed) + _sum(self.live.link.malformed)

@@ -292,9 +292,9 @@ class Fleet:
 
     def _early_frame(self, robot: Robot) -> list[Change]:
         """Check a frame that arrived before the description."""
-        if robot.header is None:
+        if robot.payload is None:
             return []
-        reason = robot.refusal(robot.header)
+        reason = robot.refusal(read_header(robot.payload))
         if reason is None:
             robot.trust()
             return [Change(robot.name, "frame")]

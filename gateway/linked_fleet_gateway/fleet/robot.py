@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
-from linked_fleet_agent.wire.codec import MAX_JOINTS, Header, WireError, decode_state, layout, read_header
+from linked_fleet_agent.wire.codec import MAX_JOINTS, Header, WireError, decode_state, layout
 from linked_fleet_agent.wire.messages import Description, State
 from linked_fleet_gateway.fleet.events import Frames, Latest, Received
 from linked_fleet_gateway.fleet.invocation import Lease
@@ -18,10 +18,12 @@ Annotations = tuple[str, str]
 
 
 @dataclass(slots=True)
-class _Derived:
-    """Values derived from the present frame and description, computed on demand."""
+class _Present:
+    """The present frame: its header, and what is computed from its values on demand. Empty if no frame is usable."""
 
-    header: Header | None = None
+    payload: bytes | None = None
+    sequence: int | None = None
+    wall_ns: int | None = None
     decoded: bool = False
     state: State | None = None
     rows: dict[str, Mapping[str, float]] = field(default_factory=dict)
@@ -40,6 +42,8 @@ class Robot:
         self.online = False
         self.incarnation: int | None = None
         self.description: Description | None = None
+        self.described = False
+        """True if the present run of the agent has sent a usable description."""
         self.model: RobotModel | None = None
         self.heard_ns: int | None = None
         """Gateway wall time of the agent's last message other than a frame."""
@@ -63,7 +67,7 @@ class Robot:
         self._frames = frames
         self._latest: Latest | None = None
         self._frame: Received | None = None
-        self._derived = _Derived()
+        self._present = _Present()
 
     @property
     def fault(self) -> str | None:
@@ -105,37 +109,35 @@ class Robot:
         if latest is None or latest.frame is self._frame:
             return False
         self._frame = latest.frame
-        self._derived = _Derived()
+        self._renew()
         return True
 
     @property
-    def header(self) -> Header | None:
-        """The header of the present frame; None before the first frame of the present incarnation."""
-        return self._read_header() if self.described else None
+    def sequence(self) -> int | None:
+        """The number of the present frame; None before the first frame of the present incarnation."""
+        return self._present.sequence
 
     @property
-    def sequence(self) -> int | None:
-        header = self.header
-        return None if header is None else header.sequence
+    def wall_ns(self) -> int | None:
+        """The agent's wall time of the present frame."""
+        return self._present.wall_ns
 
     @property
     def payload(self) -> bytes | None:
         """The present frame as received."""
-        frame = self._usable_frame()
-        return None if frame is None else frame[0]
+        return self._present.payload
 
     @property
     def frame(self) -> State | None:
         """The present frame, unpacked on demand; None before the first frame and if it is malformed."""
-        derived = self._derived
-        if not derived.decoded:
-            derived.decoded = True
-            frame = self._usable_frame()
+        present = self._present
+        if not present.decoded:
+            present.decoded = True
             try:
-                derived.state = None if frame is None else decode_state(frame[0])
+                present.state = None if present.payload is None else decode_state(present.payload)
             except WireError as error:
                 self._complain(self.name, error)
-        return derived.state
+        return present.state
 
     @property
     def positions(self) -> Mapping[str, float]:
@@ -154,38 +156,35 @@ class Robot:
 
     def link_pose(self, link: str) -> Pose | None:
         """Return the pose in the world frame (fixed base: the frame of the root link); None if unknown."""
-        derived = self._derived
-        if derived.poses is None:
+        present = self._present
+        if present.poses is None:
             frame = self.frame
             if frame is None or self.model is None or self.description is None:
                 return None
             root = placed(frame.base) if self.description.base == "floating" else ORIGIN
-            derived.poses = LinkPoses(self.model, self.positions, root)
-        return derived.poses.of(link)
+            present.poses = LinkPoses(self.model, self.positions, root)
+        return present.poses.of(link)
 
     def observe(self, key: str, values: tuple[float, ...], resolution: float) -> Observation:
         """Return the held observation of ``key``, which changes only if a value moves by ``resolution``.
 
         The stamp is the agent's wall time of the frame with the change. A new incarnation or description resets it.
         """
-        header = self.header
-        if header is None:
-            return self._observations.observe(key, values, resolution, None)
-        return self._observations.observe(key, values, resolution, header.wall_ns, header.sequence)
+        present = self._present
+        return self._observations.observe(key, values, resolution, present.wall_ns, present.sequence)
 
     def observe_position(self, joint: str, resolution: float) -> Observation:
         """Return the position (rad or m) of a joint, marked if it is outside its limits."""
-        header, values = self.header, (self.positions.get(joint, math.nan),)
-        wall_ns, sequence = (None, None) if header is None else (header.wall_ns, header.sequence)
-        bounds = self._bounds.get(joint)
-        return self._observations.observe(f"{joint}/position", values, resolution, wall_ns, sequence, bounds)
+        present, values, bounds = self._present, (self.positions.get(joint, math.nan),), self._bounds.get(joint)
+        key = f"{joint}/position"
+        return self._observations.observe(key, values, resolution, present.wall_ns, present.sequence, bounds)
 
     def outside(self) -> list[tuple[str, float]]:
         """Return the joints whose positions in the present frame are outside their limits."""
-        frame = self._usable_frame()
-        if frame is None or self.description is None:
+        payload = self._present.payload
+        if payload is None or self.description is None:
             return []
-        return joints_outside(frame[0], self.description.base == "floating", self._bounds)
+        return joints_outside(payload, self.description.base == "floating", self._bounds)
 
     # The following methods are for Fleet only.
 
@@ -220,7 +219,7 @@ class Robot:
             if self._fault:
                 self.model = None  # frames do not match this tree, so it is not shown
         self._observations.clear()
-        self._derived = _Derived()
+        self._renew()
 
     def undescribe(self, reason: str) -> None:
         """Become faulty because the description is unusable. The robot stays visible."""
@@ -229,7 +228,7 @@ class Robot:
         self.description = self.model = None
         self._fault = reason
         self._observations.clear()
-        self._derived = _Derived()
+        self._renew()
 
     def take(self, header: Header, payload: bytes, now_ns: int) -> None:
         """Store a frame without decoding its values.
@@ -238,7 +237,7 @@ class Robot:
         """
         self._latest = Latest(self.name, (payload, now_ns, header.sequence, header.wall_ns))
         self._frame = self._latest.frame
-        self._derived = _Derived(header)
+        self._renew()
         self._frames.open(self._latest)
 
     def trust(self) -> None:
@@ -254,13 +253,8 @@ class Robot:
             self.look()
 
     def last_sequence(self) -> int:
-        header = self._read_header()
-        return -1 if header is None else header.sequence
-
-    @property
-    def described(self) -> bool:
-        """True if the present run of the agent has sent a usable description."""
-        return self.description is not None and self.description.incarnation == self.incarnation and not self._fault
+        """Return the number of the present frame, also before a description; -1 before the first."""
+        return -1 if self._frame is None else self._frame[2]
 
     def refusal(self, header: Header) -> str | None:
         """Return why a frame does not match the description; None if it does or there is no description."""
@@ -278,7 +272,7 @@ class Robot:
     def drop_frame(self) -> None:
         self._close()
         self._latest = self._frame = None
-        self._derived = _Derived()
+        self._renew()
 
     def tell_news(self) -> None:
         """Count a change that no frame caused."""
@@ -291,23 +285,24 @@ class Robot:
         self.look()
         self._frames.close(self.name)
 
-    def _read_header(self) -> Header | None:
-        derived = self._derived
-        if derived.header is None and self._frame is not None:
-            derived.header = read_header(self._frame[0])
-        return derived.header
-
-    def _usable_frame(self) -> Received | None:
-        return self._frame if self.described else None
+    def _renew(self) -> None:
+        """Replace what was computed from another frame, or under another run or description."""
+        said = self.description
+        self.described = said is not None and said.incarnation == self.incarnation and not self._fault
+        if self.described and self._frame is not None:
+            payload, _, sequence, wall_ns = self._frame
+            self._present = _Present(payload, sequence, wall_ns)
+        else:
+            self._present = _Present()
 
     def _row(self, name: str) -> Mapping[str, float]:
-        row = self._derived.rows.get(name)
+        row = self._present.rows.get(name)
         if row is None:
             values = {} if self.model is None else dict(self.model.unknown)
             frame = self.frame
             if frame is not None and self.description is not None:
                 values.update(zip(self.description.joints, getattr(frame, name), strict=True))
-            row = self._derived.rows[name] = values
+            row = self._present.rows[name] = values
         return row
 
 

@@ -134,7 +134,7 @@ def test_robots_of_one_urdf_share_its_model_as_long_as_one_of_them_has_it() -> N
 
 def test_before_the_first_frame_every_value_is_unknown() -> None:
     _, robot = fleet_after(*UP)
-    assert robot.frame is robot.header is robot.sequence is None
+    assert robot.frame is robot.wall_ns is robot.sequence is None
     assert robot.positions.keys() == set(JOINTS)
     assert all(map(math.isnan, robot.positions.values()))
     assert robot.link_pose("c") is None

@@ -205,7 +205,7 @@ class Rules:
         if time.monotonic() - self._serving_since_s > MEETING_S:
             return set()
         robots = self._live.fleet.robots
-        return {name for name in awaited if name not in robots or robots[name].header is None}
+        return {name for name in awaited if name not in robots or robots[name].sequence is None}
 
     def _turned(self, known: RuleRecord) -> bool:
         """Return True if its creator lost or regained the right to it."""
