@@ -93,7 +93,7 @@ class Observations:
         bounds: Bounds | None = None,
     ) -> Observation:
         held = self._held.get(key)
-        if held is not None and not _moved(held.values, values, resolution):
+        if held is not None and not differ(held.values, values, resolution):
             return held
         if held is None and len(self._held) >= MAX_HELD:
             del self._held[next(iter(self._held))]
@@ -106,11 +106,12 @@ class Observations:
         self._held.clear()
 
 
-def _moved(old: tuple[float, ...], new: tuple[float, ...], resolution: float) -> bool:
+def differ(old: tuple[float, ...], new: tuple[float, ...], least: float) -> bool:
+    """Return True if a value differs by at least ``least``, or their numbers differ; unknown values are equal."""
     if len(old) != len(new):
         return True
     # A decimal step such as 0.3 - 0.2 is less than 0.1 by rounding, but counts as a whole step.
-    least = resolution * (1 - 1e-9)
+    least *= 1 - 1e-9
     for a, b in zip(old, new, strict=True):
         # NaN is tested last, because it is rare.
         if a != b and not abs(a - b) < least and not (math.isnan(a) and math.isnan(b)):

@@ -6,7 +6,6 @@ resources is a digest of their facts. A gateway that starts watching later may n
 versions can only be compared for equality.
 """
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from hashlib import blake2b
@@ -14,7 +13,7 @@ from typing import Any
 
 from msgspec import Struct
 
-from linked_fleet_gateway.fleet.observation import Observation
+from linked_fleet_gateway.fleet.observation import Observation, differ
 from linked_fleet_gateway.fleet.robot import Robot
 
 
@@ -27,32 +26,22 @@ class Reading(Struct):
 
     def same(self, other: "Reading", deadband: float = 0.0) -> bool:
         """Return True if nothing changed except values within ``deadband``; a new timestamp alone is no change."""
-        return self.facts == other.facts and not self._moved(other, deadband)
-
-    def _moved(self, other: "Reading", deadband: float) -> bool:
-        """Return True if some value differs by at least ``deadband`` (SI units)."""
-        if len(self.observations) != len(other.observations):
-            return True
+        if self.facts != other.facts or len(self.observations) != len(other.observations):
+            return False
         for ours, theirs in zip(self.observations, other.observations, strict=True):
             if ours is theirs:
                 continue
-            if ours.outside != theirs.outside or _apart(ours.values, theirs.values, deadband):
-                return True
-        return False
-
-
-def _apart(ours: tuple[float, ...], theirs: tuple[float, ...], deadband: float) -> bool:
-    if len(ours) != len(theirs):
+            if ours.outside != theirs.outside or differ(ours.values, theirs.values, deadband):
+                return False
         return True
-    for a, b in zip(ours, theirs, strict=True):
-        if a != b and not abs(a - b) < deadband and not (math.isnan(a) and math.isnan(b)):
-            return True
-    return False
 
 
 @dataclass(frozen=True)
 class Source:
-    """The source of readings of a resource. ``robot`` is its owner; None if it belongs to no single robot."""
+    """The source of readings of a resource. ``robot`` is its owner; None if it belongs to no single robot.
+
+    Whoever changes what ``facts`` returns tells the fan-out of it, since they are not read after each frame.
+    """
 
     facts: Callable[[], Any] = tuple
     look: Callable[[], tuple[Observation, ...]] = tuple
@@ -62,11 +51,17 @@ class Source:
     ended: Callable[[], bool] = bool
     """Returns True if the resource will never change again."""
 
-    def read(self, values: bool = True) -> Reading:
-        """Return the present reading; without ``values`` only its facts."""
-        facts, observations = self.facts(), self.look() if values else ()
-        if self.robot is not None:
-            incarnation, frame, change = version_of(self.robot, observations)
+    def read(self, values: bool = True, before: Reading | None = None) -> Reading:
+        """Return the present reading; without ``values`` only its facts.
+
+        ``before`` is the latest reading if only a frame has come since. Its facts hold: a frame changes none but the
+        time at which an offline robot was last seen.
+        """
+        robot = self.robot
+        facts = before.facts if before is not None and robot is not None and robot.online else self.facts()
+        observations = self.look() if values else ()
+        if robot is not None:
+            incarnation, frame, change = version_of(robot, observations)
             version = f"{incarnation}-{frame}" + (f".{change}" if change else "")
             return Reading(facts, observations, version)
         known = facts if self.digest is None else self.digest()

@@ -233,18 +233,19 @@ class FanOut:
 
     def _read(self, topic: Topic[Watcher]) -> None:
         """Read a marked resource again; if it changed, tell its watchers."""
-        if not self._dirty.pop(topic) or self._renew(topic):
-            self._refresh(topic)
+        after_frame = not self._dirty.pop(topic)
+        if (after_frame or self._renew(topic)) and topic.refresh(after_frame):
+            self._tell(topic)
 
-    def _refresh(self, topic: Topic[Watcher]) -> None:
-        if topic.refresh():
-            for broadcast in topic.broadcasts.values():
-                if broadcast.members:
-                    self.conflated += broadcast.tell()
-                    self.run(broadcast)
-            for watcher in list(topic.apart):
-                self.conflated += watcher.waits(topic.path)
-                watcher.news(topic)
+    def _tell(self, topic: Topic[Watcher]) -> None:
+        """Tell the watchers of a resource that it has changed."""
+        for broadcast in topic.broadcasts.values():
+            if broadcast.members:
+                self.conflated += broadcast.tell()
+                self.run(broadcast)
+        for watcher in list(topic.apart):
+            self.conflated += watcher.waits(topic.path)
+            watcher.news(topic)
 
     def _renew(self, topic: Topic[Watcher]) -> bool:
         """Resolve a resource again, because its constants, its members or its existence may have changed."""
@@ -274,8 +275,8 @@ class FanOut:
         if topic is None:
             topic = places[values, sees] = Topic(path, values, resource, sees)
             self._of_robot.setdefault(robot_of(path), {})[topic] = None
-        else:
-            self._refresh(topic)
+        elif topic.refresh():
+            self._tell(topic)
         return topic
 
     def _join(self, watcher: Watcher, resource: Resource, values: bool) -> None:

@@ -52,15 +52,16 @@ class Topic(Generic[M]):
         self._resources.clear()
         self._renderings.clear()
 
-    def refresh(self) -> bool:
-        """Read the resource again; return True if it changed."""
-        reading = self._resource.source.read(self.values)
-        if reading.same(self.reading):
+    def refresh(self, after_frame: bool = False) -> bool:
+        """Read the resource again; return True if it changed. ``after_frame``: nothing but a frame has come since."""
+        before = self.reading
+        reading = self._resource.source.read(self.values, before if after_frame else None)
+        if reading.same(before):
             return False
-        if reading.facts != self.reading.facts:
+        if reading.facts != before.facts:
             self._renderings.clear()
-        self._compared = (self.reading, True)
-        self.previous, self.reading = self.reading.version, reading
+        self._compared = (before, True)
+        self.previous, self.reading = before.version, reading
         self._messages.clear()
         return True
 

@@ -285,6 +285,33 @@ async def test_the_deadband_counts_from_the_sent_value() -> None:
     assert len(rough.messages) == 4
 
 
+async def test_a_decimal_step_of_the_deadband_counts() -> None:
+    """0.3 - 0.2 is less than 0.1 by rounding."""
+    world = await World().up()
+    outlet = await begin(world, _ROTATION, deadband=0.1)
+    await world.move(0.2, 0.3)
+    assert outlet.frames == [1, 2, 3]
+
+
+async def test_a_frame_of_an_offline_robot_tells_when_it_was_last_seen() -> None:
+    """A frame may come after the token has gone. Of a robot that is online the time of its last frame is no news."""
+    world = await World().up()
+    outlet = await begin(world, _ROTATION)
+
+    async def hear(at_s: int) -> None:
+        for change in world.fleet.apply(world.frame(0.0), at_s * 10**9):
+            world.fan_out.moved(change.robot)
+        await world.settle()
+
+    await hear(5)
+    assert len(outlet.messages) == 1
+    await world.apply(Vanished("r", 1))
+    assert b"1970-01-01T00:00:05" in outlet.messages[-1].body
+    await hear(7)
+    assert len(outlet.messages) == 3
+    assert b"1970-01-01T00:00:07" in outlet.messages[-1].body
+
+
 async def test_interval_has_a_trailing_edge() -> None:
     """At once after a pause; then nothing before the interval has passed, and then the last value."""
     world = await World().up()

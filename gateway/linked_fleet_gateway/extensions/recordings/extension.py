@@ -131,9 +131,10 @@ class Recorder:
         files[str(job.invocation.id)] = path
         if robot := self._live.fleet.robots.get(job.robot):
             robot.tell_news()
+            self._live.fan_out.mark_changed(robot_path(robot.name), _path(robot.name))
 
     def _resolve(self, view: RequestView, robot: Robot, rest: list[str]) -> Found:
-        files, path = self._of(robot.name), f"{robot_path(robot.name)}{SEGMENT}"
+        files, path = self._of(robot.name), _path(robot.name)
 
         def describe(graph: Graph) -> None:
             graph.a(view.iri(path), LDP.BasicContainer, LDP.Container)
@@ -156,6 +157,10 @@ class Recorder:
         documents = {MCAP: lambda: _read(file)}
         title = f"Recording of {robot.name}"
         return Resource(f"{path}/{rest[0]}", title, describe_one, source=source, documents=documents, followed=False)
+
+
+def _path(robot: str) -> str:
+    return robot_path(robot) + SEGMENT
 
 
 def _folder_name(robot: str) -> str:

@@ -27,6 +27,7 @@ from linked_fleet_gateway.subscriptions.live import Live
 from running import eventually
 from small_fleet import Place
 from small_fleet import live as live_page
+from subscribers import events
 from virtual.zenoh_network import ZenohNetwork
 
 pytestmark = pytest.mark.virtual
@@ -179,6 +180,12 @@ def test_a_recording_is_found_by_links_and_read_by_the_reader_of_mcap(robot: Bro
     states = read(answer.content)["/joint_states"]
     assert len(states) > 30 and len(states[0][1].name) == 6
     assert len(list((tmp_path / "recordings").glob("*/*.mcap"))) == 1
+    with events(member.rpartition("/")[0], "text/event-stream") as container:
+        container.next()
+        time.sleep(extension.PAUSE_S)
+        assert robot.http.post(f"{robot.root}ur5/actions/stop").status_code == 204
+        told = container.next()
+        assert len(list(told.graph.objects(told.iri, LDP.contains))) == 2
     place = Place(tmp_path)
     with place.gateway() as (_, again), place.ur5():
         live_page(again, "ur5")
