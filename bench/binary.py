@@ -22,6 +22,7 @@ from linked_fleet_gateway.rdf.serialise import JELLY
 from linked_fleet_gateway.resources.binary_frames import FRAME_TYPES
 from linked_fleet_gateway.resources.resource import Resource
 from linked_fleet_gateway.resources.tree import Tree
+from linked_fleet_gateway.subscriptions.fan_out import FanOut
 from linked_fleet_gateway.subscriptions.topic import Topic
 
 JOINTS, RUNS = 20, 5
@@ -69,13 +70,13 @@ class _Arm:
     def topic(self, path: str) -> Topic:
         found = self._tree(_BASE, ALL).resolve(path)
         assert isinstance(found, Resource)
-        return Topic(path, True, found)
+        return Topic(FanOut(self._tree), path, True, found)
 
     def message(self, topic: Topic, media_type: str) -> bytes:
         """Return the message after a frame, read and rendered as in the fan-out."""
         self.move()
-        topic.refresh()
-        return topic.message(media_type, _BASE, self._tree).body
+        topic.refresh(after_frame=True)
+        return topic.message(media_type, _BASE).body
 
     def move(self) -> None:
         """Apply a frame with another position, velocity and effort of each joint."""

@@ -172,10 +172,7 @@ class Fleet:
         Return False if the robot is unknown or has no frame yet.
         """
         entry = self._entries.get(name)
-        if entry is None:
-            return False
-        entry.robot.tell()
-        return entry.robot.sequence is not None
+        return entry is not None and entry.robot.tell()
 
     def judge_limits(self, now_ns: int) -> list[Change]:
         """Compare the latest frame of each robot with the limits in its URDF."""

@@ -246,11 +246,12 @@ class Robot:
             self._latest = Latest(self.name, self._latest.frame)
             self._frames.open(self._latest)
 
-    def tell(self) -> None:
-        """Record that watchers are being told of all frames so far."""
+    def tell(self) -> bool:
+        """Record that watchers are being told of all frames so far. Return False if there is no usable frame."""
         if self._latest is not None:
             self._latest.scheduled = self._latest.unreported = False
             self.look()
+        return self._present.payload is not None
 
     def last_sequence(self) -> int:
         """Return the number of the present frame, also before a description; -1 before the first."""

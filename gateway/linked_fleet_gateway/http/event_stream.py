@@ -19,7 +19,7 @@ HEARTBEAT_S = 15.0
 _LINE_ENDS = re.compile(rb"\r\n|\n|\r")
 # Only the line of a comment: the blank line of a block would set the client's last event id to the last one of this
 # connection, which is empty if the client has resumed with the present version (9.2.6).
-_HEARTBEAT = b":\n"
+_HEARTBEAT, _HEARTBEAT_CHUNK = b":\n", b"2\r\n:\n\r\n"
 _OPENING = b": linked fleet\nretry: 2000\n"
 _RETURN = b"retry: %d\n"
 _RETURN_MS = (100, 1000)  # spreads the return of clients when a gateway ends
@@ -39,10 +39,7 @@ def framed(message: Message) -> bytes:
 
 def chunk(message: Message) -> bytes:
     """Return the event as a chunk of a body (RFC 9112, 7.1)."""
-    return _in_chunk(framed(message))
-
-
-def _in_chunk(data: bytes) -> bytes:
+    data = framed(message)
     return b"%x\r\n%b\r\n" % (len(data), data)
 
 
@@ -86,7 +83,7 @@ class EventStreamOutlet:
         """Send a comment if nothing was written during the second half of ``every_s``."""
         before = self._writer.written
         if before == written:
-            self.send(_in_chunk(_HEARTBEAT) if self._chunked else _HEARTBEAT)
+            self.send(_HEARTBEAT_CHUNK if self._chunked else _HEARTBEAT)
         self._beat = asyncio.get_running_loop().call_later(every_s / 2, self.beat, every_s, before)
 
 

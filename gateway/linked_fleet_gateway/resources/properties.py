@@ -72,10 +72,6 @@ def _measured(
 # Measured values of a joint. All documents that show one share the same observation.
 
 
-def _position(robot: Robot, joint: str) -> Observation:
-    return robot.observe_position(joint, POSITION_RESOLUTION)
-
-
 def _mark(graph: Graph, node: Node, outside: bool) -> None:
     if outside:
         graph.add(node, LF.outOfLimits, Literal("true", datatype=XSD.boolean))
@@ -205,7 +201,7 @@ def _rotation(robot: Robot, joint: Joint) -> Property:
         graph.result_time(iri, seen.wall_ns)
 
     types, title = (SPATIAL.AxisAngle, SPATIAL.Rotation3D), f"rotation of {joint.name}"
-    shape, look = SPATIAL.AxisAngleShape, lambda: (_position(robot, joint.name),)
+    shape, look = SPATIAL.AxisAngleShape, lambda: (robot.observe_position(joint.name, POSITION_RESOLUTION),)
     return Property("rotation", ROS.rotation, types, shape, title, describe, look)
 
 
@@ -216,7 +212,7 @@ def _translation(robot: Robot, joint: Joint) -> Property:
         graph.vector(iri, LF.translationAxis, joint.axis, None)
         graph.result_time(iri, seen.wall_ns)
 
-    title, look = f"translation of {joint.name}", lambda: (_position(robot, joint.name),)
+    title, look = f"translation of {joint.name}", lambda: (robot.observe_position(joint.name, POSITION_RESOLUTION),)
     return Property("translation", LF.translation, (LF.Translation,), LF.TranslationShape, title, describe, look)
 
 
@@ -313,7 +309,8 @@ def _movable(robot: Robot) -> list[Joint]:
 
 
 def _joint_values(robot: Robot, joint: Joint) -> tuple[Observation, Observation, Observation]:
-    return _position(robot, joint.name), _velocity(robot, joint.name), _effort(robot, joint.name)
+    position = robot.observe_position(joint.name, POSITION_RESOLUTION)
+    return position, _velocity(robot, joint.name), _effort(robot, joint.name)
 
 
 def _joint_state(

@@ -5,6 +5,7 @@ that have received the same messages so far.
 """
 
 import logging
+import time
 from collections.abc import Callable, Iterable
 from enum import Enum
 from itertools import compress
@@ -108,6 +109,9 @@ class WatchedResource(Protocol):
 
     def differs(self, sent: Reading | None) -> bool: ...
 
+    def message(self, media_type: str, base: str) -> Message:
+        """Return the message about the present reading; WriteError if the syntax cannot express it."""
+
     def gather(self) -> None:
         """Let subscribers that have caught up join a broadcast."""
 
@@ -117,8 +121,6 @@ class SendCounter(Protocol):
 
     messages: int
     """Messages handed to subscribers so far."""
-
-    def wall_ns(self) -> int: ...
 
 
 class Broadcast(Generic[M]):
@@ -133,19 +135,17 @@ class Broadcast(Generic[M]):
         self,
         fan_out: SendCounter,
         topic: WatchedResource,
+        media_type: str,
+        base: str,
         framing: Framing,
         freshen: Callable[[], None],
-        message: Callable[[], Message],
     ) -> None:
-        """``freshen`` reads the resource again if it is marked as changed.
-
-        ``message`` returns the message about the present reading, or raises WriteError.
-        """
+        """``freshen`` reads the resource again if it is marked as changed."""
         self.running = False
         self.last_ns: int | None = None
         """Wall-clock time at which the last pass ended."""
-        self._fan_out, self._topic, self._framing = fan_out, topic, framing
-        self._freshen, self._message = freshen, message
+        self._fan_out, self._topic, self._freshen = fan_out, topic, freshen
+        self._media_type, self._base, self._framing = media_type, base, framing
         self.members: dict[M, _Send] = {}
         # The reading sent last. During a pass: to the members already served, and the one before it to the others.
         self._reading = self._before = topic.reading
@@ -187,7 +187,21 @@ class Broadcast(Generic[M]):
 
     def prepare(self) -> bool:
         """Prepare a message; return True if there is one that has not been sent to everybody."""
-        return bool(self._pass) or self._begin()
+        if self._pass:
+            return True
+        self._freshen()
+        self._news = False
+        if not self.members or not self._topic.differs(self._reading):  # it may have returned to the old value
+            return False
+        try:
+            message = self._topic.message(self._media_type, self._base)
+        except WriteError as error:
+            _log.warning("%d subscriptions of %s get no message: %s", len(self.members), self._topic.path, error)
+            return False
+        self._frame = message.framed(self._framing)
+        self._before, self._reading = self._reading, self._topic.reading
+        self._pass, self._sends, self._served = list(self.members), list(self.members.values()), 0
+        return True
 
     def step(self) -> bool:
         """Send the prepared message to some members; return True if there is more to do."""
@@ -201,7 +215,7 @@ class Broadcast(Generic[M]):
         if self._served < len(self._pass):
             return True
         self._pass, self._sends = [], []
-        self.last_ns = self._fan_out.wall_ns()
+        self.last_ns = time.time_ns()
         self._topic.gather()
         return self._news
 
@@ -209,18 +223,3 @@ class Broadcast(Generic[M]):
         for watcher in full:
             if watcher in self.members:  # it may have left since the pass began
                 watcher.leave_broadcast(self._topic.path, self._before)
-
-    def _begin(self) -> bool:
-        self._freshen()
-        self._news = False
-        if not self.members or not self._topic.differs(self._reading):  # it may have returned to the old value
-            return False
-        try:
-            message = self._message()
-        except WriteError as error:
-            _log.warning("%d subscriptions of %s get no message: %s", len(self.members), self._topic.path, error)
-            return False
-        self._frame = message.framed(self._framing)
-        self._before, self._reading = self._reading, self._topic.reading
-        self._pass, self._sends, self._served = list(self.members), list(self.members.values()), 0
-        return True

@@ -16,7 +16,7 @@ from linked_fleet_gateway.resources.paths import is_below, robot_of
 from linked_fleet_gateway.resources.resource import Redirect, Resource
 from linked_fleet_gateway.resources.subscription import Depth, Subscription
 from linked_fleet_gateway.runtime.background import TURN_S, Turns
-from linked_fleet_gateway.subscriptions.broadcast import Broadcast, Ending, Message, Outlet, Stream
+from linked_fleet_gateway.subscriptions.broadcast import Broadcast, Ending, Outlet, Stream
 from linked_fleet_gateway.subscriptions.topic import Topic
 from linked_fleet_gateway.subscriptions.watcher import Timer, Watcher
 
@@ -37,7 +37,7 @@ class FanOut:
     """All watched resources of this gateway. ``tree`` returns the present tree for a base URL and a view."""
 
     def __init__(self, tree: Callable[[str, View], Tree]) -> None:
-        self._tree = tree
+        self.tree = tree
         self._topics: dict[str, dict[tuple[bool, View], Topic[Watcher]]] = {}
         self._of_robot: dict[str | None, dict[Topic[Watcher], None]] = {}
         self._subtrees: dict[Watcher, None] = {}
@@ -48,7 +48,7 @@ class FanOut:
         self._dirty: dict[Topic[Watcher], bool] = {}
         self._runnable: deque[Watcher | Broadcast[Watcher]] = deque()
         self._turns = Turns(self._work)
-        self.heard: Callable[[str | None], None] = lambda robot: None
+        self.listeners: dict[Callable[[str | None], None], None] = {}
         """Called at every change: with the robot's name for a frame, with None for anything else."""
         self.renders = self.messages = self.conflated = 0
         # Called for each watcher; extensions use them, for example to request pictures from a camera.
@@ -98,7 +98,7 @@ class FanOut:
 
     def moved(self, robot: str) -> None:
         """Mark the resources that a frame of a robot can have changed."""
-        self.heard(robot)
+        self._tell_listeners(robot)
         topics = self._of_robot.get(robot)
         if topics:
             for topic in topics:
@@ -108,7 +108,7 @@ class FanOut:
 
     def changed(self, robot: str) -> None:
         """Mark a robot whose presence, description or fault changed."""
-        self.heard(None)
+        self._tell_listeners(None)
         for watcher in list(self._absent):
             if robot_of(watcher.subscription.resource) in (robot, None):
                 self._find(watcher)
@@ -121,7 +121,7 @@ class FanOut:
 
     def mark_changed(self, *paths: str) -> None:
         """Mark resources as changed."""
-        self.heard(None)
+        self._tell_listeners(None)
         for watcher in [each for each in self._absent if each.subscription.resource in paths]:
             self._find(watcher)
         for path in paths:
@@ -131,7 +131,7 @@ class FanOut:
 
     def appeared(self, path: str) -> None:
         """Add a new resource to the watchers of the subtrees that cover it."""
-        self.heard(None)
+        self._tell_listeners(None)
         for watcher in self._subtrees:
             subscription = watcher.subscription
             if is_below(path, subscription.resource) and path not in watcher.topics:
@@ -139,13 +139,14 @@ class FanOut:
                 if resource is not None:
                     self._join(watcher, resource, values=True)
 
+    def _tell_listeners(self, robot: str | None) -> None:
+        for hear in list(self.listeners):
+            hear(robot)
+
     # -- for watchers -----------------------------------------------------------------------------------------------
 
     def now_s(self) -> float:
         return time.monotonic()
-
-    def wall_ns(self) -> int:
-        return time.time_ns()
 
     def later(self, delay_s: float, call: Callable[[], None]) -> Timer:
         return asyncio.get_running_loop().call_later(delay_s, call)
@@ -157,19 +158,11 @@ class FanOut:
             self._runnable.append(sender)
             self._turns.soon()
 
-    def message(self, topic: Topic[Watcher], subscription: Subscription) -> Message:
-        before = topic.renders
-        message = topic.message(subscription.media_type, subscription.base, self._tree)
-        self.renders += topic.renders - before
-        return message
-
     def broadcast(self, topic: Topic[Watcher], subscription: Subscription, stream: Stream) -> Broadcast[Watcher]:
         key = (subscription.media_type, subscription.base, stream.framing)
         broadcast = topic.broadcasts.get(key)
         if broadcast is None:
-            broadcast = topic.broadcasts[key] = Broadcast(
-                self, topic, stream.framing, partial(self.freshen, topic), partial(self.message, topic, subscription)
-            )
+            broadcast = topic.broadcasts[key] = Broadcast(self, topic, *key, partial(self.freshen, topic))
         return broadcast
 
     def freshen(self, topic: Topic[Watcher]) -> None:
@@ -210,7 +203,7 @@ class FanOut:
             self._read(next(iter(self._dirty)))
         while self._scans and time.perf_counter() - begin < TURN_S / 2:
             self._scan_on(next(iter(self._scans)))
-        while ready := self._prepared(begin + TURN_S * 3 / 4):
+        while self._runnable and (ready := self._prepared(begin + TURN_S * 3 / 4)):
             try:
                 while ready and time.perf_counter() - begin < TURN_S:
                     sender = ready.popleft()
@@ -263,7 +256,7 @@ class FanOut:
     # -- topics -----------------------------------------------------------------------------------------------------
 
     def _tree_of(self, subscription: Subscription) -> Tree:
-        return self._tree(subscription.base, subscription.view)
+        return self.tree(subscription.base, subscription.view)
 
     def _resolve(self, path: str, subscription: Subscription) -> Resource | None:
         found = self._tree_of(subscription).resolve(path)
@@ -273,7 +266,7 @@ class FanOut:
         places = self._topics.setdefault(path, {})
         topic = places.get((values, sees))
         if topic is None:
-            topic = places[values, sees] = Topic(path, values, resource, sees)
+            topic = places[values, sees] = Topic(self, path, values, resource, sees)
             self._of_robot.setdefault(robot_of(path), {})[topic] = None
         elif topic.refresh():
             self._tell(topic)

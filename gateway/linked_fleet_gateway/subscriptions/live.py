@@ -43,9 +43,7 @@ class Live:
         self.invocations = Invocations()
         self.fan_out = FanOut(self.tree)
         self.fleet.frames.watched = self.fan_out.watched
-        self._listeners: dict[Callable[[str | None], None], None] = {}
         self._invocation_listeners: dict[Callable[[Invocation], None], None] = {}
-        self.fan_out.heard = self._tell_listeners
         self._branches = Branches()
         self._secured = secured
         self._judged = 0
@@ -139,13 +137,13 @@ class Live:
 
         It is given the robot's name for a frame, even if no value changed, and None for anything else.
         """
-        self._listeners[hear] = None
+        self.fan_out.listeners[hear] = None
         self.fleet.frames.has_listeners = True
 
     def remove_listener(self, hear: Callable[[str | None], None]) -> None:
         """Remove a listener; does nothing if it is not registered."""
-        self._listeners.pop(hear, None)
-        self.fleet.frames.has_listeners = bool(self._listeners)
+        self.fan_out.listeners.pop(hear, None)
+        self.fleet.frames.has_listeners = bool(self.fan_out.listeners)
 
     def add_invocation_listener(self, hear: Callable[[Invocation], None]) -> None:
         """Call ``hear`` whenever a field of an invocation changes, and once more when it is forgotten.
@@ -158,10 +156,6 @@ class Live:
     def remove_invocation_listener(self, hear: Callable[[Invocation], None]) -> None:
         """Remove a listener; does nothing if it is not registered."""
         self._invocation_listeners.pop(hear, None)
-
-    def _tell_listeners(self, robot: str | None) -> None:
-        for hear in list(self._listeners):
-            hear(robot)
 
     async def halt(self, robots: Collection[str] | None, stop: Stop, timeout_s: float) -> dict[str, Reply]:
         """Stop robots, and note when they stopped, so that later requests are not taken for earlier ones."""

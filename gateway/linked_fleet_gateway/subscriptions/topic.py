@@ -1,6 +1,5 @@
 """One watched resource: its present reading, its version, and its messages, each rendered once."""
 
-from collections.abc import Callable
 from typing import Generic, Protocol
 
 from linked_fleet_gateway.identity.rights import ALL, View
@@ -11,9 +10,19 @@ from linked_fleet_gateway.subscriptions.broadcast import Broadcast, Framing, M, 
 
 
 class Resolver(Protocol):
-    """The interface of ``Tree`` to the fan-out."""
+    """The interface of ``Tree`` to a watched resource."""
 
     def resolve(self, path: str) -> Resource | Redirect | None: ...
+
+
+class Renderer(Protocol):
+    """The interface of the fan-out to a watched resource."""
+
+    renders: int
+    """Messages rendered so far."""
+
+    def tree(self, base: str, view: View) -> Resolver:
+        """Return the present tree for a base URL and a view."""
 
 
 class Topic(Generic[M]):
@@ -22,15 +31,15 @@ class Topic(Generic[M]):
     ``values``: whether a change of measured values counts.
     """
 
-    def __init__(self, path: str, values: bool, resource: Resource, sees: View = ALL) -> None:
+    def __init__(self, renderer: Renderer, path: str, values: bool, resource: Resource, sees: View = ALL) -> None:
         self.path, self.values, self.sees = path, values, sees
+        self._renderer = renderer
         self.watchers: dict[M, None] = {}
         self.apart: dict[M, None] = {}
         """The watchers that are in no broadcast."""
         self.broadcasts: dict[tuple[str, str, Framing], Broadcast[M]] = {}
         """Broadcasts by media type, base URL and framing."""
         self.previous: str | None = None
-        self.renders = 0
         self._resource = resource
         self.measured = values and resource.source.measured
         """True if a frame can change this resource."""
@@ -78,27 +87,27 @@ class Topic(Generic[M]):
         for watcher in list(self.apart):
             watcher.join_broadcast(self.path)
 
-    def message(self, media_type: str, base: str, tree: Callable[[str, View], Resolver]) -> Message:
+    def message(self, media_type: str, base: str) -> Message:
         """Return the message about the present reading; WriteError if the syntax cannot express it."""
         message = self._messages.get((media_type, base))
         if message is None:
-            self.renders += 1
-            body = self._body(media_type, base, tree)
+            self._renderer.renders += 1
+            body = self._body(media_type, base)
             message = self._messages[media_type, base] = Message(self.path, self.reading.version, media_type, body)
         return message
 
-    def _body(self, media_type: str, base: str, tree: Callable[[str, View], Resolver]) -> bytes:
+    def _body(self, media_type: str, base: str) -> bytes:
         rendering = self._renderings.get((media_type, base))
         if rendering is None:
-            resource = self._under(base, tree)
+            resource = self._under(base)
             if not (self.values and is_compilable(resource, media_type)):
                 return message_body(resource, media_type, base, self.reading.version, self.previous)
             rendering = self._renderings[media_type, base] = Rendering(resource, media_type, base)
         return rendering.of(self.reading.observations, Versions(self.reading.version, self.previous))
 
-    def _under(self, base: str, tree: Callable[[str, View], Resolver]) -> Resource:
+    def _under(self, base: str) -> Resource:
         resource = self._resources.get(base)
         if resource is None:
-            found = tree(base, self.sees).resolve(self.path)
+            found = self._renderer.tree(base, self.sees).resolve(self.path)
             resource = self._resources[base] = found if isinstance(found, Resource) else self._resource
         return resource

@@ -1,13 +1,14 @@
 """The state of one subscriber in the fan-out: what is news to it, what is pending, and when the next message may go."""
 
 import logging
+import time
 from collections.abc import Callable
 from typing import Protocol
 
 from linked_fleet_gateway.rdf.serialise import NoContentYet, WriteError
 from linked_fleet_gateway.resources.subscription import Depth, Subscription
 from linked_fleet_gateway.resources.versioning import Reading
-from linked_fleet_gateway.subscriptions.broadcast import Broadcast, Ending, Message, Outlet, SendCounter, Stream
+from linked_fleet_gateway.subscriptions.broadcast import Broadcast, Ending, Outlet, SendCounter, Stream
 from linked_fleet_gateway.subscriptions.topic import Topic
 
 _log = logging.getLogger(__name__)
@@ -19,9 +20,6 @@ class Timer(Protocol):
 
 class Schedule(SendCounter, Protocol):
     """The interface of the fan-out to a watcher."""
-
-    def message(self, topic: "Topic[Watcher]", subscription: Subscription) -> Message:
-        """Return the message about the present reading; WriteError if the syntax cannot express it."""
 
     def freshen(self, topic: "Topic[Watcher]") -> None:
         """Read the resource again if it is marked as changed."""
@@ -237,7 +235,7 @@ class Watcher:
 
     def _send(self, topic: "Topic[Watcher]") -> None:
         try:
-            message = self._schedule.message(topic, self.subscription)
+            message = topic.message(self.subscription.media_type, self.subscription.base)
         except NoContentYet:
             return
         except WriteError as error:
@@ -245,7 +243,7 @@ class Watcher:
             _log.warning("subscription %s gets no message: %s", id, error, extra={"subscription": id})
             return
         self._sent[topic.path] = topic.reading
-        self._last_ns = self._schedule.wall_ns()
+        self._last_ns = time.time_ns()
         self._schedule.messages += 1
         self._outlet.write(message)
         if self.subtree and topic.ended:
