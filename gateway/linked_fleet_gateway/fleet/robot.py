@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Literal
 
 from linked_fleet_agent.wire.codec import MAX_JOINTS, Header, WireError, decode_state, layout
@@ -13,6 +13,8 @@ from linked_fleet_gateway.fleet.kinematics import ORIGIN, LinkPoses, placed
 from linked_fleet_gateway.fleet.model import ModelError, Pose, RobotModel
 from linked_fleet_gateway.fleet.observation import Bounds, Observation, Observations, bounds_of, joints_outside
 
+Row = Literal["positions", "velocities", "efforts"]
+"""The measured values of joints (SI units)."""
 Annotations = tuple[str, str]
 """Turtle with the IRI of the robot as base: the annotations of its agent, and those of clients."""
 
@@ -26,7 +28,7 @@ class _Present:
     wall_ns: int | None = None
     decoded: bool = False
     state: State | None = None
-    rows: dict[str, Mapping[str, float]] = field(default_factory=dict)
+    positions: Mapping[str, float] | None = None
     poses: LinkPoses | None = None
 
 
@@ -62,6 +64,8 @@ class Robot:
         self._fault: str | None = None
         self.limit_fault: str | None = None
         """A sentence if positions have been outside the limits of the URDF for a while."""
+        self._index: Mapping[str, int] = {}
+        """Place of each joint in the rows of a frame."""
         self._bounds: Mapping[str, Bounds] = {}
         self._observations = Observations()
         self._frames = frames
@@ -142,17 +146,13 @@ class Robot:
     @property
     def positions(self) -> Mapping[str, float]:
         """Positions in rad or m for every movable joint of the model and every joint of the description."""
-        return self._row("positions")
-
-    @property
-    def velocities(self) -> Mapping[str, float]:
-        """Velocities in rad/s or m/s by joint."""
-        return self._row("velocities")
-
-    @property
-    def efforts(self) -> Mapping[str, float]:
-        """Efforts in Nm or N by joint."""
-        return self._row("efforts")
+        present = self._present
+        if present.positions is None:
+            frame, found = self.frame, {} if self.model is None else dict(self.model.unknown)
+            if frame is not None:
+                found.update(zip(self._index, frame.positions, strict=True))
+            present.positions = found
+        return present.positions
 
     def link_pose(self, link: str) -> Pose | None:
         """Return the pose in the world frame (fixed base: the frame of the root link); None if unknown."""
@@ -173,11 +173,12 @@ class Robot:
         present = self._present
         return self._observations.observe(key, values, resolution, present.wall_ns, present.sequence)
 
-    def observe_position(self, joint: str, resolution: float) -> Observation:
-        """Return the position (rad or m) of a joint, marked if it is outside its limits."""
-        present, values, bounds = self._present, (self.positions.get(joint, math.nan),), self._bounds.get(joint)
-        key = f"{joint}/position"
-        return self._observations.observe(key, values, resolution, present.wall_ns, present.sequence, bounds)
+    def observe_joint(self, joint: str, row: Row, resolution: float) -> Observation:
+        """Return a measured value of a joint; a position is marked if it is outside its limits."""
+        frame, index, present = self.frame, self._index.get(joint), self._present
+        value = math.nan if frame is None or index is None else getattr(frame, row)[index]
+        bounds, key = self._bounds.get(joint) if row == "positions" else None, f"{joint}/{row}"
+        return self._observations.observe(key, (value,), resolution, present.wall_ns, present.sequence, bounds)
 
     def outside(self) -> list[tuple[str, float]]:
         """Return the joints whose positions in the present frame are outside their limits."""
@@ -215,6 +216,7 @@ class Robot:
             self._fault = str(error)
         else:
             self._fault = _mismatch(description, self.model)
+            self._index = {} if self._fault else {name: place for place, name in enumerate(description.joints)}
             self._bounds = {} if self._fault else bounds_of(self.model, description.joints)
             if self._fault:
                 self.model = None  # frames do not match this tree, so it is not shown
@@ -295,16 +297,6 @@ class Robot:
             self._present = _Present(payload, sequence, wall_ns)
         else:
             self._present = _Present()
-
-    def _row(self, name: str) -> Mapping[str, float]:
-        row = self._present.rows.get(name)
-        if row is None:
-            values = {} if self.model is None else dict(self.model.unknown)
-            frame = self.frame
-            if frame is not None and self.description is not None:
-                values.update(zip(self.description.joints, getattr(frame, name), strict=True))
-            row = self._present.rows[name] = values
-        return row
 
 
 def _mismatch(description: Description, model: RobotModel) -> str | None:

@@ -1,16 +1,15 @@
 """Properties (paper 5.2): those of each kind of thing, and their descriptions with present values."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from itertools import chain
 
 from pyoxigraph import Literal, NamedNode
 
 from linked_fleet_agent.wire.messages import Base
 from linked_fleet_gateway.fleet.model import Joint, Link, Pose
 from linked_fleet_gateway.fleet.observation import Observation
-from linked_fleet_gateway.fleet.robot import Robot
+from linked_fleet_gateway.fleet.robot import Robot, Row
 from linked_fleet_gateway.rdf.graph import (
     KILOGRAM,
     KILOGRAM_SQUARE_METRE,
@@ -36,7 +35,7 @@ from linked_fleet_gateway.resources.joint_kinds import (
     kind_of,
 )
 from linked_fleet_gateway.resources.paths import joint_path
-from linked_fleet_gateway.resources.property import ROBOT_PROPERTIES, Measurement, Property
+from linked_fleet_gateway.resources.property import ROBOT_PROPERTIES, Look, Measurement, Property
 from linked_fleet_gateway.resources.settable import (
     ABSOLUTE,
     setting_properties,
@@ -56,9 +55,18 @@ def scalar(segment: str, predicate: NamedNode, title: str, value: float | None, 
     return Property(segment, predicate, (LF.ScalarProperty,), LF.ScalarPropertyShape, title, describe)
 
 
-def _measured(
-    segment: str, predicate: NamedNode, joint: Joint, look: Callable[[], Observation], unit: Unit
-) -> Property:
+_RESOLUTIONS: Mapping[Row, float] = {
+    "positions": POSITION_RESOLUTION, "velocities": VELOCITY_RESOLUTION, "efforts": EFFORT_RESOLUTION,
+}  # fmt: skip
+
+
+def _look(robot: Robot, joint: Joint, row: Row) -> Look:
+    """Return the look at a measured value of a joint. All documents that show one share the same observation."""
+    name, resolution = joint.name, _RESOLUTIONS[row]
+    return lambda: (robot.observe_joint(name, row, resolution),)
+
+
+def _measured(segment: str, predicate: NamedNode, joint: Joint, look: Look, unit: Unit) -> Property:
     """Return a property with a measured scalar of a joint and the time of its frame."""
 
     def describe(graph: Graph, iri: NamedNode, seen: Measurement) -> None:
@@ -66,23 +74,12 @@ def _measured(
         graph.result_time(iri, seen.wall_ns)
 
     title, shape = f"{segment} of {joint.name}", LF.ScalarPropertyShape
-    return Property(segment, predicate, (LF.ScalarProperty,), shape, title, describe, lambda: (look(),))
-
-
-# Measured values of a joint. All documents that show one share the same observation.
+    return Property(segment, predicate, (LF.ScalarProperty,), shape, title, describe, look)
 
 
 def _mark(graph: Graph, node: Node, outside: bool) -> None:
     if outside:
         graph.add(node, LF.outOfLimits, Literal("true", datatype=XSD.boolean))
-
-
-def _velocity(robot: Robot, joint: str) -> Observation:
-    return robot.observe(f"{joint}/velocity", (robot.velocities.get(joint, math.nan),), VELOCITY_RESOLUTION)
-
-
-def _effort(robot: Robot, joint: str) -> Observation:
-    return robot.observe(f"{joint}/effort", (robot.efforts.get(joint, math.nan),), EFFORT_RESOLUTION)
 
 
 _Makers = dict[str, Callable[[], Property]]
@@ -105,8 +102,8 @@ def joint_properties(robot: Robot, joint: Joint, segment: str | None = None) -> 
         moved = _rotation if kind.position == "rotation" else _translation
         makers = {
             kind.position: lambda: moved(robot, joint),
-            "velocity": lambda: _measured("velocity", LF.velocity, joint, lambda: _velocity(robot, name), unit),
-            "effort": lambda: _measured("effort", LF.effort, joint, lambda: _effort(robot, name), dimension.effort),
+            "velocity": lambda: _measured("velocity", LF.velocity, joint, _look(robot, joint, "velocities"), unit),
+            "effort": lambda: _measured("effort", LF.effort, joint, _look(robot, joint, "efforts"), dimension.effort),
             "limits": lambda: _limits(joint, dimension),
             "friction": lambda: scalar(
                 "friction", ROS.friction, f"static friction of {name}", joint.friction, dimension.effort
@@ -171,7 +168,7 @@ def robot_properties(robot: Robot, iri_of: Callable[[str], NamedNode]) -> list[P
             LF.JointStateShape,
             f"joint state of {robot.name}",
             lambda graph, iri, seen: _joint_state(graph, iri, robot, iri_of, seen),
-            lambda: tuple(chain.from_iterable(_joint_values(robot, joint) for joint in _movable(robot))),
+            lambda: _joint_values(robot),
         )
     ]
     found += [*setting_properties(robot), *(make(robot) for make in ROBOT_PROPERTIES)]
@@ -201,8 +198,8 @@ def _rotation(robot: Robot, joint: Joint) -> Property:
         graph.result_time(iri, seen.wall_ns)
 
     types, title = (SPATIAL.AxisAngle, SPATIAL.Rotation3D), f"rotation of {joint.name}"
-    shape, look = SPATIAL.AxisAngleShape, lambda: (robot.observe_position(joint.name, POSITION_RESOLUTION),)
-    return Property("rotation", ROS.rotation, types, shape, title, describe, look)
+    look = _look(robot, joint, "positions")
+    return Property("rotation", ROS.rotation, types, SPATIAL.AxisAngleShape, title, describe, look)
 
 
 def _translation(robot: Robot, joint: Joint) -> Property:
@@ -212,7 +209,7 @@ def _translation(robot: Robot, joint: Joint) -> Property:
         graph.vector(iri, LF.translationAxis, joint.axis, None)
         graph.result_time(iri, seen.wall_ns)
 
-    title, look = f"translation of {joint.name}", lambda: (robot.observe_position(joint.name, POSITION_RESOLUTION),)
+    title, look = f"translation of {joint.name}", _look(robot, joint, "positions")
     return Property("translation", LF.translation, (LF.Translation,), LF.TranslationShape, title, describe, look)
 
 
@@ -308,9 +305,10 @@ def _movable(robot: Robot) -> list[Joint]:
     return [joint for joint in joints if kind_of(joint).dimension is not None]
 
 
-def _joint_values(robot: Robot, joint: Joint) -> tuple[Observation, Observation, Observation]:
-    position = robot.observe_position(joint.name, POSITION_RESOLUTION)
-    return position, _velocity(robot, joint.name), _effort(robot, joint.name)
+def _joint_values(robot: Robot) -> tuple[Observation, ...]:
+    """Return position, velocity and effort of each joint."""
+    rows = _RESOLUTIONS.items()
+    return tuple([robot.observe_joint(joint.name, *row) for joint in _movable(robot) for row in rows])
 
 
 def _joint_state(

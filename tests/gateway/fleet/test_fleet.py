@@ -145,8 +145,8 @@ def test_a_frame_gives_values_and_poses() -> None:
     pose = robot.link_pose("c")
     assert pose is not None
     assert pose.position_m == pytest.approx((-1.5, 0, 1))
-    assert math.isnan(robot.efforts["turn"])
-    assert robot.velocities["turn"] == 0
+    assert math.isnan(robot.observe_joint("turn", "efforts", 0.01).values[0])
+    assert robot.observe_joint("turn", "velocities", 0.001).values == (0.0,)
     assert robot.frame is robot.frame
 
 
