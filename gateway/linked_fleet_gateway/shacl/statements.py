@@ -112,9 +112,17 @@ def targets(triples: Iterable[Triple]) -> list[tuple[Node, Callable[[Data], Iter
 
 
 def _is_class(shapes: Data, node: Node) -> bool:
-    """Return True for a shape that is also a class, whose instances are implicit targets."""
-    is_shape = shapes.is_a(node, SHACL.NodeShape) or shapes.is_a(node, SHACL.PropertyShape)
-    return is_shape and shapes.is_a(node, RDFS.Class)
+    """Return True for a shape that is also a class, whose instances are implicit targets (SHACL 2.1.3.3)."""
+    return shapes.is_a(node, RDFS.Class) and _is_shape(shapes, node)
+
+
+def _is_shape(shapes: Data, node: Node) -> bool:
+    """Return True for a shape by its type or by its parameters (SHACL 2)."""
+    return (
+        shapes.is_a(node, SHACL.NodeShape)
+        or shapes.is_a(node, SHACL.PropertyShape)
+        or any(predicate.value.startswith(SHACL.iri) for predicate in shapes.about(node))
+    )
 
 
 def _finder(shapes: Data, shape: Node) -> Callable[[Data], Iterable[Term]]:
