@@ -83,8 +83,9 @@ class _Kept:
 async def _rendered_us(robots: int) -> float:
     """Return the time from received frames to framed messages in this process: the median of some rounds."""
     fleet, invocations = Fleet(Frames()), Invocations()
-    fan_out = FanOut(lambda base, sees: Tree(fleet, invocations, base, NO_SUBSCRIPTIONS, sees))
+    fan_out = FanOut(lambda base, sees: Tree(fleet, invocations, base, NO_SUBSCRIPTIONS, sees), fleet.next_moved)
     fleet.frames.watched = fan_out.watched
+    fleet.frames.reader.open(fan_out.waker())
     crowd = [_appeared(fleet, name_of(number)) for number in range(robots)]
     for each in crowd:
         for joint in range(JOINTS):
@@ -100,9 +101,6 @@ async def _rendered_us(robots: int) -> float:
             each.send(epoch_ns, JOINTS)
             assert fleet.frames.put(each.name, each.publisher.frame, time.time_ns())
         before, begin = _Sink.messages, time.process_time()
-        for each in crowd:
-            if fleet.moved(each.name):
-                fan_out.moved(each.name)
         while _Sink.messages - before < robots * JOINTS:  # noqa: ASYNC110 - measures turns of the loop
             await asyncio.sleep(0)
         found.append((time.process_time() - begin) / (_Sink.messages - before) * 1e6)

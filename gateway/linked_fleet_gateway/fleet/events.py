@@ -74,17 +74,41 @@ class Batch:
     """Messages since the last batch.
 
     ``presence`` by key (True: present), ``states``: the latest state by key of frames that need a full check,
-    ``moved``: watched robots with newer frames, ``progress`` in order. ``told`` counts progress by key, ``tokens`` the
-    entries of ``presence`` by robot. ``presence_lost`` says that some presence did not fit.
+    ``progress`` in order. ``told`` counts progress by key, ``tokens`` the entries of ``presence`` by robot.
+    ``presence_lost`` says that some presence did not fit.
     """
 
     presence: dict[str, bool] = field(default_factory=dict)
     states: dict[str, Payload] = field(default_factory=dict)
-    moved: dict[str, None] = field(default_factory=dict)
     progress: deque[tuple[str, Payload]] = field(default_factory=partial(deque, maxlen=MAX_PROGRESS))
     told: dict[str, int] = field(default_factory=dict)
     tokens: dict[str, int] = field(default_factory=dict)
     presence_lost: bool = False
+
+
+class Wake:
+    """Calls a function from any thread to wake a reader, once until the reader has looked."""
+
+    def __init__(self, call: Callable[[], object] | None = None) -> None:
+        """``call`` may be given later, by ``open``."""
+        self._lock = threading.Lock()
+        self._call = call
+        self.pending = False
+        """True if the reader was woken and has not looked yet; it sets this to False before it looks."""
+
+    def open(self, call: Callable[[], object]) -> None:
+        self._call = call
+
+    def close(self) -> None:
+        """Wake nobody any more. No call is in progress when this returns."""
+        with self._lock:
+            self._call, self.pending = None, False
+
+    def wake(self) -> None:
+        with self._lock:
+            if not self.pending and self._call is not None:
+                self.pending = True
+                self._call()
 
 
 class Inbox:
@@ -98,9 +122,8 @@ class Inbox:
 
     def __init__(self, wake: Callable[[], object]) -> None:
         self._lock = threading.Lock()
-        self._wake: Callable[[], object] | None = wake
+        self._reader = Wake(wake)
         self._batch = Batch()
-        self._woken = False
 
     def put_presence(self, key: str, present: bool) -> None:
         with self._lock:
@@ -112,19 +135,13 @@ class Inbox:
                 batch.tokens[robot] = tokens + (not known)
             else:
                 batch.presence_lost = True
-            self._wake_reader()
+            self._reader.wake()
 
     def put_state(self, key: str, payload: Payload) -> None:
         with self._lock:
             if len(self._batch.states) < MAX_KEYS or key in self._batch.states:
                 self._batch.states[key] = payload
-            self._wake_reader()
-
-    def put_moved(self, robot: str) -> None:
-        """Announce newer frames of a watched robot, which are in ``Frames``."""
-        with self._lock:
-            self._batch.moved[robot] = None
-            self._wake_reader()
+            self._reader.wake()
 
     def put_progress(self, key: str, payload: Payload) -> None:
         with self._lock:
@@ -132,25 +149,22 @@ class Inbox:
             if told < MAX_PROGRESS_OF_ONE:
                 self._batch.told[key] = told + 1
                 self._batch.progress.append((key, payload))
-            self._wake_reader()
+            self._reader.wake()
 
     def take(self) -> Batch | None:
         """Return the messages since the last call; None if there are none."""
-        if not self._woken:
+        if not self._reader.pending:
             return None
         with self._lock:
-            batch, self._batch, self._woken = self._batch, Batch(), False
+            self._reader.pending = False
+            batch, self._batch = self._batch, Batch()
             return batch
 
     def close(self) -> None:
         """Stop waking the reader, and drop what it has not taken."""
+        self._reader.close()
         with self._lock:
-            self._wake, self._batch, self._woken = None, Batch(), False
-
-    def _wake_reader(self) -> None:
-        if not self._woken and self._wake is not None:
-            self._woken = True
-            self._wake()
+            self._batch = Batch()
 
 
 _OFFSET = {field.name: field.offset for field in layout(1, False)}
@@ -181,15 +195,16 @@ class Latest:
 class Frames:
     """The latest frame of each robot. ``key_of`` maps a robot's name to the key of its frames.
 
-    ``taken`` counts stored frames. ``report`` is called at once with the names of robots in ``watched``, or of all
-    robots while ``has_listeners``; not again before ``Robot.tell``.
+    ``taken`` counts stored frames. ``reader`` is woken for frames of robots in ``watched``, or of all robots while
+    ``has_listeners``. It gets their names from ``next_moved``, each once before ``Robot.tell``.
     """
 
     def __init__(self, key_of: Callable[[str], str] = str) -> None:
         self.taken = 0
         self.watched: Container[str | None] = frozenset()
         self.has_listeners = False
-        self.report: Callable[[str], object] = bool
+        self.reader = Wake()
+        self._moved: deque[str] = deque()
         self._key_of = key_of
         self._latest: dict[str, Latest] = {}
 
@@ -219,11 +234,23 @@ class Frames:
         latest.unreported = True
         self.taken += 1
         if not latest.scheduled and (self.has_listeners or latest.robot in self.watched):
-            latest.scheduled = True
-            self.report(latest.robot)
+            self._schedule(latest)
         return True
 
-    def unreported(self, robot: str) -> bool:
-        """Return True if a frame has arrived that was not reported, because nobody watched the robot then."""
-        latest = self._latest.get(self._key_of(robot))
-        return latest is not None and latest.unreported
+    def schedule_missed(self) -> None:
+        """Schedule the robots whose latest frame came before somebody watched them."""
+        for latest in self._latest.values():
+            if latest.unreported and not latest.scheduled and (self.has_listeners or latest.robot in self.watched):
+                self._schedule(latest)
+
+    def _schedule(self, latest: Latest) -> None:
+        latest.scheduled = True
+        self._moved.append(latest.robot)
+        self.reader.wake()
+
+    def next_moved(self) -> str | None:
+        """Return the next watched robot with a newer frame; None if there is none, and the reader is woken for more."""
+        if not self._moved:
+            self.reader.pending = False
+        # Looks again, for a frame that came just before.
+        return self._moved.popleft() if self._moved else None

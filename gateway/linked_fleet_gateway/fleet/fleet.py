@@ -166,13 +166,16 @@ class Fleet:
         """Apply an event at gateway wall time ``now_ns`` and return the changes."""
         return self._handlers[type(event)](event, now_ns)
 
-    def moved(self, name: str) -> bool:
-        """Make the latest frame in ``frames`` the present one, which its watchers are being told of.
+    def next_moved(self) -> str | None:
+        """Make the latest frame of the next robot of ``frames.next_moved`` the present one.
 
-        Return False if the robot is unknown or has no frame yet.
+        Return its name, for its watchers to be told; None if there is none.
         """
-        entry = self._entries.get(name)
-        return entry is not None and entry.robot.tell()
+        while (name := self.frames.next_moved()) is not None:
+            entry = self._entries.get(name)
+            if entry is not None and entry.robot.tell():
+                return name
+        return None
 
     def judge_limits(self, now_ns: int) -> list[Change]:
         """Compare the latest frame of each robot with the limits in its URDF."""

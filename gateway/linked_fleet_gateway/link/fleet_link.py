@@ -51,8 +51,8 @@ class NoAnswer(Exception):  # noqa: N818 -- an outcome, not a defect
 class FleetLink:
     """An open link, as an async context manager. Entering raises what ``open_session`` raises.
 
-    ``on_events``, ``on_moved`` and ``on_progress`` are called on the event loop, one batch at a time. ``frames`` may
-    store frames without an event, and ``on_moved`` is then called with the names of watched robots.
+    ``on_events`` and ``on_progress`` are called on the event loop, one batch at a time. ``frames`` may store frames
+    without an event.
     """
 
     def __init__(
@@ -63,14 +63,12 @@ class FleetLink:
         on_events: Callable[[list[Event]], None],
         on_progress: Callable[[str, Progress], None],
         frames: Frames | None = None,
-        on_moved: Callable[[str], None] = lambda robot: None,
     ) -> None:
         self._keys = keys
         self._gateway_name = gateway_name
         self._open_session = open_session
         self._frames = frames or Frames()
         self._on_events = on_events
-        self._on_moved = on_moved
         self._on_progress = on_progress
         self._listens = False
 
@@ -94,9 +92,7 @@ class FleetLink:
             self._ask_description, self._list_tokens, self._on_events, lambda: self._heartbeat.send_now(),
             lambda: self._session.declare_anew(),
         )  # fmt: skip
-        self._incoming = Incoming(
-            self._keys, self._frames, self._discovery, self._on_events, self._on_moved, self._on_progress
-        )
+        self._incoming = Incoming(self._keys, self._frames, self._discovery, self._on_events, self._on_progress)
         self._session = await self._open_session()
         self._heartbeat = Heartbeat(self._session, self._keys.heartbeat(self._gateway_name))
         return self

@@ -1,10 +1,8 @@
 """Hand-over of presence, frames and progress from the session's threads to the event loop."""
 
-import asyncio
 import logging
 import time
 from collections.abc import Callable, Iterator
-from functools import partial
 
 from linked_fleet_agent.wire.codec import WireError, decode
 from linked_fleet_agent.wire.keys import Keys, RobotKey
@@ -21,10 +19,9 @@ MAX_STATE_BYTES = MAX_PROGRESS_BYTES = 65_536
 
 
 class Incoming:
-    """Calls its four listeners on the event loop, in turns of a few milliseconds.
+    """Calls ``discovery``, ``on_events`` and ``on_progress`` on the event loop, in turns of a few milliseconds.
 
-    ``frames`` stores the frames that continue a run. They cause no event; ``on_moved`` is called if somebody watches
-    their robot.
+    Frames that ``frames`` stores cause no event.
     """
 
     def __init__(
@@ -33,18 +30,14 @@ class Incoming:
         frames: Frames,
         discovery: Discovery,
         on_events: Callable[[list[Event]], None],
-        on_moved: Callable[[str], None],
         on_progress: Callable[[str, Progress], None],
     ) -> None:
         self._keys = keys
         self._frames = frames
         self._discovery = discovery
         self._on_events = on_events
-        self._on_moved = on_moved
         self._on_progress = on_progress
-        turns = Turns(self._work)
-        self._inbox = Inbox(partial(asyncio.get_running_loop().call_soon_threadsafe, turns.take))
-        frames.report = self._inbox.put_moved
+        self._inbox = Inbox(Turns(self._work).waker())
         self._steps: Iterator[None] = iter(())
         self.complaints = RejectedMessages(_log)
 
@@ -101,9 +94,6 @@ class Incoming:
                 self._on_events([Framed(robot.robot, payload)])
             elif robot is not None:
                 self._too_large(robot.robot, payload)
-            yield
-        for name in batch.moved:
-            self._on_moved(name)
             yield
         for key, payload in batch.progress:
             self._progressed(key, payload)

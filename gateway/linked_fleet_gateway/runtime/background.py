@@ -3,6 +3,7 @@
 import asyncio
 import time
 from collections.abc import AsyncIterator, Awaitable, Callable, Iterable
+from functools import partial
 from logging import Logger
 from typing import TypeVar
 
@@ -100,9 +101,13 @@ class Turns:
             self._due = True
             asyncio.get_running_loop().call_soon(self.take)
 
+    def waker(self) -> Callable[[], object]:
+        """Return a function by which any thread makes the running event loop take a turn."""
+        return partial(asyncio.get_running_loop().call_soon_threadsafe, self.take)
+
     def take(self) -> None:
         """Take a turn now, and further ones soon until there is nothing more to do."""
-        more = True
+        more = self._due = True  # due during its own turn, so that what it calls makes no further one
         try:
             more = self._work(time.perf_counter())
         finally:

@@ -34,10 +34,13 @@ class Tree(Protocol):
 
 
 class FanOut:
-    """All watched resources of this gateway. ``tree`` returns the present tree for a base URL and a view."""
+    """All watched resources of this gateway. ``tree`` returns the present tree for a base URL and a view.
 
-    def __init__(self, tree: Callable[[str, View], Tree]) -> None:
-        self.tree = tree
+    ``next_moved`` returns the next robot with a newer frame; None if there is none.
+    """
+
+    def __init__(self, tree: Callable[[str, View], Tree], next_moved: Callable[[], str | None] = lambda: None) -> None:
+        self.tree, self._next_moved = tree, next_moved
         self._topics: dict[str, dict[tuple[bool, View], Topic[Watcher]]] = {}
         self._of_robot: dict[str | None, dict[Topic[Watcher], None]] = {}
         self._subtrees: dict[Watcher, None] = {}
@@ -95,6 +98,10 @@ class FanOut:
     def watches(self) -> bool:
         """True if anything is watched, or waited for, by its path."""
         return bool(self._topics or self._absent)
+
+    def waker(self) -> Callable[[], object]:
+        """Return a function by which any thread says that ``next_moved`` returns a robot."""
+        return self._turns.waker()
 
     # -- what happened ----------------------------------------------------------------------------------------------
 
@@ -200,11 +207,15 @@ class FanOut:
     # -- turns ------------------------------------------------------------------------------------------------------
 
     def _work(self, begin: float) -> bool:
-        """Read marked resources, scan subtrees, render and send; each gets at least a quarter of the turn.
+        """Mark what frames changed, read it, scan subtrees, render and send; each gets an eighth of the turn at least.
 
         Rendered messages leave in one burst: writing to a reader that has gone to sleep meanwhile takes three times as
         long as writing to one that is still reading the message before.
         """
+        while robot := self._next_moved():
+            self.moved(robot)
+            if time.perf_counter() - begin > TURN_S / 8:
+                break
         while self._dirty and time.perf_counter() - begin < TURN_S / 4:
             self._read(next(iter(self._dirty)))
         while self._scans and time.perf_counter() - begin < TURN_S / 2:
@@ -218,7 +229,7 @@ class FanOut:
                         self.run(sender)
             finally:
                 self._runnable.extendleft(reversed(ready))
-        return bool(self._dirty or self._scans or self._runnable)
+        return bool(robot or self._dirty or self._scans or self._runnable)
 
     def _prepared(self, end: float) -> deque[Watcher | Broadcast[Watcher]]:
         """Return the scheduled senders that have something to send, as many as can be prepared by ``end`` (s)."""

@@ -41,7 +41,7 @@ class Live:
         keys = Keys(namespace)
         self.fleet = Fleet(Frames(lambda robot: keys.robot(robot, "state")))
         self.invocations = Invocations()
-        self.fan_out = FanOut(self.tree)
+        self.fan_out = FanOut(self.tree, self.fleet.next_moved)
         self.fleet.frames.watched = self.fan_out.watched
         self._invocation_listeners: dict[Callable[[Invocation], None], None] = {}
         self._branches = Branches()
@@ -59,7 +59,6 @@ class Live:
             self._on_events,
             lambda robot, progress: self.on_progress(robot, progress),
             self.fleet.frames,
-            self._on_moved,
         )
         self.meshes = Meshes(self.link.mesh)
 
@@ -69,6 +68,7 @@ class Live:
         return self._judged + self.fleet.frames.taken
 
     async def __aenter__(self) -> "Live":
+        self.fleet.frames.reader.open(self.fan_out.waker())
         await self.link.__aenter__()
         self._sweep()
         return self
@@ -78,10 +78,7 @@ class Live:
 
         Also evaluate what is the absence of an event: limits that were left for a while, and missing frames.
         """
-        frames = self.fleet.frames
-        watched = self.fleet.robots if frames.has_listeners else self.fan_out.watched
-        for name in [each for each in watched if each and frames.unreported(each)]:
-            self._on_moved(name)
+        self.fleet.frames.schedule_missed()
         for change in self.fleet.judge_limits(time.time_ns()):
             self._on_change(change)
         self.link.doubt(self._silences.check(asyncio.get_running_loop().time(), self._present()))
@@ -116,6 +113,7 @@ class Live:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self._sweeping.cancel()
+        self.fleet.frames.reader.close()
         self.meshes.close()
         await self.link.__aexit__(kind, error, trace)
 
@@ -177,10 +175,6 @@ class Live:
                     continue
                 self._on_change(change)
         self._heard.set()
-
-    def _on_moved(self, robot: str) -> None:
-        if self.fleet.moved(robot):
-            self.fan_out.moved(robot)
 
     def _on_change(self, change: Change) -> None:
         log.info("robot %s: %s", change.robot, change.what, extra={"robot": change.robot})

@@ -7,7 +7,7 @@ import pytest
 from linked_fleet_agent.wire.codec import encode_state, layout
 from linked_fleet_agent.wire.messages import WIRE_VERSION, Description, State
 from linked_fleet_gateway.fleet.events import Frames
-from linked_fleet_gateway.fleet.fleet import Appeared, Described, Fleet, Framed, Robot, Vanished
+from linked_fleet_gateway.fleet.fleet import Appeared, Described, Fleet, Framed, Robot, Undescribed, Vanished
 
 URDF = """<robot name='r'><link name='a'/><link name='b'/>
 <joint name='turn' type='continuous'><parent link='a'/><child link='b'/><axis xyz='0 0 1'/></joint></robot>"""
@@ -117,28 +117,55 @@ def test_a_change_that_no_frame_brought_is_counted_on_from_the_frame_before(flee
 
 
 def test_a_watched_robot_is_reported_once_until_it_is_read(fleet: Fleet) -> None:
-    frames, reported = fleet.frames, list[str]()
-    frames.report = reported.append
+    frames, woken = fleet.frames, list[int]()
+    frames.reader.open(lambda: woken.append(1))
     assert put(fleet, frame(2, 0.2))
-    assert not reported
+    assert fleet.next_moved() is None
     frames.watched = {"r"}
-    assert frames.unreported("r")
     assert put(fleet, frame(3, 0.3))
     assert put(fleet, frame(4, 0.4))
-    assert reported == ["r"]
+    assert woken == [1]
     robot(fleet)  # something else reads meanwhile
-    assert fleet.moved("r")
-    assert not frames.unreported("r")
+    assert [fleet.next_moved(), fleet.next_moved()] == ["r", None]
     assert put(fleet, frame(5, 0.5))
-    assert reported == ["r", "r"]
+    assert woken == [1, 1]
+    assert fleet.next_moved() == "r"
+
+
+def test_the_reader_is_woken_again_only_after_it_has_found_nothing(fleet: Fleet) -> None:
+    frames, woken = fleet.frames, list[int]()
+    frames.reader.open(lambda: woken.append(1))
+    frames.watched = {"r"}
+    assert put(fleet, frame(2, 0.2))
+    assert fleet.next_moved() == "r"
+    assert put(fleet, frame(3, 0.3))
+    assert woken == [1]
+    assert [fleet.next_moved(), fleet.next_moved()] == ["r", None]
+    frames.reader.close()
+    assert put(fleet, frame(4, 0.4))
+    assert woken == [1]
+
+
+def test_a_frame_that_came_before_somebody_watched_is_reported_later(fleet: Fleet) -> None:
+    assert put(fleet, frame(2, 0.2))
+    fleet.frames.schedule_missed()
+    assert fleet.next_moved() is None
+    fleet.frames.watched = {"r"}
+    fleet.frames.schedule_missed()
+    fleet.frames.schedule_missed()
+    assert [fleet.next_moved(), fleet.next_moved()] == ["r", None]
+    fleet.frames.schedule_missed()
+    assert fleet.next_moved() is None
 
 
 def test_robots_are_reported_to_listeners_although_nobody_watches_them(fleet: Fleet) -> None:
-    reported = list[str]()
-    fleet.frames.report, fleet.frames.has_listeners = reported.append, True
+    fleet.frames.has_listeners = True
     assert put(fleet, frame(2, 0.2))
-    assert reported == ["r"]
+    assert fleet.next_moved() == "r"
 
 
-def test_frames_of_an_unknown_robot_are_not_reported(fleet: Fleet) -> None:
-    assert not fleet.moved("s")
+def test_a_robot_that_left_the_fleet_is_not_reported(fleet: Fleet) -> None:
+    fleet.frames.watched = {"r"}
+    assert put(fleet, frame(2, 0.2))
+    fleet.apply(Undescribed("r", 5, "unusable"), 3)
+    assert fleet.next_moved() is None

@@ -21,7 +21,6 @@ class Gateway:
     def __init__(self, endpoint: str) -> None:
         self.fleet = Fleet(Frames(lambda robot: KEYS.robot(robot, "state")))
         self.events: asyncio.Queue[Event] = asyncio.Queue()
-        self.moved: asyncio.Queue[str] = asyncio.Queue()
         self.link = FleetLink(
             KEYS,
             "g",
@@ -29,7 +28,6 @@ class Gateway:
             self._on_events,
             lambda *_: None,
             frames=self.fleet.frames,
-            on_moved=self.moved.put_nowait,
         )
 
     def _on_events(self, events: list[Event]) -> None:
@@ -59,7 +57,7 @@ async def test_frames_that_are_watched_or_unchecked_reach_the_event_loop() -> No
             gateway.fleet.frames.watched = {"r"}
             late = robot.frame((0.9,))
             robot.put("state", robot.frame((0.3,)))
-            assert await gateway.moved.get() == "r"
+            await until(lambda: gateway.fleet.next_moved() == "r")
             robot.put("state", late)
             assert await gateway.until(Framed) == Framed("r", late)
             assert (gateway.fleet.dropped["r"], gateway.fleet.robots["r"].positions["elbow"]) == (1, 0.3)
