@@ -99,15 +99,21 @@ class Turns:
         """Take a turn in the next iteration of the event loop; repeated calls before it make one turn."""
         if not self._due:
             self._due = True
-            asyncio.get_running_loop().call_soon(self.take)
+            asyncio.get_running_loop().call_soon(self._take)
 
     def waker(self) -> Callable[[], object]:
         """Return a function by which any thread makes the running event loop take a turn."""
-        return partial(asyncio.get_running_loop().call_soon_threadsafe, self.take)
+        return partial(asyncio.get_running_loop().call_soon_threadsafe, self._wake)
 
-    def take(self) -> None:
-        """Take a turn now, and further ones soon until there is nothing more to do."""
-        more = self._due = True  # due during its own turn, so that what it calls makes no further one
+    def _wake(self) -> None:
+        """Take a turn now, unless one is due: each further one would go on beside it until all is done."""
+        if not self._due:
+            self._due = True
+            self._take()
+
+    def _take(self) -> None:
+        """Take a turn, and further ones soon until there is nothing more to do."""
+        more = True
         try:
             more = self._work(time.perf_counter())
         finally:

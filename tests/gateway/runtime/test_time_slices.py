@@ -51,6 +51,44 @@ def test_turns_leave_others_between_them_and_end_with_the_work() -> None:
     assert order == ["turn 3", "other", "turn 2", "other", "turn 1", "other", "other"]
 
 
+def test_a_turn_that_a_thread_asks_for_is_taken_once_and_asks_for_no_other() -> None:
+    taken: list[int] = []
+
+    async def main() -> None:
+        def work(_: float) -> bool:
+            taken.append(1)
+            turns.soon()  # whether there is more to do is what it returns
+            return False
+
+        turns = Turns(work)
+        await asyncio.to_thread(turns.waker())
+        for _ in range(3):
+            await asyncio.sleep(0)
+
+    asyncio.run(main())
+    assert taken == [1]
+
+
+def test_threads_that_ask_for_turns_make_no_more_than_one_per_iteration() -> None:
+    taken: list[int] = []
+
+    async def main() -> None:
+        def work(_: float) -> bool:
+            taken[-1] += 1
+            return True
+
+        turns = Turns(work)
+        wake = turns.waker()
+        for _ in range(5):
+            taken.append(0)
+            wake()
+            await asyncio.sleep(0)
+        taken.append(0)
+
+    asyncio.run(main())
+    assert taken[:5] == [1] * 5
+
+
 def test_turns_go_on_after_an_error() -> None:
     done: list[str] = []
     errors: list[object] = []

@@ -17,6 +17,7 @@ from linked_fleet_agent.wire.messages import WIRE_VERSION, Description, State
 from linked_fleet_gateway.fleet.events import Appeared, Described, Event, Framed, Undescribed, Vanished
 from linked_fleet_gateway.fleet.fleet import Fleet
 from linked_fleet_gateway.fleet.invocations import Invocation, Invocations, InvocationState
+from linked_fleet_gateway.identity.rights import View
 from linked_fleet_gateway.resources.subscription import Depth, Kind, Subscription
 from linked_fleet_gateway.resources.tree import Tree
 from linked_fleet_gateway.subscriptions import fan_out
@@ -43,8 +44,8 @@ class Clocked(FanOut):
 
     present_s = 100.0
 
-    def __init__(self, tree: Callable[[str], Tree]) -> None:
-        super().__init__(tree)
+    def __init__(self, tree: Callable[[str, View], Tree], next_moved: Callable[[], str | None]) -> None:
+        super().__init__(tree, next_moved)
         self._alarms: list[tuple[float, int, _Alarm]] = []
 
     def now_s(self) -> float:
@@ -156,7 +157,10 @@ class World:
 
     def __init__(self) -> None:
         self.fleet, self.invocations = Fleet(), Invocations()
-        self.fan_out = Clocked(lambda base, sees: Tree(self.fleet, self.invocations, base, sees=sees))
+        self.fan_out = Clocked(
+            lambda base, sees: Tree(self.fleet, self.invocations, base, sees=sees), self.fleet.next_moved
+        )
+        self.fleet.frames.watched = self.fan_out.watched
         self._sequence = itertools.count()
 
     async def apply(self, *events: Event) -> None:
@@ -269,6 +273,31 @@ async def test_a_burst_of_frames_is_read_once() -> None:
     await world.apply(*(world.frame(angle) for angle in (0.1, 0.2, 0.3)))
     assert len(outlet.messages) == 2
     assert b"0.3" in outlet.messages[-1].body
+
+
+async def test_frames_of_many_robots_are_marked_in_several_turns(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The thread that stores frames wakes the fan-out once; who hears of all frames delays nobody else."""
+    _turns_of(monkeypatch, 4)
+    world, heard = await World().up(), list[str | None]()
+    outlet = await begin(world, _ROTATION)
+    world.fan_out.listeners[heard.append] = None
+    world.fleet.frames.has_listeners = True
+    others = [f"other{number}" for number in range(5)]
+    for name in others:
+        await world.apply(Appeared(name, 1), Described(described(robot=name)), Framed(name, world.frame(0.0).payload))
+    heard.clear()
+    woken = list[int]()
+    world.fleet.frames.reader.open(lambda: woken.append(1))
+    for name in [*others, "r"]:
+        assert world.fleet.frames.put(name, world.frame(0.5).payload, 1)
+    assert woken == [1]
+    world.fan_out.waker()()
+    turns = 0
+    while len(outlet.messages) < 2:
+        await asyncio.sleep(0)
+        turns += 1
+    assert (heard, turns > len(others)) == ([*others, "r"], True)
+    assert b"0.5" in outlet.messages[-1].body
 
 
 async def test_the_deadband_counts_from_the_sent_value() -> None:
