@@ -39,6 +39,11 @@ def _message(shape: str, body: str) -> str:
             "1 , 2",
             "must have 1 value at most that are a literal, and has 1, 2",
         ),
+        (
+            "sh:qualifiedValueShape [ sh:and ( [ sh:class ex:C ] [ sh:nodeKind sh:IRI ] ) ] ; sh:qualifiedMinCount 1",
+            "1",
+            "must have 1 value or more that are a ex:C and an IRI, and has 1",
+        ),
         ("sh:nodeKind sh:IRI", "1", "1 must be an IRI"),
         ("sh:nodeKind sh:BlankNode", "ex:a", "ex:a must be a blank node"),
         ("sh:nodeKind sh:Literal", "ex:a", "ex:a must be a literal"),

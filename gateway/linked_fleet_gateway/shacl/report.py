@@ -29,8 +29,8 @@ class Violation:
     component: NamedNode
     shape: Node
     message: str
-    detail: tuple["Violation", ...] = ()
-    severity: NamedNode = SHACL.Violation
+    detail: tuple["Violation", ...]
+    severity: NamedNode
 
 
 def report(violations: Sequence[Violation], shapes: Mapping[Node, Sequence[Triple]] | None = None) -> list[Triple]:
