@@ -89,7 +89,7 @@ class Either(Constraint):
 
 
 @dataclass(frozen=True, eq=False)
-class Switch(Either):
+class Switch(Constraint):
     """``sh:or`` whose branches each require certain values of one predicate; only branches that apply are checked."""
 
     predicate: NamedNode = field(kw_only=True)

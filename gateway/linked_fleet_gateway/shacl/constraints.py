@@ -283,7 +283,7 @@ def _switch(members: tuple[Shape, ...], predicate: NamedNode, text: str) -> Swit
     def holds(data: Data, value: Term) -> bool:
         return any(s.conforms(data, value) for term in data.objects(value, predicate) for s in table.get(term, ()))
 
-    return Switch(SHACL.OrConstraintComponent, text, holds, members, predicate=predicate, table=table)
+    return Switch(SHACL.OrConstraintComponent, text, holds, predicate=predicate, table=table)
 
 
 COUNTS: Mapping[NamedNode, Callable[[Shapes, Statements, int], Iterable[Count]]] = {
