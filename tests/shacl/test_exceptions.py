@@ -77,6 +77,20 @@ def test_values_are_counted_by_their_terms() -> None:
     assert len(compiled_finds(shapes, EX.Shape, body, EX.body)) == 1
 
 
+@pytest.mark.parametrize(("day", "exists"), [("-0044-03-15", True), ("-0044-02-30", False), ("-0004-02-29", True)])
+def test_days_before_the_common_era_exist_as_later_ones_do(day: str, exists: bool) -> None:
+    shapes, body = _of_value((SHACL.datatype, XSD.date)), [Triple(EX.body, EX.p, _literal(day, XSD.date))]
+    assert bool(compiled_finds(shapes, EX.Shape, body, EX.body)) is not exists
+
+
+def test_an_integer_has_as_many_digits_as_python_reads() -> None:
+    """Longer ones are no numbers, so that reading one takes a bounded time."""
+    shapes = _of_value((SHACL.maxInclusive, integer(5)))
+    for digits, refused in ((4_300, False), (4_301, True)):
+        body = [Triple(EX.body, EX.p, _literal("-" + "1" * (digits - 1), XSD.integer))]
+        assert bool(compiled_finds(shapes, EX.Shape, body, EX.body)) is refused, digits
+
+
 def _compile(text: str) -> None:
     compile_shape(turtle(text), EX.Shape)
 

@@ -149,6 +149,13 @@ class _Counted(Data):
         return super().objects(subject, predicate)
 
 
+def test_without_the_shapes_graph_a_report_leaves_out_the_parts_of_a_path() -> None:
+    compiled = _compiled("ex:Shape sh:property [ sh:path ( ex:p ex:q ) ; sh:minCount 1 ] .")
+    graph = graph_of(report(compiled.check(Data([]), _BODY)))
+    (path,) = graph.objects(None, rdflib.SH.resultPath)
+    assert isinstance(path, rdflib.BNode) and (path, None, None) not in graph
+
+
 def test_thousands_of_values_break_a_maximum_once() -> None:
     body = [Triple(_BODY, LF.target, integer(n)) for n in range(10_000)]
     compiled = _compiled("ex:Shape sh:property [ sh:path lf:target ; sh:maxCount 1 ; sh:nodeKind sh:Literal ] .")
