@@ -54,7 +54,6 @@ class Answer:
     __slots__ = (
         "_block",
         "_block_of_content",
-        "_changes",
         "_codable",
         "_coded",
         "_content",
@@ -101,28 +100,15 @@ class Answer:
         self._fields, self._of_content = (*fields,), (*fields, *of_content)
         self._block, self._block_of_content = block(self._fields), block(self._of_content)
         self._news, self._facts = _news(robot), resource.source.facts()
-        self._changes = -1
-        """The number of changes of the fleet when it was looked at last."""
 
     def holds(self, live: Live) -> bool:
-        """Return True if the robot still exists and nothing but frames has changed it.
-
-        That is looked at once after each change of the fleet; for an offline robot, whose frames change when it was
-        last seen, each time.
-        """
+        """Return True if the robot still exists and nothing but frames has changed it."""
         robot = self._robot
-        if robot is None:
-            return True
-        changes = live.fan_out.changes
-        if changes == self._changes and robot.online:
-            return True
-        holds = (
+        return robot is None or (
             live.fleet.robots.get(robot.name) is robot
             and _news(robot) == self._news
             and self._source.facts() == self._facts
         )
-        self._changes = changes if holds else -1
-        return holds
 
     def reply(self, known: str | None, takes_gzip: bool, plain: bytes | None = None) -> Reply:
         """Return the reply to a request, or 304. ``known`` is the client's If-None-Match.

@@ -53,8 +53,6 @@ class FanOut:
         self._turns = Turns(self._work)
         self.listeners: dict[Callable[[str | None], None], None] = {}
         """Called at every change: with the robot's name for a frame, with None for anything else."""
-        self.changes = 0
-        """Number of changes other than frames, whether anybody watches or not."""
         self.renders = self.messages = self.conflated = 0
         # Called for each watcher; extensions use them, for example to request pictures from a camera.
         self.on_watch: Callable[[Watcher], None] = lambda watcher: None
@@ -117,7 +115,7 @@ class FanOut:
 
     def changed(self, robot: str) -> None:
         """Mark a robot whose presence, description or fault changed."""
-        self._note_change()
+        self._tell_listeners(None)
         for watcher in list(self._absent):
             if robot_of(watcher.subscription.resource) in (robot, None):
                 self._find(watcher)
@@ -130,7 +128,7 @@ class FanOut:
 
     def mark_changed(self, *paths: str) -> None:
         """Mark resources as changed."""
-        self._note_change()
+        self._tell_listeners(None)
         for watcher in [each for each in self._absent if each.subscription.resource in paths]:
             self._find(watcher)
         for path in paths:
@@ -140,17 +138,13 @@ class FanOut:
 
     def appeared(self, path: str) -> None:
         """Add a new resource to the watchers of the subtrees that cover it."""
-        self._note_change()
+        self._tell_listeners(None)
         for watcher in self._subtrees:
             subscription = watcher.subscription
             if is_below(path, subscription.resource) and path not in watcher.topics:
                 resource = self._resolve(path, subscription)
                 if resource is not None:
                     self._join(watcher, resource, values=True)
-
-    def _note_change(self) -> None:
-        self.changes += 1
-        self._tell_listeners(None)
 
     def _tell_listeners(self, robot: str | None) -> None:
         for hear in list(self.listeners):

@@ -10,7 +10,6 @@ from linked_fleet_gateway.http.arrival import Authenticated, arrival_of
 from linked_fleet_gateway.identity.rights import Grant, Identity, Right
 from linked_fleet_gateway.resources.resource import Resource
 from linked_fleet_gateway.resources.versioning import Source
-from linked_fleet_gateway.subscriptions.fan_out import FanOut
 from linked_fleet_gateway.subscriptions.live import Live
 
 _FIELDS = ((b"vary", b"Accept"),)
@@ -24,16 +23,11 @@ class Stage:
         self.facts: object = 1
         self.live = cast(Live, cast(Any, type("Stub", (), {}))())
         cast(Any, self.live).fleet = type("Stub", (), {"robots": {"r": self.robot}})()
-        cast(Any, self.live).fan_out = FanOut(cast(Any, None))
         self.answers = Answers(most=3, most_bytes=100)
 
     def keep(self, content: bytes, **named: Any) -> None:
         resource = Resource("/r/a", "a", None, source=Source(lambda: self.facts, robot=self.robot))
         self.answers.keep(scope(**named), Answer(resource, self.robot, None, content, _FIELDS, ()))
-
-    def change(self) -> None:
-        """Tell of a change, as everybody does who makes one."""
-        self.live.fan_out.mark_changed()
 
     def content(self, **named: Any) -> bytes | None:
         found = self.answers.find(scope(**named), self.live)
@@ -91,35 +85,17 @@ def test_streams_are_never_kept(stage: Stage) -> None:
 
 def test_a_kept_answer_ends_with_other_facts_of_the_robot(stage: Stage) -> None:
     stage.keep(b"one")
-    assert stage.content() == b"one"
     stage.facts = 2
-    stage.change()
     assert stage.content() is None
     stage.keep(b"two")
     assert stage.content() == b"two"
     stage.robot.tell_news()
-    stage.change()
-    assert stage.content() is None
-
-
-def test_an_offline_robot_is_looked_at_for_each_request(stage: Stage) -> None:
-    """A frame tells when it was last seen, which its descriptions have."""
-    stage.robot.online = True
-    stage.keep(b"one")
-    assert stage.content() == b"one"
-    stage.robot.online = False
-    stage.change()
-    stage.keep(b"two")
-    assert stage.content() == b"two"
-    stage.facts = "seen later"
     assert stage.content() is None
 
 
 def test_a_robot_of_the_same_name_is_another(stage: Stage) -> None:
     stage.keep(b"one")
-    assert stage.content() == b"one"
     cast(Any, stage.live).fleet.robots["r"] = cast(Any, Robot)("r", lambda *_: None, None)
-    stage.change()
     assert stage.content() is None
 
 
