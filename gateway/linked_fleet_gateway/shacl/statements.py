@@ -112,17 +112,12 @@ def targets(triples: Iterable[Triple]) -> list[tuple[Node, Callable[[Data], Iter
 
 
 def _is_class(shapes: Data, node: Node) -> bool:
-    """Return True for a shape that is also a class, whose instances are implicit targets (SHACL 2.1.3.3)."""
-    return shapes.is_a(node, RDFS.Class) and _is_shape(shapes, node)
+    """Return True for a shape that is also a class, whose instances are implicit targets (SHACL 2.1.3.3).
 
-
-def _is_shape(shapes: Data, node: Node) -> bool:
-    """Return True for a shape by its type or by its parameters (SHACL 2)."""
-    return (
-        shapes.is_a(node, SHACL.NodeShape)
-        or shapes.is_a(node, SHACL.PropertyShape)
-        or any(predicate.value.startswith(SHACL.iri) for predicate in shapes.about(node))
-    )
+    Its parameters make it a shape; one that has only the type of a shape refuses nothing.
+    """
+    stated = shapes.about(node)
+    return shapes.is_a(node, RDFS.Class) and any(predicate.value.startswith(SHACL.iri) for predicate in stated)
 
 
 def _finder(shapes: Data, shape: Node) -> Callable[[Data], Iterable[Term]]:
