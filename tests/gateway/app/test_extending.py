@@ -13,6 +13,7 @@ from browser import HYBRIT, VOM, Browser, Page
 from fake_robots import FakeRobot, open_session
 from running import eventually, process
 from small_fleet import Place
+from subscribers import events
 
 pytestmark = pytest.mark.virtual
 
@@ -38,19 +39,19 @@ def _install(folder: Path) -> str:
     return str(name)
 
 
+def _turned(page: Page) -> float:
+    scalar = page.graph.value(page.iri, URIRef(_ODOMETER + "turned"))
+    return float(str(page.graph.value(scalar, VOM.numericalValue)))
+
+
 @dataclass(frozen=True)
 class Here:
     browser: Browser
     actor: FakeRobot
     url: str
 
-    def page(self) -> Page:
-        return self.browser.page(self.url)
-
     def turned(self) -> float:
-        page = self.page()
-        scalar = page.graph.value(page.iri, URIRef(_ODOMETER + "turned"))
-        return float(str(page.graph.value(scalar, VOM.numericalValue)))
+        return _turned(self.browser.page(self.url))
 
     def turn(self, angle: float) -> None:
         """Move until the gateway has seen the joint there."""
@@ -103,6 +104,15 @@ def test_the_extension_counts_and_can_be_reset(here: Here) -> None:
     assert here.turned() == 0.0
     assert here.browser.http.get(here.url, headers={"if-none-match": etag}).status_code == 200
     assert here.browser.http.put(here.url).status_code == 405
+
+
+def test_subscribers_hear_what_the_extension_tells_the_fan_out(here: Here) -> None:
+    with events(here.url, "text/event-stream") as stream:
+        assert here.browser.http.post(here.url).status_code == 204
+        eventually(lambda: _turned(stream.next()) == 0.0, "the reset")
+        here.turn(0.5)
+        eventually(lambda: _turned(stream.next()) == 0.5, "half a radian")
+        here.turn(0.0)
 
 
 def test_the_metric_of_the_extension_is_exported(here: Here) -> None:
