@@ -17,6 +17,7 @@ AUTHORITY = "fleet.example"
 _TIMEOUT_S = 6.0
 _TURTLE = {"content-type": "text/turtle"}
 _FROZEN_S = 4.0  # longer than the lease of a gateway
+_KEPT_S = 5.0  # a connection without requests; gateways close it after ten seconds
 _STATUS = (200, 201, 204, 404, 409, 412, 422, 503, 504)
 
 
@@ -44,7 +45,8 @@ class HttpGateway:
         self._process = Process(
             [*command, "--port", str(port), "--public-url", f"http://127.0.0.1:{port},http://{AUTHORITY}"]
         )
-        self._idle: list[tuple[asyncio.StreamReader, asyncio.StreamWriter]] = []
+        self._idle: list[tuple[float, asyncio.StreamReader, asyncio.StreamWriter]] = []
+        """Open connections, each with the time of its last response."""
 
     async def serving(self) -> None:
         await asyncio.to_thread(self._process.said, "serving")
@@ -66,7 +68,7 @@ class HttpGateway:
 
     def _close(self) -> None:
         while self._idle:
-            self._idle.pop()[1].close()
+            self._idle.pop()[2].close()
 
     def task(self, coroutine: Coroutine[Any, Any, None]) -> asyncio.Task[None]:
         return asyncio.create_task(coroutine)
@@ -82,8 +84,12 @@ class HttpGateway:
         raise Unanswered(f"{method} {path}")
 
     async def _request(self, method: str, path: str, body: bytes, headers: Mapping[str, str]) -> Answer:
-        connection = self._idle.pop() if self._idle else await asyncio.open_connection("127.0.0.1", self.port)
-        reader, writer = connection
+        if self._idle and self._idle[-1][0] < asyncio.get_running_loop().time() - _KEPT_S:
+            self._close()  # the others were used before it
+        if self._idle:
+            _, reader, writer = self._idle.pop()
+        else:
+            reader, writer = await asyncio.open_connection("127.0.0.1", self.port)
         try:
             fields = {"host": AUTHORITY, "content-length": str(len(body))} | (_TURTLE if body else {}) | headers
             head = "".join(f"{name.replace('_', '-')}: {value}\r\n" for name, value in fields.items())
@@ -92,7 +98,7 @@ class HttpGateway:
         except BaseException:
             writer.transport.abort()
             raise
-        self._idle.append(connection)
+        self._idle.append((asyncio.get_running_loop().time(), reader, writer))
         return answer
 
 
