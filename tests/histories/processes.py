@@ -116,7 +116,7 @@ class Processes:
             ConditionalWriters(history, SceneObject(), iter(objects).__next__, _USES, self.gateways),
             Controllers(history, leased.__next__, _USES),
             self._movers,
-            Subscribers(history, self._hub, found.container, found.rotation, receiver),
+            Subscribers(history, self._hub, found.container, found.rotation, receiver, self.gateways),
         ]
 
     async def _object(self, container: str) -> str:

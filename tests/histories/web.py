@@ -48,6 +48,10 @@ class HttpGateway:
         self._idle: list[tuple[float, asyncio.StreamReader, asyncio.StreamWriter]] = []
         """Open connections, each with the time of its last response."""
 
+    @property
+    def log(self) -> str:
+        return self._process.output
+
     async def serving(self) -> None:
         await asyncio.to_thread(self._process.said, "serving")
 

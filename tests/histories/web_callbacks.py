@@ -4,6 +4,7 @@ import asyncio
 import contextlib
 import random
 import re
+from collections.abc import Sequence
 from hashlib import blake2b
 
 from gateway_group import STEPS, Hub
@@ -13,6 +14,7 @@ from histories.web import HttpGateway, last_segment
 _MOST = 10  # at once
 _STEP_S = 0.3
 _PATIENCE_S, _LOOK_S = 40.0, 0.05
+_SHOWN = 100  # lines of a log
 _REFUSED, _ANSWER_LOST = 0.05, 0.05
 _PREFIXES = "@prefix hybrit: <https://hybr-it-projekt.de/ns/hybr-it#> .\n"
 _MEMBER = re.compile(r"ldp#contains> <([^>]+)>")
@@ -65,9 +67,18 @@ class HttpReceiver:
 class Subscribers:
     """Create, list and delete callbacks on the joint of the hub's robot."""
 
-    def __init__(self, history: History, hub: Hub, container: str, resource: str, receiver: HttpReceiver) -> None:
+    def __init__(
+        self,
+        history: History,
+        hub: Hub,
+        container: str,
+        resource: str,
+        receiver: HttpReceiver,
+        gateways: Sequence[HttpGateway],
+    ) -> None:
         self._history, self._hub, self._container, self._resource = history, hub, container, resource
         self._receiver, self._moving = receiver, True
+        self._gateways = gateways
         self._ids: list[str] = []
         self._deleted: set[str] = set()
         self._accepted: set[str] = set()
@@ -124,5 +135,15 @@ class Subscribers:
                     self._hub.repeat()
                     await asyncio.sleep(_LOOK_S)
         await self._list(0, gateway)
+        await self._show([id for id in lasting if self._receiver.last.get(id) != self._hub.steps], gateway)
         for id in lasting:
             self._history.happened("callback", id, "settled", self._history.now_ns(), rank=self._hub.steps)
+
+    async def _show(self, missing: Sequence[str], gateway: HttpGateway) -> None:
+        """Print the callbacks that have not been sent the final position, and what the gateways logged of late."""
+        for id in missing:
+            answer = await gateway.ask("GET", f"{self._container}/{id}", accept="text/turtle")
+            print(f"callback {id}: {answer.status}\n{answer.text}")
+        for each in self._gateways if missing else ():
+            lines = [line for line in each.log.splitlines() if "gateway.audit" not in line]
+            print(f"gateway at port {each.port}:", *lines[-_SHOWN:], sep="\n")
