@@ -6,7 +6,7 @@ import json
 import math
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 
 import zenoh
 
@@ -149,15 +149,22 @@ def open_session(endpoint: str) -> Iterator[zenoh.Session]:
         finally:
             played.close()
         return
-    config = zenoh.Config()
-    for name, value in {
+    settings = {
         "mode": "client",
         "connect/endpoints": [endpoint],
         "connect/timeout_ms": -1,
         "connect/retry": {"period_init_ms": 20, "period_max_ms": 100, "period_increase_factor": 1.5},
-        "scouting/multicast/enabled": False,
-        "transport/shared_memory/enabled": False,
-    }.items():
+    }
+    with real_session(settings) as session:
+        yield session
+
+
+@contextlib.contextmanager
+def real_session(settings: Mapping[str, object]) -> Iterator[zenoh.Session]:
+    """Open a session with these settings, without scouting and shared memory, and close it at the end."""
+    config = zenoh.Config()
+    apart = {"scouting/multicast/enabled": False, "transport/shared_memory/enabled": False}
+    for name, value in {**settings, **apart}.items():
         config.insert_json5(name, json.dumps(value))
     session = zenoh.open(config)
     try:

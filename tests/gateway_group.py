@@ -1,7 +1,6 @@
 """Several gateways with a robot played by the test and one Redis, and the deliveries that receivers got from them."""
 
 import contextlib
-import json
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
@@ -10,7 +9,7 @@ import rdflib
 import zenoh
 
 from browser import HYBRIT, LF, ROS, Browser, Page
-from fake_robots import FakeRobot, open_session
+from fake_robots import FakeRobot, open_session, real_session
 from graphs import read
 from receivers import CallbackReceiver, Seen
 from running import Process, eventually, free_port, process
@@ -53,20 +52,8 @@ def hub() -> Iterator[Hub]:
         with open_session(endpoint) as session:
             yield Hub(session, endpoint)
         return
-    config = zenoh.Config()
-    settings = {
-        "mode": "router",
-        "listen/endpoints": [endpoint],
-        "scouting/multicast/enabled": False,
-        "transport/shared_memory/enabled": False,
-    }
-    for name, value in settings.items():
-        config.insert_json5(name, json.dumps(value))
-    session = zenoh.open(config)
-    try:
+    with real_session({"mode": "router", "listen/endpoints": [endpoint]}) as session:
         yield Hub(session, endpoint)
-    finally:
-        session.close()
 
 
 class Gateway:

@@ -12,7 +12,7 @@ import zenoh
 from browser import Browser
 from certificates import made
 from commanding import PAN, STILL_RAD, WRIST, angle, begun, moving, of_joint, put, radian, slowly
-from fake_robots import FakeRobot
+from fake_robots import FakeRobot, real_session
 from linked_fleet_agent.wire.codec import encode
 from linked_fleet_agent.wire.keys import Keys
 from linked_fleet_agent.wire.messages import WIRE_VERSION, Accepted, Stop
@@ -37,24 +37,10 @@ def words(folder: Path, who: str, prefix: str = "--") -> tuple[str, ...]:
     return tuple(word for flag, name in files.items() for word in (f"{prefix}{flag}", str(folder / name)))
 
 
-@contextlib.contextmanager
-def linked(endpoint: str, tls: dict[str, object]) -> Iterator[zenoh.Session]:
+def linked(endpoint: str, tls: dict[str, object]) -> contextlib.AbstractContextManager[zenoh.Session]:
     """Open a client session; zenoh.ZError if it is not accepted."""
-    config = zenoh.Config()
-    for name, value in {
-        "mode": "client",
-        "connect/endpoints": [endpoint],
-        "connect/timeout_ms": 2000,
-        "scouting/multicast/enabled": False,
-        "transport/shared_memory/enabled": False,
-        "transport/link/tls": tls,
-    }.items():
-        config.insert_json5(name, json.dumps(value))
-    session = zenoh.open(config)
-    try:
-        yield session
-    finally:
-        session.close()
+    settings = {"connect/endpoints": [endpoint], "connect/timeout_ms": 2000, "transport/link/tls": tls}
+    return real_session({"mode": "client", **settings})
 
 
 @dataclass

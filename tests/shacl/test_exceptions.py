@@ -190,7 +190,7 @@ def test_unknown_constraints_are_refused(text: str, reason: str) -> None:
 
 
 def test_the_shapes_of_a_graph_report_with_the_prefixes_that_they_are_given() -> None:
-    """As single shapes do."""
+    """The prefixes shorten IRIs in messages, as they do for a single shape."""
     text = "ex:Shape sh:targetNode ex:body ; sh:property [ sh:path ex:p ; sh:minCount 1 ] ."
     (violation,) = compile_graph(turtle(text), {"x": "http://example.org/"}).check(Data([]))
     assert violation.message == "x:p: must have 1 value or more, and has none"
