@@ -18,7 +18,7 @@ _SHOWN = 100  # lines of a log
 _REFUSED, _ANSWER_LOST = 0.05, 0.05
 _PREFIXES = "@prefix hybrit: <https://hybr-it-projekt.de/ns/hybr-it#> .\n"
 _MEMBER = re.compile(r"ldp#contains> <([^>]+)>")
-_VALUE = re.compile(r'vom:numericalValue "([^"]+)"')
+_VALUE = re.compile(r'vom:numericalValue (?:"([^"]+)"|lf:unknown)')
 
 
 class HttpReceiver:
@@ -57,7 +57,9 @@ class HttpReceiver:
         subscription, number = headers["webhook-id"].rpartition(".")[0], int(headers["linked-fleet-delivery"])
         found = _VALUE.search(body.decode())
         assert found, body
-        rank, content = round(float(found[1]) * STEPS), blake2b(body, digest_size=6).hexdigest()
+        # A gateway that has just taken a callback over may not have seen a frame yet: the value is unknown then.
+        rank = self.last.get(subscription, 0) if found[1] is None else round(float(found[1]) * STEPS)
+        content = blake2b(body, digest_size=6).hexdigest()
         now_ns = self._history.now_ns()
         self._history.happened("callback", subscription, "deliver", now_ns, number=number, rank=rank, content=content)
         if number > self._numbers.get(subscription, 0):
