@@ -19,6 +19,8 @@ from linked_fleet_agent.wire.keys import Keys
 _log = logging.getLogger(__name__)
 
 _LOOK_TIMEOUT_S = 1.0
+_LOOKS_EACH_LEASE = 5
+_MOST_LEASES = 3  # routers notice the end of a connection after one lease, and later if they are busy
 _MOST_WAITING = {"mesh": 32, "picture": 8}
 
 
@@ -34,8 +36,8 @@ class RobotLink:
 
     ``on_command`` and ``on_stop`` are called on the event loop with the payload and return the payload of the reply.
     ``on_mesh`` and ``on_picture`` are called in a thread, one call of each at a time; they may raise MeshError and
-    PictureError. Entering raises DuplicateNameError if the name is still in use after ``lease_ms``; by then the token
-    of a killed agent has expired.
+    PictureError. Entering raises DuplicateNameError if the name is still in use after three times ``lease_ms``; by then
+    the token of a killed agent has expired, also on a busy machine.
     """
 
     def __init__(
@@ -194,13 +196,16 @@ class RobotLink:
     async def _wait_for_name(self) -> None:
         if not await self._others():
             return
+        most_ms = _MOST_LEASES * self._lease_ms
         _log.warning(
-            "%s: another agent of this name has a token; waiting %d ms for it to expire", self._robot, self._lease_ms
+            "%s: another agent of this name has a token; waiting at most %d ms for it to expire", self._robot, most_ms
         )
-        await asyncio.sleep(1.2 * self._lease_ms / 1000.0)
-        others = await self._others()
-        if others:
-            raise self._duplicate(others[0])
+        clock = asyncio.get_running_loop()
+        end_s = clock.time() + most_ms / 1000.0
+        while others := await self._others():
+            if clock.time() >= end_s:
+                raise self._duplicate(others[0])
+            await asyncio.sleep(self._lease_ms / 1000.0 / _LOOKS_EACH_LEASE)
 
     async def _others(self) -> list[int]:
         """Return the incarnations of other live agents of this robot, oldest first."""
