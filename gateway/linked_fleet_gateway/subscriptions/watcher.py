@@ -150,7 +150,8 @@ class Watcher:
             self._send(topic)
         if not self._round and self.subscription.interval_s > 0:
             self._next_s = self._schedule.now_s() + self.subscription.interval_s
-        self.join_broadcast(topic.path)
+        if path in self.topics:  # an ended resource is left with its last message
+            self.join_broadcast(path)
         return bool(self._round or self._pending)
 
     def join_broadcast(self, path: str) -> None:

@@ -6,7 +6,8 @@ import heapq
 import itertools
 import math
 import random
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from typing import Any, ClassVar
 
 import msgspec
 import pytest
@@ -145,17 +146,26 @@ class InStep(Outlet):
 
 
 @pytest.fixture(autouse=True, params=[Outlet, InStep], ids=["alone", "in step"])
-def _kind(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Run each test with both kinds of outlets, which must get the same messages alone and in a broadcast."""
+def _kind(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Run each test with both kinds of outlets, which must get the same messages alone and in a broadcast.
+
+    No turn may raise.
+    """
+    failures = list[dict[str, Any]]()
     monkeypatch.setattr(World, "outlet", request.param)
+    monkeypatch.setattr(World, "failures", failures)
+    yield
+    assert not failures
 
 
 class World:
     """A fleet with one robot; every step waits until the fan-out has nothing left to do."""
 
     outlet = Outlet
+    failures: ClassVar[list[dict[str, Any]]] = []
 
     def __init__(self) -> None:
+        asyncio.get_running_loop().set_exception_handler(lambda _, context: self.failures.append(context))
         self.fleet, self.invocations = Fleet(), Invocations()
         self.fan_out = Clocked(
             lambda base, sees: Tree(self.fleet, self.invocations, base, sees=sees), self.fleet.next_moved
@@ -427,6 +437,26 @@ async def test_a_subtree_follows_its_members() -> None:
     assert path not in outlet.watcher.topics  # it has ended, and its end was sent
     await world.apply(Vanished("s", 1))
     assert path not in outlet.take()
+
+
+async def test_the_end_of_an_invocation_holds_back_nothing_of_its_round() -> None:
+    world = await World().up()
+    invocation = Invocation("i1", "r", "/r/elbow/actions/rotate", {"elbow": 1.0}, 0, 10**18)
+    path = f"{invocation.action}/invocations/i1"
+    world.invocations.add(invocation)
+    outlet = await begin(world, _ROBOT, depth=Depth.SUBTREE)
+    outlet.take()
+    outlet.room = False
+    invocation.state = InvocationState.SUCCEEDED
+    world.fan_out.mark_changed(path)
+    await world.settle()
+    await world.move(0.5)
+    outlet.room = True
+    outlet.watcher.ready()
+    await world.settle()
+    paths = outlet.take()
+    assert paths[0] == path
+    assert _ROTATION in paths
 
 
 async def test_a_removed_resource_ends_watchers_except_patient_ones() -> None:
