@@ -144,9 +144,9 @@ class Watcher:
             return False
         path = next(iter(self._round))
         topic = self.topics[path]
-        self._schedule.freshen(topic)
-        del self._round[path]
-        if self._is_news(topic):  # it may have returned to the old value
+        self._schedule.freshen(topic)  # and leave it if it is gone
+        self._round.pop(path, None)
+        if path in self.topics and self._is_news(topic):  # it may have returned to the old value
             self._send(topic)
         if not self._round and self.subscription.interval_s > 0:
             self._next_s = self._schedule.now_s() + self.subscription.interval_s

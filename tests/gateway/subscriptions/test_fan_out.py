@@ -477,6 +477,28 @@ async def test_a_removed_resource_ends_watchers_except_patient_ones() -> None:
     assert world.fan_out.empty
 
 
+@pytest.mark.parametrize(("path", "depth"), [(_ROTATION, Depth.PROPERTIES), (_ROBOT, Depth.SUBTREE)])
+async def test_a_resource_is_gone_when_the_message_about_it_is_due(path: str, depth: Depth) -> None:
+    """A new description may come between the change of a resource and the turn of its watcher."""
+    world = await World().up()
+    outlet = watch(world, path, depth=depth, patient=True)
+    outlet.watcher.ready()
+    await world.settle()
+    outlet.room = False
+    await world.move(0.5)
+    outlet.take()
+    for change in world.fleet.apply(Described(described(urdf=_URDF.replace("elbow", "wrist"), joints=("wrist",))), 1):
+        world.fan_out.changed(change.robot)
+    outlet.room = True
+    while outlet.watcher.step():  # its turn comes before the resources are read
+        pass
+    assert not [each for each in outlet.take() if "elbow" in each]
+    await world.apply(Described(described()), world.frame(0.7))
+    outlet.watcher.ready()
+    await world.settle()
+    assert _ROTATION in outlet.take()
+
+
 async def test_a_subtree_ends_with_its_root() -> None:
     world = await World().up()
     outlet = await begin(world, _JOINT, depth=Depth.SUBTREE)
