@@ -2,12 +2,13 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
+from itertools import chain
 
 from pyoxigraph import NamedNode
 
 from linked_fleet_gateway.fleet.fleet import Fleet
 from linked_fleet_gateway.fleet.invocations import FLEET, Invocations
-from linked_fleet_gateway.fleet.model import Joint, Link
+from linked_fleet_gateway.fleet.model import Joint, Link, RobotModel
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.identity.rights import ALL, View
 from linked_fleet_gateway.rdf.vocabulary import LF
@@ -189,46 +190,56 @@ class Tree:
         """Yield the resources that a subtree subscription to ``path`` covers, and True if their values count as change.
 
         Each value occurs once: a thing has its own statements, followed by each property. The joint state is omitted,
-        because it repeats the values of joints. Invocations are included until they have ended.
+        because it repeats the values of joints. Invocations are included until they have ended. If another description
+        of a robot comes between two steps, its further parts are left out.
         """
         root = self.resolve(path)
         if not isinstance(root, Resource):
             return
+        below = self._below(root) if path == root.owner != "/" else iter(())
         yield root, path != root.owner
+        yield from below
         if path == "/":
             for name in self._robots:
                 yield from self.subtree(robot_path(name))
             for invocation in self._invocations.open_of(FLEET):
                 yield invocation_of(None, invocation, self._invocations, self._base), True
-        elif path == root.owner:
-            yield from self._subtree_of_thing(root)
 
-    def _subtree_of_thing(self, root: Resource) -> Iterator[tuple[Resource, bool]]:
+    def _below(self, root: Resource) -> Iterator[tuple[Resource, bool]]:
+        """Return what is below a robot, joint or link."""
         head, part = root.path[1:].split("/")
         robot = self._robots[robot_name(head)]
-        if robot.model is not None:
-            joint, link = (None, None) if not part else part_of(part, robot.model)
-            for thing, properties in self._parts(robot, joint, link):
-                if thing.path != root.path:
-                    yield thing, False
-                for item in properties:
-                    yield self._things.property(robot, thing.path, item), True
+        if robot.model is None:
+            return self._open_below(root, robot)
+        joint, link = (None, None) if not part else part_of(part, robot.model)
+        parts = self._in_parts(root, robot, self._parts(robot, robot.model, joint, link))
+        return chain(_while_described(robot, robot.model, parts), self._open_below(root, robot))
+
+    def _in_parts(
+        self, root: Resource, robot: Robot, parts: Iterator[tuple[Resource, Sequence[Property]]]
+    ) -> Iterator[tuple[Resource, bool]]:
+        for thing, properties in parts:
+            if thing.path != root.path:
+                yield thing, False
+            for item in properties:
+                yield self._things.property(robot, thing.path, item), True
+
+    def _open_below(self, root: Resource, robot: Robot) -> Iterator[tuple[Resource, bool]]:
         for invocation in self._invocations.open_of(robot.name):
             if is_below(invocation.action, root.path):
                 yield invocation_of(robot, invocation, self._invocations, self._base), True
 
     def _parts(
-        self, robot: Robot, joint: str | None, link: str | None
+        self, robot: Robot, model: RobotModel, joint: str | None, link: str | None
     ) -> Iterator[tuple[Resource, Sequence[Property]]]:
         """Yield one joint or link with its properties, or the robot with all of its parts."""
-        assert robot.model is not None
         if joint is None and link is None:
             own = [each for each in self._things.describer.robot_properties(robot) if each.predicate != LF.jointState]
             yield self._things.robot(robot), own
-        for each in robot.model.joints.values():
+        for each in model.joints.values():
             if link is None and joint in (None, each.name):
                 yield self._things.joint(robot, each), joint_properties(robot, each)
-        for one in robot.model.links.values():
+        for one in model.links.values():
             if joint is None and link in (None, one.name):
                 yield self._things.link(robot, one), link_properties(robot, one)
 
@@ -239,3 +250,11 @@ class Tree:
         except ValueError:
             return False
         return robot is not None and robot.model is None
+
+
+def _while_described(
+    robot: Robot, model: RobotModel, steps: Iterator[tuple[Resource, bool]]
+) -> Iterator[tuple[Resource, bool]]:
+    """Yield the steps while the robot has this model, by which they were made."""
+    while robot.model is model and (step := next(steps, None)) is not None:
+        yield step

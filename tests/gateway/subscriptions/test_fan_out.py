@@ -28,6 +28,7 @@ from linked_fleet_gateway.subscriptions.watcher import Timer
 
 _BASE = "http://fleet.example"
 _URDF = robot(link("base"), link("tip"), joint("elbow", "revolute", "base", "tip"))
+_OTHER = _URDF.replace("elbow", "wrist")
 _ROTATION, _JOINT, _ROBOT = "/r/elbow/rotation", "/r/elbow", "/r/"
 _ids = itertools.count()
 
@@ -173,10 +174,13 @@ class World:
         self.fleet.frames.watched = self.fan_out.watched
         self._sequence = itertools.count()
 
-    async def apply(self, *events: Event) -> None:
+    def tell(self, *events: Event) -> None:
         for event in events:
             for change in self.fleet.apply(event, 1):
                 (self.fan_out.moved if change.what == "frame" else self.fan_out.changed)(change.robot)
+
+    async def apply(self, *events: Event) -> None:
+        self.tell(*events)
         await self.settle()
 
     async def settle(self) -> None:
@@ -418,7 +422,7 @@ async def test_a_subtree_follows_its_members() -> None:
     assert "/" in outlet.take()
     await world.apply(Appeared("s", 1))
     assert set(outlet.take()) == {"/", "/s/"}
-    joints = {"urdf": _URDF.replace("elbow", "wrist"), "joints": ("wrist",)}
+    joints = {"urdf": _OTHER, "joints": ("wrist",)}
     await world.apply(Described(described(**joints)))
     paths = outlet.take()
     assert "/r/wrist/rotation" in paths
@@ -465,7 +469,7 @@ async def test_a_removed_resource_ends_watchers_except_patient_ones() -> None:
     stream, callback = watch(world, _ROTATION), watch(world, _ROTATION, patient=True)
     stream.watcher.ready(), callback.watcher.ready()
     await world.settle()
-    await world.apply(Described(described(urdf=_URDF.replace("elbow", "wrist"), joints=("wrist",))))
+    await world.apply(Described(described(urdf=_OTHER, joints=("wrist",))))
     assert (stream.ending, callback.ending) == (Ending.GONE, None)
     assert watch(world, _ROTATION).ending is Ending.GONE
     early = watch(world, _ROTATION, patient=True)
@@ -475,6 +479,27 @@ async def test_a_removed_resource_ends_watchers_except_patient_ones() -> None:
     assert b"0.5" in early.messages[-1].body
     callback.watcher.close(), early.watcher.close()
     assert world.fan_out.empty
+
+
+@pytest.mark.parametrize("without", [Undescribed("r", 1, "?"), Described(described(urdf=_OTHER, joints=("wrist",)))])
+async def test_a_description_may_change_while_a_subtree_is_scanned(
+    without: Event, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A scan does not look for the parts of before. Afterwards all parts of now are followed."""
+    for turns in range(40):
+        _turns_of(monkeypatch, 4)
+        world = await World().up()
+        outlet = watch(world, "/", depth=Depth.SUBTREE)
+        outlet.watcher.ready()
+        for turn in range(turns + 3):
+            if turn == turns:
+                world.tell(without)
+            await asyncio.sleep(0)
+        await world.apply(Described(described()))
+        paths = outlet.take()
+        assert _ROTATION in paths
+        await world.move(0.5)
+        assert set(outlet.take()) == {_ROTATION, "/r/tip/pose"}
 
 
 @pytest.mark.parametrize(("path", "depth"), [(_ROTATION, Depth.PROPERTIES), (_ROBOT, Depth.SUBTREE)])
@@ -487,8 +512,7 @@ async def test_a_resource_is_gone_when_the_message_about_it_is_due(path: str, de
     outlet.room = False
     await world.move(0.5)
     outlet.take()
-    for change in world.fleet.apply(Described(described(urdf=_URDF.replace("elbow", "wrist"), joints=("wrist",))), 1):
-        world.fan_out.changed(change.robot)
+    world.tell(Described(described(urdf=_OTHER, joints=("wrist",))))
     outlet.room = True
     while outlet.watcher.step():  # its turn comes before the resources are read
         pass
@@ -502,7 +526,7 @@ async def test_a_resource_is_gone_when_the_message_about_it_is_due(path: str, de
 async def test_a_subtree_ends_with_its_root() -> None:
     world = await World().up()
     outlet = await begin(world, _JOINT, depth=Depth.SUBTREE)
-    await world.apply(Described(described(urdf=_URDF.replace("elbow", "wrist"), joints=("wrist",))))
+    await world.apply(Described(described(urdf=_OTHER, joints=("wrist",))))
     assert outlet.ending is Ending.GONE
     assert world.fan_out.empty
 
