@@ -254,7 +254,8 @@ class Fleet:
             return []  # the run ended while the query was running
         entry.robot.heard_ns = now_ns
         entry.runs[incarnation] = said
-        changes = self._tell(entry) if incarnation == entry.robot.incarnation else []
+        is_news = incarnation == entry.robot.incarnation and not _says(entry.robot, said)
+        changes = self._tell(entry) if is_news else []
         if entry.robot.model is not None:
             entry.described = True
             self._undescribed.discard(robot)
@@ -276,10 +277,10 @@ class Fleet:
         return [*changes, *told]
 
     def _tell(self, entry: _Entry) -> list[Change]:
-        """Apply the description of the present run to the robot, if it differs."""
+        """Apply the description of the present run to the robot, if there is one."""
         robot = entry.robot
         said = None if robot.incarnation is None else entry.runs.get(robot.incarnation)
-        if said is None or said == robot.description or (robot.description is None and said == robot.fault):
+        if said is None:
             return []
         if isinstance(said, str):
             robot.undescribe(said)
@@ -348,3 +349,8 @@ class Fleet:
         self._robots.remove(name)
         self._rejected.forget(name)
         self.dropped["(unknown)"] += self.dropped.pop(name, 0)
+
+
+def _says(robot: Robot, said: Description | str) -> bool:
+    """Return True if the robot has this description, or this reason for having none."""
+    return said == robot.description or (robot.description is None and said == robot.fault)

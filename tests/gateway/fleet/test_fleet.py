@@ -224,6 +224,16 @@ def test_when_the_newer_of_two_runs_ends_the_older_is_the_present_one() -> None:
     assert (robot.incarnation, robot.description) == (5, said(5))
 
 
+def test_a_newer_run_that_ends_at_once_does_not_repair_the_description_of_the_older() -> None:
+    """The second of two agents that started together ends; the fault of the first remains."""
+    fleet, robot = fleet_after(Appeared("r", 5), Described(said(joints=("turn", "turn"))), Appeared("r", 6))
+    assert kinds(fleet.apply(Vanished("r", 6), 9)) == ["appeared", "faulty"]
+    assert robot.fault is not None and "twice" in robot.fault
+    assert fleet.apply(framed(1), 9) == []
+    assert robot.positions == {}
+    assert kinds(fleet.apply(Described(said()), 9)) == ["described", "frame"]
+
+
 @pytest.mark.parametrize(
     ("changed", "reason"),
     [
