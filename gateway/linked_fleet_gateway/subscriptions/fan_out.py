@@ -214,26 +214,33 @@ class FanOut:
             self._read(next(iter(self._dirty)))
         while self._scans and time.perf_counter() - begin < TURN_S / 2:
             self._scan_on(next(iter(self._scans)))
-        while self._runnable and (ready := self._prepared(begin + TURN_S * 3 / 4)):
-            try:
+        ready: deque[Watcher | Broadcast[Watcher]] = deque()
+        try:
+            while self._prepare(ready, begin + TURN_S * 3 / 4):
                 while ready and time.perf_counter() - begin < TURN_S:
                     sender = ready.popleft()
                     sender.running = False
                     if sender.step():
                         self.run(sender)
-            finally:
-                self._runnable.extendleft(reversed(ready))
+        finally:
+            self._runnable.extendleft(reversed(ready))
         return bool(robot or self._dirty or self._scans or self._runnable)
 
-    def _prepared(self, end: float) -> deque[Watcher | Broadcast[Watcher]]:
-        """Return the scheduled senders that have something to send, as many as can be prepared by ``end`` (s)."""
-        ready: deque[Watcher | Broadcast[Watcher]] = deque()
+    def _prepare(self, ready: deque[Watcher | Broadcast[Watcher]], end: float) -> bool:
+        """Add scheduled senders that have something to send, as many as can be prepared by ``end`` (s).
+
+        Return True if there are any.
+        """
+        before = len(ready)
         while self._runnable and time.perf_counter() < end:
-            sender = self._runnable.popleft()
-            sender.running = sender.prepare()
-            if sender.running:
+            sender, prepared = self._runnable.popleft(), False
+            try:
+                prepared = sender.prepare()
+            finally:
+                sender.running = prepared  # after an error it can be scheduled again
+            if prepared:
                 ready.append(sender)
-        return ready
+        return len(ready) > before
 
     def _read(self, topic: Topic[Watcher]) -> None:
         """Read a marked resource again; if it changed, tell its watchers."""

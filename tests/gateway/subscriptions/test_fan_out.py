@@ -24,6 +24,7 @@ from linked_fleet_gateway.resources.tree import Tree
 from linked_fleet_gateway.subscriptions import fan_out
 from linked_fleet_gateway.subscriptions.broadcast import Ending, Message
 from linked_fleet_gateway.subscriptions.fan_out import FanOut
+from linked_fleet_gateway.subscriptions.topic import Topic
 from linked_fleet_gateway.subscriptions.watcher import Timer
 
 _BASE = "http://fleet.example"
@@ -678,6 +679,35 @@ async def test_last_message_is_noted_for_each(monkeypatch: pytest.MonkeyPatch) -
     slow.room = False
     await world.move(0.1)
     assert slow.watcher.last_ns == before < fast.watcher.last_ns
+
+
+async def test_an_error_about_one_resource_keeps_no_message_from_others(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Not even those whose messages are ready in the same turn; and the resource itself is tried at its next change."""
+    world = await World().up()
+    broken = dict.fromkeys(("a", "z"))
+    for name in broken:
+        await world.apply(Appeared(name, 1), Described(described(robot=name)), Framed(name, world.frame(0.0).payload))
+    paths = [_ROTATION, *(f"/{name}/elbow/rotation" for name in broken)]
+    outlets = [await begin(world, path) for path in (paths[1], _ROTATION, paths[2])]
+    for outlet in outlets:
+        outlet.take()
+    whole = Topic.message
+
+    def message(topic: Topic[Any], media_type: str, base: str) -> Message:
+        if topic.path != _ROTATION:
+            raise RuntimeError("a defect")
+        return whole(topic, media_type, base)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Topic, "message", message)
+        world.tell(*(Framed(name, world.frame(0.5).payload) for name in ("a", "r", "z")))
+        await world.settle()
+    assert [outlet.take() for outlet in outlets] == [[], [_ROTATION], []]
+    assert [str(each["exception"]) for each in world.failures] == ["a defect"] * 2
+    world.failures.clear()
+    world.tell(*(Framed(name, world.frame(0.7).payload) for name in ("a", "r", "z")))
+    await world.settle()
+    assert [len(outlet.take()) for outlet in outlets] == [1, 1, 1]
 
 
 async def test_unwatched_resources_cost_nothing() -> None:
