@@ -3,19 +3,39 @@
 The robot is simulated in the test, so that every step of MuJoCo is seen, on the simulator's own clock.
 """
 
+import asyncio
 import contextlib
 import signal
+import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 import httpx
 import pytest
+from pyoxigraph import NamedNode
 
 from browser import LF, Browser
-from commanding import PAN, WRIST, begun, ended, moving, of_joint, of_robot, post, put, radian, slowly
+from commanding import (
+    PAN,
+    STILL_RAD,
+    WRIST,
+    angle,
+    begun,
+    ended,
+    moving,
+    of_joint,
+    of_robot,
+    post,
+    problem,
+    put,
+    radian,
+    slowly,
+)
+from gateway_group import hub
+from linked_fleet_gateway.actions.service import Actions
 from parallel import pool
-from running import Process, eventually
+from running import Process, eventually, process
 from simulated_robots import RESTING_RAD_S, SimulatedRobot, simulated
 from small_fleet import Place, live, offline
 from virtual.zenoh_proxy import ZenohProxy, zenoh_proxy
@@ -145,3 +165,37 @@ def test_a_gateway_that_freezes_is_lost_and_executes_nothing_when_it_goes_on(sce
     assert scene.robot.setpoints() == held
     begun(put(scene.browser, action, radian(0.5), prefer="wait=30"))
     assert scene.robot.positions()[WRIST] == pytest.approx(0.5, abs=0.01)
+
+
+def test_a_motion_is_late_after_its_gateway_froze_while_it_was_checked(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Another gateway keeps the robot from holding. A check may take time, of which the freeze is no part."""
+
+    async def findings(*_: object) -> dict[NamedNode, bool]:
+        await asyncio.sleep(1.0)  # the gateway freezes in it
+        await asyncio.sleep(3.0)  # it finds its robots again
+        return {}
+
+    monkeypatch.setattr(Actions, "_findings", findings)
+    with hub() as between, contextlib.ExitStack() as running:
+        gateways, browsers = list[Process](), list[Browser]()
+        for place in (Place(tmp_path / "freezes"), Place(tmp_path / "serves")):
+            command = ("-m", "linked_fleet_gateway", "--port", str(place.port), "--state-dir", str(place.state))
+            gateways.append(running.enter_context(process(*command, "--zenoh-connect", between.endpoint)))
+            browsers.append(running.enter_context(contextlib.closing(Browser(place.root))))
+            gateways[-1].said("serving")
+        running.enter_context(process("-m", "linked_fleet_agent", "--robot=ur5", "--connect", between.endpoint))
+        for browser in browsers:
+            live(browser, "ur5")
+        action = of_joint(browsers[0], PAN)
+        with pool(1) as thread:
+            asked = thread.submit(put, browsers[0], action, radian(1.0))
+            time.sleep(0.5)
+            gateways[0].send(signal.SIGSTOP)
+            time.sleep(30.0)
+            gateways[0].send(signal.SIGCONT)
+            assert problem(asked.result()) == (409, "refused")
+        assert "stale" in asked.result().json()["detail"]
+        assert angle(browsers[1], PAN) == pytest.approx(0.0, abs=STILL_RAD)
+        begun(put(browsers[0], action, radian(0.5)))

@@ -139,6 +139,14 @@ class StallDetector:
         self._tick()
         return time.monotonic() - self._resumed_s < CATCH_UP_S
 
+    def waited_ns(self, began_ns: int) -> int:
+        """Return the time since ``began_ns`` (monotonic), or 0 if this process was stalled in it.
+
+        So a motion is not late by the time that a check or a plan takes, and is late after a stall.
+        """
+        self._tick()
+        return 0 if self._resumed_s >= began_ns / 1e9 else time.monotonic_ns() - began_ns
+
     def _tick(self) -> None:
         now_s = time.monotonic()
         if now_s - self._ticked_s > HELD_S:

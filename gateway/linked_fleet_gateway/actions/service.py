@@ -146,12 +146,13 @@ class Actions:
     async def _ready(self, motion: Motion, caller: Caller) -> int:
         """Wait for the guards.
 
-        Return the time in ns, by which the motion does not become stale; a stop still overrides it.
+        Return the time in ns, by which the motion does not become stale; a stop still overrides it. It is 0 if this
+        process was stalled meanwhile.
         """
         began_ns = time.monotonic_ns()
         for guard in self._guards:
             await guard.ready(motion.robot, caller.sees)
-        return time.monotonic_ns() - began_ns
+        return self._stalls.waited_ns(began_ns)
 
     async def _check(self, invocation: Invocation, motion: Motion, caller: Caller) -> int:
         """Check a motion that others can see already: of two concurrent ones, at least one sees the other.
@@ -165,7 +166,7 @@ class Actions:
             invocation.refused = error.code
             self.lifecycle.fail(invocation, error.reason)
             raise
-        return time.monotonic_ns() - began_ns
+        return self._stalls.waited_ns(began_ns)
 
     async def _findings(self, motion: Motion, caller: Caller, own: str) -> dict[NamedNode, bool]:
         """Return whether each guard found the path free. Raises MotionRefused."""
@@ -196,7 +197,7 @@ class Actions:
             async with self._computing:
                 began_ns = time.monotonic_ns()
                 motion = await asyncio.to_thread(plan.compute)
-                return replace(motion, computing_ns=time.monotonic_ns() - began_ns)
+                return replace(motion, computing_ns=self._stalls.waited_ns(began_ns))
         finally:
             self._planning -= 1
 
@@ -209,7 +210,7 @@ class Actions:
             await self._store.check(robot.name, caller.token, lease_of(robot) if motion.tied else "")
         began_ns = time.monotonic_ns()
         findings = await self._findings(motion, caller, "")
-        waited_ns += time.monotonic_ns() - began_ns
+        waited_ns += self._stalls.waited_ns(began_ns)
         try:
             command = command_of(str(uuid.uuid4()), motion, waited_ns, rehearsal=True)
             reply = await self._live.link.command(robot.name, command, ANSWER_TIMEOUT_S)

@@ -19,3 +19,27 @@ def test_a_stall_counts_for_a_while_after_its_end(monkeypatch: pytest.MonkeyPatc
     ):
         now_s += pause_s
         assert one.stalled_recently() is held, pause_s
+
+
+@pytest.mark.parametrize(("pause_s", "counts"), [(HELD_S - 0.1, True), (HELD_S + 0.1, False)])
+def test_time_with_a_stall_in_it_does_not_count(pause_s: float, counts: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Not even long after the stall; and what begins after it counts again."""
+    now_s = 100.0
+    monkeypatch.setattr(refusals.time, "monotonic", lambda: now_s)
+    monkeypatch.setattr(refusals.time, "monotonic_ns", lambda: round(now_s * 1e9))
+    one, began_ns = StallDetector(), round(now_s * 1e9)
+
+    def run(seconds: float) -> None:
+        nonlocal now_s
+        now_s += seconds
+        one.stalled_recently()
+
+    run(1.0)
+    assert one.waited_ns(began_ns) == 1_000_000_000
+    run(pause_s)
+    for _ in range(20):
+        run(0.25)
+    assert one.waited_ns(began_ns) == (round((6.0 + pause_s) * 1e9) if counts else 0)
+    later_ns = round(now_s * 1e9)
+    run(0.5)
+    assert one.waited_ns(later_ns) == 500_000_000
