@@ -1,6 +1,7 @@
 """Gateways, agents and Redis learn of events at different times but agree: no motion is lost or misreported."""
 
 import signal
+from pathlib import Path
 
 import httpx
 import pytest
@@ -30,10 +31,13 @@ from commanding import (
     state_at,
 )
 from gateway_group import Gateway, gateway, gateways, hub
+from linked_fleet_gateway.actions.service import Actions
+from linked_fleet_gateway.base.errors import Busy
+from linked_fleet_gateway.fleet.invocations import InvocationState
 from parallel import at_once
 from redis_servers import Servers
 from running import eventually
-from small_fleet import number, property_page
+from small_fleet import Place, live, number, property_page
 
 pytestmark = pytest.mark.virtual
 _KEY = {"idempotency-key": "once"}
@@ -183,3 +187,21 @@ def test_a_target_is_the_same_at_both_gateways_and_gone_after_a_stop(memory: Ser
 
 def _stop_all(browser: Browser) -> str:
     return str(browser.page(browser.root).one(HYBRIT.action))
+
+
+def test_a_check_that_breaks_off_ends_the_invocation(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Others saw the motion when the check began; it neither runs nor counts any more."""
+
+    async def findings(actions: Actions, *_: object) -> None:
+        assert [each.state for each in actions._live.invocations.open_of("ur5")] == [InvocationState.ACCEPTED]
+        raise Busy("too many are being checked")
+
+    place = Place(tmp_path)
+    with place.gateway() as (_, browser), place.ur5():
+        live(browser, "ur5")
+        with monkeypatch.context() as patch:
+            patch.setattr(Actions, "_findings", findings)
+            answer = put(browser, of_joint(browser, PAN), radian(0.5))
+        assert problem(answer) == (503, "busy")
+        robot = browser.robot("ur5")
+        assert not list(robot.graph.objects(robot.iri, LF.currentTask))

@@ -166,6 +166,9 @@ class Actions:
             invocation.refused = error.code
             self.lifecycle.fail(invocation, error.reason)
             raise
+        except Exception:
+            self.lifecycle.fail(invocation, "it could not be checked")
+            raise
         return self._stalls.waited_ns(began_ns)
 
     async def _findings(self, motion: Motion, caller: Caller, own: str) -> dict[NamedNode, bool]:

@@ -167,12 +167,12 @@ class Checks:
     async def free(self, motion: Motion, sees: View, own: str) -> bool:
         """Check a motion.
 
-        Return False if the robot has no placement. Raises Collides, Unchecked; Busy if too many wait.
+        Return False if the robot has no placement. Raises Collides; Unchecked, also if too many wait.
         """
         if placement_of(motion.robot) is None:
             return False
         if self._waiting >= MOST_WAITING:
-            raise Busy(f"{MOST_WAITING} motions are being checked; try again.")
+            raise Unchecked(f"{MOST_WAITING} motions are being checked; try again.")
         self._waiting += 1
         try:
             async with asyncio.timeout(_TIMEOUT_S):

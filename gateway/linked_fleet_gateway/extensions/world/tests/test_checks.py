@@ -135,6 +135,19 @@ async def test_a_motion_waits_for_shapes_until_the_limit_and_is_refused(
         assert await scene.is_free(robot)
 
 
+async def test_a_motion_beyond_those_that_wait_is_unchecked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """By an error of a guard, which ends its invocation."""
+    monkeypatch.setattr(checks, "MOST_WAITING", 1)
+    async with scene_in(tmp_path) as scene:
+        robot = scene.robot("early")
+        first = asyncio.create_task(scene.is_free(robot))
+        await scene.asked["early"].wait()
+        with pytest.raises(Unchecked, match="1 motions are being checked"):
+            await scene.is_free(robot)
+        scene.let["early"].set()
+        assert await first
+
+
 async def test_a_robot_that_joins_far_away_makes_its_own_motions_wait_alone(tmp_path: Path) -> None:
     async with scene_in(tmp_path) as scene:
         here, _ = scene.robot("here", let=True), scene.robot("there", x=30.0)
