@@ -1,10 +1,13 @@
 """Gateways, agents and Redis learn of events at different times but agree: no motion is lost or misreported."""
 
+import asyncio
 import signal
+import time
 from pathlib import Path
 
 import httpx
 import pytest
+from pyoxigraph import NamedNode
 from rdflib import URIRef
 
 from browser import HYBRIT, LF, Browser
@@ -34,7 +37,7 @@ from gateway_group import Gateway, gateway, gateways, hub
 from linked_fleet_gateway.actions.service import Actions
 from linked_fleet_gateway.base.errors import Busy
 from linked_fleet_gateway.fleet.invocations import InvocationState
-from parallel import at_once
+from parallel import at_once, pool
 from redis_servers import Servers
 from running import eventually
 from small_fleet import Place, live, number, property_page
@@ -205,3 +208,26 @@ def test_a_check_that_breaks_off_ends_the_invocation(tmp_path: Path, monkeypatch
         assert problem(answer) == (503, "busy")
         robot = browser.robot("ur5")
         assert not list(robot.graph.objects(robot.iri, LF.currentTask))
+
+
+def test_a_lease_that_is_taken_during_a_check_counts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The holder alone moves the robot, although another motion was let in before and checked for longer."""
+    lasts_s = [3.0, 0.0, 0.0]
+
+    async def findings(*_: object) -> dict[NamedNode, bool]:
+        await asyncio.sleep(lasts_s.pop(0))
+        return {}
+
+    place = Place(tmp_path)
+    with place.gateway() as (_, browser), place.ur5(), pool(1) as thread:
+        live(browser, "ur5")
+        monkeypatch.setattr(Actions, "_findings", findings)
+        action = of_joint(browser, PAN)
+        lease = str(browser.robot("ur5").one(LF.lease))
+        asked = thread.submit(put, browser, action, radian(-1.0))
+        time.sleep(1.0)
+        token = {"lock-token": put(browser, lease, control("Ada", 600)).headers["lock-token"]}
+        held = begun(put(browser, action, slowly(1.0), **token))
+        assert problem(asked.result()) == (409, "controlled")
+        assert browser.page(held).one(LF.state) == LF.running
+        begun(put(browser, action, radian(0.5), **token))

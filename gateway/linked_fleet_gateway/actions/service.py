@@ -26,7 +26,7 @@ from linked_fleet_gateway.actions.refusals import (
     store_errors,
 )
 from linked_fleet_gateway.actions.store import ActionStore, Full, StoreUnavailable
-from linked_fleet_gateway.base.errors import AgentTimeout, Busy, Conflict, MotionRefused
+from linked_fleet_gateway.base.errors import AgentTimeout, Busy, Conflict, FleetError, MotionRefused
 from linked_fleet_gateway.fleet.invocations import FLEET, Invocation, InvocationState
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.identity.rights import ALL, View
@@ -135,7 +135,10 @@ class Actions:
                 if first is not None:
                     return await self._first(robot, first)
             invocation = self.lifecycle.begin(invocation)
+        lease = robot.lease
         waited_ns += await self._check(invocation, motion, caller)
+        if robot.lease != lease:
+            await self._check_lease(invocation, caller)
         reply = await self._send(invocation, command_of(invocation.id, motion, waited_ns))
         if isinstance(reply, Refused):
             self.lifecycle.refuse(invocation, reply)
@@ -170,6 +173,18 @@ class Actions:
             self.lifecycle.fail(invocation, "it could not be checked")
             raise
         return self._stalls.waited_ns(began_ns)
+
+    async def _check_lease(self, invocation: Invocation, caller: Caller) -> None:
+        """Check again if the caller may move the robot, because its lease has changed during the check of the motion.
+
+        Raises as ``start``.
+        """
+        try:
+            async with store_errors():
+                await self._store.check(invocation.robot, caller.token, invocation.lease)
+        except FleetError:
+            self.lifecycle.fail(invocation, "control of the robot changed while the motion was checked")
+            raise
 
     async def _findings(self, motion: Motion, caller: Caller, own: str) -> dict[NamedNode, bool]:
         """Return whether each guard found the path free. Raises MotionRefused."""
