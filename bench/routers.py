@@ -2,6 +2,13 @@
 
 Prints tables in Markdown; docs/SCALE.md says what follows from them. It needs root, since every router has a network
 namespace of its own, and says so where it cannot have them.
+
+  joining, ... at a time  of all halls together; the next robots appear when all gateways have these
+  connections closed      by routers whose neighbour took nothing for 20 s (wait_before_close)
+  declares, knows         declarations of the gateway, and all, in its router's admin space (bench/router_tables.py)
+  for each of the fleet   divided by all robots of the fleet, not only those behind this router
+  link ... cut            the link between core and area goes down (ip link set down) without closing connections
+  area lost               routers, robots, gateway and a master of the Redis Cluster are killed together
 """
 
 import argparse
@@ -36,7 +43,9 @@ _NOT_COUNTED = "not counted"
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(prog="python -m bench.routers", description=__doc__)
+    parser = argparse.ArgumentParser(
+        prog="python -m bench.routers", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     for name, value in (("robots", 10_000), ("joints", 18), ("models", 20), ("requests", 60), ("namespaces", 10)):
         parser.add_argument(f"--{name}", type=int, default=value)
     parser.add_argument("--seconds", type=float, default=8.0, help="of each measurement")
