@@ -1,7 +1,6 @@
 """The driver examples/door.py keeps the contract, and the contract rejects faulty drivers."""
 
 import importlib
-import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -13,7 +12,6 @@ from linked_fleet_agent.robot import Reading, RobotFaultError
 from linked_fleet_agent.robots.catalogue import load
 
 ROOT = Path(__file__).parents[2]
-(EXAMPLE,) = re.findall(r"^```python\n(.*?)^```$", (ROOT / "deploy" / "README.md").read_text(), re.M | re.S)
 
 
 @pytest.fixture
@@ -23,11 +21,10 @@ def door(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
     return vars(importlib.import_module("door"))
 
 
-def test_the_driver_of_the_page_keeps_the_contract(door: dict[str, Any], tmp_path: Path) -> None:
-    """The test is that of the page."""
-    names: dict[str, Any] = {}
-    exec(EXAMPLE, names)
-    names["test_my_driver"](tmp_path)
+@pytest.mark.usefixtures("door")
+def test_the_driver_of_the_example_keeps_the_contract(tmp_path: Path) -> None:
+    """The test is that of examples/check_door.py."""
+    importlib.import_module("check_door").test_my_driver(tmp_path)
     assert (tmp_path / "enable").read_text() == "0"
 
 
