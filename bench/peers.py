@@ -1,6 +1,14 @@
 """Other servers beside the gateway: GETs, and messages to many subscribers.
 
-``PEERS_DIR`` is the folder in which they were built; bench/README.md says how. Missing ones are left out.
+``PEERS_DIR`` is the folder, here FOLDER, in which they were built. Missing ones are left out.
+
+- ``target/release/zenohd``, Zenoh's router with its plugins for REST and WebSockets: unpack the crates ``zenohd``,
+  ``zenoh-plugin-rest`` and ``zenoh-plugin-remote-api`` of one version side by side, make them one workspace with the
+  ``Cargo.lock`` of zenohd, and run ``CARGO_TARGET_DIR=FOLDER/target cargo build --release``.
+- ``css/node_modules/@solid/community-server``, the Community Solid Server:
+  ``npm install --prefix FOLDER/css @solid/community-server``.
+- ``wot/node_modules/@node-wot/core``, node-wot:
+  ``npm install --prefix FOLDER/wot @node-wot/core @node-wot/binding-http``.
 """
 
 import contextlib
@@ -48,7 +56,7 @@ def rows(seconds: float) -> list[Row]:
         if os.environ.get("PEERS_DIR") and (folder / part).exists()
     }
     if not starts:
-        raise UnavailableError("No other servers are in PEERS_DIR (bench/README.md).")
+        raise UnavailableError("No other servers are in PEERS_DIR (bench/peers.py).")
     found = [row for name, start in starts.items() for row in _get(name, start, folder, seconds)]
     return [*found, *(_fan_out(folder, seconds) if "zenohd" in starts else ())]
 

@@ -63,7 +63,7 @@ def test_without_other_servers_none_is_measured(monkeypatch: pytest.MonkeyPatch,
 
 def test_other_servers_are_measured_where_they_were_built() -> None:
     if "PEERS_DIR" not in os.environ:
-        pytest.skip("No other servers were built: PEERS_DIR names no folder (bench/README.md).")
+        pytest.skip("No other servers were built: PEERS_DIR names no folder (bench/peers.py).")
     rows = peers.rows(0.3)
     assert [row.name for row in rows if row.name.startswith("GET")]
     assert all(row.ratio is not None and row.ratio > 0 for row in rows)
