@@ -257,11 +257,13 @@ class ReplicatedInvocations:
             await self._settings.refresh(news.robot)
 
     async def _save(self) -> None:
+        """Store the invocations that wait. Those that come meanwhile are gathered for the next call."""
         await self._to_save.wait()
-        while self._unsaved:
+        for _ in range(0, len(self._unsaved), _AT_ONCE):
             await self._save_oldest()
-        self._to_save.clear()
-        self._dropped = False
+        if not self._unsaved:
+            self._to_save.clear()
+            self._dropped = False
 
     async def _save_oldest(self) -> None:
         # Removed first, so that changes made meanwhile are saved again.

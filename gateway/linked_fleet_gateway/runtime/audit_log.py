@@ -88,10 +88,12 @@ class Audit:
         return [(id.decode(), _read(pairs)) for id, pairs in found]
 
     async def _write_all(self) -> None:
+        """Write the entries that wait. Those that come meanwhile are gathered for the next call."""
         await self._news.wait()
-        while self._waiting:
+        for _ in range(0, len(self._waiting), _AT_ONCE):
             await self._write()
-        self._news.clear()
+        if not self._waiting:
+            self._news.clear()
 
     async def _write(self) -> None:
         """Write the oldest entries. After an outage some may be written twice, because the result was unknown."""
