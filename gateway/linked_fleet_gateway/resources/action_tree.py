@@ -81,7 +81,10 @@ def _action(offer: Offer, source: Source, base: str) -> Resource:
     template = None
     if alike is not None:
         template = DescriptionTemplate(
-            alike, offer.thing, lambda graph, thing, values: offer.describe_at(graph, base, thing, values), offer.values
+            alike,
+            offer.thing,
+            lambda graph, thing, values: offer.describe_at(graph, base, thing, values),
+            lambda: offer.values,
         )
     # Neither an LDP resource nor a container: PUT does not replace state, POST does not create a member.
     return Resource(
@@ -107,7 +110,7 @@ def _result(offer: Offer, source: Source, base: str) -> Resource:
         f"Shape of what {offer.name} produces",
         lambda graph: offer.describe_result(graph, base, offer.thing, title),
         source=source,
-        template=DescriptionTemplate((offer.definition.iri, "result"), offer.thing, describe, (title,)),
+        template=DescriptionTemplate((offer.definition.iri, "result"), offer.thing, describe, lambda: (title,)),
     )
 
 

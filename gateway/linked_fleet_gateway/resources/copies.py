@@ -6,6 +6,9 @@ only names and values take part that every text syntax writes as they are.
 """
 
 import re
+from collections.abc import Sequence
+
+from pyoxigraph import Literal
 
 from linked_fleet_gateway.rdf.graph import Graph
 from linked_fleet_gateway.rdf.serialise import TEXT_TYPES
@@ -34,15 +37,16 @@ class Copies:
         kind = resource.template
         if kind is None or media_type not in TEXT_TYPES or not _PLAIN.fullmatch(kind.owner):
             return None
+        values = kind.values()
         texts, datatypes = [], []
-        for literal in kind.values:
+        for literal in values:
             text, datatype = literal.value, literal.datatype.value
             if literal.language is not None or not is_replaceable(text, datatype):
                 return None
             texts.append(text)
             datatypes.append(datatype)
         key = (kind.key, kind.owner.endswith("/"), *datatypes, media_type, base)
-        template = self._kept.get(key) or self._keep(key, _compile(resource, kind, media_type, base))
+        template = self._kept.get(key) or self._keep(key, _compile(resource, kind, values, media_type, base))
         texts.append(kind.owner.rstrip("/")[1:])
         return template.filled(texts)
 
@@ -54,13 +58,15 @@ class Copies:
         return template
 
 
-def _compile(resource: Resource, kind: DescriptionTemplate, media_type: str, base: str) -> Template:
+def _compile(
+    resource: Resource, kind: DescriptionTemplate, values: Sequence[Literal], media_type: str, base: str
+) -> Template:
     """Return the text of one resource of the kind, with places for its values and for the path of its owner."""
     marks = Marks()
-    owner = "/" + marks.text(len(kind.values))
+    owner = "/" + marks.text(len(values))
     path = owner + resource.path[len(kind.owner.rstrip("/")) :]
     graph = Graph()
-    values = [marks.literal(index, literal) for index, literal in enumerate(kind.values)]
-    kind.describe(graph, owner + ("/" if kind.owner.endswith("/") else ""), values)
+    marked = [marks.literal(index, literal) for index, literal in enumerate(values)]
+    kind.describe(graph, owner + ("/" if kind.owner.endswith("/") else ""), marked)
     resource.state_model(graph, base, path)
     return marks.template(write(graph, media_type, PREFIXES, base=base + path).decode())

@@ -41,13 +41,14 @@ class DescriptionTemplate:
     """A kind of resources whose descriptions differ only in the owner's path and in values: one is rendered for all.
 
     ``key`` identifies the kind, which a resource shares with others that have values of the same datatypes.
-    ``describe`` describes the resource of the owner at the given path, with the given literals in place of ``values``.
+    ``describe`` describes the resource of the owner at the given path, with the given literals in place of those that
+    ``values`` returns.
     """
 
     key: object
     owner: str
     describe: Callable[[Graph, str, Sequence[Literal]], None]
-    values: tuple[Literal, ...] = ()
+    values: Callable[[], tuple[Literal, ...]] = tuple
 
 
 @dataclass(frozen=True)

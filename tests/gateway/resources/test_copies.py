@@ -79,7 +79,7 @@ def test_titles_with_other_characters_are_not_copied() -> None:
     copies = Copies()
     resource = next(each for each in _described() if each.path.endswith("/hold"))
     assert resource.template is not None
-    odd = replace(resource.template, values=(Literal('a "title"'),))
+    odd = replace(resource.template, values=lambda: (Literal('a "title"'),))
     assert copies.body(replace(resource, template=odd), "text/turtle", _BASE) is None
 
 
