@@ -137,23 +137,38 @@ class _Codes:
     def __init__(self, root: str, folder: str) -> None:
         self._root, self._folder = root, folder
         self._segments: dict[str, int] = {}
+        self._blanks: dict[str, int] = {}
         self.literals: list[str] = []
 
     @property
     def segments(self) -> list[str]:
         return list(self._segments)
 
-    def iri(self, node: NamedNode) -> str:
-        """Return the code of an IRI. Raises _NotReplaceable."""
+    def subject(self, node: Node) -> str | int:
+        """Return the code of a subject; that of a blank node is a number. Raises _NotReplaceable."""
+        if isinstance(node, BlankNode):
+            return self._blank(node)
         iri = node.value
         return self.path(iri[len(self._root) :]) if iri.startswith(self._root) else iri
 
-    def object(self, node: NamedNode, known: dict[int, str]) -> str:
-        """Return the code of an IRI that is an object, and remember it if it is always the same.
+    def fixed(self, node: NamedNode) -> str:
+        """Return the code of a predicate or class.
 
-        Outside the folder of the document it is written in full, so that one value takes its place, whichever nodes it
-        names.
+        Raises _NotReplaceable for those of the fleet itself, because RDF/XML cannot write each.
         """
+        iri = node.value
+        if iri.startswith(self._root):
+            raise _NotReplaceable
+        return iri
+
+    def object(self, node: Node, known: dict[int, str | int]) -> str | int:
+        """Return the code of a node that is an object, and remember it if it is always the same.
+
+        An IRI outside the folder of the document is written in full, so that one value takes its place, whichever nodes
+        it names.
+        """
+        if isinstance(node, BlankNode):
+            return known.setdefault(id(node), self._blank(node))
         iri = node.value
         if not iri.startswith(self._root):
             return known.setdefault(id(node), iri)
@@ -164,6 +179,10 @@ class _Codes:
             raise _NotReplaceable
         self.literals.append(path[1:])
         return "\3"
+
+    def _blank(self, node: BlankNode) -> int:
+        # Labels are not part of a text.
+        return self._blanks.setdefault(node.value, len(self._blanks))
 
     def path(self, path: str) -> str:
         if not _PATH.fullmatch(path):
@@ -220,35 +239,24 @@ def _is_abbreviated(root: str, namespaces: tuple[str, ...]) -> bool:
 def _coded(graph: Graph, root: str, path: str) -> _Form:
     codes = _Codes(root, _folder(path))
     found: list[object] = [root, codes.path(path)]
-    blanks: dict[str, int] = {}  # their labels are not part of a text
-    known: dict[int, str] = {}  # by identity, because the graph holds the terms and often has the same object
+    known: dict[int, str | int] = {}  # by identity, because the graph holds the terms and often has the same object
     for subject, predicate, value in graph.statements:
-        if type(subject) is BlankNode:
-            found.append(blanks.setdefault(subject.value, len(blanks)))
-        elif code := known.get(id(subject)):
-            found.append(code)
-        else:
-            found.append(known.setdefault(id(subject), codes.iri(subject)))
-        if code := known.get(id(predicate)):
-            found.append(code)
-        else:
-            found.append(known.setdefault(id(predicate), _fixed(codes.iri(predicate))))
+        code = known.get(id(subject))
+        if code is None:
+            code = known[id(subject)] = codes.subject(subject)
+        relation = known.get(id(predicate))
+        if relation is None:
+            relation = known[id(predicate)] = codes.fixed(predicate)
         if type(value) is Literal:
-            found.append(codes.literal(value))
-        elif type(value) is BlankNode:
-            found.append(blanks.setdefault(value.value, len(blanks)))
-        elif found[-1] == TYPE.value:
-            found.append(_fixed(codes.iri(value)))
+            about: str | int | None = codes.literal(value)
+        elif relation == TYPE.value and type(value) is NamedNode:
+            about = codes.fixed(value)
         else:
-            found.append(known.get(id(value)) or codes.object(value, known))
+            about = known.get(id(value))
+            if about is None:
+                about = codes.object(value, known)
+        found += (code, relation, about)
     return _Form(tuple(found), codes.literals, codes.segments)
-
-
-def _fixed(code: str) -> str:
-    """Return the code of a predicate or class. Those of the fleet itself are refused: RDF/XML cannot write each."""
-    if code.startswith("\0"):
-        raise _NotReplaceable
-    return code
 
 
 def _written(graph: Graph, media_type: str, prefixes: Mapping[str, str], base: str) -> bytes:
