@@ -80,7 +80,7 @@ def test_a_report_is_a_validation_report() -> None:
     compiled = _compiled(_TARGETS)
     found = compiled.check(Data(turtle("ex:body lf:target [ lf:ofJoint ex:elbow ; vom:numericalValue 2 ] .")), _BODY)
     triples = report(found, compiled.triples)
-    graph = graph_of(triples)
+    graph = graph_of([Triple(*each) for each in triples])
     sh = rdflib.SH
     (root,) = graph.subjects(rdflib.RDF.type, sh.ValidationReport)
     assert graph.value(root, sh.conforms) == rdflib.Literal(False)
@@ -113,7 +113,7 @@ def test_a_report_spells_out_a_path_that_is_no_predicate() -> None:
     """A reader cannot look up a blank node of the shapes graph."""
     compiled = _compiled("ex:Shape sh:property [ sh:path ( ex:p [ sh:zeroOrMorePath ex:q ] ) ; sh:minCount 1 ] .")
     triples = report(compiled.check(Data([]), _BODY), compiled.triples)
-    graph = graph_of(triples)
+    graph = graph_of([Triple(*each) for each in triples])
     (path,) = graph.objects(None, rdflib.SH.resultPath)
     first, second = rdflib.collection.Collection(graph, path)
     assert first == rdflib.URIRef("http://example.org/p")

@@ -40,8 +40,9 @@ The problem type (RFC 9457, 3.1.1) of each is ``PROBLEMS`` followed by its code;
 from collections.abc import Mapping, Sequence
 from typing import ClassVar
 
-from pyoxigraph import Triple
+from pyoxigraph import BlankNode, Literal, NamedNode
 
+Statement = tuple[NamedNode | BlankNode, NamedNode, NamedNode | BlankNode | Literal]
 Members = dict[str, str | int | float | list[str] | list[float]]
 PROBLEMS = "https://w3id.org/linked-fleet/problems#"
 REALM = "linked-fleet"
@@ -60,7 +61,7 @@ class FleetError(Exception):
     """Attributes that are extension members (RFC 9457, 3.2) unless they are None."""
 
     def __init__(
-        self, detail: str, *, headers: Mapping[str, str] | None = None, report: Sequence[Triple] | None = None
+        self, detail: str, *, headers: Mapping[str, str] | None = None, report: Sequence[Statement] | None = None
     ) -> None:
         super().__init__(detail)
         self.detail = detail
@@ -259,7 +260,7 @@ class UnprocessableContent(FleetError):
         self,
         detail: str,
         *,
-        report: Sequence[Triple] | None = None,
+        report: Sequence[Statement] | None = None,
         constraint: str | None = None,
         unused: Sequence[str] = (),
         headers: Mapping[str, str] | None = None,

@@ -4,9 +4,9 @@ import json
 from collections.abc import Sequence
 from typing import Any
 
-from pyoxigraph import BlankNode, Literal, NamedNode, Triple
+from pyoxigraph import BlankNode, Literal
 
-from linked_fleet_gateway.base.errors import FleetError
+from linked_fleet_gateway.base.errors import FleetError, Statement
 from linked_fleet_gateway.http.html import HTML, HtmlWriter, Reader
 from linked_fleet_gateway.http.negotiation import choose, parse_accept, weight
 from linked_fleet_gateway.rdf.graph import Graph, integer
@@ -82,13 +82,13 @@ def _json(error: FleetError, instance: str | None) -> bytes:
     return json.dumps(members, ensure_ascii=False).encode()
 
 
-def _report(triples: Sequence[Triple]) -> list[dict[str, str]]:
+def _report(statements: Sequence[Statement]) -> list[dict[str, str]]:
     """Return the results of a SHACL report in order, as flat objects without blank nodes."""
-    results: dict[Any, dict[str, str]] = {t.object: {} for t in triples if t.predicate == SH.result}
-    for triple in triples:
-        member = _REPORTED.get(triple.predicate)
-        if member and triple.subject in results and isinstance(triple.object, NamedNode | Literal):
-            results[triple.subject].setdefault(member, triple.object.value)
+    results: dict[object, dict[str, str]] = {value: {} for _, predicate, value in statements if predicate == SH.result}
+    for subject, predicate, value in statements:
+        member = _REPORTED.get(predicate)
+        if member and subject in results and not isinstance(value, BlankNode):
+            results[subject].setdefault(member, value.value)
     return list(results.values())
 
 
@@ -99,6 +99,5 @@ def _described(error: FleetError) -> Graph:
     graph.add(problem, LF.status, integer(error.status))
     graph.add(problem, DCTERMS.title, Literal(error.title))
     graph.add(problem, DCTERMS.description, Literal(error.detail))
-    for triple in error.report or ():
-        graph.add(triple.subject, triple.predicate, triple.object)  # type: ignore[arg-type]  # no triple terms
+    graph.extend(error.report or ())
     return graph

@@ -4,7 +4,7 @@ A unit has an IRI for output, the IRIs accepted in input, and its size in SI.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from itertools import islice
@@ -102,6 +102,9 @@ class Graph:
         statements = self.statements
         for value in objects:
             statements[subject, predicate, value] = None
+
+    def extend(self, statements: Iterable[Statement]) -> None:
+        self.statements.update(dict.fromkeys(statements))
 
     def a(self, subject: Node, *types: NamedNode) -> None:
         self.add(subject, RDF.type, *types)

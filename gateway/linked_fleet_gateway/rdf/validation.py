@@ -14,7 +14,7 @@ from pyoxigraph import BlankNode, Literal, NamedNode, Triple
 from linked_fleet_gateway.base.errors import UnprocessableContent
 from linked_fleet_gateway.rdf.graph import UNITS, Graph, Node, Term
 from linked_fleet_gateway.rdf.vocabulary import LDP, NUMERIC, PREFIXES, QUDT, RDF, SH, VOM, XSD
-from linked_fleet_gateway.shacl import Data, Violation, compile_shape, report
+from linked_fleet_gateway.shacl import Data, Statement, Violation, compile_shape, report
 
 # The lexical spaces of XML Schema 2, 3.2 and 3.3 (RDF 1.1 Concepts, 5.1), without white space, which only XML
 # collapses. Python's float accepts more, such as 1_0.
@@ -73,7 +73,7 @@ class ShaclValidator:
     def __init__(self, triples: Iterable[Triple], shape: Node) -> None:
         self._shape = compile_shape(triples, shape, PREFIXES)
 
-    def report(self, body: Sequence[Triple], focus: Node) -> tuple[str, list[Triple]] | None:
+    def report(self, body: Sequence[Triple], focus: Node) -> tuple[str, list[Statement]] | None:
         """Return None if the body conforms, else a sentence about the violations and the validation report (SHACL,
         3.6).
         """

@@ -16,7 +16,7 @@ package depends on pyoxigraph and not on the gateway.
 from linked_fleet_gateway.shacl.check import CompiledGraph, CompiledShape
 from linked_fleet_gateway.shacl.compiler import Compiler, compile_graph, compile_shape
 from linked_fleet_gateway.shacl.data import Data
-from linked_fleet_gateway.shacl.report import Violation, report
+from linked_fleet_gateway.shacl.report import Statement, Violation, report
 from linked_fleet_gateway.shacl.statements import Unsupported
 
 __all__ = [
@@ -24,6 +24,7 @@ __all__ = [
     "CompiledShape",
     "Compiler",
     "Data",
+    "Statement",
     "Unsupported",
     "Violation",
     "compile_graph",

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from pyoxigraph import BlankNode, Literal, NamedNode, Triple
 
-from linked_fleet_gateway.base.errors import UnprocessableContent
+from linked_fleet_gateway.base.errors import Statement, UnprocessableContent
 from linked_fleet_gateway.extensions.rules.template import LF, below, template, variables
 from linked_fleet_gateway.rdf.graph import Node
 from linked_fleet_gateway.rdf.shapes import load_file
@@ -129,5 +129,5 @@ def _validator() -> ShaclValidator:
     return ShaclValidator(chain.from_iterable(load_file(RULE_SHAPE).values()), LF.RuleShape)
 
 
-def _refusal(detail: str, container: str, report: list[Triple] | None = None) -> UnprocessableContent:
+def _refusal(detail: str, container: str, report: Sequence[Statement] | None = None) -> UnprocessableContent:
     return UnprocessableContent(detail, constraint=container, report=report)
