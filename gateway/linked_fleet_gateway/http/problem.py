@@ -64,6 +64,8 @@ def problem_body(
 
 def _preferring_json(accept: str | None) -> str | None:
     """Treat ``application/json`` like the problem type, because clients that request it can read that."""
+    if accept is None or "json" not in accept.lower():
+        return accept
     ranges = parse_accept(accept)
     as_json, as_problem = weight(ranges, "application/json"), weight(ranges, PROBLEM_JSON)
     return f"{accept}, {PROBLEM_JSON};q={as_json:.3f}" if as_json > as_problem else accept
