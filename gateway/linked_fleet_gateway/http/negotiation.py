@@ -71,18 +71,23 @@ def _media_range(member: str) -> MediaRange | None:
     return MediaRange(main, sub, tuple(named))
 
 
-def choose(header: str | None, offered: Sequence[str]) -> str | None:
-    """Return the offered type that the client prefers, the first of equals; None if all are excluded."""
+def choose(header: str | None, offered: Sequence[str], also: tuple[str, str] | None = None) -> str | None:
+    """Return the offered type that the client prefers, the first of equals; None if all are excluded.
+
+    ``also``: an offered type, and a type whose readers can read it.
+    """
     choice = _choice if header is None or len(header) <= _SHORT else _choice.__wrapped__
-    return choice(header, tuple(offered))
+    return choice(header, tuple(offered), also)
 
 
 @lru_cache(maxsize=1024)
-def _choice(header: str | None, offered: tuple[str, ...]) -> str | None:
+def _choice(header: str | None, offered: tuple[str, ...], also: tuple[str, str] | None) -> str | None:
     ranges = parse_accept(header)
     if not ranges:
         return offered[0] if offered else None
     weights = {media_type: weight(ranges, media_type) for media_type in offered}
+    if also is not None:
+        weights[also[0]] = max(weights[also[0]], weight(ranges, also[1]))
     best = max(weights.values(), default=0.0)
     return next((media_type for media_type in offered if weights[media_type] == best), None) if best > 0 else None
 

@@ -8,7 +8,7 @@ from pyoxigraph import BlankNode, Literal
 
 from linked_fleet_gateway.base.errors import FleetError, Statement
 from linked_fleet_gateway.http.html import HTML, HtmlWriter, Reader
-from linked_fleet_gateway.http.negotiation import choose, parse_accept, weight
+from linked_fleet_gateway.http.negotiation import choose
 from linked_fleet_gateway.rdf.graph import Graph, integer
 from linked_fleet_gateway.rdf.serialise import RDF_TYPES
 from linked_fleet_gateway.rdf.templates import Templates
@@ -52,7 +52,7 @@ def problem_body(
 ) -> tuple[bytes, str]:
     """Return body and content type. A client that accepts none of the types gets JSON (RFC 9110, 15.5.7)."""
     offered = (PROBLEM_JSON, *RDF_TYPES, *(() if html is None else (HTML,)))
-    media_type = choose(_preferring_json(accept), offered) or PROBLEM_JSON
+    media_type = choose(accept, offered, also=(PROBLEM_JSON, "application/json")) or PROBLEM_JSON
     if media_type == PROBLEM_JSON:
         return _json(error, instance), PROBLEM_JSON
     if media_type == HTML and html is not None:
@@ -60,15 +60,6 @@ def problem_body(
         return page, f"{media_type}; charset=utf-8"
     body = _templates.render(_described(error), media_type, PREFIXES, base=instance or "")
     return body, f"{media_type}; charset=utf-8" if media_type.startswith("text/") else media_type
-
-
-def _preferring_json(accept: str | None) -> str | None:
-    """Treat ``application/json`` like the problem type, because clients that request it can read that."""
-    if accept is None or "json" not in accept.lower():
-        return accept
-    ranges = parse_accept(accept)
-    as_json, as_problem = weight(ranges, "application/json"), weight(ranges, PROBLEM_JSON)
-    return f"{accept}, {PROBLEM_JSON};q={as_json:.3f}" if as_json > as_problem else accept
 
 
 def _json(error: FleetError, instance: str | None) -> bytes:
