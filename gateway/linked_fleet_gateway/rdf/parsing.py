@@ -28,13 +28,14 @@ _FORMATS = {
 }
 PARSEABLE = tuple(_FORMATS)
 
+_BYTE_ORDER_MARK = "\ufeff"
 # RFC 3987 allows U+00A0 and similar characters. rdflib's N-Triples parser refuses them, and they look like spaces.
 _SPACE = re.compile(r"\s")
 # Each declaration is resolved against the previous one or compared with all others, so the time grows quadratically.
 _MOST_DECLARATIONS = 256
 _DECLARATIONS = {
-    "text/turtle": (re.compile(r"(?<![\w:.-])@?base(?=[\s<#])", re.IGNORECASE), "base IRIs"),
-    "application/rdf+xml": (re.compile("xmlns"), "namespaces"),
+    "text/turtle": ("base", re.compile(r"(?<![\w:.-])@?base(?=[\s<#])", re.IGNORECASE), "base IRIs"),
+    "application/rdf+xml": ("xmlns", re.compile("xmlns"), "namespaces"),
 }
 
 
@@ -69,14 +70,16 @@ def parse(
 
 def _check_declarations(text: str, media_type: str) -> None:
     if media_type in _DECLARATIONS:
-        pattern, what = _DECLARATIONS[media_type]
+        word, pattern, what = _DECLARATIONS[media_type]
+        if text.lower().count(word) <= _MOST_DECLARATIONS:  # twenty times as fast as the pattern
+            return
         if sum(1 for _ in islice(pattern.finditer(text), _MOST_DECLARATIONS + 1)) > _MOST_DECLARATIONS:
             raise ParseError(f"more than {_MOST_DECLARATIONS} {what} are declared")
 
 
 def _decode(body: bytes) -> str:
     try:
-        return body.decode("utf-8-sig")
+        return body.decode().removeprefix(_BYTE_ORDER_MARK)
     except UnicodeDecodeError as error:
         good = body[: error.start]
         column = error.start - good.rfind(b"\n")
