@@ -82,13 +82,13 @@ def _check_whole(request: Request) -> None:
         raise UnsupportedMediaType(
             f"Content-Encoding {coding} is not taken; send the body as it is.", headers={"Accept-Encoding": "identity"}
         )
-    if "content-range" in request.headers:
+    if b"content-range" in request.arrival.fields:
         raise BadRequest("Content-Range is not taken; send the whole body.")
 
 
 async def read_body(request: Request, most: int = MAX_BODY_BYTES) -> bytes:
     """Return the body of at most ``most`` bytes. Raises PayloadTooLarge as early as possible."""
-    length = request.headers.get("content-length", "0")
+    length = field(request, "content-length") or ""
     if length.isdecimal() and int(length) > most:
         raise PayloadTooLarge(f"The body has {length} bytes; at most {most} are read.")
     body = bytearray()

@@ -4,6 +4,7 @@ import logging
 import uuid
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
+from functools import partial
 from urllib.parse import quote as percent
 
 from starlette.requests import ClientDisconnect
@@ -20,7 +21,6 @@ from linked_fleet_gateway.base.errors import (
     UnprocessableContent,
     UnsupportedMediaType,
 )
-from linked_fleet_gateway.http.arrival import fields_of
 from linked_fleet_gateway.http.audit import audit_resource, is_audit, note, with_audit
 from linked_fleet_gateway.http.callers import SEES_SUBSCRIPTIONS, require_right, visible_subscriptions
 from linked_fleet_gateway.http.extension import Mount, Reader, Writer
@@ -133,7 +133,7 @@ class Endpoint:
         request.reads = isinstance(found, Resource) and found.affords is not None and found.affords.reads
         if isinstance(found, Redirect):
             return _moved(request, found)
-        if request.method in READ or request.reads or not _CONDITIONS.isdisjoint(fields_of(request.scope)):
+        if request.method in READ or request.reads or not _CONDITIONS.isdisjoint(request.arrival.fields):
             found = _read_by(request, found)  # preconditions are about what the caller reads
         allow = allowed(found)
         # Rights are checked before methods, so that a 405 never reveals what is possible to callers without rights.
@@ -292,7 +292,7 @@ def problem_response(request: Connection, error: FleetError) -> Response:
     """Return problem details for ``error`` in the form that Accept prefers."""
     path = percent(request.scope["path"], safe="/~")
     instance = request.base + path if len(path) <= _LONGEST_NAMED else None
-    reader = request.reader(request.scope["path"])
+    reader = partial(request.reader, request.scope["path"])
     body, headers = problem(error, field(request, "accept"), instance, request.services.representations.html, reader)
     # HEAD has the headers of GET including Content-Length; the server leaves out the body.
     return Response(body, error.status, headers)

@@ -118,19 +118,19 @@ def refuse_rehearsal(request: Request) -> None:
 
 def lock_token(request: Request) -> str:
     """Return the ``Lock-Token`` of a control lease (RFC 4918, 10.5); empty without one."""
-    said = request.headers.getlist("lock-token")
-    if not said:
+    said = request.arrival.fields.get(b"lock-token")
+    if said is None:
         return ""
-    match = _TOKEN.fullmatch(", ".join(said).strip())
+    match = _TOKEN.fullmatch(said.decode("latin-1").strip())
     if match is None:
         raise BadRequest("Lock-Token is what the control lease came with, such as <urn:uuid:...>.")
     return match[1] or match[2]
 
 
 def _key(request: Request) -> str:
-    said = request.headers.getlist("idempotency-key")
-    if not said:
+    if b"idempotency-key" not in request.arrival.fields:
         return ""
+    said = request.headers.getlist("idempotency-key")
     match = _KEY.fullmatch(said[0].strip()) if len(said) == 1 else None
     if match is None:
         raise BadRequest("Idempotency-Key is one string of at most 255 visible characters.")
@@ -141,7 +141,7 @@ def _key(request: Request) -> str:
 
 def _prefer(request: Request, offer: Offer) -> Prefer:
     """Return the preferences. Raises NotAcceptable before the motion starts, never after."""
-    prefer, accept = parse_prefer(field(request, "prefer")), _accept(request)
+    prefer, accept = parse_prefer(field(request, "prefer")), request.accepted
     wants_content = prefer.dry_run or prefer.return_ == "representation"
     if wants_content and choose(accept, (JSON,)) is None:
         # Negotiated like the response, except that rehearsals and invocations are also available in plain JSON.
@@ -287,7 +287,7 @@ def _rehearsal(request: Request, offer: Offer, plan: Motion | Halt, rehearsed: R
         return node_json(graph.triples, root(graph.triples, NamedNode(request.base + offer.path)), LF.RehearsalShape)
 
     rehearsal = Resource(offer.path, f"Rehearsal of {offer.name}", describe, (), documents={JSON: plain})
-    shown = request.services.representations.negotiated(_accept(request), rehearsal, request.base)
+    shown = request.services.representations.negotiated(request.accepted, rehearsal, request.base)
     headers = {"content-type": shown.content_type, "cache-control": "no-store", "vary": "Accept, Prefer"}
     return Response(shown.body, 200, headers | {"preference-applied": "dry-run"})
 
@@ -295,12 +295,7 @@ def _rehearsal(request: Request, offer: Offer, plan: Motion | Halt, rehearsed: R
 def _show(request: Request, path: str) -> Representation:
     found = request.tree().resolve(path)
     assert isinstance(found, Resource)
-    return request.services.representations.negotiated(_accept(request), found, request.base)
-
-
-def _accept(request: Request) -> str | None:
-    """Return the value that replaces Accept. Raises NotAcceptable for an unknown word in ``?as=``."""
-    return request.services.representations.preferred(field(request, "accept"), request.query_params.get("as"))
+    return request.services.representations.negotiated(request.accepted, found, request.base)
 
 
 async def _outcome(actions: Actions, invocation: Invocation, prefer: Prefer) -> tuple[int, list[str]]:

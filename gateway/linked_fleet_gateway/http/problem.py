@@ -1,7 +1,7 @@
 """Problem details (RFC 9457): JSON by default, or RDF, both with the SHACL report."""
 
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from pyoxigraph import BlankNode, Literal
@@ -32,9 +32,12 @@ def problem(
     accept: str | None,
     instance: str | None = None,
     html: HtmlWriter | None = None,
-    reader: Reader | None = None,
+    reader: Callable[[], Reader] | None = None,
 ) -> tuple[bytes, dict[str, str]]:
-    """Return body and header fields, including those of the error; ``html`` renders pages, if available."""
+    """Return body and header fields, including those of the error; ``html`` renders pages, if available.
+
+    ``reader`` returns the reader of a page.
+    """
     body, content_type = problem_body(error, accept, instance, html, reader)
     own = {name.lower(): value for name, value in error.headers.items()}
     headers = {"content-type": content_type, "vary": "Accept", "cache-control": "no-store"}
@@ -48,7 +51,7 @@ def problem_body(
     accept: str | None,
     instance: str | None = None,
     html: HtmlWriter | None = None,
-    reader: Reader | None = None,
+    reader: Callable[[], Reader] | None = None,
 ) -> tuple[bytes, str]:
     """Return body and content type. A client that accepts none of the types gets JSON (RFC 9110, 15.5.7)."""
     offered = (PROBLEM_JSON, *RDF_TYPES, *(() if html is None else (HTML,)))
@@ -56,7 +59,7 @@ def problem_body(
     if media_type == PROBLEM_JSON:
         return _json(error, instance), PROBLEM_JSON
     if media_type == HTML and html is not None:
-        page = html.write_problem(error, instance, _report(error.report) if error.report else [], reader)
+        page = html.write_problem(error, instance, _report(error.report) if error.report else [], reader and reader())
         return page, f"{media_type}; charset=utf-8"
     body = _templates.render(_described(error), media_type, PREFIXES, base=instance or "")
     return body, f"{media_type}; charset=utf-8" if media_type.startswith("text/") else media_type

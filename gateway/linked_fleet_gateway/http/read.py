@@ -117,8 +117,7 @@ async def read_in_turns(request: Request, resource: Resource) -> Response:
 
 def _asked(request: Request, resource: Resource) -> tuple[str | None, Resource, str]:
     """Return the accepted media types, the resource and its base."""
-    picked = request.query_params.get("as")
-    return request.services.representations.preferred(field(request, "accept"), picked), resource, request.base
+    return request.accepted, resource, request.base
 
 
 def _response(

@@ -4,10 +4,11 @@ import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
-from typing import Protocol
+from typing import Any, Protocol
 
 from prometheus_client import CollectorRegistry
 from starlette.applications import Starlette
+from starlette.requests import HTTPConnection
 from starlette.requests import Request as StarletteRequest
 from starlette.types import ASGIApp, Lifespan, Receive, Scope, Send
 from starlette.websockets import WebSocket as StarletteWebSocket
@@ -15,6 +16,7 @@ from starlette.websockets import WebSocket as StarletteWebSocket
 from linked_fleet_gateway.actions.service import Actions
 from linked_fleet_gateway.http.answers import Answers, Reply
 from linked_fleet_gateway.http.arrival import Scheme, arrival_of
+from linked_fleet_gateway.http.fields import field as field_of
 from linked_fleet_gateway.http.html import HtmlWriter, Reader
 from linked_fleet_gateway.http.representation import Representations
 from linked_fleet_gateway.http.scheduling import Offload, StopPriority, TokenBuckets
@@ -97,10 +99,12 @@ class Gateway(Starlette):
         return self._entrance.at_once(scope)
 
 
-class _Resolved:
+class _Resolved(HTTPConnection):
     """Additional attributes of requests and WebSockets."""
 
-    scope: Scope
+    def __init__(self, scope: Scope, *channels: Any) -> None:
+        super().__init__(scope, *channels)
+        self.arrival = arrival_of(scope)
 
     @property
     def services(self) -> Services:
@@ -110,22 +114,28 @@ class _Resolved:
     @property
     def base(self) -> str:
         """The public base URL used by the client, without a slash at its end."""
-        return arrival_of(self.scope).base
+        return self.arrival.base
 
     @property
     def caller(self) -> Identity:
         """The caller. Without configured identities, everybody has all rights."""
-        return arrival_of(self.scope).authenticated.identity
+        return self.arrival.authenticated.identity
 
     @property
     def holds(self) -> Callable[[], bool]:
         """A function that returns whether the caller's credentials are still valid."""
-        return arrival_of(self.scope).authenticated.holds
+        return self.arrival.authenticated.holds
 
     @property
     def on_page(self) -> bool:
         """True if the page shows who has logged in."""
-        return arrival_of(self.scope).authenticated.on_page
+        return self.arrival.authenticated.on_page
+
+    @property
+    def accepted(self) -> str | None:
+        """The Accept field, or the types that ``?as=`` picks instead. Raises NotAcceptable for an unknown word."""
+        picked = self.query_params.get("as") if self.scope["query_string"] else None
+        return self.services.representations.preferred(field_of(self, "accept"), picked)
 
     def reader(self, path: str) -> Reader:
         """Return the caller as the reader of the page at ``path``."""
