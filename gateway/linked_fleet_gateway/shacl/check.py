@@ -30,7 +30,9 @@ class Run:
     told: dict[tuple[object, Term], tuple[Violation, ...]] = field(default_factory=dict)
 
     def detail(self, shape: "Shape", data: Data, value: Term) -> tuple[Violation, ...]:
-        found = tuple(islice(shape.violations(data, value, self), max(self.room, 0)))
+        if self.room <= 0:
+            return ()
+        found = tuple(islice(shape.violations(data, value, self), self.room))
         self.room -= len(found)
         return found
 
@@ -154,13 +156,13 @@ class Shape:
                     return False
         return True
 
-    def violations(self, data: Data, focus: Term, run: Run) -> Iterator[Violation]:
+    def violations(self, data: Data, focus: Term, run: Run) -> Iterable[Violation]:
         if not self.remembers:
-            yield from self._violations(data, focus, run)
-            return
-        if (self, focus) not in run.told:
-            run.told[self, focus] = tuple(islice(self._violations(data, focus, run), MOST))
-        yield from run.told[self, focus]
+            return self._violations(data, focus, run)
+        told = run.told.get((self, focus))
+        if told is None:
+            told = run.told[self, focus] = tuple(islice(self._violations(data, focus, run), MOST))
+        return told
 
     def _violations(self, data: Data, focus: Term, run: Run) -> Iterator[Violation]:
         values = tuple(self.reach(data, focus))
