@@ -125,13 +125,15 @@ def test_blank_nodes_of_body_and_shape_stay_apart() -> None:
     shape = [Triple(_SHAPE, SHACL.property, BlankNode("b1")), Triple(BlankNode("b1"), SHACL.path, LF.target),
              Triple(BlankNode("b1"), SHACL.nodeKind, SHACL.IRI)]  # fmt: skip
     found = compile_shape(shape, _SHAPE).check(Data([Triple(_BODY, LF.target, BlankNode("b1"))]), _BODY)
-    stated = {t.predicate: t.object for t in report(found)}
+    stated = {predicate: value for _, predicate, value in report(found)}
     assert stated[SHACL.value] != stated[SHACL.sourceShape]
-    assert len({s for s in (t.subject for t in report(found)) if s in stated.values()}) == 1, "the result alone"
+    assert len({subject for subject, _, _ in report(found) if subject in stated.values()}) == 1, "the result alone"
 
 
 def test_no_violations_make_a_report_that_conforms() -> None:
-    assert [t.object for t in report([]) if t.predicate == SHACL.conforms] == [Literal("true", datatype=XSD.boolean)]
+    assert [value for _, predicate, value in report([]) if predicate == SHACL.conforms] == [
+        Literal("true", datatype=XSD.boolean)
+    ]
 
 
 # --- hostile bodies ---

@@ -3,7 +3,7 @@
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import islice
-from typing import NamedTuple, TypeVar
+from typing import TypeVar
 
 from pyoxigraph import BlankNode, Literal, NamedNode, Triple
 
@@ -33,12 +33,8 @@ class Violation:
     severity: NamedNode
 
 
-class Statement(NamedTuple):
-    """One statement of a report: a ``Triple`` of pyoxigraph takes ten times as long to create."""
-
-    subject: Node
-    predicate: NamedNode
-    object: Term
+Statement = tuple[Node, NamedNode, Term]
+"""One statement of a report. A ``Triple`` of pyoxigraph takes many times as long to create."""
 
 
 def report(violations: Sequence[Violation], shapes: Mapping[Node, Sequence[Triple]] | None = None) -> list[Statement]:
@@ -61,7 +57,7 @@ class _Report:
         self._labels = 0
 
     def add(self, subject: Node, predicate: NamedNode, value: Term) -> None:
-        self.statements.append(Statement(subject, predicate, value))
+        self.statements.append((subject, predicate, value))
 
     def blank(self, type_: NamedNode) -> BlankNode:
         self._labels += 1

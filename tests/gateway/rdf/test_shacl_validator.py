@@ -41,7 +41,7 @@ def test_a_report_is_about_the_request(subject: str) -> None:
     detail, report = found
     assert "vom:numericalValue: 3 must be at most 2" in detail
     if subject == "<>":
-        assert NamedNode(_REQUEST) in {t.object for t in report if t.predicate == SH.focusNode}
+        assert NamedNode(_REQUEST) in {value for _, predicate, value in report if predicate == SH.focusNode}
 
 
 def test_a_target_of_the_shape_narrows_nothing() -> None:
@@ -61,7 +61,7 @@ def test_many_faults_are_told_briefly() -> None:
     found = validator.report(body, _focus(body))
     assert found is not None
     assert found[0].endswith("and 4 more")
-    assert len([t for t in found[1] if t.predicate == SH.result]) == 9
+    assert len([predicate for _, predicate, _ in found[1] if predicate == SH.result]) == 9
 
 
 def test_reachable_statements_are_those_below_the_root() -> None:

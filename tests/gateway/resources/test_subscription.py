@@ -324,7 +324,7 @@ def test_the_report_is_about_the_container() -> None:
     """The SHACL report names each failure once, about the IRI to which the body was posted."""
     error = _refusal("<> a hybrit:Subscription ; hybrit:mediaType 5 .")
     assert error.report is not None
-    focus = {t.object for t in error.report if t.predicate.value.endswith("#focusNode")}
+    focus = {value for _, predicate, value in error.report if predicate.value.endswith("#focusNode")}
     assert focus == {NamedNode(_CONTAINER)}
     assert error.detail.count("hybrit:mediaType must") == error.detail.count("hybrit:onResource must") == 1
 
