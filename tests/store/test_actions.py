@@ -44,6 +44,19 @@ async def test_an_invocation_is_read_as_it_was_written_by_whichever_gateway(a: A
     assert await a.load() == [running]
 
 
+async def test_what_was_not_opened_is_opened_when_it_is_saved_whoever_has_the_lease(
+    a: ActionStore, b: ActionStore
+) -> None:
+    """Only that: an invocation that was deleted meanwhile stays away. It may be repeated, with a later state."""
+    await b.take("r", "Ada", 60)
+    stop, deleted, of_other = an_invocation(), an_invocation(), an_invocation(robot="x")
+    assert await a.save_all([stop, deleted, of_other], {stop.id, of_other.id}) == [True, False, True]
+    over = ended(stop)
+    assert await a.save_all([over], {stop.id}) == [True]
+    assert await b.read("r", stop.id) == over and await b.read("r", deleted.id) is None
+    assert {one.id for one in await b.load()} == {stop.id, of_other.id}
+
+
 @pytest.mark.parametrize("kept_s", [0.3])
 async def test_ended_invocations_expire_and_open_ones_last_until_their_deadline(
     server: Backend, a: ActionStore

@@ -271,10 +271,9 @@ class ReplicatedInvocations:
         for id in taken:
             del self._unsaved[id]
         try:
-            for id in [id for id in taken if id in self._unasked]:
-                await self._store.open(taken[id], unasked=True)
-                self._unasked.discard(id)
-            await self._store.save_all(list(taken.values()))
+            unasked = self._unasked.intersection(taken)
+            await self._store.save_all(list(taken.values()), unasked)
+            self._unasked -= unasked
         except BaseException:  # also cancellation
             self._unsaved = {**taken, **self._unsaved}  # still the oldest
             raise

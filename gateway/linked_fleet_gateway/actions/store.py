@@ -8,7 +8,7 @@ import asyncio
 import logging
 import time
 import uuid
-from collections.abc import AsyncGenerator, Sequence
+from collections.abc import AsyncGenerator, Collection, Sequence
 from contextlib import aclosing
 from dataclasses import dataclass
 from typing import Literal, Self, cast, get_args
@@ -20,7 +20,8 @@ from linked_fleet_gateway.actions.redis_scripts import Keys, hashed, robot_of, t
 from linked_fleet_gateway.fleet.invocation import Lease
 from linked_fleet_gateway.fleet.invocations import MAX_TERMINAL, Invocation
 from linked_fleet_gateway.runtime.background import end, finish, supervised
-from linked_fleet_gateway.runtime.redis import GATHER_S, Connection, StoreUnavailable, raise_cancellation
+from linked_fleet_gateway.runtime.redis import GATHER_S, Connection, StoreUnavailable, evaluation, raise_cancellation
+from linked_fleet_gateway.runtime.redis_exchange import Command
 
 __all__ = ["KEPT_S", "ActionStore", "Full", "KeyReused", "Lease", "LeaseHeld", "LeaseOver", "News", "StoreUnavailable"]
 _log = logging.getLogger(__name__)
@@ -108,16 +109,9 @@ class ActionStore:
         after StoreUnavailable.
         """
         robot = invocation.robot
-        keys: tuple[str, ...] = (*self._keys.invocations(robot), self._keys.lease(robot))
-        rules = (scripts.ANYBODY if unasked else _secret(token), invocation.lease)
-        once: tuple[str | int, ...] = ()
-        if key:
-            once = digest, _ms(self._kept_s)
-            keys += (self._keys.repeat(robot, key),)
         await self._note(robot)
-        answer = await self._redis.run(
-            scripts.OPEN, keys, *rules, *self._written(invocation), MAX_TERMINAL, int(full), *once
-        )
+        proof = scripts.ANYBODY if unasked else _secret(token)
+        answer = await self._redis.one(*self._opening(invocation, proof, key, digest, full))
         said, *rest = _granted(robot, answer, invocation.lease)
         if said == b"reused":
             raise KeyReused(key)
@@ -141,15 +135,16 @@ class ActionStore:
         """
         return (await self.save_all([invocation]))[0]
 
-    async def save_all(self, invocations: Sequence[Invocation]) -> list[bool]:
-        """Do ``save`` for many invocations."""
-        answers = await self._redis.all(
-            [
-                ("EVAL", scripts.SAVE, len(keys), *keys, *self._written(each))
-                for each in invocations
-                for keys in [self._keys.invocations(each.robot)]
-            ]
-        )
+    async def save_all(self, invocations: Sequence[Invocation], unopened: Collection[str] = ()) -> list[bool]:
+        """Do ``save`` for many invocations; those with ids in ``unopened`` are opened first, whoever has a lease."""
+        opened = [each for each in invocations if each.id in unopened]
+        for robot in {each.robot for each in opened}:
+            await self._note(robot)
+        commands = [self._opening(each, scripts.ANYBODY) for each in opened]
+        commands += [
+            evaluation(scripts.SAVE, self._keys.invocations(each.robot), *self._written(each)) for each in invocations
+        ]
+        answers = (await self._redis.all(commands))[len(opened) :]
         for each, saved in zip(invocations, answers, strict=True):
             if saved:
                 self._tell("invocation", each.robot, each.id)
@@ -274,6 +269,19 @@ class ActionStore:
         return ("XADD", self._keys.news, "MAXLEN", "~", _NEWS, "*", "run", self._run, "news", news)
 
     # Steps
+
+    def _opening(
+        self, invocation: Invocation, proof: str, key: str = "", digest: str = "", full: bool = False
+    ) -> Command:
+        """Return the command that stores a new invocation; ``proof`` is the stored form of the lease's token."""
+        robot = invocation.robot
+        keys: tuple[str, ...] = (*self._keys.invocations(robot), self._keys.lease(robot))
+        once: tuple[str | int, ...] = ()
+        if key:
+            once = digest, _ms(self._kept_s)
+            keys += (self._keys.repeat(robot, key),)
+        rules, written = (proof, invocation.lease), self._written(invocation)
+        return evaluation(scripts.OPEN, keys, *rules, *written, MAX_TERMINAL, int(full), *once)
 
     async def _note(self, robot: str) -> None:
         """Announce a robot, once a day and after an outage: ``load`` finds only robots in this set."""

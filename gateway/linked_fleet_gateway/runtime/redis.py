@@ -122,7 +122,7 @@ class Connection:
 
     async def run(self, script: str, keys: tuple[str, ...], *arguments: str | bytes | int) -> Any:
         """Run a script, whose keys share one slot, and return its answer. Raises StoreUnavailable."""
-        return await self.one("EVAL", _encoded(script), len(keys), *keys, *arguments)
+        return await self.one(*evaluation(script, keys, *arguments))
 
     async def elsewhere(self, key: str, others: Sequence[str]) -> list[str]:
         """Return one of ``others`` for each master that has any of them and not ``key``. Raises StoreUnavailable."""
@@ -256,6 +256,11 @@ class Connection:
         wrong = [f"{name} {found[name]}" for name, value in _DURABLE.items() if found.get(name, value) != value]
         if wrong:
             _log.warning("Redis may lose what was accepted, its settings are %s", " and ".join(wrong))
+
+
+def evaluation(script: str, keys: tuple[str, ...], *arguments: str | bytes | int) -> Command:
+    """Return the command that runs a script."""
+    return "EVAL", _encoded(script), len(keys), *keys, *arguments
 
 
 @lru_cache(maxsize=256)
