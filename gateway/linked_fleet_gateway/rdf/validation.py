@@ -7,7 +7,7 @@ import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Self
+from typing import Self
 
 from pyoxigraph import BlankNode, Literal, NamedNode, Triple
 
@@ -210,18 +210,6 @@ def _is_implied(predicate: object, value: object, known: Terms, about: Sequence[
         return False
     units = [UNITS.get(t.object) for t in about if t.predicate == VOM.unit]  # type: ignore[arg-type]
     return UNITS[value] in units  # type: ignore[index]
-
-
-def renamed(triples: Iterable[Triple], node: Node, name: Node) -> list[Triple]:
-    """Replace ``node`` by ``name`` where it is a subject or an object.
-
-    Predicates are left alone: they are not nodes and cannot be blank.
-    """
-
-    def called(term: object) -> Any:
-        return name if term == node else term
-
-    return [Triple(called(t.subject), t.predicate, called(t.object)) for t in triples]
 
 
 def subjects(triples: Iterable[Triple]) -> dict[Node, list[Triple]]:

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from functools import cache
 from itertools import chain
 
-from pyoxigraph import BlankNode, Literal, NamedNode, RdfFormat, Triple, serialize
+from pyoxigraph import BlankNode, Literal, NamedNode, Triple
 
 from linked_fleet_gateway.base.errors import UnprocessableContent
 from linked_fleet_gateway.fleet.robot import Robot
@@ -21,7 +21,6 @@ from linked_fleet_gateway.rdf.validation import (
     ShaclValidator,
     Terms,
     refuse,
-    renamed,
     root,
     subjects,
     unused,
@@ -104,10 +103,15 @@ def as_ntriples(body: Body) -> str:
     Empty if it is too long to store. Types of our own vocabularies are omitted: they follow from the position of a
     node, and a validator would take a part of an input for a thing.
     """
-    about = [triple for triple in own_part(body.triples, body.root) if not _is_type(triple)]
-    written = serialize(renamed(about, body.root, ROOT), format=RdfFormat.N_TRIPLES)
-    assert written is not None  # None only when it writes to a file
-    return written.decode() if len(written) <= _MAX_REMEMBERED else ""
+    root, name = body.root, str(ROOT)
+    lines: list[str] = []
+    for triple in own_part(body.triples, root):
+        if not _is_type(triple):
+            subject, predicate, value = triple
+            # A term as a string is that of N-Triples.
+            lines.append(f"{name if subject == root else subject} {predicate} {name if value == root else value} .\n")
+    written = "".join(lines)
+    return written if len(written.encode()) <= _MAX_REMEMBERED else ""
 
 
 def _is_type(triple: Triple) -> bool:
