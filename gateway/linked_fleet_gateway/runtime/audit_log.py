@@ -69,7 +69,7 @@ class Audit:
     def note(self, who: str, what: str, target: str, robot: str, outcome: str, request: str, result: str = "") -> None:
         """Record an event that has just happened."""
         entry = Entry(time.time_ns(), who, what, target, robot, outcome, request, result)
-        said = {name: getattr(entry, name) for name in ("who", "what", "target", "robot", "outcome", "result")}
+        said = {"who": who, "what": what, "target": target, "robot": robot, "outcome": outcome, "result": result}
         log.info("%s: %s %s %s", who, what, target, outcome, extra={name: text for name, text in said.items() if text})
         if len(self._waiting) == MOST_WAITING:
             log.warning("the oldest entry that waits for Redis is given up; the log has it")
@@ -105,8 +105,7 @@ class Audit:
 
 
 def _written(entry: Entry) -> list[str]:
-    said = ((each.name, str(getattr(entry, each.name))) for each in fields(entry))
-    return [text for name, value in said if value for text in (name, value)]
+    return [text for name, value in vars(entry).items() if value for text in (name, str(value))]
 
 
 def _read(pairs: list[bytes] | Mapping[bytes, bytes]) -> Entry:

@@ -217,10 +217,10 @@ class Live:
         robot = self.fleet.robots.get(name)
         if robot is None:
             return set()
-        before, robot.targets = robot.targets, self.invocations.targets(name, robot.incarnation, joints)
-        if joints is not None:
-            robot.targets = {joint: at for joint, at in before.items() if joint not in joints} | robot.targets
-        changed = {joint for joint, _ in before.items() ^ robot.targets.items()}
+        before, found = robot.targets, self.invocations.targets(name, robot.incarnation, joints)
+        looked_at = before.keys() | found.keys() if joints is None else joints
+        changed = {joint for joint in looked_at if before.get(joint) != found.get(joint)}
         if changed:
+            robot.targets = {joint: at for joint, at in before.items() if joint not in looked_at} | found
             robot.tell_news()
         return changed
