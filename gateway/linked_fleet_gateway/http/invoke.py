@@ -61,11 +61,11 @@ async def invoke(request: Request, afforded: Invoke) -> Response:
     The response is 204 with Location, 201 with the invocation for Prefer: return=representation, or 202 for
     respond-async or wait.
     """
-    offer, moment = afforded.offer, robot_time(afforded.offer.robot)
+    offer = afforded.offer
     _trace(offer, f"actions/{offer.definition.segment}")
     if not offer.takes_body:
         return await _halt(request, offer)
-    prefer = _prefer(request, offer)
+    moment, prefer = robot_time(offer.robot), _prefer(request, offer)
     read = partial(_read_input, offer, body_type(request, FORM_TYPES), request.base)
     admitted = await read_as(request, read, MAX_BODY_BYTES)
     return await _carry_out(request, offer, admitted, moment, prefer)

@@ -157,7 +157,7 @@ class Live:
 
     async def halt(self, robots: Collection[str] | None, stop: Stop, timeout_s: float) -> dict[str, Reply]:
         """Stop robots, and note when they stopped, so that later requests are not taken for earlier ones."""
-        online = [name for name, robot in self.fleet.robots.items() if robot.online]
+        online = [] if robots is not None else [name for name, robot in self.fleet.robots.items() if robot.online]
         replies = await self.link.stop(robots, stop, timeout_s, online)
         for name, reply in replies.items():
             robot = self.fleet.robots.get(name)
