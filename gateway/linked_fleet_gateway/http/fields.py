@@ -19,6 +19,9 @@ TOKEN = re.compile(r"[!#$%&'*+.^_`|~0-9A-Za-z-]+")
 # A quoted string is consumed whole, closed or not, so that hostile fields take one pass.
 _PIECE = re.compile(r'"(?:[^"\\]++|\\.)*+"?|[,;]|[^",;]+', re.DOTALL)
 
+_PLAIN = re.compile(r"[ !#-\[\]-~]*")
+"""Text that is the same in a quoted string."""
+
 
 def split(field: str, separator: str) -> list[str]:
     """Return the stripped parts between separators outside quoted strings; empty parts are dropped (5.6.1)."""
@@ -51,6 +54,8 @@ def unquote(value: str) -> str | None:
 
 def quote(text: str) -> str:
     """Return a quoted string, with control characters replaced by spaces."""
+    if _PLAIN.fullmatch(text):
+        return f'"{text}"'
     printable = re.sub(r"[\x00-\x1f\x7f]", " ", text)
     return '"' + printable.replace("\\", "\\\\").replace('"', '\\"') + '"'
 
@@ -117,6 +122,8 @@ LINKSET_TYPES = ("application/linkset+json", "application/linkset")
 # RFC 3986, 2: reserved and unreserved characters and existing %XX stay; everything else is percent-encoded.
 _LEAST_BYTES = len('<>; rel="", ')
 _SAFE = "!#$%&'()*+,/:;=?@[]~"
+_ENCODED = re.compile(r"[A-Za-z0-9_.~!#$&'()*+,/:;=?@\[\]-]*")
+"""Targets without anything to encode."""
 
 
 @dataclass(frozen=True)
@@ -154,6 +161,8 @@ def link_header(own: Sequence[Link], parts: Sequence[Link], linkset: str | None 
 
 
 def _target(target: str) -> str:
+    if _ENCODED.fullmatch(target):
+        return target
     encoded = percent(target, safe=_SAFE)
     return re.sub(r"%(?![0-9A-Fa-f]{2})", "%25", encoded)
 

@@ -54,9 +54,10 @@ class Part:
 
 def preferred_part(request: Request, resource: Resource) -> Part | None:
     """Return the preferred part; None for all, without a known preference or with a contradictory one."""
-    if resource.interaction != CONTAINER or request.method not in ("GET", "HEAD"):
+    preferences = field(request, "prefer")
+    if preferences is None or resource.interaction != CONTAINER or request.method not in ("GET", "HEAD"):
         return None
-    prefer = parse_prefer(field(request, "prefer"))
+    prefer = parse_prefer(preferences)
     include, omit = prefer.include & _PARTS, prefer.omit & _PARTS
     if prefer.return_ != "representation" or not (include or omit) or include & omit:
         return None
@@ -100,19 +101,18 @@ _FOR_EVER = "public, max-age=31536000, immutable"
 def read(request: Request, resource: Resource) -> Response:
     """Return the representation that the client prefers, or 304. Raises NotAcceptable."""
     representation = request.services.representations.negotiated(*_asked(request, resource))
-    return _response(request, resource, representation, _coding(request, resource, representation, MOST_BYTES))
+    return _response(request, resource, representation, MOST_BYTES)
 
 
 async def read_in_turns(request: Request, resource: Resource) -> Response:
     """Return the same as ``read``. Other requests get turns if it takes long, and long contents are compressed too."""
     asked, threads = _asked(request, resource), request.services.writing
     representation = await request.services.representations.negotiated_in_turns(*asked, threads)
-    body, known = representation.body, not_modified(field(request, "if-none-match"), representation.etag)
-    coding = _coding(request, resource, representation, len(body))
-    if not coding or known or len(body) <= MOST_BYTES or resource.coded:
-        return _response(request, resource, representation, coding)
-    coded = await threads.run(partial(compressed, body), len(body), MOST_BYTES)
-    return _response(request, resource, representation, coding, coded)
+    body, coded = representation.body, b""
+    is_long = len(body) > MOST_BYTES and not resource.coded and _coding(request, resource, representation, len(body))
+    if is_long and not not_modified(field(request, "if-none-match"), representation.etag):
+        coded = await threads.run(partial(compressed, body), len(body), MOST_BYTES)
+    return _response(request, resource, representation, len(body), coded)
 
 
 def _asked(request: Request, resource: Resource) -> tuple[str | None, Resource, str]:
@@ -121,9 +121,12 @@ def _asked(request: Request, resource: Resource) -> tuple[str | None, Resource, 
 
 
 def _response(
-    request: Request, resource: Resource, representation: Representation, coding: str, coded: bytes = b""
+    request: Request, resource: Resource, representation: Representation, most: int, coded: bytes = b""
 ) -> Response:
-    """Return the representation in the coding, or 304. ``coded``: its content in the coding, if that is known."""
+    """Return the representation in the preferred coding, or 304. Contents above ``most`` bytes have no coding.
+
+    ``coded``: its content in the coding, if that is known.
+    """
     representations = request.services.representations
     headers = resource_headers(resource, request.base, "")
     headers["vary"] += ", Accept-Encoding"
@@ -139,6 +142,7 @@ def _response(
         plain = representation.body if resource.measured is None else None
         return _Ready(answer.reply(field(request, "if-none-match"), takes_gzip(_accepted_codings(request)), plain))
     tag, body = representation.etag, representation.body
+    coding = _coding(request, resource, representation, most)
     headers["etag"] = coded_tag(tag, coding)
     if not_modified(field(request, "if-none-match"), tag):
         return Response(status_code=304, headers=headers)
