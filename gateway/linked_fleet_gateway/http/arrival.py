@@ -59,7 +59,7 @@ _ANYBODY = Authenticated(EVERYBODY)
 class Arrival:
     """The part of a request that does not depend on its resource; ``http/entrance.py`` fills it in."""
 
-    __slots__ = ("authenticated", "base", "elsewhere", "fields", "internal")
+    __slots__ = ("authenticated", "base", "counted", "elsewhere", "fields", "internal")
 
     def __init__(self, fields: Mapping[bytes, bytes], *, internal: bool = False) -> None:
         self.fields = fields
@@ -68,6 +68,8 @@ class Arrival:
         """The public base URL used by the client, without a slash at its end."""
         self.elsewhere = False
         """True if the request comes from a page of another origin."""
+        self.counted = False
+        """True once the request counts for the rate of its client."""
         self.authenticated = _ANYBODY
         """The caller. Without configured identities, everybody has all rights."""
         self.internal = internal

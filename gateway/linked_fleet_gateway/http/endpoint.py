@@ -21,6 +21,7 @@ from linked_fleet_gateway.base.errors import (
     UnprocessableContent,
     UnsupportedMediaType,
 )
+from linked_fleet_gateway.http.answers import Reply
 from linked_fleet_gateway.http.audit import audit_resource, is_audit, note, with_audit
 from linked_fleet_gateway.http.callers import SEES_SUBSCRIPTIONS, require_right, visible_subscriptions
 from linked_fleet_gateway.http.extension import Mount, Reader, Writer
@@ -34,6 +35,7 @@ from linked_fleet_gateway.http.read import (
     allowed,
     method_headers,
     preferred_part,
+    read_at_once,
     read_in_turns,
     read_mesh,
     shown_part,
@@ -103,6 +105,25 @@ class Endpoint:
         with suppress(ClientDisconnect):  # a client that disconnects while sending its body gets no response
             response = await self._respond(request)
             await response(scope, receive, send)
+
+    def at_once(self, scope: Scope) -> Reply | None:
+        """Return the response to a GET that needs no waiting: a cached one, or one that is cached from now on.
+
+        An error gives None: ``__call__`` meets it again, and answers it.
+        """
+        services = gateway_of(scope).services
+        reply = services.answers.find(scope, services.live)
+        if reply is not None or not services.answers.keeps(scope) or _is_stored(scope["path"]):
+            return reply
+        if not services.turns.take_free():
+            return None
+        try:
+            return _read_at_once(Request(scope))
+        except FleetError:
+            return None
+        except Exception:
+            log.exception("unforeseen error in the first answer of %s", scope["path"])
+            return None
 
     async def _respond(self, request: Request) -> ASGIApp:
         answer = await self._answered(request)
@@ -209,18 +230,34 @@ def _needed(request: Request, resource: Resource) -> Sequence[Right]:
     return SEES_SUBSCRIPTIONS if isinstance(affords, Subscribe) else (Right.READ,)
 
 
+def _read_at_once(request: Request) -> Reply | None:
+    """Return the response to a GET of a resource that is not stored; None if it takes long or is not cached."""
+    found = _resolve(request)
+    if not isinstance(found, Resource) or found.remote is not None:
+        return None
+    found = _read_by(request, found)
+    require_right(request, found.path, _needed(request, found))
+    return read_at_once(request, found)
+
+
 async def _find(connection: Connection) -> Resource | Redirect:
     """Find the resource of the request. Raises NotFound, BadRequest, StoreDown."""
     path: str = connection.scope["path"]
-    if not path.startswith("/"):
-        raise BadRequest(f"The request target is no path, such as /, and no URL below {connection.base}/.")
     if is_audit(path):
         require_right(connection, path, AUDIT_NEEDS)
         return await audit_resource(connection)
+    return _resolve(connection, await _subscriptions_shown(connection, path))
+
+
+def _resolve(connection: Connection, subscriptions: SubscriptionsByOwner = NO_SUBSCRIPTIONS) -> Resource | Redirect:
+    """Find a resource that is not stored, or shows the ``subscriptions``. Raises NotFound, BadRequest."""
+    path: str = connection.scope["path"]
+    if not path.startswith("/"):
+        raise BadRequest(f"The request target is no path, such as /, and no URL below {connection.base}/.")
     # An encoded slash is no separator (RFC 3986, 2.2). Names in the tree contain none, but ids of things do.
     encoded = b"%2f" in connection.scope["raw_path"].lower()
     lost = encoded and not connection.services.live.branches.takes_slashes(path)
-    found: Found = None if lost else connection.tree(await _subscriptions_shown(connection, path)).resolve(path)
+    found: Found = None if lost else connection.tree(subscriptions).resolve(path)
     if found is None:
         raise NotFound(f"There is no resource at {path[:_LONGEST_NAMED]}; browse from {connection.base}/.")
     return found
@@ -237,6 +274,11 @@ def _read_by(request: Request, found: Resource) -> Resource:
         warning=store_warning(request.services.embedded),
     )
     return with_audit(request, found)
+
+
+def _is_stored(path: str) -> bool:
+    """Return True for a path of what Redis has: the audit, and subscriptions."""
+    return is_audit(path) or path.startswith(container_path(owner_path(path)))
 
 
 async def _subscriptions_shown(connection: Connection, path: str) -> SubscriptionsByOwner:

@@ -44,10 +44,13 @@ class RateLimiter:
         self._rates, self._carriers = rates, frozenset(carriers)
 
     def wait_s(self, scope: Scope) -> float:
-        """Return the seconds until the request is permitted; 0 if it is now, and then counted."""
-        if not self._rates.limited or is_urgent(scope) or scope["path"] in self._carriers:
+        """Return the seconds until the request is permitted; 0 if it is now, and then counted, once."""
+        arrival = arrival_of(scope)
+        if arrival.counted or not self._rates.limited or is_urgent(scope) or scope["path"] in self._carriers:
             return 0.0
-        return self._rates.take(bucket_of(scope))
+        wait_s = self._rates.take(bucket_of(scope))
+        arrival.counted = not wait_s
+        return wait_s
 
     def check(self, scope: Scope) -> None:
         """Count the request. Raises TooManyRequests."""
@@ -131,12 +134,13 @@ class Entrance:
             self._inside = each(self._inside, *arguments, **named)
 
     def at_once(self, scope: Scope) -> Reply | None:
-        """Return the cached response to a GET of a caller who is known without waiting; None for any other request.
+        """Return the response to a GET that needs no waiting, also for its caller; None for any other request.
 
         The checks are those of ``__call__``; a request that does not pass them is refused there.
         """
-        begun_s, arrival, services = time.monotonic(), arrival_of(scope), gateway_of(scope).services
-        if b"origin" in arrival.fields:
+        begun_s, arrival, gateway = time.monotonic(), arrival_of(scope), gateway_of(scope)
+        identities = gateway.services.identities
+        if b"origin" in arrival.fields or scope["path"] in PAGES:
             return None
         if self._fronts:
             find_client(scope, self._fronts)
@@ -144,10 +148,10 @@ class Entrance:
             self._authorities.admit(scope)
         except FleetError:
             return None
-        if services.identities is not None and not known_at_once(services.identities, arrival):
+        if (identities is not None and not known_at_once(identities, arrival)) or self._pace.wait_s(scope):
             return None
-        reply = services.answers.find(scope, services.live)
-        if reply is None or self._pace.wait_s(scope):
+        reply = gateway.endpoint.at_once(scope)
+        if reply is None:
             return None
         reply.more.append((_ID_FIELD, request_id(arrival.fields.get(_ID_FIELD)).encode()))
         self._requests.add(scope["method"], reply.status, time.monotonic() - begun_s)

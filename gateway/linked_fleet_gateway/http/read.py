@@ -3,7 +3,7 @@
 The client may prefer a part of a container (LDP 7.2): the container itself, its members, or both.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -12,6 +12,7 @@ from starlette.datastructures import MutableHeaders
 from starlette.responses import Response
 
 from linked_fleet_gateway.base.errors import NotAcceptable, PreconditionFailed
+from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.http.answers import Answer, Reply
 from linked_fleet_gateway.http.callers import mark_private
 from linked_fleet_gateway.http.fields import Link, field, link_header, parse_prefer
@@ -94,7 +95,6 @@ _LINK_BYTES = 3584
 READ = ("GET", "HEAD", "OPTIONS")
 # Foreign XML and meshes: a browser that takes one for a document must not execute anything.
 _NOTHING = "sandbox; default-src 'none'"
-_OF_CONTENT = (b"content-type", b"allow", b"accept-post", b"accept-put", b"accept-patch")
 _FOR_EVER = "public, max-age=31536000, immutable"
 
 
@@ -120,6 +120,17 @@ def _asked(request: Request, resource: Resource) -> tuple[str | None, Resource, 
     return request.accepted, resource, request.base
 
 
+def read_at_once(request: Request, resource: Resource) -> Reply | None:
+    """Return the response of ``read`` if it takes no more than some milliseconds and is cached for the next requests.
+
+    Raises NotAcceptable.
+    """
+    representations, asked = request.services.representations, _asked(request, resource)
+    if not _is_cacheable(request, resource) or representations.is_long(*asked[:2]):
+        return None
+    return _cached(request, resource, representations.negotiated(*asked))
+
+
 def _response(
     request: Request, resource: Resource, representation: Representation, most: int, coded: bytes = b""
 ) -> Response:
@@ -127,20 +138,11 @@ def _response(
 
     ``coded``: its content in the coding, if that is known.
     """
-    representations = request.services.representations
-    headers = resource_headers(resource, request.base, "")
-    headers["vary"] += ", Accept-Encoding"
-    if representation.media_type not in resource.documents and preferred_part(request, resource) is not None:
-        headers["preference-applied"] = "return=representation"
-    if representation.media_type == HTML and representations.html is not None:
-        headers["content-security-policy"] = representations.html.policy(bool(resource.reader or resource.forms))
-    elif representation.media_type.endswith("xml"):
-        headers["content-security-policy"] = _NOTHING
-    of_content = {"content-type": representation.content_type} | method_headers(resource, allowed(resource))
-    answer = _kept(request, resource, representation, headers | of_content)
-    if answer is not None:
-        plain = representation.body if resource.measured is None else None
-        return _Ready(answer.reply(field(request, "if-none-match"), takes_gzip(_accepted_codings(request)), plain))
+    if _is_cacheable(request, resource):
+        reply = _cached(request, resource, representation)
+        if reply is not None:
+            return _Ready(reply)
+    headers, of_content = _fields(request, resource, representation)
     tag, body = representation.etag, representation.body
     coding = _coding(request, resource, representation, most)
     headers["etag"] = coded_tag(tag, coding)
@@ -150,6 +152,22 @@ def _response(
         body, headers["content-encoding"] = coded or resource.coded.get(coding) or compressed(body), coding
     # Starlette computes Content-Length from the body; the server leaves out the body of a HEAD.
     return Response(body, headers=headers | of_content)
+
+
+def _fields(
+    request: Request, resource: Resource, representation: Representation
+) -> tuple[dict[str, str], dict[str, str]]:
+    """Return the fields of every response, with an empty ETag, and those that a 304 does not have."""
+    representations = request.services.representations
+    headers = resource_headers(resource, request.base, "")
+    headers["vary"] += ", Accept-Encoding"
+    if representation.media_type not in resource.documents and preferred_part(request, resource) is not None:
+        headers["preference-applied"] = "return=representation"
+    if representation.media_type == HTML and representations.html is not None:
+        headers["content-security-policy"] = representations.html.policy(bool(resource.reader or resource.forms))
+    elif representation.media_type.endswith("xml"):
+        headers["content-security-policy"] = _NOTHING
+    return headers, {"content-type": representation.content_type} | method_headers(resource, allowed(resource))
 
 
 class _Ready(Response):
@@ -180,29 +198,38 @@ def _codings(resource: Resource, representation: Representation, most: int) -> t
     return ("gzip",) if coded else ()
 
 
-def _kept(
-    request: Request, resource: Resource, representation: Representation, headers: Mapping[str, str]
-) -> Answer | None:
-    """Cache the response if it is of a robot and all its changes are known, or lasts; return None if not."""
-    services, media_type, robot = request.services, representation.media_type, resource.source.robot
-    if media_type not in RDF_TYPES or media_type in resource.documents or resource.linkset_of is not None:
-        return None
-    if robot is None and resource.template is not None:  # a constant blueprint, while its robot exists
-        robot = services.live.fleet.robots.get(robot_of(resource.path) or "")
-    if (robot is None and not resource.lasting) or not services.answers.keeps(request.scope):
+def _is_cacheable(request: Request, resource: Resource) -> bool:
+    """Return True for a request whose response can be cached: it lasts, or is of a robot whose changes are known."""
+    known = resource.lasting or _robot(request, resource) is not None
+    return known and resource.linkset_of is None and request.services.answers.keeps(request.scope)
+
+
+def _robot(request: Request, resource: Resource) -> Robot | None:
+    """Return the robot with which the resource changes or ends."""
+    if resource.source.robot is None and resource.template is not None:  # a constant blueprint
+        return request.services.live.fleet.robots.get(robot_of(resource.path) or "")
+    return resource.source.robot
+
+
+def _cached(request: Request, resource: Resource, representation: Representation) -> Reply | None:
+    """Cache the response to a request for which ``_is_cacheable`` is true; None for another kind of representation."""
+    services, media_type = request.services, representation.media_type
+    if media_type not in RDF_TYPES or media_type in resource.documents:
         return None
     rendering = services.representations.rendering(resource, media_type, request.base)
-    still = rendering is None and not resource.source.measured and resource.followed
-    if rendering is None and not still:
+    if rendering is None and (resource.source.measured or not resource.followed):
         return None
-    stated = MutableHeaders({name: value for name, value in headers.items() if name != "etag"})
+    headers, of_content = _fields(request, resource, representation)
+    del headers["etag"]
+    stated = MutableHeaders(headers)
     if services.identities is not None:
         mark_private(resource.path, stated)
-    always = [each for each in stated.raw if each[0] not in _OF_CONTENT]
-    of_content = [each for each in stated.raw if each[0] in _OF_CONTENT]
-    answer = Answer(resource, robot, rendering, representation.body, always, of_content)
+    always, more = stated.raw, MutableHeaders(of_content).raw
+    robot, body = _robot(request, resource), representation.body
+    answer = Answer(resource, robot, rendering, body, always, more)
     services.answers.keep(request.scope, answer)
-    return answer
+    plain = body if resource.measured is None else None
+    return answer.reply(field(request, "if-none-match"), takes_gzip(_accepted_codings(request)), plain)
 
 
 async def read_mesh(request: Request, resource: Resource, remote: Remote) -> Response:

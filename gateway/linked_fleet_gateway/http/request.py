@@ -10,7 +10,7 @@ from prometheus_client import CollectorRegistry
 from starlette.applications import Starlette
 from starlette.requests import HTTPConnection
 from starlette.requests import Request as StarletteRequest
-from starlette.types import ASGIApp, Lifespan, Receive, Scope, Send
+from starlette.types import Lifespan, Receive, Scope, Send
 from starlette.websockets import WebSocket as StarletteWebSocket
 
 from linked_fleet_gateway.actions.service import Actions
@@ -34,8 +34,8 @@ AUDIT_NEEDS = (Right.ADMIN,)
 """The rights, any of which permits reading the audit log."""
 
 
-class Entrance(Protocol):
-    """The layer in front of all resources (``http/entrance.py``)."""
+class Application(Protocol):
+    """The layer in front of all resources (``http/entrance.py``), and the resources (``http/endpoint.py``)."""
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Answer a request as an ASGI application."""
@@ -79,13 +79,13 @@ class Gateway(Starlette):
     """The ASGI application. Its lifespan sets ``services`` before the first request."""
 
     services: Services
-    endpoint: ASGIApp
+    endpoint: Application
     """Answers every path. The lifespan sets it."""
     draining = False
     """True while it ends as soon as running work is done."""
     has_been_ready = False
 
-    def __init__(self, entrance: Entrance, lifespan: Lifespan[Starlette] | None = None) -> None:
+    def __init__(self, entrance: Application, lifespan: Lifespan[Starlette] | None = None) -> None:
         super().__init__(lifespan=lifespan)
         self._entrance = entrance
 

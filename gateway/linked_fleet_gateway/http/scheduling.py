@@ -50,14 +50,18 @@ class StopPriority:
 
     async def take(self) -> None:
         """Wait for the next turn."""
-        loop = asyncio.get_running_loop()
-        if not self._taken:
-            self._taken = True
-            loop.call_soon(self._next)
-            return
-        turn = loop.create_future()
-        self._waiting.append(turn)
-        await turn
+        if not self.take_free():
+            turn = asyncio.get_running_loop().create_future()
+            self._waiting.append(turn)
+            await turn
+
+    def take_free(self) -> bool:
+        """Take the present turn if nobody has; return False if somebody has."""
+        if self._taken:
+            return False
+        self._taken = True
+        asyncio.get_running_loop().call_soon(self._next)
+        return True
 
     def _next(self) -> None:
         while self._waiting and self._waiting[0].done():  # the waiting request was cancelled

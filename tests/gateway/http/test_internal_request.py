@@ -12,7 +12,7 @@ from linked_fleet_gateway.base.errors import BadRequest
 from linked_fleet_gateway.http.arrival import arrival_of
 from linked_fleet_gateway.http.forwarding import Authorities
 from linked_fleet_gateway.http.internal_request import Reply, ReplyTooLong, ask
-from linked_fleet_gateway.http.request import Entrance, Gateway, Request, WebSocket
+from linked_fleet_gateway.http.request import Application, Gateway, Request, WebSocket
 from linked_fleet_gateway.runtime.log import begin, present
 
 BASE = "https://fleet.example:8443"
@@ -22,12 +22,12 @@ class Outside:
     """A client with credentials, beside a gateway that responds by ``handler``."""
 
     def __init__(self, handler: Callable[[Request], Awaitable[Response]], kind: str = "http") -> None:
-        self.gateway = Gateway(cast(Entrance, self._enter))
+        self.gateway = Gateway(cast(Application, self._enter))
 
         async def endpoint(scope: Scope, receive: Receive, send: Send) -> None:
             await (await handler(Request(scope, receive)))(scope, receive, send)
 
-        self.gateway.endpoint = endpoint
+        self.gateway.endpoint = cast(Application, endpoint)
         scope: Scope = {
             "type": kind, "scheme": "https" if kind == "http" else "wss", "app": self.gateway, "method": "POST",
             "path": "/outer", "raw_path": b"/outer", "query_string": b"", "client": ("192.0.2.7", 4711),

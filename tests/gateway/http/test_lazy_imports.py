@@ -8,7 +8,7 @@ from typing import cast
 from linked_fleet_gateway.extensions.pages.extension import Pages
 from linked_fleet_gateway.http.entrance import SUBSCRIPTIONS, ModuleLoader
 from linked_fleet_gateway.http.representation import Representations
-from linked_fleet_gateway.http.request import Entrance, Gateway, Services
+from linked_fleet_gateway.http.request import Application, Gateway, Services
 
 
 def asked(*requests: tuple[str, str, str]) -> list[str]:
@@ -19,7 +19,7 @@ def asked(*requests: tuple[str, str, str]) -> list[str]:
         assert threading.current_thread() is not threading.main_thread()
         happened.append(name)
 
-    gateway = Gateway(cast(Entrance, None))
+    gateway = Gateway(cast(Application, None))
     gateway.services = cast(Services, SimpleNamespace(representations=Representations(Pages())))
 
     async def run() -> None:

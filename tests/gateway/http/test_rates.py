@@ -128,6 +128,14 @@ def test_a_client_above_its_rate_gets_retry_after_and_can_still_stop() -> None:
     assert _ask(pace, "GET", "/")[0] == 200
 
 
+def test_a_request_is_counted_once() -> None:
+    """It may be looked at twice: for an answer without waiting, and by the application."""
+    pace = RateLimiter(TokenBuckets(0.1, Clock()))
+    scope, next_one = _scope("GET", "/"), _scope("GET", "/")
+    assert pace.wait_s(scope) == pace.wait_s(scope) == 0.0
+    assert pace.wait_s(next_one) == pace.wait_s(next_one) == pytest.approx(10.0)
+
+
 def test_requests_to_carriers_are_counted_when_their_bodies_have_been_read() -> None:
     clock = Clock()
     rates = TokenBuckets(0.1, clock)

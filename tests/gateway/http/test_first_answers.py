@@ -1,0 +1,121 @@
+"""First answers to GET: those that need no waiting are there at once, equal to those of the application, in turns."""
+
+import asyncio
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+from starlette.types import Scope
+
+from gateway_fixtures import Bench
+from linked_fleet_gateway.fleet.invocations import Invocations
+from linked_fleet_gateway.http.answers import Answers, Reply
+from linked_fleet_gateway.http.arrival import Authenticated, arrival_of
+from linked_fleet_gateway.http.endpoint import Endpoint
+from linked_fleet_gateway.http.representation import Representations
+from linked_fleet_gateway.http.scheduling import Offload, StopPriority
+from linked_fleet_gateway.identity.rights import Grant, Identity, Right, View
+from linked_fleet_gateway.resources.branches import NONE
+from linked_fleet_gateway.resources.tree import Tree
+
+_JOINTS = {"elbow": ("revolute", '<limit lower="-1" upper="1" velocity="2" effort="3"/>')}
+_OF_ROBOT = [
+    "/r/", "/r/elbow", "/r/base", "/r/elbow/rotation", "/r/elbow/limits", "/r/elbow/blueprint",
+    "/r/elbow/actions/rotate", "/r/elbow/actions/rotate/invocations",
+]  # fmt: skip
+_TYPES = ["text/turtle", "application/ld+json", "application/n-triples", "application/rdf+xml"]
+
+
+class Place:
+    """The endpoint of a gateway with one robot."""
+
+    def __init__(self, bench: Bench) -> None:
+        bench.robot(_JOINTS)
+        self._bench, self.endpoint = bench, Endpoint()
+        live = SimpleNamespace(fleet=bench.fleet, branches=NONE, tree=self._tree)
+        self._app = SimpleNamespace(
+            services=SimpleNamespace(
+                live=live, answers=Answers(), representations=Representations(), turns=StopPriority(), identities=None,
+                embedded=None, writing=Offload(), subscriptions=None,
+            )
+        )  # fmt: skip
+
+    def _tree(self, base: str, sees: View, subscriptions: Any) -> Tree:
+        return Tree(self._bench.fleet, Invocations(), base, subscriptions, sees)
+
+    def scope(self, path: str, method: str = "GET", query: bytes = b"", **fields: str) -> Scope:
+        headers = [(name.replace("_", "-").encode(), value.encode()) for name, value in fields.items()]
+        found: Scope = {
+            "type": "http", "method": method, "path": path, "raw_path": path.encode(), "query_string": query,
+            "http_version": "1.1", "headers": headers, "app": self._app,
+        }  # fmt: skip
+        arrival_of(found).base = self._bench.base
+        return found
+
+    async def answered(self, scope: Scope) -> tuple[int, dict[bytes, bytes], bytes]:
+        """Return status, fields and content of the response by the application."""
+        sent: list[Any] = []
+
+        async def send(message: Any) -> None:
+            sent.append(message)
+
+        async def receive() -> Any:
+            raise AssertionError("nothing is read")
+
+        await self.endpoint(scope, receive, send)
+        return sent[0]["status"], dict(sent[0]["headers"]), sent[1]["body"]
+
+
+@pytest.fixture
+def place(bench: Bench) -> Place:
+    return Place(bench)
+
+
+def _parts(reply: Reply | None) -> tuple[int, dict[bytes, bytes], bytes]:
+    assert reply is not None
+    return reply.status, dict([*reply.kept, *reply.more]), reply.content
+
+
+@pytest.mark.parametrize("media_type", _TYPES)
+@pytest.mark.parametrize("path", _OF_ROBOT)
+async def test_a_first_answer_is_that_of_the_application(bench: Bench, path: str, media_type: str) -> None:
+    place, other = Place(bench), Place(bench)
+    found = _parts(place.endpoint.at_once(place.scope(path, accept=media_type)))
+    assert found[0] == 200 and found[1][b"content-type"].startswith(media_type.encode())
+    assert found == await other.answered(other.scope(path, accept=media_type))
+
+
+async def test_a_client_that_has_the_representation_gets_304(place: Place) -> None:
+    tag = (await place.answered(place.scope("/r/elbow/limits")))[1][b"etag"].decode()
+    await asyncio.sleep(0)  # the next turn
+    found = _parts(place.endpoint.at_once(place.scope("/r/elbow/limits", accept="text/turtle", if_none_match=tag)))
+    assert (found[0], found[1][b"etag"], found[2]) == (304, tag.encode(), b"")
+
+
+async def test_only_one_first_answer_is_made_in_a_turn(place: Place) -> None:
+    first, second = place.scope("/r/elbow"), place.scope("/r/base")
+    assert place.endpoint.at_once(first) is not None
+    assert place.endpoint.at_once(second) is None
+    assert place.endpoint.at_once(first) is not None  # by now it is cached
+    await asyncio.sleep(0)
+    assert place.endpoint.at_once(second) is not None
+
+
+@pytest.mark.parametrize(
+    "more",
+    [
+        {"path": "/"}, {"path": "/r"}, {"path": "/r/nothing"}, {"path": "/audit"}, {"path": "/r/elbow/linkset"},
+        {"path": "/r/elbow/subscriptions"}, {"path": "/subscriptions"}, {"method": "POST"}, {"method": "OPTIONS"},
+        {"query": b"as=turtle"}, {"accept": "text/event-stream"}, {"accept": "image/png"},
+        {"prefer": "return=minimal"}, {"if_match": '"x"'}, {"upgrade": "callback"},
+    ],
+)  # fmt: skip
+async def test_everything_else_is_left_to_the_application(place: Place, more: dict[str, Any]) -> None:
+    assert place.endpoint.at_once(place.scope(**{"path": "/r/elbow", **more})) is None
+
+
+async def test_a_caller_without_the_right_is_left_to_the_application(place: Place) -> None:
+    scope = place.scope("/r/elbow")
+    grants = (Grant(frozenset({Right.STOP}), ("r",)),)
+    arrival_of(scope).authenticated = Authenticated(Identity("somebody", grants))
+    assert place.endpoint.at_once(scope) is None
