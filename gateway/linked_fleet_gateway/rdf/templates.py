@@ -239,7 +239,10 @@ def _is_abbreviated(root: str, namespaces: tuple[str, ...]) -> bool:
 def _coded(graph: Graph, root: str, path: str) -> _Form:
     codes = _Codes(root, _folder(path))
     found: list[object] = [root, codes.path(path)]
-    known: dict[int, str | int] = {}  # by identity, because the graph holds the terms and often has the same object
+    # Terms by identity, because the graph holds them and often has the same object. Objects are apart: a value takes
+    # the place of an IRI outside the folder that is an object, but not of the same IRI that is a subject.
+    known: dict[int, str | int] = {}
+    objects: dict[int, str | int] = {}
     for subject, predicate, value in graph.statements:
         code = known.get(id(subject))
         if code is None:
@@ -252,9 +255,9 @@ def _coded(graph: Graph, root: str, path: str) -> _Form:
         elif relation == TYPE.value and type(value) is NamedNode:
             about = codes.fixed(value)
         else:
-            about = known.get(id(value))
+            about = objects.get(id(value))
             if about is None:
-                about = codes.object(value, known)
+                about = codes.object(value, objects)
         found += (code, relation, about)
     return _Form(tuple(found), codes.literals, codes.segments)
 

@@ -1,7 +1,9 @@
 """Documents that are filled in equal those that are written, byte for byte, whatever names and values they have."""
 
+from typing import Any
+
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 from pyoxigraph import BlankNode, Literal, NamedNode
 
@@ -35,13 +37,15 @@ _PREDICATES = st.one_of(st.sampled_from([RDF.type, RDF.first, RDF.rest, DCTERMS.
 _STATEMENTS = st.lists(
     st.tuples(st.one_of(_OWN, _BLANK), _PREDICATES, st.one_of(_OWN, _FOREIGN, _BLANK, _LITERALS)), max_size=8
 )
+_ELSEWHERE, _OWN_PART = NamedNode(f"{ROOT}/a/b"), NamedNode(f"{ROOT}/a/b/rotation")
 Statements = list[tuple[Node, NamedNode, Term]]
 
 
 def _graph(*statements: tuple[Node, NamedNode, Term]) -> Graph:
-    graph = Graph()
-    for subject, predicate, value in statements:
-        graph.add(subject, predicate, value)
+    """Return the graph. Equal terms are the same object, as in descriptions."""
+    graph, terms = Graph(), dict[Term, Any]()
+    for each in statements:
+        graph.add(*(terms.setdefault(term, term) for term in each))
     return graph
 
 
@@ -60,6 +64,11 @@ def _filled(templates: Templates, graph: Graph, media_type: str, base: str) -> b
 
 
 @given(_STATEMENTS, _STATEMENTS, _OWN)
+@example(
+    [(_ELSEWHERE, DCTERMS.title, Literal("a")), (_OWN_PART, LF.value, _ELSEWHERE), (_OWN_PART, LF.value, Literal("b"))],
+    [],
+    _OWN_PART,
+)
 def test_any_description(one: Statements, other: Statements, of: NamedNode) -> None:
     """The first and second of a form, those after them, and others between."""
     templates = Templates()
