@@ -38,6 +38,8 @@ _STRING, _FLOAT, _DOUBLE, _TIME, _WHOLE, _DECIMAL = (
     each.value for each in (XSD.string, XSD.float, XSD.double, XSD.dateTime, XSD.integer, XSD.decimal)
 )
 Key = tuple[object, ...]
+_Code = str | int | tuple[int, ...]
+"""A text for what is the same in all documents of a form, a number for a blank node, numbers for a path."""
 
 
 class Template(NamedTuple):
@@ -138,13 +140,14 @@ class _Codes:
         self._root, self._folder = root, folder
         self._segments: dict[str, int] = {}
         self._blanks: dict[str, int] = {}
+        self._paths: dict[str, tuple[int, ...]] = {}
         self.literals: list[str] = []
 
     @property
     def segments(self) -> list[str]:
         return list(self._segments)
 
-    def subject(self, node: Node) -> str | int:
+    def subject(self, node: Node) -> _Code:
         """Return the code of a subject; that of a blank node is a number. Raises _NotReplaceable."""
         if isinstance(node, BlankNode):
             return self._blank(node)
@@ -161,7 +164,7 @@ class _Codes:
             raise _NotReplaceable
         return iri
 
-    def object(self, node: Node, known: dict[int, str | int]) -> str | int:
+    def object(self, node: Node, known: dict[int, _Code]) -> _Code:
         """Return the code of a node that is an object, and remember it if it is always the same.
 
         An IRI outside the folder of the document is written in full, so that one value takes its place, whichever nodes
@@ -174,7 +177,7 @@ class _Codes:
             return known.setdefault(id(node), iri)
         path = iri[len(self._root) :]
         if not _is_outside(path, self._folder):
-            return self.path(path)
+            return known.setdefault(id(node), self.path(path))
         if not _PATH.fullmatch(path):
             raise _NotReplaceable
         self.literals.append(path[1:])
@@ -184,11 +187,15 @@ class _Codes:
         # Labels are not part of a text.
         return self._blanks.setdefault(node.value, len(self._blanks))
 
-    def path(self, path: str) -> str:
-        if not _PATH.fullmatch(path):
-            raise _NotReplaceable
-        numbers = self._segments
-        return "\0" + _SEGMENT.sub(lambda match: str(numbers.setdefault(match[0], len(numbers))), path)
+    def path(self, path: str) -> tuple[int, ...]:
+        """Return the numbers of the segments of a path, and of its delimiters. Raises _NotReplaceable."""
+        found = self._paths.get(path)
+        if found is None:
+            if not _PATH.fullmatch(path):
+                raise _NotReplaceable
+            numbers, parts = self._segments, path.replace("#", "/#/").split("/")
+            found = self._paths[path] = tuple([numbers.setdefault(part, len(numbers)) for part in parts])
+        return found
 
     def literal(self, literal: Literal) -> str:
         """Return the code of a literal, which has its text if that cannot be replaced, and add the text otherwise."""
@@ -241,8 +248,8 @@ def _coded(graph: Graph, root: str, path: str) -> _Form:
     found: list[object] = [root, codes.path(path)]
     # Terms by identity, because the graph holds them and often has the same object. Objects are apart: a value takes
     # the place of an IRI outside the folder that is an object, but not of the same IRI that is a subject.
-    known: dict[int, str | int] = {}
-    objects: dict[int, str | int] = {}
+    known: dict[int, _Code] = {}
+    objects: dict[int, _Code] = {}
     for subject, predicate, value in graph.statements:
         code = known.get(id(subject))
         if code is None:
@@ -251,7 +258,7 @@ def _coded(graph: Graph, root: str, path: str) -> _Form:
         if relation is None:
             relation = known[id(predicate)] = codes.fixed(predicate)
         if type(value) is Literal:
-            about: str | int | None = codes.literal(value)
+            about: _Code | None = codes.literal(value)
         elif relation == TYPE.value and type(value) is NamedNode:
             about = codes.fixed(value)
         else:

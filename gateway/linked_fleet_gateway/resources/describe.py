@@ -168,8 +168,9 @@ class Describer:
 
     def property(self, robot: Robot, owner: str, item: Property, graph: Graph, seen: Measurement) -> None:
         """Describe a property as a small document of its own (Figure 3)."""
-        self._property(graph, owner, item, seen)
-        self._presence_if_not_online(graph, self.iri(f"{owner.rstrip('/')}/{item.segment}"), robot)
+        iri = self.iri(f"{owner.rstrip('/')}/{item.segment}")
+        self._property(graph, iri, self.iri(owner), item, seen)
+        self._presence_if_not_online(graph, iri, robot)
 
     # -- the pieces -------------------------------------------------------------------------------------------------
 
@@ -207,19 +208,19 @@ class Describer:
         self, graph: Graph, owner: str, items: Sequence[Property], measurements: Sequence[Measurement] | None = None
     ) -> None:
         measured = None if measurements is None else iter(measurements)
-        iri, stem = self.iri(owner), owner.rstrip("/")
-        graph.add(iri, HYBRIT.property, *(self.iri(f"{stem}/{item.segment}") for item in items))
-        for item in items:
-            graph.add(iri, item.predicate, self.iri(f"{stem}/{item.segment}"))
-        for item in items:
+        thing, stem = self.iri(owner), owner.rstrip("/")
+        iris = [self.iri(f"{stem}/{item.segment}") for item in items]
+        graph.add(thing, HYBRIT.property, *iris)
+        for iri, item in zip(iris, items, strict=True):
+            graph.add(thing, item.predicate, iri)
+        for iri, item in zip(iris, items, strict=True):
             shown = next(measured) if item.measured and measured is not None else Measurement.of(item.look())
-            self._property(graph, owner, item, shown)
+            self._property(graph, iri, thing, item, shown)
 
-    def _property(self, graph: Graph, owner: str, item: Property, seen: Measurement) -> None:
-        iri = self.iri(f"{owner.rstrip('/')}/{item.segment}")
+    def _property(self, graph: Graph, iri: NamedNode, owner: NamedNode, item: Property, seen: Measurement) -> None:
         graph.a(iri, *item.types, HYBRIT.Property, *((SOSA.ObservableProperty,) if item.measured else ()))
         graph.add(iri, DCTERMS.title, Literal(item.title))
-        graph.add(iri, RDFS.seeAlso, self.iri(owner))
+        graph.add(iri, RDFS.seeAlso, owner)
         graph.add(iri, HYBRIT.blueprint, item.shape, NamedNode(iri.value + "/blueprint"))
         item.describe(graph, iri, seen)
 

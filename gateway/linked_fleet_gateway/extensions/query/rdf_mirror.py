@@ -55,16 +55,17 @@ class StaticDescriber(Describer):
         self.measured += [(owner, item) for item in items if item.measured]
         super()._properties(graph, owner, items)
 
-    def _property(self, graph: Graph, owner: str, item: Property, seen: Measurement) -> None:
+    def _property(self, graph: Graph, iri: NamedNode, owner: NamedNode, item: Property, seen: Measurement) -> None:
         if not item.measured:
-            super()._property(graph, owner, item, seen)
+            super()._property(graph, iri, owner, item, seen)
 
     def _last_frame(self, graph: Graph, iri: NamedNode, seen: Measurement) -> None:
         pass
 
     def value(self, graph: Graph, owner: str, item: Property, seen: Measurement) -> None:
         """Add a measured value that was left out."""
-        super()._property(graph, owner, item, seen)
+        iri = self.iri(f"{owner.rstrip('/')}/{item.segment}")
+        super()._property(graph, iri, self.iri(owner), item, seen)
 
     def last_frame(self, graph: Graph, iri: NamedNode, robot: Robot) -> None:
         super()._last_frame(graph, iri, Measurement.of(last_frame(robot)))
