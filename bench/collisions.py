@@ -18,7 +18,7 @@ import numpy as np
 
 from bench.rigid import Around, Rigid
 from linked_fleet_agent.robots.catalogue import MODELS, data_folder
-from linked_fleet_agent.urdf import named
+from linked_fleet_agent.urdf import mesh_files
 from linked_fleet_demo.tree import PLACES
 from linked_fleet_gateway.extensions.world.collision_check import CLEARANCE_M, check
 from linked_fleet_gateway.extensions.world.messages import (
@@ -102,7 +102,7 @@ class Scene:
 
 
 def _robot(urdf: str, rigid: Rigid, file: Path) -> Robot:
-    paths = named(urdf, file)
+    paths = mesh_files(urdf, file)
     robot = robot_of(urdf, paths.keys(), lambda uri: read_mesh(paths[uri].suffix[1:].lower(), paths[uri].read_bytes()))
     assert [body.link for body in robot.bodies] == [part.link for part in rigid.parts]
     return robot

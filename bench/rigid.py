@@ -14,7 +14,7 @@ import fcl
 import numpy as np
 import numpy.typing as npt
 
-from linked_fleet_agent.urdf import locate
+from linked_fleet_agent.urdf import locate_mesh
 from linked_fleet_gateway.extensions.world.surfaces import read_mesh
 
 Array = npt.NDArray[np.float64]
@@ -120,7 +120,7 @@ def _joint(element: Element) -> Joint:
 def _part(link: Element, element: Element, file: Path) -> Part:
     form = next(iter(element.find("geometry") or ()))
     if form.tag == "mesh":
-        path = locate(form.get("filename", ""), file)
+        path = locate_mesh(form.get("filename", ""), file)
         assert path is not None, form.get("filename")
         mesh = read_mesh(path.suffix[1:].lower(), path.read_bytes())
         vertices = mesh.vertices * _numbers(form.get("scale", "1 1 1"))

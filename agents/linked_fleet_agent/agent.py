@@ -112,7 +112,7 @@ class Agent:
             await every(1.0 / self.rate_hz, partial(self.tick, link))
         finally:
             self._link = None
-            self._outcomes += self._motions.forget("the agent ends")
+            self._outcomes += self._motions.fail_all("the agent ends")
             self._publish_progress(link, self._monotonic_ns())
             self._stop_robot()
             self._robot.close()
@@ -140,7 +140,7 @@ class Agent:
     def handle_stop(self, payload: bytes) -> bytes:
         """Execute a stop, even if it is old or a duplicate. It is refused only for unknown joints. Never raises."""
         stop = _decoded(payload, Stop)
-        reply = stop if isinstance(stop, Refused) else safety.judge_stop(stop, self._joints) or self._stop(stop)
+        reply = stop if isinstance(stop, Refused) else safety.check_stop(stop, self._joints) or self._stop(stop)
         if isinstance(reply, Refused):
             _log.warning("%s: stop %s refused (%s): %s", self.name, reply.id, reply.code, reply.reason)
         elif self._link is not None:
@@ -167,7 +167,7 @@ class Agent:
         return bool(self._cameras.offers)
 
     def _judge(self, command: Command) -> Reply:
-        verdict = safety.judge(
+        verdict = safety.check_command(
             command,
             now_ns=self._monotonic_ns(),
             incarnation=self.incarnation,
@@ -191,33 +191,33 @@ class Agent:
         unknown = [name for name in concerned if not math.isfinite(self._measured.positions[name])]
         if unknown:
             return Refused(command.id, "fault", f"the position of {', '.join(unknown)} is unknown"[:1024])
-        surprise = safety.unexpected(command.expects, self._measured.positions, self._joints)
+        surprise = safety.position_mismatch(command.expects, self._measured.positions, self._joints)
         return Refused(command.id, "expectation", surprise[:1024]) if surprise else None
 
     def _start(self, command: Command, at_ns: int) -> Reply:
         motion, measured = safety.clamp(command.motion, self._joints), self._measured.positions
         try:
-            made: Plan = plan(motion, command.scale, self._motions.starts(joints_of(motion), measured))
+            made: Plan = plan(motion, command.scale, self._motions.setpoints(joints_of(motion), measured))
         except ImpossibleError as error:
             return Refused(command.id, "limits", str(error)[:1024])
-        preempted = self._motions.running_on(made.trajectories.keys())
+        preempted = self._motions.preemptible_ids(made.trajectories.keys())
         if not command.rehearsal:
             self._seen.add(command.id)
             self._outcomes += self._motions.start(command.id, made, measured)
-            self.demonstration.note()
+            self.demonstration.log_ended()
         return Accepted(command.id, made.duration_s, preempted[:1024], at_ns)
 
     def _stop(self, stop: Stop) -> Accepted:
         now_ns = self._monotonic_ns()
         named = [self._leader(name) for name in stop.joints or self._names]
         joints = [name for name in dict.fromkeys(named) if name is not None]
-        cancelled = self._motions.stoppable(joints, stop.command)[:1024]
+        cancelled = self._motions.stoppable_ids(joints, stop.command)[:1024]
         if stop.rehearsal:
             return Accepted(stop.id, self._motions.braking_s(joints, stop.command), cancelled, now_ns)
         if stop.command:
             self._stops.cancel(stop.command)
         else:
-            self._stops.note(joints, now_ns)
+            self._stops.record(joints, now_ns)
         reason = stop.reason or "stopped"
         duration_s, outcomes = self._motions.stop(stop.id, joints, stop.command, reason, self._measured.positions)
         self._outcomes += outcomes
@@ -225,9 +225,9 @@ class Agent:
             # Nothing can be measured, so only the driver knows if the robot stands.
             problem = self._stop_robot()
             said = f"the driver holds the robot, which cannot be measured: {self._fault}"
-            self._outcomes += self._motions.conclude(stop.id, "failed" if problem else "succeeded", problem or said)
+            self._outcomes += self._motions.end_stop(stop.id, "failed" if problem else "succeeded", problem or said)
         _log.warning("%s: stop %s: %s", self.name, stop.id, reason)
-        self.demonstration.note()
+        self.demonstration.log_ended()
         return Accepted(stop.id, duration_s, cancelled, now_ns)
 
     def _leader(self, name: str) -> str | None:
@@ -269,7 +269,7 @@ class Agent:
             self._stop_robot()
         self._fault = reason
         self._reading = None
-        self._outcomes += self._motions.forget(f"driver fault: {reason}"[:1024])
+        self._outcomes += self._motions.fail_all(f"driver fault: {reason}"[:1024])
 
     def _stop_robot(self) -> str:
         """Make the driver hold. Return why it could not, or an empty string."""
@@ -289,7 +289,7 @@ class Agent:
         if self._gateway_present and not present:
             _log.warning("%s: the last gateway is gone; the robot holds", self.name)
             self._outcomes += self._motions.halt("gateway lost")
-            self._stops.note(self._names, self._monotonic_ns())
+            self._stops.record(self._names, self._monotonic_ns())
             self._lost_ns = now_ns
         elif present and not self._gateway_present and self._lost_ns is None:
             _log.info("%s: a gateway is present", self.name)
@@ -307,14 +307,14 @@ class Agent:
         self._outcomes += outcomes
         if setpoints:
             try:
-                self._motions.correct(self._robot.apply(setpoints))
+                self._motions.adopt_setpoints(self._robot.apply(setpoints))
             except Exception as error:  # noqa: BLE001 - as in _read
                 self._fail(error, "apply")
 
     def _publish_progress(self, link: Link, now_ns: int) -> None:
         for payload in self._report.repeat(link.arrivals, now_ns):
             link.publish_progress(payload, final=True)
-        outcomes = [*self._outcomes, *(self._motions.underway() if self._report.due(now_ns) else ())]
+        outcomes = [*self._outcomes, *(self._motions.running_progress() if self._report.due(now_ns) else ())]
         if not outcomes:
             return
         wall_ns, positions = self._wall_ns(), self._measured.positions

@@ -15,7 +15,7 @@ class Demonstration:
         self._robot, self._motions = robot, motions
         self._swaying = motions.swaying
 
-    def note(self) -> None:
+    def log_ended(self) -> None:
         """Log the demonstrations that have ended since the last call, and how to restart them."""
         ended, self._swaying = self._swaying - self._motions.swaying, self._motions.swaying
         if ended:

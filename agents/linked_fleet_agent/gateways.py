@@ -71,7 +71,7 @@ class Gateways:
         """Number of gateways that have appeared so far; a gateway that returns or resumes counts again."""
         return self._arrivals
 
-    def appeared(self, name: str, now_s: float) -> None:
+    def record_arrival(self, name: str, now_s: float) -> None:
         """Record the token of a gateway. Its first heartbeat is due within one lease."""
         self._advance(now_s)
         if name not in self._known and len(self._known) < MAX_GATEWAYS:
@@ -83,7 +83,7 @@ class Gateways:
             gateway.until_s = math.inf
             self._arrivals += 1
 
-    def left(self, name: str, now_s: float) -> None:
+    def record_departure(self, name: str, now_s: float) -> None:
         """Record that the token of a gateway has gone."""
         self._advance(now_s)
         gateway = self._known.get(name)
@@ -96,7 +96,7 @@ class Gateways:
             gateway.until_s = self._ran_s + grace_s
             _log.info("%s: the connection to gateway %s is lost; it has %g s to come back", self._robot, name, grace_s)
 
-    def heard(self, name: str, now_s: float) -> None:
+    def record_heartbeat(self, name: str, now_s: float) -> None:
         """Record a heartbeat. It is ignored if the gateway has no token."""
         self._advance(now_s)
         gateway = self._known.get(name)
@@ -146,7 +146,7 @@ MAX_MISSING = 256
 
 
 class Renewal:
-    """Renewal times of a robot that starts at ``now_s``. A gateway is missing from ``left`` to ``appeared``."""
+    """Renewal times of a robot that starts at ``now_s``. A gateway that has departed is missing until it arrives."""
 
     def __init__(self, now_s: float) -> None:
         self._settled_s = now_s + RENEW_S
@@ -154,12 +154,12 @@ class Renewal:
         self._alive = False
         self._wait_s, self._due_s = RENEW_S, math.inf
 
-    def appeared(self, gateway: str, now_s: float) -> None:
+    def record_arrival(self, gateway: str, now_s: float) -> None:
         missing = self._missing.pop(gateway, None) is not None
         if missing or (not self._alive and now_s >= self._settled_s):
             self._begin(now_s)
 
-    def left(self, gateway: str, now_s: float) -> None:
+    def record_departure(self, gateway: str, now_s: float) -> None:
         if len(self._missing) < MAX_MISSING:
             self._missing[gateway] = now_s
         self._begin(now_s)
@@ -235,12 +235,12 @@ class GatewayWatch:
         if self._closed:
             return
         if present:
-            self._gateways.appeared(gateway, now_s)
-            self._renewal.appeared(gateway, now_s)
+            self._gateways.record_arrival(gateway, now_s)
+            self._renewal.record_arrival(gateway, now_s)
             self._subscribe(gateway, max(0.0, self._left_s + _SETTLE_S - now_s))
         else:
-            self._gateways.left(gateway, now_s)
-            self._renewal.left(gateway, now_s)
+            self._gateways.record_departure(gateway, now_s)
+            self._renewal.record_departure(gateway, now_s)
             self._heartbeats.pop(gateway, ExitStack()).close()
             self._left_s = now_s
 
@@ -253,6 +253,6 @@ class GatewayWatch:
             kept.enter_context(self._session.subscribe(self._keys.heartbeat(gateway), hear))
 
         def hear(_: str) -> None:
-            self._gateways.heard(gateway, time.monotonic())
+            self._gateways.record_heartbeat(gateway, time.monotonic())
 
         kept.callback(asyncio.get_running_loop().call_later(delay_s, subscribe).cancel)

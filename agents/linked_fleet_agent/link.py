@@ -159,7 +159,7 @@ class RobotLink:
         if self._tracing is None:
             reply = answer(payload)
         else:
-            reply = self._tracing.take(kind, self._robot, query.traceparent, payload, answer)
+            reply = self._tracing.answer_in_span(kind, self._robot, query.traceparent, payload, answer)
         self._reply(query, self._keys.robot(self._robot, kind), reply)
 
     def _answer_in_thread(self, kind: _Slow, query: Query) -> None:
@@ -209,7 +209,7 @@ class RobotLink:
 
     async def _others(self) -> list[int]:
         """Return the incarnations of other live agents of this robot, oldest first."""
-        keys = await self._session.list_tokens(self._keys.presence_of(self._robot), _LOOK_TIMEOUT_S)
+        keys = await self._session.list_tokens(self._keys.all_presence_of_robot(self._robot), _LOOK_TIMEOUT_S)
         found = [_incarnation(self._keys, key) for key in keys]
         return sorted(incarnation for incarnation in found if incarnation not in (None, self._incarnation))
 

@@ -88,7 +88,7 @@ class Axis:
         self.at_rest = self._time_s >= self.trajectory.duration_s
         return self.position
 
-    def off(self, measured: Measured) -> float:
+    def distance_to_end(self, measured: Measured) -> float:
         """Distance of the joint from the end of its trajectory."""
         return abs(self.trajectory.end - measured.positions[self.joint.name])
 
@@ -96,10 +96,12 @@ class Axis:
         """Distance of the joint from its setpoint."""
         return abs(self.position - measured.positions[self.joint.name])
 
-    def stands(self, measured: Measured) -> bool:
+    def is_at_rest(self, measured: Measured) -> bool:
         """Return True if the joint is at rest. Without a measured velocity its position decides."""
         velocity = measured.velocities.get(self.joint.name, math.nan)
-        slow = self.off(measured) <= self.tolerance if math.isnan(velocity) else abs(velocity) <= self.standing
+        slow = (
+            self.distance_to_end(measured) <= self.tolerance if math.isnan(velocity) else abs(velocity) <= self.standing
+        )
         return self.at_rest and slow
 
 
@@ -161,12 +163,12 @@ class Motions:
         self._swaying |= {sway.joint: _Swaying(sway) for sway in begun}
         return [sway.joint for sway in begun]
 
-    def starts(self, joints: Iterable[str], measured: Mapping[str, float]) -> list[Start]:
+    def setpoints(self, joints: Iterable[str], measured: Mapping[str, float]) -> list[Start]:
         """Return the setpoints of ``joints``; for a joint that never moved, its measured position."""
         axes = (self._axes.get(name) or Axis(self.joints[name], measured[name]) for name in joints)
         return [axis.start for axis in axes]
 
-    def running_on(self, joints: Collection[str]) -> tuple[str, ...]:
+    def preemptible_ids(self, joints: Collection[str]) -> tuple[str, ...]:
         """Return the ids of the motions that a new one on ``joints`` would preempt."""
         return tuple(motion.command_id for motion in self._on(joints))
 
@@ -179,7 +181,7 @@ class Motions:
             self._axis(name, measured[name]).follow(trajectory)
         return [*outcomes, *self._begin(_Motion(command_id, tuple(plan.trajectories), plan.duration_s))]
 
-    def stoppable(self, joints: Collection[str], command_id: str = "") -> tuple[str, ...]:
+    def stoppable_ids(self, joints: Collection[str], command_id: str = "") -> tuple[str, ...]:
         """Return the ids of the motions that a stop of ``joints``, or of one command, would cancel."""
         return tuple(motion.command_id for motion in self._stoppable(joints, command_id))
 
@@ -210,7 +212,7 @@ class Motions:
         concerned = {*(name for motion in ended for name in motion.joints), *(() if command_id else joints)}
         return max((self._axes[name].braking.duration_s for name in concerned & self._axes.keys()), default=0.0)
 
-    def conclude(self, stop_id: str, state: Literal["succeeded", "failed"], reason: str) -> list[Outcome]:
+    def end_stop(self, stop_id: str, state: Literal["succeeded", "failed"], reason: str) -> list[Outcome]:
         """End a stop whose result cannot be measured."""
         return self._end([m for m in self._running if m.stopping and m.command_id == stop_id], state, reason)
 
@@ -227,7 +229,7 @@ class Motions:
             motion.elapsed_s += dt_s
         return setpoints, [outcome for motion in list(self._running) for outcome in self._judge(motion, measured)]
 
-    def underway(self) -> list[Outcome]:
+    def running_progress(self) -> list[Outcome]:
         """Return the progress of every running motion."""
         return [motion.outcome("running") for motion in self._running]
 
@@ -237,14 +239,14 @@ class Motions:
         self._brake(self._axes)
         return outcomes
 
-    def forget(self, reason: str) -> list[Outcome]:
+    def fail_all(self, reason: str) -> list[Outcome]:
         """Fail all motions and drop their trajectories, because after a fault positions may differ from setpoints."""
         outcomes = [motion.outcome("failed", reason) for motion in self._running]
         self._running.clear()
         self._axes.clear()
         return outcomes
 
-    def correct(self, applied: Mapping[str, float]) -> None:
+    def adopt_setpoints(self, applied: Mapping[str, float]) -> None:
         """Adopt the setpoints that the robot applied, where its own limits are narrower than the agent's."""
         for name, position in applied.items():
             if name in self._axes:
@@ -284,11 +286,11 @@ class Motions:
         axes = [self._axes[name] for name in motion.joints]
         late = motion.elapsed_s > motion.duration_s + SETTLE_S
         if motion.stopping:
-            moving = [axis.joint.name for axis in axes if not axis.stands(measured)]
+            moving = [axis.joint.name for axis in axes if not axis.is_at_rest(measured)]
             if moving and late:
                 return self._end([motion], "failed", f"not come to rest: {', '.join(moving)}"[:1024])
             return [] if moving else self._succeed(motion)
-        astray = [axis for axis in axes if not (axis.at_rest and axis.off(measured) <= axis.tolerance)]
+        astray = [axis for axis in axes if not (axis.at_rest and axis.distance_to_end(measured) <= axis.tolerance)]
         if not astray:
             return self._succeed(motion)
         lost = [axis for axis in axes if not axis.lag(measured) <= axis.max_lag]

@@ -5,7 +5,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from linked_fleet_agent.robot import JointFacts
-from linked_fleet_agent.trajectory import RAMP_S, Trajectory, brake, cruise_of, reach, reach_in, through
+from linked_fleet_agent.trajectory import RAMP_S, Trajectory, brake, cruise_of, reach, reach_in, through_waypoints
 from linked_fleet_agent.wire.messages import Follow, Move
 
 SPEED_SHARE = 0.9  # share of the speed that a command allows, because real joints ripple about their setpoint
@@ -81,7 +81,7 @@ def _follow(follow: Follow, scale: float, starts: Iterable[Start]) -> Plan:
         allowed = _visible(start.joint, cruise_of(start.joint) * scale)
         _check_speed(start, allowed)
         trajectory = _path(start, follow.times_s, positions)
-        needed = trajectory.fastest
+        needed = trajectory.maximum_speed
         if not needed <= allowed * (1.0 + _ROUNDING) and needed / allowed > stretch:
             stretch, unit = needed / allowed, _unit(start.joint)
             slowest = f"{start.joint.name} would need {needed:.4g} {unit}/s, and {allowed:.4g} {unit}/s are allowed"
@@ -102,9 +102,9 @@ def _path(start: Start, times_s: Sequence[float], positions: Sequence[float]) ->
     monotone = velocity * slope >= 0.0 and abs(velocity) <= 3.0 * abs(slope)  # condition of Fritsch and Carlson
     braking = brake(start.position, velocity, cruise_of(start.joint) / RAMP_S, start.joint.limits)
     if monotone or times_s[0] <= _SWING * braking.duration_s:
-        return through(start.position, velocity, times_s, positions)
+        return through_waypoints(start.position, velocity, times_s, positions)
     rest_s = [time_s - braking.duration_s for time_s in times_s]
-    return braking.then(through(braking.end, 0.0, rest_s, positions))
+    return braking.concatenate(through_waypoints(braking.end, 0.0, rest_s, positions))
 
 
 def _check_speed(start: Start, allowed: float) -> None:

@@ -54,13 +54,13 @@ class Stops:
         self._stopped_ns: dict[str, int] = {}
         self._cancelled = RecentIds()
 
-    def note(self, joints: Iterable[str], now_ns: int) -> None:
+    def record(self, joints: Iterable[str], now_ns: int) -> None:
         self._stopped_ns.update(dict.fromkeys(joints, now_ns))
 
     def cancel(self, command_id: str) -> None:
         self._cancelled.add(command_id)
 
-    def overtook(self, command: Command) -> str:
+    def later_stop(self, command: Command) -> str:
         """Return a sentence about a stop executed after ``command`` was requested; empty if there is none."""
         if command.id in self._cancelled:
             return f"the command {command.id!r} was cancelled before it arrived"
@@ -70,7 +70,7 @@ class Stops:
         return ""
 
 
-def judge(
+def check_command(
     command: Command,
     *,
     now_ns: int,
@@ -92,7 +92,7 @@ def judge(
     return Accepted(command.id, at_ns=now_ns) if problem is None else Refused(command.id, problem[0], problem[1][:1024])
 
 
-def unexpected(
+def position_mismatch(
     expects: Mapping[str, Expectation], measured: Mapping[str, float], joints: Mapping[str, JointFacts]
 ) -> str:
     """Return a sentence about the first joint that is not at its expected position; empty if all are.
@@ -112,7 +112,7 @@ def unexpected(
     return ""
 
 
-def judge_stop(stop: Stop, joints: Mapping[str, JointFacts]) -> Refused | None:
+def check_stop(stop: Stop, joints: Mapping[str, JointFacts]) -> Refused | None:
     """Return the refusal of a stop that names an unknown joint, or None."""
     problem = next(filter(None, (_unknown(name, joints) for name in stop.joints)), None)
     return None if problem is None else Refused(stop.id, problem[0], problem[1][:1024])
@@ -175,7 +175,7 @@ def _late(command: Command, now_ns: int, stops: Stops) -> _Problem:
             "stale",
             f"the command is {age_ns / 1e6:.0f} ms old, its time to live {command.time_to_live_ns / 1e6:g} ms",
         )
-    overtaken = stops.overtook(command)
+    overtaken = stops.later_stop(command)
     return ("stale", overtaken) if overtaken else None
 
 

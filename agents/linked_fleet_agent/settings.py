@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 from linked_fleet_agent.motion import Sway
 from linked_fleet_agent.wire.keys import Keys, escape
-from linked_fleet_agent.wire.trust import Credentials, open_to_all
+from linked_fleet_agent.wire.trust import Credentials, unauthenticated_endpoints
 
 
 @dataclass(frozen=True)
@@ -162,7 +162,7 @@ def _keys(namespace: str) -> Keys:
 
 def _credentials(authority: str, certificate: str, key: str) -> Credentials | None:
     try:
-        return Credentials.given(authority, certificate, key)
+        return Credentials.from_optional_files(authority, certificate, key)
     except ValueError as error:
         raise SettingsError(str(error)) from error
 
@@ -170,7 +170,7 @@ def _credentials(authority: str, certificate: str, key: str) -> Credentials | No
 def _check_exposure(listen: Sequence[str], credentials: Credentials | None, allowed: Sequence[str]) -> None:
     if not set(allowed) <= {"plain-zenoh"}:
         raise SettingsError(f"LINKED_FLEET_ALLOW: only plain-zenoh can be allowed, not {', '.join(allowed)}")
-    exposed = open_to_all(listen, credentials)
+    exposed = unauthenticated_endpoints(listen, credentials)
     if exposed and not allowed:
         raise SettingsError(
             f"anybody who reaches {', '.join(exposed)} could move the robots: listen on tls/… or quic/… with "

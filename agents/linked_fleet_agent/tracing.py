@@ -18,7 +18,7 @@ class Tracing:
     def __init__(self, provider: "TracerProvider") -> None:
         self._provider, self._tracer = provider, provider.get_tracer(__name__)
 
-    def take(
+    def answer_in_span(
         self, kind: str, robot: str, parent: bytes | None, payload: bytes, answer: Callable[[bytes], bytes]
     ) -> bytes:
         """Call ``answer`` within a span and return its reply; ``parent`` is a W3C traceparent if it parses as one."""

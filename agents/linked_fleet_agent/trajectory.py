@@ -30,14 +30,14 @@ class Segment(NamedTuple):
         position = self.position + time_s * (self.velocity + time_s * (self.quadratic + time_s * self.cubic))
         return position, self.velocity + time_s * (2.0 * self.quadratic + 3.0 * time_s * self.cubic)
 
-    def fastest(self, duration_s: float) -> float:
+    def maximum_speed(self, duration_s: float) -> float:
         """Return the highest speed within ``duration_s``: at one of the ends or where the acceleration is zero."""
         speeds = [abs(self.velocity), abs(self.at(duration_s)[1])]
         if self.cubic != 0.0 and 0.0 < (turn := -self.quadratic / (3.0 * self.cubic)) < duration_s:
             speeds.append(abs(self.at(turn)[1]))
         return max(speeds)
 
-    def standstills(self, duration_s: float) -> list[float]:
+    def zero_velocity_times(self, duration_s: float) -> list[float]:
         """Return the times within ``duration_s`` at which the velocity is zero: candidates for extreme positions."""
         a, b, c = 3.0 * self.cubic, 2.0 * self.quadratic, self.velocity
         root = b * b - 4.0 * a * c
@@ -68,19 +68,19 @@ class Trajectory:
         return segment.at(time_s - segment.start_s)
 
     @property
-    def fastest(self) -> float:
+    def maximum_speed(self) -> float:
         """The highest speed of the trajectory."""
-        return max((segment.fastest(duration_s) for segment, duration_s in self._lasting()), default=0.0)
+        return max((segment.maximum_speed(duration_s) for segment, duration_s in self._lasting()), default=0.0)
 
     @property
     def extremes(self) -> tuple[float, float]:
         """The least and the greatest position of the trajectory."""
         found = [self.end]
         for segment, duration_s in self._lasting():
-            found += [segment.at(time_s)[0] for time_s in (0.0, *segment.standstills(duration_s))]
+            found += [segment.at(time_s)[0] for time_s in (0.0, *segment.zero_velocity_times(duration_s))]
         return min(found), max(found)
 
-    def then(self, later: "Trajectory") -> "Trajectory":
+    def concatenate(self, later: "Trajectory") -> "Trajectory":
         """Return this trajectory followed by ``later``."""
         moved = (segment._replace(start_s=segment.start_s + self.duration_s) for segment in later.segments)
         return Trajectory((*self.segments, *moved), self.duration_s + later.duration_s, later.end)
@@ -95,7 +95,9 @@ def hold(position: float) -> Trajectory:
     return Trajectory((), 0.0, position)
 
 
-def accelerating(position: float, velocity: float, phases: Iterable[tuple[float, float]], end: float) -> Trajectory:
+def from_accelerations(
+    position: float, velocity: float, phases: Iterable[tuple[float, float]], end: float
+) -> Trajectory:
     """Return phases of (duration, acceleration) in sequence. They must come to rest at ``end``, up to rounding."""
     segments, time_s = [], 0.0
     for duration_s, acceleration in phases:
@@ -106,7 +108,9 @@ def accelerating(position: float, velocity: float, phases: Iterable[tuple[float,
     return Trajectory(tuple(segments), time_s, end)
 
 
-def through(start: float, velocity: float, times_s: Sequence[float], positions: Sequence[float]) -> Trajectory:
+def through_waypoints(
+    start: float, velocity: float, times_s: Sequence[float], positions: Sequence[float]
+) -> Trajectory:
     """Return a trajectory from ``start`` at ``velocity`` through ``positions`` at increasing ``times_s`` > 0, ending at
     rest.
 
@@ -164,7 +168,7 @@ def brake(position: float, velocity: float, acceleration: float, limits: Limits)
     if abs(end - position) <= _NO_WAY:
         return hold(position)
     slowing = velocity * abs(velocity) / (2.0 * (end - position))
-    return accelerating(position, velocity, [(abs(velocity) / slowing, -math.copysign(slowing, velocity))], end)
+    return from_accelerations(position, velocity, [(abs(velocity) / slowing, -math.copysign(slowing, velocity))], end)
 
 
 def reach(
@@ -177,7 +181,7 @@ def reach(
     way, stopping = target - position, velocity * velocity / (2.0 * acceleration)
     if velocity != 0.0 and stopping > math.copysign(1.0, velocity) * way + _NO_WAY:
         braking = brake(position, velocity, acceleration, limits)
-        return braking.then(reach(braking.end, 0.0, target, cruise, acceleration, limits))
+        return braking.concatenate(reach(braking.end, 0.0, target, cruise, acceleration, limits))
     if abs(way) <= _NO_WAY:
         return hold(target)
     sign, speed = math.copysign(1.0, way), abs(velocity)
@@ -189,7 +193,7 @@ def reach(
         cruising_s = max(0.0, abs(way) - peak * peak / acceleration + stopping) / peak
         phases = [((peak - speed) / acceleration, 1.0), (cruising_s, 0.0), (peak / acceleration, -1.0)]
     signed = [(duration_s, direction * sign * acceleration) for duration_s, direction in phases]
-    return accelerating(position, velocity, signed, target)
+    return from_accelerations(position, velocity, signed, target)
 
 
 def reach_in(

@@ -88,12 +88,14 @@ class MeshError(Exception):
     """A mesh that is not available; the message gives the reason."""
 
 
-def named(urdf: str, file: Path) -> dict[str, Path]:
+def mesh_files(urdf: str, file: Path) -> dict[str, Path]:
     """Return the existing mesh files that the URDF at ``file`` names, by their URI in it. Raises UrdfError.
 
     Visual meshes come first, because they show the robot. Collision meshes follow.
     """
-    located = {uri: locate(uri, file) for uri in dict.fromkeys(_named(urdf)) if Path(uri).suffix.lower() in FORMATS}
+    located = {
+        uri: locate_mesh(uri, file) for uri in dict.fromkeys(_named(urdf)) if Path(uri).suffix.lower() in FORMATS
+    }
     return {uri: path for uri, path in located.items() if path is not None}
 
 
@@ -105,7 +107,7 @@ def _named(urdf: str) -> Iterator[str]:
                 yield mesh.get("filename", "")
 
 
-def locate(uri: str, file: Path) -> Path | None:
+def locate_mesh(uri: str, file: Path) -> Path | None:
     """Return the file that a mesh URI (package, file or path) of the URDF at ``file`` means; None if absent or not
     allowed.
 

@@ -16,7 +16,7 @@ from linked_fleet_agent.transport import Publisher, Query, TransportError
 from linked_fleet_agent.wire import traceparent
 from linked_fleet_agent.wire.keys import Keys
 from linked_fleet_agent.wire.transport import TRANSPORT
-from linked_fleet_agent.wire.trust import Credentials, of_agent
+from linked_fleet_agent.wire.trust import Credentials, agent_access_control
 
 _log = logging.getLogger(__name__)
 
@@ -51,7 +51,7 @@ def configuration(
     if credentials is not None:
         values |= credentials.configuration()
         if listen:
-            values["access_control"] = of_agent(keys or Keys())
+            values["access_control"] = agent_access_control(keys or Keys())
     for key, value in values.items():
         config.insert_json5(key, json.dumps(value))
     return config

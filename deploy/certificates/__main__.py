@@ -26,7 +26,7 @@ from authority import Authority, CertificateError
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "agents"))
 
 from linked_fleet_agent.wire.keys import Keys
-from linked_fleet_agent.wire.trust import GATEWAY, ROUTER, common_name, mutual_tls, of_router
+from linked_fleet_agent.wire.trust import GATEWAY, ROUTER, common_name, mutual_tls, router_access_control
 
 _MOST_SESSIONS = 20_000
 _LEASE_MS = 2_000
@@ -54,7 +54,7 @@ def main() -> int:
     arguments = _parser().parse_args()
     try:
         agents = [Agent.parse(text) for text in arguments.agent]
-        access = of_router(Keys(arguments.namespace), {agent.name: agent.robots for agent in agents})
+        access = router_access_control(Keys(arguments.namespace), {agent.name: agent.robots for agent in agents})
         _make(Authority(arguments.folder), agents, arguments.router, arguments.gateway)
         where = arguments.installed or arguments.folder.resolve()
         _write(arguments.folder / "access.json", access)

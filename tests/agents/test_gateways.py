@@ -17,13 +17,13 @@ class Robot:
         self.gateways.watch(self.now_s, PERIOD_S)
 
     def appear(self, name: str = "g") -> None:
-        self.gateways.appeared(name, self.now_s)
+        self.gateways.record_arrival(name, self.now_s)
 
     def lose(self, name: str = "g") -> None:
-        self.gateways.left(name, self.now_s)
+        self.gateways.record_departure(name, self.now_s)
 
     def hear(self, name: str = "g") -> None:
-        self.gateways.heard(name, self.now_s)
+        self.gateways.record_heartbeat(name, self.now_s)
 
     def run(self, seconds: float, *beating: str) -> None:
         """Tick for so long while the named gateways send heartbeats; each sends a last one at the end."""
@@ -195,7 +195,7 @@ def test_a_slow_agent_is_not_taken_for_paused() -> None:
     """An agent that ticks once a second holds within the lease and one tick."""
     gateways = Gateways("r")
     gateways.watch(0.0, 1.0)
-    gateways.appeared("g", 0.0)
+    gateways.record_arrival("g", 0.0)
     gateways.watch(1.0, 1.0)
     gateways.watch(2.0, 1.0)
     assert gateways.present

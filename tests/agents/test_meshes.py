@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from linked_fleet_agent.robots.catalogue import MODELS, data_folder
-from linked_fleet_agent.urdf import MeshError, MeshFiles, locate, named
+from linked_fleet_agent.urdf import MeshError, MeshFiles, locate_mesh, mesh_files
 from linked_fleet_agent.wire.messages import MAX_MESH_BYTES
 
 WAYS = [
@@ -59,7 +59,7 @@ def urdf(tmp_path: Path) -> Path:
 
 def test_the_meshes_of_a_demonstration_robot_are_those_of_its_visuals_and_collisions() -> None:
     file = data_folder() / MODELS["ur5"].file
-    found = named(file.read_text(), file)
+    found = mesh_files(file.read_text(), file)
     assert ["/visual/" in uri for uri in found] == [True] * 7 + [False] * 7
     assert ["/collision/" in uri for uri in found] == [False] * 7 + [True] * 7
     assert all(path.is_file() and path.name in uri for uri, path in found.items())
@@ -70,7 +70,7 @@ def test_meshes_that_show_the_robot_come_before_those_of_its_collision_geometry(
         _put(urdf.parent.parent / "meshes" / name)
     collision = _visual("package://arm/meshes/b.stl").replace("visual", "collision")
     other = _visual("package://arm/meshes/c.stl").replace("visual", "collision")
-    found = named(_urdf(_visual("package://arm/meshes/a.stl") + collision, other), urdf)
+    found = mesh_files(_urdf(_visual("package://arm/meshes/a.stl") + collision, other), urdf)
     assert list(found) == [f"package://arm/meshes/{name}.stl" for name in "abc"]
 
 
@@ -78,27 +78,27 @@ def test_other_formats_and_missing_files_are_not_in_the_list(urdf: Path) -> None
     for name in ("a.STL", "b.glb", "c.Dae", "d.obj"):
         _put(urdf.parent.parent / "meshes" / name)
     uris = [f"package://arm/meshes/{name}" for name in ("a.STL", "b.glb", "c.Dae", "d.obj", "e.stl")]
-    found = named(_urdf(*map(_visual, uris), '<visual><geometry><sphere radius="1"/></geometry></visual>'), urdf)
+    found = mesh_files(_urdf(*map(_visual, uris), '<visual><geometry><sphere radius="1"/></geometry></visual>'), urdf)
     assert [path.name for path in found.values()] == ["a.STL", "c.Dae", "d.obj"]
 
 
 @pytest.mark.parametrize("uri", WAYS)
 def test_the_ways_to_name_a_mesh(urdf: Path, uri: str) -> None:
     mesh = _put(urdf.parent.parent / "meshes" / "a.stl")
-    assert locate(uri.format(package=urdf.parent.parent), urdf) == mesh
+    assert locate_mesh(uri.format(package=urdf.parent.parent), urdf) == mesh
 
 
 def test_a_package_beside_that_of_the_urdf(urdf: Path) -> None:
     mesh = _put(urdf.parents[2] / "gripper" / "meshes" / "a.stl")
-    assert locate("package://gripper/meshes/a.stl", urdf) == mesh
+    assert locate_mesh("package://gripper/meshes/a.stl", urdf) == mesh
 
 
 def test_a_urdf_that_is_in_no_package_has_its_own_folder(tmp_path: Path) -> None:
     urdf, inside, outside = (tmp_path / each for each in ("here/r.urdf", "here/meshes/a.stl", "b.stl"))
     for path in (urdf, inside, outside):
         _put(path)
-    assert locate("meshes/a.stl", urdf) == inside
-    assert locate("../b.stl", urdf) is None
+    assert locate_mesh("meshes/a.stl", urdf) == inside
+    assert locate_mesh("../b.stl", urdf) is None
 
 
 @pytest.mark.parametrize("uri", ESCAPES)
@@ -108,12 +108,12 @@ def test_no_name_leads_out_of_the_package(urdf: Path, uri: str) -> None:
     link = urdf.parent.parent / "meshes" / "link.stl"
     link.parent.mkdir()
     link.symlink_to(outside)
-    assert locate(uri.format(outside=outside), urdf) is None
+    assert locate_mesh(uri.format(outside=outside), urdf) is None
 
 
 @pytest.mark.parametrize("uri", ["", "a" * 5000 + ".stl", "nul\0.stl"])
 def test_uris_that_name_no_file_are_ignored(urdf: Path, uri: str) -> None:
-    assert locate(uri, urdf) is None
+    assert locate_mesh(uri, urdf) is None
 
 
 def test_offered_meshes_have_the_stated_digests_and_can_be_read(tmp_path: Path) -> None:

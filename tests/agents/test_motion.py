@@ -43,7 +43,7 @@ class Robot:
 
     def _start(self, command_id: str, motion: Move | Follow, scale: float) -> float:
         joints = motion.targets if isinstance(motion, Move) else motion.joints
-        made = plan(motion, scale, self.motions.starts(joints, self.positions))
+        made = plan(motion, scale, self.motions.setpoints(joints, self.positions))
         self.outcomes += self.motions.start(command_id, made, self.positions)
         return made.duration_s
 
@@ -190,7 +190,7 @@ def test_progress_grows_from_nothing_to_one() -> None:
     robot.move("a", arm=1.0)
     said = []
     for _ in range(30):
-        said += [outcome.progress for outcome in robot.motions.underway()]
+        said += [outcome.progress for outcome in robot.motions.running_progress()]
         robot.step(10)
     assert said[0] == robot.outcomes[0].progress == 0.0
     assert said == sorted(said)
@@ -203,7 +203,7 @@ def test_a_newer_motion_preempts_the_whole_older_one() -> None:
     robot = Robot()
     robot.move("a", arm=1.0, wheel=5.0)
     robot.step(50)
-    assert robot.motions.running_on(["arm"]) == ("a",)
+    assert robot.motions.preemptible_ids(["arm"]) == ("a",)
     robot.move("b", arm=-1.0)
     assert robot.states("a") == ["running", "preempted"]
     assert robot.end("a").successor == "b"
@@ -243,7 +243,7 @@ def test_a_stop_cancels_running_motions_and_succeeds_when_all_joints_stand() -> 
     robot.move("a", arm=2.0, lift=0.1)
     robot.step(60)
     fast = robot.fastest("arm")
-    assert robot.motions.stoppable(list(JOINTS)) == ("a",)
+    assert robot.motions.stoppable_ids(list(JOINTS)) == ("a",)
     assert robot.stop("s") == pytest.approx(0.4, rel=0.1)
     assert robot.end("a") == Outcome("a", "cancelled", ("arm", "lift"), "stopped", robot.end("a").progress, "s")
     robot.step(20)

@@ -33,7 +33,7 @@ def test_a_path_goes_through_its_waypoints_or_is_refused(rows: list[tuple[float,
         for step in range(21):
             position, velocity = path.at(begin + (end - begin) * step / 20)
             assert min(before, after) - 1e-9 <= position <= max(before, after) + 1e-9
-            assert abs(velocity) <= path.fastest + 1e-9 <= cruise_of(ARM) * (1 + 1e-5)
+            assert abs(velocity) <= path.maximum_speed + 1e-9 <= cruise_of(ARM) * (1 + 1e-5)
         assert path.at(end)[0] == pytest.approx(after, abs=1e-9)
 
 
@@ -63,7 +63,7 @@ def test_a_joint_that_moves_swings_no_further_than_it_takes_to_brake(
         assert before.at(end - begin) == pytest.approx(path.at(end), abs=1e-5)
     for time_s, row in zip(times, rows, strict=True):
         assert path.at(time_s)[0] == pytest.approx(row[1], abs=1e-5)
-    assert path.fastest <= cruise_of(joint) * (1 + 1e-5)
+    assert path.maximum_speed <= cruise_of(joint) * (1 + 1e-5)
 
 
 def test_a_joint_that_would_swing_far_brakes_first() -> None:

@@ -17,11 +17,11 @@ class Robot:
         self.renewal, self.alive = Renewal(self.now_s), False
 
     def appear(self, name: str = "g") -> None:
-        self.renewal.appeared(name, self.now_s)
+        self.renewal.record_arrival(name, self.now_s)
         self.alive = True
 
     def lose(self, name: str = "g", alive: bool = False) -> None:
-        self.renewal.left(name, self.now_s)
+        self.renewal.record_departure(name, self.now_s)
         self.alive = alive
 
     def run(self, seconds: float) -> list[float]:

@@ -5,7 +5,7 @@ import math
 import pytest
 
 from linked_fleet_agent.robot import JointFacts, Limits
-from linked_fleet_agent.safety import ROUNDING, RecentIds, Stops, clamp, judge, judge_stop, unexpected
+from linked_fleet_agent.safety import ROUNDING, RecentIds, Stops, check_command, check_stop, clamp, position_mismatch
 from linked_fleet_agent.wire.messages import WIRE_VERSION, Accepted, Command, Expectation, Follow, Move, Refused, Stop
 
 NOW = 10_000_000_000
@@ -107,9 +107,9 @@ def _follow(
 def test_judge(command: Command, code: str | None, says: str) -> None:
     """The first fault is named, with what would have been right."""
     stops = Stops()
-    stops.note(["arm"], NOW - 500)
+    stops.record(["arm"], NOW - 500)
     stops.cancel("cancelled")
-    reply = judge(command, now_ns=NOW, incarnation=7, joints=JOINTS, seen={"old"}, stops=stops)
+    reply = check_command(command, now_ns=NOW, incarnation=7, joints=JOINTS, seen={"old"}, stops=stops)
     if code is None:
         assert reply == Accepted(command.id, at_ns=NOW)
     else:
@@ -120,14 +120,16 @@ def test_judge(command: Command, code: str | None, says: str) -> None:
 def test_a_command_of_the_first_instant_is_not_taken_for_stopped() -> None:
     """The monotonic clock of an agent may begin at 0."""
     command = _command({"wheel": 0.0}, seen_ns=0)
-    assert judge(command, now_ns=1, incarnation=7, joints=JOINTS, seen=(), stops=Stops()) == Accepted("new", at_ns=1)
+    assert check_command(command, now_ns=1, incarnation=7, joints=JOINTS, seen=(), stops=Stops()) == Accepted(
+        "new", at_ns=1
+    )
 
 
 def test_a_reason_is_at_most_1024_characters_long() -> None:
     """Reasons may name all joints of a robot with many."""
     joints = {name: JointFacts(name) for name in (f"joint_{number}" for number in range(200))}
-    reply = judge(_command({"leg": 0.0}), now_ns=NOW, incarnation=7, joints=joints, seen=(), stops=Stops())
-    refused = judge_stop(Stop(version=WIRE_VERSION, id="s", joints=("leg",)), joints)
+    reply = check_command(_command({"leg": 0.0}), now_ns=NOW, incarnation=7, joints=joints, seen=(), stops=Stops())
+    refused = check_stop(Stop(version=WIRE_VERSION, id="s", joints=("leg",)), joints)
     for each in (reply, refused):
         assert isinstance(each, Refused)
         assert each.reason.startswith("'leg' is not a movable joint") and len(each.reason) == 1024
@@ -158,19 +160,19 @@ def test_rounding_is_clamped() -> None:
 )
 def test_expected_positions_are_compared_within_the_tolerance(joint: str, measured: float, says: str) -> None:
     """A continuous joint may be a whole turn away; an unknown position never matches."""
-    found = unexpected({joint: Expectation(1.0, 0.1)}, {joint: measured}, JOINTS)
+    found = position_mismatch({joint: Expectation(1.0, 0.1)}, {joint: measured}, JOINTS)
     assert (says in found, bool(found)) == (True, bool(says)), found
 
 
 def test_a_position_at_the_end_of_the_tolerance_is_as_expected() -> None:
-    assert unexpected({"arm": Expectation(1.0, 0.5)}, {"arm": 1.5}, JOINTS) == ""
+    assert position_mismatch({"arm": Expectation(1.0, 0.5)}, {"arm": 1.5}, JOINTS) == ""
 
 
 def test_a_stop_is_refused_only_for_unknown_joints() -> None:
     """Joints that mimic others can be stopped as well."""
-    assert judge_stop(Stop(version=WIRE_VERSION, id="s", joints=("arm", "finger")), JOINTS) is None
-    assert judge_stop(Stop(version=WIRE_VERSION, id="s", command="whatever"), JOINTS) is None
-    refused = judge_stop(Stop(version=WIRE_VERSION, id="s", joints=("arm", "leg")), JOINTS)
+    assert check_stop(Stop(version=WIRE_VERSION, id="s", joints=("arm", "finger")), JOINTS) is None
+    assert check_stop(Stop(version=WIRE_VERSION, id="s", command="whatever"), JOINTS) is None
+    refused = check_stop(Stop(version=WIRE_VERSION, id="s", joints=("arm", "leg")), JOINTS)
     assert refused is not None
     assert (refused.id, refused.code) == ("s", "unknown-joint")
 

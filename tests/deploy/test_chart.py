@@ -228,4 +228,4 @@ def test_the_mounted_certificates_are_credentials_of_gateways(tmp_path: Path) ->
     names = [found[f"LINKED_FLEET_ZENOH_{part}"] for part in ("CA", "CERT", "KEY")]
     assert [Path(name).name for name in names] == ["ca.crt", "tls.crt", "tls.key"]
     with pytest.raises(ValueError, match=str(names[1])):
-        Credentials.given(*names)
+        Credentials.from_optional_files(*names)

@@ -172,7 +172,7 @@ def test_an_agent_cannot_answer_for_another_robot(scene: Scene) -> None:
                     timeout=_ROUND_S,
                     payload=b"{}",
                 )
-                for key in (*theirs, *own, *map(KEYS.of_all_robots, kinds))
+                for key in (*theirs, *own, *map(KEYS.all_of_kind, kinds))
             ]
             found = {(str(each.ok.key_expr), each.ok.payload.to_bytes()) for said in asked for each in said if each.ok}
             forged.update(each for each in found if each[1] == FORGED)
@@ -223,7 +223,7 @@ def test_nobody_but_gateways_commands(scene: Scene) -> None:
         for key in (KEYS.robot("a", "stop"), KEYS.all_stops, KEYS.robot("a", "command"), "fleet/**"):
             impostor.get(key, replies.append, target=zenoh.QueryTarget.ALL, timeout=_ASK_S, payload=_STOP)
         kept = impostor.liveliness().declare_token(KEYS.presence("b", 1))
-        eventually(lambda: _tokens(gateway, KEYS.presence_of("b")), "what it said after it had asked")
+        eventually(lambda: _tokens(gateway, KEYS.all_presence_of_robot("b")), "what it said after it had asked")
         moving(scene.browser, PAN, "a")
         assert [reply for reply in replies if reply.ok] == []
         assert _stopped(gateway) == [Accepted]
@@ -236,7 +236,7 @@ def test_an_agent_receives_no_commands_of_another_robot(scene: Scene) -> None:
         kept = [impostor.declare_subscriber(key, lambda said: spied.append(str(said.key_expr)))
                 for key in (KEYS.robot("a", "state"), "fleet/**", "**")]  # fmt: skip
         own = impostor.liveliness().declare_token(KEYS.presence("b", 1))
-        eventually(lambda: _tokens(gateway, KEYS.presence_of("b")), "what it said after it had asked")
+        eventually(lambda: _tokens(gateway, KEYS.all_presence_of_robot("b")), "what it said after it had asked")
         heard: list[bytes] = []
         subscriber = gateway.declare_subscriber(KEYS.robot("a", "state"), lambda said: heard.append(said.payload))
         eventually(lambda: len(heard) > 20, "frames at the gateway")

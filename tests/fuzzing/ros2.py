@@ -48,7 +48,7 @@ class RosSide:
             return
         rows = (said.positions, said.velocities, said.efforts)
         assert all(len(row) == len(said.names) <= cdr.MAX_JOINTS for row in rows)
-        self._states.take(said, self._now_s)
+        self._states.update(said, self._now_s)
         try:
             reading = self._states.reading(self._now_s)
         except RobotFaultError:

@@ -386,8 +386,8 @@ async def test_all_tokens_are_listed_however_many(part: Network) -> None:
     await met(gateway, agent)
     listed, complete = await gateway.list_tokens(KEYS.all_presence, 5.0, list)
     assert (sorted(listed), complete) == (sorted(names), True)
-    assert await gateway.list_tokens(KEYS.presence_of("r7"), 5.0, list) == ([names[7]], True)
-    assert await gateway.list_tokens(KEYS.presence_of("nobody"), 5.0, list) == ([], True)
+    assert await gateway.list_tokens(KEYS.all_presence_of_robot("r7"), 5.0, list) == ([names[7]], True)
+    assert await gateway.list_tokens(KEYS.all_presence_of_robot("nobody"), 5.0, list) == ([], True)
 
 
 @contract
@@ -396,8 +396,8 @@ async def test_agents_list_the_tokens_of_each_other_and_their_own(part: Network)
     with one.declare_token(TOKEN), other.declare_token(KEYS.presence("r", 2)):
         await met(gateway, one, "one")
         await met(gateway, other, "other")
-        assert await one.list_tokens(KEYS.presence_of("r"), 5.0) == {TOKEN, KEYS.presence("r", 2)}
-        assert await other.list_tokens(KEYS.presence_of("nobody"), 5.0) == set()
+        assert await one.list_tokens(KEYS.all_presence_of_robot("r"), 5.0) == {TOKEN, KEYS.presence("r", 2)}
+        assert await other.list_tokens(KEYS.all_presence_of_robot("nobody"), 5.0) == set()
 
 
 @contract

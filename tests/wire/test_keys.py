@@ -25,7 +25,7 @@ def test_a_presence_token_comes_back_with_its_incarnation(namespace: str, robot:
 @given(names)
 def test_expressions_match_the_keys_they_are_for(robot: str) -> None:
     keys = Keys("site/hall-2")
-    assert keys.presence(robot, 7) == keys.presence_of(robot).removesuffix("*") + "7"
+    assert keys.presence(robot, 7) == keys.all_presence_of_robot(robot).removesuffix("*") + "7"
     for expression, key in (
         (keys.all_presence, keys.presence(robot, 7)),
         (keys.all_states, keys.robot(robot, "state")),

@@ -6,7 +6,13 @@ import pytest
 
 from certificates import made
 from linked_fleet_agent.wire.keys import Keys
-from linked_fleet_agent.wire.trust import Credentials, common_name, of_agent, of_router, open_to_all
+from linked_fleet_agent.wire.trust import (
+    Credentials,
+    agent_access_control,
+    common_name,
+    router_access_control,
+    unauthenticated_endpoints,
+)
 
 
 @pytest.fixture(scope="module")
@@ -19,14 +25,14 @@ def test_endpoints_that_other_machines_reach_without_proof(folder: Path) -> None
     local = ("tcp/127.0.0.1:7447", "udp/localhost:1", "tls/[::1]:7447#so_rcvbuf=1", "unixsock-stream//tmp/x")
     reached = ("tcp/[::]:7447", "tcp/192.0.2.1:7447", "udp/robot:7447", "ws/0.0.0.0:1", "serial/ttyUSB0", "nonsense")
     proven = ("tls/0.0.0.0:7447", "quic/[::]:7447?prio=1#iface=eth0")
-    assert open_to_all((*local, *reached, *proven), proof) == reached
-    assert open_to_all((*local, *reached, *proven), None) == (*reached, *proven)
+    assert unauthenticated_endpoints((*local, *reached, *proven), proof) == reached
+    assert unauthenticated_endpoints((*local, *reached, *proven), None) == (*reached, *proven)
 
 
 def test_files_that_are_no_credentials(folder: Path) -> None:
     """One line each, which names the file."""
     ca, certificate, key = (str(folder / name) for name in ("ca.pem", "gateway.pem", "gateway.key"))
-    assert Credentials.given("", "", "") is None
+    assert Credentials.from_optional_files("", "", "") is None
     for given, said in (
         ((ca, "", key), "set together"),
         (
@@ -37,20 +43,24 @@ def test_files_that_are_no_credentials(folder: Path) -> None:
         ((key, certificate, key), "gateway.key is not the certificate of an authority"),
     ):
         with pytest.raises(ValueError, match=said) as caught:
-            Credentials.given(*given)
+            Credentials.from_optional_files(*given)
         assert "\n" not in str(caught.value)
 
 
 def test_agents_cannot_have_names_of_gateways() -> None:
     for name in ("gateway", "router"):
         with pytest.raises(ValueError, match="is reserved"):
-            of_router(Keys(), {name: [name]})
+            router_access_control(Keys(), {name: [name]})
     assert common_name("hall 2") == "hall~202"
 
 
 def test_every_subject_has_a_name() -> None:
     """Zenoh applies a subject without a name to everybody."""
-    for access in (of_router(Keys(), {}), of_router(Keys(), {"a": ["a"], "sim": None}), of_agent(Keys())):
+    for access in (
+        router_access_control(Keys(), {}),
+        router_access_control(Keys(), {"a": ["a"], "sim": None}),
+        agent_access_control(Keys()),
+    ):
         assert access["default_permission"] == "deny"
         subjects = access["subjects"]
         assert isinstance(subjects, list)

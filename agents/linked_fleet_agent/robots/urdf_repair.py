@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from linked_fleet_agent.urdf import locate, parse
+from linked_fleet_agent.urdf import locate_mesh, parse
 
 _log = logging.getLogger(__name__)
 
@@ -74,7 +74,7 @@ def _resolve_or_drop(collision: ElementTree.Element, link: ElementTree.Element, 
 
 def find_mesh(uri: str, near: Path) -> Path | None:
     """Return the file of a mesh URI (package, file or relative) of the URDF ``near``, if MuJoCo can read its format."""
-    return locate(uri, near) if Path(uri).suffix.lower() in (".stl", ".obj") else None
+    return locate_mesh(uri, near) if Path(uri).suffix.lower() in (".stl", ".obj") else None
 
 
 def _weld_many_dof_joints(root: ElementTree.Element, robot: str) -> None:

@@ -83,21 +83,21 @@ class Keys:
         """Return the liveliness token of one run of an agent; each run has its own key."""
         return f"{self.namespace}/robot/{escape(robot)}/presence/{incarnation}"
 
-    def presence_of(self, robot: str) -> str:
+    def all_presence_of_robot(self, robot: str) -> str:
         return f"{self.namespace}/robot/{escape(robot)}/presence/*"
 
     @property
-    def everything(self) -> str:
+    def all_keys(self) -> str:
         return f"{self.namespace}/**"
 
-    def everything_of(self, robot: str) -> str:
+    def all_of_robot(self, robot: str) -> str:
         return f"{self.namespace}/robot/{escape(robot)}/**"
 
     @property
-    def everything_of_robots(self) -> str:
+    def all_of_robots(self) -> str:
         return f"{self.namespace}/robot/*/**"
 
-    def of_all_robots(self, kind: str) -> str:
+    def all_of_kind(self, kind: str) -> str:
         return f"{self.namespace}/robot/*/{kind}"
 
     @property
@@ -106,16 +106,16 @@ class Keys:
 
     @property
     def all_states(self) -> str:
-        return self.of_all_robots("state")
+        return self.all_of_kind("state")
 
     @property
     def all_progress(self) -> str:
-        return self.of_all_robots("progress")
+        return self.all_of_kind("progress")
 
     @property
     def all_stops(self) -> str:
         """The key on which one query reaches every robot."""
-        return self.of_all_robots("stop")
+        return self.all_of_kind("stop")
 
     def gateway(self, gateway: str) -> str:
         """Return the liveliness token of a gateway. A robot holds when the last of them is gone."""

@@ -41,7 +41,7 @@ class Credentials:
             raise ValueError(f"{self.authority} is not the certificate of an authority: {_reason(error)}") from None
 
     @classmethod
-    def given(cls, authority: str, certificate: str, key: str) -> "Credentials | None":
+    def from_optional_files(cls, authority: str, certificate: str, key: str) -> "Credentials | None":
         """Return None if none of the three is set."""
         return cls(authority, certificate, key) if authority or certificate or key else None
 
@@ -96,7 +96,7 @@ def is_loopback(host: str) -> bool:
         return False
 
 
-def open_to_all(endpoints: Iterable[str], credentials: Credentials | None) -> tuple[str, ...]:
+def unauthenticated_endpoints(endpoints: Iterable[str], credentials: Credentials | None) -> tuple[str, ...]:
     """Return the listen endpoints that other machines reach without authentication."""
     return tuple(each for each in endpoints if not _guarded(each, credentials is not None))
 
@@ -128,7 +128,7 @@ def common_name(agent: str) -> str:
     return escape(agent)
 
 
-def of_router(keys: Keys, agents: Mapping[str, Iterable[str] | None]) -> dict[str, object]:
+def router_access_control(keys: Keys, agents: Mapping[str, Iterable[str] | None]) -> dict[str, object]:
     """Return ``access_control`` of a router, or of a gateway that agents connect to.
 
     ``agents`` maps the name in each agent certificate to its robots; None means any robot, as for simulations of robots
@@ -136,27 +136,27 @@ def of_router(keys: Keys, agents: Mapping[str, Iterable[str] | None]) -> dict[st
     """
     names = [common_name(agent) for agent in agents]
     access = _Access()
-    access.grant("out", [GATEWAY, ROUTER, *names], "egress", _EVERYTHING, [keys.everything])
-    access.grant("routers", [ROUTER], "ingress", _EVERYTHING, [keys.everything])
+    access.grant("out", [GATEWAY, ROUTER, *names], "egress", _EVERYTHING, [keys.all_keys])
+    access.grant("routers", [ROUTER], "ingress", _EVERYTHING, [keys.all_keys])
     access.grant("gateways hear", [GATEWAY], "ingress", ["declare_subscriber"], [keys.all_states, keys.all_progress])
-    access.grant("gateways ask", [GATEWAY], "ingress", ["query"], [keys.of_all_robots(kind) for kind in _ASKED])
+    access.grant("gateways ask", [GATEWAY], "ingress", ["query"], [keys.all_of_kind(kind) for kind in _ASKED])
     access.grant("gateways see", [GATEWAY], "ingress", _WATCHING, [keys.all_presence])
     access.grant("gateways are", [GATEWAY], "ingress", ["liveliness_token"], [keys.all_gateways])
     access.grant("gateways beat", [GATEWAY], "ingress", ["put"], [keys.all_heartbeats])
     access.grant("agents see", names, "ingress", _WATCHING, [keys.all_gateways])
     access.grant("agents hear", names, "ingress", ["declare_subscriber"], [keys.all_heartbeats])
     for agent, robots in agents.items():
-        own = [keys.everything_of(robot) for robot in robots] if robots is not None else [keys.everything_of_robots]
+        own = [keys.all_of_robot(robot) for robot in robots] if robots is not None else [keys.all_of_robots]
         name = common_name(agent)
         access.grant(f"agent {name}", [name], "ingress", (*_PUBLISHING, "liveliness_query"), own)
     return access.value
 
 
-def of_agent(keys: Keys) -> dict[str, object]:
+def agent_access_control(keys: Keys) -> dict[str, object]:
     """Return ``access_control`` of a listening agent: gateways and routers may speak to it, no other robot may."""
     access = _Access()
     for flow in ("egress", "ingress"):
-        access.grant(f"fleet {flow}", [GATEWAY, ROUTER], flow, _EVERYTHING, [keys.everything])
+        access.grant(f"fleet {flow}", [GATEWAY, ROUTER], flow, _EVERYTHING, [keys.all_keys])
     return access.value
 
 

@@ -13,7 +13,7 @@ from contextlib import asynccontextmanager
 import uvloop
 
 from linked_fleet_agent.spans import TracingUnavailable
-from linked_fleet_agent.wire.trust import is_loopback, open_to_all
+from linked_fleet_agent.wire.trust import is_loopback, unauthenticated_endpoints
 from linked_fleet_gateway.app.application import create_app, sockets_of
 from linked_fleet_gateway.app.settings import GatewaySettings, exposure_problems
 from linked_fleet_gateway.http.server import Server
@@ -74,7 +74,7 @@ def _refuse_exposure(settings: GatewaySettings) -> None:
         exposed=not is_loopback(settings.host),
         tls=bool(settings.tls_cert),
         identities=bool(settings.identities),
-        open_endpoints=open_to_all(settings.listen_endpoints, proof),
+        open_endpoints=unauthenticated_endpoints(settings.listen_endpoints, proof),
         allowed=settings.allow,
     )
     if found:

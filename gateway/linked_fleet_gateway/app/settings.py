@@ -207,7 +207,9 @@ class GatewaySettings(Section):
     @property
     def credentials(self) -> Credentials | None:
         """The gateway's TLS credentials on Zenoh, or None. Raises ValueError for unusable files."""
-        return Credentials.given(*(str(each or "") for each in (self.zenoh_ca, self.zenoh_cert, self.zenoh_key)))
+        return Credentials.from_optional_files(
+            *(str(each or "") for each in (self.zenoh_ca, self.zenoh_cert, self.zenoh_key))
+        )
 
     @property
     def trust(self) -> dict[str, object]:

@@ -140,7 +140,7 @@ def test_a_robot_that_was_away_is_found_again() -> None:
         eventually(lambda: not readable(), "it is away")
         with RosRobot(at) as robot:
             eventually(readable, "it is read again")
-            eventually(lambda: driver._ways[0][1].heard, "its controller")
+            eventually(lambda: driver._ways[0][1].has_subscribers, "its controller")
             assert robot.heard == []  # and nothing moved because of that
             driver.apply({"pan": 0.3})
             eventually(lambda: robot.heard, "it has_options")

@@ -40,7 +40,7 @@ class JointStates:
         self._joints: dict[str, _JointSample | None] = dict.fromkeys(joints)
         self._strangers: set[str] = set()
 
-    def take(self, state: JointState, arrived_s: float) -> None:
+    def update(self, state: JointState, arrived_s: float) -> None:
         """Store a message. A joint whose stamp equals that of its last message is a repetition and is ignored."""
         for name, *values in zip(state.names, state.positions, state.velocities, state.efforts, strict=True):
             if name not in self._joints:

@@ -50,13 +50,13 @@ class Ros2Robot:
         try:
             facts = _described(name, address, session, deadline_s)
             robot = cls(name, address, facts, session)
-            robot.settle()
+            robot.wait_for_peers()
         except BaseException:
             session.close()
             raise
         return robot
 
-    def settle(self) -> None:
+    def wait_for_peers(self) -> None:
         """Wait up to ``_SETTLE_S`` for a first joint state and for the controllers to listen; log what is missing."""
         deadline_s = time.monotonic() + _SETTLE_S
         while missing := self._missing():
@@ -120,10 +120,12 @@ class Ros2Robot:
             missing = []
         except RobotFaultError as error:
             missing = [str(error)]
-        return missing + [f"no controller listens to {follower.topic}" for follower, out in self._ways if not out.heard]
+        return missing + [
+            f"no controller listens to {follower.topic}" for follower, out in self._ways if not out.has_subscribers
+        ]
 
     def _send(self, follower: TrajectoryPoints, outlet: Outlet, positions: Mapping[str, float]) -> None:
-        if not outlet.heard:
+        if not outlet.has_subscribers:
             raise RobotFaultError(f"no controller listens to {follower.topic}")
         if not positions:
             raise RobotFaultError(
@@ -140,7 +142,7 @@ class Ros2Robot:
         try:
             if arrived.payload is None:
                 raise cdr.CdrError("it is too long")
-            self._states.take(cdr.read_joint_state(arrived.payload), arrived.at_s)
+            self._states.update(cdr.read_joint_state(arrived.payload), arrived.at_s)
         except cdr.CdrError as error:
             self.bad_messages += 1
             # logs the 1st, 2nd, 4th … message, so that a flood does not fill the log

@@ -114,7 +114,7 @@ class Outlet:
         self._gid, self._sequence = secrets.token_bytes(GID_BYTES), 0
 
     @property
-    def heard(self) -> bool:
+    def has_subscribers(self) -> bool:
         """True if a subscriber is known to the router."""
         return bool(self._publisher.matching_status.matching)
 

@@ -10,7 +10,7 @@ import sys
 from collections.abc import Iterator, Mapping, Sequence
 from datetime import UTC, datetime
 
-from linked_fleet_agent.wire.trust import is_loopback, open_to_all
+from linked_fleet_agent.wire.trust import is_loopback, unauthenticated_endpoints
 from linked_fleet_gateway.app.doctor import certificates, libraries, machine, redis_server, zenoh_routers
 from linked_fleet_gateway.app.doctor.finding import Finding, lines, summary
 from linked_fleet_gateway.app.settings import GatewaySettings, exposure_problems
@@ -57,7 +57,7 @@ def _exposure(settings: GatewaySettings) -> Iterator[Finding]:
         exposed=not is_loopback(settings.host),
         tls=bool(settings.tls_cert),
         identities=bool(settings.identities),
-        open_endpoints=open_to_all(settings.listen_endpoints, proof),
+        open_endpoints=unauthenticated_endpoints(settings.listen_endpoints, proof),
         allowed=settings.allow,
     ):
         reason, _, advice = sentence.partition(": ")

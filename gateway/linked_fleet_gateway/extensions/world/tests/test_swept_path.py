@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from linked_fleet_agent.trajectory import through
+from linked_fleet_agent.trajectory import through_waypoints
 from linked_fleet_agent.wire.messages import Follow, Move
 from linked_fleet_gateway.extensions.world.checks import MOST_CONFIGURATIONS, paths_of, sampled_configurations
 from linked_fleet_gateway.extensions.world.path import on_leg
@@ -16,7 +16,7 @@ values = st.floats(-3, 3)
 def test_a_trajectory_is_the_cubics_of_the_agent(points: list[tuple[float, float]], start: float, share: float) -> None:
     times = [sum(step for step, _ in points[: i + 1]) for i in range(len(points))]
     (way,) = paths_of(Follow(("a",), tuple(times), tuple((p,) for _, p in points)), {"a": start}, {})
-    agents = through(start, 0.0, times, [p for _, p in points])
+    agents = through_waypoints(start, 0.0, times, [p for _, p in points])
     before, begun = start, 0.0
     for leg, time in zip(way.legs, times, strict=True):
         now = on_leg(leg, "a", before, share)
