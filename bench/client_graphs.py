@@ -22,7 +22,7 @@ from rdflib import RDF, SH, Graph, URIRef
 
 from linked_fleet_client.conform import command
 from linked_fleet_client.fleet import Fleet
-from linked_fleet_client.graphs import in_memory, load_big, load_exactly
+from linked_fleet_client.graphs import copy_in_memory, load_big, load_exactly
 from linked_fleet_client.reading import read
 from linked_fleet_client.shape import read_shape
 
@@ -109,7 +109,7 @@ def rows() -> Iterator[tuple[str, list[float]]]:
     yield (
         "the same from a copy in memory, with the copying, ms",
         [
-            median_ms(lambda number, of=shapes[key]: read_shape(in_memory(of[number]), URIRef(f"{BASE}#s")), 20)
+            median_ms(lambda number, of=shapes[key]: read_shape(copy_in_memory(of[number]), URIRef(f"{BASE}#s")), 20)
             for key in LOADERS
         ],
     )

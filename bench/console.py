@@ -21,7 +21,7 @@ from browser import Browser, all_live
 from chromium import EXECUTABLE, MISSING, MainThread, launch
 from fake_robots import many_robots, open_session
 from linked_fleet_demo.tree import PLACES
-from linked_fleet_demo.tree import place as place_robot
+from linked_fleet_demo.tree import set_placement as place_robot
 from running import Process, eventually, process
 from small_fleet import Place
 

@@ -13,7 +13,7 @@ def ports(endpoints: str) -> set[int]:
     return {int(port) for port in re.findall(r":(\d+)(?:[#?,]|\s*$)", endpoints)}
 
 
-def linked(tables: str, wanted: set[int]) -> bool:
+def is_connected(tables: str, wanted: set[int]) -> bool:
     """Return True if /proc/net/tcp or tcp6 lists an established connection to a wanted port."""
     rows = (line.split() for line in tables.splitlines())
     remotes = (row[2] for row in rows if len(row) > 3 and row[3] == _ESTABLISHED)
@@ -23,7 +23,7 @@ def linked(tables: str, wanted: set[int]) -> bool:
 def main() -> int:
     files = (Path("/proc/net/tcp"), Path("/proc/net/tcp6"))  # the latter is missing without IPv6
     tables = "".join(file.read_text() for file in files if file.exists())
-    return 0 if linked(tables, ports(os.environ.get("LINKED_FLEET_ZENOH_CONNECT", ""))) else 1
+    return 0 if is_connected(tables, ports(os.environ.get("LINKED_FLEET_ZENOH_CONNECT", ""))) else 1
 
 
 if __name__ == "__main__":

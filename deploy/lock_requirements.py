@@ -32,7 +32,7 @@ _OLD_NAMES = ("manylinux1", "manylinux2010", "manylinux2014", "linux")
 _HEAD = "# Written by make requirements: names, versions and hashes of the wheels for {machines}, nothing else.\n"
 
 
-def wanted() -> dict[str, list[str]]:
+def requirements_by_file() -> dict[str, list[str]]:
     """Return the requirements of each file. Only the demo, not the gateway's image, needs the simulation."""
     settings, of_agent = (
         tomllib.loads((ROOT / path).read_text()) for path in ("pyproject.toml", "agents/pyproject.toml")
@@ -63,7 +63,7 @@ def platforms(machine: str) -> list[str]:
     ]
 
 
-def resolved(requirements: Iterable[str], machine: str) -> dict[str, tuple[str, str]]:
+def resolve_wheels(requirements: Iterable[str], machine: str) -> dict[str, tuple[str, str]]:
     """Return version and SHA-256 of the wheel of each package that pip would install."""
     with tempfile.TemporaryDirectory() as folder:
         report = Path(folder, "report.json")
@@ -88,7 +88,7 @@ def text(requirements: Iterable[str]) -> str:
     """Return the file for these requirements, sorted by name."""
     hashes: defaultdict[tuple[str, str], set[str]] = defaultdict(set)
     for machine in MACHINES:
-        for name, (version, sha256) in resolved(requirements, machine).items():
+        for name, (version, sha256) in resolve_wheels(requirements, machine).items():
             hashes[name, version].add(sha256)
     lines = [
         f"{name}=={version} " + " ".join(f"--hash=sha256:{one}" for one in sorted(found))
@@ -113,7 +113,7 @@ def lock_npm(folder: Path) -> int:
 
 
 def main() -> int:
-    for name, requirements in wanted().items():
+    for name, requirements in requirements_by_file().items():
         content = text(requirements)
         (ROOT / "deploy" / name).write_text(content)
         print(f"deploy/{name}: {len(content.splitlines()) - 1} packages")

@@ -123,7 +123,7 @@ def check(folder: Path) -> None:
         raise ReleaseError("\n".join(wrong))
 
 
-def obstacles() -> Iterable[str]:
+def publication_obstacles() -> Iterable[str]:
     """Yield each reason why a release that passes all checks must not be published yet."""
     if _run("git", "status", "--porcelain"):
         yield "there are changes that are not committed"
@@ -239,7 +239,7 @@ def main() -> int:
     for path in [*_files(folder), folder / SUMS]:
         print(f"{path.stat().st_size:>10,}  {path}")
     if not arguments.check:
-        for reason in obstacles():
+        for reason in publication_obstacles():
             print(f"Not for publication: {reason}.")
     return 0
 

@@ -13,10 +13,10 @@ from linked_fleet_client.form import FormField, build, form_fields
 from linked_fleet_client.invocation import Invocation
 from linked_fleet_client.reading import Reading, read
 from linked_fleet_client.resource import Resource
-from linked_fleet_client.shape import Shape, merged, read_shape
+from linked_fleet_client.shape import Shape, conjunction, read_shape
 from linked_fleet_client.validation import validate
 from linked_fleet_client.vocabulary import HTTP, HYBRIT, LF, RDF, RDFS, SH, document_of, is_web, local_name
-from linked_fleet_client.web import Answer, parsed
+from linked_fleet_client.web import Answer, parse_rdf
 
 _METHODS = ("POST", "PUT", "PATCH", "DELETE")
 _MOST_SHAPES = 20
@@ -120,7 +120,7 @@ class Action(Resource):
                 found.append((local_name(str(method)).upper(), str(target)))
         offered = [each for each in found if each[0] in _METHODS and is_web(URIRef(each[1]))]
         if not found:
-            offered = [(method, document_of(self.iri)) for method in self.web.allowed(self.iri)]
+            offered = [(method, document_of(self.iri)) for method in self.web.allowed_methods(self.iri)]
             offered = [each for each in offered if each[0] in ("POST", "PUT")]
         if not offered:
             raise Unsupported(f"{self.name} has no HTTP binding in its description")
@@ -161,13 +161,13 @@ def _rehearsed(answer: Answer) -> Reading:
     media_type = answer.headers.get("content-type", "")
     if not answer.body or not media_type:
         return Reading({}, ())
-    graph = parsed(answer.body.decode(errors="replace"), media_type, answer.url)
+    graph = parse_rdf(answer.body.decode(errors="replace"), media_type, answer.url)
     objects = set(graph.objects())
     return read(graph, next((node for node in graph.subjects() if node not in objects), URIRef(answer.url)))
 
 
 def _one(shapes: Graph, nodes: list[Node]) -> Shape:
-    return merged(read_shape(shapes, node) for node in nodes)
+    return conjunction(read_shape(shapes, node) for node in nodes)
 
 
 def _copy(graph: Graph, nodes: list[Node], into: Graph) -> None:

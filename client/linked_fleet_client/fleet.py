@@ -16,7 +16,7 @@ from rdflib.term import Node, URIRef
 from linked_fleet_client.action import Action
 from linked_fleet_client.errors import NoSuchThing, Problem, Unsupported
 from linked_fleet_client.invocation import Invocation
-from linked_fleet_client.live import Feed, posted
+from linked_fleet_client.live import Feed, create_stream
 from linked_fleet_client.quantity import Quantity
 from linked_fleet_client.reading import Reading, read
 from linked_fleet_client.resource import Members, Resource, no_such_thing, steps
@@ -48,12 +48,12 @@ class Observable(Resource):
         silence = {} if timeout_s is None else {"silence_s": 5.0}
         stream = None
         if depth is not None or interval_s is not None:
-            stream = posted(self.web, self._container(), str(self.node), depth, interval_s)
+            stream = create_stream(self.web, self._container(), str(self.node), depth, interval_s)
         return Feed(self.web, self.iri, deadline, stream=stream, **silence)
 
     def _container(self) -> str:
         """Return the subscriptions container of the thing or, for a property, of a thing that it belongs to."""
-        for iri in (self.iri, *self.linked(DCTERMS.isPartOf, RDFS.seeAlso)):
+        for iri in (self.iri, *self.linked_iris(DCTERMS.isPartOf, RDFS.seeAlso)):
             document = self.web.get(iri)
             for found in document.graph.objects(document.iri(iri), HYBRIT.subscriptions):
                 return str(found)
@@ -102,7 +102,7 @@ class Thing(Observable):
     def parts(self) -> Members[Thing]:
         """The things that it contains or consists of."""
         document = self.read()
-        found = self.linked(*_PARTS)
+        found = self.linked_iris(*_PARTS)
         found += [URIRef(str(each)) for each in document.graph.subjects(DCTERMS.isPartOf, self.node) if is_web(each)]
         return Members(self._members(Thing, found or self._related(document), document), "part")
 

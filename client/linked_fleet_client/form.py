@@ -8,8 +8,8 @@ from rdflib import BNode, Graph
 from rdflib.term import Literal, Node, URIRef
 
 from linked_fleet_client.errors import InvalidInput
-from linked_fleet_client.quantity import NUMBERS, UNIT_PATHS, Quantity, literal, matching, unit_label
-from linked_fleet_client.shape import Bound, Field, Shape, merged, with_branches
+from linked_fleet_client.quantity import NUMBERS, UNIT_PATHS, Quantity, literal, matching_unit, unit_label
+from linked_fleet_client.shape import Bound, Field, Shape, conjunction, with_branches
 from linked_fleet_client.vocabulary import RDF, SH, is_web, local_name
 
 Find = Callable[[str], URIRef | None]
@@ -67,7 +67,7 @@ def all_fields(shape: Shape) -> tuple[Field, ...]:
 
 def _form_field(own: Field, branches: Sequence[Shape], names: Mapping[URIRef, str]) -> FormField:
     there = [(branch, found) for branch in branches if (found := branch.field(own.path))]
-    nested = merged([own.shape, *(found.shape for _, found in there if found.shape.fields)])
+    nested = conjunction([own.shape, *(found.shape for _, found in there if found.shape.fields)])
     bounded = [(None, own), *there]
     limits = [
         Limits(found.shape.lower, found.shape.upper, _conditions(branch, own.path, names) if branch else {})
@@ -176,7 +176,7 @@ class _Writer:
             if text == str(choice) or (isinstance(choice, Literal) and choice.toPython() == value):
                 return choice, 1.0
         iris = [choice for choice in there if isinstance(choice, URIRef)]
-        unit = matching(text, iris)
+        unit = matching_unit(text, iris)
         if unit is None and (found := self.find(text)) in iris:
             unit = (URIRef(str(found)), 1.0)
         if unit is None:

@@ -69,7 +69,7 @@ def _of_rdf_1_1(graph: Graph, text: str) -> Graph:
     return graph
 
 
-def in_memory(triples: Iterable[tuple[Node, Node, Node]]) -> Graph:
+def copy_in_memory(triples: Iterable[tuple[Node, Node, Node]]) -> Graph:
     """Return a copy in rdflib's own store, which pySHACL reads twice as fast, with plain strings."""
     copy = Graph()
     for subject, predicate, value in triples:

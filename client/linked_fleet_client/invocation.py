@@ -47,13 +47,13 @@ class Invocation(Resource):
         self._action = action
 
     @property
-    def traced(self) -> bool:
+    def has_location(self) -> bool:
         return bool(self.iri)
 
     @property
     def state(self) -> str | None:
         """``accepted``, ``running``, ``succeeded``, ``failed``, ``cancelled``, ``preempted``, ``unknown``, or None."""
-        if not self.traced:
+        if not self.has_location:
             return None
         return _word(self.read().graph.value(self.node, LF.state))
 
@@ -96,7 +96,7 @@ class Invocation(Resource):
 
     def wait(self, timeout_s: float = math.inf, on_change: Callable[[Change], object] = lambda _: None) -> str | None:
         """Wait for the end and return the final state. Raises StillRunning if it has not ended within ``timeout_s``."""
-        if not self.traced:
+        if not self.has_location:
             return None
         for change in self.changes(timeout_s):
             on_change(change)
@@ -107,10 +107,10 @@ class Invocation(Resource):
 
     def cancel(self) -> None:
         """Cancel it by the action that its description links or, without one, by DELETE."""
-        if not self.traced:
+        if not self.has_location:
             raise Unsupported("the server gives no way to cancel: it returned no Location")
         self.read()
-        actions = [self._action(self.web, iri, self, self._document) for iri in self.linked(HYBRIT.action)]
+        actions = [self._action(self.web, iri, self, self._document) for iri in self.linked_iris(HYBRIT.action)]
         if len(actions) > 1:
             actions = [action for action in actions if any("cancel" in name.casefold() for name in action.names)]
         if actions:

@@ -17,7 +17,7 @@ from rdflib.term import BNode, Literal, Node, URIRef
 from linked_fleet_client.errors import BadAnswer, Unreachable, problem
 from linked_fleet_client.reading import Reading, read
 from linked_fleet_client.vocabulary import HYBRIT, LF, RDF, document_of
-from linked_fleet_client.web import MAX_BODY_BYTES, Document, Web, parsed
+from linked_fleet_client.web import MAX_BODY_BYTES, Document, Web, parse_rdf
 
 SILENCE_S = 45.0
 """Longest silence of an event stream before it is reopened; servers send comments more often."""
@@ -59,7 +59,7 @@ class Change:
         """The values of the resource itself."""
         return read(self.document.graph, self.resource)
 
-    def of(self, prop: Node) -> Reading:
+    def reading_of(self, prop: Node) -> Reading:
         """Return the values of a property that the description includes."""
         return read(self.document.graph, prop)
 
@@ -131,7 +131,7 @@ class Feed:
             if response.status_code == _GONE and self._versions and self._failures < _GONE_TRIES:
                 raise Unreachable(f"{self.url} is gone for now")
             if not response.is_success:
-                raise problem(self.url, response.status_code, response.headers, self.web.bounded(response))
+                raise problem(self.url, response.status_code, response.headers, self.web.read_body(response))
             self._open = True
             for event in events(lines(response.iter_bytes())):
                 self._retry_s = event.retry_s if event.retry_s is not None else self._retry_s
@@ -144,7 +144,7 @@ class Feed:
         return False
 
     def _change(self, event: Event) -> Change:
-        document = Document(self.url, parsed(event.data, "text/turtle", self.url))
+        document = Document(self.url, parse_rdf(event.data, "text/turtle", self.url))
         resource = next((URIRef(str(each)) for each in document.graph.subjects(LF.version)), document.iri(self.iri))
         version = str(document.graph.value(resource, LF.version) or event.id or "") or None
         before = document.graph.value(resource, LF.previousVersion)
@@ -231,7 +231,7 @@ def events(said: Iterable[str]) -> Iterator[Event]:
             retry_s = min(int(value[:9]) / 1000, _LONGEST_PAUSE_S)
 
 
-def posted(web: Web, container: str, resource: str, depth: URIRef | None, interval_s: float | None) -> str:
+def create_stream(web: Web, container: str, resource: str, depth: URIRef | None, interval_s: float | None) -> str:
     """Create a subscription by POST to a subscriptions container. Return the IRI of its event stream."""
     node, wanted = BNode(), Graph()
     wanted.add((node, RDF.type, HYBRIT.Subscription))

@@ -111,7 +111,7 @@ class Quantity:
         return f"{number} {self.unit_label}".rstrip()
 
 
-def matching(unit: str, choices: Iterable[URIRef]) -> tuple[URIRef, float] | None:
+def matching_unit(unit: str, choices: Iterable[URIRef]) -> tuple[URIRef, float] | None:
     """Return the first of ``choices`` that means ``unit``, and the factor from ``unit`` to it.
 
     An identical unit is preferred to one that needs conversion; None if there is neither.

@@ -207,7 +207,7 @@ class Resource:
         said = [*self._said(DCTERMS.identifier), self._link(), local_name(self.iri), *self._said(*_TITLES)]
         return [name for name in dict.fromkeys(said) if name]
 
-    def linked(self, *predicates: URIRef) -> list[URIRef]:
+    def linked_iris(self, *predicates: URIRef) -> list[URIRef]:
         """Return the HTTP IRIs that these predicates link, from the last read description."""
         graph = self.document().graph
         found = [each for predicate in predicates for each in graph.objects(self.node, predicate)]

@@ -84,21 +84,21 @@ def read_shape(graph: Graph, node: Node, above: tuple[Node, ...] = ()) -> Shape:
         *graph.objects(node, SH.node),
         *(each for head in graph.objects(node, SH["and"]) for each in _list(graph, head)),
     ]
-    shape = merged([own, *(read_shape(graph, each, above) for each in _ordered(more))])
+    shape = conjunction([own, *(read_shape(graph, each, above) for each in _ordered(more))])
     for predicate in (SH["or"], SH.xone):
         for head in graph.objects(node, predicate):
             shape = _either(shape, tuple(read_shape(graph, each, above) for each in _list(graph, head)))
     return shape
 
 
-def merged(shapes: Iterable[Shape]) -> Shape:
+def conjunction(shapes: Iterable[Shape]) -> Shape:
     """Return the conjunction of ``shapes``."""
     return reduce(_both, shapes, Shape())
 
 
 def with_branches(shape: Shape, branches: Iterable[Shape]) -> Shape:
     """Return ``shape`` with the given branches in place of its alternatives."""
-    return merged([replace(shape, alternatives=()), *branches])
+    return conjunction([replace(shape, alternatives=()), *branches])
 
 
 def _both(one: Shape, other: Shape) -> Shape:

@@ -6,7 +6,7 @@ from rdflib import Graph
 from rdflib.term import BNode, Literal, Node, URIRef
 
 from linked_fleet_client.errors import BadAnswer, InvalidInput
-from linked_fleet_client.graphs import in_memory
+from linked_fleet_client.graphs import copy_in_memory
 from linked_fleet_client.quantity import unit_label
 from linked_fleet_client.vocabulary import RDF, SH, local_name
 
@@ -36,14 +36,16 @@ def root(body: Graph) -> Node:
 def _focused(body: Graph) -> Graph:
     """Return a copy whose root is an IRI that can be a target node. An empty body gets a root too."""
     top = root(body) if len(body) else FOCUS
-    return in_memory((FOCUS if subject == top else subject, predicate, value) for subject, predicate, value in body)
+    return copy_in_memory(
+        (FOCUS if subject == top else subject, predicate, value) for subject, predicate, value in body
+    )
 
 
 def _report(data: Graph, shapes: Graph, shape: Node) -> Graph | None:
     """Return the validation report; None if the data conforms."""
     import pyshacl  # slow to import
 
-    targeted = in_memory(triple for triple in shapes if triple[1] not in _TARGETS and triple[1] not in _PROGRAMS)
+    targeted = copy_in_memory(triple for triple in shapes if triple[1] not in _TARGETS and triple[1] not in _PROGRAMS)
     targeted.add((shape, RDF.type, SH.NodeShape))
     targeted.add((shape, SH.targetNode, FOCUS))
     try:

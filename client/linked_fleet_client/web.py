@@ -116,7 +116,7 @@ class Web:
             return seen
         return self._keep(url, _document(answer))
 
-    def allowed(self, iri: str) -> set[str]:
+    def allowed_methods(self, iri: str) -> set[str]:
         """Return the methods that OPTIONS advertises."""
         answer = self._safely("OPTIONS", document_of(iri), {})
         return {method.strip().upper() for method in answer.headers.get("allow", "").split(",") if method.strip()}
@@ -141,7 +141,7 @@ class Web:
         ):
             yield response
 
-    def bounded(self, response: httpx.Response) -> bytes:
+    def read_body(self, response: httpx.Response) -> bytes:
         """Return the body of a streamed answer. Raises BadAnswer or Unreachable if it is too large or too slow."""
         deadline = time.monotonic() + 3 * self.timeout_s
         parts, size = [], 0
@@ -179,7 +179,7 @@ class Web:
     def _once(self, method: str, url: str, headers: Mapping[str, str], body: bytes | None) -> Answer:
         self._check(url)
         with _translated(url), self.http.stream(method, url, headers=headers, content=body) as response:
-            return Answer(str(response.url), response.status_code, response.headers, self.bounded(response))
+            return Answer(str(response.url), response.status_code, response.headers, self.read_body(response))
 
     def _check(self, url: str) -> None:
         node: Node = URIRef(url)
@@ -203,7 +203,7 @@ class Web:
         return document
 
 
-def parsed(text: str, media_type: str, url: str) -> rdflib.Graph:
+def parse_rdf(text: str, media_type: str, url: str) -> rdflib.Graph:
     """Parse RDF that was received from ``url``. Raises BadAnswer if it is invalid."""
     known = _FORMATS.get(media_type.partition(";")[0].strip().lower())
     if known is None:
@@ -220,7 +220,7 @@ def parsed(text: str, media_type: str, url: str) -> rdflib.Graph:
 
 def _document(answer: Answer) -> Document:
     text = answer.body.decode("utf-8", errors="replace")
-    graph = parsed(text, answer.headers.get("content-type", ""), answer.url)
+    graph = parse_rdf(text, answer.headers.get("content-type", ""), answer.url)
     return Document(answer.url, graph, answer.headers.get("etag"), _links(answer), hash(answer.body))
 
 

@@ -72,7 +72,7 @@ class Child:
         with lines:
             for line in lines:
                 if not (self.told_to_end or _CHATTER.match(line)):
-                    say(f"{self.name:>7} | {line.rstrip()}")
+                    print_line(f"{self.name:>7} | {line.rstrip()}")
 
     def end(self) -> None:
         self.told_to_end = True
@@ -111,7 +111,7 @@ def _preparation() -> Callable[[], None]:
     return prepare
 
 
-def say(text: str) -> None:
+def print_line(text: str) -> None:
     try:
         print(text, flush=True)
     except OSError:  # the terminal is closed; the fleet runs on until a signal ends it
@@ -144,7 +144,7 @@ def robots_online(root: str) -> set[str]:
     return set(_ONLINE.findall(_get(root)))
 
 
-def place(robot: str, where: tuple[float, float, float]) -> None:
+def set_placement(robot: str, where: tuple[float, float, float]) -> None:
     """Set the placement of a robot in the world, unless an earlier demo has set it. Raises OSError."""
     x, y, z = where
     body = f"""@prefix lf: <https://w3id.org/linked-fleet#> . @prefix unit: <http://qudt.org/vocab/unit/> .
@@ -179,7 +179,9 @@ _OPENER = urllib.request.build_opener(urllib.request.ProxyHandler({}))  # no pro
 
 def run(root: str, children: list[Child], zenoh: str, cors_origins: str = "") -> int:
     """Start the tree and watch it until a child ends by itself. Return its exit code."""
-    say(f"Starting the gateway and {len(ROBOTS)} simulated robots: {', '.join(ROBOTS)}. Loading their models ...")
+    print_line(
+        f"Starting the gateway and {len(ROBOTS)} simulated robots: {', '.join(ROBOTS)}. Loading their models ..."
+    )
     port = root.rstrip("/").rpartition(":")[2]
     names = [word for robot in ROBOTS for word in ("--robot", robot)]
     namespace = f"demo-{port}"
@@ -201,14 +203,14 @@ def run(root: str, children: list[Child], zenoh: str, cors_origins: str = "") ->
             code = child.process.poll()
             if code is not None:
                 child.wait(time.monotonic())
-                say(f"The {child.name} process has ended by itself (exit code {code}); the demo ends too.")
+                print_line(f"The {child.name} process has ended by itself (exit code {code}); the demo ends too.")
                 return code if code >= 0 else 128 - code
         if deadline is not None:
             seen = _greet(root, seen)
             ready = len(seen) == len(ROBOTS) and is_ready(root)
             if ready or time.monotonic() > deadline:
                 deadline = None
-                say(_welcome(root, seen, ready))
+                print_line(_welcome(root, seen, ready))
         time.sleep(POLL_S)
 
 
@@ -216,11 +218,11 @@ def _greet(root: str, seen: set[str]) -> set[str]:
     try:
         online = robots_online(root)
         for iri in sorted(online - seen):
-            place(iri, PLACES[iri.rstrip("/").rpartition("/")[2]])
+            set_placement(iri, PLACES[iri.rstrip("/").rpartition("/")[2]])
     except (OSError, http.client.HTTPException, ValueError):
         return seen
     for iri in sorted(online - seen):
-        say(f"{iri} is online")
+        print_line(f"{iri} is online")
     return seen | online
 
 
@@ -255,9 +257,9 @@ def end(children: list[Child]) -> None:
     for child in running:
         if child.wait(deadline):
             if child.process.returncode not in (0, -signal.SIGTERM):
-                say(f"The {child.name} process ended with exit code {child.process.returncode}.")
+                print_line(f"The {child.name} process ended with exit code {child.process.returncode}.")
         else:
-            say(f"The {child.name} process did not end in time and is killed.")
+            print_line(f"The {child.name} process did not end in time and is killed.")
             child.process.kill()
             child.process.wait()
 
@@ -299,7 +301,7 @@ def main() -> int:
     try:
         return run(f"http://{HOST}:{port}/", children, f"tcp/{HOST}:{free_port()}", arguments.cors_origins)
     except Stopped:
-        say("\nEnding the demo.")
+        print_line("\nEnding the demo.")
         return 0
     finally:
         end(children)

@@ -9,7 +9,7 @@ from typing import TypeVar
 
 from front import Front, deliveries
 from rdflib import URIRef
-from reads import Reads, complaint
+from reads import Reads, violation
 from stack import Stack, StackError
 
 HYBRIT, LF = "https://hybr-it-projekt.de/ns/hybr-it#", "https://w3id.org/linked-fleet#"
@@ -52,12 +52,12 @@ def eventually(probe: Callable[[], T], what: str) -> T:
     raise AssertionError(f"{what}: {last}")
 
 
-def browsable(fleet: Fleet) -> None:
+def fleet_over_https(fleet: Fleet) -> None:
     """five robots are online, over https with the fleet's own certificate authority"""
     eventually(lambda: _online(fleet) >= set(ROBOTS), "five robots online")
 
 
-def walk(fleet: Fleet) -> None:
+def links(fleet: Fleet) -> None:
     """links lead from the root to a robot, a joint, its value and its page"""
     front = fleet.front
     robot = front.follow(front.root, LDP_CONTAINS, "/baxter/")
@@ -77,16 +77,16 @@ def http3(fleet: Fleet) -> None:
     """HTTP/3 is advertised, and QUIC responds on the port"""
     announced = fleet.front.ask(fleet.front.root).fields.get("alt-svc", "nothing")
     assert f'h3=":{fleet.front.port}"' in announced, f"Alt-Svc has {announced}"
-    assert fleet.front.speaks_quic(), "no QUIC packet came back"
+    assert fleet.front.supports_quic(), "no QUIC packet came back"
 
 
-def private(fleet: Fleet) -> None:
+def private_endpoints(fleet: Fleet) -> None:
     """health and metrics are not public"""
     for path in ("health/ready", "metrics"):
         assert fleet.front.ask(fleet.front.root + path).status == 404, path
 
 
-def events(fleet: Fleet) -> None:
+def event_stream(fleet: Fleet) -> None:
     """a value is followed as an event stream"""
     with fleet.front.events(fleet.front.root + _SWAYING) as stream:
         seen = [next(stream) for _ in range(3)]
@@ -111,7 +111,7 @@ def callback(fleet: Fleet) -> None:
     _more_callbacks(fleet)
 
 
-def moves(fleet: Fleet) -> None:
+def motion(fleet: Fleet) -> None:
     """a robot moves, and reports the end of the motion"""
     measured = []
     for degrees in (10, 20):
@@ -121,7 +121,7 @@ def moves(fleet: Fleet) -> None:
     assert abs(measured[0] - 10) < 1 and abs(measured[1] - 20) < 1, f"it is at {measured} and not at 10 and 20 degrees"
 
 
-def every_gateway(fleet: Fleet) -> None:
+def shared_state(fleet: Fleet) -> None:
     """both gateways know the invocation and the subscription"""
     gateways = fleet.stack.containers("gateway")
     assert len(gateways) == 2, f"{len(gateways)} gateways run"
@@ -131,14 +131,14 @@ def every_gateway(fleet: Fleet) -> None:
             assert said.strip() == "200", f"gateway {gateway[:12]} answers {said.strip()} to {iri}"
 
 
-def gateway_dies(fleet: Fleet) -> None:
+def gateway_loss(fleet: Fleet) -> None:
     """a gateway is killed: reads are answered except one in progress, callbacks continue, robots move"""
     victim = fleet.stack.containers("gateway")[0]
     reads = Reads(lambda: fleet.front.ask(fleet.front.root + _SWAYING).status)
     fleet.stack.kill(victim)
     try:
         time.sleep(_LOAD_S)
-        wrong = complaint(reads.end())
+        wrong = violation(reads.end())
         assert not wrong, wrong
         _more_callbacks(fleet)
         _rotate(fleet, 10)
@@ -147,14 +147,14 @@ def gateway_dies(fleet: Fleet) -> None:
     eventually(lambda: _ready(fleet) == 2, "both gateways ready")
 
 
-def router_restarts(fleet: Fleet) -> None:
+def router_restart(fleet: Fleet) -> None:
     """the router restarts: robots come back, and move"""
     fleet.stack.restart("router")
     eventually(lambda: _online(fleet) >= set(ROBOTS) and _ready(fleet) == 2, "five robots online")
     eventually(lambda: _rotate(fleet, 20), "a motion that succeeds")
 
 
-def redis_restarts(fleet: Fleet) -> None:
+def redis_restart(fleet: Fleet) -> None:
     """Redis restarts: subscription and invocation still exist, callbacks continue"""
     fleet.stack.restart("redis")
     for iri in (fleet.subscription, fleet.invocation):
@@ -162,7 +162,7 @@ def redis_restarts(fleet: Fleet) -> None:
     eventually(lambda: _more_callbacks(fleet), "callbacks")
 
 
-def agent_stops(fleet: Fleet) -> None:
+def agent_outage(fleet: Fleet) -> None:
     """an agent is stopped: its robot is offline and readable, and online again after a start"""
     container = fleet.stack.containers("panda")[0]
     fleet.stack.stop(container)
@@ -175,7 +175,7 @@ def agent_stops(fleet: Fleet) -> None:
     eventually(lambda: "panda" in _online(fleet), "panda online")
 
 
-def scales(fleet: Fleet) -> None:
+def scaling(fleet: Fleet) -> None:
     """one more gateway and two more robots, named after their containers, by --scale"""
     fleet.stack.scale("gateway", 3)
     eventually(lambda: _ready(fleet) == 3, "three gateways ready")
@@ -183,8 +183,8 @@ def scales(fleet: Fleet) -> None:
     eventually(lambda: len(_online(fleet) - set(ROBOTS)) == 2, "two more robots online")
 
 
-CHECKS = (browsable, walk, http2, http3, private, events, websocket, callback, moves, every_gateway,
-          gateway_dies, router_restarts, redis_restarts, agent_stops, scales)  # fmt: skip
+CHECKS = (fleet_over_https, links, http2, http3, private_endpoints, event_stream, websocket, callback, motion,
+          shared_state, gateway_loss, router_restart, redis_restart, agent_outage, scaling)  # fmt: skip
 
 # Runs in a gateway's container: prints the status of a GET of its argument at that gateway.
 _ASK = """

@@ -20,7 +20,7 @@ TURTLE = "text/turtle"
 _TIMEOUT_S = 30.0
 
 
-class BrokenOffError(http.client.HTTPException):
+class TruncatedResponseError(http.client.HTTPException):
     """The connection ended in the middle of a response body."""
 
 
@@ -50,7 +50,7 @@ class Front:
     ) -> Answer:
         """Send one request on a connection of its own; ``Content_Type`` stands for Content-Type.
 
-        Raises BrokenOffError.
+        Raises TruncatedResponseError.
         """
         with contextlib.closing(_Connection(self.domain, self.port, timeout_s, self._tls)) as connection:
             connection.request(method, self._target(iri), body, self._fields(fields))
@@ -98,7 +98,7 @@ class Front:
         assert done.returncode == 0, done.stderr
         return done.stdout
 
-    def speaks_quic(self) -> bool:
+    def supports_quic(self) -> bool:
         """Return True if QUIC responds: to an unknown version, it lists its own ones (RFC 8999, 6)."""
         packet = bytes([0xC0]) + b"\x1a\x2a\x3a\x4a" + bytes([8]) + b"linkedfl" + bytes([8]) + b"eetcheck"
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as udp:
@@ -134,7 +134,7 @@ def _body(answer: http.client.HTTPResponse) -> bytes:
     try:
         return answer.read()
     except (http.client.IncompleteRead, ConnectionError, ssl.SSLError) as error:
-        raise BrokenOffError(repr(error)) from error
+        raise TruncatedResponseError(repr(error)) from error
 
 
 def _events(answer: http.client.HTTPResponse) -> Iterator[str]:

@@ -4,7 +4,7 @@ import threading
 from collections.abc import Callable, Sequence
 from http.client import OK, HTTPException
 
-from front import BrokenOffError
+from front import TruncatedResponseError
 
 ANSWERED, BROKEN_OFF = "answered", "broken off"
 
@@ -31,14 +31,14 @@ class Reads:
     def _outcome(self) -> str:
         try:
             status = self._read()
-        except BrokenOffError:
+        except TruncatedResponseError:
             return BROKEN_OFF
         except (OSError, HTTPException) as error:
             return repr(error)
         return ANSWERED if status == OK else str(status)
 
 
-def complaint(outcomes: Sequence[str]) -> str:
+def violation(outcomes: Sequence[str]) -> str:
     """Describe the first violation of the promise about reads while one gateway ends; empty if there is none.
 
     The front repeats a read whose response has not begun, but cannot take back what it has forwarded: the one read in

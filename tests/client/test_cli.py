@@ -16,7 +16,7 @@ from unittest.mock import patch
 import pytest
 from click.shell_completion import ShellComplete
 
-from linked_fleet_client.cli.invoke import BadArgument, nested
+from linked_fleet_client.cli.invoke import BadArgument, nested_values
 from linked_fleet_client.cli.main import cli, main
 from linked_fleet_client.cli.options import VARIABLE
 from linked_fleet_client.cli.output import clean
@@ -232,7 +232,7 @@ def test_other_shells_have_scripts(shell: str) -> None:
     ],
 )
 def test_arguments_are_a_nested_mapping(arguments: list[str], found: dict[str, Any]) -> None:
-    assert nested(arguments) == found
+    assert nested_values(arguments) == found
 
 
 @pytest.mark.parametrize(
@@ -240,7 +240,7 @@ def test_arguments_are_a_nested_mapping(arguments: list[str], found: dict[str, A
 )
 def test_other_arguments_are_refused(argument: list[str]) -> None:
     with pytest.raises(BadArgument):
-        nested(argument)
+        nested_values(argument)
 
 
 def test_nothing_from_the_network_steers_the_terminal() -> None:

@@ -60,14 +60,14 @@ def test_each_flaw_is_found_and_only_it(flaw: str, pages: dict[str, str], broken
 @pytest.mark.parametrize("flaw", ["no-etag", "no-link", "no-upgrade", "nonsense"])
 def test_a_broken_must_breaks_the_report(flaw: str) -> None:
     with serving({flaw}, {}) as server:
-        assert check(server.root).breaks
+        assert check(server.root).violates_must
 
 
 def test_a_broken_should_does_not() -> None:
     with serving({"delete-200"}, {}) as server:
         report = check(server.root)
         assert outcomes(report, Outcome.FAILED) == {"R0.7"}
-        assert not report.breaks
+        assert not report.violates_must
 
 
 @pytest.mark.parametrize(

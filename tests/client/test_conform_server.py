@@ -268,7 +268,7 @@ def test_sound_server_breaks_nothing() -> None:
         assert outcomes(report, Outcome.FAILED) == set()
         assert outcomes(report, Outcome.CANT_TELL) == {"R1.1"}
         assert outcomes(report, Outcome.INAPPLICABLE) == {"R0.2", "R1.4", "R1.6"}
-        assert not report.breaks
+        assert not report.violates_must
         assert not server.subscriptions
         assert len([line for line in server.bodies if line.startswith("DELETE")]) == 3
 

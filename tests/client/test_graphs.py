@@ -8,7 +8,7 @@ from rdflib import XSD, BNode, Graph, Literal, URIRef
 from linked_fleet_client.errors import BadAnswer, InvalidInput
 from linked_fleet_client.graphs import BIG, load, load_big, load_exactly
 from linked_fleet_client.validation import validate
-from linked_fleet_client.web import parsed
+from linked_fleet_client.web import parse_rdf
 
 Loader = Callable[[str, str, str], Graph]
 BASE = "http://127.0.0.1/doc"
@@ -58,7 +58,7 @@ def test_blueprints_are_judged_by_what_is_written() -> None:
 )
 def test_turtle_beyond_rdf_1_1_is_refused(broken: str) -> None:
     with pytest.raises(BadAnswer, match="is not valid turtle"):
-        parsed(broken, "text/turtle", BASE)
+        parse_rdf(broken, "text/turtle", BASE)
 
 
 @pytest.mark.parametrize(

@@ -155,7 +155,7 @@ def test_an_action_is_done_once_by_its_binding_and_followed(bend: Action, elbow:
 
 def test_an_action_without_shape_and_binding_is_done_as_options_allows(fleet: Fleet, other_tree: Any) -> None:
     run = fleet["cell"]["lefty"].actions["Rest"]()
-    assert (run.traced, run.wait(5), run.state) == (False, None, None)
+    assert (run.has_location, run.wait(5), run.state) == (False, None, None)
     assert other_tree.sent("POST") == [("/do/rest", b"")]
 
 

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from rdflib import XSD, Literal, Namespace, URIRef
 
 from linked_fleet_client.errors import InvalidInput
-from linked_fleet_client.quantity import INTEGERS, UNITS, Quantity, literal, matching, number
+from linked_fleet_client.quantity import INTEGERS, UNITS, Quantity, literal, matching_unit, number
 
 UNIT = Namespace("http://qudt.org/vocab/unit/")
 MATHS = Namespace("http://vocab.arvida.de/2015/06/maths/vocab#")
@@ -37,14 +37,14 @@ def test_there_and_back_is_the_same(one: str, other: str, value: float) -> None:
 
 def test_the_very_unit_comes_before_one_that_it_converts_to() -> None:
     offered = [UNIT.RAD, MATHS.Degree, UNIT.DEG]
-    assert matching("deg", offered) == (MATHS.Degree, 1.0)
-    assert matching("DEG", offered) == (UNIT.DEG, 1.0)
-    assert matching(str(UNIT.DEG), offered) == (UNIT.DEG, 1.0)
-    found = matching("turn", [UNIT.RAD])
+    assert matching_unit("deg", offered) == (MATHS.Degree, 1.0)
+    assert matching_unit("DEG", offered) == (UNIT.DEG, 1.0)
+    assert matching_unit(str(UNIT.DEG), offered) == (UNIT.DEG, 1.0)
+    found = matching_unit("turn", [UNIT.RAD])
     assert found is not None
     assert found == (UNIT.RAD, math.tau)
-    assert matching("mm", offered) is None
-    assert matching("Smoot", [URIRef("https://example.org/Smoot")]) == (URIRef("https://example.org/Smoot"), 1.0)
+    assert matching_unit("mm", offered) is None
+    assert matching_unit("Smoot", [URIRef("https://example.org/Smoot")]) == (URIRef("https://example.org/Smoot"), 1.0)
 
 
 @pytest.mark.parametrize(

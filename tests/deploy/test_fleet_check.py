@@ -79,8 +79,8 @@ def test_truncated_responses_are_distinguished_from_failed_reads(reads: ModuleTy
 
 def test_one_read_may_break_off_if_the_next_is_answered(reads: ModuleType) -> None:
     answered, broken = reads.ANSWERED, reads.BROKEN_OFF
-    assert reads.complaint([answered] * 100) == ""
-    assert reads.complaint([*[answered] * 60, broken, *[answered] * 39]) == ""
+    assert reads.violation([answered] * 100) == ""
+    assert reads.violation([*[answered] * 60, broken, *[answered] * 39]) == ""
 
 
 @pytest.mark.parametrize(
@@ -94,8 +94,8 @@ def test_one_read_may_break_off_if_the_next_is_answered(reads: ModuleType) -> No
     ],
 )
 def test_everything_else_is_a_failure(reads: ModuleType, ending: list[str], words: str) -> None:
-    assert reads.complaint(["answered", "answered", *ending]).startswith(words)
+    assert reads.violation(["answered", "answered", *ending]).startswith(words)
 
 
 def test_no_read_at_all_is_a_failure(reads: ModuleType) -> None:
-    assert reads.complaint([])
+    assert reads.violation([])

@@ -29,8 +29,8 @@ def test_ports_of_endpoints(linked: ModuleType) -> None:
 
 @pytest.mark.parametrize(("rows", "healthy"), [(_LISTENING, False), (_LINKED, True), (_CLOSING, False), ("", False)])
 def test_an_agent_is_healthy_while_a_router_is_connected(linked: ModuleType, rows: str, healthy: bool) -> None:
-    assert linked.linked(_HEAD + rows, {7447}) is healthy
+    assert linked.is_connected(_HEAD + rows, {7447}) is healthy
 
 
 def test_a_connection_to_somewhere_else_is_none(linked: ModuleType) -> None:
-    assert not linked.linked(_HEAD + _LINKED, {7448})
+    assert not linked.is_connected(_HEAD + _LINKED, {7448})

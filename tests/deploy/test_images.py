@@ -129,7 +129,7 @@ def test_requirements_have_the_versions_of_the_constraints(path: Path) -> None:
 def test_requirements_are_what_the_package_needs_and_nothing_else(monkeypatch: pytest.MonkeyPatch) -> None:
     """Otherwise run: make requirements."""
     monkeypatch.syspath_prepend(str(ROOT / "deploy"))
-    wanted = importlib.import_module("lock_requirements").wanted()
+    wanted = importlib.import_module("lock_requirements").requirements_by_file()
     assert sorted(wanted) == [path.name for path in REQUIREMENTS]
     for name in ("requirements.txt", "requirements-agent.txt", "requirements-simulation.txt"):
         assert set(_pins(ROOT / "deploy" / name)) == _needed(wanted[name]), name

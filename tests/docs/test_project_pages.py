@@ -84,13 +84,13 @@ def test_a_release_says_which_addresses_its_publisher_has_to_fill_in(
     monkeypatch.setattr(release, "_REDIRECTS", filled_in)
     monkeypatch.setattr(release, "_run", lambda *words: "")
     filled_in.write_text(text)
-    repository, server = release.obstacles()
+    repository, server = release.publication_obstacles()
     assert "code.example" in repository and "fleet.example" in server
     filled_in.write_text(text.replace("https://code.example/", "https://git.test/x/"))
-    (left,) = release.obstacles()
+    (left,) = release.publication_obstacles()
     assert left == server
     filled_in.write_text(filled_in.read_text().replace("https://fleet.example/", "https://fleet.test/"))
-    assert list(release.obstacles()) == []
+    assert list(release.publication_obstacles()) == []
 
 
 def test_each_step_of_the_tutorial_has_a_picture() -> None:

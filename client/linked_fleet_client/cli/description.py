@@ -9,7 +9,7 @@ from rdflib.term import URIRef
 
 from linked_fleet_client.action import Action
 from linked_fleet_client.cli import output
-from linked_fleet_client.cli.options import Session, all_paths, common, units
+from linked_fleet_client.cli.options import Session, add_common_options, all_paths, units
 from linked_fleet_client.cli.output import clean
 from linked_fleet_client.fleet import Fleet, Property, Thing, kind_of
 from linked_fleet_client.invocation import Invocation
@@ -21,7 +21,7 @@ Found = Thing | Property | Action | Invocation
 _AT_ONCE = 8
 
 
-def found_at(fleet: Fleet, path: str) -> Found:
+def find_at(fleet: Fleet, path: str) -> Found:
     """Return the object at a path of names from the root, or at an IRI."""
     return fleet.get(path) if is_web(URIRef(path)) else fleet.at(path)
 
@@ -30,12 +30,12 @@ def found_at(fleet: Fleet, path: str) -> Found:
 @click.argument("path", default="", shell_complete=all_paths)
 @click.option("--values", is_flag=True, help="Read each part for its measured values.")
 @units
-@common
+@add_common_options
 @click.pass_obj
 def ls(session: Session, path: str, values: bool, units: tuple[str, ...]) -> None:
     """List parts, properties and actions. PATH is titles with slashes between, such as baxter/right_s1."""
     with session.fleet() as fleet:
-        here = found_at(fleet, path)
+        here = find_at(fleet, path)
         rows = list(_rows(here, values, units)) if isinstance(here, Thing) else [_row(here, units)]
     if session.json:
         print(output.as_json(rows))
@@ -55,7 +55,7 @@ def _rows(thing: Thing, live: bool, units: Sequence[str]) -> Iterator[dict[str, 
     for prop in thing.properties_in(document).with_loaded_names():
         value = prop.reading_in(document)
         value = value if value.values else prop.reading
-        row = {"name": prop.name, "kind": kind_of(prop) or "property", "state": output.brief(value, units)}
+        row = {"name": prop.name, "kind": kind_of(prop) or "property", "state": output.one_line(value, units)}
         yield row | {"iri": prop.iri, "values": output.reading(value, units)}
     for action in thing.actions.with_loaded_names():
         yield _row(action, units)
@@ -64,7 +64,7 @@ def _rows(thing: Thing, live: bool, units: Sequence[str]) -> Iterator[dict[str, 
 def _row(here: Found, units: Sequence[str]) -> dict[str, Any]:
     if isinstance(here, Property):
         value = here.reading
-        row = {"name": here.name, "kind": kind_of(here), "state": output.brief(value, units), "iri": here.iri}
+        row = {"name": here.name, "kind": kind_of(here), "state": output.one_line(value, units), "iri": here.iri}
         return row | {"values": output.reading(value, units)}
     here.document()
     kind = "action" if isinstance(here, Action) else kind_of(here)
@@ -89,12 +89,12 @@ def _live(part: Thing, units: Sequence[str]) -> str:
 @click.command()
 @click.argument("path", default="", shell_complete=all_paths)
 @units
-@common
+@add_common_options
 @click.pass_obj
 def get(session: Session, path: str, units: tuple[str, ...]) -> None:
     """Show values with their units, and the input of actions."""
     with session.fleet() as fleet:
-        here = found_at(fleet, path)
+        here = find_at(fleet, path)
         said = _described(here, units)
         print(output.as_json(said) if session.json else "\n".join(_text(here, said, units)))
 
@@ -132,7 +132,7 @@ def _action(action: Action) -> dict[str, Any]:
 
 def invocation(run: Invocation) -> dict[str, Any]:
     """Return state and result of an invocation, for JSON output."""
-    if not run.traced:
+    if not run.has_location:
         return {"iri": None, "state": None}
     state = run.state
     return {
@@ -161,7 +161,7 @@ def _text(here: Found, said: dict[str, Any], units: Sequence[str]) -> Iterator[s
 
 def _thing_text(thing: Thing, units: Sequence[str]) -> Iterator[str]:
     rows = [
-        [step(prop.name), output.brief(_value(prop, thing), units)] for prop in thing.properties.with_loaded_names()
+        [step(prop.name), output.one_line(_value(prop, thing), units)] for prop in thing.properties.with_loaded_names()
     ]
     if rows:
         yield "\nProperties\n" + output.table([["  " + name, value] for name, value in rows])

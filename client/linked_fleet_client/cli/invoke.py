@@ -12,8 +12,8 @@ import click
 
 from linked_fleet_client.action import Action
 from linked_fleet_client.cli import output
-from linked_fleet_client.cli.description import found_at, invocation
-from linked_fleet_client.cli.options import Session, action_names, common, inputs, longest, things, wait
+from linked_fleet_client.cli.description import find_at, invocation
+from linked_fleet_client.cli.options import Session, action_names, add_common_options, inputs, longest, things, wait
 from linked_fleet_client.errors import ClientError, NoSuchThing, StillRunning
 from linked_fleet_client.fleet import Fleet, Thing
 from linked_fleet_client.invocation import Invocation, progress_in
@@ -29,7 +29,7 @@ class BadArgument(ClientError):  # noqa: N818
     """An argument that is not ``name=value``."""
 
 
-def nested(arguments: Sequence[str]) -> dict[str, Any]:
+def nested_values(arguments: Sequence[str]) -> dict[str, Any]:
     """Return the nested mapping of the arguments; a repeated name collects its values in a list.
 
     ``a=1 b[0].c=2 b[1].c=3`` is the same as ``a=1 b='[{"c": 2}, {"c": 3}]'``.
@@ -96,7 +96,7 @@ _CANCEL_S = 10.0
 @click.option("--idempotency-key", metavar="KEY", help="The same command with the same key is done once.")
 @wait
 @longest
-@common
+@add_common_options
 @click.pass_obj
 def do(
     session: Session,
@@ -110,7 +110,7 @@ def do(
 ) -> int:
     """Execute an action and wait for its end; Ctrl-C cancels it. `get` lists its input."""
     with session.fleet() as fleet:
-        wanted, given = _action(fleet, path, action), nested(arguments)
+        wanted, given = _action(fleet, path, action), nested_values(arguments)
         if dry_run:
             return _rehearse(wanted, given, session.json)
         try:
@@ -122,7 +122,7 @@ def do(
 
 
 def _action(fleet: Fleet, path: str, name: str) -> Action:
-    here = found_at(fleet, path)
+    here = find_at(fleet, path)
     if not isinstance(here, Thing):
         raise NoSuchThing(f"{path} is not a thing, so it has no action {name!r}")
     return here.actions[name]
@@ -132,7 +132,7 @@ def _action(fleet: Fleet, path: str, name: str) -> Action:
 @click.argument("path", default="", shell_complete=things)
 @wait
 @longest
-@common
+@add_common_options
 @click.pass_obj
 def stop(session: Session, path: str, wait: bool, seconds: float | None) -> int:
     """Stop a thing by its own action; without PATH, stop everything.
@@ -140,7 +140,7 @@ def stop(session: Session, path: str, wait: bool, seconds: float | None) -> int:
     The action is the one whose name begins with ``stop``.
     """
     with session.fleet() as fleet:
-        here = found_at(fleet, path)
+        here = find_at(fleet, path)
         if not isinstance(here, Thing):
             raise NoSuchThing(f"{path} is not a thing, so it has no action that stops it")
         actions = here.actions.with_loaded_names()
@@ -163,7 +163,7 @@ def _rehearse(action: Action, arguments: dict[str, object], as_json: bool) -> in
 
 def _follow(run: Invocation, seconds: float | None, as_json: bool) -> int:
     """Wait for the end; Ctrl-C cancels the invocation first."""
-    if not run.traced:
+    if not run.has_location:
         return _print(run, as_json)
     bar = _Bar(sys.stderr.isatty() and not as_json)
     try:
@@ -194,7 +194,7 @@ def _print(run: Invocation, as_json: bool) -> int:
     if as_json:
         print(output.as_json(said))
         return 0
-    if not run.traced:
+    if not run.has_location:
         print("the server reports success, but gives no invocation to look at")
         return 0
     reason = f": {said['reason']}" if said["reason"] else ""

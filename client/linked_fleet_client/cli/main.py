@@ -11,7 +11,7 @@ import click
 from linked_fleet_client.cli import output, programs
 from linked_fleet_client.cli.description import get, ls
 from linked_fleet_client.cli.invoke import BadArgument, do, stop
-from linked_fleet_client.cli.options import common, completion
+from linked_fleet_client.cli.options import add_common_options, completion
 from linked_fleet_client.cli.watch import watch
 from linked_fleet_client.errors import BadAnswer, ClientError, NoSuchThing, Problem, Unreachable
 
@@ -49,7 +49,7 @@ class _Commands(click.Group):
 
 
 @click.group(cls=_Commands, context_settings={"help_option_names": ["-h", "--help"]})
-@common
+@add_common_options
 def cli() -> None:
     """Read, watch and move a fleet; run a gateway, an agent or the demo; check what is wrong.
 

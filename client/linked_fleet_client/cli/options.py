@@ -52,7 +52,7 @@ def _keep(context: click.Context, parameter: click.Parameter, value: Any) -> Non
         setattr(session, parameter.name, value)
 
 
-def common(function: F) -> F:
+def add_common_options(function: F) -> F:
     """Add the options ``--url``, ``--json`` and ``--timeout`` to a command."""
     for option in (
         click.option("--timeout", type=seconds, metavar="S", help="Seconds to wait for the server.",

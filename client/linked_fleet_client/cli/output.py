@@ -29,7 +29,7 @@ def table(rows: Sequence[Sequence[str]], header: Sequence[str] = ()) -> str:
     return "\n".join("  ".join(map(str.ljust, row, widths)).rstrip() for row in cells)
 
 
-def converted(value: Quantity, units: Sequence[str]) -> Quantity:
+def convert(value: Quantity, units: Sequence[str]) -> Quantity:
     """Convert to the first of ``units`` with the same dimension; return the value unchanged if there is none."""
     for unit in units:
         try:
@@ -41,11 +41,11 @@ def converted(value: Quantity, units: Sequence[str]) -> Quantity:
 
 def value_text(value: Value, units: Sequence[str] = ()) -> str:
     if isinstance(value, Quantity):
-        return str(converted(value, units))
+        return str(convert(value, units))
     return local_name(value) if isinstance(value, URIRef) else value
 
 
-def brief(reading: Reading, units: Sequence[str] = ()) -> str:
+def one_line(reading: Reading, units: Sequence[str] = ()) -> str:
     """Return the values on one line: the main one, or as many as fit."""
     if reading.main is not None:
         return value_text(reading.main, units)
@@ -114,7 +114,7 @@ def quantity(value: Quantity) -> dict[str, Any]:
 
 def reading(found: Reading, units: Sequence[str] = ()) -> dict[str, Any]:
     return {
-        key: quantity(converted(value, units)) if isinstance(value, Quantity) else str(value)
+        key: quantity(convert(value, units)) if isinstance(value, Quantity) else str(value)
         for key, value in found.values.items()
     }
 

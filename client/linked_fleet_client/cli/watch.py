@@ -13,8 +13,8 @@ from typing import Any
 import click
 
 from linked_fleet_client.cli import output
-from linked_fleet_client.cli.description import found_at
-from linked_fleet_client.cli.options import Session, common, seconds, units, watched_paths
+from linked_fleet_client.cli.description import find_at
+from linked_fleet_client.cli.options import Session, add_common_options, seconds, units, watched_paths
 from linked_fleet_client.errors import ClientError
 from linked_fleet_client.fleet import Observable, Thing
 from linked_fleet_client.live import Change, Feed
@@ -39,7 +39,7 @@ class Row:
 @click.option("--interval", type=seconds, help="At least so many seconds between two changes.")
 @click.option("--seconds", type=seconds, help="End after so many seconds.")
 @units
-@common
+@add_common_options
 @click.pass_obj
 def watch(
     session: Session,
@@ -52,7 +52,7 @@ def watch(
     """Print values as they change: a line each, or on a terminal a table that is updated in place."""
     shown = _Screen(units) if sys.stdout.isatty() and not session.json else _Lines(units, session.json)
     with session.fleet() as fleet:
-        watched = {path: found_at(fleet, path) for path in paths}
+        watched = {path: find_at(fleet, path) for path in paths}
         feeds = {
             path: _observed(here).subscribe(interval_s=interval, timeout_s=seconds) for path, here in watched.items()
         }
@@ -136,7 +136,7 @@ class _Lines:
             values = output.reading(row.reading, self.units)
             return output.as_json({"path": row.path, "values": values, "missed": row.missed})
         gap = "  (others in between)" if row.missed else ""
-        return output.clean(f"{now}  {row.path}  {output.brief(row.reading, self.units)}{gap}")
+        return output.clean(f"{now}  {row.path}  {output.one_line(row.reading, self.units)}{gap}")
 
 
 class _Screen:
@@ -149,7 +149,7 @@ class _Screen:
     def show(self, rows: list[Row]) -> None:
         for row in rows:
             if row.reading.values:
-                self.rows[row.path] = (output.brief(row.reading, self.units), time.strftime("%H:%M:%S"))
+                self.rows[row.path] = (output.one_line(row.reading, self.units), time.strftime("%H:%M:%S"))
         lines = [[path, value, at] for path, (value, at) in self.rows.items()]
         sys.stdout.write(_CLEAR + output.table(lines, ("PATH", "VALUE", "AT")) + "\n")
         sys.stdout.flush()

@@ -101,7 +101,7 @@ class Mailbox:
     token: str
     first: asyncio.Future[Delivery] = field(repr=False)
 
-    async def arrival(self, timeout_s: float) -> Delivery | None:
+    async def wait_for_delivery(self, timeout_s: float) -> Delivery | None:
         with contextlib.suppress(TimeoutError):
             return await asyncio.wait_for(asyncio.shield(self.first), timeout_s)
         return None

@@ -10,9 +10,9 @@ from rdflib import RDF, BNode, Literal, URIRef
 from rdflib.term import Node
 
 from linked_fleet_client.conform.blueprint import Case, Conformance, validate
-from linked_fleet_client.conform.rdf import DCTERMS, LDP, RDFS, TURTLE, related, types
+from linked_fleet_client.conform.rdf import DCTERMS, LDP, RDFS, TURTLE, link_targets, types
 from linked_fleet_client.conform.subject import Subject
-from linked_fleet_client.conform.verdict import Verdict, cant_tell, conclude, failed, inapplicable, passed
+from linked_fleet_client.conform.verdict import Verdict, cant_tell, failed, inapplicable, passed, verdict_on
 from linked_fleet_client.conform.walk import Page, plain
 
 _MOST_VALIDATED = 40
@@ -42,7 +42,7 @@ async def r1_2(subject: Subject) -> Verdict:
     """A RT server must respond with a Turtle representation of the requested Linked Robotic Thing, unless HTTP
     content-negotiation requires a different outcome.
     """
-    things, declared = subject.walk.things(), subject.walk.declared()
+    things, declared = subject.walk.things(), subject.walk.typed_nodes()
     known = {page.url for page in things}
     problems = [page.fault for page in subject.walk if page.url not in known and _may_be_a_thing(page, declared)]
     for page in things:
@@ -55,7 +55,7 @@ async def r1_2(subject: Subject) -> Verdict:
             )
         elif not len(page.graph):
             problems.append(f"GET {page.url}: the Turtle says nothing")
-    return conclude(problems, f"Turtle, unasked, of {_things(subject)}")
+    return verdict_on(problems, f"Turtle, unasked, of {_things(subject)}")
 
 
 def _may_be_a_thing(page: Page, declared: set[Node]) -> bool:
@@ -78,7 +78,7 @@ async def r1_3(subject: Subject) -> Verdict:
     readable = _readable(subject)
     if not readable:
         return cant_tell(_UNREADABLE)
-    return conclude(
+    return verdict_on(
         [f"GET {page.url}: no rdf:type of {page.node}" for page in readable if not types(page.graph, page.node)],
         f"rdf:type on each of {_things(subject)}",
     )
@@ -109,7 +109,7 @@ async def r1_5(subject: Subject) -> Verdict:
         spaces = Counter(term.removesuffix(_local(term)) for term in own).most_common(3)
         found = ", ".join(f"{count} of {space}" for space, count in spaces)
         return cant_tell(f"{len(terms) - len(own)} terms are reused; whether others duplicate one: {found}")
-    return conclude(copies, f"all {len(terms)} terms are of known vocabularies")
+    return verdict_on(copies, f"all {len(terms)} terms are of known vocabularies")
 
 
 def _terms(graph: rdflib.Graph) -> Iterator[object]:
@@ -136,7 +136,7 @@ async def r1_7(subject: Subject) -> Verdict:
     clients to implement inferencing.
     """
     problems, seen = [], 0
-    for page in subject.walk.named_as("subscriptions"):
+    for page in subject.walk.pages_in_role("subscriptions"):
         stated = types(page.graph, page.node)
         seen += LDP.Container in stated
         if stated & _CONTAINERS and LDP.Container not in stated:
@@ -145,7 +145,7 @@ async def r1_7(subject: Subject) -> Verdict:
         problems += [f"GET {thing.url}: {problem}" for problem in _unstated(subject, thing)]
     if not problems and not seen:
         return cant_tell("no term was found whose meaning is known beforehand")
-    return conclude(problems, f"{_things(subject)} link all that they type; {seen} containers state ldp:Container")
+    return verdict_on(problems, f"{_things(subject)} link all that they type; {seen} containers state ldp:Container")
 
 
 def _unstated(subject: Subject, thing: Page) -> Iterator[str]:
@@ -167,7 +167,7 @@ async def r1_8(subject: Subject) -> Verdict:
     if not things:
         return cant_tell(_UNREADABLE)
     for thing in things:
-        nodes = subject.walk.named(thing, "subscriptions")
+        nodes = subject.walk.objects_in_role(thing, "subscriptions")
         urls = [plain(node) for node in nodes if isinstance(node, URIRef) and subject.web.same_origin(plain(node))]
         if not nodes:
             problems.append(f"GET {thing.url}: no hybrit:subscriptions")
@@ -175,14 +175,14 @@ async def r1_8(subject: Subject) -> Verdict:
             problems.append(f"GET {thing.url}: hybrit:subscriptions leads to no URI of this server, but to {nodes[0]}")
         elif fault := await _no_container(subject, urls[0]):
             problems.append(fault)
-    return conclude(problems, f"an LDP container for each of {_things(subject)}")
+    return verdict_on(problems, f"an LDP container for each of {_things(subject)}")
 
 
 async def _no_container(subject: Subject, url: str) -> str:
     page = await subject.page(url)
     if not page.answer.successful:
         return str(page.answer)
-    stated = types(page.graph, page.node) | {URIRef(target) for target in related(page.answer, "type")}
+    stated = types(page.graph, page.node) | {URIRef(target) for target in link_targets(page.answer, "type")}
     return "" if stated & _CONTAINERS else f"GET {url}: is no LDP container, neither in RDF nor in Link"
 
 
@@ -207,17 +207,17 @@ def _collection(subject: Subject, role: str) -> Verdict:
     things = _readable(subject)
     if not things:
         return cant_tell(_UNREADABLE)
-    having = [page for page in things if subject.walk.named(page, role)]
+    having = [page for page in things if subject.walk.objects_in_role(page, role)]
     if not having:
         return failed(f"no hybrit:{role} on any of {_things(subject)}")
-    pages = subject.walk.named_as(role)
+    pages = subject.walk.pages_in_role(role)
     problems = [
         f"GET {page.url}: hybrit:{role} is not a URI"
         for page in having
-        if any(isinstance(node, BNode | Literal) for node in subject.walk.named(page, role))
+        if any(isinstance(node, BNode | Literal) for node in subject.walk.objects_in_role(page, role))
     ]
     problems += [f"{page.fault}, though a hybrit:{role}" for page in pages if page.fault]
-    return conclude(
+    return verdict_on(
         problems, f"{len(having)} of {len(things)} things have hybrit:{role}; {len(pages)} of them were read"
     )
 
@@ -226,7 +226,7 @@ async def r1_11(subject: Subject) -> Verdict:
     """A Linked Robotic Thing may expose a Blueprint resource using an RDF triple whose subject is the Linked Robotic
     Thing's URI, whose predicate is hybrit:blueprint and whose object is the URI for the Blueprint resource.
     """
-    having = [page for page in subject.walk if subject.walk.named(page, "blueprint")]
+    having = [page for page in subject.walk if subject.walk.objects_in_role(page, "blueprint")]
     if not having:
         return inapplicable(f"no hybrit:blueprint on {subject.extent()}")
     problems, cases = await _cases(subject, having)
@@ -239,7 +239,7 @@ async def r1_11(subject: Subject) -> Verdict:
     conforming = sum(bool(result.conforms) for result in results)
     if not conforming and not problems:
         return cant_tell(f"GET {cases[0].url}: {_why(results[0])}")
-    return conclude(problems, f"{conforming} of {len(cases)} resources tried conform to their blueprints (SHACL)")
+    return verdict_on(problems, f"{conforming} of {len(cases)} resources tried conform to their blueprints (SHACL)")
 
 
 def _why(result: Conformance) -> str:
@@ -250,14 +250,14 @@ async def _cases(subject: Subject, having: list[Page]) -> tuple[list[str], list[
     """Return problems of fetching, and the cases to validate: a bounded number spread evenly over the resources."""
     problems, cases = [], []
     for page in having[:: -(-len(having) // _MOST_VALIDATED)]:
-        for node in subject.walk.named(page, "blueprint"):
+        for node in subject.walk.objects_in_role(page, "blueprint"):
             if not subject.web.same_origin(str(node)):
                 continue
             blueprint = await subject.page(plain(node))
             if blueprint.fault:
                 problems.append(f"{blueprint.fault}, though a blueprint")
                 continue
-            data, shapes = page.turtle, blueprint.turtle
+            data, shapes = page.turtle_graph, blueprint.turtle_graph
             cases.append(Case(data.url, str(page.node), data.body, shapes.url, shapes.body, str(node)))
     return problems, cases
 

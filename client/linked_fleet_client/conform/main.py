@@ -91,7 +91,7 @@ def cli(earl_file: Path | None, json_: bool, token_file: Path | None, **options:
             earl_file.write_text(earl(report), encoding="utf-8")
         except OSError as error:
             raise click.UsageError(f"{earl_file} cannot be written: {error}") from error
-    return _BREAKS if report.breaks else _CONFORMS
+    return _BREAKS if report.violates_must else _CONFORMS
 
 
 def _token(file: Path | None) -> str:

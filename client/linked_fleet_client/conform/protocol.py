@@ -10,17 +10,17 @@ from urllib.parse import urlsplit
 
 from rdflib import BNode, Literal
 
-from linked_fleet_client.conform.rdf import SH, TURTLE, linkset, related
+from linked_fleet_client.conform.rdf import SH, TURTLE, link_targets, linkset_targets
 from linked_fleet_client.conform.subject import Subject
 from linked_fleet_client.conform.verdict import (
     Level,
     Outcome,
     Verdict,
     cant_tell,
-    conclude,
     failed,
     inapplicable,
     passed,
+    verdict_on,
 )
 from linked_fleet_client.conform.walk import Page, plain
 from linked_fleet_client.conform.web import Answer, exchange, status
@@ -54,7 +54,7 @@ async def r0_1(subject: Subject) -> Verdict:
     answer, _ = await exchange(root.url, _UNKNOWN_METHOD, timeout_s)
     if status(answer) < 400:
         problems.append(f"unknown method at {root.url}: {status(answer) or 'no answer'}, not an error")
-    return conclude(
+    return verdict_on(
         problems, f"{root.answer} over HTTP/1.1; no Host is a 400, HEAD has no body, unknown methods are refused"
     )
 
@@ -96,16 +96,18 @@ async def r0_3(subject: Subject) -> Verdict:
         for page in subject.walk.things()
         if len(page.graph) and (page.node, None, None) not in page.graph
     ]
-    if any(isinstance(node, BNode) for node in subject.walk.declared()):
+    if any(isinstance(node, BNode) for node in subject.walk.typed_nodes()):
         problems.append(f"{subject.extent()}: a Robotic Thing without URI")
     for page in subject.walk:
         for role, node in subject.walk.sub_resources(page):
             problems += [f"GET {page.url}: names a {role} without URI"] if isinstance(node, BNode | Literal) else []
-    problems += [f"{page.answer}, linked from {page.found_on}" for page in subject.walk.claimed() if _missing(page)]
+    problems += [
+        f"{page.answer}, linked from {page.found_on}" for page in subject.walk.claimed_pages() if _missing(page)
+    ]
     named = {node for page in subject.walk for _, node in subject.walk.sub_resources(page)}
     if not problems and not named:
         return cant_tell(f"{subject.extent()} name no sub-resources")
-    return conclude(
+    return verdict_on(
         problems, f"{subject.extent()} name {len(named)} sub-resources by URI; all that were visited are there"
     )
 
@@ -126,22 +128,24 @@ async def r0_5(subject: Subject) -> Verdict:
     """
     problems = [
         str(page.answer)
-        for page in subject.walk.claimed()
+        for page in subject.walk.claimed_pages()
         if not page.answer.successful and not _missing(page) and page.answer.status not in _PRIVATE
     ]
-    allowed = {method: page.url for page in subject.answering() for method in (await subject.options(page.url)).allow}
+    allowed = {
+        method: page.url for page in subject.readable_pages() for method in (await subject.options(page.url)).allow
+    }
     telling = bool(allowed)
-    for made in subject.trials.made():
+    for made in subject.trials.callback_attempts():
         allowed |= dict.fromkeys(made.allow, made.url) | ({"DELETE": made.url} if _gone(made.deleted) else {})
         if made.left:
             problems.append(f"{made.left} could not be deleted again")
     missing = [method for method in ("POST", "PUT", "DELETE") if method not in allowed]
     if missing and not problems:
         found = f"{', '.join(missing)} in no Allow field of {subject.extent()}"
-        nothing_deleted = missing == ["DELETE"] and not any(made.url for made in subject.trials.made())
+        nothing_deleted = missing == ["DELETE"] and not any(made.url for made in subject.trials.callback_attempts())
         return cant_tell(found) if subject.walk.cut or nothing_deleted or not telling else failed(found)
     seen = ", ".join(f"{method} {allowed[method]}" for method in ("POST", "PUT", "DELETE") if method in allowed)
-    return conclude(problems, f"GET answers on {subject.extent()}; allowed are {seen}")
+    return verdict_on(problems, f"GET answers on {subject.extent()}; allowed are {seen}")
 
 
 def _gone(deleted: Answer | None) -> bool:
@@ -166,7 +170,9 @@ async def r0_6(subject: Subject) -> Verdict:
     if not problems and not any(400 <= answer.status < 500 for answer in refusals):
         return cant_tell("200 was seen; no harmless wrong request was found")
     seen = ", ".join(sorted({str(answer.status) for answer in refusals}))
-    return conclude(problems, f"200 for what is there, {seen} for what is wrong; a 500 cannot be provoked from outside")
+    return verdict_on(
+        problems, f"200 for what is there, {seen} for what is wrong; a 500 cannot be provoked from outside"
+    )
 
 
 def _accepts_nonsense(answer: Answer) -> bool:
@@ -181,10 +187,10 @@ async def _broken_bodies(subject: Subject) -> list[Answer]:
     """
     answers = []
     containers: list[tuple[str, dict[str, str]]] = [
-        (page.url, {}) for page in subject.walk.named_as("subscriptions")[:1]
+        (page.url, {}) for page in subject.walk.pages_in_role("subscriptions")[:1]
     ]
     actions = [
-        (page.url, {"if-match": _NO_ETAG}) for page in subject.walk.named_as("action") if _demands(subject, page)
+        (page.url, {"if-match": _NO_ETAG}) for page in subject.walk.pages_in_role("action") if _demands(subject, page)
     ][:1]
     for url, guard in [*containers, *actions]:
         allow = (await subject.options(url)).allow
@@ -203,14 +209,14 @@ def _demands(subject: Subject, page: Page) -> bool:
 
 async def r0_7(subject: Subject) -> Verdict:
     """A RT server should return a HTTP status code 204 for all successful PUT, POST, and DELETE requests."""
-    answers = [made.deleted for made in subject.trials.made() if made.deleted is not None]
-    answers += [made.answer for made in subject.trials.made() if made.answer.method == "POST"]
+    answers = [made.deleted for made in subject.trials.callback_attempts() if made.deleted is not None]
+    answers += [made.answer for made in subject.trials.callback_attempts() if made.answer.method == "POST"]
     successful = [answer for answer in answers if answer.successful]
     if not successful:
         return cant_tell(subject.trials.excuse or "no harmless PUT, POST or DELETE succeeded")
     other = sorted({f"{answer}, not 204" for answer in successful if answer.status != 204})
     note = " (LDP asks for 201 where a container makes a member)" if any(a.status == 201 for a in successful) else ""
-    verdict = conclude(
+    verdict = verdict_on(
         other, f"204 to {len(successful)} requests, the last {successful[-1].method} {successful[-1].url}"
     )
     return Verdict(verdict.outcome, verdict.evidence + note)
@@ -240,10 +246,10 @@ async def r0_9(subject: Subject) -> Verdict:
     relation type of related (that is, rel="related").
     """
     problems, count, by_linkset = [], 0, 0
-    for page in subject.answering():
+    for page in subject.readable_pages():
         named = {plain(node) for _, node in subject.walk.sub_resources(page)}
         expected = {url for url in named if subject.web.same_origin(url)}
-        header = set(related(page.answer, "related"))
+        header = set(link_targets(page.answer, "related"))
         missing = expected - header
         if missing and header:
             missing -= await _in_link_sets(subject, page)
@@ -255,14 +261,14 @@ async def r0_9(subject: Subject) -> Verdict:
     if not count:
         return cant_tell(f"{subject.extent()} name no sub-resources")
     note = f"; of {by_linkset} resources some stand in the link set only that Link names" if by_linkset else ""
-    return conclude(problems, f'rel="related" for {count} sub-resources of {subject.extent()}{note}')
+    return verdict_on(problems, f'rel="related" for {count} sub-resources of {subject.extent()}{note}')
 
 
 async def _in_link_sets(subject: Subject, page: Page) -> set[str]:
     """Return links from link sets (RFC 9264), which hold those that exceed the practical size of header fields."""
     found: set[str] = set()
-    for url in related(page.answer, "linkset"):
-        found.update(linkset((await subject.page(url)).answer, "related"))
+    for url in link_targets(page.answer, "linkset"):
+        found.update(linkset_targets((await subject.page(url)).answer, "related"))
     return found
 
 
@@ -271,13 +277,13 @@ async def r0_10(subject: Subject) -> Verdict:
     interactions in the response Allow header field.
     """
     problems = []
-    for page in subject.answering():
+    for page in subject.readable_pages():
         answer = await subject.options(page.url)
         if not answer.successful:
             problems.append(str(answer))
         elif "GET" not in answer.allow:
             problems.append(f"{answer}: Allow is {answer.header('allow') or 'absent'}, though GET answers")
-    return conclude(problems, f"OPTIONS answers with Allow on {subject.extent()}")
+    return verdict_on(problems, f"OPTIONS answers with Allow on {subject.extent()}")
 
 
 async def r0_11(subject: Subject) -> Verdict:
@@ -286,7 +292,7 @@ async def r0_11(subject: Subject) -> Verdict:
     """
     problems: list[str] = []
     unchanged = 0
-    for page in subject.answering():
+    for page in subject.readable_pages():
         tag = page.answer.header("etag")
         if not _ETAG.fullmatch(tag):
             problems.append(f"GET {page.url}: ETag is {tag or 'absent'}")
@@ -298,4 +304,4 @@ async def r0_11(subject: Subject) -> Verdict:
         unchanged += again.status == 304
         if again.status != 304 and again.header("etag") == tag:
             problems.append(f"{again}: not 304, though If-None-Match has the very tag {tag}")
-    return conclude(problems, f"ETag on GET and HEAD of {subject.extent()}; {unchanged} unchanged ones answered 304")
+    return verdict_on(problems, f"ETag on GET and HEAD of {subject.extent()}; {unchanged} unchanged ones answered 304")

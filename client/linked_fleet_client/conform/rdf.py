@@ -43,17 +43,17 @@ def untrusted_input() -> Iterator[None]:
         log.setLevel(before[1])
 
 
-def turtle(answer: Answer) -> tuple[rdflib.Graph, str]:
+def turtle_graph(answer: Answer) -> tuple[rdflib.Graph, str]:
     """Return the graph of a Turtle answer; an empty graph and the reason if there is none."""
     if not answer.successful:
         return rdflib.Graph(), str(answer)
     if answer.media_type != TURTLE:
         return rdflib.Graph(), f"GET {answer.url}: is {answer.media_type or 'of no media type'}, not Turtle"
-    graph, fault = parsed(answer.body, answer.url)
+    graph, fault = parse_turtle(answer.body, answer.url)
     return graph, f"GET {answer.url}: {fault}" if fault else ""
 
 
-def parsed(body: bytes, base: str) -> tuple[rdflib.Graph, str]:
+def parse_turtle(body: bytes, base: str) -> tuple[rdflib.Graph, str]:
     """Return the graph of a Turtle document, or an empty graph and the error."""
     try:
         return load(body.decode("utf-8"), "turtle", base), ""
@@ -62,7 +62,7 @@ def parsed(body: bytes, base: str) -> tuple[rdflib.Graph, str]:
         return rdflib.Graph(), f"does not parse as Turtle: {type(error).__name__} {reason}"
 
 
-def related(answer: Answer, relation: str) -> list[str]:
+def link_targets(answer: Answer, relation: str) -> list[str]:
     """Return the absolute targets of the Link fields with this relation (RFC 8288)."""
     found = []
     for target, parameters in _LINK.findall(answer.header("link")):
@@ -72,7 +72,7 @@ def related(answer: Answer, relation: str) -> list[str]:
     return [url for url in found if url]
 
 
-def linkset(answer: Answer, relation: str) -> list[str]:
+def linkset_targets(answer: Answer, relation: str) -> list[str]:
     """Return the absolute targets with this relation in a link set (RFC 9264); none if it is not a link set."""
     try:
         contexts = json.loads(answer.body)["linkset"] if answer.media_type == LINKSET else []
@@ -86,7 +86,7 @@ def types(graph: rdflib.Graph, node: Node) -> frozenset[Node]:
     return frozenset(graph.objects(node, RDF.type))
 
 
-def named(graph: rdflib.Graph) -> Iterator[tuple[URIRef, Node]]:
+def linked_iris(graph: rdflib.Graph) -> Iterator[tuple[URIRef, Node]]:
     """Yield the IRIs in a graph with the predicate that leads to them, without terms of vocabularies."""
     for subject, predicate, value in graph:
         if isinstance(subject, URIRef):

@@ -25,8 +25,8 @@ class Report:
     results: Sequence[Result]
 
     @property
-    def breaks(self) -> bool:
-        return any(result.breaks for result in self.results)
+    def violates_must(self) -> bool:
+        return any(result.violates_must for result in self.results)
 
 
 def table(report: Report) -> str:
@@ -36,7 +36,7 @@ def table(report: Report) -> str:
     ]
     counts = Counter(str(result.verdict.outcome) for result in report.results)
     summary = ", ".join(f"{count} {outcome}" for outcome, count in sorted(counts.items()))
-    broken = [result.requirement.name for result in report.results if result.breaks]
+    broken = [result.requirement.name for result in report.results if result.violates_must]
     ending = f"musts failed: {', '.join(broken)}" if broken else "no must failed"
     return "\n".join([printable(report.extent), "", *rows, "", f"{summary}; {ending}"])
 
@@ -53,7 +53,7 @@ def as_json(report: Report) -> str:
         for result in report.results
     ]
     head = {"subject": report.url, "date": report.date.isoformat(), "extent": printable(report.extent)}
-    return json.dumps({**head, "conforms": not report.breaks, "results": results}, indent=2, ensure_ascii=False)
+    return json.dumps({**head, "conforms": not report.violates_must, "results": results}, indent=2, ensure_ascii=False)
 
 
 def earl(report: Report) -> str:

@@ -32,7 +32,7 @@ class Result:
         return self.verdict.level or self.requirement.level
 
     @property
-    def breaks(self) -> bool:
+    def violates_must(self) -> bool:
         """True if the server violates a MUST."""
         return self.level is Level.MUST and self.verdict.outcome is Outcome.FAILED
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from rdflib import URIRef
 
 from linked_fleet_client.conform.channels import Delivery, Mailbox, Receiver, Stream, open_stream
-from linked_fleet_client.conform.rdf import LDP, TURTLE, named
+from linked_fleet_client.conform.rdf import LDP, TURTLE, linked_iris
 from linked_fleet_client.conform.walk import Page, Walk, plain, read
 from linked_fleet_client.conform.web import Answer, Web, absolute
 
@@ -25,7 +25,7 @@ _POSTED = """\
 
 
 @dataclass
-class Made:
+class CallbackAttempt:
     """One attempt to create a callback. ``url`` is the subscription if this check certainly created it."""
 
     answer: Answer
@@ -38,7 +38,7 @@ class Made:
     left: str = ""
 
     @property
-    def announced(self) -> bool:
+    def has_creation_status(self) -> bool:
         """True if the status alone says that a resource was created."""
         plain = self.answer.status == 200 and not self.answer.header("location")
         return self.answer.status == 101 or (self.answer.successful and not plain)
@@ -58,23 +58,23 @@ class Trials:
     other_type: str = ""
     streams: list[Stream] = field(default_factory=list)
     excuse: str = ""
-    without_callback: Made | None = None
-    plain: Made | None = None
-    negotiated: Made | None = None
-    posted: Made | None = None
+    without_callback: CallbackAttempt | None = None
+    plain: CallbackAttempt | None = None
+    negotiated: CallbackAttempt | None = None
+    posted: CallbackAttempt | None = None
 
-    def made(self) -> list[Made]:
+    def callback_attempts(self) -> list[CallbackAttempt]:
         attempts = (self.without_callback, self.plain, self.negotiated, self.posted)
         return [attempt for attempt in attempts if attempt is not None]
 
-    def opened(self) -> list[Stream]:
+    def opened_streams(self) -> list[Stream]:
         return [stream for stream in self.streams if not stream.fault]
 
 
 def target(walk: Walk) -> tuple[str, str]:
     """Choose the resource to subscribe to, preferably a property, and its subscriptions container, if any."""
     for thing in walk.things():
-        for node in walk.named(thing, "property"):
+        for node in walk.objects_in_role(thing, "property"):
             page = walk.pages.get(plain(node))
             if page and page.answer.successful:
                 return page.url, _container(walk, thing)
@@ -83,7 +83,7 @@ def target(walk: Walk) -> tuple[str, str]:
 
 
 def _container(walk: Walk, thing: Page) -> str:
-    return next((plain(node) for node in walk.named(thing, "subscriptions") if isinstance(node, URIRef)), "")
+    return next((plain(node) for node in walk.objects_in_role(thing, "subscriptions") if isinstance(node, URIRef)), "")
 
 
 async def try_streams(web: Web, trials: Trials) -> None:
@@ -123,33 +123,33 @@ class _Maker:
         if "POST" in (await self._web.request("OPTIONS", trials.container)).allow:
             trials.posted = await self._posted(self._receiver.mailbox())
 
-    async def _upgraded(self, box: Mailbox | None, accept: str) -> Made:
+    async def _upgraded(self, box: Mailbox | None, accept: str) -> CallbackAttempt:
         headers = {"connection": "Upgrade", "upgrade": "callback"}
         headers |= {"callback": box.url} if box else {}
         headers |= {"accept": accept} if accept else {}
         return await self._make("GET", self._trials.resource, headers, None, box)
 
-    async def _posted(self, box: Mailbox) -> Made:
+    async def _posted(self, box: Mailbox) -> CallbackAttempt:
         body = _POSTED.format(model=self._walk.model, resource=self._trials.resource, callback=box.url)
         return await self._make("POST", self._trials.container, {"content-type": TURTLE}, body.encode(), box)
 
     async def _make(
         self, method: str, url: str, headers: Mapping[str, str], body: bytes | None, box: Mailbox | None
-    ) -> Made:
+    ) -> CallbackAttempt:
         before = await self._members()
-        made = Made(await self._web.request(method, url, headers, body), headers.get("accept", ""))
+        made = CallbackAttempt(await self._web.request(method, url, headers, body), headers.get("accept", ""))
         try:
-            if box and (made.announced or made.answer.successful):
-                timeout_s = _TIMEOUT_S if made.announced else _DOUBT_S
-                made.delivery = await box.arrival(min(timeout_s, self._web.timeout_s))
+            if box and (made.has_creation_status or made.answer.successful):
+                timeout_s = _TIMEOUT_S if made.has_creation_status else _DOUBT_S
+                made.delivery = await box.wait_for_delivery(min(timeout_s, self._web.timeout_s))
         finally:
             await self._undo(made, box, before)
         return made
 
-    async def _undo(self, made: Made, box: Mailbox | None, before: frozenset[str]) -> None:
+    async def _undo(self, made: CallbackAttempt, box: Mailbox | None, before: frozenset[str]) -> None:
         """Delete the created subscription, and nothing else, whatever the server claims."""
         named = absolute(made.answer.url, made.answer.header("location"))
-        if not made.announced and not made.answer.successful and not made.delivery:
+        if not made.has_creation_status and not made.answer.successful and not made.delivery:
             return
         new = await self._members() - before
         for url in [named] if named else sorted(new):
@@ -159,7 +159,7 @@ class _Maker:
                 made.allow = (await self._web.request("OPTIONS", url, in_any_case=True)).allow
                 made.deleted = await self._web.request("DELETE", url, in_any_case=True)
                 return
-        if made.announced or made.delivery:
+        if made.has_creation_status or made.delivery:
             made.left = named or "a subscription that no Location names"
 
     def _is_ours(self, page: Page, announced: bool, box: Mailbox | None) -> bool:
@@ -171,7 +171,7 @@ class _Maker:
         if not self._trials.container:
             return frozenset()
         container = await read(self._web, self._trials.container, in_any_case=True)
-        return frozenset(plain(node) for node, predicate in named(container.graph) if predicate == LDP.contains)
+        return frozenset(plain(node) for node, predicate in linked_iris(container.graph) if predicate == LDP.contains)
 
 
 @dataclass
@@ -195,7 +195,7 @@ class Subject:
             found = self._read[url] = await read(self.web, url)
         return found
 
-    def answering(self) -> list[Page]:
+    def readable_pages(self) -> list[Page]:
         return [page for page in self.walk if page.answer.successful]
 
     def extent(self) -> str:

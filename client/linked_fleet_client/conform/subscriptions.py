@@ -5,9 +5,9 @@ import json
 from rdflib import RDF
 
 from linked_fleet_client.conform.channels import Stream
-from linked_fleet_client.conform.rdf import parsed
-from linked_fleet_client.conform.subject import Made, Subject
-from linked_fleet_client.conform.verdict import Verdict, cant_tell, conclude, failed, passed
+from linked_fleet_client.conform.rdf import parse_turtle
+from linked_fleet_client.conform.subject import CallbackAttempt, Subject
+from linked_fleet_client.conform.verdict import Verdict, cant_tell, failed, passed, verdict_on
 
 _NOT_HERE = (403, 422, 429, 503)
 """Statuses of a refusal because of the receiver, of quotas, or of the moment."""
@@ -15,11 +15,11 @@ _NOT_HERE = (403, 422, 429, 503)
 
 async def r0_12(subject: Subject) -> Verdict:
     """A RT server must implement the WebSocket protocol [10]."""
-    opened = subject.trials.opened()
+    opened = subject.trials.opened_streams()
     if not opened:
         return _no_stream(subject)
     silent = [f"WebSocket {stream.url}: a ping is not answered" for stream in opened if not stream.ponged]
-    return conclude(silent, f"WebSocket {opened[0].url}: opened, ping answered, closed")
+    return verdict_on(silent, f"WebSocket {opened[0].url}: opened, ping answered, closed")
 
 
 def _no_stream(subject: Subject) -> Verdict:
@@ -29,7 +29,7 @@ def _no_stream(subject: Subject) -> Verdict:
 
 async def r0_13(subject: Subject) -> Verdict:
     """A RT server should implement a HTTP callback mechanism, e.g. WebHooks or RestHooks."""
-    made = [each for each in subject.trials.made() if each.exists]
+    made = [each for each in subject.trials.callback_attempts() if each.exists]
     if made:
         return passed(f"{made[0].answer}: {_what_came(made[0])}")
     for page in subject.walk:
@@ -38,7 +38,7 @@ async def r0_13(subject: Subject) -> Verdict:
     return _no_callback(subject)
 
 
-def _what_came(made: Made) -> str:
+def _what_came(made: CallbackAttempt) -> str:
     delivered = f", {made.delivery.media_type} was delivered" if made.delivery else ""
     deleted = f", deleted again ({made.deleted.status})" if made.deleted else ""
     return f"subscription {made.url or 'without URL'}{delivered}{deleted}"
@@ -59,7 +59,7 @@ def _no_callback(subject: Subject) -> Verdict:
 
 async def r0_14(subject: Subject) -> Verdict:
     """A RT server must support the request Upgrade header field for subscription creation."""
-    opened, made = subject.trials.opened(), subject.trials.plain
+    opened, made = subject.trials.opened_streams(), subject.trials.plain
     by = ["websocket"] if opened else []
     by += ["callback"] if made and made.exists else []
     if by:
@@ -71,7 +71,7 @@ async def r0_15(subject: Subject) -> Verdict:
     """A request Upgrade header field value of 'websocket' must result in the creation of a WebSocket-based
     communication as specified in [10].
     """
-    opened = subject.trials.opened()
+    opened = subject.trials.opened_streams()
     if not opened:
         return _no_stream(subject)
     size = (
@@ -85,7 +85,7 @@ async def r0_16(subject: Subject) -> Verdict:
     the request Callback header field to specify a callback URI.
     """
     bare, made = subject.trials.without_callback, subject.trials.plain
-    if bare and bare.announced:
+    if bare and bare.has_creation_status:
         return failed(f"{bare.answer}: Upgrade: callback without Callback field is accepted")
     if made is None or not made.exists:
         return _no_callback(subject)
@@ -99,12 +99,12 @@ async def r0_17(subject: Subject) -> Verdict:
     trials = subject.trials
     if not trials.other_type:
         return cant_tell(f"GET {trials.resource}: no media type other than Turtle is offered")
-    heard = [_of_stream(stream) for stream in trials.opened() if stream.accept and stream.message is not None]
+    heard = [_of_stream(stream) for stream in trials.opened_streams() if stream.accept and stream.message is not None]
     heard += _of_callback(subject) if trials.negotiated else []
     if not heard:
         return cant_tell(f"{trials.resource}: no message came that would show its type")
     wrong = [problem for problem in heard if problem]
-    return conclude(
+    return verdict_on(
         wrong, f"{trials.resource}: {len(heard)} subscriptions with Accept: {trials.other_type} get that type"
     )
 
@@ -117,7 +117,7 @@ def _of_stream(stream: Stream) -> str:
     elif stream.accept == "application/rdf+xml":
         right = message.lstrip().startswith(b"<?xml") or b"<rdf:RDF" in message
     else:
-        right = b"@prefix" not in message and not parsed(message, stream.url)[1]
+        right = b"@prefix" not in message and not parse_turtle(message, stream.url)[1]
     return "" if right else f"WebSocket {stream.url} with Accept: {stream.accept}: the message is something else"
 
 

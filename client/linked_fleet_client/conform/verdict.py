@@ -49,7 +49,7 @@ def inapplicable(evidence: str) -> Verdict:
     return Verdict(Outcome.INAPPLICABLE, evidence)
 
 
-def conclude(problems: Sequence[str], evidence: str) -> Verdict:
+def verdict_on(problems: Sequence[str], evidence: str) -> Verdict:
     """Return failed with the first problem and the number of others, or passed with the evidence."""
     if not problems:
         return passed(evidence)

@@ -9,7 +9,15 @@ import rdflib
 from rdflib import RDF, URIRef
 from rdflib.term import Node
 
-from linked_fleet_client.conform.rdf import TURTLE, hybrit, linkset, named, related, turtle, types
+from linked_fleet_client.conform.rdf import (
+    TURTLE,
+    hybrit,
+    link_targets,
+    linked_iris,
+    linkset_targets,
+    turtle_graph,
+    types,
+)
 from linked_fleet_client.conform.web import Answer, Web
 
 _PART_OF_TIME = 0.5
@@ -29,7 +37,7 @@ class Page:
     answer: Answer
     graph: rdflib.Graph
     fault: str
-    turtle: Answer
+    turtle_graph: Answer
     """The answer that contains the graph."""
     asked: str
     """The requested URL, before redirects."""
@@ -73,37 +81,37 @@ class Walk:
             return True
         return any((page.node, self.model[role], None) in page.graph for role in _ROLES[:3])
 
-    def named(self, page: Page, role: str) -> list[Node]:
+    def objects_in_role(self, page: Page, role: str) -> list[Node]:
         """Return the nodes that a page names as its property, action, subscriptions or blueprint."""
         return sorted(page.graph.objects(page.node, self.model[role]), key=str)
 
-    def named_as(self, role: str) -> list[Page]:
+    def pages_in_role(self, role: str) -> list[Page]:
         """Return the pages that others name in this role."""
-        urls = {plain(node) for page in self for node in self.named(page, role)}
+        urls = {plain(node) for page in self for node in self.objects_in_role(page, role)}
         return [page for page in self if page.url in urls]
 
     def sub_resources(self, page: Page) -> list[tuple[str, Node]]:
-        return [(role, node) for role in _ROLES for node in self.named(page, role)]
+        return [(role, node) for role in _ROLES for node in self.objects_in_role(page, role)]
 
-    def declared(self) -> set[Node]:
+    def typed_nodes(self) -> set[Node]:
         """Return the nodes that any page types as a Robotic Thing."""
         return {node for page in self for node in page.graph.subjects(RDF.type, self.model.RoboticThing)}
 
-    def claimed(self) -> list[Page]:
+    def claimed_pages(self) -> list[Page]:
         """Return the root, the things and their named sub-resources, which must answer."""
         urls = {plain(node) for page in self for _, node in self.sub_resources(page)} | {self.root.url}
-        urls.update(plain(node) for node in self.declared())
-        urls.update(url for page in self for url in related(page.answer, "related"))
+        urls.update(plain(node) for node in self.typed_nodes())
+        urls.update(url for page in self for url in link_targets(page.answer, "related"))
         return [page for page in self if page.asked in urls or page.url in urls]
 
 
 async def read(web: Web, url: str, found_on: str = "", in_any_case: bool = False) -> Page:
     """Read one page; request it a second time if it is Turtle only on demand."""
     answer = await web.request("GET", url, in_any_case=in_any_case)
-    graph, fault = turtle(answer)
+    graph, fault = turtle_graph(answer)
     if fault and answer.successful and answer.media_type != TURTLE:
         on_demand = await web.request("GET", url, {"accept": TURTLE}, in_any_case=in_any_case)
-        graph, asked_fault = turtle(on_demand)
+        graph, asked_fault = turtle_graph(on_demand)
         return Page(answer, graph, fault if asked_fault else "", on_demand, url, found_on)
     return Page(answer, graph, fault, answer, url, found_on)
 
@@ -133,7 +141,7 @@ def _limit(web: Web, size: int, most: int) -> str:
         return f"only {most} resources are visited"
     if web.received > _MOST_BYTES:
         return f"only {size} resources were visited, which have {web.received} bytes"
-    return f"only {size} resources were visited in time" if web.used > _PART_OF_TIME else ""
+    return f"only {size} resources were visited in time" if web.used_share > _PART_OF_TIME else ""
 
 
 async def _has_gone(web: Web, page: Page) -> bool:
@@ -157,11 +165,11 @@ def _links(page: Page) -> list[tuple[str, Hashable]]:
     A typed IRI in the graph takes precedence over the same IRI in a Link field.
     """
     links: dict[str, Hashable] = {}
-    for node, predicate in named(page.graph):
+    for node, predicate in linked_iris(page.graph):
         kind = types(page.graph, node) or predicate
         links.setdefault(plain(node), kind)
     for relation in ("related", "linkset"):
-        for url in (*related(page.answer, relation), *linkset(page.answer, relation)):
+        for url in (*link_targets(page.answer, relation), *linkset_targets(page.answer, relation)):
             links.setdefault(url, relation)
     return list(links.items())
 

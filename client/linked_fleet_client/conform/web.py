@@ -87,7 +87,7 @@ class Web:
         await self._client.aclose()
 
     @property
-    def used(self) -> float:
+    def used_share(self) -> float:
         """The used share of the total time, from 0."""
         return (time.monotonic() - self._started) / self._limit_s
 
@@ -97,10 +97,10 @@ class Web:
 
     @property
     def left_s(self) -> float:
-        return max(0.0, (1 - self.used) * self._limit_s)
+        return max(0.0, (1 - self.used_share) * self._limit_s)
 
     def check_time(self) -> None:
-        if self.used >= 1:
+        if self.used_share >= 1:
             raise OutOfTimeError(f"not tried within the total limit of {self._limit_s:g} s")
 
     async def request(

@@ -12,7 +12,7 @@ from rdflib.term import Node, URIRef
 
 from linked_fleet_client.form import all_fields, choices
 from linked_fleet_client.quantity import INTEGERS, UNIT_PATHS, UNITS
-from linked_fleet_client.shape import Bound, Field, Shape, merged, read_shape
+from linked_fleet_client.shape import Bound, Field, Shape, conjunction, read_shape
 from linked_fleet_client.vocabulary import SH
 from linked_fleet_gateway.extensions.pages import texts
 from linked_fleet_gateway.extensions.pages.form_parts import Form, Group, Leaf
@@ -185,7 +185,7 @@ def _branches(shape: Shape) -> list[Shape]:
 def _field(own: Field, shape: Shape) -> Leaf | Group:
     branches = _branches(shape)
     there = [found.shape for branch in branches if (found := branch.field(own.path)) and found.shape.fields]
-    nested = merged([own.shape, *there])
+    nested = conjunction([own.shape, *there])
     most = _MANY if own.max_count is None else own.max_count
     name, hint = texts.words(own.name), texts.sentence(texts.clean(own.description))
     inner = _asked(nested)
@@ -271,7 +271,7 @@ def _limits(own: Field, branches: Sequence[Shape]) -> str:
 def _range(own: Field, branch: Shape) -> dict[str, object]:
     """Return the range in one branch of the alternatives; without a branch, the range that always holds."""
     there = branch.field(own.path)
-    both = merged([own.shape, there.shape]) if there else own.shape
+    both = conjunction([own.shape, there.shape]) if there else own.shape
     others = {
         str(each.path): [str(term) for term in each.allowed]
         for each in branch.fields

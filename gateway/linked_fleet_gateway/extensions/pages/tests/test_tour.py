@@ -16,7 +16,7 @@ from browser import Browser as Client
 from browser import all_live
 from commanding import angle
 from linked_fleet_demo.tree import PLACES
-from linked_fleet_demo.tree import place as place_robot
+from linked_fleet_demo.tree import set_placement as place_robot
 from page_user import PageUser
 from running import Process, eventually, process
 from shared_fixtures import ROBOTS
