@@ -84,7 +84,7 @@ def test_a_stop_that_ends_before_it_is_recorded_is_remembered(tmp_path: Path) ->
             memory.record(stopped)
             async with asyncio.timeout(PATIENCE_S):
                 async for news in other.news():
-                    if (found := await other.read(news.robot, news.id)) is not None and found.over:
+                    if (found := await other.read(news.robot, news.id)) is not None and found.is_final:
                         break
 
     with single(tmp_path) as servers:
@@ -107,10 +107,10 @@ def test_an_end_before_the_reply_is_stored_with_the_facts_of_the_reply(tmp_path:
                     moved.state = later.state = InvocationState.SUCCEEDED
                     memory.settle(moved)
                     memory.settle(later)
-                    while not (found := await other.read("r", "k")) or not found.over:  # noqa: ASYNC110 - in Redis
+                    while not (found := await other.read("r", "k")) or not found.is_final:  # noqa: ASYNC110 - in Redis
                         await asyncio.sleep(0.01)
                 moved.duration_s = 0.5
-                while not (found := await other.read("r", "i")) or not found.over:  # noqa: ASYNC110 - in Redis
+                while not (found := await other.read("r", "i")) or not found.is_final:  # noqa: ASYNC110 - in Redis
                     await asyncio.sleep(0.01)
         assert found.duration_s == 0.5
 

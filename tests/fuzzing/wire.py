@@ -28,7 +28,7 @@ from linked_fleet_gateway.base.errors import FleetError
 from linked_fleet_gateway.extensions.cameras.cameras import read_picture
 from linked_fleet_gateway.extensions.pages.extension import Pages
 from linked_fleet_gateway.fleet.answers import read_description, read_mesh, read_reply
-from linked_fleet_gateway.fleet.events import Appeared, Described, Framed, Undescribed, Vanished
+from linked_fleet_gateway.fleet.events import Appeared, Described, DescriptionRejected, Framed, Vanished
 from linked_fleet_gateway.fleet.fleet import Fleet
 from linked_fleet_gateway.fleet.invocations import Invocation, Invocations
 from linked_fleet_gateway.http.representation import Representations
@@ -177,7 +177,7 @@ class World:
         said = good.description(random, name, run_)
         answer = spoilt_description(random, good.tree_of(said)) if bad else json.dumps(good.tree_of(said)).encode()
         description, reason = read_description(answer, name, (run_,))
-        self._apply(Undescribed(name, run_, reason) if description is None else Described(description))
+        self._apply(DescriptionRejected(name, run_, reason) if description is None else Described(description))
         self._look(random, name, 0.25)
         self._apply(Vanished(name, run_ - 1 if random.random() < 0.9 else run_))
 

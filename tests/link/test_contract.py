@@ -368,7 +368,7 @@ async def test_renewed_declarations_are_announced_and_keep_working(part: Network
     await gateway.declare_token(GATEWAY)
     with agent.subscribe_tokens(KEYS.all_gateways, seen.take), agent.declare_token(TOKEN):
         await until(lambda: seen and told)
-        await gateway.declare_anew()
+        await gateway.redeclare()
         await until(lambda: seen == [(GATEWAY, True), (GATEWAY, False), (GATEWAY, True)])
         for key in (STATE, PROGRESS):
             with agent.declare_publisher(key, reliable=True, express=True) as publisher:

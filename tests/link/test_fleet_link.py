@@ -22,7 +22,7 @@ from linked_fleet_agent.wire.messages import (
     State,
     Stop,
 )
-from linked_fleet_gateway.fleet.events import Appeared, Described, Event, Framed, Undescribed, Vanished
+from linked_fleet_gateway.fleet.events import Appeared, Described, DescriptionRejected, Event, Framed, Vanished
 from linked_fleet_gateway.link.fleet_link import ASK_AGAIN_S, FleetLink, NoAnswer
 from linked_fleet_gateway.link.transport import Answer, Question
 from serving import until
@@ -59,9 +59,9 @@ class Gateway:
 
     async def complaint(self) -> str:
         """Return the reason why a robot has no description."""
-        await self.until(lambda: any(isinstance(event, Undescribed) for event in self.events))
+        await self.until(lambda: any(isinstance(event, DescriptionRejected) for event in self.events))
         assert not any(isinstance(event, Described) for event in self.events)
-        return next(event.reason for event in self.events if isinstance(event, Undescribed))
+        return next(event.reason for event in self.events if isinstance(event, DescriptionRejected))
 
 
 @contextlib.asynccontextmanager
@@ -130,8 +130,8 @@ async def test_a_robot_appears_is_described_sends_frames_and_vanishes(part: Netw
         agent.be(description(name))
         await gateway.seen(Described(description(name)))
         assert gateway.events[0] == Appeared(name, 1)
-        assert gateway.link.joined
-        assert await gateway.link.roll_call(5.0) == {name}
+        assert gateway.link.is_connected
+        assert await gateway.link.list_robots(5.0) == {name}
         # an agent publishes to nobody before it knows its subscribers
         while Framed(name, frame(3)) not in gateway.events:
             agent.publish(KEYS.robot(name, "state"), frame(3))
@@ -201,7 +201,7 @@ async def test_a_token_that_is_declared_again_at_once_has_not_gone(part: Network
                 await asyncio.sleep(0.1)
         await gateway.seen(Vanished("r", 1))
         await asyncio.sleep(1)
-        assert [event for event in gateway.events if not isinstance(event, Undescribed)] == [
+        assert [event for event in gateway.events if not isinstance(event, DescriptionRejected)] == [
             Appeared("r", 1),
             Vanished("r", 1),
         ]

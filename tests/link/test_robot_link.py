@@ -197,7 +197,7 @@ async def test_heartbeats_are_subscribed_to_while_the_token_is_there(part: Netwo
     async with link(session):
         await gateway.declare_token(KEYS.gateway("g"))
         await until(subscribed)
-        await gateway.declare_anew()
+        await gateway.redeclare()
         await until(lambda: not subscribed())
         await asyncio.sleep(0.4)
         assert not subscribed()

@@ -71,7 +71,7 @@ async def test_frames_are_read_by_one_thread_however_often_the_gateway_declares_
         others = {*threading.enumerate()}
         await session.subscribe_frames(KEYS.all_states, 10, lambda *_: None)
         for _ in range(5):
-            await session.declare_anew()
+            await session.redeclare()
         await until(
             lambda: [one.name for one in {*threading.enumerate()} - others if one.name == "frames"] == ["frames"]
         )

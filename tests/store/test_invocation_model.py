@@ -68,7 +68,7 @@ class Robot:
         """Add a new one. The oldest ended one makes room, or the open one with the earliest deadline."""
         self.invocations[one.id] = one
         while len(self.invocations) > KEPT:
-            over = [each for each in self.invocations.values() if each.over]
+            over = [each for each in self.invocations.values() if each.is_final]
             oldest = min(over, key=lambda each: each.created_ns) if over else None
             del self.invocations[(oldest or min(self.invocations.values(), key=lambda each: each.deadline_ns)).id]
 
@@ -188,7 +188,7 @@ class Invocations(RuleBasedStateMachine):
             held or an_invocation(id=id, robot=robot), state=state, expired=expired, progress=progress / 10
         )
         ask = lambda: self.stores[which].save(written)  # noqa: E731
-        taken = held is not None and (not held.over or held == written)
+        taken = held is not None and (not held.is_final or held == written)
         self.lose(lost, ask)
         assert self.run(ask()) is taken
         if taken:
@@ -198,7 +198,7 @@ class Invocations(RuleBasedStateMachine):
     def end_at_both(self, robot: str, ends: list[InvocationState]) -> None:
         """One of two simultaneous ends counts."""
         known = self.robots[robot]
-        for one in [each for each in known.invocations.values() if not each.over][:1]:
+        for one in [each for each in known.invocations.values() if not each.is_final][:1]:
             written = [replace(one, state=state, expired=False) for state in ends]
             saved = self.run(_all(store.save(end) for store, end in zip(self.stores, written, strict=True)))
             assert sorted(saved) == [False, True]

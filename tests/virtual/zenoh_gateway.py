@@ -58,7 +58,7 @@ class GatewaySession(Session):
         await asyncio.sleep(min(timeout_s, max(settled_s, default=0.0) - self._loop.time() + _HAND_OVER_S))
         return read(self.tokens(key)), True
 
-    async def declare_anew(self) -> None:
+    async def redeclare(self) -> None:
         for declaration in [each for each in self._own if each.kind in ("subscriber", "token")]:
             self.withdraw(declaration)
             self.declare(declaration.kind, declaration.key, declaration.take)

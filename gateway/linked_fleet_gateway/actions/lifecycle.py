@@ -224,7 +224,7 @@ class Lifecycle:
             self._live.fan_out.mark_changed(invocation_path(invocation))
 
     def _lost(self, robot: str) -> None:
-        for invocation in self._live.invocations.lose(robot):
+        for invocation in self._live.invocations.mark_unknown(robot):
             self._announce(invocation)
 
     async def _expire(self) -> None:
@@ -232,9 +232,9 @@ class Lifecycle:
         await asyncio.sleep(_EXPIRY_INTERVAL_S)
         invocations, now_ns = self._live.invocations, time.time_ns()
         for robot in self._live.fleet.robots.values():
-            for invocation in invocations.outlived(robot.name, robot.incarnation or 0, now_ns):
+            for invocation in invocations.fail_earlier_runs(robot.name, robot.incarnation or 0, now_ns):
                 self._settle(invocation)
-        for invocation in sorted(invocations.late(now_ns), key=self.replicated.owns, reverse=True):
+        for invocation in sorted(invocations.overdue(now_ns), key=self.replicated.owns, reverse=True):
             if await self.replicated.is_late(invocation):
                 invocations.expire(invocation, now_ns)
                 self._settle(invocation)

@@ -106,7 +106,7 @@ class ReplicatedInvocations:
             with suppress(StoreUnavailable):
                 found = await self._store.read(invocation.robot, invocation.id)
                 break
-        if found is not None and not found.over:
+        if found is not None and not found.is_final:
             if self._live.invocations.get(invocation.id) is invocation:
                 self._put(found)
             self.save(invocation)
@@ -303,7 +303,7 @@ class ReplicatedInvocations:
         for robot in [robot for robot, ends_s in self._ends_s.items() if now_s > ends_s + _WATCH_S]:
             self.control(robot, None)
         robots = list(self._live.fleet.robots)
-        for invocation in [one for robot in robots for one in self._live.invocations.open_of(robot) if one.lease]:
+        for invocation in [one for robot in robots for one in self._live.invocations.open_of_robot(robot) if one.lease]:
             lease = self._live.fleet.leases.get(invocation.robot)
             if (lease is None or lease.id != invocation.lease) and invocation.id not in self._stopping:
                 stopping = asyncio.create_task(self._stop_tied(invocation), name=f"stop {invocation.id}")

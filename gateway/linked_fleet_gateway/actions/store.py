@@ -296,7 +296,7 @@ class ActionStore:
 
     def _written(self, invocation: Invocation) -> tuple[str | bytes | int, ...]:
         """Return id, body, milliseconds to keep it, 1 if it is over for good, and creation in microseconds."""
-        over = invocation.over
+        over = invocation.is_final
         left_s = 0.0 if over else max(0.0, (invocation.deadline_ns - time.time_ns()) / 1e9)
         body, kept_ms = msgspec.json.encode(invocation), _ms(left_s + self._kept_s)
         return invocation.id, body, kept_ms, int(over), invocation.created_ns // 1000

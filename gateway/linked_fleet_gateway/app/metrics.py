@@ -106,7 +106,7 @@ class Numbers(Collector):
         yield gauge("redis_data_set_aside", "Folders of data that the embedded server could not load.", set_aside)
         for collect in self.extensions:
             yield from collect()
-        yield gauge("zenoh_up", "Whether robots can be heard.", self.live.link.joined)
+        yield gauge("zenoh_up", "Whether robots can be heard.", self.live.link.is_connected)
 
     def _of_robots(self) -> Iterator[Metric]:
         fleet, now_ns = self.live.fleet, time.time_ns()

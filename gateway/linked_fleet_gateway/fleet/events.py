@@ -40,7 +40,7 @@ class Described:
 
 
 @dataclass(frozen=True)
-class Undescribed:
+class DescriptionRejected:
     """An agent is present, but its description is unusable."""
 
     robot: str
@@ -56,7 +56,7 @@ class Framed:
     payload: bytes
 
 
-Event = Appeared | Vanished | Described | Undescribed | Framed
+Event = Appeared | Vanished | Described | DescriptionRejected | Framed
 
 
 MAX_KEYS = 20_000
@@ -74,14 +74,14 @@ class Batch:
     """Messages since the last batch.
 
     ``presence`` by key (True: present), ``states``: the latest state by key of frames that need a full check,
-    ``progress`` in order. ``told`` counts progress by key, ``tokens`` the entries of ``presence`` by robot.
+    ``progress`` in order. ``progress_counts`` by key, ``tokens`` the entries of ``presence`` by robot.
     ``presence_lost`` says that some presence did not fit.
     """
 
     presence: dict[str, bool] = field(default_factory=dict)
     states: dict[str, Payload] = field(default_factory=dict)
     progress: deque[tuple[str, Payload]] = field(default_factory=partial(deque, maxlen=MAX_PROGRESS))
-    told: dict[str, int] = field(default_factory=dict)
+    progress_counts: dict[str, int] = field(default_factory=dict)
     tokens: dict[str, int] = field(default_factory=dict)
     presence_lost: bool = False
 
@@ -145,9 +145,9 @@ class Inbox:
 
     def put_progress(self, key: str, payload: Payload) -> None:
         with self._lock:
-            told = self._batch.told.get(key, 0)
+            told = self._batch.progress_counts.get(key, 0)
             if told < MAX_PROGRESS_OF_ONE:
-                self._batch.told[key] = told + 1
+                self._batch.progress_counts[key] = told + 1
                 self._batch.progress.append((key, payload))
             self._reader.wake()
 

@@ -19,7 +19,7 @@ from typing import Any, Literal
 from linked_fleet_agent.wire.codec import WireError, read_header
 from linked_fleet_agent.wire.messages import Description
 from linked_fleet_gateway.fleet.answers import RejectedMessages
-from linked_fleet_gateway.fleet.events import Appeared, Described, Event, Framed, Frames, Undescribed, Vanished
+from linked_fleet_gateway.fleet.events import Appeared, Described, DescriptionRejected, Event, Framed, Frames, Vanished
 from linked_fleet_gateway.fleet.invocation import Lease
 from linked_fleet_gateway.fleet.limit_watch import LimitWatch
 from linked_fleet_gateway.fleet.observation import Observation
@@ -30,12 +30,12 @@ __all__ = [
     "Appeared",
     "Change",
     "Described",
+    "DescriptionRejected",
     "Event",
     "Fleet",
     "Framed",
     "Observation",
     "Robot",
-    "Undescribed",
     "Vanished",
 ]
 
@@ -79,7 +79,7 @@ class _ByName(Mapping[str, Robot]):
 
     def __getitem__(self, name: str) -> Robot:
         robot = self._robots[name]
-        robot.look()
+        robot.adopt_latest_frame()
         return robot
 
     def get(self, name: str, default: Any = None) -> Any:
@@ -87,7 +87,7 @@ class _ByName(Mapping[str, Robot]):
         robot = self._robots.get(name)
         if robot is None:
             return default
-        robot.look()
+        robot.adopt_latest_frame()
         return robot
 
     def __iter__(self) -> Iterator[str]:
@@ -125,7 +125,7 @@ class Fleet:
             Appeared: self._appeared,
             Vanished: self._vanished,
             Described: self._described,
-            Undescribed: self._not_described,
+            DescriptionRejected: self._not_described,
             Framed: self._framed,
         }
 
@@ -145,7 +145,7 @@ class Fleet:
         if entry is None or entry.robot.settings == settings:
             return []
         entry.robot.settings = settings
-        entry.robot.tell_news()
+        entry.robot.count_change()
         return [Change(robot, "configured")]
 
     def control(self, robot: str, lease: Lease | None) -> list[Change]:
@@ -158,7 +158,7 @@ class Fleet:
         if entry is None or entry.robot.lease == lease:
             return []
         entry.robot.lease = lease
-        entry.robot.tell_news()
+        entry.robot.count_change()
         return [Change(robot, "configured")]
 
     @property
@@ -181,14 +181,14 @@ class Fleet:
         """
         while (name := self.frames.next_moved()) is not None:
             entry = self._entries.get(name)
-            if entry is not None and entry.robot.tell():
+            if entry is not None and entry.robot.mark_reported():
                 return name
         return None
 
-    def judge_limits(self, now_ns: int) -> list[Change]:
+    def check_limits(self, now_ns: int) -> list[Change]:
         """Compare the latest frame of each robot with the limits in its URDF."""
         complain, entries = self._rejected.add, self._entries.values()
-        judged = [(each.robot.name, each.limits.judge(each.robot, now_ns, complain)) for each in entries]
+        judged = [(each.robot.name, each.limits.check(each.robot, now_ns, complain)) for each in entries]
         return [Change(name, what) for name, what in judged if what is not None]
 
     def _appeared(self, event: Appeared, now_ns: int) -> list[Change]:
@@ -215,7 +215,7 @@ class Fleet:
         del entry.runs[event.incarnation]
         if entry.runs:
             return self._elect(entry)
-        entry.robot.appear(False)
+        entry.robot.set_online(False)
         if not entry.described:
             self._remove(entry)
         return [Change(event.robot, "vanished")]
@@ -241,8 +241,8 @@ class Fleet:
         changes = [Change(robot.name, "appeared")]
         new = robot.incarnation != incarnation
         if new:
-            robot.run(incarnation)
-        robot.appear(True)
+            robot.start_run(incarnation)
+        robot.set_online(True)
         if new:
             changes += self._tell(entry)
         return changes
@@ -250,7 +250,7 @@ class Fleet:
     def _described(self, event: Described, now_ns: int) -> list[Change]:
         return self._said(event.description.robot, event.description.incarnation, event.description, now_ns)
 
-    def _not_described(self, event: Undescribed, now_ns: int) -> list[Change]:
+    def _not_described(self, event: DescriptionRejected, now_ns: int) -> list[Change]:
         self._rejected.add(event.robot if event.robot in self._entries else _HIDDEN, event.reason)
         return self._said(event.robot, event.incarnation, event.reason, now_ns)
 
@@ -291,7 +291,7 @@ class Fleet:
         if said is None:
             return []
         if isinstance(said, str):
-            robot.undescribe(said)
+            robot.reject_description(said)
             return [Change(robot.name, "faulty")]
         robot.describe(said)
         if robot.fault:
@@ -303,9 +303,9 @@ class Fleet:
         """Check a frame that arrived before the description."""
         if robot.payload is None:
             return []
-        reason = robot.refusal(read_header(robot.payload))
+        reason = robot.frame_mismatch(read_header(robot.payload))
         if reason is None:
-            robot.trust()
+            robot.accept_frame()
             return [Change(robot.name, "frame")]
         self._rejected.add(robot.name, reason)
         robot.drop_frame()
@@ -322,15 +322,15 @@ class Fleet:
             self.dropped[event.robot if entry else "(unknown)"] += 1
             return []
         robot = entry.robot
-        robot.look()
-        reason = robot.refusal(header)
+        robot.adopt_latest_frame()
+        reason = robot.frame_mismatch(header)
         if reason is not None:
             self._rejected.add(event.robot, reason)
             return []
         if header.sequence <= robot.last_sequence():
             self.dropped[event.robot] += 1
             return []
-        robot.take(header, event.payload, now_ns)
+        robot.store_frame(header, event.payload, now_ns)
         return [Change(event.robot, "frame")] if robot.described else []
 
     def _enter(self, name: str) -> tuple[_Entry | None, list[Change]]:

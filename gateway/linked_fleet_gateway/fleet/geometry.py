@@ -23,7 +23,7 @@ def meshes_of(robot: Robot) -> dict[str, Mesh]:
     return {mesh.uri: mesh for mesh in said if mesh.type in SUFFIXES}
 
 
-def drawable(urdf: str, addresses: Mapping[str, str]) -> bytes:
+def urdf_with_mesh_addresses(urdf: str, addresses: Mapping[str, str]) -> bytes:
     """Return the URDF in UTF-8 with the address of each mesh (by URI). Visual or collision geometry without one is
     removed.
 

@@ -96,7 +96,7 @@ class Invocation:
     expired: bool = False
 
     @property
-    def over(self) -> bool:
+    def is_final(self) -> bool:
         """True if it has ended and no report can change that."""
         return self.state.terminal and not self.expired
 
@@ -106,7 +106,7 @@ class Invocation:
         return self.duration_s is not None or self.started_ns is not None
 
 
-def merged(held: Invocation, found: Invocation) -> Invocation:
+def merge_copies(held: Invocation, found: Invocation) -> Invocation:
     """Merge two copies of one invocation. If both have a reported end, that of ``found`` wins.
 
     Neither copy need be later: the gateway that receives progress may not know yet what the agent answered to another
@@ -125,7 +125,7 @@ def merged(held: Invocation, found: Invocation) -> Invocation:
         for robot, answer in other.robots.items():
             if _weight(answer) > _weight(whole.robots[robot]):
                 whole.robots[robot] = answer
-        gather(whole)
+        update_fleet_state(whole)
     return whole
 
 
@@ -133,16 +133,16 @@ def _newer(held: Invocation, found: Invocation) -> bool:
     """Return True if ``found`` takes precedence: reported ends before expiry, and of two expiries the one with the
     later deadline.
     """
-    if held.over or found.over:
-        return found.over
+    if held.is_final or found.is_final:
+        return found.is_final
     if held.expired or found.expired:
         return (found.deadline_ns, found.expired) > (held.deadline_ns, held.expired)
     return held.state is InvocationState.ACCEPTED and found.state is not InvocationState.ACCEPTED
 
 
-def gather(invocation: Invocation) -> None:
+def update_fleet_state(invocation: Invocation) -> None:
     """Update the state of a fleet invocation from the answers of its robots."""
-    words = [word(answer) for answer in invocation.robots.values()]
+    words = [reported_state(answer) for answer in invocation.robots.values()]
     ended = [ENDS[each] for each in words if each in ENDS]
     invocation.progress = len(ended) / len(words)
     if len(ended) == len(words):
@@ -154,16 +154,16 @@ def gather(invocation: Invocation) -> None:
         invocation.state = InvocationState.UNKNOWN
 
 
-def word(answer: str) -> str:
+def reported_state(answer: str) -> str:
     """Return the state at the start of a robot's answer."""
     found = _WORD.match(answer)
     return found[0] if found else ""
 
 
 def has_ended(answer: str) -> bool:
-    return word(answer) in ENDS
+    return reported_state(answer) in ENDS
 
 
 def _weight(answer: str) -> int:
     """Return the precedence of an answer: ends first, then anything but a mere acceptance."""
-    return 2 if has_ended(answer) else int(word(answer) != InvocationState.ACCEPTED)
+    return 2 if has_ended(answer) else int(reported_state(answer) != InvocationState.ACCEPTED)

@@ -10,7 +10,15 @@ from dataclasses import fields
 from itertools import islice
 
 from linked_fleet_agent.wire.messages import Progress
-from linked_fleet_gateway.fleet.invocation import FLEET, Invocation, InvocationState, gather, has_ended, merged, word
+from linked_fleet_gateway.fleet.invocation import (
+    FLEET,
+    Invocation,
+    InvocationState,
+    has_ended,
+    merge_copies,
+    reported_state,
+    update_fleet_state,
+)
 
 # a refused or unknown stop stops nothing
 _STOPPED = ("accepted", "running", "succeeded", "failed", "cancelled", "preempted")
@@ -77,7 +85,7 @@ class TargetIndex:
             found = max(found, _latest_ns(held, lambda stop: stop.accepted))
         fleet = self._stops.get((FLEET, 0))
         if fleet and (held := fleet.get(joint)):
-            stopped = _latest_ns(held, lambda stop: word(stop.robots.get(robot, "")) in _STOPPED)
+            stopped = _latest_ns(held, lambda stop: reported_state(stop.robots.get(robot, "")) in _STOPPED)
             found = max(found, stopped)
         return found
 
@@ -150,7 +158,7 @@ class Invocations:
             return self._all.get(invocation.id)
         if (held.robot, held.action) != (invocation.robot, invocation.action):
             return None
-        whole = merged(held, invocation)
+        whole = merge_copies(held, invocation)
         if whole == held:
             return None
         for each in fields(Invocation):
@@ -179,7 +187,7 @@ class Invocations:
                     index.pop(key, None)
         return invocation
 
-    def of(self, action: str) -> list[Invocation]:
+    def of_action(self, action: str) -> list[Invocation]:
         """Return the invocations of one action, newest first."""
         return _newest_first(self._of_action.get(action, {}).values())
 
@@ -194,7 +202,7 @@ class Invocations:
                 return one.ended_ns
         return None
 
-    def open_of(self, robot: str) -> list[Invocation]:
+    def open_of_robot(self, robot: str) -> list[Invocation]:
         """Return the invocations of one robot, or of ``FLEET``, that are not over, newest first."""
         return _newest_first(_still_open(self._open, robot).values())
 
@@ -208,14 +216,14 @@ class Invocations:
         An expired invocation is reopened, or ends as the robot reports.
         """
         invocation = self._all.get(progress.id)
-        if invocation is None or invocation.over:
+        if invocation is None or invocation.is_final:
             return None
         if invocation.robot == robot:
             _advance(invocation, progress)
         elif invocation.robot == FLEET and robot in invocation.robots and not has_ended(invocation.robots[robot]):
             invocation.robots[robot] = f"{progress.state}: {progress.reason}" if progress.reason else progress.state
             invocation.state = InvocationState.RUNNING
-            gather(invocation)
+            update_fleet_state(invocation)
         else:
             return None
         if invocation.started_ns is None:
@@ -229,26 +237,26 @@ class Invocations:
         """Record a robot's answer to an invocation of the fleet, unless its end is already known."""
         if not invocation.state.terminal and not has_ended(invocation.robots.get(robot, "")):
             invocation.robots[robot] = answer
-            gather(invocation)
+            update_fleet_state(invocation)
 
-    def lose(self, robot: str) -> list[Invocation]:
+    def mark_unknown(self, robot: str) -> list[Invocation]:
         """Mark the open invocations of a robot whose agent has gone as unknown, and return them.
 
         Invocations of the fleet that involve it are included; they become unknown if no other robot's part is open.
         """
-        lost = [one for one in self.open_of(robot) if one.state in _KNOWN]
+        lost = [one for one in self.open_of_robot(robot) if one.state in _KNOWN]
         for one in lost:
             one.reason = f"{_GONE} {one.state}"
             one.state = InvocationState.UNKNOWN
-        for one in self.open_of(FLEET):
+        for one in self.open_of_robot(FLEET):
             part = one.robots.get(robot, InvocationState.UNKNOWN)
-            if not has_ended(part) and word(part) != InvocationState.UNKNOWN:
-                one.robots[robot] = f"{InvocationState.UNKNOWN}: {_GONE} {word(part)}"
-                gather(one)
+            if not has_ended(part) and reported_state(part) != InvocationState.UNKNOWN:
+                one.robots[robot] = f"{InvocationState.UNKNOWN}: {_GONE} {reported_state(part)}"
+                update_fleet_state(one)
                 lost.append(one)
         return lost
 
-    def late(self, now_ns: int) -> list[Invocation]:
+    def overdue(self, now_ns: int) -> list[Invocation]:
         """Return the open invocations past their deadline."""
         return [
             one for robot in list(self._open) for one in _still_open(self._open, robot).values()
@@ -262,9 +270,9 @@ class Invocations:
         )
         invocation.state, invocation.expired, invocation.ended_ns = InvocationState.FAILED, True, now_ns
 
-    def outlived(self, robot: str, incarnation: int, now_ns: int) -> list[Invocation]:
+    def fail_earlier_runs(self, robot: str, incarnation: int, now_ns: int) -> list[Invocation]:
         """Fail and return the invocations of earlier runs of the agent, which the present run does not know."""
-        old = [one for one in self.open_of(robot) if 0 < one.incarnation < incarnation]
+        old = [one for one in self.open_of_robot(robot) if 0 < one.incarnation < incarnation]
         for one in old:
             one.reason = f"the agent was started anew; the last known state was {one.state}"
             one.state, one.ended_ns = InvocationState.FAILED, now_ns

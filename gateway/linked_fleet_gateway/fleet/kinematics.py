@@ -23,8 +23,8 @@ _HALF_TURN = 0.1  # |w| at a rotation of 168 degrees, near which no link is moun
 class LinkPoses:
     """Poses of the links of a robot at given joint positions (rad or m), computed on demand.
 
-    ``root`` is the pose of the root link: ``ORIGIN`` for a fixed base, or ``placed(base)``. A link is unknown behind a
-    joint whose position is missing or NaN, or that is floating or planar.
+    ``root`` is the pose of the root link: ``ORIGIN`` for a fixed base, or ``base_pose(base)``. A link is unknown behind
+    a joint whose position is missing or NaN, or that is floating or planar.
     """
 
     def __init__(self, model: RobotModel, positions: Mapping[str, float], root: Pose | None) -> None:
@@ -32,7 +32,7 @@ class LinkPoses:
         self._positions = positions
         self._known: dict[str, Pose | None] = {model.root: root}
 
-    def of(self, link: str) -> Pose | None:
+    def pose(self, link: str) -> Pose | None:
         """Return the pose of a link; None if it is unknown or does not exist."""
         above: list[Joint] = []
         while link not in self._known:
@@ -64,7 +64,7 @@ class LinkPoses:
         return Pose(place, _signed(_product(parent.orientation_xyzw, orientation)))
 
 
-def placed(base: Base | None) -> Pose | None:
+def base_pose(base: Base | None) -> Pose | None:
     """Return the pose of a floating base; None if it is unknown or its orientation is invalid."""
     if base is None:
         return None

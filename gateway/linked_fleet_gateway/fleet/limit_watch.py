@@ -15,22 +15,22 @@ class LimitWatch:
     judged: bytes | None = None
     outside_ns: int | None = None
 
-    def judge(
+    def check(
         self, robot: Robot, now_ns: int, complain: Callable[[str, object], None]
     ) -> Literal["faulty", "recovered"] | None:
         """Check the latest frame and set ``limit_fault`` of the robot. Return the change, if any."""
-        robot.look()
+        robot.adopt_latest_frame()
         payload = robot.payload if robot.online else None
         fresh, self.judged = payload is not self.judged, payload
         if not fresh and self.outside_ns is None:
             return None
-        outside = robot.outside() if payload is not None else []
+        outside = robot.joints_outside_limits() if payload is not None else []
         if not outside:
             self.outside_ns = None
             if robot.limit_fault is None:
                 return None
             robot.limit_fault = None
-            robot.tell_news()
+            robot.count_change()
             return "recovered"
         if fresh:
             (name, value), *_ = outside
@@ -40,5 +40,5 @@ class LimitWatch:
         if robot.limit_fault is not None or now_ns - self.outside_ns < FAULTY_AFTER_NS:
             return None
         robot.limit_fault = f"Joints read positions outside their limits: {', '.join(name for name, _ in outside[:8])}"
-        robot.tell_news()
+        robot.count_change()
         return "faulty"

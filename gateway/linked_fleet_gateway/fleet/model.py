@@ -138,7 +138,7 @@ class RobotModel:
         return {joint.name: math.nan for joint in self.joints.values() if joint.movable}
 
     @classmethod
-    def of(cls, urdf: str) -> "RobotModel":
+    def for_urdf(cls, urdf: str) -> "RobotModel":
         """Return the parsed model; robots with the same URDF share one while any of them uses it."""
         model = _shared.get(urdf)
         if model is None:

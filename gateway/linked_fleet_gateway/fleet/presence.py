@@ -133,7 +133,7 @@ class _Silence(NamedTuple):
     asked: int = 0
 
 
-class Silences:
+class SilentRuns:
     """Runs that send no frames. Time in which ``check`` was not called does not count."""
 
     def __init__(self) -> None:
@@ -148,7 +148,7 @@ class Silences:
             return []
         self._checked_s = now_s
         self._ran_s += min(gap_s, 2 * PERIOD_S)  # messages sent while the gateway was paused are still to be read
-        before, doubts = self._silences, list[PresenceCheck]()
+        before, checks = self._silences, list[PresenceCheck]()
         self._silences = {}
         for run in runs:
             silence = before.get(run.robot)
@@ -156,11 +156,11 @@ class Silences:
                 silence = _Silence(run, self._ran_s + SILENT_S)
             elif self._ran_s >= silence.due_s:
                 asked = silence.asked + 1
-                doubts.append(PresenceCheck((run.robot, run.incarnation), asked <= RENEWALS))
+                checks.append(PresenceCheck((run.robot, run.incarnation), asked <= RENEWALS))
                 wait_s = min(SILENT_S * 2 ** min(asked, 8), _LONGEST_S)
                 silence = _Silence(run, self._ran_s + wait_s, asked)
             self._silences[run.robot] = silence
-        return doubts
+        return checks
 
 
 BACKOFF_S = (0.1, 0.2, 0.5, 1.0, 2.0)
@@ -215,7 +215,7 @@ class DescriptionQueue:
     def take(self, now_s: float) -> str | None:
         """Return the robot to query now, or None if none is due or the bounds are reached.
 
-        Then call ``finished`` or ``failed``.
+        Then call ``complete`` or ``requeue``.
         """
         if len(self._open) >= self._room:
             return None
@@ -237,7 +237,7 @@ class DescriptionQueue:
             return robot
         return None
 
-    def failed(self, robot: str, now_s: float) -> int:
+    def requeue(self, robot: str, now_s: float) -> int:
         """Queue the robot again after a failed query.
 
         Return the number of queries so far, 0 if it was discarded meanwhile.
@@ -248,7 +248,7 @@ class DescriptionQueue:
         self._put(robot, asked, now_s)
         return asked
 
-    def finished(self, robot: str, took_s: float) -> None:
+    def complete(self, robot: str, took_s: float) -> None:
         """Remove the robot after a successful query, whose reply took so long."""
         self._close(robot)
         if took_s <= PROMPT_S:

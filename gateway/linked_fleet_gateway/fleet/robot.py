@@ -9,7 +9,7 @@ from linked_fleet_agent.wire.codec import MAX_JOINTS, Header, WireError, decode_
 from linked_fleet_agent.wire.messages import Description, State
 from linked_fleet_gateway.fleet.events import Frames, Latest, Received
 from linked_fleet_gateway.fleet.invocation import Lease
-from linked_fleet_gateway.fleet.kinematics import ORIGIN, LinkPoses, placed
+from linked_fleet_gateway.fleet.kinematics import ORIGIN, LinkPoses, base_pose
 from linked_fleet_gateway.fleet.model import ModelError, Pose, RobotModel
 from linked_fleet_gateway.fleet.observation import Bounds, Observation, Observations, bounds_of, joints_outside
 
@@ -99,12 +99,12 @@ class Robot:
 
     @property
     def last_seen_ns(self) -> int | None:
-        """Gateway wall time of the agent's last message; for frames it is current even without ``look``."""
+        """Gateway wall time of the agent's last message, current even if the latest frame is not yet adopted."""
         latest = self._latest
         frame_ns = None if latest is None else latest.frame[1]
         return max((each for each in (self.heard_ns, frame_ns) if each is not None), default=None)
 
-    def look(self) -> bool:
+    def adopt_latest_frame(self) -> bool:
         """Make the latest frame the present one. Return True if it has changed.
 
         For the event loop only: between two calls all properties of the robot refer to one frame.
@@ -161,9 +161,9 @@ class Robot:
             frame = self.frame
             if frame is None or self.model is None or self.description is None:
                 return None
-            root = placed(frame.base) if self.description.base == "floating" else ORIGIN
+            root = base_pose(frame.base) if self.description.base == "floating" else ORIGIN
             present.poses = LinkPoses(self.model, self.positions, root)
-        return present.poses.of(link)
+        return present.poses.pose(link)
 
     def observe(self, key: str, values: tuple[float, ...], resolution: float) -> Observation:
         """Return the held observation of ``key``, which changes only if a value moves by ``resolution``.
@@ -180,7 +180,7 @@ class Robot:
         bounds, key = self._bounds.get(joint) if row == "positions" else None, f"{joint}/{row}"
         return self._observations.observe(key, (value,), resolution, present.wall_ns, present.sequence, bounds)
 
-    def outside(self) -> list[tuple[str, float]]:
+    def joints_outside_limits(self) -> list[tuple[str, float]]:
         """Return the joints whose positions in the present frame are outside their limits."""
         payload = self._present.payload
         if payload is None or self.description is None:
@@ -189,7 +189,7 @@ class Robot:
 
     # The following methods are for Fleet only.
 
-    def run(self, incarnation: int) -> None:
+    def start_run(self, incarnation: int) -> None:
         """Start another run of the agent: the values measured by the previous run are dropped."""
         self.incarnation = incarnation
         self.news = (0, 0)
@@ -198,20 +198,20 @@ class Robot:
         self.drop_frame()
         self._observations.clear()
 
-    def appear(self, online: bool) -> None:
+    def set_online(self, online: bool) -> None:
         self.online = online
-        self.tell_news()
+        self.count_change()
 
     def describe(self, description: Description) -> None:
         """Store a description; ``fault`` is set if it is unusable."""
-        self.tell_news()
+        self.count_change()
         self._close()
         old = self.description
         if old is None or old.urdf != description.urdf:
             self.model = None
         self.description, self._fault, self.limit_fault = description, None, None
         try:
-            self.model = self.model or RobotModel.of(description.urdf)
+            self.model = self.model or RobotModel.for_urdf(description.urdf)
         except ModelError as error:
             self._fault = str(error)
         else:
@@ -223,43 +223,43 @@ class Robot:
         self._observations.clear()
         self._renew()
 
-    def undescribe(self, reason: str) -> None:
+    def reject_description(self, reason: str) -> None:
         """Become faulty because the description is unusable. The robot stays visible."""
-        self.tell_news()
+        self.count_change()
         self._close()
         self.description = self.model = None
         self._fault = reason
         self._observations.clear()
         self._renew()
 
-    def take(self, header: Header, payload: bytes, now_ns: int) -> None:
+    def store_frame(self, header: Header, payload: bytes, now_ns: int) -> None:
         """Store a frame without decoding its values.
 
-        Frames that continue it are then stored beside it, for ``look``.
+        Frames that continue it are then stored beside it, for ``adopt_latest_frame``.
         """
         self._latest = Latest(self.name, (payload, now_ns, header.sequence, header.wall_ns))
         self._frame = self._latest.frame
         self._renew()
         self._frames.open(self._latest)
 
-    def trust(self) -> None:
+    def accept_frame(self) -> None:
         """Accept the frame that arrived before the description. It has not been reported yet."""
         if self._latest is not None:
             self._latest = Latest(self.name, self._latest.frame)
             self._frames.open(self._latest)
 
-    def tell(self) -> bool:
+    def mark_reported(self) -> bool:
         """Record that watchers are being told of all frames so far. Return False if there is no usable frame."""
         if self._latest is not None:
             self._latest.scheduled = self._latest.unreported = False
-            self.look()
+            self.adopt_latest_frame()
         return self._present.payload is not None
 
     def last_sequence(self) -> int:
         """Return the number of the present frame, also before a description; -1 before the first."""
         return -1 if self._frame is None else self._frame[2]
 
-    def refusal(self, header: Header) -> str | None:
+    def frame_mismatch(self, header: Header) -> str | None:
         """Return why a frame does not match the description; None if it does or there is no description."""
         if not self.described or self.description is None:
             return None
@@ -277,15 +277,15 @@ class Robot:
         self._latest = self._frame = None
         self._renew()
 
-    def tell_news(self) -> None:
+    def count_change(self) -> None:
         """Count a change that no frame caused."""
-        self.look()
+        self.adopt_latest_frame()
         frames, count = self.last_sequence() + 1, self.news[1]
         self.news = (frames, count + 1 if frames == self.news[0] else 1)
 
     def _close(self) -> None:
         """Make the next frame be checked fully before it is stored."""
-        self.look()
+        self.adopt_latest_frame()
         self._frames.close(self.name)
 
     def _renew(self) -> None:

@@ -52,7 +52,7 @@ def store_warning(embedded: Embedded | None) -> str:
 def _missing(gateway: Gateway) -> Iterator[str]:
     if gateway.draining:
         yield "the gateway is ending"
-    if not gateway.services.live.link.joined:
+    if not gateway.services.live.link.is_connected:
         yield "no robot, router or other gateway is connected by Zenoh"
     if not gateway.services.subscriptions.store_answers:
         yield "Redis does not answer"

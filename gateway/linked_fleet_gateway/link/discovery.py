@@ -13,7 +13,7 @@ from contextlib import suppress
 
 from linked_fleet_agent.wire.messages import Description
 from linked_fleet_gateway.fleet.answers import read_description
-from linked_fleet_gateway.fleet.events import Appeared, Described, Event, Undescribed, Vanished
+from linked_fleet_gateway.fleet.events import Appeared, Described, DescriptionRejected, Event, Vanished
 from linked_fleet_gateway.fleet.presence import Bounds, DescriptionQueue, Presence, PresenceCheck, Token
 from linked_fleet_gateway.runtime.background import end
 
@@ -42,9 +42,9 @@ ListTokens = Callable[[], Awaitable[tuple[Sequence[Token], bool]]]
 
 
 class Discovery:
-    """Discovery of runs. ``tell`` gets the events, except those that ``token`` returns. Used on the event loop.
+    """Discovery of runs. ``tell`` gets the events, except those that ``apply_token`` returns. Used on the event loop.
 
-    ``appeared`` is called for each new run, ``declare_anew`` if frames of a live robot do not arrive.
+    ``appeared`` is called for each new run, ``redeclare`` if frames of a live robot do not arrive.
     """
 
     def __init__(
@@ -53,10 +53,10 @@ class Discovery:
         list_tokens: ListTokens,
         tell: Callable[[list[Event]], None],
         appeared: Callable[[], None],
-        declare_anew: Callable[[], Coroutine[None, None, None]],
+        redeclare: Callable[[], Coroutine[None, None, None]],
     ) -> None:
         self._ask, self._list_tokens, self._tell, self._appeared = ask, list_tokens, tell, appeared
-        self._declare_anew, self._declared_s = declare_anew, -_RENEW_S
+        self._redeclare, self._declared_s = redeclare, -_RENEW_S
         self._loop = asyncio.get_running_loop()
         self._presence = Presence()
         self._known, self._audible = DescriptionQueue(FEW), DescriptionQueue(FEW)
@@ -64,7 +64,7 @@ class Discovery:
         self._sending_s = self._paced_s = self._due_s = 0.0
         self._described_s: dict[str, float] = {}
         self._missing: dict[str, set[int]] = {}
-        self._doubts: dict[Token, PresenceCheck] = {}
+        self._checks: dict[Token, PresenceCheck] = {}
         self._silent = set[Token]()
         self._leaving: dict[Token, asyncio.TimerHandle] = {}
         self._reported: dict[str, str] = {}
@@ -89,7 +89,7 @@ class Discovery:
             leaving.cancel()
         await end(self._tasks)
 
-    def token(self, token: Token, present: bool) -> list[Event]:
+    def apply_token(self, token: Token, present: bool) -> list[Event]:
         """Apply a change of one token. A token that is declared again at once has not gone."""
         leaving = self._leaving.pop(token, None)
         if leaving is not None:
@@ -103,22 +103,22 @@ class Discovery:
         del self._leaving[token]
         self._tell(self._remove(token))
 
-    def heard(self, robot: str) -> None:
+    def record_frame(self, robot: str) -> None:
         """Record a frame, perhaps of a robot without a description."""
         if robot in self._strangers:
             self._audible.add(robot, self._loop.time(), self._strangers.discard(robot))
             self._ask_soon(0)
 
-    def doubt(self, doubt: PresenceCheck) -> None:
+    def verify_presence(self, check: PresenceCheck) -> None:
         """Query if a described run is alive. A run that does not answer is reported as vanished."""
-        robot, run = doubt.token
-        if doubt.token in self._presence and run not in self._missing.get(robot, ()):
-            self._doubts[doubt.token] = doubt
+        robot, run = check.token
+        if check.token in self._presence and run not in self._missing.get(robot, ()):
+            self._checks[check.token] = check
             self._missing.setdefault(robot, set()).add(run)
             self._known.add(robot, self._loop.time())
             self._ask_soon(0)
 
-    def sent(self, processor_s: float) -> None:
+    def record_send_time(self, processor_s: float) -> None:
         """Record the processor time for sending a query, in seconds."""
         self._sending_s += (processor_s - self._sending_s) / 8
 
@@ -231,12 +231,12 @@ class Discovery:
                 await asyncio.sleep(0)
         missing = self._missing.get(robot)
         if not missing:
-            queue.finished(robot, took_s)
+            queue.complete(robot, took_s)
             return
-        asked = queue.failed(robot, self._loop.time())
+        asked = queue.requeue(robot, self._loop.time())
         if asked >= SILENT_QUESTIONS:
             self._give_up({(robot, run) for run in missing})
-        if (robot, max(missing)) in self._doubts:
+        if (robot, max(missing)) in self._checks:
             return
         reason = reasons[-1][:_MAX_REASON]
         told = self._reported.get(robot, "")
@@ -244,13 +244,13 @@ class Discovery:
         if not found and asked and ((reason and reason != told) or (asked >= SILENT_QUESTIONS and not told)):
             reason = reason or "the agent is present but does not answer when asked for its description"
             self._reported[robot] = reason
-            self._tell([Undescribed(robot, max(missing), reason)])
+            self._tell([DescriptionRejected(robot, max(missing), reason)])
 
     def _take(self, said: Description) -> None:
         robot, run = said.robot, said.incarnation
         if run not in self._missing.get(robot, ()):
             return  # the run ended while the query was running
-        doubt, silent = self._doubts.get((robot, run)), (robot, run) in self._silent
+        check, silent = self._checks.get((robot, run)), (robot, run) in self._silent
         self._unwant(robot, run)
         self._presence.describe(robot)
         self._reported.pop(robot, None)
@@ -259,20 +259,20 @@ class Discovery:
         if len(self._described_s) > MAX_KNOWN:
             del self._described_s[next(iter(self._described_s))]
         self._tell([Appeared(robot, run), Described(said)] if silent else [Described(said)])
-        if doubt is not None and doubt.renew and self._loop.time() >= self._declared_s + _RENEW_S:
+        if check is not None and check.renew and self._loop.time() >= self._declared_s + _RENEW_S:
             _log.warning("robot %s answers and sends no frames: the gateway declares itself to Zenoh anew", robot)
             self._declared_s = self._loop.time()
-            self._start(self._declare_anew())
+            self._start(self._redeclare())
 
     def _give_up(self, runs: set[Token]) -> None:
         """Report runs as vanished that neither send nor answer. They are still queried while their token is present."""
-        lost = self._doubts.keys() & runs - self._silent
+        lost = self._checks.keys() & runs - self._silent
         self._silent |= lost
         if lost:
             self._tell([Vanished(*token) for token in lost])
 
     def _unwant(self, robot: str, run: int) -> None:
-        self._doubts.pop((robot, run), None)
+        self._checks.pop((robot, run), None)
         self._silent.discard((robot, run))
         missing = self._missing.get(robot, set())
         missing.discard(run)

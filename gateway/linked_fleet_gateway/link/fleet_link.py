@@ -73,7 +73,7 @@ class FleetLink:
         self._listens = False
 
     @property
-    def joined(self) -> bool:
+    def is_connected(self) -> bool:
         """True if robots can be heard; a gateway that connects to routers must be connected to one."""
         return self._listens and self._session.connected
 
@@ -90,7 +90,7 @@ class FleetLink:
     async def __aenter__(self) -> Self:
         self._discovery = Discovery(
             self._ask_description, self._list_tokens, self._on_events, lambda: self._heartbeat.send_now(),
-            lambda: self._session.declare_anew(),
+            lambda: self._session.redeclare(),
         )  # fmt: skip
         self._incoming = Incoming(self._keys, self._frames, self._discovery, self._on_events, self._on_progress)
         self._session = await self._open_session()
@@ -107,12 +107,12 @@ class FleetLink:
         self._listens = True
         self._heartbeat.start()
 
-    def doubt(self, doubts: Iterable[PresenceCheck]) -> None:
+    def verify_presence(self, checks: Iterable[PresenceCheck]) -> None:
         """Query which of these runs are alive."""
-        for doubt in doubts:
-            self._discovery.doubt(doubt)
+        for check in checks:
+            self._discovery.verify_presence(check)
 
-    async def roll_call(self, timeout_s: float) -> set[str]:
+    async def list_robots(self, timeout_s: float) -> set[str]:
         """Return the names of present robots, as far as known within ``timeout_s``."""
         tokens, _ = await self._list_tokens(timeout_s)
         return {robot for robot, _ in tokens}
@@ -302,5 +302,5 @@ class FleetLink:
     async def _ask_description(self, robot: str, judge: Judge) -> None:
         """Send one query. Raises TimeoutError."""
         question = Question(self._keys.robot(robot, "description"), None, DESCRIPTION_TIMEOUT_S, MAX_DESCRIPTION_BYTES)
-        if await ask(self._session, question, judge, self._discovery.sent) is not None:
+        if await ask(self._session, question, judge, self._discovery.record_send_time) is not None:
             await self._session.keep_route(self._keys.robot(robot, "state"))

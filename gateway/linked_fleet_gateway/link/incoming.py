@@ -83,14 +83,14 @@ class Incoming:
         for key, present in batch.presence.items():
             robot = self.parse(key)
             if robot is not None and robot.incarnation is not None:
-                self._on_events(self._discovery.token((robot.robot, robot.incarnation), present))
+                self._on_events(self._discovery.apply_token((robot.robot, robot.incarnation), present))
             yield
         if batch.presence_lost:
             self._discovery.relist()
         for key, payload in batch.states.items():
             robot = self.parse(key)
             if robot is not None and isinstance(payload, bytes):
-                self._discovery.heard(robot.robot)
+                self._discovery.record_frame(robot.robot)
                 self._on_events([Framed(robot.robot, payload)])
             elif robot is not None:
                 self._too_large(robot.robot, payload)

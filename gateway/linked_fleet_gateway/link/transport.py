@@ -75,7 +75,7 @@ class Session(Protocol):
         """
         ...
 
-    async def declare_anew(self) -> None:
+    async def redeclare(self) -> None:
         """Undeclare and declare again the subscriptions and tokens of this session, in order.
 
         This informs routers that have lost such a declaration.

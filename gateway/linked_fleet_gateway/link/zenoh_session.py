@@ -160,7 +160,7 @@ class ZenohSession:
 
         return await self._in_thread(ask)
 
-    async def declare_anew(self) -> None:
+    async def redeclare(self) -> None:
         def again() -> None:
             for declare, declared in list(self._declared.items()):
                 declared.undeclare()

@@ -37,11 +37,11 @@ class InvocationsInView:
         found = self._invocations.get(id)
         return found if found is not None and self._shows(found) else None
 
-    def of(self, action: str) -> list[Invocation]:
-        return self._seen(self._invocations.of(action))
+    def of_action(self, action: str) -> list[Invocation]:
+        return self._seen(self._invocations.of_action(action))
 
-    def open_of(self, robot: str) -> list[Invocation]:
-        return self._seen(self._invocations.open_of(robot))
+    def open_of_robot(self, robot: str) -> list[Invocation]:
+        return self._seen(self._invocations.open_of_robot(robot))
 
     def last_motion_ns(self, robot: str) -> int | None:
         """Return the end of the robot's last accepted motion (wall ns); None if none is stored."""

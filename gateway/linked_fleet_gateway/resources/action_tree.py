@@ -115,7 +115,7 @@ def _result(offer: Offer, source: Source, base: str) -> Resource:
 
 
 def _invocations(offer: Offer, invocations: InvocationsInView, base: str) -> Resource:
-    members = invocations.of(offer.path)
+    members = invocations.of_action(offer.path)
     template = None
     if not members:
         template = DescriptionTemplate(
@@ -128,7 +128,7 @@ def _invocations(offer: Offer, invocations: InvocationsInView, base: str) -> Res
         f"Invocations of {offer.name}",
         lambda graph: describe_invocations(graph, base, offer.path, offer.robot, members),
         CONTAINER,
-        Source(lambda: [(each.id, each.state.value, each.reason) for each in invocations.of(offer.path)]),
+        Source(lambda: [(each.id, each.state.value, each.reason) for each in invocations.of_action(offer.path)]),
         own=tuple(invocation_path(each) for each in members),
         template=template,
     )

@@ -6,7 +6,7 @@ from functools import partial
 
 from pyoxigraph import Literal, NamedNode, Triple
 
-from linked_fleet_gateway.fleet.geometry import SUFFIXES, drawable, file_name, meshes_of
+from linked_fleet_gateway.fleet.geometry import SUFFIXES, file_name, meshes_of, urdf_with_mesh_addresses
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.rdf import shapes
 from linked_fleet_gateway.rdf.graph import Graph, integer
@@ -102,7 +102,7 @@ def _mesh(robot: Robot, name: str) -> Resource | None:
 
 def _urdf(robot: Robot) -> bytes:
     addresses = {uri: mesh_path(robot.name, file_name(mesh)) for uri, mesh in meshes_of(robot).items()}
-    return drawable(robot.description.urdf if robot.description is not None else "", addresses)
+    return urdf_with_mesh_addresses(robot.description.urdf if robot.description is not None else "", addresses)
 
 
 def _describe(graph: Graph, robot: Robot, base: str) -> None:

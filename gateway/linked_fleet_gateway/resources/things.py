@@ -103,7 +103,7 @@ class Things:
 
     def _tasks(self, robot: Robot) -> list[str]:
         """Return the paths of the robot's running invocations (D4)."""
-        return [invocation_path(each) for each in self._view.invocations.open_of(robot.name)]
+        return [invocation_path(each) for each in self._view.invocations.open_of_robot(robot.name)]
 
     def joint(self, robot: Robot, joint: Joint) -> Resource:
         """Return a joint of the robot."""

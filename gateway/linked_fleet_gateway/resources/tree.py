@@ -202,7 +202,7 @@ class Tree:
         if path == "/":
             for name in self._robots:
                 yield from self.subtree(robot_path(name))
-            for invocation in self._invocations.open_of(FLEET):
+            for invocation in self._invocations.open_of_robot(FLEET):
                 yield invocation_of(None, invocation, self._invocations, self._base), True
 
     def _below(self, root: Resource) -> Iterator[tuple[Resource, bool]]:
@@ -225,7 +225,7 @@ class Tree:
                 yield self._things.property(robot, thing.path, item), True
 
     def _open_below(self, root: Resource, robot: Robot) -> Iterator[tuple[Resource, bool]]:
-        for invocation in self._invocations.open_of(robot.name):
+        for invocation in self._invocations.open_of_robot(robot.name):
             if is_below(invocation.action, root.path):
                 yield invocation_of(robot, invocation, self._invocations, self._base), True
 

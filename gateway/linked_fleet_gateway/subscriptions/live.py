@@ -12,7 +12,7 @@ from linked_fleet_agent.wire.messages import Accepted, Progress, Reply, Stop
 from linked_fleet_gateway.fleet.events import Event, Frames
 from linked_fleet_gateway.fleet.fleet import Change, Fleet
 from linked_fleet_gateway.fleet.invocations import Invocation, Invocations
-from linked_fleet_gateway.fleet.presence import Run, Silences
+from linked_fleet_gateway.fleet.presence import Run, SilentRuns
 from linked_fleet_gateway.identity.rights import ALL, View
 from linked_fleet_gateway.link.fleet_link import FleetLink
 from linked_fleet_gateway.link.meshes import Meshes
@@ -47,7 +47,7 @@ class Live:
         self._branches = Branches()
         self._secured = secured
         self._judged = 0
-        self._silences = Silences()
+        self._silences = SilentRuns()
         self._heard = asyncio.Event()
         # Set by whoever executes actions: called for lost robots, and for the progress that robots report.
         self.on_progress: Callable[[str, Progress], None] = lambda robot, progress: None
@@ -79,9 +79,9 @@ class Live:
         Also evaluate what is the absence of an event: limits that were left for a while, and missing frames.
         """
         self.fleet.frames.schedule_missed()
-        for change in self.fleet.judge_limits(time.time_ns()):
+        for change in self.fleet.check_limits(time.time_ns()):
             self._on_change(change)
-        self.link.doubt(self._silences.check(asyncio.get_running_loop().time(), self._present()))
+        self.link.verify_presence(self._silences.check(asyncio.get_running_loop().time(), self._present()))
         self._sweeping = asyncio.get_running_loop().call_later(_SWEEP_S, self._sweep)
 
     def _present(self) -> Iterator[Run]:
@@ -98,9 +98,9 @@ class Live:
 
     async def _meet(self) -> None:
         """Wait for the robots that are already present, so that a replacing gateway knows what the former one knew."""
-        while not self.link.joined:  # noqa: ASYNC110 - Zenoh does not notify about this
+        while not self.link.is_connected:  # noqa: ASYNC110 - Zenoh does not notify about this
             await asyncio.sleep(_PAUSE_S)
-        awaited = await self.link.roll_call(_MEETING_S)
+        awaited = await self.link.list_robots(_MEETING_S)
         while awaited := {name for name in awaited if not self._is_known(name)}:
             self._heard.clear()
             await self._heard.wait()
@@ -187,7 +187,7 @@ class Live:
         """Tell the resources that mention an invocation of its change: container, fleet, robot and joints."""
         robot = self.fleet.robots.get(invocation.robot)
         if robot is not None:
-            robot.tell_news()
+            robot.count_change()
         # A motion changes no targets but those of its joints.
         moved = invocation.targets if invocation.stops is None else None
         changed = {name: self._retarget(name, moved) for name in {invocation.robot, *invocation.robots}}
@@ -222,5 +222,5 @@ class Live:
         changed = {joint for joint in looked_at if before.get(joint) != found.get(joint)}
         if changed:
             robot.targets = {joint: at for joint, at in before.items() if joint not in looked_at} | found
-            robot.tell_news()
+            robot.count_change()
         return changed

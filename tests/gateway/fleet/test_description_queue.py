@@ -31,7 +31,7 @@ def test_the_first_and_the_last_that_came_are_asked_in_turn() -> None:
     queue.discard("x")
     assert drain(queue, 0) == ["a", "d", "b", "c"]
     for name in ("a", "b", "c", "d"):
-        queue.finished(name, 0)
+        queue.complete(name, 0)
     assert len(queue) == 0
 
 
@@ -41,7 +41,7 @@ def test_a_robot_that_comes_is_asked_before_thousands_are_asked_again() -> None:
         queue.add(f"silent{number}", 0)
     while first := drain(queue, 0):
         for name in first:
-            queue.failed(name, 0)
+            queue.requeue(name, 0)
     queue.add("genuine", 60)
     assert queue.take(60) == "genuine"
 
@@ -52,7 +52,7 @@ def test_questions_without_an_answer_leave_room_for_first_questions() -> None:
         queue.add(f"silent{number}", 0)
     while first := drain(queue, 0):
         for name in first:
-            queue.failed(name, 0)
+            queue.requeue(name, 0)
     held = [name for step in range(100) for name in drain(queue, 1 + step)]  # none of these is ever answered
     assert len(held) == BOUNDS.repeated
     queue.add("genuine", 200)
@@ -75,7 +75,7 @@ def test_prompt_replies_raise_the_number_of_questions_at_once_and_slow_ones_brin
     at_once = []
     for took_s in (PROMPT_S, PROMPT_S, PROMPT_S, SLOW_S, 2 * SLOW_S):
         for name in waiting:
-            queue.finished(name, took_s)
+            queue.complete(name, took_s)
         waiting = drain(queue, 0)
         at_once.append(len(waiting))
     assert at_once == [2 * FIRST_OPEN, 4 * FIRST_OPEN, 4 * FIRST_OPEN, 4 * FIRST_OPEN, FIRST_OPEN]
@@ -86,7 +86,7 @@ def test_a_question_without_a_reply_leaves_the_number_at_once_as_it_is() -> None
     for number in range(1000):
         queue.add(str(number), 0)
     for name in drain(queue, 0):
-        queue.failed(name, 2)
+        queue.requeue(name, 2)
     assert len(drain(queue, 2)) == FIRST_OPEN
 
 
@@ -99,7 +99,7 @@ def test_repeated_questions_have_a_rate_however_many_robots_are_silent() -> None
         now_s = step / 100
         for name in drain(queue, now_s):
             asked[name] += 1
-            queue.failed(name, now_s)
+            queue.requeue(name, now_s)
     assert asked.total() - 1000 == pytest.approx(600 * BOUNDS.repeats_hz, rel=0.1)
 
 
@@ -110,7 +110,7 @@ def test_one_silent_robot_is_asked_more_and_more_seldom() -> None:
     for step in range(100_000):
         for name in drain(queue, step / 100):
             times.append(step / 100)
-            assert queue.failed(name, step / 100) == min(len(times), len(BACKOFF_S) + 1)
+            assert queue.requeue(name, step / 100) == min(len(times), len(BACKOFF_S) + 1)
     assert times[1] == BACKOFF_S[0]
     assert times[-1] - times[-2] == BACKOFF_S[-1]
 
@@ -122,7 +122,7 @@ def test_a_robot_that_is_asked_for_anew_is_not_asked_twice_at_once() -> None:
     queue.discard("r")
     queue.add("r", 0)
     assert queue.take(0) is None
-    assert queue.failed("r", 0) == 0
+    assert queue.requeue("r", 0) == 0
     assert queue.take(0) == "r"
 
 

@@ -45,7 +45,7 @@ def test_every_link_is_in_its_envelope_wherever_the_joints_are(file: str) -> Non
                 at[joint.name] = at[joint.mimic.joint] * joint.mimic.multiplier + joint.mimic.offset
         poses = LinkPoses(model, at, ORIGIN)
         for link, ball in balls.items():
-            pose = poses.of(link)
+            pose = poses.pose(link)
             assert pose is None or ball.contains(pose.position_m, 1e-9), link
 
 

@@ -14,11 +14,11 @@ from linked_fleet_gateway.fleet.fleet import (
     Appeared,
     Change,
     Described,
+    DescriptionRejected,
     Event,
     Fleet,
     Framed,
     Robot,
-    Undescribed,
     Vanished,
 )
 from linked_fleet_gateway.fleet.observation import Observation, rounded
@@ -90,7 +90,14 @@ def test_a_robot_comes_goes_and_stays_readable() -> None:
 
 def test_news_that_is_none_changes_nothing() -> None:
     fleet, _ = fleet_after(*UP, framed(1))
-    for event in (*UP, framed(1), Vanished("r", 4), Vanished("x", 1), Undescribed("x", 1, "?"), Framed("x", b"")):
+    for event in (
+        *UP,
+        framed(1),
+        Vanished("r", 4),
+        Vanished("x", 1),
+        DescriptionRejected("x", 1, "?"),
+        Framed("x", b""),
+    ):
         assert fleet.apply(event, 9) == []
 
 
@@ -257,8 +264,8 @@ def test_a_description_that_contradicts_itself_makes_the_robot_faulty(changed: d
 
 def test_a_robot_that_cannot_be_understood_is_visible_with_the_reason() -> None:
     fleet, robot = fleet_after(Appeared("r", 5))
-    assert kinds(fleet.apply(Undescribed("r", 5, "wire version 9"), 9)) == ["faulty"]
-    assert fleet.apply(Undescribed("r", 5, "wire version 9"), 9) == []
+    assert kinds(fleet.apply(DescriptionRejected("r", 5, "wire version 9"), 9)) == ["faulty"]
+    assert fleet.apply(DescriptionRejected("r", 5, "wire version 9"), 9) == []
     assert (robot.online, robot.fault, robot.description, robot.model) == (True, "wire version 9", None, None)
 
 
@@ -304,7 +311,7 @@ def test_undescribed_robots_are_shown_up_to_a_limit() -> None:
     changes = [change for number in range(10_000) for change in fleet.apply(Appeared(f"flood{number}", 5), 1)]
     assert len(fleet.robots) == len(changes) == MAX_UNDESCRIBED
     for number in range(10_000):
-        fleet.apply(Undescribed(f"flood{number}", 5, "it is silent"), 2)
+        fleet.apply(DescriptionRejected(f"flood{number}", 5, "it is silent"), 2)
     assert len(fleet.robots) == MAX_UNDESCRIBED
     assert fleet.malformed.total() == 10_000
 
@@ -326,7 +333,7 @@ def test_a_robot_that_never_described_itself_is_forgotten_with_its_token() -> No
     fleet = Fleet()
     for number in range(100):
         fleet.apply(Appeared(f"flood{number}", 5), 1)
-        fleet.apply(Undescribed(f"flood{number}", 5, "it is silent"), 1)
+        fleet.apply(DescriptionRejected(f"flood{number}", 5, "it is silent"), 1)
     for number in range(100):
         fleet.apply(Vanished(f"flood{number}", 5), 2)
     assert (len(fleet.robots), dict(fleet.malformed)) == (0, {"(others)": MAX_UNDESCRIBED, "(undescribed)": 36})
@@ -345,7 +352,9 @@ def test_descriptions_that_cannot_be_used_make_no_more_robots_visible_than_silen
 
 
 def test_a_robot_that_described_itself_once_stays_readable() -> None:
-    fleet, robot = fleet_after(*UP, Vanished("r", 5), Appeared("r", 6), Undescribed("r", 6, "?"), Vanished("r", 6))
+    fleet, robot = fleet_after(
+        *UP, Vanished("r", 5), Appeared("r", 6), DescriptionRejected("r", 6, "?"), Vanished("r", 6)
+    )
     assert (fleet.robots["r"], robot.online) == (robot, False)
 
 

@@ -7,7 +7,7 @@ import pytest
 from linked_fleet_agent.wire.codec import encode_state, layout
 from linked_fleet_agent.wire.messages import WIRE_VERSION, Description, State
 from linked_fleet_gateway.fleet.events import Frames
-from linked_fleet_gateway.fleet.fleet import Appeared, Described, Fleet, Framed, Robot, Undescribed, Vanished
+from linked_fleet_gateway.fleet.fleet import Appeared, Described, DescriptionRejected, Fleet, Framed, Robot, Vanished
 
 URDF = """<robot name='r'><link name='a'/><link name='b'/>
 <joint name='turn' type='continuous'><parent link='a'/><child link='b'/><axis xyz='0 0 1'/></joint></robot>"""
@@ -53,7 +53,7 @@ def test_reading_a_robot_returns_its_latest_frame(fleet: Fleet) -> None:
     assert (held.positions["turn"], held.sequence, held.last_seen_ns) == (0.1, 1, 7)
     assert (robot(fleet).positions["turn"], held.sequence) == (0.2, 2)
     assert fleet.frames.taken == 1
-    assert not held.look()
+    assert not held.adopt_latest_frame()
 
 
 @pytest.mark.parametrize(
@@ -167,5 +167,5 @@ def test_robots_are_reported_to_listeners_although_nobody_watches_them(fleet: Fl
 def test_a_robot_that_left_the_fleet_is_not_reported(fleet: Fleet) -> None:
     fleet.frames.watched = {"r"}
     assert put(fleet, frame(2, 0.2))
-    fleet.apply(Undescribed("r", 5, "unusable"), 3)
+    fleet.apply(DescriptionRejected("r", 5, "unusable"), 3)
     assert fleet.next_moved() is None

@@ -5,7 +5,7 @@ from xml.etree import ElementTree
 import pytest
 
 from linked_fleet_agent.robots.catalogue import MODELS, data_folder
-from linked_fleet_gateway.fleet.geometry import drawable
+from linked_fleet_gateway.fleet.geometry import urdf_with_mesh_addresses
 from linked_fleet_gateway.fleet.model import ModelError, RobotModel
 
 ADDRESSES = {"package://p/a.stl": "/r/meshes/aa.stl", "b.dae": "/r/meshes/bb.dae"}
@@ -13,7 +13,7 @@ ADDRESSES = {"package://p/a.stl": "/r/meshes/aa.stl", "b.dae": "/r/meshes/bb.dae
 
 def _shown(*inner: str) -> ElementTree.Element:
     return ElementTree.fromstring(
-        drawable(f'<robot name="r"><link name="l">{"".join(inner)}</link></robot>', ADDRESSES)
+        urdf_with_mesh_addresses(f'<robot name="r"><link name="l">{"".join(inner)}</link></robot>', ADDRESSES)
     )
 
 
@@ -50,7 +50,7 @@ def test_geometry_whose_mesh_is_missing_is_left_out() -> None:
     ],
 )
 def test_nothing_of_other_vocabularies_is_passed_on(hostile: str) -> None:
-    text = drawable(f'<robot name="r"><link name="l">{hostile}</link></robot>', ADDRESSES).decode()
+    text = urdf_with_mesh_addresses(f'<robot name="r"><link name="l">{hostile}</link></robot>', ADDRESSES).decode()
     for part in ("script", "svg", "xmlns", "href", "texture", "elsewhere", "comment", "<?xml-"):
         assert part not in text
 
@@ -63,17 +63,17 @@ def test_text_stays_text() -> None:
 
 def test_deeply_nested_xml_is_refused() -> None:
     depth = 50_000
-    assert len(drawable(f'<robot name="r">{"<a>" * depth}{"</a>" * depth}</robot>', {})) < 1000
+    assert len(urdf_with_mesh_addresses(f'<robot name="r">{"<a>" * depth}{"</a>" * depth}</robot>', {})) < 1000
 
 
 @pytest.mark.parametrize("urdf", ["", "<robot>", '<!DOCTYPE r [<!ENTITY x "y">]><robot name="r">&x;</robot>'])
 def test_xml_with_a_doctype_is_refused(urdf: str) -> None:
     with pytest.raises(ModelError):
-        drawable(urdf, {})
+        urdf_with_mesh_addresses(urdf, {})
 
 
 @pytest.mark.parametrize("name", sorted(MODELS))
 def test_real_robots_keep_their_kinematics(name: str) -> None:
     urdf = (data_folder() / MODELS[name].file).read_text()
-    before, after = RobotModel.parse(urdf), RobotModel.parse(drawable(urdf, {}).decode())
+    before, after = RobotModel.parse(urdf), RobotModel.parse(urdf_with_mesh_addresses(urdf, {}).decode())
     assert (before.joints, before.links) == (after.joints, after.links)

@@ -59,7 +59,7 @@ def test_a_cancelled_one_is_over_and_a_preempted_one_names_what_came_after() -> 
     cancelled = invocations.apply("r", progress("cancelled", id="j"))
     assert cancelled is not None
     assert (cancelled.state, cancelled.ended_ns) == (InvocationState.CANCELLED, 10)
-    assert invocations.open_of("r") == []
+    assert invocations.open_of_robot("r") == []
 
 
 def test_progress_of_others_and_after_the_end_is_nothing() -> None:
@@ -73,37 +73,37 @@ def test_progress_of_others_and_after_the_end_is_nothing() -> None:
 @pytest.mark.parametrize("state", [InvocationState.ACCEPTED, InvocationState.RUNNING])
 def test_open_invocations_of_a_lost_agent_are_unknown_until_reported(state: InvocationState) -> None:
     invocations = with_one(state)
-    assert invocations.lose("x") == []
-    (lost,) = invocations.lose("r")
+    assert invocations.mark_unknown("x") == []
+    (lost,) = invocations.mark_unknown("r")
     assert (lost.state, lost.ended_ns) == (InvocationState.UNKNOWN, None)
     assert state.value in lost.reason
-    assert invocations.lose("r") == []
+    assert invocations.mark_unknown("r") == []
     assert invocations.apply("r", progress("failed")) is lost
-    assert invocations.lose("r") == []
+    assert invocations.mark_unknown("r") == []
     assert (lost.state, lost.reason) == (InvocationState.FAILED, "why")
 
 
 @pytest.mark.parametrize("state", [InvocationState.ACCEPTED, InvocationState.RUNNING, InvocationState.UNKNOWN])
 def test_an_invocation_open_after_its_deadline_fails(state: InvocationState) -> None:
     invocations = with_one(state)
-    assert invocations.late(100) == []
-    (late,) = invocations.late(101)
+    assert invocations.overdue(100) == []
+    (late,) = invocations.overdue(101)
     invocations.expire(late, 101)
     assert (late.state, late.ended_ns) == (InvocationState.FAILED, 101)
     assert "deadline" in late.reason
-    assert invocations.late(102) == []
+    assert invocations.overdue(102) == []
 
 
 def test_an_expired_invocation_reopens_when_its_robot_reports_it_as_running() -> None:
     invocations = with_one()
-    (one,) = invocations.late(101)
+    (one,) = invocations.overdue(101)
     invocations.expire(one, 101)
-    assert invocations.open_of("r") == []
+    assert invocations.open_of_robot("r") == []
     assert invocations.apply("r", progress("running")) is one
-    assert (one.state, one.ended_ns, invocations.open_of("r")) == (InvocationState.RUNNING, None, [one])
+    assert (one.state, one.ended_ns, invocations.open_of_robot("r")) == (InvocationState.RUNNING, None, [one])
     invocations.expire(one, 101)
     assert invocations.apply("r", progress("succeeded", wall_ns=7)) is one
-    assert (one.state, one.ended_ns, one.over) == (InvocationState.SUCCEEDED, 7, True)
+    assert (one.state, one.ended_ns, one.is_final) == (InvocationState.SUCCEEDED, 7, True)
     assert invocations.apply("r", progress("running")) is None
 
 
@@ -111,10 +111,10 @@ def test_invocations_of_an_earlier_run_fail() -> None:
     invocations = Invocations()
     for id, incarnation in (("old", 1), ("present", 2), ("later", 3), ("of nobody knows which", 0)):
         invocations.add(invocation(id, InvocationState.UNKNOWN, incarnation=incarnation))
-    (old,) = invocations.outlived("r", 2, now_ns=50)
+    (old,) = invocations.fail_earlier_runs("r", 2, now_ns=50)
     assert (old.id, old.state, old.ended_ns) == ("old", InvocationState.FAILED, 50)
     assert "started anew" in old.reason
-    assert invocations.outlived("r", 2, now_ns=50) == invocations.outlived("x", 9, now_ns=50) == []
+    assert invocations.fail_earlier_runs("r", 2, now_ns=50) == invocations.fail_earlier_runs("x", 9, now_ns=50) == []
 
 
 def test_invocations_are_listed_newest_first() -> None:
@@ -122,9 +122,11 @@ def test_invocations_are_listed_newest_first() -> None:
     for id in "abc":
         invocations.add(invocation(id))
     assert (
-        [one.id for one in invocations.of(ACTION)] == [one.id for one in invocations.of_robot("r")] == ["c", "b", "a"]
+        [one.id for one in invocations.of_action(ACTION)]
+        == [one.id for one in invocations.of_robot("r")]
+        == ["c", "b", "a"]
     )
-    assert invocations.of("/r/other") == invocations.of_robot("x") == []
+    assert invocations.of_action("/r/other") == invocations.of_robot("x") == []
 
 
 def test_the_newest_is_the_one_created_last_in_whatever_order_they_came() -> None:
@@ -138,12 +140,12 @@ def test_the_open_ones_of_a_robot_are_those_that_are_not_over_whoever_ended_them
     invocations = with_one(InvocationState.UNKNOWN)
     invocations.add(invocation("j"))
     invocations.add(invocation("k", robot="x"))
-    assert [one.id for one in invocations.open_of("r")] == ["j", "i"]
-    invocations.open_of("r")[0].state = InvocationState.FAILED
-    assert [one.id for one in invocations.open_of("r")] == ["i"]
+    assert [one.id for one in invocations.open_of_robot("r")] == ["j", "i"]
+    invocations.open_of_robot("r")[0].state = InvocationState.FAILED
+    assert [one.id for one in invocations.open_of_robot("r")] == ["i"]
     assert invocations.remove("i") is not None
-    assert invocations.open_of("r") == invocations.open_of("nobody") == []
-    assert invocations.late(101) == [invocations.get("k")]
+    assert invocations.open_of_robot("r") == invocations.open_of_robot("nobody") == []
+    assert invocations.overdue(101) == [invocations.get("k")]
 
 
 def test_a_removed_one_is_found_nowhere() -> None:
@@ -151,9 +153,9 @@ def test_a_removed_one_is_found_nowhere() -> None:
     assert invocations.remove("i") is not None
     assert invocations.remove("i") is None
     assert invocations.get("i") is invocations.apply("r", progress("failed")) is None
-    assert invocations.of(ACTION) == invocations.of_robot("r") == invocations.lose("r") == []
+    assert invocations.of_action(ACTION) == invocations.of_robot("r") == invocations.mark_unknown("r") == []
     invocations.add(invocation())
-    assert len(invocations.of(ACTION)) == 1
+    assert len(invocations.of_action(ACTION)) == 1
 
 
 def test_an_id_is_taken_once() -> None:
@@ -176,7 +178,7 @@ def test_a_busy_robot_does_not_make_the_others_be_forgotten() -> None:
     for number in range(MAX_TERMINAL + 5):
         invocations.add(invocation(str(number), InvocationState.SUCCEEDED, robot="busy"))
     assert invocations.get("i") is not None
-    assert len(invocations.of_robot("busy")) == len(invocations.of(ACTION)) - 1 == MAX_TERMINAL
+    assert len(invocations.of_robot("busy")) == len(invocations.of_action(ACTION)) - 1 == MAX_TERMINAL
 
 
 # Written by another gateway
@@ -188,7 +190,7 @@ def test_a_stored_state_updates_the_object_that_is_waited_for() -> None:
     other = invocation(state=InvocationState.FAILED, ended_ns=7, reason="It said so.", facts={"residual_m": 0.1})
     assert invocations.put(other) is waited
     assert waited == other
-    assert invocations.open_of("r") == []
+    assert invocations.open_of_robot("r") == []
     assert invocations.put(other) is None  # nothing new
     new = invocation("j", client="192.0.2.7")
     assert invocations.put(new) is invocations.get("j") is new
@@ -240,11 +242,11 @@ def test_of_two_expiries_the_later_deadline_counts(first: str) -> None:
         invocations.put(one)
     (held,) = invocations.of_robot("r")
     assert (held.state, held.expired, held.deadline_ns) == (InvocationState.RUNNING, False, 900)
-    assert invocations.open_of("r") == [held]
+    assert invocations.open_of_robot("r") == [held]
     invocations.put(invocation(state=InvocationState.FAILED, expired=True, ended_ns=901, deadline_ns=900))
-    assert invocations.open_of("r") == []
+    assert invocations.open_of_robot("r") == []
     invocations.put(invocation(state=InvocationState.SUCCEEDED))
-    assert (held.state, held.over) == (InvocationState.SUCCEEDED, True)
+    assert (held.state, held.is_final) == (InvocationState.SUCCEEDED, True)
 
 
 def test_the_answers_of_robots_that_either_copy_has_are_known() -> None:
@@ -391,15 +393,15 @@ def test_the_fleet_is_unknown_when_all_that_is_open_is() -> None:
     invocations = Invocations()
     one = of_fleet("a", "b")
     invocations.add(one)
-    assert invocations.lose("c") == []
-    assert invocations.lose("a") == [one]
+    assert invocations.mark_unknown("c") == []
+    assert invocations.mark_unknown("a") == [one]
     assert one.state is InvocationState.ACCEPTED
     assert one.robots["a"].startswith("unknown: the agent is gone")
-    assert invocations.lose("a") == []
+    assert invocations.mark_unknown("a") == []
     invocations.apply("b", progress("succeeded"))
     assert one.state is InvocationState.UNKNOWN
     invocations.apply("a", progress("running"))
     assert one.state is InvocationState.RUNNING
-    assert invocations.late(101) == [one]
+    assert invocations.overdue(101) == [one]
     invocations.expire(one, 101)
     assert one.state is InvocationState.FAILED

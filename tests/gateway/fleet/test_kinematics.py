@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from linked_fleet_agent.wire.messages import Base
-from linked_fleet_gateway.fleet.kinematics import ORIGIN, LinkPoses, placed
+from linked_fleet_gateway.fleet.kinematics import ORIGIN, LinkPoses, base_pose
 from linked_fleet_gateway.fleet.model import ModelError, Pose, RobotModel
 from linked_fleet_gateway.fleet.pinocchio_model import build_model
 
@@ -32,8 +32,8 @@ def link_poses(
     urdf: str, positions: dict[str, float], base: Base | None = None, *, floating: bool = False
 ) -> dict[str, Pose | None]:
     model = RobotModel.parse(urdf)
-    poses = LinkPoses(model, positions, placed(base) if floating else ORIGIN)
-    return {link: poses.of(link) for link in reversed(model.links)}
+    poses = LinkPoses(model, positions, base_pose(base) if floating else ORIGIN)
+    return {link: poses.pose(link) for link in reversed(model.links)}
 
 
 def bare(text: str) -> str:
@@ -139,4 +139,4 @@ def test_a_turn_of_any_size_has_one_quaternion() -> None:
 
 
 def test_a_link_that_there_is_not_is_nowhere() -> None:
-    assert LinkPoses(RobotModel.parse(CHAIN), {}, ORIGIN).of("z") is None
+    assert LinkPoses(RobotModel.parse(CHAIN), {}, ORIGIN).pose("z") is None

@@ -72,38 +72,38 @@ def test_plain_json_has_the_mark(mirrored: MirroredFleet) -> None:
 def test_a_joint_at_its_stop_may_read_a_little_beyond_it(mirrored: MirroredFleet) -> None:
     for position in (1.0 + TOLERANCE_RAD / 2, -1.0 - TOLERANCE_RAD / 2, math.nan):
         mirrored.stand("r", (position, 0.0))
-        assert (robot_of(mirrored).outside(), marked(mirrored.fleet, "/r/elbow/rotation")) == ([], 0)
+        assert (robot_of(mirrored).joints_outside_limits(), marked(mirrored.fleet, "/r/elbow/rotation")) == ([], 0)
     mirrored.stand("r", (1.0 + 2 * TOLERANCE_RAD, 0.0))
-    assert [name for name, _ in robot_of(mirrored).outside()] == ["elbow"]
+    assert [name for name, _ in robot_of(mirrored).joints_outside_limits()] == ["elbow"]
 
 
 def test_a_robot_is_faulty_after_a_second_outside_and_online_again_within(mirrored: MirroredFleet) -> None:
     fleet, robot = mirrored.fleet, robot_of(mirrored)
-    assert fleet.judge_limits(0) == []
+    assert fleet.check_limits(0) == []
     mirrored.stand("r", (77.0, 0.0))
-    assert fleet.judge_limits(1 * SECOND_NS) == []
+    assert fleet.check_limits(1 * SECOND_NS) == []
     assert (robot.presence, fleet.malformed["r"]) == ("online", 1)
-    assert fleet.judge_limits(2 * SECOND_NS - 1) == []
+    assert fleet.check_limits(2 * SECOND_NS - 1) == []
     mirrored.stand("r", (78.0, 0.0))
-    assert fleet.judge_limits(2 * SECOND_NS) == [Change("r", "faulty")]
+    assert fleet.check_limits(2 * SECOND_NS) == [Change("r", "faulty")]
     assert (robot.presence, robot.positions["elbow"], fleet.malformed["r"]) == ("faulty", 78.0, 2)
     assert "elbow" in (robot.fault or "")
     _, graph = described(fleet, "/r/")
     assert LF.faulty in [triple.object for triple in graph.triples if triple.predicate == LF.presence]
-    assert fleet.judge_limits(3 * SECOND_NS) == []
+    assert fleet.check_limits(3 * SECOND_NS) == []
     mirrored.stand("r", (0.5, 0.0))
-    assert fleet.judge_limits(4 * SECOND_NS) == [Change("r", "recovered")]
+    assert fleet.check_limits(4 * SECOND_NS) == [Change("r", "recovered")]
     assert (robot.presence, robot.fault) == ("online", None)
 
 
 def test_one_bad_frame_is_a_complaint_and_no_fault(mirrored: MirroredFleet) -> None:
     fleet = mirrored.fleet
     mirrored.stand("r", (77.0, 0.0))
-    fleet.judge_limits(1 * SECOND_NS)
+    fleet.check_limits(1 * SECOND_NS)
     mirrored.stand("r", (0.5, 0.0))
-    fleet.judge_limits(SECOND_NS * 5 // 4)
+    fleet.check_limits(SECOND_NS * 5 // 4)
     mirrored.stand("r", (77.0, 0.0))
-    assert fleet.judge_limits(3 * SECOND_NS) == []
+    assert fleet.check_limits(3 * SECOND_NS) == []
     assert (robot_of(mirrored).presence, fleet.malformed["r"]) == ("online", 2)
 
 
@@ -126,7 +126,7 @@ def test_a_faulty_robot_takes_no_motion(mirrored: MirroredFleet) -> None:
     assert isinstance(robot_time(robot), RobotTime)
     mirrored.stand("r", (77.0, 0.0))
     for now_s in (1, 2):
-        fleet.judge_limits(now_s * SECOND_NS)
+        fleet.check_limits(now_s * SECOND_NS)
     assert robot_time(robot) is None
     with pytest.raises(Faulty, match="elbow"):
         ActionRequest(BASE, Body((), NamedNode(BASE)), robot).required_time()
@@ -137,7 +137,7 @@ def test_the_end_of_a_run_ends_its_fault(mirrored: MirroredFleet, run: int | Non
     fleet, robot = mirrored.fleet, robot_of(mirrored)
     mirrored.stand("r", (77.0, 0.0))
     for now_s in (1, 2):
-        fleet.judge_limits(now_s * SECOND_NS)
+        fleet.check_limits(now_s * SECOND_NS)
     assert robot.presence == "faulty"
     if run is None:
         mirrored.leave("r")
@@ -145,14 +145,14 @@ def test_the_end_of_a_run_ends_its_fault(mirrored: MirroredFleet, run: int | Non
     else:
         mirrored.describe("r", run)
         assert robot.presence == "online"
-    fleet.judge_limits(3 * SECOND_NS)
+    fleet.check_limits(3 * SECOND_NS)
     assert robot.fault is None
 
 
 def test_the_query_process_has_the_same_presence(mirrored: MirroredFleet) -> None:
     mirrored.stand("r", (77.0, 0.0))
     for now_s in (1, 2):
-        mirrored.fleet.judge_limits(now_s * SECOND_NS)
+        mirrored.fleet.check_limits(now_s * SECOND_NS)
     mirrored = mirrored.bring().robots["r"].robot
     assert (mirrored.presence, mirrored.positions["elbow"]) == ("faulty", 77.0)
 

@@ -1,6 +1,6 @@
 """Runs that send no frames, on the test's own clock."""
 
-from linked_fleet_gateway.fleet.presence import PERIOD_S, RENEWALS, SILENT_S, PresenceCheck, Run, Silences
+from linked_fleet_gateway.fleet.presence import PERIOD_S, RENEWALS, SILENT_S, PresenceCheck, Run, SilentRuns
 
 
 class Gateway:
@@ -9,7 +9,7 @@ class Gateway:
     def __init__(self) -> None:
         self.now_s = 1000.0
         self.runs: dict[str, Run] = {}
-        self._silences = Silences()
+        self._silences = SilentRuns()
 
     def hear(self, robot: str, sequence: int, run: int = 1) -> None:
         self.runs[robot] = Run(robot, run, sequence)

@@ -3,7 +3,7 @@
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from linked_fleet_gateway.fleet.invocation import FLEET, Invocation, InvocationState, word
+from linked_fleet_gateway.fleet.invocation import FLEET, Invocation, InvocationState, reported_state
 from linked_fleet_gateway.fleet.invocations import Invocations, joints_of
 from properties import examples
 
@@ -40,7 +40,7 @@ class UnindexedTargets:
 
 def _stopped(one: Invocation, run: int) -> bool:
     if one.robot == FLEET:
-        return word(one.robots.get("r", "")) in _TOOK
+        return reported_state(one.robots.get("r", "")) in _TOOK
     return one.incarnation == run and one.accepted
 
 

@@ -56,7 +56,7 @@ def test_constant_documents_stay_valid(stage: Stage) -> None:
     """A document that never changes belongs to no robot."""
     lasting = Resource("/vocabulary", "Vocabulary", None, lasting=True)
     stage.answers.keep(scope(b"/vocabulary"), Answer(lasting, None, None, b"terms", _FIELDS, ()))
-    stage.robot.tell_news()
+    stage.robot.count_change()
     assert stage.content(path=b"/vocabulary") == b"terms"
 
 
@@ -90,7 +90,7 @@ def test_a_kept_answer_ends_with_other_facts_of_the_robot(stage: Stage) -> None:
     assert stage.content() is None
     stage.keep(b"two")
     assert stage.content() == b"two"
-    stage.robot.tell_news()
+    stage.robot.count_change()
     assert stage.content() is None
 
 

@@ -44,7 +44,7 @@ class Agents:
 
 def _robot(name: str = "r", online: bool = True) -> Robot:
     robot = Robot(name, lambda *_: None, Frames())
-    robot.appear(online)
+    robot.set_online(online)
     return robot
 
 

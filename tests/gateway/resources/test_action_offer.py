@@ -87,7 +87,7 @@ def test_actions_of_robots_need_what_they_move(bench: Any) -> None:
 def test_a_robot_without_a_usable_description_offers_nothing(bench: Any) -> None:
     """Its capabilities are unknown."""
     robot = bench.robot(_JOINTS)
-    robot.undescribe("a test says so")
+    robot.reject_description("a test says so")
     assert robot_offers(robot) == []
     assert bench.resource("/r/actions/stop") is None
 

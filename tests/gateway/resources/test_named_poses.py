@@ -109,7 +109,7 @@ def test_annotations_that_name_no_pose(bench: Any, annotations: str) -> None:
 def test_a_robot_without_description_has_no_poses(bench: Any) -> None:
     """Whatever clients call it."""
     robot = bench.robot(_JOINTS, annotations=_named("good", _GOOD))
-    robot.undescribe("a test says so")
+    robot.reject_description("a test says so")
     assert poses(robot) == {}
 
 

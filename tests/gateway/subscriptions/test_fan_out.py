@@ -15,7 +15,7 @@ import pytest
 from fake_robots import joint, link, robot
 from linked_fleet_agent.wire.codec import encode_state, layout
 from linked_fleet_agent.wire.messages import WIRE_VERSION, Description, State
-from linked_fleet_gateway.fleet.events import Appeared, Described, Event, Framed, Undescribed, Vanished
+from linked_fleet_gateway.fleet.events import Appeared, Described, DescriptionRejected, Event, Framed, Vanished
 from linked_fleet_gateway.fleet.fleet import Fleet
 from linked_fleet_gateway.fleet.invocations import Invocation, Invocations, InvocationState
 from linked_fleet_gateway.identity.rights import View
@@ -539,7 +539,7 @@ async def test_a_robot_that_says_nothing_usable_for_a_while_ends_nobody() -> Non
     for outlet in outlets:
         outlet.watcher.ready()
     await world.settle()
-    await world.apply(Undescribed("r", 1, "it does not answer"))
+    await world.apply(DescriptionRejected("r", 1, "it does not answer"))
     assert [outlet.ending for outlet in outlets] == [None, None]
     await world.apply(Described(described()), world.frame(0.5))
     for outlet in outlets:

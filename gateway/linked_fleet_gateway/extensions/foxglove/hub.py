@@ -100,7 +100,7 @@ class Hub:
         async for name, channels in sliced(list(self._watched.items())):
             robot = self._live.fleet.robots.get(name)
             if robot is not None:
-                robot.look()
+                robot.adopt_latest_frame()
                 self._show(robot, channels, pieces)
             for session in [each for each, waiting in pieces.items() if len(waiting) > _AT_ONCE]:
                 session.conversation.offer(b"".join(pieces.pop(session)))

@@ -59,7 +59,7 @@ def link_poses(robot: Robot, placement: Pose | None) -> dict[str, Pose]:
     if model is None or root is None:
         return {}
     links = LinkPoses(model, robot.positions, root if placement is None else compose(placement, root))
-    found = {link: links.of(link) for link in (model.root, *model.links)}
+    found = {link: links.pose(link) for link in (model.root, *model.links)}
     return {link: pose for link, pose in found.items() if pose is not None}
 
 

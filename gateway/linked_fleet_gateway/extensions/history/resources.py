@@ -34,7 +34,7 @@ from linked_fleet_gateway.extensions.history.track import (
     of_link,
     samples,
 )
-from linked_fleet_gateway.fleet.geometry import SUFFIXES, drawable, file_name
+from linked_fleet_gateway.fleet.geometry import SUFFIXES, file_name, urdf_with_mesh_addresses
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.rdf.graph import SECOND, Graph
 from linked_fleet_gateway.rdf.serialise import WriteError
@@ -190,7 +190,9 @@ def _urdf(robot: str, description: Description | None, base: str) -> bytes:
     if description is None:
         raise WriteError(f"{robot} has not published its description")
     meshes = [each for each in description.meshes if each.type in SUFFIXES]
-    return drawable(description.urdf, {each.uri: base + mesh_path(robot, file_name(each)) for each in meshes})
+    return urdf_with_mesh_addresses(
+        description.urdf, {each.uri: base + mesh_path(robot, file_name(each)) for each in meshes}
+    )
 
 
 HISTORIES = "/" + SEGMENT

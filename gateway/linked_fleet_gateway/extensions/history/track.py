@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from linked_fleet_agent.wire.codec import layout
 from linked_fleet_agent.wire.messages import Base
 from linked_fleet_gateway.fleet.events import Latest
-from linked_fleet_gateway.fleet.kinematics import ORIGIN, LinkPoses, placed
+from linked_fleet_gateway.fleet.kinematics import ORIGIN, LinkPoses, base_pose
 from linked_fleet_gateway.fleet.model import Pose, RobotModel
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.rdf.graph import METRE, METRE_PER_SECOND, RADIAN_PER_SECOND, UNITLESS, Unit
@@ -229,7 +229,7 @@ def of_link(joints: Joints, link: str) -> Series:
     def pose(numbers: Numbers) -> Numbers:
         root = _root(numbers) if joints.floating else ORIGIN
         positions: Mapping[str, float] = dict(zip(joints.names, numbers[first : first + count], strict=True))
-        found = LinkPoses(joints.model, positions, root).of(link)
+        found = LinkPoses(joints.model, positions, root).pose(link)
         return (math.nan,) * 7 if found is None else (*found.position_m, *found.orientation_xyzw)
 
     return Series(_POSE, pose)
@@ -237,7 +237,7 @@ def of_link(joints: Joints, link: str) -> Series:
 
 def _root(numbers: Numbers) -> Pose | None:
     p, q, v, w = numbers[:3], numbers[3:7], numbers[7:10], numbers[10:13]
-    return placed(Base(p, q, v, w))  # type: ignore[arg-type]  # by their number they are what they are
+    return base_pose(Base(p, q, v, w))  # type: ignore[arg-type]  # by their number they are what they are
 
 
 def _of_joint(joints: Joints, name: str, row: str) -> tuple[str, Unit]:

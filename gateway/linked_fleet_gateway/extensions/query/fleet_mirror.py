@@ -70,10 +70,10 @@ class Mirror:
 def _tell(held: MirroredRobot, said: RobotFacts) -> None:
     robot = held.robot
     if said.incarnation is not None and said.incarnation != robot.incarnation:
-        robot.run(said.incarnation)
+        robot.start_run(said.incarnation)
     if said.description is None:
         if said.fault is not None:
-            robot.undescribe(said.fault)
+            robot.reject_description(said.fault)
     elif said.description != robot.description:
         robot.describe(said.description)
     robot.online, robot.heard_ns, robot.lease = said.online, said.last_seen_ns, said.lease
@@ -88,7 +88,7 @@ def _show(held: MirroredRobot, frame: bytes | None) -> None:
     if frame is None:
         held.robot.drop_frame()
     else:
-        held.robot.take(read_header(frame), frame, 0)
+        held.robot.store_frame(read_header(frame), frame, 0)
 
 
 def _log_error(robot: str, what: object) -> None:

@@ -82,7 +82,7 @@ class Feed:
 def recent(invocations: Invocations, robot: str) -> list[Invocation]:
     """Return the invocations that are not over, and the most recent of the others."""
     ended = (each for each in invocations.of_robot(robot) if each.state.terminal)
-    return [*invocations.open_of(robot), *islice(ended, MAX_ENDED)]
+    return [*invocations.open_of_robot(robot), *islice(ended, MAX_ENDED)]
 
 
 def _key(robot: Robot, invocations: list[Invocation], branches: object) -> tuple[object, ...]:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from pyoxigraph import Literal, NamedNode
 
 from linked_fleet_gateway.base.lazy_imports import LazyModule
-from linked_fleet_gateway.fleet.kinematics import ORIGIN, compose, envelope, inverse, placed
+from linked_fleet_gateway.fleet.kinematics import ORIGIN, base_pose, compose, envelope, inverse
 from linked_fleet_gateway.fleet.model import JointKind, ModelError, Pose
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.fleet.xml import Vector
@@ -115,7 +115,7 @@ def _reaches(robot: Robot, link: str, place: Vector) -> bool | None:
 def _beyond(robot: Robot, link: str, movable: Collection[str], place: Vector) -> bool:
     """Return True if the point is outside the sphere of reachable positions."""
     assert robot.model is not None and robot.description is not None and robot.frame is not None
-    root = placed(robot.frame.base) if robot.description.base == "floating" else ORIGIN
+    root = base_pose(robot.frame.base) if robot.description.base == "floating" else ORIGIN
     if root is None:
         return False
     at = compose(inverse(root), Pose(place, ORIGIN.orientation_xyzw)).position_m

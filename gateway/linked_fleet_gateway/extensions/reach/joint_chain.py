@@ -67,7 +67,7 @@ def _whole(urdf: str, floating: bool) -> tuple[RobotModel, pin.Model]:
 
     Shared by threads and immutable.
     """
-    return RobotModel.of(urdf), build_model(urdf, floating)
+    return RobotModel.for_urdf(urdf), build_model(urdf, floating)
 
 
 def _joint(robot: RobotModel, joint: Joint) -> ChainJoint:

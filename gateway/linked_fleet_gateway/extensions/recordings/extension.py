@@ -130,7 +130,7 @@ class Recorder:
             return
         files[str(job.invocation.id)] = path
         if robot := self._live.fleet.robots.get(job.robot):
-            robot.tell_news()
+            robot.count_change()
             self._live.fan_out.mark_changed(robot_path(robot.name), _path(robot.name))
 
     def _resolve(self, view: RequestView, robot: Robot, rest: list[str]) -> Found:

@@ -133,7 +133,7 @@ def state_of(robot: Robot, invocations: Invocations) -> RobotState:
     if frame is not None and description is not None:
         rows = zip(frame.positions, frame.velocities, frame.efforts, strict=True)
         joints = dict(zip(description.joints, rows, strict=True))
-    motions = {each.id: replace(each) for each in invocations.open_of(robot.name)}
+    motions = {each.id: replace(each) for each in invocations.open_of_robot(robot.name)}
     return RobotState(joints, dict(robot.targets), motions)
 
 

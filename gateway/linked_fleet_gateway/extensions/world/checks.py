@@ -249,7 +249,7 @@ class Checks:
     def _underway(self, robot: Robot, own: str) -> dict[str, float]:
         """Return the targets of the robot's joints in other motions that have not ended."""
         ends: dict[str, float] = {}
-        for invocation in reversed(self._live.invocations.open_of(robot.name)):
+        for invocation in reversed(self._live.invocations.open_of_robot(robot.name)):
             if invocation.id != own:
                 ends |= invocation.targets
         return ends

@@ -33,7 +33,7 @@ def excerpt(*values: tuple[int, float], floating: bool = False) -> Excerpt:
         )
         for stamp, value in values
     ]  # fmt: skip
-    return Excerpt(Joints(RobotModel.of(URDF), ("turn", ODD), floating), tuple(frames))
+    return Excerpt(Joints(RobotModel.for_urdf(URDF), ("turn", ODD), floating), tuple(frames))
 
 
 def messages(content: bytes) -> list[tuple[str, int, object]]:
@@ -74,7 +74,7 @@ def test_a_robot_without_joints_can_be_recorded() -> None:
     frame = encode_state(
         State(incarnation=1, sequence=1, monotonic_ns=1, wall_ns=S, positions=(), velocities=(), efforts=())
     )
-    only = Excerpt(Joints(RobotModel.of("<robot name='r'><link name='a'/></robot>"), (), False), (frame,))
+    only = Excerpt(Joints(RobotModel.for_urdf("<robot name='r'><link name='a'/></robot>"), (), False), (frame,))
     assert [(topic, at) for topic, at, _ in messages(recording(only, b""))][1] == ("/joint_states", S)
 
 

@@ -14,7 +14,7 @@ from linked_fleet_gateway.fleet.model import RobotModel
 S = 1_000_000_000
 URDF = """<robot name='r'><link name='a'/><link name='b'/>
 <joint name='turn' type='continuous'><parent link='a'/><child link='b'/></joint></robot>"""
-MODEL = RobotModel.of(URDF)
+MODEL = RobotModel.for_urdf(URDF)
 
 
 def frame(stamp_ns: int, value: float = 0.0) -> bytes:

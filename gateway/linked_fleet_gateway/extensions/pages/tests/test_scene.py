@@ -82,7 +82,7 @@ def _kinematics(browser: Browser, name: str) -> Callable[[dict[str, float]], dic
 
     def places(positions: dict[str, float]) -> dict[str, list[float]]:
         poses = LinkPoses(model, positions, ORIGIN)
-        return {each: list(pose.position_m) for each in model.links if (pose := poses.of(each)) is not None}
+        return {each: list(pose.position_m) for each in model.links if (pose := poses.pose(each)) is not None}
 
     return places
 

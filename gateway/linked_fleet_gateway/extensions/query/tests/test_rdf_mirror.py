@@ -85,7 +85,7 @@ def test_the_mirror_equals_the_served_descriptions(mirrored: MirroredFleet) -> N
     mirrored.invocations.add(invocation("i-2", "a", preempts=("i-1",), created_ns=2 * 10**9))
     robot = mirrored.fleet.robots["a"]
     robot.targets = {"elbow": 0.25}
-    robot.tell_news()
+    robot.count_change()
     mirrored.fleet.control("a", Lease("l", "a", "ann", 1, 2 * 10**9, 5.0))
     mirrored.fleet.configure("b", {"title": "Other", "maximumSpeedScale": "0.5"})
     same("a", "b")
@@ -119,6 +119,6 @@ def test_statements_of_an_unusable_description_are_removed(mirrored: MirroredFle
     mirrored.describe("a")
     mirrored.stand("a", (0.1, 0.2))
     rdf_mirror.update(mirrored.bring())
-    mirrored.fleet.robots["a"].undescribe("it makes no sense")
+    mirrored.fleet.robots["a"].reject_description("it makes no sense")
     rdf_mirror.update(mirrored.bring())
     assert canonical(held(rdf_mirror, "a")) == canonical(served(mirrored, "a"))

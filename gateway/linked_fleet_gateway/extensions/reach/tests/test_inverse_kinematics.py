@@ -19,7 +19,7 @@ from linked_fleet_gateway.extensions.reach.inverse_kinematics import (
     Unreachable,
     reach,
 )
-from linked_fleet_gateway.fleet.kinematics import ORIGIN, LinkPoses, placed
+from linked_fleet_gateway.fleet.kinematics import ORIGIN, LinkPoses, base_pose
 from linked_fleet_gateway.fleet.model import ModelError, Pose, RobotModel
 from properties import examples
 
@@ -55,8 +55,8 @@ class Demo:
         self._model = robot
 
     def pose(self, link: str, positions: Mapping[str, float]) -> Pose:
-        root = placed(STANDING) if self.floating else ORIGIN
-        pose = LinkPoses(self._model, self.home | dict(positions), root).of(link)
+        root = base_pose(STANDING) if self.floating else ORIGIN
+        pose = LinkPoses(self._model, self.home | dict(positions), root).pose(link)
         assert pose is not None
         return pose
 
@@ -124,7 +124,7 @@ def test_a_foot_is_reached_in_the_frame_of_the_body_and_of_the_world(frame: Lite
     known = base if frame == "world" else None
     found = reach(robot.urdf, True, "FL_foot", asked, None, robot.home, robot.limits, robot.movable, known, frame)
     model = RobotModel.parse(robot.urdf)
-    foot = LinkPoses(model, robot.home | found.positions, placed(base)).of("FL_foot")
+    foot = LinkPoses(model, robot.home | found.positions, base_pose(base)).pose("FL_foot")
     assert foot is not None
     assert math.dist(foot.position_m, asked) <= TOLERANCE_M + 1e-9
     assert set(found.positions) == {"FL_hip_joint", "FL_thigh_joint", "FL_calf_joint"}
