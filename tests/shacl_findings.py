@@ -122,7 +122,7 @@ def _path(about: Data, path: Term) -> object:
         return path
     if first := about.objects(path, RDF.first):
         return (_path(about, first[0]), _path(about, about.objects(path, RDF.rest)[0]))
-    return tuple((kind, *(_path(about, each) for each in inner)) for kind, inner in about.about(path).items())
+    return tuple((kind, *(_path(about, each) for each in inner)) for kind, inner in about.statements(path).items())
 
 
 def _of_report(triples: Sequence[Triple]) -> Results:

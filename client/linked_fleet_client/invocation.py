@@ -38,7 +38,7 @@ MakeAction = Callable[[Web, str, Resource, Document | None], ActionLike]
 class Invocation(Resource):
     """An execution of an action. Its state is read on access; ``wait`` follows it by events.
 
-    If the server returned no Location, ``traced`` is False and there is no state.
+    If the server returned no Location, ``has_location`` is False and there is no state.
     """
 
     def __init__(self, web: Web, iri: str, action: MakeAction) -> None:

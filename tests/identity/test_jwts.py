@@ -19,9 +19,9 @@ from linked_fleet_gateway.identity.issuers import (
     IssuerFailed,
     IssuerKeys,
     Web,
+    claimed_issuer,
     expiry_ns,
-    issuer_named,
-    verified,
+    verify_token,
 )
 from linked_fleet_gateway.identity.roster import parse_roster
 
@@ -43,7 +43,7 @@ def claims_of(issuer: Issuer, *tokens: str) -> list[dict[str, Any] | str]:
         (known,) = parse_roster(f'[[issuer]]\nurl = "{issuer.url}"\naudience = "{AUDIENCE}"\n', Path()).issuers.values()
         for token in tokens:
             try:
-                found.append(await verified(token, known, keys, AUDIENCE))
+                found.append(await verify_token(token, known, keys, AUDIENCE))
             except BadToken as error:
                 found.append(str(error))
         await web.aclose()
@@ -157,12 +157,12 @@ def test_an_issuer_that_calls_itself_otherwise_is_none(issuer: Issuer) -> None:
 
     with pytest.raises(IssuerFailed, match="elsewhere"):
         asyncio.run(read())
-    assert issuer_named(token) == url
+    assert claimed_issuer(token) == url
 
 
 @pytest.mark.parametrize("text", ["", "..", "a.b.c", "x" * 20_000, "e30.e30.", "W10.W10.x", "é.é.é"])
 def test_no_text_is_too_strange_to_look_at(text: str) -> None:
-    assert issuer_named(text) is None
+    assert claimed_issuer(text) is None
 
 
 async def test_a_known_key_waits_for_nobody(issuer: Issuer, monkeypatch: pytest.MonkeyPatch) -> None:

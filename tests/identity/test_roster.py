@@ -28,7 +28,7 @@ def test_a_new_token_is_known_by_its_hash_alone() -> None:
     assert proved == TokenHash(sha256(token.encode()).hexdigest())
     who = known.identity(proved, time.time_ns())
     assert who is not None and who.name == "line-3"
-    assert who.may(Right.STOP, "lab-1") and not who.may(Right.READ, "hall-1")
+    assert who.has_right(Right.STOP, "lab-1") and not who.has_right(Right.READ, "hall-1")
     for wrong in ("", token[:-1], token + "x", token.upper(), sha256(token.encode()).hexdigest(), "\ud800"):
         assert known.token(wrong) is None
 
@@ -54,11 +54,13 @@ def test_claims_are_matched_with_grants() -> None:
     assert claims is not None
     who = known.identity(claims, 0)
     assert who is not None and who.name == "7@id.example"
-    assert who.may(Right.ACT, "lab-1") and who.may(Right.READ, "hall") and not who.may(Right.ACT, "hall")
+    assert (
+        who.has_right(Right.ACT, "lab-1") and who.has_right(Right.READ, "hall") and not who.has_right(Right.ACT, "hall")
+    )
     assert known.identity(claims, _YEAR_NS) is None
     said = issuer.claims({"sub": "8", "https://x.example/scope": "openid fleet:admin"}, _YEAR_NS)
     other = known.identity(said, 0)
-    assert other is not None and other.may(Right.ADMIN, None) and not other.may(Right.ACT, "lab-1")
+    assert other is not None and other.has_right(Right.ADMIN, None) and not other.has_right(Right.ACT, "lab-1")
     assert roster(_TOKEN).identity(claims, 0) is None  # the issuer is no longer in the file
 
 
@@ -100,7 +102,7 @@ def test_a_grant_asks_for_a_whole_value_of_a_claim(scope: object, granted: bool)
     known = roster(_ISSUER + '[[issuer.grant]]\nclaim = "scope"\nvalue = "fleet:read"\nscopes = ["read"]\n')
     (issuer,) = known.issuers.values()
     who = known.identity(issuer.claims({"sub": "7", "scope": scope}, _YEAR_NS), 0)
-    assert who is not None and who.may(Right.READ, "ur5") is granted
+    assert who is not None and who.has_right(Right.READ, "ur5") is granted
 
 
 def test_a_claim_without_a_value_is_held_against_the_empty_one() -> None:
@@ -109,7 +111,7 @@ def test_a_claim_without_a_value_is_held_against_the_empty_one() -> None:
     (issuer,) = known.issuers.values()
     for said, granted in (({}, False), ({"role": "operator"}, False), ({"role": ""}, True)):
         who = known.identity(issuer.claims({"sub": "7", **said}, _YEAR_NS), 0)
-        assert who is not None and who.may(Right.READ, "ur5") is granted
+        assert who is not None and who.has_right(Right.READ, "ur5") is granted
 
 
 def test_an_issuer_is_what_the_file_says(tmp_path: Path) -> None:
@@ -132,7 +134,7 @@ def test_an_issuer_on_this_machine_needs_no_tls(host: str) -> None:
 @pytest.mark.parametrize("scope", Right)
 def test_a_token_may_have_each_right(scope: Right) -> None:
     (who,) = roster(_TOKEN.replace("read", scope)).tokens.values()
-    assert who.may(scope, "ur5")
+    assert who.has_right(scope, "ur5")
 
 
 @pytest.mark.parametrize("name", ["a", "Z9._-", "x" * 64])

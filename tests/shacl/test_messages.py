@@ -6,7 +6,7 @@ from pyoxigraph import BlankNode, Literal, NamedNode, Triple
 from linked_fleet_gateway.rdf.graph import integer
 from linked_fleet_gateway.rdf.vocabulary import PREFIXES, VOM
 from linked_fleet_gateway.shacl import Data, Violation, compile_shape, report
-from linked_fleet_gateway.shacl.report import TermTexts, brief
+from linked_fleet_gateway.shacl.report import TermTexts, shortened
 from linked_fleet_gateway.shacl.terms import SHACL, XSD
 from shacl_findings import EX, turtle
 
@@ -182,18 +182,18 @@ def test_a_report_at_its_limit_lists_valid_branches() -> None:
 )
 def test_a_term_is_shown_briefly(term: object, text: str) -> None:
     """A number as it is, another literal in quotes, and no label of a blank node."""
-    assert _WORDS.shown(term) == text
+    assert _WORDS.text(term) == text
 
 
 def test_a_long_list_ends_with_how_many_more_there_are() -> None:
-    assert _WORDS.listed([integer(n) for n in range(3)]) == "0, 1, 2"
-    assert _WORDS.listed([integer(n) for n in range(20)]).endswith(", 18, 19")
-    assert _WORDS.listed([integer(n) for n in range(22)]).endswith(", 18, 19, 2 more")
+    assert _WORDS.list_text([integer(n) for n in range(3)]) == "0, 1, 2"
+    assert _WORDS.list_text([integer(n) for n in range(20)]).endswith(", 18, 19")
+    assert _WORDS.list_text([integer(n) for n in range(22)]).endswith(", 18, 19, 2 more")
 
 
 def test_a_text_has_at_most_300_characters() -> None:
-    assert brief("x" * 300) == "x" * 300
-    assert brief("x" * 301) == "x" * 299 + "…"
+    assert shortened("x" * 300) == "x" * 300
+    assert shortened("x" * 301) == "x" * 299 + "…"
 
 
 @pytest.mark.parametrize(("length", "repeated"), [(1024, True), (1025, False)])

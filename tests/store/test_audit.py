@@ -20,7 +20,7 @@ def audit(server: Backend) -> Iterator[Audit]:
 
 def note(audit: Audit, *whats: object) -> None:
     for what in whats:
-        audit.note("später\0", str(what), "/r/", "r", "204", "id", "/r/i")
+        audit.record("später\0", str(what), "/r/", "r", "204", "id", "/r/i")
 
 
 async def noted(audit: Audit, count: int) -> list[tuple[str, Entry]]:

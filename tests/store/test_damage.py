@@ -109,9 +109,9 @@ def test_later_starts_warn_until_the_folder_is_moved_away(state_dir: Path, caplo
 
 def test_two_damages_in_one_second_are_kept_both(state_dir: Path) -> None:
     data = state_dir / damage.DATA
-    first = damage.set_aside(state_dir)
+    first = damage.move_damaged_data(state_dir)
     data.mkdir()
-    second = damage.set_aside(state_dir)
+    second = damage.move_damaged_data(state_dir)
     assert first and second and first != second
     assert damage.damaged_copies(state_dir) == (first.name, second.name)
 

@@ -143,7 +143,7 @@ def test_a_replica_confirms_at_once_or_never(
     server.replicas, server.lagging = replicas, lagging
 
     async def scenario(connection: Connection) -> None:
-        assert await connection.replicated("return redis.call('SET', KEYS[1], 1)", "a") == (b"OK", confirmed)
+        assert await connection.run_replicated("return redis.call('SET', KEYS[1], 1)", "a") == (b"OK", confirmed)
 
     assert on(loop, server, scenario) == pytest.approx(within_s, abs=0.001)
 

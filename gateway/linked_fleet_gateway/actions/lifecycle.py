@@ -194,7 +194,7 @@ class Lifecycle:
         stop = Stop(version=WIRE_VERSION, id=str(uuid.uuid4()), command=invocation.id, reason=reason)
         replies = await self._live.link.stop((invocation.robot,), stop, ANSWER_TIMEOUT_S)
         reply = replies.get(invocation.robot)
-        self.commands.replied(invocation.robot, reply)
+        self.commands.count_reply(invocation.robot, reply)
         unknown = isinstance(reply, Accepted) and invocation.id not in reply.preempts
         if unknown and invocation.stops is None and not await self._ended(invocation, _LAST_WORD_S):
             self.fail(invocation, "the agent knows no such motion")

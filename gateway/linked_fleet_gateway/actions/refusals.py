@@ -44,7 +44,7 @@ def refusal(robot: Robot, reply: Refused) -> Conflict:
 
 def raise_first_refusal(robot: Robot, invocation: Invocation) -> None:
     """Raise the error that answered the original request, unless its agent accepted it."""
-    if (guarded := MotionRefused.coded(invocation.refused)) is not None:
+    if (guarded := MotionRefused.type_for_code(invocation.refused)) is not None:
         raise guarded(f"The motion was not begun: {invocation.reason}.", reason=invocation.reason)
     if invocation.refused:
         raise refusal(robot, Refused(invocation.id, cast(RefusalCode, invocation.refused), invocation.reason))

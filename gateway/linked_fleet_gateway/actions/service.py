@@ -243,10 +243,10 @@ class Actions:
             with self.lifecycle.replicated.asking(invocation):
                 reply = await self._live.link.command(invocation.robot, command, ANSWER_TIMEOUT_S)
         except NoAnswer as error:
-            self.lifecycle.commands.replied(invocation.robot, None)
+            self.lifecycle.commands.count_reply(invocation.robot, None)
             self.lifecycle.mark_unknown(invocation)
             raise agent_timeout(invocation, str(error)) from error
-        self.lifecycle.commands.replied(invocation.robot, reply)
+        self.lifecycle.commands.count_reply(invocation.robot, reply)
         return reply
 
     async def _first(self, robot: Robot, id: str) -> Invocation:
@@ -287,7 +287,7 @@ class Actions:
         stop = Stop(version=WIRE_VERSION, id=invocation.id, joints=halt.joints, reason="stopped")
         replies = await self._live.halt(asked, stop, ANSWER_TIMEOUT_S)
         for name in {*(halt.robots or online), *replies}:
-            self.lifecycle.commands.replied(name, replies.get(name))
+            self.lifecycle.commands.count_reply(name, replies.get(name))
         self.lifecycle.replicated.record(invocation)
         if robot == FLEET:
             self.lifecycle.accept_of_fleet(invocation, online, replies)
@@ -306,7 +306,7 @@ class Actions:
         """Return the robots that the caller may stop; None for all, known or not."""
         if halt.robots is not None or stops.all:
             return halt.robots
-        return tuple(name for name in self._live.fleet.robots if stops.sees(name))
+        return tuple(name for name in self._live.fleet.robots if stops.includes(name))
 
     async def rehearse_halt(self, halt: Halt, stops: View = ALL) -> Rehearsal:
         """Return the invocations that ``halt`` would end."""

@@ -12,7 +12,7 @@ from starlette.applications import Starlette
 
 from linked_fleet_gateway.actions.service import Actions
 from linked_fleet_gateway.actions.store import ActionStore
-from linked_fleet_gateway.app.extensions import ExtensionSettings, chosen, install, mount, representations
+from linked_fleet_gateway.app.extensions import ExtensionSettings, enabled_extensions, install, mount, representations
 from linked_fleet_gateway.app.metrics import Numbers, Sampler, registry
 from linked_fleet_gateway.app.settings import GatewaySettings
 from linked_fleet_gateway.http.connection_limits import Sockets, within_files
@@ -79,7 +79,7 @@ def _compiler(name: str) -> Compiler:
 
 def _check(name: str, compiler: Compiler, shape: Node) -> None:
     try:
-        compiler.compiled(shape)
+        compiler.compile(shape)
     except Unsupported as error:
         raise Unsupported(f"linked_fleet_shapes/{name}: {shape} cannot be compiled: {error}") from error
 
@@ -104,7 +104,7 @@ def create_app(settings: GatewaySettings, tracing: Tracing | None = None, open_s
 
     Raises Unsupported for shapes that cannot be compiled.
     """
-    extensions = chosen(settings.section(ExtensionSettings))
+    extensions = enabled_extensions(settings.section(ExtensionSettings))
     install(extensions)
     check_shapes()
 

@@ -57,7 +57,7 @@ def _is_extension(value: object) -> TypeGuard[type[Extension]]:
 BUILT_IN: Sequence[Extension] = tuple(_built_in())
 
 
-def chosen(settings: ExtensionSettings) -> list[Extension]:
+def enabled_extensions(settings: ExtensionSettings) -> list[Extension]:
     """Return the extensions of a gateway with these settings.
 
     Raises ValueError for an unknown name, and for an extension that needs one that is off.
@@ -67,7 +67,7 @@ def chosen(settings: ExtensionSettings) -> list[Extension]:
         raise ValueError(f"LINKED_FLEET_EXTENSIONS_OFF is of {', '.join(names)}, not {', '.join(unknown)}")
     found = [
         *(each for each in BUILT_IN if each.name not in off and not missing_requirements(each)),
-        *foreign(settings),
+        *foreign_extensions(settings),
     ]
     for each in found:
         if missing := [name for name in each.needs if name in off]:
@@ -75,7 +75,7 @@ def chosen(settings: ExtensionSettings) -> list[Extension]:
                 f"LINKED_FLEET_EXTENSIONS_OFF names {missing[0]}, which {each.name} needs: "
                 f"switch {each.name} off as well, or neither"
             )
-    return in_order(found)
+    return dependency_order(found)
 
 
 def missing_requirements(extension: Extension) -> list[str]:
@@ -83,7 +83,7 @@ def missing_requirements(extension: Extension) -> list[str]:
     return [name for name in extension.modules if find_spec(name) is None]
 
 
-def foreign(settings: ExtensionSettings) -> list[Extension]:
+def foreign_extensions(settings: ExtensionSettings) -> list[Extension]:
     """Return the extensions of other packages that the settings name. Raises ValueError for an unknown name."""
     if taken := [each.name for each in BUILT_IN if each.name in settings.extensions]:
         raise ValueError(f"LINKED_FLEET_EXTENSIONS is of extensions of other packages; {taken[0]} is built in")
@@ -123,7 +123,7 @@ def install(extensions: Sequence[Extension]) -> None:
     FUNCTIONS.replace(function for extension in extensions for function in extension.functions)
 
 
-def in_order(extensions: Sequence[Extension]) -> list[Extension]:
+def dependency_order(extensions: Sequence[Extension]) -> list[Extension]:
     """Return the extensions, each after those that it needs or uses. Raises ValueError if that is impossible."""
     found: dict[str, Extension] = {}
     waiting, on = list(extensions), {each.name for each in extensions}

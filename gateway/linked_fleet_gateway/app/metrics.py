@@ -18,7 +18,7 @@ from prometheus_client.registry import Collector
 
 from linked_fleet_gateway.actions.service import Actions
 from linked_fleet_gateway.fleet.fleet import Fleet
-from linked_fleet_gateway.runtime.background import end, sliced, supervised
+from linked_fleet_gateway.runtime.background import end, supervised, time_sliced
 from linked_fleet_gateway.runtime.embedded_redis import Embedded
 from linked_fleet_gateway.runtime.metrics import PREFIX, Histogram, Requests, counter, gauge, gauges, histogram
 from linked_fleet_gateway.subscriptions.live import Live
@@ -63,7 +63,7 @@ class Sampler:
         names = list(self._fleet.robots)
         for name in self._seen.keys() - set(names):
             del self._seen[name]
-        async for name in sliced(names):
+        async for name in time_sliced(names):
             robot = self._fleet.robots.get(name)
             if robot is None:
                 continue  # forgotten meanwhile

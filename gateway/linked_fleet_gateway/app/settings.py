@@ -12,7 +12,7 @@ from pathlib import Path
 
 from linked_fleet_agent.wire.keys import Keys as ZenohKeys
 from linked_fleet_agent.wire.trust import Credentials
-from linked_fleet_gateway.app.extensions import BUILT_IN, ExtensionSettings, chosen, foreign
+from linked_fleet_gateway.app.extensions import BUILT_IN, ExtensionSettings, enabled_extensions, foreign_extensions
 from linked_fleet_gateway.base.settings import (
     FILE,
     NETWORKS,
@@ -26,11 +26,11 @@ from linked_fleet_gateway.base.settings import (
     Section,
     SectionT,
     choice,
-    matching,
+    comma_separated,
     read,
     section,
     setting,
-    several,
+    text_matching,
     whole_number,
 )
 from linked_fleet_gateway.link.zenoh_session import trust
@@ -80,9 +80,9 @@ def _namespace(text: str) -> str:
 
 
 _NAMESPACE = Kind(_namespace, "a plain key such as 'fleet' or 'site/hall-2'")
-_ALLOW = several(choice(*EXPOSURES), f"of {', '.join(EXPOSURES)}")
-_ORIGINS = several(  # as browsers write them: lower case, no path
-    matching(r"https?://[a-z0-9.\[\]:-]+", "an origin"), "of origins such as https://twin.example:8443"
+_ALLOW = comma_separated(choice(*EXPOSURES), f"of {', '.join(EXPOSURES)}")
+_ORIGINS = comma_separated(  # as browsers write them: lower case, no path
+    text_matching(r"https?://[a-z0-9.\[\]:-]+", "an origin"), "of origins such as https://twin.example:8443"
 )
 
 
@@ -245,9 +245,9 @@ class GatewaySettings(Section):
         # The set of flags depends on the extensions of other packages.
         parser = ArgumentParser(_PROGRAM, add_help=False)
         names = read([ExtensionSettings], environment, arguments, parser, others=True)
-        extensions = [*BUILT_IN, *foreign(section(names, ExtensionSettings))]
+        extensions = [*BUILT_IN, *foreign_extensions(section(names, ExtensionSettings))]
         parser = ArgumentParser(_PROGRAM, description="Serve the fleet as Linked Data.")
         kinds = [cls, ExtensionSettings, *(each.settings for each in extensions if each.settings)]
         found = read(kinds, environment, arguments, parser)
-        chosen(section(found, ExtensionSettings))
+        enabled_extensions(section(found, ExtensionSettings))
         return replace(section(found, cls), sections=tuple(each for each in found if not isinstance(each, cls)))

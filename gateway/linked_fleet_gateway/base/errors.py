@@ -193,7 +193,7 @@ class MotionRefused(FleetError):
         """Resolve paths in the error to IRIs below ``base``."""
 
     @classmethod
-    def coded(cls, code: str) -> "type[MotionRefused] | None":
+    def type_for_code(cls, code: str) -> "type[MotionRefused] | None":
         """Return the guard error with this code, or None."""
         return next((each for each in (cls, *cls.__subclasses__()) if each.code == code), None)
 
@@ -344,7 +344,7 @@ class LibraryMissing(FleetError):
     status, code, title = 503, "library-missing", "A library of the gateway cannot be loaded"
 
     @classmethod
-    def named(cls, name: str, error: ImportError) -> "LibraryMissing":
+    def for_module(cls, name: str, error: ImportError) -> "LibraryMissing":
         """Return the error for a module that could not be imported."""
         return cls(
             f"The gateway cannot load {name} ({error}); `linked-fleet doctor` says how to install what it lacks."

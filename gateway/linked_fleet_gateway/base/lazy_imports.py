@@ -53,7 +53,7 @@ class LazyModule:
         try:
             return import_module(self._name)
         except ImportError as error:
-            missing = LibraryMissing.named(self._needs[0] if self._needs else self._name, error)
+            missing = LibraryMissing.for_module(self._needs[0] if self._needs else self._name, error)
             if not self._logged:
                 log.error("%s", missing.detail)
                 self._logged = True

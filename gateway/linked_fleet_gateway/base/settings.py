@@ -131,10 +131,10 @@ def whole_number(least: int = 0, most: int | None = None, noun: str = "whole num
 
 def choice(*words: str) -> Kind[str]:
     """Return a kind with a fixed list of words."""
-    return matching("|".join(re.escape(each) for each in words), " or ".join(words))
+    return text_matching("|".join(re.escape(each) for each in words), " or ".join(words))
 
 
-def matching(pattern: str, right: str) -> Kind[str]:
+def text_matching(pattern: str, right: str) -> Kind[str]:
     def read(text: str) -> str:
         if not re.fullmatch(pattern, text):
             raise _other(text)
@@ -143,7 +143,7 @@ def matching(pattern: str, right: str) -> Kind[str]:
     return Kind(read, right)
 
 
-def several(kind: Kind[T], right: str) -> Kind[tuple[T, ...]]:
+def comma_separated(kind: Kind[T], right: str) -> Kind[tuple[T, ...]]:
     """Return a kind of setting with comma-separated values of another kind."""
     return Kind(lambda text: tuple(kind.read(item.strip()) for item in text.split(",") if item.strip()), right)
 
@@ -177,6 +177,6 @@ TEXT = Kind(str, "a text")
 FILE: Kind[Path | None] = Kind(lambda text: Path(text) if text else None, "a path")
 ON_OFF = Kind(_on_off, "on or off")
 PORT = whole_number(1, 65535, "port number")
-TEXTS = several(TEXT, "a list of texts")
-NETWORKS = several(Kind(_network, "a network"), "of networks such as 10.0.0.0/8")
-PORTS = several(Kind(_ports, "a port or a range of ports"), "of ports such as 443 or 8000-8999")
+TEXTS = comma_separated(TEXT, "a list of texts")
+NETWORKS = comma_separated(Kind(_network, "a network"), "of networks such as 10.0.0.0/8")
+PORTS = comma_separated(Kind(_ports, "a port or a range of ports"), "of ports such as 443 or 8000-8999")

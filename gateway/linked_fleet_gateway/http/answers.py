@@ -212,7 +212,7 @@ def _asked(scope: Scope) -> tuple[Key | None, str | None, bytes | None]:
     if len(accept) > _LONGEST_ACCEPT or b"event-stream" in accept or not _ASKS_MORE.isdisjoint(fields):
         return None, None, None
     known, coding = fields.get(b"if-none-match"), fields.get(b"accept-encoding")
-    view = arrival.authenticated.identity.sees
+    view = arrival.authenticated.identity.visible_robots
     known_tags = None if known is None else known.decode("latin-1")
     return (scope["raw_path"], accept, arrival.base, view), known_tags, coding
 

@@ -14,7 +14,7 @@ from linked_fleet_gateway.resources.paths import AUDIT as PATH
 from linked_fleet_gateway.resources.paths import robot_of, robot_path
 from linked_fleet_gateway.resources.resource import CONTAINER, Resource, complete
 from linked_fleet_gateway.runtime.audit_log import PAGE, Audit, Entry
-from linked_fleet_gateway.runtime.log import present
+from linked_fleet_gateway.runtime.log import current_request
 from linked_fleet_gateway.runtime.redis import StoreUnavailable
 
 _NOTHING_DONE = (401, 404, 405)
@@ -26,8 +26,8 @@ def note(connection: Connection, what: str, status: int | None, location: str = 
     if status in _NOTHING_DONE:
         return
     audit: Audit = connection.services.audit
-    asked, path = present(), connection.scope["path"][:_LONGEST]
-    audit.note(
+    asked, path = current_request(), connection.scope["path"][:_LONGEST]
+    audit.record(
         connection.caller_name, what, path, robot_of(path) or "", "" if status is None else str(status),
         "" if asked is None else asked.id, location.removeprefix(connection.base).partition("?")[0],
     )  # fmt: skip
@@ -56,7 +56,7 @@ def with_audit(connection: Connection, resource: Resource) -> Resource:
 
     The RDF does not contain the link, because it is equal for all callers with the same view, like messages about it.
     """
-    if not connection.caller.may_any(AUDIT_NEEDS, None):
+    if not connection.caller.has_any_right(AUDIT_NEEDS, None):
         return resource
     if resource.path == "/":
         return replace(resource, own=(*resource.own, PATH))

@@ -25,7 +25,7 @@ _STARTS = ("http.response.start", "websocket.http.response.start")
 def known_at_once(identities: Identities, arrival: Arrival) -> bool:
     """Store the caller of a token that can be judged without waiting; return False for other credentials."""
     scheme, _, token = arrival.fields.get(b"authorization", b"").decode("latin-1").partition(" ")
-    found = identities.of_static_token(token.strip()) if scheme.lower() == "bearer" else None
+    found = identities.static_token_identity(token.strip()) if scheme.lower() == "bearer" else None
     if found is None:
         return False
     arrival.authenticated = Authenticated(found)
@@ -126,7 +126,7 @@ SEES_SUBSCRIPTIONS = (Right.SUBSCRIBE, Right.ADMIN)
 
 def require_right(connection: Connection, path: str, scopes: Sequence[Right]) -> None:
     """Raise InsufficientScope unless the caller has one of ``scopes`` on the resource at ``path``."""
-    if is_public(path) or connection.caller.may_any(scopes, robot_of(path)):
+    if is_public(path) or connection.caller.has_any_right(scopes, robot_of(path)):
         return
     wanted = " or ".join(scopes)
     raise InsufficientScope(f"This takes the right to {wanted} here, which you do not have.", scope=scopes[0])
@@ -135,15 +135,19 @@ def require_right(connection: Connection, path: str, scopes: Sequence[Right]) ->
 def require_subtree(connection: Connection, path: str, depth: Depth) -> None:
     """Raise InsufficientScope for the subtree of the fleet unless the caller may subscribe to all that it reads."""
     caller = connection.caller
-    if path == "/" and depth is Depth.SUBTREE and not caller.over(Right.SUBSCRIBE).covers(caller.sees):
+    if (
+        path == "/"
+        and depth is Depth.SUBTREE
+        and not caller.view_for(Right.SUBSCRIBE).is_superset_of(caller.visible_robots)
+    ):
         raise InsufficientScope("You may read robots that you may not subscribe to.", scope=Right.SUBSCRIBE)
 
 
 def visible_subscriptions(connection: Connection, records: Sequence[Record], owner: str) -> list[Record]:
     """Return the visible subscriptions of a thing: the caller's own with ``subscribe``, all of them with ``admin``."""
     caller, robot = connection.caller, robot_of(owner)
-    if caller.may(Right.ADMIN, robot):
+    if caller.has_right(Right.ADMIN, robot):
         return list(records)
-    if not caller.may(Right.SUBSCRIBE, robot):
+    if not caller.has_right(Right.SUBSCRIBE, robot):
         return []
     return [each for each in records if caller.name and each.subscription.creator == caller.name]

@@ -270,7 +270,7 @@ def _read_by(request: Request, found: Resource) -> Resource:
         reader=reader.name,
         rights=reader.rights,
         audited=reader.audited,
-        links_subscriptions=request.caller.may_any(SEES_SUBSCRIPTIONS, robot_of(found.path)),
+        links_subscriptions=request.caller.has_any_right(SEES_SUBSCRIPTIONS, robot_of(found.path)),
         warning=store_warning(request.services.embedded),
     )
     return with_audit(request, found)
@@ -286,7 +286,7 @@ async def _subscriptions_shown(connection: Connection, path: str) -> Subscriptio
     owner = owner_path(path)
     head, _, rest = path.removeprefix(container_path(owner)).partition("/")
     robot = robot_of(owner)
-    if head or not path.startswith(container_path(owner)) or not connection.caller.may(Right.READ, robot):
+    if head or not path.startswith(container_path(owner)) or not connection.caller.has_right(Right.READ, robot):
         return NO_SUBSCRIPTIONS
     subscriptions: Subscriptions = connection.services.subscriptions
     async with store_errors():

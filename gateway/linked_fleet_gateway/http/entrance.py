@@ -29,7 +29,7 @@ from linked_fleet_gateway.http.html import HtmlWriter
 from linked_fleet_gateway.http.operator_endpoints import PAGES
 from linked_fleet_gateway.http.request import Request, gateway_of, html_of
 from linked_fleet_gateway.http.scheduling import TokenBuckets, bucket_of, is_urgent
-from linked_fleet_gateway.runtime.log import RequestContext, begin, request_id
+from linked_fleet_gateway.runtime.log import RequestContext, begin_request, request_id
 from linked_fleet_gateway.runtime.metrics import Requests
 from linked_fleet_gateway.runtime.tracing import Tracing
 
@@ -160,7 +160,7 @@ class Entrance:
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         find_client(scope, self._fronts)
         page = PAGES.get(scope["path"]) if scope["type"] == "http" else None
-        context = begin(arrival_of(scope).fields.get(_ID_FIELD))
+        context = begin_request(arrival_of(scope).fields.get(_ID_FIELD))
         if self._tracing is not None and page is None and scope.get("method") in _TRACED:
             path = scope["raw_path"].decode("latin-1")[:_LONGEST_PATH]
             parents = Headers(scope=scope).getlist("traceparent")
@@ -184,7 +184,7 @@ class Entrance:
                 took_s = time.monotonic() - context.begun_s
                 self._requests.add(scope.get("method", "GET"), message.get("status", 101), took_s)
             if context.trace is not None:
-                context.trace.answered(message["status"])
+                context.trace.set_status(message["status"])
             message["headers"] = [*message.get("headers", ()), (_ID_FIELD, context.id.encode())]
         await send(message)
 

@@ -18,7 +18,7 @@ from linked_fleet_gateway.base.errors import BadRequest
 from linked_fleet_gateway.http.arrival import arrival_of, arrive
 from linked_fleet_gateway.http.problem import PROBLEM_JSON
 from linked_fleet_gateway.http.request import Connection, gateway_of
-from linked_fleet_gateway.runtime.log import present
+from linked_fleet_gateway.runtime.log import current_request
 
 LONGEST_REPLY: Final = 4 * 1024 * 1024
 """Default limit of the content in bytes."""
@@ -94,7 +94,7 @@ def _scope(connection: Connection, method: str, target: str, fields: Mapping[str
     headers += [(name.lower().encode("ascii"), value.encode("latin-1")) for name, value in fields.items()]
     if content:
         headers.append((b"content-length", str(len(content)).encode()))
-    if (outer := present()) is not None:
+    if (outer := current_request()) is not None:
         headers.append((b"x-request-id", outer.id.encode()))
     scope: Scope = {
         "type": "http", "asgi": of.get("asgi", {"version": "3.0"}), "http_version": "1.1", "method": method,

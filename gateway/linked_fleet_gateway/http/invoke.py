@@ -41,7 +41,7 @@ from linked_fleet_gateway.resources.affordance import FORM_TYPES, EndInvocation,
 from linked_fleet_gateway.resources.body_values import Body, as_ntriples
 from linked_fleet_gateway.resources.invocation import describe_rehearsal, invocation_path
 from linked_fleet_gateway.resources.resource import Resource
-from linked_fleet_gateway.runtime.log import step, traced
+from linked_fleet_gateway.runtime.log import child_span, current_trace
 from linked_fleet_gateway.subscriptions.live import Live
 
 if TYPE_CHECKING:
@@ -97,17 +97,19 @@ async def end_invocation(request: Request, afforded: EndInvocation) -> Response:
 
 def caller(request: Request, body: str = "", digest: str = "") -> Caller:
     """Return the caller. Raises BadRequest for a malformed Idempotency-Key or Lock-Token."""
-    return Caller(request.caller_name, lock_token(request), _key(request), digest, body, sees=request.caller.sees)
+    return Caller(
+        request.caller_name, lock_token(request), _key(request), digest, body, sees=request.caller.visible_robots
+    )
 
 
 def _trace(offer: Offer, end: str) -> None:
     """Set the route of a trace, with placeholders for names; ``end`` is one of few values."""
-    if (trace := traced()) is None:
+    if (trace := current_trace()) is None:
         return
     thing = ("/{robot}" if offer.robot else "") + ("/{joint}" if offer.joint else "")
-    trace.routed(f"{thing}/{end}")
+    trace.set_route(f"{thing}/{end}")
     if offer.robot is not None:
-        trace.about({"robot": offer.robot.name})
+        trace.set_attributes({"robot": offer.robot.name})
 
 
 def refuse_rehearsal(request: Request) -> None:
@@ -180,7 +182,7 @@ def _read_target(
 
 
 def _admitted(offer: Offer, content: bytes, triples: Sequence[Triple], base: str) -> _Admitted:
-    with step("guard"):
+    with child_span("guard"):
         body = admit(offer, triples, base)
     return _Admitted(content, body, as_ntriples(body))
 
@@ -204,7 +206,7 @@ async def _halt(request: Request, offer: Offer) -> Response:
     nothing = Body((), NamedNode(request.base + offer.path))
     plan = actions.plan(ActionRequest(request.base, nothing, offer.robot, offer.joint), offer)
     assert isinstance(plan, Halt)
-    stops = request.caller.over(Right.STOP)
+    stops = request.caller.view_for(Right.STOP)
     if prefer.dry_run:
         return _rehearsal(request, offer, plan, await actions.rehearse_halt(plan, stops))
     with _located(request.base):
@@ -219,7 +221,7 @@ async def _carry_out(
 ) -> Response:
     actions: Actions = request.services.actions
     asking = caller(request, admitted.written, _digest(request, admitted.content))
-    with step("plan"):
+    with child_span("plan"):
         plan = actions.plan(ActionRequest(request.base, admitted.body, offer.robot, offer.joint, moment), offer)
         if isinstance(plan, DeferredPlan):
             plan = await actions.compute(plan)
@@ -262,7 +264,7 @@ async def _answer(request: Request, invocation: Invocation, prefer: Prefer) -> R
 
 def _rehearsal(request: Request, offer: Offer, plan: Motion | Halt, rehearsed: Rehearsal) -> Response:
     live: Live = request.services.live
-    seen = InvocationsInView(live.invocations, request.caller.sees)
+    seen = InvocationsInView(live.invocations, request.caller.visible_robots)
     known = [each for each in map(seen.get, rehearsed.preempts) if each is not None]
     targets, facts = ({}, {}) if isinstance(plan, Halt) else (plan.targets, plan.facts)
 

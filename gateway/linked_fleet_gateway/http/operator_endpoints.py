@@ -17,7 +17,7 @@ from linked_fleet_gateway.http.callers import by_token
 from linked_fleet_gateway.http.problem import problem
 from linked_fleet_gateway.http.request import Gateway, gateway_of, html_of
 from linked_fleet_gateway.identity.rights import Right
-from linked_fleet_gateway.runtime.damaged_data import statement
+from linked_fleet_gateway.runtime.damaged_data import damage_warning
 from linked_fleet_gateway.runtime.embedded_redis import Embedded
 
 
@@ -46,7 +46,7 @@ async def ready(request: Request) -> Response:
 
 def store_warning(embedded: Embedded | None) -> str:
     """Return a sentence about data that the embedded server could not load; empty if there is none."""
-    return "" if embedded is None else statement(embedded.set_aside)
+    return "" if embedded is None else damage_warning(embedded.set_aside)
 
 
 def _missing(gateway: Gateway) -> Iterator[str]:
@@ -79,7 +79,7 @@ def _for_administrators(metrics: Page) -> Page:
         if identities is not None:
             try:
                 caller = await by_token(identities, request.headers)
-                if not caller.may(Right.ADMIN, None):
+                if not caller.has_right(Right.ADMIN, None):
                     raise InsufficientScope("The numbers are for who may administer all robots.", scope=Right.ADMIN)
             except FleetError as error:
                 body, headers = problem(error, request.headers.get("accept"), html=html_of(request.scope))

@@ -23,7 +23,7 @@ from linked_fleet_gateway.rdf.vocabulary import PREFIXES
 from linked_fleet_gateway.resources.copies import Copies
 from linked_fleet_gateway.resources.renderings import Rendering, Renderings, is_compilable
 from linked_fleet_gateway.resources.resource import Resource
-from linked_fleet_gateway.runtime.background import sliced
+from linked_fleet_gateway.runtime.background import time_sliced
 
 _TAG = re.compile(r'(W/)?("[\x21\x23-\x7e\x80-\xff]*")')
 _CODED = re.compile(r'-(?:gzip|br)"$')
@@ -161,7 +161,7 @@ class Representations:
 
     async def etags_in_turns(self, resource: Resource, base: str, threads: Offload) -> AsyncIterator[str]:
         """Yield the tags like ``etags``. Other requests get turns."""
-        async for media_type in sliced(self._offered(resource)):
+        async for media_type in time_sliced(self._offered(resource)):
             with suppress(WriteError):
                 if self._is_long(resource, media_type):
                     found = await self._in_thread(self._represent, media_type, resource, base, threads)
@@ -178,7 +178,7 @@ class Representations:
     ) -> Representation:
         """Write a description in a thread; it is made in steps here, because a thread must not read the live fleet."""
         graph = Graph()
-        async for _ in sliced(resource.stepwise(graph, base)):
+        async for _ in time_sliced(resource.stepwise(graph, base)):
             pass
         return await threads.run(partial(make, asked, resource, base, graph), len(graph.statements), 0)
 

@@ -141,8 +141,8 @@ class _Resolved(HTTPConnection):
         """Return the caller as the reader of the page at ``path``."""
         caller, rights = self.caller, None
         if self.services.identities is not None:
-            rights = tuple(each.value for each in Right if caller.may(each, robot_of(path)))
-        return Reader(caller.name if self.on_page else "", rights, caller.may_any(AUDIT_NEEDS, None))
+            rights = tuple(each.value for each in Right if caller.has_right(each, robot_of(path)))
+        return Reader(caller.name if self.on_page else "", rights, caller.has_any_right(AUDIT_NEEDS, None))
 
     @property
     def caller_name(self) -> str:
@@ -152,7 +152,7 @@ class _Resolved(HTTPConnection):
 
     def tree(self, subscriptions: SubscriptionsByOwner = NO_SUBSCRIPTIONS) -> Tree:
         """Return the tree as the caller may see it; ``subscriptions`` are those to show."""
-        return self.services.live.tree(self.base, self.caller.sees, subscriptions)
+        return self.services.live.tree(self.base, self.caller.visible_robots, subscriptions)
 
 
 class Request(_Resolved, StarletteRequest):

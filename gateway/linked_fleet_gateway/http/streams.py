@@ -150,7 +150,7 @@ def _guarded(connection: Connection, subscription: Subscription) -> AbstractCont
         return nullcontext()
     subscriptions: Subscriptions = connection.services.subscriptions
     robot, id = robot_of(subscription.resource), subscription.id
-    return identities.guarding(connection.caller, robot, lambda: subscriptions.streams.revoke(id), connection.holds)
+    return identities.watch_rights(connection.caller, robot, lambda: subscriptions.streams.revoke(id), connection.holds)
 
 
 def _opened(connection: Connection, resource: Resource, kind: Kind) -> Subscription:
@@ -163,7 +163,7 @@ def _opened(connection: Connection, resource: Resource, kind: Kind) -> Subscript
         raise Conflict("This is a callback subscription: its messages go to its receiver alone.")
     if kind is Kind.EVENT_STREAM and is_binary(subscription.media_type):
         raise NotAcceptable("Binary messages cannot be sent as events; open a WebSocket.", offered=())
-    return replace(subscription, kind=kind, sees=connection.caller.sees.patterns)
+    return replace(subscription, kind=kind, sees=connection.caller.visible_robots.patterns)
 
 
 def _type_in_events(request: Request, resource: Resource) -> str:

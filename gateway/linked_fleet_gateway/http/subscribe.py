@@ -222,7 +222,7 @@ def new_subscription(
         interval_s=asked.interval_s,
         deadband=asked.deadband,
         creator=connection.caller.name,
-        sees=connection.caller.sees.patterns,
+        sees=connection.caller.visible_robots.patterns,
     )
 
 

@@ -199,10 +199,12 @@ def _guarded(websocket: WebSocket, resource: Resource, conversation: Conversatio
     caller = websocket.caller
     if identities is None or caller.credential is None:
         return nullcontext()
-    known, credential = identities.known, caller.credential
+    known, credential = identities.identity_of, caller.credential
 
     def holds() -> bool:
         now = known(credential)
         return websocket.holds() and now is not None and now.grants == caller.grants
 
-    return identities.guarding(caller, robot_of(resource.path), lambda: conversation.close(Ending.UNENTITLED), holds)
+    return identities.watch_rights(
+        caller, robot_of(resource.path), lambda: conversation.close(Ending.UNENTITLED), holds
+    )

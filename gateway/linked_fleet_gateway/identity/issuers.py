@@ -115,7 +115,7 @@ class IssuerKeys:
     def _stale(self) -> bool:
         return time.monotonic() - self._fetched_s > STALE_S
 
-    async def described(self) -> dict[str, Any]:
+    async def discovery_document(self) -> dict[str, Any]:
         """Return the discovery document. Raises IssuerFailed."""
         async with self._turn:
             if not self.metadata:
@@ -191,7 +191,7 @@ class BadToken(Exception):  # noqa: N818 -- named like the other outcomes
     """The token is malformed, for another audience, or not valid now; the text says which."""
 
 
-def issuer_named(text: str) -> str | None:
+def claimed_issuer(text: str) -> str | None:
     """Return the unverified issuer that a token claims; None if it is not a token."""
     if len(text) > MOST_CHARACTERS or text.count(".") != 2:
         return None
@@ -203,7 +203,7 @@ def issuer_named(text: str) -> str | None:
     return found if isinstance(found, str) else None
 
 
-async def verified(text: str, issuer: Issuer, keys: IssuerKeys, audience: str) -> dict[str, Any]:
+async def verify_token(text: str, issuer: Issuer, keys: IssuerKeys, audience: str) -> dict[str, Any]:
     """Return the claims of a token signed by ``issuer`` for ``audience``. Raises BadToken, IssuerFailed.
 
     The key determines the algorithm, which is always asymmetric; the header of the token must agree.

@@ -36,10 +36,10 @@ class View:
     def all(self) -> bool:
         return EVERY in self.patterns
 
-    def sees(self, robot: str) -> bool:
+    def includes(self, robot: str) -> bool:
         return self._patterns.match(robot) is not None
 
-    def covers(self, other: "View") -> bool:
+    def is_superset_of(self, other: "View") -> bool:
         """Return True if the patterns alone prove that it includes all robots of ``other``."""
         return self.all or set(other.patterns) <= set(self.patterns)
 
@@ -65,7 +65,7 @@ class Grant:
     scopes: frozenset[Right]
     robots: tuple[str, ...] = (EVERY,)
 
-    def gives(self, scope: Right) -> bool:
+    def includes(self, scope: Right) -> bool:
         return scope in self.scopes or (scope is Right.STOP and Right.ACT in self.scopes)
 
 
@@ -99,31 +99,31 @@ class Identity:
     expires_ns: int | None = None
     credential: Credential | None = None
 
-    def over(self, scope: Right) -> View:
+    def view_for(self, scope: Right) -> View:
         """Return the robots on which it has the right."""
         return self._views[scope]
 
-    def may(self, scope: Right, robot: str | None) -> bool:
+    def has_right(self, scope: Right, robot: str | None) -> bool:
         """Return True if it has the right on a robot.
 
         None means the fleet: any robot suffices, but ``ADMIN`` needs all.
         """
-        robots = self.over(scope)
+        robots = self.view_for(scope)
         if robot is None:
             return robots.all if scope is Right.ADMIN else bool(robots.patterns)
-        return robots.sees(robot)
+        return robots.includes(robot)
 
-    def may_any(self, scopes: Iterable[Right], robot: str | None) -> bool:
-        return any(self.may(scope, robot) for scope in scopes)
+    def has_any_right(self, scopes: Iterable[Right], robot: str | None) -> bool:
+        return any(self.has_right(scope, robot) for scope in scopes)
 
     @property
-    def sees(self) -> View:
+    def visible_robots(self) -> View:
         """The robots that it may read; others are invisible to it."""
-        return self.over(Right.READ)
+        return self.view_for(Right.READ)
 
     @cached_property
     def _views(self) -> dict[Right, View]:
-        given = {scope: [grant for grant in self.grants if grant.gives(scope)] for scope in Right}
+        given = {scope: [grant for grant in self.grants if grant.includes(scope)] for scope in Right}
         return {
             scope: view(frozenset(pattern for grant in grants for pattern in grant.robots), self.name)
             for scope, grants in given.items()

@@ -11,7 +11,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
-from linked_fleet_gateway.identity.issuers import BadToken, IssuerKeys, Web, expiry_ns, issuer_named, verified
+from linked_fleet_gateway.identity.issuers import BadToken, IssuerKeys, Web, claimed_issuer, expiry_ns, verify_token
 from linked_fleet_gateway.identity.rights import Credential, Identity, Right, View
 from linked_fleet_gateway.identity.roster import BadRoster, Issuer, Roster, read_roster
 from linked_fleet_gateway.runtime.background import end, supervised
@@ -68,11 +68,11 @@ class Identities:
         """Return the identity of a token. Raises BadToken, IssuerFailed."""
         return self._known(self.roster.token(text) or await self._issued(text))
 
-    def of_static_token(self, text: str) -> Identity | None:
+    def static_token_identity(self, text: str) -> Identity | None:
         """Return the identity of a token in the file; None for any other, and for one that has expired."""
         return self.roster.identity(self.roster.token(text), time.time_ns())
 
-    def known(self, credential: Credential) -> Identity | None:
+    def identity_of(self, credential: Credential) -> Identity | None:
         """Return the identity of a credential verified before; None if it is no longer valid."""
         return self.roster.identity(credential, time.time_ns())
 
@@ -80,10 +80,10 @@ class Identities:
         return self._keys.setdefault(issuer.url, IssuerKeys(self.web, issuer.url))
 
     async def _issued(self, text: str) -> Credential:
-        issuer = self.roster.issuers.get(issuer_named(text) or "")
+        issuer = self.roster.issuers.get(claimed_issuer(text) or "")
         if issuer is None:
             raise BadToken("it is unknown")
-        said = await verified(text, issuer, self.keys(issuer), issuer.audience)
+        said = await verify_token(text, issuer, self.keys(issuer), issuer.audience)
         claims = issuer.claims(said, expiry_ns(said))
         if claims is None:
             raise BadToken(f"it has no usable claim {issuer.name_claim}")
@@ -98,7 +98,7 @@ class Identities:
     # -- as long as --------------------------------------------------------------------------------------------------
 
     @contextmanager
-    def guarding(
+    def watch_rights(
         self, identity: Identity, robot: str | None, end: Callable[[], None], holds: Callable[[], bool]
     ) -> Iterator[None]:
         """Call ``end`` periodically once the caller must lose the stream.
@@ -116,7 +116,7 @@ class Identities:
         if not guarded.holds():
             return False
         now = self.roster.identity(guarded.identity.credential, time.time_ns())
-        return now is not None and _subscribes(now, guarded.robot, guarded.identity.sees)
+        return now is not None and _subscribes(now, guarded.robot, guarded.identity.visible_robots)
 
     def may_continue(self, creator: str, robot: str | None, sees: View) -> bool:
         """Return True if a callback of ``creator``, who saw the robots of ``sees`` when creating it, may continue.
@@ -157,7 +157,7 @@ class Identities:
 
 
 def _subscribes(now: Identity, robot: str | None, sees: View) -> bool:
-    return now.may(Right.SUBSCRIBE, robot) and now.may(Right.READ, robot) and now.sees == sees
+    return now.has_right(Right.SUBSCRIBE, robot) and now.has_right(Right.READ, robot) and now.visible_robots == sees
 
 
 def _stamp(path: Path) -> _Stamp:

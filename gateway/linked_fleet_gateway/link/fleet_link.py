@@ -27,7 +27,7 @@ from linked_fleet_gateway.link.discovery import Discovery, Judge
 from linked_fleet_gateway.link.heartbeat import Heartbeat
 from linked_fleet_gateway.link.incoming import Incoming
 from linked_fleet_gateway.link.transport import Question, Session, TransportError, ask
-from linked_fleet_gateway.runtime.log import step
+from linked_fleet_gateway.runtime.log import child_span
 
 _log = logging.getLogger(__name__)
 T = TypeVar("T")
@@ -159,7 +159,7 @@ class FleetLink:
 
         reply: Reply | None = None
         about = {"robot": robot, "command": command.id} | ({} if command.rehearsal else {"invocation": command.id})
-        with step("send command", asks=True, **about) as span:
+        with child_span("send command", asks=True, **about) as span:
             traceparent = None if span is None else span.traceparent
             try:
                 key = self._keys.robot(robot, "command")
@@ -172,7 +172,7 @@ class FleetLink:
                 reasons.append(f"robot {robot!r} did not answer within {timeout_s} s")
             reply = reply or next(iter(refusals), None)
             if span is not None:
-                span.replied(reply)
+                span.record_reply(reply)
             if reply is None:
                 raise NoAnswer(reasons[-1])
         await self._session.keep_route(key)
@@ -224,7 +224,7 @@ class FleetLink:
             return again
 
         about = {"command": stop.id} | ({} if stop.rehearsal else {"invocation": stop.command or stop.id})
-        with step("send stop", asks=True, **about, **({} if only is None else {"robot": only})) as span:
+        with child_span("send stop", asks=True, **about, **({} if only is None else {"robot": only})) as span:
             traceparent = None if span is None else span.traceparent
             timer = asyncio.get_running_loop().call_later(ASK_AGAIN_S, begin_again, traceparent, 0.0)
             try:
@@ -242,7 +242,7 @@ class FleetLink:
                 if again is not None:
                     again.cancel()
             if span is not None and only is not None:
-                span.replied(replies.get(only))
+                span.record_reply(replies.get(only))
         return replies
 
     async def mesh(self, robot: str, mesh: Mesh, timeout_s: float) -> bytes:

@@ -14,12 +14,12 @@ class RobotsInView(Mapping[str, Robot]):
         self._robots, self._sees = robots, sees
 
     def __getitem__(self, name: str) -> Robot:
-        if not self._sees.sees(name):
+        if not self._sees.includes(name):
             raise KeyError(name)
         return self._robots[name]
 
     def __iter__(self) -> Iterator[str]:
-        return (name for name in self._robots if self._sees.sees(name))
+        return (name for name in self._robots if self._sees.includes(name))
 
     def __len__(self) -> int:
         return sum(1 for _ in self)
@@ -45,13 +45,13 @@ class InvocationsInView:
 
     def last_motion_ns(self, robot: str) -> int | None:
         """Return the end of the robot's last accepted motion (wall ns); None if none is stored."""
-        return self._invocations.last_motion_ns(robot) if self._sees.sees(robot) else None
+        return self._invocations.last_motion_ns(robot) if self._sees.includes(robot) else None
 
     def answers(self, invocation: Invocation) -> dict[str, str]:
         """Return the answers of the visible robots to an invocation of the fleet."""
         if self._sees.all:
             return invocation.robots
-        return {robot: answer for robot, answer in invocation.robots.items() if self._sees.sees(robot)}
+        return {robot: answer for robot, answer in invocation.robots.items() if self._sees.includes(robot)}
 
     def _seen(self, invocations: list[Invocation]) -> list[Invocation]:
         return invocations if self._sees.all else [each for each in invocations if self._shows(each)]
@@ -60,5 +60,5 @@ class InvocationsInView:
         if self._sees.all:
             return True
         if invocation.robot != FLEET:
-            return self._sees.sees(invocation.robot)
-        return invocation.client == self._sees.name or all(map(self._sees.sees, invocation.robots))
+            return self._sees.includes(invocation.robot)
+        return invocation.client == self._sees.name or all(map(self._sees.includes, invocation.robots))

@@ -13,7 +13,7 @@ invocation, in the slot of the robot. The lease of a run of a gateway (``subscri
 other run with its own monotonic clock, so that an outage of Redis ends no run. The lease of rules has one holder, and
 each step of it checks the holder in the slot of the rules. Only ``SET`` with an expiry is common to them.
 
-Work is divided in two ways: ``background.sliced`` in a task, ``background.Turns`` in callbacks. Two other things called
-turns are queues with other purposes: ``http.scheduling`` admits one request per iteration of the event loop, so that a
-stop overtakes the others, and the fair turns of queries bound the work of a child process per client.
+Work is divided in two ways: ``background.time_sliced`` in a task, ``background.Turns`` in callbacks. Two other things
+called turns are queues with other purposes: ``http.scheduling`` admits one request per iteration of the event loop, so
+that a stop overtakes the others, and the fair turns of queries bound the work of a child process per client.
 """

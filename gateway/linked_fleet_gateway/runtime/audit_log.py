@@ -66,7 +66,9 @@ class Audit:
             await finish(self._write_all(), log, "the last entries are only in the log")
         await self._redis.close()
 
-    def note(self, who: str, what: str, target: str, robot: str, outcome: str, request: str, result: str = "") -> None:
+    def record(
+        self, who: str, what: str, target: str, robot: str, outcome: str, request: str, result: str = ""
+    ) -> None:
         """Record an event that has just happened."""
         entry = Entry(time.time_ns(), who, what, target, robot, outcome, request, result)
         said = {"who": who, "what": what, "target": target, "robot": robot, "outcome": outcome, "result": result}

@@ -71,7 +71,7 @@ _T = TypeVar("_T")
 SLICE_S = 0.002
 
 
-async def sliced(items: Iterable[_T]) -> AsyncIterator[_T]:
+async def time_sliced(items: Iterable[_T]) -> AsyncIterator[_T]:
     """Yield the items, giving other tasks a turn whenever ``SLICE_S`` has passed."""
     until_s = time.monotonic() + SLICE_S
     for item in items:
@@ -95,7 +95,7 @@ class Turns:
         self._work = work
         self._due = False
 
-    def soon(self) -> None:
+    def schedule(self) -> None:
         """Take a turn in the next iteration of the event loop; repeated calls before it make one turn."""
         if not self._due:
             self._due = True
@@ -119,4 +119,4 @@ class Turns:
         finally:
             self._due = False
             if more:
-                self.soon()
+                self.schedule()

@@ -24,7 +24,7 @@ def lacks_manifest(state_dir: Path) -> bool:
     return any(data.glob("*.incr.aof")) and not (data / _MANIFEST).exists()
 
 
-def set_aside(state_dir: Path) -> Path | None:
+def move_damaged_data(state_dir: Path) -> Path | None:
     """Rename the data folder. Return its new path, or None if there is none. Raises OSError."""
     data = state_dir / DATA
     stamp = time.strftime("%Y%m%dT%H%M%SZ", time.gmtime())
@@ -36,8 +36,8 @@ def set_aside(state_dir: Path) -> Path | None:
         return None
 
 
-def put_back(state_dir: Path, aside: Path) -> None:
-    """Undo ``set_aside``. Data of a server that was started meanwhile but never served is deleted. Raises OSError."""
+def restore_data(state_dir: Path, aside: Path) -> None:
+    """Undo ``move_damaged_data``. Data of a server that started but never served is deleted. Raises OSError."""
     shutil.rmtree(state_dir / DATA, ignore_errors=True)
     aside.rename(state_dir / DATA)
 
@@ -47,7 +47,7 @@ def damaged_copies(state_dir: Path) -> tuple[str, ...]:
     return tuple(sorted(path.name for path in state_dir.iterdir() if path.name.startswith(_DAMAGED)))
 
 
-def statement(names: tuple[str, ...]) -> str:
+def damage_warning(names: tuple[str, ...]) -> str:
     """Return a warning that names the folders with damaged data; empty if there are none."""
     if not names:
         return ""

@@ -118,7 +118,7 @@ class Embedded:
         with suppress(OSError):  # an unusable folder is reported by the server start
             names = await asyncio.to_thread(damage.damaged_copies, self._dir)
             if set(names) - set(self.set_aside):  # set aside by an earlier run or by another gateway
-                _log.warning("%s State folder: %s", damage.statement(names), self._dir)
+                _log.warning("%s State folder: %s", damage.damage_warning(names), self._dir)
             self.set_aside = names
 
     async def _ensure(self) -> None:
@@ -156,25 +156,25 @@ class Embedded:
 
     async def _serve_without_data(self, ended: _EndedError) -> None:
         """Start without the data. If that fails too, the data is not at fault and is put back."""
-        if ended.code in _ENDED_BY_OTHERS or (aside := damage.set_aside(self._dir)) is None:
+        if ended.code in _ENDED_BY_OTHERS or (aside := damage.move_damaged_data(self._dir)) is None:
             raise ended
         try:
             await self._serving()
         except _EndedError:
-            damage.put_back(self._dir, aside)
+            damage.restore_data(self._dir, aside)
             raise
         self._report(str(ended))
 
     def _report(self, reason: str) -> None:
         self.set_aside = damage.damaged_copies(self._dir)
-        _log.error("%s State folder: %s. Reason: %s", damage.statement(self.set_aside), self._dir, reason)
+        _log.error("%s State folder: %s. Reason: %s", damage.damage_warning(self.set_aside), self._dir, reason)
 
     async def _start(self) -> None:
         async with _locked(self._dir / "server.lock", "the server before has not ended") as lock:
             if self._child is not None:
                 self._child.wait()  # it has ended, because its lock was free
             self._socket.unlink(missing_ok=True)
-            if damage.lacks_manifest(self._dir) and damage.set_aside(self._dir):
+            if damage.lacks_manifest(self._dir) and damage.move_damaged_data(self._dir):
                 self._report("files of data without a manifest")
             self._child = _spawn([_program(), *_configuration(self._dir, self._socket)], lock)
         _log.info("started the embedded server, its data is in %s", self._dir)

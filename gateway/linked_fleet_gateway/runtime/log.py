@@ -34,7 +34,7 @@ class RequestContext:
 _asked: ContextVar[RequestContext | None] = ContextVar("asked", default=None)
 
 
-def begin(proposed: bytes | None) -> RequestContext:
+def begin_request(proposed: bytes | None) -> RequestContext:
     """Start a request. A valid proposed id is kept."""
     asked = RequestContext(request_id(proposed))
     _asked.set(asked)
@@ -48,28 +48,28 @@ def request_id(proposed: bytes | None) -> str:
     return f"{random.getrandbits(128):032x}"  # it is no secret, so a fast generator suffices
 
 
-def present() -> RequestContext | None:
+def current_request() -> RequestContext | None:
     """Return the current request; None outside of one."""
     asked = _asked.get()
     return None if asked is None or asked.answered else asked
 
 
-def step(name: str, *, asks: bool = False, **attributes: str) -> AbstractContextManager[Step | None]:
+def child_span(name: str, *, asks: bool = False, **attributes: str) -> AbstractContextManager[Step | None]:
     """Return a span within that of the current request; without one, a context manager that yields None.
 
     ``asks`` marks a call to another process, whose attributes are then set on the whole request too.
     """
-    trace = traced()
+    trace = current_trace()
     if trace is None:
         return NO_STEP
     if asks:
-        trace.about(attributes)
+        trace.set_attributes(attributes)
     return trace.step(name, asks, attributes)
 
 
-def traced() -> Trace | None:
+def current_trace() -> Trace | None:
     """Return the trace of the current request."""
-    asked = present()
+    asked = current_request()
     return None if asked is None else asked.trace
 
 
@@ -110,7 +110,7 @@ class TextFormatter(logging.Formatter):
         return f"{self._clock},{int(record.msecs):03}"
 
     def formatMessage(self, record: logging.LogRecord) -> str:  # noqa: N802 -- named by the library
-        asked = present()
+        asked = current_request()
         line = super().formatMessage(record).translate(_VISIBLE)
         if asked is None:
             return line
@@ -133,7 +133,7 @@ class JsonFormatter(logging.Formatter):
             "message": record.getMessage(),
         }
         said |= {name: str(getattr(record, name)) for name in _FIELDS if hasattr(record, name)}
-        if (asked := present()) is not None:
+        if (asked := current_request()) is not None:
             said["request"] = asked.id
             if asked.trace is not None:
                 said["trace_id"] = asked.trace.id

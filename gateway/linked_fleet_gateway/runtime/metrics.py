@@ -11,7 +11,7 @@ from itertools import accumulate
 from prometheus_client.metrics_core import CounterMetricFamily, GaugeMetricFamily, HistogramMetricFamily, Metric
 
 from linked_fleet_agent.wire.messages import Accepted, Refused, Reply
-from linked_fleet_gateway.runtime.log import present
+from linked_fleet_gateway.runtime.log import current_request
 
 log = logging.getLogger(__name__)
 
@@ -62,13 +62,13 @@ class Commands:
     outcomes: Counter[tuple[str, str]] = field(default_factory=Counter)
     acceptance: Histogram = field(default_factory=Histogram)
 
-    def replied(self, robot: str, reply: Reply | None) -> None:
+    def count_reply(self, robot: str, reply: Reply | None) -> None:
         """Count a reply; None means no reply. Acceptances are timed from the start of the current request."""
         outcome, code = ("silent", "") if reply is None else ("accepted", "")
         if isinstance(reply, Refused):
             outcome, code = "refused", reply.code
         self.outcomes[outcome, code] += 1
-        if isinstance(reply, Accepted) and (asked := present()) is not None:
+        if isinstance(reply, Accepted) and (asked := current_request()) is not None:
             self.acceptance.add(time.monotonic() - asked.begun_s)
         level = logging.DEBUG if outcome == "accepted" else logging.INFO
         log.log(

@@ -84,7 +84,7 @@ class Connection:
         self.outages = 0
 
     @property
-    def served_s(self) -> float:
+    def since_outage_s(self) -> float:
         """Seconds since the last outage; infinite without one."""
         return time.monotonic() - self._failed_s
 
@@ -124,7 +124,7 @@ class Connection:
         """Run a script, whose keys share one slot, and return its answer. Raises StoreUnavailable."""
         return await self.one(*evaluation(script, keys, *arguments))
 
-    async def elsewhere(self, key: str, others: Sequence[str]) -> list[str]:
+    async def keys_on_other_masters(self, key: str, others: Sequence[str]) -> list[str]:
         """Return one of ``others`` for each master that has any of them and not ``key``. Raises StoreUnavailable."""
         if self._server is not None:
             return []
@@ -133,7 +133,7 @@ class Connection:
             masters = {str(self._client.get_node_from_key(other)): other for other in (*others, key)}
             return [other for other in masters.values() if other != key]
 
-    async def replicated(self, script: str, key: str, *arguments: str) -> tuple[Any, bool]:
+    async def run_replicated(self, script: str, key: str, *arguments: str) -> tuple[Any, bool]:
         """Run a script that writes to ``key``. Return its answer, and True if a replica has this and all earlier
         writes.
 

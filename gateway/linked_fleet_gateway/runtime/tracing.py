@@ -27,7 +27,7 @@ class Step:
         own = self._span.get_span_context()
         return str(TraceParent(own.trace_id, own.span_id, own.trace_flags.sampled)).encode()
 
-    def replied(self, reply: Reply | None) -> None:
+    def record_reply(self, reply: Reply | None) -> None:
         """Record the reply of the agent; None means that there was none."""
         outcome = "silent" if reply is None else "refused" if isinstance(reply, Refused) else "accepted"
         self._span.set_attribute("linked_fleet.outcome", outcome)
@@ -63,12 +63,12 @@ class Trace:
     def id(self) -> str:
         return f"{self._span.get_span_context().trace_id:032x}"
 
-    def routed(self, route: str) -> None:
+    def set_route(self, route: str) -> None:
         """Set ``http.route``: the path with placeholders for names, to keep the number of values low."""
         self._span.set_attribute("http.route", route)
         self._span.update_name(f"{self._method} {route}")
 
-    def about(self, attributes: Mapping[str, str]) -> None:
+    def set_attributes(self, attributes: Mapping[str, str]) -> None:
         """Set attributes of the request's subject, with the prefix ``linked_fleet.``."""
         self._span.set_attributes({f"linked_fleet.{name}": value for name, value in attributes.items()})
 
@@ -84,7 +84,7 @@ class Trace:
         )
         return Step(span)
 
-    def answered(self, status: int) -> None:
+    def set_status(self, status: int) -> None:
         from opentelemetry.trace import Status, StatusCode
 
         self._span.set_attribute("http.response.status_code", status)

@@ -10,7 +10,7 @@ from itertools import islice
 from pyoxigraph import NamedNode, Triple
 
 from linked_fleet_gateway.shacl.data import Data, Reach
-from linked_fleet_gateway.shacl.report import TermTexts, Violation, brief
+from linked_fleet_gateway.shacl.report import TermTexts, Violation, shortened
 from linked_fleet_gateway.shacl.terms import SHACL, Node, Term
 
 MOST = 25  # violations in a report; more would not help its reader
@@ -74,7 +74,7 @@ class Constraint:
         """Return the violated condition as text, and the violations of the inner shapes."""
         detail = tuple(found for shape in self.inner for found in run.detail(shape, data, value))
         told = "; ".join(found.message for found in detail)
-        return brief(told or f"{run.texts.shown(value)} must be {self.expected}"), detail
+        return shortened(told or f"{run.texts.text(value)} must be {self.expected}"), detail
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,8 +86,8 @@ class Either(Constraint):
         meant = [each for each in found if each and not any(v.component in _DISCRIMINATORS for v in each)]
         if 0 < len(meant) < len(found):
             best = min(meant, key=len)
-            return brief("; ".join(v.message for v in best)), best
-        return brief(f"{run.texts.shown(value)} must be {self.expected}"), tuple(v for each in found for v in each)
+            return shortened("; ".join(v.message for v in best)), best
+        return shortened(f"{run.texts.text(value)} must be {self.expected}"), tuple(v for each in found for v in each)
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,9 +100,9 @@ class Switch(Constraint):
     def explain(self, data: Data, value: Term, run: Run) -> tuple[str, tuple[Violation, ...]]:
         meant = list(self.applicable(data, value))
         if not meant:
-            return f"{run.texts.shown(self.predicate)} must be one of {run.texts.listed(self.table)}", ()
+            return f"{run.texts.text(self.predicate)} must be one of {run.texts.list_text(self.table)}", ()
         best = min((run.detail(shape, data, value) for shape in meant), key=len)
-        return brief("; ".join(v.message for v in best) or f"{run.texts.shown(value)} must be {self.expected}"), best
+        return shortened("; ".join(v.message for v in best) or f"{run.texts.text(value)} must be {self.expected}"), best
 
     def applicable(self, data: Data, value: Term) -> Iterator["Shape"]:
         for term in data.objects(value, self.predicate):
@@ -168,11 +168,11 @@ class Shape:
         values = tuple(self.reach(data, focus))
         for count in self.counts:
             if not count.holds(data, values):
-                told = f"must {count.expected}, and has {run.texts.listed(values) or 'none'}"
+                told = f"must {count.expected}, and has {run.texts.list_text(values) or 'none'}"
                 yield self._violation(focus, None, count.component, told)
         for relation in self.relations:
             for path, value in relation.breaches(data, focus, values):
-                at_fault = " ".join(run.texts.shown(each) for each in (path, value) if each is not None)
+                at_fault = " ".join(run.texts.text(each) for each in (path, value) if each is not None)
                 told = f"must {relation.expected}" + (f"; at fault: {at_fault}" if at_fault else "")
                 yield self._violation(focus, value, relation.component, told, path=path)
         for value in values:

@@ -17,16 +17,16 @@ from linked_fleet_gateway.shacl.data import (
     sequence_path,
 )
 from linked_fleet_gateway.shacl.relations import RELATIONS
-from linked_fleet_gateway.shacl.report import TermTexts, brief, shown
+from linked_fleet_gateway.shacl.report import TermTexts, shortened, term_text
 from linked_fleet_gateway.shacl.statements import (
     TARGETS,
     Statements,
     Unsupported,
     at_most_one,
-    natural,
-    one,
+    boolean,
+    exactly_one,
+    natural_number,
     targets,
-    true,
 )
 from linked_fleet_gateway.shacl.terms import PREFIXES, RDF, SHACL, Node, Term
 
@@ -45,7 +45,7 @@ def compile_shape(
 
     Raises Unsupported, which names the construct.
     """
-    return Compiler(triples, prefixes).compiled(shape)
+    return Compiler(triples, prefixes).compile(shape)
 
 
 def compile_graph(
@@ -54,7 +54,7 @@ def compile_graph(
     """Compile all shapes of a graph that have targets. Raises Unsupported, which names the construct."""
     compiler = Compiler(triples, prefixes)
     triples = [triple for about in compiler.triples.values() for triple in about]
-    return CompiledGraph([(compiler.compiled(shape), find) for shape, find in targets(triples)])
+    return CompiledGraph([(compiler.compile(shape), find) for shape, find in targets(triples)])
 
 
 def _by_subject(triples: Iterable[Triple]) -> dict[Node, list[Triple]]:
@@ -78,7 +78,7 @@ class Compiler:
         self._open: set[Node] = set()
         self._done: dict[tuple[Node, int], Shape] = {}
 
-    def compiled(self, shape: Node) -> CompiledShape:
+    def compile(self, shape: Node) -> CompiledShape:
         """Compile a shape as ``compile_shape`` does. Raises Unsupported, after which nothing else may be compiled."""
         return CompiledShape(self.shape(shape, 0), self.triples, self.texts)
 
@@ -87,9 +87,9 @@ class Compiler:
         more).
         """
         if isinstance(node, Literal) or node not in self.triples:
-            raise Unsupported(f"{shown(node)} is not described as a shape")
+            raise Unsupported(f"{term_text(node)} is not described as a shape")
         if node in self._open:
-            raise Unsupported(f"{shown(node)} refers to itself")
+            raise Unsupported(f"{term_text(node)} refers to itself")
         if (node, depth) not in self._done:
             self._open.add(node)
             self._done[node, depth] = self._compile(node, depth)
@@ -97,19 +97,19 @@ class Compiler:
         return self._done[node, depth]
 
     def _compile(self, node: Node, depth: int) -> Shape:
-        stated = self.stated(node)
+        stated = self.statements(node)
         _refuse_unknown(stated)
         path = at_most_one(stated, SHACL.path)
         if isinstance(path, Literal):
             raise Unsupported("a literal as path")
-        name = _text(stated, SHACL.name) or (self.texts.shown(path) if isinstance(path, NamedNode) else "")
+        name = _text(stated, SHACL.name) or (self.texts.text(path) if isinstance(path, NamedNode) else "")
         severity = at_most_one(stated, SHACL.severity) or SHACL.Violation
         if not isinstance(severity, NamedNode):
-            raise Unsupported(f"sh:severity {shown(severity)}")
+            raise Unsupported(f"sh:severity {term_text(severity)}")
         shape = Shape(
             node, path, self._reach(path), name, _text(stated, SHACL.message), path is not None and depth >= 2, severity
         )  # fmt: skip
-        if SHACL.deactivated in stated and true(stated, SHACL.deactivated):
+        if SHACL.deactivated in stated and boolean(stated, SHACL.deactivated):
             return shape
         inner = depth if path is None else min(depth + 1, 2)
         shape = replace(
@@ -126,7 +126,7 @@ class Compiler:
     def _property(self, node: Term, depth: int) -> Shape:
         shape = self.shape(node, depth)
         if shape.path is None:
-            raise Unsupported(f"sh:property {shown(node)} without sh:path")
+            raise Unsupported(f"sh:property {term_text(node)} without sh:path")
         return shape
 
     def _requires(self, shape: Shape, stated: Statements) -> dict[NamedNode, frozenset[Term]]:
@@ -136,11 +136,11 @@ class Compiler:
             return {}
         if SHACL.hasValue in stated:
             return {shape.path: frozenset(stated[SHACL.hasValue][:1])}
-        if SHACL.in_ in stated and SHACL.minCount in stated and natural(stated, SHACL.minCount) > 0:
+        if SHACL.in_ in stated and SHACL.minCount in stated and natural_number(stated, SHACL.minCount) > 0:
             return {shape.path: frozenset(self.items(stated[SHACL.in_][0]))}
         return {}
 
-    def stated(self, node: Term) -> dict[NamedNode, list[Term]]:
+    def statements(self, node: Term) -> dict[NamedNode, list[Term]]:
         found: dict[NamedNode, list[Term]] = {}
         for triple in dict.fromkeys(self.triples.get(node, ())):  # type: ignore[arg-type]
             found.setdefault(triple.predicate, []).append(triple.object)
@@ -148,7 +148,7 @@ class Compiler:
 
     def paths(self, properties: Iterable[Term]) -> Iterable[NamedNode]:
         """Return the predicates of property shapes."""
-        found = (self.stated(each).get(SHACL.path, ()) for each in properties)
+        found = (self.statements(each).get(SHACL.path, ()) for each in properties)
         return (path for some in found for path in some if isinstance(path, NamedNode))
 
     def items(self, head: Term) -> list[Term]:
@@ -159,9 +159,9 @@ class Compiler:
             if head in seen:
                 raise Unsupported("a collection without an end")
             seen.add(head)
-            cell = self.stated(head)
-            found.append(one(cell, RDF.first))
-            head = one(cell, RDF.rest)
+            cell = self.statements(head)
+            found.append(exactly_one(cell, RDF.first))
+            head = exactly_one(cell, RDF.rest)
         return found
 
     def _reach(self, path: Term | None) -> Reach:
@@ -170,9 +170,9 @@ class Compiler:
         if isinstance(path, NamedNode):
             return predicate_path(path)
         if not isinstance(path, BlankNode) or path in self._open:
-            raise Unsupported(f"{shown(path)} as path")
+            raise Unsupported(f"{term_text(path)} as path")
         self._open.add(path)
-        reach = self._complex_path(self.stated(path), path)
+        reach = self._complex_path(self.statements(path), path)
         self._open.discard(path)
         return reach
 
@@ -182,7 +182,7 @@ class Compiler:
         if len(stated) != 1:
             raise Unsupported("a path that is none")
         (kind,) = stated
-        inner = one(stated, kind)
+        inner = exactly_one(stated, kind)
         if kind == SHACL.alternativePath:
             return alternative_path(self._ways(inner))
         # pySHACL inverts the steps of an inverse sequence but not their order, so such paths are refused.
@@ -192,7 +192,7 @@ class Compiler:
             return optional_path(self._reach(inner))
         if kind in (SHACL.zeroOrMorePath, SHACL.oneOrMorePath):
             return repeated_path(self._reach(inner), with_focus=kind == SHACL.zeroOrMorePath)
-        raise Unsupported(f"{shown(kind)} of {shown(inner)}")
+        raise Unsupported(f"{term_text(kind)} of {term_text(inner)}")
 
     def _ways(self, head: Term) -> list[Reach]:
         ways = [self._reach(each) for each in self.items(head)]
@@ -205,8 +205,8 @@ def _refuse_unknown(stated: Statements) -> None:
     known = _KNOWN.union(_WITH_QUALIFIED) if SHACL.qualifiedValueShape in stated else _KNOWN
     for predicate in stated:
         if predicate.value.startswith(SHACL.iri) and predicate not in known:
-            raise Unsupported(shown(predicate))
-    if SHACL.qualifiedValueShapesDisjoint in stated and true(stated, SHACL.qualifiedValueShapesDisjoint):
+            raise Unsupported(term_text(predicate))
+    if SHACL.qualifiedValueShapesDisjoint in stated and boolean(stated, SHACL.qualifiedValueShapesDisjoint):
         raise Unsupported("sh:qualifiedValueShapesDisjoint")
 
 
@@ -220,4 +220,4 @@ def _expected(shape: Shape) -> str:
     stated: list[Count | Relation | Constraint] = [*shape.counts, *shape.relations, *shape.each]
     own = [each.expected for each in stated]
     own = [f"{shape.name} {' and '.join(own)}"] if own and shape.name else own
-    return brief(" and ".join([*own, *(each.expected for each in shape.properties)]))
+    return shortened(" and ".join([*own, *(each.expected for each in shape.properties)]))

@@ -10,16 +10,16 @@ from operator import ge, gt, le, lt
 from pyoxigraph import BlankNode, Literal, NamedNode
 
 from linked_fleet_gateway.shacl.check import Constraint, Count, Either, Shape, Switch, Values
-from linked_fleet_gateway.shacl.data import Data, comparable
-from linked_fleet_gateway.shacl.report import brief, shown
+from linked_fleet_gateway.shacl.data import Data, comparable_number
+from linked_fleet_gateway.shacl.report import shortened, term_text
 from linked_fleet_gateway.shacl.statements import (
     Shapes,
     Statements,
     Unsupported,
     at_most_one,
-    fixed,
-    natural,
-    one,
+    exactly_one,
+    ground_terms,
+    natural_number,
     text_of,
 )
 from linked_fleet_gateway.shacl.terms import NUMERIC, SHACL, Number, Term, well_typed
@@ -36,12 +36,12 @@ _KINDS: Mapping[Term, tuple[tuple[type, ...], str]] = {
 
 
 def _min_count(_shapes: Shapes, stated: Statements, _depth: int) -> Iterable[Count]:
-    least = _of_property(stated, natural(stated, SHACL.minCount))
+    least = _of_property(stated, natural_number(stated, SHACL.minCount))
     yield Count(SHACL.MinCountConstraintComponent, f"have {_values(least)} or more", lambda _, v: len(v) >= least)
 
 
 def _max_count(_shapes: Shapes, stated: Statements, _depth: int) -> Iterable[Count]:
-    most = _of_property(stated, natural(stated, SHACL.maxCount))
+    most = _of_property(stated, natural_number(stated, SHACL.maxCount))
     yield Count(SHACL.MaxCountConstraintComponent, f"have {_values(most)} at most", lambda _, v: len(v) <= most)
 
 
@@ -56,8 +56,8 @@ def _values(count: int) -> str:
 
 
 def _has_value(shapes: Shapes, stated: Statements, _depth: int) -> Iterable[Count]:
-    for term in fixed(stated[SHACL.hasValue]):
-        yield Count(SHACL.HasValueConstraintComponent, f"include {shapes.texts.shown(term)}", _including(term))
+    for term in ground_terms(stated[SHACL.hasValue]):
+        yield Count(SHACL.HasValueConstraintComponent, f"include {shapes.texts.text(term)}", _including(term))
 
 
 def _including(term: Term) -> Callable[[Data, Values], bool]:
@@ -65,7 +65,7 @@ def _including(term: Term) -> Callable[[Data, Values], bool]:
 
 
 def _qualified(shapes: Shapes, stated: Statements, depth: int) -> Iterable[Count]:
-    shape = shapes.shape(one(stated, SHACL.qualifiedValueShape), depth)
+    shape = shapes.shape(exactly_one(stated, SHACL.qualifiedValueShape), depth)
     if SHACL.qualifiedMinCount not in stated and SHACL.qualifiedMaxCount not in stated:
         raise Unsupported("sh:qualifiedValueShape without a count")
 
@@ -73,27 +73,27 @@ def _qualified(shapes: Shapes, stated: Statements, depth: int) -> Iterable[Count
         return sum(shape.conforms(data, value) for value in values)
 
     if SHACL.qualifiedMinCount in stated:
-        least = _of_property(stated, natural(stated, SHACL.qualifiedMinCount))
+        least = _of_property(stated, natural_number(stated, SHACL.qualifiedMinCount))
         text = f"have {_values(least)} or more that are {shape.expected}"
         yield Count(SHACL.QualifiedMinCountConstraintComponent, text, lambda data, v: conforming(data, v) >= least)
     if SHACL.qualifiedMaxCount in stated:
-        most = _of_property(stated, natural(stated, SHACL.qualifiedMaxCount))
+        most = _of_property(stated, natural_number(stated, SHACL.qualifiedMaxCount))
         text = f"have {_values(most)} at most that are {shape.expected}"
         yield Count(SHACL.QualifiedMaxCountConstraintComponent, text, lambda data, v: conforming(data, v) <= most)
 
 
 def _datatype(shapes: Shapes, stated: Statements, _depth: int) -> Iterable[Constraint]:
-    wanted = one(stated, SHACL.datatype)
+    wanted = exactly_one(stated, SHACL.datatype)
     if not isinstance(wanted, NamedNode):
-        raise Unsupported(f"sh:datatype {shown(wanted)}")
+        raise Unsupported(f"sh:datatype {term_text(wanted)}")
     if wanted in NUMERIC:
         holds = _number_of(wanted)
     else:
         formed = well_typed(wanted)
         if formed is None:
-            raise Unsupported(f"sh:datatype {shown(wanted)}")
+            raise Unsupported(f"sh:datatype {term_text(wanted)}")
         holds = _of_type(wanted, formed)
-    yield Constraint(SHACL.DatatypeConstraintComponent, f"of type {shapes.texts.shown(wanted)}", holds)
+    yield Constraint(SHACL.DatatypeConstraintComponent, f"of type {shapes.texts.text(wanted)}", holds)
 
 
 def _number_of(wanted: NamedNode) -> Callable[[Data, Term], bool]:
@@ -107,9 +107,9 @@ def _of_type(wanted: NamedNode, formed: Callable[[Literal], bool]) -> Callable[[
 
 
 def _node_kind(_shapes: Shapes, stated: Statements, _depth: int) -> Iterable[Constraint]:
-    wanted = one(stated, SHACL.nodeKind)
+    wanted = exactly_one(stated, SHACL.nodeKind)
     if wanted not in _KINDS:
-        raise Unsupported(f"sh:nodeKind {shown(wanted)}")
+        raise Unsupported(f"sh:nodeKind {term_text(wanted)}")
     types, text = _KINDS[wanted]
     yield Constraint(SHACL.NodeKindConstraintComponent, text, lambda _, value: isinstance(value, types))
 
@@ -117,8 +117,8 @@ def _node_kind(_shapes: Shapes, stated: Statements, _depth: int) -> Iterable[Con
 def _class(shapes: Shapes, stated: Statements, _depth: int) -> Iterable[Constraint]:
     for wanted in stated[SHACL.class_]:
         if not isinstance(wanted, NamedNode):
-            raise Unsupported(f"sh:class {shown(wanted)}")
-        yield Constraint(SHACL.ClassConstraintComponent, f"a {shapes.texts.shown(wanted)}", _of_class(wanted))
+            raise Unsupported(f"sh:class {term_text(wanted)}")
+        yield Constraint(SHACL.ClassConstraintComponent, f"a {shapes.texts.text(wanted)}", _of_class(wanted))
 
 
 def _of_class(wanted: NamedNode) -> Callable[[Data, Term], bool]:
@@ -126,8 +126,8 @@ def _of_class(wanted: NamedNode) -> Callable[[Data, Term], bool]:
 
 
 def _in(shapes: Shapes, stated: Statements, _depth: int) -> Iterable[Constraint]:
-    members = dict.fromkeys(fixed(shapes.items(one(stated, SHACL.in_))))
-    listed = shapes.texts.listed(members)
+    members = dict.fromkeys(ground_terms(shapes.items(exactly_one(stated, SHACL.in_))))
+    listed = shapes.texts.list_text(members)
     text = f"one of {listed}" if len(members) != 1 else listed
     yield Constraint(SHACL.InConstraintComponent, text, lambda _, value: value in members)
 
@@ -137,12 +137,10 @@ def _limit(
 ) -> Callable[[Shapes, Statements, int], Iterable[Constraint]]:
     def constraints(shapes: Shapes, stated: Statements, _depth: int) -> Iterable[Constraint]:
         for term in stated[parameter]:
-            bound = comparable(term, Data(()))
+            bound = comparable_number(term, Data(()))
             if bound is None:
-                raise Unsupported(f"{shown(parameter)} {shown(term)}")
-            yield Constraint(
-                component, f"{text} {_rounded(bound) or shapes.texts.shown(term)}", _within(bound, compare)
-            )
+                raise Unsupported(f"{term_text(parameter)} {term_text(term)}")
+            yield Constraint(component, f"{text} {_rounded(bound) or shapes.texts.text(term)}", _within(bound, compare))
 
     return constraints
 
@@ -154,14 +152,14 @@ def _rounded(bound: Number) -> str:
 
 def _within(bound: Number, compare: Callable[[Number, Number], bool]) -> Callable[[Data, Term], bool]:
     def holds(data: Data, value: Term) -> bool:
-        found = comparable(value, data)
+        found = comparable_number(value, data)
         return found is not None and compare(found, bound)
 
     return holds
 
 
 def _min_length(_shapes: Shapes, stated: Statements, _depth: int) -> Iterable[Constraint]:
-    least = natural(stated, SHACL.minLength)
+    least = natural_number(stated, SHACL.minLength)
     # As in pySHACL, minLength 0 accepts everything, even a blank node, which has no length.
     yield Constraint(
         SHACL.MinLengthConstraintComponent,
@@ -171,7 +169,7 @@ def _min_length(_shapes: Shapes, stated: Statements, _depth: int) -> Iterable[Co
 
 
 def _max_length(_shapes: Shapes, stated: Statements, _depth: int) -> Iterable[Constraint]:
-    most = natural(stated, SHACL.maxLength)
+    most = natural_number(stated, SHACL.maxLength)
     yield Constraint(
         SHACL.MaxLengthConstraintComponent,
         f"{most} characters long at most",
@@ -182,13 +180,13 @@ def _max_length(_shapes: Shapes, stated: Statements, _depth: int) -> Iterable[Co
 def _pattern(shapes: Shapes, stated: Statements, _depth: int) -> Iterable[Constraint]:
     flags = at_most_one(stated, SHACL.flags)
     if flags is not None and flags != Literal("i"):
-        raise Unsupported(f"sh:flags {shown(flags)}")
+        raise Unsupported(f"sh:flags {term_text(flags)}")
     for term in stated[SHACL.pattern]:
         try:
             pattern = re.compile(text_of(term, SHACL.pattern), re.IGNORECASE if flags else 0)
         except re.error as error:
-            raise Unsupported(f"sh:pattern {shown(term)}: {error}") from error
-        yield Constraint(SHACL.PatternConstraintComponent, f"like {shapes.texts.shown(term)}", _matching(pattern))
+            raise Unsupported(f"sh:pattern {term_text(term)}: {error}") from error
+        yield Constraint(SHACL.PatternConstraintComponent, f"like {shapes.texts.text(term)}", _matching(pattern))
 
 
 def _matching(pattern: re.Pattern[str]) -> Callable[[Data, Term], bool]:
@@ -196,7 +194,7 @@ def _matching(pattern: re.Pattern[str]) -> Callable[[Data, Term], bool]:
 
 
 def _language_in(shapes: Shapes, stated: Statements, _depth: int) -> Iterable[Constraint]:
-    tags = [text_of(term, SHACL.languageIn).lower() for term in shapes.items(one(stated, SHACL.languageIn))]
+    tags = [text_of(term, SHACL.languageIn).lower() for term in shapes.items(exactly_one(stated, SHACL.languageIn))]
     yield Constraint(SHACL.LanguageInConstraintComponent, f"in the language {' or '.join(tags)}", _speaking(tags))
 
 
@@ -238,7 +236,7 @@ def _members(shapes: Shapes, head: Term, depth: int) -> tuple[Shape, ...]:
 def _and(shapes: Shapes, stated: Statements, depth: int) -> Iterable[Constraint]:
     for head in stated[SHACL.and_]:
         members = _members(shapes, head, depth)
-        text = brief(" and ".join(dict.fromkeys(shape.expected for shape in members)))
+        text = shortened(" and ".join(dict.fromkeys(shape.expected for shape in members)))
         yield Constraint(SHACL.AndConstraintComponent, text, _conforming(members, len(members)), members)
 
 
@@ -249,14 +247,14 @@ def _conforming(members: tuple[Shape, ...], count: int) -> Callable[[Data, Term]
 def _xone(shapes: Shapes, stated: Statements, depth: int) -> Iterable[Constraint]:
     for head in stated[SHACL.xone]:
         members = _members(shapes, head, depth)
-        text = brief("just one of: " + "; ".join(shape.expected for shape in members))
+        text = shortened("just one of: " + "; ".join(shape.expected for shape in members))
         yield Constraint(SHACL.XoneConstraintComponent, text, _conforming(members, 1))
 
 
 def _or(shapes: Shapes, stated: Statements, depth: int) -> Iterable[Constraint]:
     for head in stated[SHACL.or_]:
         members = _members(shapes, head, depth)
-        text = brief(" or ".join(dict.fromkeys(shape.expected for shape in members)))
+        text = shortened(" or ".join(dict.fromkeys(shape.expected for shape in members)))
         common = [p for p in members[0].requires if all(p in shape.requires for shape in members)]
         if common and len(members) >= _FEWEST_BRANCHES:
             yield _switch(members, common[0], text)

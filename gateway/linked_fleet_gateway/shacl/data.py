@@ -36,14 +36,14 @@ class Data:
                         self._backward.setdefault((found, each), []).append(subject)  # type: ignore[arg-type]
         return self._backward.get((value, predicate), ())
 
-    def about(self, subject: Term) -> Mapping[NamedNode, Sequence[Term]]:
+    def statements(self, subject: Term) -> Mapping[NamedNode, Sequence[Term]]:
         return self._forward.get(subject, {})
 
     def nodes(self) -> Iterable[Node]:
         """Return all subjects."""
         return self._forward  # type: ignore[return-value]
 
-    def stated(self, predicate: Term) -> Iterable[tuple[Node, Term]]:
+    def subject_objects(self, predicate: Term) -> Iterable[tuple[Node, Term]]:
         """Yield the subjects and objects of a predicate."""
         for subject, about in self._forward.items():
             for value in about.get(predicate, ()):  # type: ignore[arg-type]
@@ -71,7 +71,7 @@ class Data:
             return value
 
 
-def comparable(term: Term, data: Data) -> Number | None:
+def comparable_number(term: Term, data: Data) -> Number | None:
     """Return the number that limits apply to; None for a term that is not comparable, such as NaN."""
     if not isinstance(term, Literal):
         return None

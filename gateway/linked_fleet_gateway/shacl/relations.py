@@ -7,14 +7,14 @@ from pyoxigraph import Literal, NamedNode
 
 from linked_fleet_gateway.shacl.check import Relation, Values
 from linked_fleet_gateway.shacl.data import Data
-from linked_fleet_gateway.shacl.statements import Shapes, Statements, Unsupported, at_most_one, predicate_of, true
+from linked_fleet_gateway.shacl.statements import Shapes, Statements, Unsupported, at_most_one, boolean, predicate_of
 from linked_fleet_gateway.shacl.terms import SHACL, Term
 
 
 def _unique_lang(_shapes: Shapes, stated: Statements, _depth: int) -> Iterable[Relation]:
     if SHACL.path not in stated:
         raise Unsupported("sh:uniqueLang in a node shape")
-    if true(stated, SHACL.uniqueLang):
+    if boolean(stated, SHACL.uniqueLang):
         yield Relation(SHACL.UniqueLangConstraintComponent, "have one text in each language at most", _repeated)
 
 
@@ -26,7 +26,7 @@ def _repeated(_data: Data, _focus: Term, values: Values) -> Iterable[tuple[None,
 
 def _equals(shapes: Shapes, stated: Statements, _depth: int) -> Iterable[Relation]:
     for other in stated[SHACL.equals]:
-        text = f"have the values of {shapes.texts.shown(other)}"
+        text = f"have the values of {shapes.texts.text(other)}"
         yield Relation(SHACL.EqualsConstraintComponent, text, _differing(predicate_of(other, SHACL.equals)))
 
 
@@ -41,7 +41,7 @@ def _differing(other: NamedNode) -> Callable[[Data, Term, Values], Iterable[tupl
 
 def _disjoint(shapes: Shapes, stated: Statements, _depth: int) -> Iterable[Relation]:
     for other in stated[SHACL.disjoint]:
-        text = f"have no value of {shapes.texts.shown(other)}"
+        text = f"have no value of {shapes.texts.text(other)}"
         yield Relation(SHACL.DisjointConstraintComponent, text, _shared(predicate_of(other, SHACL.disjoint)))
 
 
@@ -54,7 +54,7 @@ def _shared(other: NamedNode) -> Callable[[Data, Term, Values], Iterable[tuple[N
 
 
 def _closed(shapes: Shapes, stated: Statements, _depth: int) -> Iterable[Relation]:
-    if not true(stated, SHACL.closed):
+    if not boolean(stated, SHACL.closed):
         return
     known = set(shapes.paths(stated.get(SHACL.property, ())))
     if ignored := at_most_one(stated, SHACL.ignoredProperties):
@@ -62,7 +62,7 @@ def _closed(shapes: Shapes, stated: Statements, _depth: int) -> Iterable[Relatio
 
     def breaches(data: Data, _focus: Term, values: Values) -> Iterable[tuple[NamedNode, Term]]:
         for node in values:
-            for predicate, found in data.about(node).items():
+            for predicate, found in data.statements(node).items():
                 if predicate not in known:
                     yield from ((predicate, value) for value in found)
 

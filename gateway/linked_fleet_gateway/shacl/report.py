@@ -100,7 +100,7 @@ class TermTexts:
 
     prefixes: Mapping[str, str]
 
-    def shown(self, term: object) -> str:
+    def text(self, term: object) -> str:
         """Return one term as text: vom:unit, 43.6, 'abc'."""
         if isinstance(term, NamedNode):
             return self._compact(term.value)
@@ -109,8 +109,8 @@ class TermTexts:
             return text if term.datatype in NUMERIC and text and text == text.strip() else repr(text)
         return "a blank node" if isinstance(term, BlankNode) else "a triple"
 
-    def listed(self, terms: Collection[object]) -> str:
-        texts = [self.shown(term) for term in islice(terms, _MOST_LISTED)]
+    def list_text(self, terms: Collection[object]) -> str:
+        texts = [self.text(term) for term in islice(terms, _MOST_LISTED)]
         more = [] if len(terms) <= _MOST_LISTED else [f"{len(terms) - _MOST_LISTED} more"]
         return ", ".join(texts + more)
 
@@ -121,10 +121,10 @@ class TermTexts:
         return _cut(f"<{iri}>")
 
 
-shown = TermTexts(PREFIXES).shown
+term_text = TermTexts(PREFIXES).text
 
 
-def brief(text: str) -> str:
+def shortened(text: str) -> str:
     return text if len(text) <= _LONGEST_TEXT else text[: _LONGEST_TEXT - 1] + "…"
 
 

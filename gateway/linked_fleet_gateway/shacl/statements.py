@@ -11,7 +11,7 @@ from pyoxigraph import BlankNode, Literal, NamedNode, Triple
 
 from linked_fleet_gateway.shacl.check import Shape
 from linked_fleet_gateway.shacl.data import Data
-from linked_fleet_gateway.shacl.report import TermTexts, shown
+from linked_fleet_gateway.shacl.report import TermTexts, term_text
 from linked_fleet_gateway.shacl.terms import RDF, RDFS, SHACL, XSD, Node, Term
 
 Statements = Mapping[NamedNode, Sequence[Term]]
@@ -34,34 +34,34 @@ class Shapes(Protocol):
 _TRUE, _FALSE = (Literal(text, datatype=XSD.boolean) for text in ("true", "false"))
 
 
-def one(stated: Statements, predicate: NamedNode) -> Term:
+def exactly_one(stated: Statements, predicate: NamedNode) -> Term:
     values = stated.get(predicate, ())
     if len(values) != 1:
-        raise Unsupported(f"{len(values)} values of {shown(predicate)}")
+        raise Unsupported(f"{len(values)} values of {term_text(predicate)}")
     return values[0]
 
 
 def at_most_one(stated: Statements, predicate: NamedNode) -> Term | None:
-    return one(stated, predicate) if predicate in stated else None
+    return exactly_one(stated, predicate) if predicate in stated else None
 
 
-def natural(stated: Statements, predicate: NamedNode) -> int:
-    term = one(stated, predicate)
+def natural_number(stated: Statements, predicate: NamedNode) -> int:
+    term = exactly_one(stated, predicate)
     digits = isinstance(term, Literal) and term.datatype == XSD.integer and re.fullmatch("[0-9]{1,18}", term.value)
     if not digits:
-        raise Unsupported(f"{shown(predicate)} {shown(term)}")
+        raise Unsupported(f"{term_text(predicate)} {term_text(term)}")
     return int(digits.string)
 
 
-def true(stated: Statements, predicate: NamedNode) -> bool:
+def boolean(stated: Statements, predicate: NamedNode) -> bool:
     """Return a boolean. Only ``true`` and ``false`` are valid: in the W3C suite "1"^^xsd:boolean is not true."""
-    term = one(stated, predicate)
+    term = exactly_one(stated, predicate)
     if term not in (_TRUE, _FALSE):
-        raise Unsupported(f"{shown(predicate)} {shown(term)}")
+        raise Unsupported(f"{term_text(predicate)} {term_text(term)}")
     return term == _TRUE
 
 
-def fixed(terms: Iterable[Term]) -> list[Term]:
+def ground_terms(terms: Iterable[Term]) -> list[Term]:
     """Return ``terms`` of a shape that can equal terms of the data, which blank nodes cannot."""
     found = list(terms)
     if any(isinstance(term, BlankNode) for term in found):
@@ -71,13 +71,13 @@ def fixed(terms: Iterable[Term]) -> list[Term]:
 
 def text_of(term: Term, predicate: NamedNode) -> str:
     if not isinstance(term, Literal) or term.datatype != XSD.string:
-        raise Unsupported(f"{shown(predicate)} {shown(term)}")
+        raise Unsupported(f"{term_text(predicate)} {term_text(term)}")
     return term.value
 
 
 def predicate_of(term: Term, parameter: NamedNode) -> NamedNode:
     if not isinstance(term, NamedNode):
-        raise Unsupported(f"{shown(parameter)} {shown(term)}")
+        raise Unsupported(f"{term_text(parameter)} {term_text(term)}")
     return term
 
 
@@ -86,11 +86,11 @@ def _of_class(data: Data, wanted: Term) -> Iterable[Term]:
 
 
 def _subjects_of(data: Data, predicate: Term) -> Iterable[Term]:
-    return (subject for subject, _ in data.stated(predicate))
+    return (subject for subject, _ in data.subject_objects(predicate))
 
 
 def _objects_of(data: Data, predicate: Term) -> Iterable[Term]:
-    return (value for _, value in data.stated(predicate))
+    return (value for _, value in data.subject_objects(predicate))
 
 
 TARGETS: Mapping[NamedNode, Callable[[Data, Term], Iterable[Term]]] = {
@@ -106,7 +106,9 @@ def targets(triples: Iterable[Triple]) -> list[tuple[Node, Callable[[Data], Iter
     """Return the shapes of a graph that have targets, each with a function that finds its focus nodes."""
     shapes = Data(list(triples))
     nodes = [
-        node for node in shapes.nodes() if any(each in shapes.about(node) for each in _ANY) or _is_class(shapes, node)
+        node
+        for node in shapes.nodes()
+        if any(each in shapes.statements(node) for each in _ANY) or _is_class(shapes, node)
     ]
     return [(node, _finder(shapes, node)) for node in nodes]
 
@@ -116,12 +118,12 @@ def _is_class(shapes: Data, node: Node) -> bool:
 
     Its parameters make it a shape; one that has only the type of a shape refuses nothing.
     """
-    stated = shapes.about(node)
+    stated = shapes.statements(node)
     return shapes.is_a(node, RDFS.Class) and any(predicate.value.startswith(SHACL.iri) for predicate in stated)
 
 
 def _finder(shapes: Data, shape: Node) -> Callable[[Data], Iterable[Term]]:
-    stated = [(find, term) for each, find in TARGETS.items() for term in fixed(shapes.objects(shape, each))]
+    stated = [(find, term) for each, find in TARGETS.items() for term in ground_terms(shapes.objects(shape, each))]
     if _is_class(shapes, shape):
         stated.append((_of_class, shape))
     return lambda data: dict.fromkeys(node for find, term in stated for node in find(data, term))

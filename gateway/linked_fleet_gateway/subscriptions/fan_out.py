@@ -111,7 +111,7 @@ class FanOut:
             for topic in topics:
                 if topic.measured:
                     self._dirty.setdefault(topic, False)
-            self._turns.soon()
+            self._turns.schedule()
 
     def changed(self, robot: str) -> None:
         """Mark a robot whose presence, description or fault changed."""
@@ -124,7 +124,7 @@ class FanOut:
                 self._scan_soon(watcher)
         for name in (robot, None):
             self._dirty.update(dict.fromkeys(self._of_robot.get(name, ()), True))
-        self._turns.soon()
+        self._turns.schedule()
 
     def mark_changed(self, *paths: str) -> None:
         """Mark resources as changed."""
@@ -134,7 +134,7 @@ class FanOut:
         for path in paths:
             if topics := self._topics.get(path):
                 self._dirty.update(dict.fromkeys(topics.values(), True))
-                self._turns.soon()
+                self._turns.schedule()
 
     def appeared(self, path: str) -> None:
         """Add a new resource to the watchers of the subtrees that cover it."""
@@ -163,7 +163,7 @@ class FanOut:
         if not sender.running:
             sender.running = True
             self._runnable.append(sender)
-            self._turns.soon()
+            self._turns.schedule()
 
     def broadcast(self, topic: Topic[Watcher], subscription: Subscription, stream: Stream) -> Broadcast[Watcher]:
         key = (subscription.media_type, subscription.base, stream.framing)
@@ -322,7 +322,7 @@ class FanOut:
             self._scan_again.add(watcher)
         else:
             self._scans[watcher] = self._scan(watcher)
-        self._turns.soon()
+        self._turns.schedule()
 
     def _scan_on(self, watcher: Watcher) -> None:
         if next(self._scans[watcher], _DONE) is not _DONE or watcher not in self._scans:

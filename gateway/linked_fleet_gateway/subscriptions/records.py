@@ -205,7 +205,7 @@ class Runs:
         runs = {run.decode() for run in await self._redis.one("SMEMBERS", self._keys.runs)} - {self._run}
         self._heard = {run: heard for run, heard in self._heard.items() if run in runs}
         dead = runs - await self.living(runs)
-        return sorted(dead) if self._redis.served_s > self._lease_s / 2 else []
+        return sorted(dead) if self._redis.since_outage_s > self._lease_s / 2 else []
 
     async def living(self, runs: Iterable[str]) -> set[str]:
         """Return those of ``runs`` that have renewed their lease recently; a run without a known lease has not."""
@@ -250,11 +250,11 @@ async def confirm(redis: Connection, keys: Keys, run: str, subscription: Subscri
     """
     id = subscription.id
     lists = (keys.held(run), keys.owner(subscription.owner), keys.client(subscription.client))
-    others = await redis.elsewhere(keys.record(id), lists)
+    others = await redis.keys_on_other_masters(keys.record(id), lists)
     online = await redis.all([("EVAL", scripts.REPLICAS, 1, key) for key in others])
     replicated = [key for key, is_so in zip(others, online, strict=True) if is_so]
     for key, member in [(keys.record(id), "holder"), *((key, id) for key in replicated)]:
-        found, confirmed = await redis.replicated(scripts.REPEAT, key, member)
+        found, confirmed = await redis.run_replicated(scripts.REPEAT, key, member)
         if not found:  # a failover lost it, or it has been removed already
             raise StoreUnavailable(f"subscription {id} was gone before a replica had it")
         if not confirmed:

@@ -18,7 +18,7 @@ from cryptography.x509.oid import NameOID
 from certificates import made
 from linked_fleet_gateway.app.doctor.__main__ import examine
 from linked_fleet_gateway.app.doctor.finding import Finding, summary
-from linked_fleet_gateway.app.doctor.libraries import libraries
+from linked_fleet_gateway.app.doctor.libraries import check_libraries
 from linked_fleet_gateway.app.doctor.redis_server import _clock
 from redis_servers import single
 from running import free_port, process
@@ -34,7 +34,7 @@ def _found(*arguments: str, **environment: str) -> list[Finding]:
 
 
 def _wrong(found: list[Finding]) -> list[str]:
-    return [str(each) for each in found if each.wrong]
+    return [str(each) for each in found if each.is_fault]
 
 
 def _certificate(folder: Path, first: datetime, last: datetime, host: str = "fleet.example") -> tuple[str, ...]:
@@ -125,8 +125,8 @@ def test_redis_that_answers_and_redis_that_does_not(tmp_path: Path) -> None:
 def test_a_clock_that_is_wrong_is_found() -> None:
     now_s = time.time()
     ahead = _clock([int(now_s) + 90, 0], now_s, now_s)
-    assert ahead.wrong and "ahead of that of this machine" in ahead.sentence
-    assert not _clock([int(now_s), int(now_s % 1 * 1e6)], now_s, now_s).wrong
+    assert ahead.is_fault and "ahead of that of this machine" in ahead.sentence
+    assert not _clock([int(now_s), int(now_s % 1 * 1e6)], now_s, now_s).is_fault
 
 
 def test_a_library_that_the_system_lacks_is_named_with_its_package(
@@ -147,7 +147,7 @@ def test_other_ways_in_which_a_library_fails(tmp_path: Path, monkeypatch: pytest
     (tmp_path / "broken.py").write_text("raise ImportError('undefined symbol')\n")
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
     crashes, lacks, broken, absent, fine = map(
-        str, asyncio.run(libraries(["crashes", "lacks_odd", "broken", "not_there", "json"]))
+        str, asyncio.run(check_libraries(["crashes", "lacks_odd", "broken", "not_there", "json"]))
     )
     assert "crashes ends its process by signal 4; install a version that fits" in crashes
     assert f"lacks_odd cannot be loaded: {message}; install the package of this system that has libodd.so.3" in lacks

@@ -9,7 +9,7 @@ import httpx
 import pytest
 
 import linked_fleet_gateway.extensions
-from linked_fleet_gateway.app.extensions import BUILT_IN, ExtensionSettings, chosen, in_order
+from linked_fleet_gateway.app.extensions import BUILT_IN, ExtensionSettings, dependency_order, enabled_extensions
 from linked_fleet_gateway.app.settings import GatewaySettings
 from linked_fleet_gateway.extensions.history.extension import HistorySettings
 from linked_fleet_gateway.extensions.rules.extension import RuleSettings
@@ -63,7 +63,7 @@ def package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Package:
 
 
 def names(*flags: str) -> list[str]:
-    return [each.name for each in chosen(GatewaySettings.read({}, flags).section(ExtensionSettings))]
+    return [each.name for each in enabled_extensions(GatewaySettings.read({}, flags).section(ExtensionSettings))]
 
 
 def test_every_folder_is_an_extension_of_its_name_and_each_comes_after_those_that_it_needs() -> None:
@@ -89,7 +89,7 @@ def test_a_disabled_extension_is_absent_and_its_settings_are_ignored() -> None:
         "history",
         "things",
     }
-    assert "history" not in [each.name for each in chosen(ExtensionSettings(extensions_off=("history",)))]
+    assert "history" not in [each.name for each in enabled_extensions(ExtensionSettings(extensions_off=("history",)))]
 
 
 def test_an_extension_comes_after_those_that_it_uses_and_needs_none_of_them() -> None:
@@ -99,8 +99,8 @@ def test_an_extension_comes_after_those_that_it_uses_and_needs_none_of_them() ->
     class Viewer(Extension):
         name, uses = "viewer", ("camera", "map")
 
-    assert [each.name for each in in_order([Viewer(), Camera()])] == ["camera", "viewer"]
-    assert [each.name for each in in_order([Viewer()])] == ["viewer"]
+    assert [each.name for each in dependency_order([Viewer(), Camera()])] == ["camera", "viewer"]
+    assert [each.name for each in dependency_order([Viewer()])] == ["viewer"]
 
 
 def test_a_built_in_extension_whose_package_is_not_installed_is_off(monkeypatch: pytest.MonkeyPatch) -> None:

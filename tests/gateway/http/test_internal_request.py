@@ -13,7 +13,7 @@ from linked_fleet_gateway.http.arrival import arrival_of
 from linked_fleet_gateway.http.forwarding import Authorities
 from linked_fleet_gateway.http.internal_request import Reply, ReplyTooLong, ask
 from linked_fleet_gateway.http.request import Application, Gateway, Request, WebSocket
-from linked_fleet_gateway.runtime.log import begin, present
+from linked_fleet_gateway.runtime.log import begin_request, current_request
 
 BASE = "https://fleet.example:8443"
 
@@ -121,13 +121,13 @@ def test_a_longer_answer_than_the_bound_is_refused() -> None:
 
 async def test_the_outer_request_stays_the_present_one_and_gives_its_id() -> None:
     async def inner(request: Request) -> Response:
-        begin(b"inner")
+        begin_request(b"inner")
         return Response(request.headers["x-request-id"])
 
-    begun = begin(b"outer")
+    begun = begin_request(b"outer")
     reply = await ask(Outside(inner).connection, "GET", "/")
     assert reply.content == b"outer"
-    assert present() is begun
+    assert current_request() is begun
 
 
 async def test_cancellation_is_passed_on_to_the_request() -> None:

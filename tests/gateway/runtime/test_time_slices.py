@@ -5,7 +5,7 @@ import time
 
 import pytest
 
-from linked_fleet_gateway.runtime.background import SLICE_S, Turns, sliced
+from linked_fleet_gateway.runtime.background import SLICE_S, Turns, time_sliced
 
 
 def test_others_go_on_each_time_that_a_slice_is_over(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -21,7 +21,7 @@ def test_others_go_on_each_time_that_a_slice_is_over(monkeypatch: pytest.MonkeyP
         nonlocal now_s, done
         task = asyncio.create_task(other())
         await asyncio.sleep(0)
-        async for item in sliced(range(1, 11)):
+        async for item in time_sliced(range(1, 11)):
             done = item
             now_s += SLICE_S * 0.4  # a slice is over after three items
         task.cancel()
@@ -41,8 +41,8 @@ def test_turns_leave_others_between_them_and_end_with_the_work() -> None:
             return bool(left)
 
         turns = Turns(work)
-        turns.soon()
-        turns.soon()
+        turns.schedule()
+        turns.schedule()
         for _ in range(4):
             await asyncio.sleep(0)
             order.append("other")
@@ -57,7 +57,7 @@ def test_a_turn_that_a_thread_asks_for_is_taken_once_and_asks_for_no_other() -> 
     async def main() -> None:
         def work(_: float) -> bool:
             taken.append(1)
-            turns.soon()  # whether there is more to do is what it returns
+            turns.schedule()  # whether there is more to do is what it returns
             return False
 
         turns = Turns(work)
@@ -103,7 +103,7 @@ def test_turns_go_on_after_an_error() -> None:
             done.append("done")
             return bool(left)
 
-        Turns(work).soon()
+        Turns(work).schedule()
         for _ in range(3):
             await asyncio.sleep(0)
 

@@ -25,7 +25,7 @@ def main() -> int:
     findings = asyncio.run(examine(os.environ, sys.argv[1:]))
     print(lines(findings))
     print(summary(findings))
-    return int(any(each.wrong for each in findings))
+    return int(any(each.is_fault for each in findings))
 
 
 async def examine(environment: Mapping[str, str], arguments: Sequence[str]) -> list[Finding]:
@@ -36,14 +36,14 @@ async def examine(environment: Mapping[str, str], arguments: Sequence[str]) -> l
         return [Finding("settings", str(error), "docs/SETTINGS.md has all settings")]
     wire = list(_wire(settings))
     found = [*_exposure(settings), *_ports(settings), *_tls(settings), *wire, machine.this_machine()]
-    found += await libraries.libraries()
+    found += await libraries.check_libraries()
     if settings.redis_url:
         answers = redis_server.redis_server(settings.redis_url, settings.namespace)
-        found += await redis_server.every(answers, _REDIS_S)
+        found += await redis_server.collect_within(answers, _REDIS_S)
     else:
         found.append(redis_server.embedded_server(settings.state_path))
-    if settings.zenoh_connect and not any(each.wrong for each in wire):
-        found.append(await zenoh_routers.link(settings.zenoh_connect, settings.trust, settings.namespace))
+    if settings.zenoh_connect and not any(each.is_fault for each in wire):
+        found.append(await zenoh_routers.check_link(settings.zenoh_connect, settings.trust, settings.namespace))
     return found
 
 
@@ -87,7 +87,7 @@ def _wire(settings: GatewaySettings) -> Iterator[Finding]:
     except ValueError as error:
         yield Finding("zenoh", f"no router is asked: {error}", "correct the files first")
         return
-    yield from zenoh_routers.addresses(settings.zenoh_connect, credentials)
+    yield from zenoh_routers.check_endpoints(settings.zenoh_connect, credentials)
 
 
 if __name__ == "__main__":

@@ -21,7 +21,7 @@ def http_certificate(certificate: str, key: str, public_urls: Sequence[str], now
     except ValueError as error:
         yield Finding("tls", str(error), "give a certificate chain and its private key, both PEM, without a password")
         return
-    yield from dates("tls", certificate, now)
+    yield from validity_periods("tls", certificate, now)
     hosts = {urlsplit(url).hostname or "" for url in public_urls}
     missing = sorted(host for host in hosts if not _names(certificate, host))
     if missing:
@@ -40,12 +40,12 @@ def wire_certificates(authority: str, certificate: str, key: str, now: datetime)
     if given is None:
         return
     for path in (authority, certificate):
-        yield from dates("tls", path, now)
+        yield from validity_periods("tls", path, now)
     if not _signed(certificate, authority):
         yield Finding("tls", f"{certificate} is not signed by {authority}", advice)
 
 
-def dates(subject: str, path: str, now: datetime) -> Iterator[Finding]:
+def validity_periods(subject: str, path: str, now: datetime) -> Iterator[Finding]:
     """Check the validity period of each certificate in a file. ``now`` has a time zone."""
     for each in _read(path):
         first, last = each.not_valid_before_utc, each.not_valid_after_utc

@@ -16,17 +16,17 @@ class Finding:
     note: bool = False
 
     @property
-    def wrong(self) -> bool:
+    def is_fault(self) -> bool:
         return bool(self.advice) and not self.note
 
     def __str__(self) -> str:
-        level = "WRONG" if self.wrong else "note" if self.note else "ok"
+        level = "WRONG" if self.is_fault else "note" if self.note else "ok"
         said = f"{self.sentence}; {self.advice}" if self.advice else self.sentence
         return f"{level:6}{self.subject:{_WIDTH}}{said}"
 
 
 def summary(findings: Sequence[Finding]) -> str:
-    wrong = sum(each.wrong for each in findings)
+    wrong = sum(each.is_fault for each in findings)
     if not wrong:
         return "nothing is wrong"
     return "1 thing is wrong" if wrong == 1 else f"{wrong} things are wrong"

@@ -25,7 +25,7 @@ _PACKAGES = {
 _SYSTEM_LIBRARY = re.compile(r"[\w+.-]+\.so(?:\.\d+)*(?=:)")
 
 
-async def libraries(modules: Sequence[str] = tuple(LIBRARIES)) -> list[Finding]:
+async def check_libraries(modules: Sequence[str] = tuple(LIBRARIES)) -> list[Finding]:
     """Load each module in a process of its own, since a library that does not fit may end its process."""
     return list(await asyncio.gather(*map(_library, modules)))
 

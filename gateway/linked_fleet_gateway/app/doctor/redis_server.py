@@ -79,7 +79,7 @@ def _advice(error: str) -> str:
     return "start it, or correct the address in REDIS_URL"
 
 
-async def every(findings: AsyncIterator[Finding], at_most_s: float) -> list[Finding]:
+async def collect_within(findings: AsyncIterator[Finding], at_most_s: float) -> list[Finding]:
     """Return the findings of a check within a time limit."""
     found: list[Finding] = []
     try:

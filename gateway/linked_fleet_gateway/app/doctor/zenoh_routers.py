@@ -21,7 +21,7 @@ _LOOK_S = 0.05
 _CERTIFICATES = "run deploy/certificates with all names of the routers in --router, and give everybody its files"
 
 
-def addresses(endpoints: Sequence[str], credentials: Credentials | None) -> Iterator[Finding]:
+def check_endpoints(endpoints: Sequence[str], credentials: Credentials | None) -> Iterator[Finding]:
     """Check each endpoint by itself: a connection, and for tls/ the certificates of both sides."""
     for endpoint in endpoints:
         match = _ENDPOINT.fullmatch(endpoint)
@@ -70,7 +70,7 @@ def _context(credentials: Credentials) -> ssl.SSLContext:
     return context
 
 
-async def link(endpoints: tuple[str, ...], trust: Mapping[str, object], namespace: str) -> Finding:
+async def check_link(endpoints: tuple[str, ...], trust: Mapping[str, object], namespace: str) -> Finding:
     """Open a link like a gateway and count the visible robots."""
     try:
         session = await open_session((), endpoints, trust)

@@ -19,7 +19,7 @@ _SERVICES = ("stop", "stopAll", "assumePose")
 
 
 def may_see(caller: Identity, robot: str | None) -> bool:
-    return caller.may(Right.READ, robot) and caller.may(Right.SUBSCRIBE, robot)
+    return caller.has_right(Right.READ, robot) and caller.has_right(Right.SUBSCRIBE, robot)
 
 
 def topic(robot: str, what: str) -> str:

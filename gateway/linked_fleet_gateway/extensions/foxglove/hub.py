@@ -24,7 +24,7 @@ from linked_fleet_gateway.extensions.world.service import World
 from linked_fleet_gateway.fleet.invocation import Invocation
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.http.websocket import Conversation
-from linked_fleet_gateway.runtime.background import sliced, supervised
+from linked_fleet_gateway.runtime.background import supervised, time_sliced
 from linked_fleet_gateway.subscriptions.live import Live
 
 log = logging.getLogger(__name__)
@@ -97,7 +97,7 @@ class Hub:
     async def _follow(self) -> None:
         """Poll for new frames, and send those of several robots together."""
         pieces = defaultdict[Session, list[bytes]](list)
-        async for name, channels in sliced(list(self._watched.items())):
+        async for name, channels in time_sliced(list(self._watched.items())):
             robot = self._live.fleet.robots.get(name)
             if robot is not None:
                 robot.adopt_latest_frame()

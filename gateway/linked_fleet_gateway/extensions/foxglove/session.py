@@ -20,7 +20,7 @@ from linked_fleet_gateway.extensions.foxglove.protocol import (
 )
 from linked_fleet_gateway.http.internal_request import Reply, ReplyTooLong, ask
 from linked_fleet_gateway.http.websocket import Conversation, Ended
-from linked_fleet_gateway.runtime.background import end, sliced
+from linked_fleet_gateway.runtime.background import end, time_sliced
 
 MOST_CALLS = 8
 """Calls of one client in progress, not counting the same number of calls that stop."""
@@ -84,7 +84,9 @@ class Session:
             await self._say(gone, **{ids: sorted(left)})
         fresh = sorted(found.keys() - seen)
         for ids_now in (fresh[at : at + _AT_ONCE] for at in range(0, len(fresh), _AT_ONCE)):
-            portion = [found[id].advertised(base) async for id in sliced(ids_now)]  # the schema of a service takes time
+            portion = [
+                found[id].advertised(base) async for id in time_sliced(ids_now)
+            ]  # the schema of a service takes time
             seen.update(ids_now)
             await self._say(new, **{member: portion})
 

@@ -14,7 +14,7 @@ from linked_fleet_gateway.extensions.history.track import Track, joints_of
 from linked_fleet_gateway.fleet.events import Latest
 from linked_fleet_gateway.fleet.fleet import Fleet
 from linked_fleet_gateway.fleet.robot import Robot
-from linked_fleet_gateway.runtime.background import end, sliced, supervised
+from linked_fleet_gateway.runtime.background import end, supervised, time_sliced
 
 log = logging.getLogger(__name__)
 
@@ -75,12 +75,12 @@ class History:
     async def _sample_all(self) -> None:
         for name in self._tracks.keys() - set(self._fleet.robots):
             self._forget(name)
-        async for latest in sliced(self._fleet.frames.all()):
+        async for latest in time_sliced(self._fleet.frames.all()):
             self.sample(latest)
 
     async def _thin_all(self) -> None:
         share = self.most_bytes / len(self._tracks)
-        async for track in sliced(list(self._tracks.values())):
+        async for track in time_sliced(list(self._tracks.values())):
             if track.bytes > share:
                 self.bytes -= track.bytes
                 track.thin(_ROOM * share)

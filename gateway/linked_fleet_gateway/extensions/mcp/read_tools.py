@@ -27,7 +27,7 @@ from linked_fleet_gateway.resources.joint_kinds import kind_of
 from linked_fleet_gateway.resources.json_form import form_of_input
 from linked_fleet_gateway.resources.paths import joint_path, link_path, robot_path
 from linked_fleet_gateway.resources.properties import joint_properties
-from linked_fleet_gateway.runtime.background import sliced
+from linked_fleet_gateway.runtime.background import time_sliced
 
 _JSONLD, _TURTLE = "application/ld+json", "text/turtle"
 _ACCEPT = {
@@ -120,13 +120,13 @@ class Find(Tool):
 
     async def run(self, context: MessageContext, progress: Progress) -> CallToolResult:
         words, matching = self.text.casefold().split(), list[Found]()
-        async for each in sliced(_all(context, self.robot)):
+        async for each in time_sliced(_all(context, self.robot)):
             if self.kind in ("any", each.kind) and each.has(words):
                 matching.append(each)
                 if len(matching) > self.limit:
                     break
         items = []
-        async for each in sliced(islice(matching, self.limit)):
+        async for each in time_sliced(islice(matching, self.limit)):
             items.append({"kind": each.kind, "iri": context.view.base + each.path, "title": each.title, **each.tell()})
         value = {"items": items, "more": len(matching) > self.limit}
         return CallToolResult(content=[TextContent(text=json.dumps(value))], structured_content=value)
@@ -165,7 +165,7 @@ def _values(context: MessageContext, robot: Robot, joint: Joint, kind: str) -> d
 def _actions(context: MessageContext, offers: list[Offer]) -> Iterator[Found]:
     """Yield the actions that the caller may invoke."""
     for offer in offers:
-        if context.request.caller.may_any(Invoke(offer).needs, offer.robot.name if offer.robot else None):
+        if context.request.caller.has_any_right(Invoke(offer).needs, offer.robot.name if offer.robot else None):
             yield Found("action", offer.path, offer.name, offer.definition.comment, partial(_call, context, offer))
 
 

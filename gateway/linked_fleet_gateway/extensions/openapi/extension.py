@@ -29,7 +29,7 @@ from linked_fleet_gateway.rdf.vocabulary import LDP
 from linked_fleet_gateway.resources.branches import FleetBranch, Found, RequestView
 from linked_fleet_gateway.resources.json_form import Json
 from linked_fleet_gateway.resources.resource import Resource
-from linked_fleet_gateway.runtime.background import sliced
+from linked_fleet_gateway.runtime.background import time_sliced
 
 PATH = "/openapi.json"
 TYPE = "application/vnd.oai.openapi+json;version=3.1"
@@ -61,10 +61,12 @@ class Documents:
 
     async def _make(self, view: RequestView) -> bytes:
         fleet = FleetPaths(view)
-        async for robot in sliced(list(view.robots.values())):
+        async for robot in time_sliced(list(view.robots.values())):
             fleet.add(robot)
         paths: dict[str, Mapping[str, Any]] = {}
-        async for operations in sliced(self._operations):  # the first time they read shapes, some milliseconds each
+        async for operations in time_sliced(
+            self._operations
+        ):  # the first time they read shapes, some milliseconds each
             paths |= operations(view)
         # Schemas of hundreds of joints take a second; their inputs are never modified in place, so a thread may read
         # them.
@@ -74,7 +76,7 @@ class Documents:
 async def _facts(view: RequestView) -> bytes:
     """Return everything that a description is made from, for its version."""
     facts = [repr((view.base, view.secured))]
-    async for name, robot in sliced(sorted(view.robots.items())):
+    async for name, robot in time_sliced(sorted(view.robots.items())):
         said = robot.description
         known = None if said is None else (said.urdf, said.joints, said.base, said.capabilities, said.cameras)
         facts.append(repr((name, robot.model is None, known, robot.annotations)))

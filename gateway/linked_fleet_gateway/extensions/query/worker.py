@@ -103,7 +103,7 @@ class Worker:
 
     def _result(self, ask: QueryRequest, rdf_mirror: RdfMirror) -> bytes:
         sees = View(ask.patterns, ask.caller)
-        robots = {name: held.robot for name, held in self._mirror.robots.items() if sees.sees(name)}
+        robots = {name: held.robot for name, held in self._mirror.robots.items() if sees.includes(name)}
         if ask.instead:
             for each in ask.instead:
                 self._mirror.assume(each)
@@ -120,7 +120,7 @@ class Worker:
 
 def _complete(ask: QueryRequest, rdf_mirror: RdfMirror, mirror: Mirror, sees: View) -> VisibleGraphs:
     """Add the statements that depend on the caller. Return the visible graphs."""
-    robots = {name: held.robot for name, held in sorted(mirror.robots.items()) if sees.sees(name)}
+    robots = {name: held.robot for name, held in sorted(mirror.robots.items()) if sees.includes(name)}
     graph = Graph()
     complete(Describer(ask.base).fleet(robots, [(NamedNode(term), path) for term, path in ask.branches], graph))
     root = NamedNode(ask.base + "/")
@@ -128,7 +128,7 @@ def _complete(ask: QueryRequest, rdf_mirror: RdfMirror, mirror: Mirror, sees: Vi
     rdf_mirror.add("/", [triple for triple in graph.triples if triple.subject == root], "f")
     others = {each.id: each for held in robots for each in mirror.robots[held].invocations}
     for one in ask.invocations:
-        rdf_mirror.add("/", rdf_mirror.invocation(one, others, sees.sees), "f" + one.id)
+        rdf_mirror.add("/", rdf_mirror.invocation(one, others, sees.includes), "f" + one.id)
     for count, (path, content) in enumerate(ask.graphs):
         rdf_mirror.add(path, [quad.triple for quad in parse(content, format=RdfFormat.N_TRIPLES)], f"c{count}x")
     more = {path for path, _ in ask.graphs} | {"/", VOCABULARY, SHAPES}

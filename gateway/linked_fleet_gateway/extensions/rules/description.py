@@ -60,7 +60,7 @@ def firings_path(rule: Rule) -> str:
 def readable(known: RuleRecord, view: RequestView) -> bool:
     """Return True if the caller created the rule, or sees all that its creator sees."""
     rule, sees = known.rule, view.sees
-    return sees.covers(rule.view) or (bool(sees.name) and sees.name == rule.creator)
+    return sees.is_superset_of(rule.view) or (bool(sees.name) and sees.name == rule.creator)
 
 
 def branch(rules: Mapping[str, RuleRecord]) -> FleetBranch:

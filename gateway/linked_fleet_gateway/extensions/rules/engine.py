@@ -116,7 +116,7 @@ class Engine:
     def identity_of(self, rule: Rule) -> Identity:
         """Return the identity that the rule acts for now. Raises RightsEnded."""
         creator = self._creator_of(rule)
-        check_action(rule, self._live.tree(rule.base, creator.sees), creator)
+        check_action(rule, self._live.tree(rule.base, creator.visible_robots), creator)
         return creator
 
     async def _serve(self, id: str) -> None:
@@ -142,11 +142,13 @@ class Engine:
         except RightsEnded as error:
             await self._complain(known, suspended=str(error))
             return None
-        moments, at_s = self._moments(creator.sees), time.monotonic()
+        moments, at_s = self._moments(creator.visible_robots), time.monotonic()
         look = self._causes.look(self._live.fleet.robots, self._live.invocations, at_s)
         try:
-            now = await self._ask(rule, creator.sees)
-            causes = {} if held is None else await self._causes_of(rule, creator.sees, held, edge(held.keys, now))
+            now = await self._ask(rule, creator.visible_robots)
+            causes = (
+                {} if held is None else await self._causes_of(rule, creator.visible_robots, held, edge(held.keys, now))
+            )
         except Busy:  # the query process is busy: retried later
             self._due[rule.id].set()
             return held
@@ -214,7 +216,7 @@ class Engine:
 
     def _moments(self, sees: View) -> Moments:
         """Record the state of robots before the evaluation: a robot that is stopped later gets no command from it."""
-        return {name: robot_time(robot) for name, robot in self._live.fleet.robots.items() if sees.sees(name)}
+        return {name: robot_time(robot) for name, robot in self._live.fleet.robots.items() if sees.includes(name)}
 
     async def _note_seen(self) -> None:
         """Record the robots that are online, so that a gateway that takes over waits for them before evaluating."""
@@ -256,7 +258,7 @@ class Engine:
         rule, present = known.rule, self._known.get(known.rule.id)
         if present is None or not present.rule.enabled:
             return replace(firing, state=FiringState.FAILED, reason="the rule was disabled or deleted meanwhile")
-        tree, invocations = self._live.tree(rule.base, creator.sees), self._live.invocations
+        tree, invocations = self._live.tree(rule.base, creator.visible_robots), self._live.invocations
         try:
             path = action_path(rule, row, self._bases)
             robot = self._live.fleet.robots.get(robot_of(path) or "")

@@ -97,7 +97,7 @@ async def change_rule(rules: Rules, request: Request, afforded: ChangeRule) -> R
     refuse_rehearsal(request)
     caller, known = request.caller, afforded.known
     own = caller.name == known.rule.creator
-    if not own and not caller.may(Right.ADMIN, None):
+    if not own and not caller.has_right(Right.ADMIN, None):
         detail = "Only its creator and administrators of the fleet may change a rule."
         raise InsufficientScope(detail, scope=Right.ADMIN)
     if request.method == "DELETE":
@@ -175,7 +175,7 @@ def _as_wanted(rules: Rules, request: Request, wanted: RuleRequest, id: str, cre
         enabled=wanted.enabled,
         creator=caller.name,
         claims=_word(caller),
-        sees=caller.sees.patterns,
+        sees=caller.visible_robots.patterns,
     )
 
 

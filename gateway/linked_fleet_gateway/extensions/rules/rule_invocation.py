@@ -36,7 +36,7 @@ def find_action(tree: Tree, path: str, creator: Identity) -> Offer:
     if not isinstance(found, Resource) or not isinstance(found.affords, Invoke):
         raise UnprocessableContent(f"There is no action at {path[:200]} that could be invoked.")
     needs = found.affords.needs
-    if not creator.may_any(needs, robot_of(path)):
+    if not creator.has_any_right(needs, robot_of(path)):
         wanted = " or ".join(needs)
         raise InsufficientScope(f"{path[:200]} requires the right to {wanted}, which is missing.", scope=needs[0])
     return found.affords.offer
@@ -55,7 +55,7 @@ async def invoke(
     if not offer.takes_body:
         halt = actions.plan(ActionRequest(rule.base, Body((), action), offer.robot, offer.joint), offer)
         assert isinstance(halt, Halt)
-        asking = Caller(rule.client, stops=creator.over(Right.STOP), rule=rule.id)
+        asking = Caller(rule.client, stops=creator.view_for(Right.STOP), rule=rule.id)
         return await actions.halt(offer.path, halt, asking)
     body = admit(offer, fill(rule.body, row, action), rule.base)
     moment = None if offer.robot is None else moments.get(offer.robot.name)
@@ -65,7 +65,9 @@ async def invoke(
     assert isinstance(plan, Motion)  # an action with a body is a motion
     # Cannot equal a client's key, whose characters are all visible.
     key, digest = f"\x1frule {rule.id} {number}", blake2b(repr(row).encode(), digest_size=16).hexdigest()
-    asking = Caller(rule.client, key=key, digest=digest, body=as_ntriples(body), sees=creator.sees, rule=rule.id)
+    asking = Caller(
+        rule.client, key=key, digest=digest, body=as_ntriples(body), sees=creator.visible_robots, rule=rule.id
+    )
     return await actions.start(offer.path, plan, asking)
 
 
@@ -105,7 +107,7 @@ def creator_of(rule: Rule, identities: Identities | None) -> Identity:
         now = identities.roster.holder(rule.creator, now_ns)
     if now is None or not may_have_rules(now):
         raise RightsEnded("the rights of its creator ended")
-    if now.sees != rule.view:
+    if now.visible_robots != rule.view:
         raise RightsEnded("the robots that its creator sees have changed since it was written; write it again")
     return now
 
@@ -116,8 +118,10 @@ def may_have_rules(identity: Identity) -> bool:
     It must be able to subscribe to all that it reads, because a condition reveals changes, and to act on or stop some
     robot.
     """
-    reads = identity.may(Right.READ, None) and identity.over(Right.SUBSCRIBE).covers(identity.sees)
-    return reads and identity.may_any((Right.ACT, Right.STOP), None)
+    reads = identity.has_right(Right.READ, None) and identity.view_for(Right.SUBSCRIBE).is_superset_of(
+        identity.visible_robots
+    )
+    return reads and identity.has_any_right((Right.ACT, Right.STOP), None)
 
 
 def check_action(rule: Rule, tree: Tree, creator: Identity) -> None:

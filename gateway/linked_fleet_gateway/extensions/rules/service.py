@@ -135,7 +135,7 @@ class Rules:
     def _moves(self, rule: Rule, robots: Collection[str] | None) -> bool:
         """Return True if the rule could move one of these robots. A rule that only stops robots cannot."""
         if rule.variable is not None:
-            return robots is None or any(map(rule.view.sees, robots))
+            return robots is None or any(map(rule.view.includes, robots))
         found = self._live.tree(rule.base).resolve(rule.invokes)
         if isinstance(found, Resource) and isinstance(found.affords, Invoke) and not found.affords.offer.takes_body:
             return False
@@ -226,4 +226,4 @@ class Rules:
         target = f"{firings_path(rule)}/{number}"
         robot = robot_invoked(rule, firing)
         status = {FiringState.ACCEPTED: "202", FiringState.UNKNOWN: "504"}.get(firing.state, "409")
-        self._audit.note(rule.creator or rule.client, "RULE", target, robot, status, "", firing.invocation)
+        self._audit.record(rule.creator or rule.client, "RULE", target, robot, status, "", firing.invocation)

@@ -36,7 +36,7 @@ from linked_fleet_gateway.http.arrival import arrival_of
 from linked_fleet_gateway.http.body import read_body
 from linked_fleet_gateway.http.request import Request
 from linked_fleet_gateway.http.scheduling import TokenBuckets
-from linked_fleet_gateway.identity.issuers import BadToken, IssuerFailed, endpoint, verified
+from linked_fleet_gateway.identity.issuers import BadToken, IssuerFailed, endpoint, verify_token
 from linked_fleet_gateway.identity.rights import Claims, Credential, Identity, Right
 from linked_fleet_gateway.identity.roster import Issuer
 from linked_fleet_gateway.runtime.redis import StoreUnavailable
@@ -133,7 +133,9 @@ class Login:
         state, nonce, verifier = (secrets.token_urlsafe(32) for _ in range(3))
         login = PendingLogin(issuer.url, state, nonce, verifier, _path(request.query_params.get("then")))
         try:
-            there = endpoint(await sessions.identities.keys(issuer).described(), "authorization_endpoint", issuer.url)
+            there = endpoint(
+                await sessions.identities.keys(issuer).discovery_document(), "authorization_endpoint", issuer.url
+            )
         except IssuerFailed as error:
             raise IssuerDown(f"{issuer.name} cannot be reached; try again in a moment.") from error
         challenge = urlsafe_b64encode(sha256(login.verifier.encode()).digest()).rstrip(b"=").decode()
@@ -185,12 +187,12 @@ async def _claims(request: Request, sessions: Sessions, issuer: Issuer, login: P
         "code_verifier": login.verifier,
     }
     secret = (quote(issuer.client_id, safe=""), quote(issuer.client_secret, safe="")) if issuer.client_secret else None
-    there = endpoint(await keys.described(), "token_endpoint", issuer.url)
+    there = endpoint(await keys.discovery_document(), "token_endpoint", issuer.url)
     answer = await sessions.identities.web.post(there, form, secret)
     token: Any = answer.get("id_token")
     if not isinstance(token, str):
         raise IssuerFailed(f"{issuer.url} gave no id_token")
-    found = await verified(token, issuer, keys, issuer.client_id)
+    found = await verify_token(token, issuer, keys, issuer.client_id)
     if not compare_digest(str(found.get("nonce", "")).encode(), login.nonce.encode()):
         raise BadToken("the nonce of its id_token is wrong")
     if found.get("azp", issuer.client_id) != issuer.client_id:
@@ -240,7 +242,7 @@ def _page(
     known = caller is not None and bool(caller.name)
     page = render(
         "login.html",
-        places=places(None, caller.may_any((Right.ADMIN,), None) if caller else False) if known else [],
+        places=places(None, caller.has_any_right((Right.ADMIN,), None) if caller else False) if known else [],
         name=caller.name if caller else "",
         rights=_rights(caller) if caller else [],
         issuers=issuers,
@@ -267,7 +269,7 @@ def _rights(caller: Identity) -> list[tuple[str, str, str]]:
     """Return each right with its meaning and the robots that it covers; empty for none."""
     found = []
     for right, meaning in _MEANINGS.items():
-        robots = caller.over(right)
+        robots = caller.view_for(right)
         found.append((right.value, meaning, "all robots" if robots.all else ", ".join(robots.patterns)))
     return found
 

@@ -175,7 +175,7 @@ class Sessions:
         await self._ended.known()
         if session is None or session in self._ended:
             return None
-        found = self.identities.known(session.credential)
+        found = self.identities.identity_of(session.credential)
         return None if found is None else (found, session)
 
     def is_valid(self, session: Session) -> bool:

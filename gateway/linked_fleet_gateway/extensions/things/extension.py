@@ -27,7 +27,7 @@ from linked_fleet_gateway.rdf.serialise import JSON
 from linked_fleet_gateway.resources.branches import RequestView
 from linked_fleet_gateway.resources.json_form import Json
 from linked_fleet_gateway.resources.resource import Resource
-from linked_fleet_gateway.runtime.background import sliced
+from linked_fleet_gateway.runtime.background import time_sliced
 
 TYPES = ("application/ld+json", JSON)
 _SORTING = ("sort_by", "sort_order")
@@ -88,7 +88,7 @@ def _canonical(things: Sequence[tuple[str, Place]], base: str, *, paged: bool) -
 async def _array(listing: Listing, places: Iterable[Place]) -> AsyncIterator[bytes]:
     """Yield a JSON array of descriptions, each of which takes milliseconds to render."""
     separator = b"["
-    async for place in sliced(places):
+    async for place in time_sliced(places):
         yield separator + listing.description(place)
         separator = b",\n"
     yield b"]" if separator != b"[" else b"[]"

@@ -42,7 +42,7 @@ def answers(folder: Path | None) -> Callable[[Question], Answer]:
         # Not at the top of the module, so that the process outlives an ImportError and can report it.
         worker = import_module("linked_fleet_gateway.extensions.world.worker").Worker.caching_in(folder)
     except ImportError as error:
-        missing = LibraryMissing.named("pinocchio or coal", error).detail.rstrip(".")
+        missing = LibraryMissing.for_module("pinocchio or coal", error).detail.rstrip(".")
         log.error("no motion of a placed robot can be checked: %s", missing)
         return lambda question: CheckFailed(missing)
     answer: Callable[[Question], Answer] = worker.answer

@@ -220,7 +220,7 @@ class Checks:
             raise Unchecked(why)
         for robot in robots:
             if (why := self._preparation.missing(robot)) is not None:
-                seen = sees.sees(robot.name)
+                seen = sees.includes(robot.name)
                 name, why = (robot.name, why) if seen else ("another robot", "ask again")
                 raise Unchecked(f"The shape of {name} is not known yet: {why}.")
 
@@ -242,7 +242,7 @@ class Checks:
         )
 
     def _stood(self, robot: Robot, sees: View) -> Placement:
-        name = robot.name if sees.sees(robot.name) else ""
+        name = robot.name if sees.includes(robot.name) else ""
         configurations = sampled_configurations(_positions(robot), self._underway(robot, ""))
         return Placement(name, self._preparation.key(robot), _base(robot, sees), configurations)
 
@@ -290,6 +290,6 @@ def _base(robot: Robot, sees: View) -> Pose:
     assert robot.model is not None
     pose = pose_in_world(robot, robot.model.root)
     if pose is None:
-        name = robot.name if sees.sees(robot.name) else "another robot"
+        name = robot.name if sees.includes(robot.name) else "another robot"
         raise Unchecked(f"The present place of {name} is unknown, so no path is known to be clear of it.")
     return pose
