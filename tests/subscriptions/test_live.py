@@ -14,13 +14,13 @@ def test_listeners_hear_of_each_change_of_an_invocation_until_they_are_removed()
         heard.append(invocation.state)
 
     one = Invocation("1", "r", "/r/actions/stop", {}, 0, 1)
-    live.tell(one)
+    live.mark_invocation_changed(one)
     live.add_invocation_listener(hear)
     live.add_invocation_listener(hear)
     for state in (InvocationState.RUNNING, InvocationState.FAILED):
         one.state = state
-        live.tell(one)
+        live.mark_invocation_changed(one)
     live.remove_invocation_listener(hear)
     live.remove_invocation_listener(hear)
-    live.tell(one)
+    live.mark_invocation_changed(one)
     assert heard == [InvocationState.RUNNING, InvocationState.FAILED]

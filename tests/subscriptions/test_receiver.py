@@ -296,9 +296,11 @@ def test_without_consent_only_allowed_addresses_are_used(there: CallbackReceiver
 
 def test_a_receiver_is_trusted_when_all_its_addresses_are_allowed() -> None:
     for addresses, trusted in [(["127.0.0.1"], True), (["127.0.0.1", "8.8.8.8"], False), (["8.8.8.8"], False)]:
-        assert using("http://a.example/", Receiver.trusted, lookup=lambda *_, found=addresses: found) is trusted
+        assert (
+            using("http://a.example/", Receiver.needs_no_consent, lookup=lambda *_, found=addresses: found) is trusted
+        )
     with pytest.raises(Forbidden):
-        using("http://a.example/", Receiver.trusted, lookup=lambda *_: ["10.0.0.1"])
+        using("http://a.example/", Receiver.needs_no_consent, lookup=lambda *_: ["10.0.0.1"])
 
 
 def test_an_unusable_url_makes_no_receiver() -> None:

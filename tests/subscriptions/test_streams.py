@@ -87,7 +87,7 @@ class Toy:
             positions=(n / 1000,), velocities=nan, efforts=nan,
         )  # fmt: skip
         self.fleet.apply(Framed("r", encode_state(state)), 1)
-        self.fan_out.moved("r")
+        self.fan_out.mark_moved("r")
 
 
 class Cut(Store):
@@ -127,7 +127,7 @@ class Gateway:
     async def keep(self) -> bool:
         """Do a gateway's periodic work; return True if nothing is left, not even a partial list."""
         await self.streams.catch_up()
-        await self.streams.compare({record.subscription.id: record for record in await self.store.held()})
+        await self.streams.reconcile({record.subscription.id: record for record in await self.store.held()})
         return not await self.listed() and not self.streams._background and not self.streams._expiries
 
     async def emptied(self) -> None:

@@ -101,7 +101,7 @@ class Lifecycle:
         known = self._live.invocations.get(invocation.id)
         if known is None:
             self._live.invocations.add(invocation)
-            self._live.fan_out.appeared(invocation_path(invocation))
+            self._live.fan_out.add_resource(invocation_path(invocation))
         self._announce(known or invocation)
         return known or invocation
 
@@ -159,7 +159,7 @@ class Lifecycle:
         self._announce(invocation)
 
     def _announce(self, invocation: Invocation) -> None:
-        self._live.tell(invocation)
+        self._live.mark_invocation_changed(invocation)
         self.waiters.wake(invocation)
 
     # -- requests ---------------------------------------------------------------------------------------------------

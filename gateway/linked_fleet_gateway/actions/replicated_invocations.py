@@ -155,7 +155,7 @@ class ReplicatedInvocations:
         self._unasked.discard(id)
         invocation = self._live.invocations.remove(id)
         if invocation is not None:
-            self._live.tell(invocation)
+            self._live.mark_invocation_changed(invocation)
             self._changed(invocation)
 
     async def fetch(self, robot: str, id: str) -> Invocation | None:
@@ -190,8 +190,8 @@ class ReplicatedInvocations:
         if invocation is None:
             return
         if new:
-            self._live.fan_out.appeared(invocation_path(invocation))
-        self._live.tell(invocation)
+            self._live.fan_out.add_resource(invocation_path(invocation))
+        self._live.mark_invocation_changed(invocation)
         if invocation.state.terminal:
             self._own.discard(invocation.id)
         self._changed(invocation)
@@ -235,7 +235,7 @@ class ReplicatedInvocations:
 
     def _configure(self, robot: str, settings: Mapping[str, str] | None) -> None:
         if self._live.fleet.configure(robot, settings or {}):
-            self._live.fan_out.changed(robot)
+            self._live.fan_out.mark_robot_changed(robot)
 
     # -- tasks ------------------------------------------------------------------------------------------------------
 

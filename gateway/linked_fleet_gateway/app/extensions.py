@@ -150,7 +150,7 @@ async def mount(extensions: Sequence[Extension], core: Core, stack: AsyncExitSta
         services = [service for each in mounts for service in each.services]
         known = replace(core, services=services, views=views, operations=operations, navigation=navigation)
         found = await stack.enter_async_context(extension.start(known))
-        core.live.add(*found.branches)
+        core.live.add_branches(*found.branches)
         core.actions.handlers.update(found.handlers)
         if found.guard is not None:
             core.actions.add_guard(found.guard)

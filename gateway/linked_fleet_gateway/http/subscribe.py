@@ -191,7 +191,7 @@ async def cancel(request: Request, afforded: ChangeSubscription) -> Response:
 
 async def resume(request: Request, afforded: ResumeSubscription) -> Response:
     subscriptions: Subscriptions = request.services.subscriptions
-    if not subscriptions.callbacks.entitled(afforded.record.subscription):
+    if not subscriptions.callbacks.is_entitled(afforded.record.subscription):
         raise Conflict("The rights of its creator ended: it can only be deleted.")
     return await _carried_out(subscriptions.resume(afforded.record.subscription.id))
 

@@ -138,13 +138,13 @@ class Broadcast(Generic[M]):
         media_type: str,
         base: str,
         framing: Framing,
-        freshen: Callable[[], None],
+        refresh: Callable[[], None],
     ) -> None:
-        """``freshen`` reads the resource again if it is marked as changed."""
+        """``refresh`` reads the resource again if it is marked as changed."""
         self.running = False
         self.last_ns: int | None = None
         """Wall-clock time at which the last pass ended."""
-        self._fan_out, self._topic, self._freshen = fan_out, topic, freshen
+        self._fan_out, self._topic, self._refresh = fan_out, topic, refresh
         self._media_type, self._base, self._framing = media_type, base, framing
         self.members: dict[M, _Send] = {}
         # The reading sent last. During a pass: to the members already served, and the one before it to the others.
@@ -179,7 +179,7 @@ class Broadcast(Generic[M]):
         del self._pass[place], self._sends[place]
         return self._before
 
-    def tell(self) -> int:
+    def mark_changed(self) -> int:
         """Note news; return how many members will never be sent the news before it."""
         replaced = len(self.members) if self._news else 0
         self._news = True
@@ -189,7 +189,7 @@ class Broadcast(Generic[M]):
         """Prepare a message; return True if there is one that has not been sent to everybody."""
         if self._pass:
             return True
-        self._freshen()
+        self._refresh()
         self._news = False
         if not self.members or not self._topic.differs(self._reading):  # it may have returned to the old value
             return False

@@ -60,7 +60,7 @@ class Callbacks:
         """
         receiver = self._receiver(subscription)
         try:
-            trusted = not self._consent or await receiver.trusted()
+            trusted = not self._consent or await receiver.needs_no_consent()
         except Unresolvable:
             trusted = False  # the name may resolve later; until then the subscription reports the problem
         finally:
@@ -79,12 +79,12 @@ class Callbacks:
     async def aclose(self) -> None:
         await asyncio.gather(*(courier.stop() for courier in self._couriers.values()))
 
-    def resumed(self, id: str) -> None:
+    def wake_courier(self, id: str) -> None:
         """Wake the courier of a callback that was resumed."""
         if (courier := self._couriers.get(id)) is not None:
             courier.wake()
 
-    def entitled(self, subscription: Subscription) -> bool:
+    def is_entitled(self, subscription: Subscription) -> bool:
         """Return True if the creator may still have this subscription."""
         return self._may_continue(subscription.creator, robot_of(subscription.resource), subscription.view)
 
@@ -92,7 +92,7 @@ class Callbacks:
         """Suspend every callback whose creator has lost the right to it, even one that was resumed."""
         for courier in list(self._couriers.values()):
             suspended = courier.delivery.state is DeliveryState.SUSPENDED
-            if not suspended and not self.entitled(courier.subscription):
+            if not suspended and not self.is_entitled(courier.subscription):
                 await courier.suspend(UNENTITLED)
 
     def serves(self, id: str) -> bool:
@@ -119,13 +119,13 @@ class Callbacks:
             await self._store.remove(id)
             self._refused.discard(id)
 
-    async def adopted(self, record: Record) -> None:
+    async def adopt(self, record: Record) -> None:
         """Serve a callback of a dead gateway."""
         # This gateway may have served it before it was taken for dead; what it knows from then is out of date.
         await self.drop(record.subscription.id)
         self._serve(record)
 
-    async def compare(self, held: dict[str, Record]) -> None:
+    async def reconcile(self, held: dict[str, Record]) -> None:
         """Reconcile the served callbacks with those that the store assigns to this run."""
         for id, record in held.items():
             courier = self._couriers.get(id)
@@ -145,7 +145,7 @@ class Callbacks:
             record, self._store, self._fan_out, receiver, consent=self._consent, deliveries=self.deliveries
         )
         self._couriers[record.subscription.id] = courier
-        if self.entitled(record.subscription) or record.delivery.state is DeliveryState.SUSPENDED:
+        if self.is_entitled(record.subscription) or record.delivery.state is DeliveryState.SUSPENDED:
             courier.start()
         else:
             courier.start_suspended(UNENTITLED)

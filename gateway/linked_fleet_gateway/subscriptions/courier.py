@@ -233,7 +233,7 @@ class Courier:
         while self._consent_needed and not self.delivery.consented:
             status, verdict, state = None, Verdict.RETRY, DeliveryState.AWAITING_CONSENT
             try:
-                if await self._receiver.trusted():
+                if await self._receiver.needs_no_consent():
                     return True
                 consent = await self._receiver.consent(self._origin)
                 if consent.granted:

@@ -93,7 +93,7 @@ class FanOut:
         return self._of_robot.keys()
 
     @property
-    def watches(self) -> bool:
+    def has_watchers(self) -> bool:
         """True if anything is watched, or waited for, by its path."""
         return bool(self._topics or self._absent)
 
@@ -103,7 +103,7 @@ class FanOut:
 
     # -- what happened ----------------------------------------------------------------------------------------------
 
-    def moved(self, robot: str) -> None:
+    def mark_moved(self, robot: str) -> None:
         """Mark the resources that a frame of a robot can have changed."""
         self._tell_listeners(robot)
         topics = self._of_robot.get(robot)
@@ -113,7 +113,7 @@ class FanOut:
                     self._dirty.setdefault(topic, False)
             self._turns.schedule()
 
-    def changed(self, robot: str) -> None:
+    def mark_robot_changed(self, robot: str) -> None:
         """Mark a robot whose presence, description or fault changed."""
         self._tell_listeners(None)
         for watcher in list(self._absent):
@@ -136,7 +136,7 @@ class FanOut:
                 self._dirty.update(dict.fromkeys(topics.values(), True))
                 self._turns.schedule()
 
-    def appeared(self, path: str) -> None:
+    def add_resource(self, path: str) -> None:
         """Add a new resource to the watchers of the subtrees that cover it."""
         self._tell_listeners(None)
         for watcher in self._subtrees:
@@ -155,7 +155,7 @@ class FanOut:
     def now_s(self) -> float:
         return time.monotonic()
 
-    def later(self, delay_s: float, call: Callable[[], None]) -> Timer:
+    def call_later(self, delay_s: float, call: Callable[[], None]) -> Timer:
         return asyncio.get_running_loop().call_later(delay_s, call)
 
     def run(self, sender: Watcher | Broadcast[Watcher]) -> None:
@@ -169,14 +169,14 @@ class FanOut:
         key = (subscription.media_type, subscription.base, stream.framing)
         broadcast = topic.broadcasts.get(key)
         if broadcast is None:
-            broadcast = topic.broadcasts[key] = Broadcast(self, topic, *key, partial(self.freshen, topic))
+            broadcast = topic.broadcasts[key] = Broadcast(self, topic, *key, partial(self.refresh, topic))
         return broadcast
 
-    def freshen(self, topic: Topic[Watcher]) -> None:
+    def refresh(self, topic: Topic[Watcher]) -> None:
         if topic in self._dirty:
             self._read(topic)
 
-    def drop(self, watcher: Watcher, path: str) -> None:
+    def unwatch(self, watcher: Watcher, path: str) -> None:
         topic = watcher.leave(path)
         if not topic.watchers:
             places = self._topics[topic.path]
@@ -189,14 +189,14 @@ class FanOut:
             if not group:
                 del self._of_robot[robot_of(topic.path)]
 
-    def forget(self, watcher: Watcher) -> None:
+    def remove_watcher(self, watcher: Watcher) -> None:
         self.on_forget(watcher)
         self._subtrees.pop(watcher, None)
         self._absent.pop(watcher, None)
         self._scans.pop(watcher, None)
         self._scan_again.discard(watcher)
         for path in list(watcher.topics):
-            self.drop(watcher, path)
+            self.unwatch(watcher, path)
 
     # -- turns ------------------------------------------------------------------------------------------------------
 
@@ -207,7 +207,7 @@ class FanOut:
         long as writing to one that is still reading the message before.
         """
         while robot := self._next_moved():
-            self.moved(robot)
+            self.mark_moved(robot)
             if time.perf_counter() - begin > TURN_S / 8:
                 break
         while self._dirty and time.perf_counter() - begin < TURN_S / 4:
@@ -252,11 +252,11 @@ class FanOut:
         """Tell the watchers of a resource that it has changed."""
         for broadcast in topic.broadcasts.values():
             if broadcast.members:
-                self.conflated += broadcast.tell()
+                self.conflated += broadcast.mark_changed()
                 self.run(broadcast)
         for watcher in list(topic.apart):
-            self.conflated += watcher.waits(topic.path)
-            watcher.news(topic)
+            self.conflated += watcher.has_pending_message(topic.path)
+            watcher.mark_changed(topic)
 
     def _renew(self, topic: Topic[Watcher]) -> bool:
         """Resolve a resource again, because its constants, its members or its existence may have changed."""
@@ -266,7 +266,7 @@ class FanOut:
             topic.replace(resource)
             return True
         for watcher in list(topic.watchers):
-            self.drop(watcher, topic.path)
+            self.unwatch(watcher, topic.path)
             if topic.path == watcher.subscription.resource:
                 self._lose(watcher)
         return False
@@ -328,7 +328,7 @@ class FanOut:
         if next(self._scans[watcher], _DONE) is not _DONE or watcher not in self._scans:
             return
         del self._scans[watcher]
-        watcher.found()
+        watcher.finish_scan()
         if watcher in self._scan_again:
             self._scan_again.discard(watcher)
             self._scan_soon(watcher)
@@ -343,7 +343,7 @@ class FanOut:
             yield
         for path, topic in list(watcher.topics.items()):
             # A resource that has ended is kept until its last state has been sent.
-            if path not in covered and topic not in self._dirty and not watcher.waits(path):
-                self.drop(watcher, path)
+            if path not in covered and topic not in self._dirty and not watcher.has_pending_message(path):
+                self.unwatch(watcher, path)
         if watcher.subscription.resource not in covered:
             self._lose(watcher)

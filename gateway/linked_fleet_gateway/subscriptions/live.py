@@ -126,7 +126,7 @@ class Live:
         """The branches that extensions have added to the tree."""
         return self._branches
 
-    def add(self, *branches: Branch) -> None:
+    def add_branches(self, *branches: Branch) -> None:
         """Add branches to the tree, such as those of extensions."""
         self._branches = self._branches.having(*branches)
 
@@ -171,7 +171,7 @@ class Live:
             for change in self.fleet.apply(event, now_ns):
                 if change.what == "frame":
                     self._judged += 1
-                    self.fan_out.moved(change.robot)
+                    self.fan_out.mark_moved(change.robot)
                     continue
                 self._on_change(change)
         self._heard.set()
@@ -179,11 +179,11 @@ class Live:
     def _on_change(self, change: Change) -> None:
         log.info("robot %s: %s", change.robot, change.what, extra={"robot": change.robot})
         self._retarget(change.robot)
-        self.fan_out.changed(change.robot)
+        self.fan_out.mark_robot_changed(change.robot)
         if change.what == "vanished":
             self.on_lost(change.robot)
 
-    def tell(self, invocation: Invocation) -> None:
+    def mark_invocation_changed(self, invocation: Invocation) -> None:
         """Tell the resources that mention an invocation of its change: container, fleet, robot and joints."""
         robot = self.fleet.robots.get(invocation.robot)
         if robot is not None:
@@ -191,7 +191,7 @@ class Live:
         # A motion changes no targets but those of its joints.
         moved = invocation.targets if invocation.stops is None else None
         changed = {name: self._retarget(name, moved) for name in {invocation.robot, *invocation.robots}}
-        self.fan_out.mark_changed(*(self._mentions(invocation, changed) if self.fan_out.watches else ()))
+        self.fan_out.mark_changed(*(self._mentions(invocation, changed) if self.fan_out.has_watchers else ()))
         for hear in list(self._invocation_listeners):
             hear(invocation)
 

@@ -148,7 +148,7 @@ class Receiver:
         except (TimeoutError, httpx.TransportError, Forbidden, Unresolvable) as error:
             return Consent(granted=False, interval_s=0.0, status=None, reason=self._why(error))
 
-    async def trusted(self) -> bool:
+    async def needs_no_consent(self) -> bool:
         """Return True if all permitted addresses are in allowed networks. Raises Forbidden and Unresolvable."""
         return all(address.allowed for address in await self._addresses())
 

@@ -243,7 +243,7 @@ class Runs:
             await self._redis.one("HDEL", self._keys.held(run), *ids)
 
 
-async def confirm(redis: Connection, keys: Keys, run: str, subscription: Subscription) -> None:
+async def wait_for_replicas(redis: Connection, keys: Keys, run: str, subscription: Subscription) -> None:
     """Wait until a replica confirms a callback that ``run`` holds, and one of each other master its lists.
 
     Raises StoreUnavailable if none confirms in time, or if the callback is gone.

@@ -71,12 +71,12 @@ class Subscriptions:
 
     async def of(self, owner: str) -> list[Record]:
         """Return all subscriptions of a thing, at all gateways. Raises StoreUnavailable."""
-        return [self.streams.freshened(record) for record in await self._store.of(owner)]
+        return [self.streams.with_last_message_time(record) for record in await self._store.of(owner)]
 
     async def record(self, id: str) -> Record | None:
         """Return one subscription, at whichever gateway it is. Raises StoreUnavailable."""
         record = await self._store.record(id)
-        return None if record is None else self.streams.freshened(record)
+        return None if record is None else self.streams.with_last_message_time(record)
 
     async def cancel(self, id: str) -> bool:
         """Delete a subscription, at whichever gateway it is; return False if there is none. Raises StoreUnavailable."""
@@ -112,9 +112,9 @@ class Subscriptions:
             case "removed":
                 await self._drop(news.id)
             case "replaced":
-                await self.streams.replaced(news.id)
+                await self.streams.end_replaced(news.id)
             case "resumed":
-                self.callbacks.resumed(news.id)
+                self.callbacks.wake_courier(news.id)
             case "changed":
                 with suppress(StoreUnavailable):  # ``_keep`` compares later
                     await self._refresh(news.id)
@@ -141,9 +141,9 @@ class Subscriptions:
         async for record in self._store.adopt(run):
             count += 1
             if record.subscription.kind.streams:
-                self.streams.adopted(record.subscription.id)
+                self.streams.adopt(record.subscription.id)
             else:
-                await self.callbacks.adopted(record)
+                await self.callbacks.adopt(record)
         if count:
             log.info("took %d subscriptions over from gateway run %s", count, run)
 
@@ -155,7 +155,7 @@ class Subscriptions:
             for run in await self._store.dead_runs():
                 await self._take_over(run)
             if time.monotonic() >= self._note_s:
-                await self.streams.note()
+                await self.streams.store_message_times()
                 self._note_s = time.monotonic() + NOTE_S
             if time.monotonic() >= self._compare_s:
                 await self._compare()
@@ -169,8 +169,8 @@ class Subscriptions:
     async def _compare(self) -> None:
         """Serve what the store assigns to this run."""
         held = {record.subscription.id: record for record in await self._store.held()}
-        await self.callbacks.compare(held)
-        await self.streams.compare(held)
+        await self.callbacks.reconcile(held)
+        await self.streams.reconcile(held)
         for id, record in held.items():
             if not (self.streams.has_options(record.subscription) and self.callbacks.has_options(record.subscription)):
                 await self._refresh(id)  # it may have changed while this run took it over

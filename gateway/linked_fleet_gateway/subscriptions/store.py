@@ -28,11 +28,11 @@ from linked_fleet_gateway.subscriptions.records import (
     SubscriptionLists,
     TooMany,
     What,
-    confirm,
     read_entry,
     read_news,
     read_pairs,
     read_record,
+    wait_for_replicas,
     write_delivery,
     write_news,
     write_options,
@@ -281,7 +281,7 @@ class Store:
     async def _confirm(self, subscription: Subscription) -> None:
         """Wait until replicas have a callback; otherwise remove it and raise StoreUnavailable."""
         try:
-            await confirm(self._redis, self._keys, self._run, subscription)
+            await wait_for_replicas(self._redis, self._keys, self._run, subscription)
         except StoreUnavailable:
             with suppress(StoreUnavailable):
                 await self.remove(subscription.id)

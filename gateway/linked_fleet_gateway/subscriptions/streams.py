@@ -104,7 +104,7 @@ class Streams:
             self._leave(id)
         else:
             watcher.close()
-            subscription, last_ns = watcher.subscription, watcher.last_ns
+            subscription, last_ns = watcher.subscription, watcher.last_sent_ns
             if self._open.get(id) is not watcher:
                 return  # cancelled, or opened on another connection
             del self._open[id]
@@ -148,7 +148,7 @@ class Streams:
             raise
         self._expire(subscription.id)
 
-    def adopted(self, id: str) -> None:
+    def adopt(self, id: str) -> None:
         """Keep a stream of a dead gateway until its client opens it here."""
         if not self.serves(id):
             self._expire(id)
@@ -237,18 +237,18 @@ class Streams:
         elif id in self._coming:
             self._changed[id] = subscription
 
-    async def replaced(self, id: str) -> None:
+    async def end_replaced(self, id: str) -> None:
         """End a stream that was opened through another gateway, unless it has come back since."""
         found = await self._store.record(id)
         if found is not None and found.holder != self._run:
             self.drop(id, Ending.REPLACED)
 
-    def freshened(self, record: Record) -> Record:
+    def with_last_message_time(self, record: Record) -> Record:
         """Add the time of the last message, which this gateway knows better than the store."""
         watcher = self._open.get(record.subscription.id)
         if watcher is None or record.holder != self._run:
             return record
-        return replace(record, delivery=replace(record.delivery, last_ns=watcher.last_ns))
+        return replace(record, delivery=replace(record.delivery, last_ns=watcher.last_sent_ns))
 
     # -- what the store is told ---------------------------------------------------------------------------------------
 
@@ -260,7 +260,7 @@ class Streams:
         for id in list(self._unlisted):
             if (watcher := self._open.get(id)) is not None:
                 try:
-                    await self._store.add(watcher.subscription, Delivery(last_ns=watcher.last_ns), self._limit)
+                    await self._store.add(watcher.subscription, Delivery(last_ns=watcher.last_sent_ns), self._limit)
                 except TooMany:
                     self.drop(id, Ending.CANCELLED)
                 else:
@@ -269,17 +269,17 @@ class Streams:
             if id not in self._coming:
                 self._unlisted.discard(id)
 
-    async def note(self) -> None:
+    async def store_message_times(self) -> None:
         """Store when the last message of each stream was sent."""
         moved = {
-            id: each.last_ns
+            id: each.last_sent_ns
             for id, each in self._open.items()
-            if id not in self._unlisted and each.last_ns != self._noted.get(id)
+            if id not in self._unlisted and each.last_sent_ns != self._noted.get(id)
         }
         lost = await self._store.note_all({id: Delivery(last_ns=last_ns) for id, last_ns in moved.items()})
         self._noted.update((id, last_ns) for id, last_ns in moved.items() if id in self._open and id not in lost)
 
-    async def compare(self, held: dict[str, Record]) -> None:
+    async def reconcile(self, held: dict[str, Record]) -> None:
         """Reconcile the streams with those that the store assigns to this run.
 
         Some are missing if this run was taken for dead; some are left over if a command reached the store after this

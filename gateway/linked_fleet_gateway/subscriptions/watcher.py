@@ -21,7 +21,7 @@ class Timer(Protocol):
 class Schedule(SendCounter, Protocol):
     """The interface of the fan-out to a watcher."""
 
-    def freshen(self, topic: "Topic[Watcher]") -> None:
+    def refresh(self, topic: "Topic[Watcher]") -> None:
         """Read the resource again if it is marked as changed."""
 
     def now_s(self) -> float:
@@ -30,15 +30,15 @@ class Schedule(SendCounter, Protocol):
     def run(self, watcher: "Watcher") -> None:
         """Schedule the watcher, whose ``step`` is then called in its turn."""
 
-    def later(self, delay_s: float, call: Callable[[], None]) -> Timer: ...
+    def call_later(self, delay_s: float, call: Callable[[], None]) -> Timer: ...
 
     def broadcast(self, topic: "Topic[Watcher]", subscription: Subscription, stream: Stream) -> "Broadcast[Watcher]":
         """Return the broadcast for everybody who wants the same representation of a resource."""
 
-    def drop(self, watcher: "Watcher", path: str) -> None:
+    def unwatch(self, watcher: "Watcher", path: str) -> None:
         """Remove one of the watcher's resources."""
 
-    def forget(self, watcher: "Watcher") -> None: ...
+    def remove_watcher(self, watcher: "Watcher") -> None: ...
 
 
 class Watcher:
@@ -83,7 +83,7 @@ class Watcher:
         return self.subscription.depth is Depth.SUBTREE
 
     @property
-    def last_ns(self) -> int | None:
+    def last_sent_ns(self) -> int | None:
         """Time at which the last message was sent."""
         together = self._broadcast.last_ns if self._broadcast is not None else None
         return max(filter(None, (self._last_ns, together)), default=None)
@@ -110,13 +110,13 @@ class Watcher:
         self._sent.pop(path, None)
         return topic
 
-    def waits(self, path: str) -> bool:
+    def has_pending_message(self, path: str) -> bool:
         """Return True if a message about the resource is pending."""
         return path in self._pending or path in self._round
 
-    def news(self, topic: "Topic[Watcher]") -> None:
+    def mark_changed(self, topic: "Topic[Watcher]") -> None:
         """Note the change of a resource; if it is news to this subscriber, it is sent as soon as permitted."""
-        if not self.waits(topic.path) and (self.subscription.deadband <= 0 or self._is_news(topic)):
+        if not self.has_pending_message(topic.path) and (self.subscription.deadband <= 0 or self._is_news(topic)):
             self._pending[topic.path] = None
             self.ready()
 
@@ -125,7 +125,7 @@ class Watcher:
         if (self._round or self._pending) and self._timer is None:
             self._schedule.run(self)
 
-    def found(self) -> None:
+    def finish_scan(self) -> None:
         """Note that a subtree has been scanned: with an interval, the first round waits for this."""
         self._whole = True
         self.ready()
@@ -144,7 +144,7 @@ class Watcher:
             return False
         path = next(iter(self._round))
         topic = self.topics[path]
-        self._schedule.freshen(topic)  # and leave it if it is gone
+        self._schedule.refresh(topic)  # and leave it if it is gone
         self._round.pop(path, None)
         if path in self.topics and self._is_news(topic):  # it may have returned to the old value
             self._send(topic)
@@ -157,7 +157,7 @@ class Watcher:
     def join_broadcast(self, path: str) -> None:
         """Join a broadcast if nothing is pending and its members were sent the same last."""
         topic, sent = self.topics[path], self._sent.get(path)
-        if self._stream is not None and sent is not None and not self.waits(topic.path):
+        if self._stream is not None and sent is not None and not self.has_pending_message(topic.path):
             broadcast = self._schedule.broadcast(topic, self.subscription, self._stream)
             if broadcast.admit(self, self._stream.send, sent):
                 self._broadcast = broadcast
@@ -171,7 +171,7 @@ class Watcher:
 
     def _fall_out(self, topic: "Topic[Watcher]") -> None:
         if self._broadcast is not None:
-            self._last_ns = self.last_ns
+            self._last_ns = self.last_sent_ns
             self._broadcast.dismiss(self)
             self._broadcast = None
             topic.apart[self] = None
@@ -180,7 +180,7 @@ class Watcher:
         if not self._pending or (self.subscription.interval_s > 0 and not self._whole):
             return False
         if self._next_s and (wait_s := self._next_s - self._schedule.now_s()) > 0:
-            self._timer = self._schedule.later(wait_s, self._due)
+            self._timer = self._schedule.call_later(wait_s, self._due)
             return False
         self._round, self._pending = self._pending, {}
         return True
@@ -190,14 +190,14 @@ class Watcher:
         self._step_out()
         self._set(subscription)
         for topic in self.topics.values():
-            if not self.waits(topic.path) and self._is_news(topic):
+            if not self.has_pending_message(topic.path) and self._is_news(topic):
                 self._pending[topic.path] = None
         self.ready()
 
     def leave_all(self, subscription: Subscription) -> None:
         """Replace the subscription, and forget all watched resources and sent versions; they are joined anew."""
         self._step_out()
-        self._schedule.forget(self)
+        self._schedule.remove_watcher(self)
         self._known = {}
         self._set(subscription)
         self._whole = not self.subtree
@@ -206,7 +206,7 @@ class Watcher:
         before, self.subscription = self.subscription, subscription
         self._cancel_timer()
         begun_s = self._next_s - before.interval_s if self._next_s else self._schedule.now_s()
-        waits = subscription.interval_s > 0 and self.last_ns is not None
+        waits = subscription.interval_s > 0 and self.last_sent_ns is not None
         self._next_s = begun_s + subscription.interval_s if waits else 0.0
         self._stream = self._in_step()
 
@@ -215,7 +215,7 @@ class Watcher:
         if self._broadcast is None:
             return
         (topic,) = self.topics.values()  # a member of a broadcast watches one resource
-        self._last_ns = self.last_ns
+        self._last_ns = self.last_sent_ns
         self._sent[topic.path] = self._broadcast.release(self)
         self._broadcast = None
         topic.apart[self] = None
@@ -227,7 +227,7 @@ class Watcher:
     def close(self) -> None:
         """Stop watching; the outlet is closed elsewhere."""
         self._cancel_timer()
-        self._schedule.forget(self)
+        self._schedule.remove_watcher(self)
 
     def _cancel_timer(self) -> None:
         if self._timer is not None:
@@ -248,7 +248,7 @@ class Watcher:
         self._schedule.messages += 1
         self._outlet.write(message)
         if self.subtree and topic.ended:
-            self._schedule.drop(self, topic.path)
+            self._schedule.unwatch(self, topic.path)
 
     def _is_news(self, topic: "Topic[Watcher]") -> bool:
         sent, reading, deadband = self._sent.get(topic.path), topic.reading, self.subscription.deadband

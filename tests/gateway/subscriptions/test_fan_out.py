@@ -54,7 +54,7 @@ class Clocked(FanOut):
     def now_s(self) -> float:
         return self.present_s
 
-    def later(self, delay_s: float, call: Callable[[], None]) -> Timer:
+    def call_later(self, delay_s: float, call: Callable[[], None]) -> Timer:
         alarm = _Alarm(call)
         heapq.heappush(self._alarms, (self.present_s + delay_s, next(_ids), alarm))
         return alarm
@@ -178,7 +178,7 @@ class World:
     def tell(self, *events: Event) -> None:
         for event in events:
             for change in self.fleet.apply(event, 1):
-                (self.fan_out.moved if change.what == "frame" else self.fan_out.changed)(change.robot)
+                (self.fan_out.mark_moved if change.what == "frame" else self.fan_out.mark_robot_changed)(change.robot)
 
     async def apply(self, *events: Event) -> None:
         self.tell(*events)
@@ -344,7 +344,7 @@ async def test_a_frame_of_an_offline_robot_tells_when_it_was_last_seen() -> None
 
     async def hear(at_s: int) -> None:
         for change in world.fleet.apply(world.frame(0.0), at_s * 10**9):
-            world.fan_out.moved(change.robot)
+            world.fan_out.mark_moved(change.robot)
         await world.settle()
 
     await hear(5)
@@ -431,7 +431,7 @@ async def test_a_subtree_follows_its_members() -> None:
     invocation = Invocation("i1", "r", "/r/wrist/actions/rotate", {"wrist": 1.0}, 0, 10**18)
     path = f"{invocation.action}/invocations/i1"
     world.invocations.add(invocation)
-    world.fan_out.appeared(path)
+    world.fan_out.add_resource(path)
     for state in (InvocationState.ACCEPTED, InvocationState.RUNNING, InvocationState.SUCCEEDED):
         invocation.state = state
         world.fan_out.mark_changed(path)
@@ -482,7 +482,9 @@ async def test_a_removed_resource_ends_watchers_except_patient_ones() -> None:
     assert world.fan_out.empty
 
 
-@pytest.mark.parametrize("without", [Undescribed("r", 1, "?"), Described(described(urdf=_OTHER, joints=("wrist",)))])
+@pytest.mark.parametrize(
+    "without", [DescriptionRejected("r", 1, "?"), Described(described(urdf=_OTHER, joints=("wrist",)))]
+)
 async def test_a_description_may_change_while_a_subtree_is_scanned(
     without: Event, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -553,7 +555,7 @@ async def test_a_message_shows_the_state_of_its_version() -> None:
     outlet.room = False
     await world.move(1.5)
     for change in world.fleet.apply(world.frame(2.0), 1):
-        world.fan_out.moved(change.robot)
+        world.fan_out.mark_moved(change.robot)
     outlet.room = True
     outlet.watcher.step()  # its turn comes before the frame is read
     await world.move(1.5)
@@ -632,7 +634,7 @@ async def test_readers_with_room_have_the_latest_message_beside_slow_ones(
                     outlet.watcher.ready()
             case _:
                 for change in world.fleet.apply(world.frame(step / 10), 1):
-                    world.fan_out.moved(change.robot)
+                    world.fan_out.mark_moved(change.robot)
         for _ in range(dice.randrange(3)):
             await asyncio.sleep(0)
     for outlet in here:
@@ -657,7 +659,7 @@ async def test_news_in_the_middle_of_a_message_to_many_comes_after_it(monkeypatc
         outlet.take()
     for angle in (0.1, 0.2, 0.3):
         for change in world.fleet.apply(world.frame(angle), 1):
-            world.fan_out.moved(change.robot)
+            world.fan_out.mark_moved(change.robot)
         await asyncio.sleep(0)
         await asyncio.sleep(0)
     await world.settle()
@@ -672,13 +674,13 @@ async def test_last_message_is_noted_for_each(monkeypatch: pytest.MonkeyPatch) -
     times = itertools.count(1)
     monkeypatch.setattr(fan_out.time, "time_ns", lambda: next(times))
     slow, fast = watch(world, _ROTATION), watch(world, _ROTATION)
-    assert fast.watcher.last_ns is None
+    assert fast.watcher.last_sent_ns is None
     slow.watcher.ready(), fast.watcher.ready()
     await world.settle()
-    before = slow.watcher.last_ns
+    before = slow.watcher.last_sent_ns
     slow.room = False
     await world.move(0.1)
-    assert slow.watcher.last_ns == before < fast.watcher.last_ns
+    assert slow.watcher.last_sent_ns == before < fast.watcher.last_sent_ns
 
 
 async def test_an_error_about_one_resource_keeps_no_message_from_others(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -722,7 +724,7 @@ async def test_unwatched_resources_cost_nothing() -> None:
         outlet.watcher.close()
     assert world.fan_out.empty
     for change in world.fleet.apply(world.frame(0.7), 1):
-        world.fan_out.moved(change.robot)
+        world.fan_out.mark_moved(change.robot)
     assert world.fan_out.idle
 
 
@@ -827,7 +829,7 @@ async def test_a_change_in_the_middle_of_a_message_to_many_loses_and_repeats_not
         outlet.take()
     for angle in (0.1, 0.2):
         for change in world.fleet.apply(world.frame(angle), 1):
-            world.fan_out.moved(change.robot)
+            world.fan_out.mark_moved(change.robot)
         await asyncio.sleep(0)
         await asyncio.sleep(0)
         for outlet in outlets[:: 7 if angle == 0.1 else 5]:

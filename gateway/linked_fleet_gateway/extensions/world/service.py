@@ -164,7 +164,7 @@ class Objects:
         else:
             self.known[id] = thing
         if before is None:
-            self._live.fan_out.appeared(object_path(id))
+            self._live.fan_out.add_resource(object_path(id))
         for path in (object_path(id), OBJECTS):
             self._live.fan_out.mark_changed(path)
 

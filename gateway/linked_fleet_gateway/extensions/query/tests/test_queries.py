@@ -139,7 +139,7 @@ def test_functions_say_where_a_thing_is_seen_from_another_and_how_far(asking: As
     robots, half = asking.live.fleet.robots, math.sqrt(0.5)
     tip, other, crate = (f"<{BASE}/{path}>" for path in ("a/tip", "b/", "world/objects/crate"))
     poses = {"/world": ORIGIN, "/world/objects/crate": Pose((0.0, 0.0, 3.0), (0.0, 0.0, 0.0, 1.0))}
-    asking.live.add(FleetBranch("world", None, lambda view, rest: None, poses=lambda: poses))
+    asking.live.add_branches(FleetBranch("world", None, lambda view, rest: None, poses=lambda: poses))
 
     def pose(of: str, frame: str) -> list[float]:
         terms = " ".join(f'(lf:poseIn({of}, {frame}, "{each}") AS ?{each})' for each in ("x", "y", "z", "qz", "qw"))
@@ -262,7 +262,7 @@ def test_branches_state_their_resources_for_the_view(asking: Asking) -> None:
     def contribution(seen_by: RequestView) -> list[tuple[str, list[Triple]]]:
         return [(f"/{name}/", [Triple(seen_by.iri(f"/{name}/"), place, Literal(name))]) for name in seen_by.robots]
 
-    asking.live.add(FleetBranch("places", None, lambda view, rest: None, graphs=contribution))
+    asking.live.add_branches(FleetBranch("places", None, lambda view, rest: None, graphs=contribution))
     query = f"SELECT ?name {{ GRAPH ?robot {{ ?robot <{place.value}> ?name }} }}"
     assert asking.values(query) == [("a",), ("b",)]
     assert asking.values(query, ONE) == [("a",)]
