@@ -32,7 +32,7 @@ from linked_fleet_gateway.extensions.world.messages import (
     Placement,
 )
 from linked_fleet_gateway.extensions.world.robot import Robot
-from linked_fleet_gateway.extensions.world.shapes import robot_of
+from linked_fleet_gateway.extensions.world.shapes import build_robot
 from linked_fleet_gateway.extensions.world.surfaces import read_mesh
 from linked_fleet_gateway.extensions.world.surroundings import MARGIN_M
 from linked_fleet_gateway.fleet.model import Pose
@@ -103,7 +103,9 @@ class Scene:
 
 def _robot(urdf: str, rigid: Rigid, file: Path) -> Robot:
     paths = mesh_files(urdf, file)
-    robot = robot_of(urdf, paths.keys(), lambda uri: read_mesh(paths[uri].suffix[1:].lower(), paths[uri].read_bytes()))
+    robot = build_robot(
+        urdf, paths.keys(), lambda uri: read_mesh(paths[uri].suffix[1:].lower(), paths[uri].read_bytes())
+    )
     assert [body.link for body in robot.bodies] == [part.link for part in rigid.parts]
     return robot
 

@@ -62,7 +62,7 @@ def description() -> dict[str, Any]:
         fleet.apply(event, 0)
     view = RequestView("http://localhost:8000", fleet.robots, InvocationsInView(Invocations(), ALL), ALL, secured=True)
     operations = [name for each in BUILT_IN for name in each.operations]
-    return dict(json.loads(asyncio.run(Documents(operations).of(view))))
+    return dict(json.loads(asyncio.run(Documents(operations).document(view))))
 
 
 def _robot() -> Description:

@@ -53,8 +53,8 @@ class MirroredFleet:
     def bring(self) -> Mirror:
         ask = QueryRequest(
             news=self._feed.news(), query="", base="", base_iri="", patterns=("*",), caller="", default=None,
-            named=None, branches=[], invocations=self._feed.of_fleet(), graphs=[], media_type="",
+            named=None, branches=[], invocations=self._feed.fleet_invocations(), graphs=[], media_type="",
             most_bytes=1, limit_s=1.0,
         )  # fmt: skip
-        self.mirror.take(decode_ask(encode(ask)).news)
+        self.mirror.update(decode_ask(encode(ask)).news)
         return self.mirror

@@ -52,9 +52,9 @@ def rules(url: str, stack: AsyncExitStack) -> tuple[Call, ...]:
     rule = a_rule()
     known = RuleRecord(rule, 1, {}, 0)
     return (
-        lambda: a.write(rule, 0, 9), lambda: a.remove(rule), a.load, lambda: a.read(rule.id), a.serve, a.leave, a.seen,
-        lambda: a.note_seen(["r"], ["x"]), lambda: a.rows_held(known), lambda: a.begin(known, ()),
-        lambda: a.advance(known, {}, ()), lambda: a.store_fault(known),
+        lambda: a.write(rule, 0, 9), lambda: a.remove(rule), a.load, lambda: a.read(rule.id), a.serve, a.leave,
+        a.online_robots, lambda: a.update_online_robots(["r"], ["x"]), lambda: a.rows_held(known),
+        lambda: a.store_first_rows(known, ()), lambda: a.advance(known, {}, ()), lambda: a.store_fault(known),
     )  # fmt: skip
 
 
@@ -65,7 +65,7 @@ def others(url: str, stack: AsyncExitStack) -> tuple[Call, ...]:
     stack.push_async_callback(key.aclose)
     return (
         objects.load, lambda: objects.read("i"), lambda: objects.change("i", "", b"body"),
-        ended.known, ended.look, key.get,
+        ended.ensure_loaded, ended.synchronize, key.get,
     )  # fmt: skip
 
 

@@ -40,7 +40,7 @@ async def evaluated(store: RuleStore, rule: Rule, *holding: str) -> RuleRecord:
     await store.serve()
     known = await read(store)
     assert await store.rows_held(known) is None
-    await store.begin(known, holding)
+    await store.store_first_rows(known, holding)
     return known
 
 
@@ -102,10 +102,15 @@ async def test_one_run_serves_until_it_leaves(a: RuleStore, b: RuleStore) -> Non
     await a.write(a_rule(), 0, 9)
     known = await read(a)
     assert await a.serve() and not await b.serve() and await a.serve()
-    await a.begin(known, ())
+    await a.store_first_rows(known, ())
     await a.leave()
     assert await b.serve()
-    for late in (a.advance(known, began("row"), ()), a.rows_held(known), a.begin(known, ()), a.store_fault(known)):
+    for late in (
+        a.advance(known, began("row"), ()),
+        a.rows_held(known),
+        a.store_first_rows(known, ()),
+        a.store_fault(known),
+    ):
         with pytest.raises(Lost):
             await late
     assert await b.rows_held(known) == set()
@@ -164,6 +169,6 @@ async def test_news_of_rules_and_faults_reaches_other_gateways(a: RuleStore, b: 
 
 
 async def test_the_robots_that_were_seen_are_remembered(a: RuleStore, b: RuleStore) -> None:
-    await a.note_seen(["r", HOSTILE], [])
-    await a.note_seen([], ["r", "x"])
-    assert await b.seen() == {HOSTILE}
+    await a.update_online_robots(["r", HOSTILE], [])
+    await a.update_online_robots([], ["r", "x"])
+    assert await b.online_robots() == {HOSTILE}

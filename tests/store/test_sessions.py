@@ -32,13 +32,13 @@ def a_session(id: str) -> Session:
 async def test_a_session_ended_at_one_gateway_is_over_at_all(
     server: Backend, a: EndedSessions, b: EndedSessions
 ) -> None:
-    await b.look()
+    await b.synchronize()
     many = [a_session(str(number)) for number in range(3)]
     for each in many[:2]:
         await a.end(each)
-    await b.look()
+    await b.synchronize()
     async with aclosing(EndedSessions(server.url, "fleet")) as late:
-        await late.known()
+        await late.ensure_loaded()
         for gateway in (a, b, late):
             assert [each in gateway for each in many] == [True, True, False]
 
@@ -46,15 +46,15 @@ async def test_a_session_ended_at_one_gateway_is_over_at_all(
 async def test_a_session_ended_in_an_outage_is_over_elsewhere_afterwards(
     server: Backend, a: EndedSessions, b: EndedSessions
 ) -> None:
-    await b.look()
+    await b.synchronize()
     session = a_session("during an outage")
     server.kill()
     with pytest.raises(StoreUnavailable):
         await a.end(session)
     assert session in a
     server.start()
-    await served(a.look)
-    await served(b.look)
+    await served(a.synchronize)
+    await served(b.synchronize)
     assert session in b
 
 
@@ -63,7 +63,7 @@ async def test_expired_entries_are_forgotten(a: EndedSessions) -> None:
     for each in (past, lasting):
         await a.end(each)
     for _ in range(2):  # it arrives once more, from Redis
-        await a.look()
+        await a.synchronize()
     assert past not in a and lasting in a
 
 

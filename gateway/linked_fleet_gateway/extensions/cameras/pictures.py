@@ -66,7 +66,7 @@ class Pictures:
         self._room_of = defaultdict[str, asyncio.Semaphore](lambda: asyncio.Semaphore(_AT_ONCE_OF_A_ROBOT))
 
     async def __aenter__(self) -> Self:
-        self._live.fan_out.on_watch, self._live.fan_out.on_forget = self.follow, self.leave
+        self._live.fan_out.on_watch, self._live.fan_out.on_forget = self.follow, self.unfollow
         return self
 
     async def __aexit__(
@@ -111,7 +111,7 @@ class Pictures:
             failed = f"no pictures of {path} at present"
             followed.task = supervised(partial(self._keep, path, followed), f"watch {path}", log, failed, _AGAIN_S)
 
-    def leave(self, watcher: Watcher) -> None:
+    def unfollow(self, watcher: Watcher) -> None:
         """Undo ``follow``; may be repeated."""
         path = watcher.subscription.resource
         followed = self._followed.get(path)

@@ -72,7 +72,7 @@ class Channel:
     robot: str | None
     what: str
 
-    def advertised(self, base: str) -> dict[str, Any]:
+    def advertisement(self, base: str) -> dict[str, Any]:
         schema, encoding = b64encode(self.schema.data).decode(), self.schema.encoding
         said = {"id": self.id, "topic": self.topic, "encoding": encoding, "schemaEncoding": encoding}
         return said | {"schemaName": self.schema.name, "schema": schema}
@@ -90,7 +90,7 @@ class Service:
     def stops(self) -> bool:
         return not self.offer.takes_body
 
-    def advertised(self, base: str) -> dict[str, Any]:
+    def advertisement(self, base: str) -> dict[str, Any]:
         """Return the advertisement, with the schema of requests to the action at ``base``."""
         kind = self.offer.definition.segment
         said: dict[str, Any] = {"id": self.id, "name": self.offer.path.replace("/actions/", "/"), "type": kind}

@@ -85,7 +85,7 @@ class Session:
         fresh = sorted(found.keys() - seen)
         for ids_now in (fresh[at : at + _AT_ONCE] for at in range(0, len(fresh), _AT_ONCE)):
             portion = [
-                found[id].advertised(base) async for id in time_sliced(ids_now)
+                found[id].advertisement(base) async for id in time_sliced(ids_now)
             ]  # the schema of a service takes time
             seen.update(ids_now)
             await self._say(new, **{member: portion})

@@ -79,10 +79,10 @@ class Page:
 
 def page_of(track: Track | None, span: Span, most: int) -> Page:
     """Return the requested part of a track, with at most ``most`` samples."""
-    if track is None or track.ends is None:
+    if track is None or track.time_range is None:
         return Page(span)
-    excerpt = track.between(span.begin(track.ends[1]), span.end_ns, most)
-    return Page(span, excerpt, track.ends, len(track))
+    excerpt = track.excerpt(span.begin(track.time_range[1]), span.end_ns, most)
+    return Page(span, excerpt, track.time_range, len(track))
 
 
 def describe_robot(

@@ -24,7 +24,7 @@ from linked_fleet_gateway.extensions.history.resources import (
     RecordedHistory,
     history_branches,
     list_branch,
-    measured,
+    measured_paths,
 )
 from linked_fleet_gateway.extensions.history.span import parse_span
 from linked_fleet_gateway.http.extension import Core, Extension, Mount
@@ -153,7 +153,7 @@ def operations(view: RequestView) -> dict[str, Json]:
     """Return the OpenAPI path items of the list of histories, and of histories of robots and measured properties."""
     robots = [each for each in view.robots.values() if each.model is not None]
     of = {"robot": names(segment(robot_path(each.name)) for each in robots)}
-    paths = [path.split("/")[2:] for each in robots for path in measured(each)]
+    paths = [path.split("/")[2:] for each in robots for path in measured_paths(each)]
     own, parts = [each for each in paths if len(each) == 1], [each for each in paths if len(each) == 2]
     whole = reading("readHistory", "Recent values of a robot", None, {"csv": CSV, "mcap": MCAP}, _SPAN)
     found = described(HISTORIES, {}, "Histories", "The histories of all robots")

@@ -107,7 +107,7 @@ def _parts(facts: Facts, iri: NamedNode) -> Iterator[PartHistory]:
         if isinstance(each, NamedNode):
             of = each.value.rpartition("/")[0]
             owner, _, name = of.rpartition("/")
-            by_owner.setdefault(owner, []).append(Link(texts.words(name), each.value, each.value))
+            by_owner.setdefault(owner, []).append(Link(texts.term_in_words(name), each.value, each.value))
     for owner, found in by_owner.items():
         own = len(texts.segments(owner, facts.root)) == 1
         address = owner + "/" if own else owner

@@ -83,7 +83,7 @@ class History:
         async for track in time_sliced(list(self._tracks.values())):
             if track.bytes > share:
                 self.bytes -= track.bytes
-                track.thin(_ROOM * share)
+                track.shrink_to(_ROOM * share)
                 self.bytes += track.bytes
 
     def sample(self, latest: Latest) -> None:
@@ -103,7 +103,7 @@ class History:
         joints = None if robot is None else joints_of(robot)
         if robot is None or joints is None:
             return None
-        if before is not None and before.joints.is_of(joints):
+        if before is not None and before.joints.has_same_layout(joints):
             before.run = latest
             return before
         self._forget(robot.name)

@@ -27,11 +27,11 @@ from linked_fleet_gateway.extensions.history.track import (
     Series,
     Track,
     all_columns,
+    base_series,
     has_history,
+    joint_series,
     joints_of,
-    of_base,
-    of_joint,
-    of_link,
+    link_series,
     samples,
 )
 from linked_fleet_gateway.fleet.geometry import SUFFIXES, file_name, urdf_with_mesh_addresses
@@ -98,7 +98,7 @@ def _of_robot(history: History, view: RequestView, robot: Robot) -> Resource:
         page, file = page_of(track, span, span.observations), page_of(track, span, _most(track, span))
 
         def describe(graph: Graph) -> None:
-            parts = [(view.iri(each), view.iri(f"{each}/{SEGMENT}")) for each in measured(robot)]
+            parts = [(view.iri(each), view.iri(f"{each}/{SEGMENT}")) for each in measured_paths(robot)]
             describe_robot(graph, view.base, view.iri(path), robot, history, page, parts)
 
         def csv() -> bytes:
@@ -144,15 +144,15 @@ def _of_property(history: History, view: RequestView, robot: Robot, owner: str, 
 
 def _series(joints: Joints, robot: Robot, owner: str, item: Property) -> Series | None:
     if owner == robot_path(robot.name):
-        return of_base(item)
+        return base_series(item)
     joint, link = part_of(owner.rpartition("/")[2], joints.model)
     if joint is not None:
-        return of_joint(joints, joint, item)
+        return joint_series(joints, joint, item)
     assert link is not None
-    return of_link(joints, link)
+    return link_series(joints, link)
 
 
-def measured(robot: Robot) -> Iterator[str]:
+def measured_paths(robot: Robot) -> Iterator[str]:
     """Yield the paths of properties whose values frames contain."""
     model, description = robot.model, robot.description
     if model is None or description is None:
@@ -237,7 +237,7 @@ def _list(history: History, view: RequestView) -> Resource:
 
 def _extent(history: History, robot: Robot) -> Page:
     track = history.track(robot)
-    return Page(Span()) if track is None else Page(Span(), None, track.ends, len(track))
+    return Page(Span()) if track is None else Page(Span(), None, track.time_range, len(track))
 
 
 def _describe(graph: Graph, view: RequestView, span_s: float, listed: Sequence[_Listed]) -> None:

@@ -44,7 +44,7 @@ class Joints:
     names: tuple[str, ...]
     floating: bool
 
-    def is_of(self, other: "Joints") -> bool:
+    def has_same_layout(self, other: "Joints") -> bool:
         """Return True if frames of both have the same meaning.
 
         Models are compared by identity, because they are shared.
@@ -90,7 +90,7 @@ class Track:
         return self._frames[-1] if self._frames else None
 
     @property
-    def ends(self) -> tuple[int, int] | None:
+    def time_range(self) -> tuple[int, int] | None:
         """The stamps of the oldest and the newest frame."""
         return (wall_ns(self._frames[0]), wall_ns(self._frames[-1])) if self._frames else None
 
@@ -108,7 +108,7 @@ class Track:
         self.bytes -= sum(map(_size, frames[:old]))
         del frames[:old]
 
-    def thin(self, most_bytes: float) -> None:
+    def shrink_to(self, most_bytes: float) -> None:
         """Drop samples until the rest takes at most ``most_bytes``; the newest is kept.
 
         The spacing of the remaining samples is proportional to their age.
@@ -119,7 +119,7 @@ class Track:
             self.bytes = sum(map(_size, self._frames))
             self._share *= 2
 
-    def between(self, begin_ns: int | None, end_ns: int | None, most: int) -> Excerpt:
+    def excerpt(self, begin_ns: int | None, end_ns: int | None, most: int) -> Excerpt:
         """Return at most ``most`` frames from ``begin_ns`` on and before ``end_ns``.
 
         These are the first ones or, without a beginning, the last ones.
@@ -173,10 +173,10 @@ class Series:
     """The numbers of one property: names and units, and their extraction from all numbers of a frame."""
 
     columns: tuple[tuple[str, Unit], ...]
-    of: Callable[[Numbers], Numbers]
+    extract: Callable[[Numbers], Numbers]
 
     def samples(self, excerpt: Excerpt) -> Iterator[tuple[int, Numbers]]:
-        return ((stamp_ns, self.of(numbers)) for stamp_ns, numbers in samples(excerpt))
+        return ((stamp_ns, self.extract(numbers)) for stamp_ns, numbers in samples(excerpt))
 
 
 def has_history(item: Property) -> bool:
@@ -205,14 +205,14 @@ def all_columns(robot: str, joints: Joints) -> list[tuple[str, Unit]]:
     return found
 
 
-def of_base(item: Property) -> Series:
+def base_series(item: Property) -> Series:
     """Return the pose or twist of a floating base."""
     if item.shape == LF.PoseShape:
         return Series(_POSE, lambda numbers: numbers[:7])
     return Series(_TWIST, lambda numbers: numbers[7:13])
 
 
-def of_joint(joints: Joints, joint: str, item: Property) -> Series | None:
+def joint_series(joints: Joints, joint: str, item: Property) -> Series | None:
     """Return the series of a joint; None if frames do not contain it."""
     if joint not in joints.names:
         return None
@@ -222,7 +222,7 @@ def of_joint(joints: Joints, joint: str, item: Property) -> Series | None:
     return Series(((segment, unit),), lambda numbers: numbers[at : at + 1])
 
 
-def of_link(joints: Joints, link: str) -> Series:
+def link_series(joints: Joints, link: str) -> Series:
     """Return poses computed from the positions of the joints above."""
     first, count = 13 * joints.floating, len(joints.names)
 

@@ -96,15 +96,15 @@ async def contents(context: MessageContext, uri: str) -> types.TextResourceConte
 
 @dataclass(frozen=True)
 class Found:
-    """A search result. ``tell`` computes its details, only if the result is returned."""
+    """A search result. ``details`` computes its details, only if the result is returned."""
 
     kind: str
     path: str
     title: str
     words: str
-    tell: Callable[[], dict[str, Any]] = dict
+    details: Callable[[], dict[str, Any]] = dict
 
-    def has(self, words: list[str]) -> bool:
+    def matches(self, words: list[str]) -> bool:
         text = f"{self.path} {self.title} {self.words}".casefold()
         return all(each in text for each in words)
 
@@ -121,13 +121,15 @@ class Find(Tool):
     async def run(self, context: MessageContext, progress: Progress) -> CallToolResult:
         words, matching = self.text.casefold().split(), list[Found]()
         async for each in time_sliced(_all(context, self.robot)):
-            if self.kind in ("any", each.kind) and each.has(words):
+            if self.kind in ("any", each.kind) and each.matches(words):
                 matching.append(each)
                 if len(matching) > self.limit:
                     break
         items = []
         async for each in time_sliced(islice(matching, self.limit)):
-            items.append({"kind": each.kind, "iri": context.view.base + each.path, "title": each.title, **each.tell()})
+            items.append(
+                {"kind": each.kind, "iri": context.view.base + each.path, "title": each.title, **each.details()}
+            )
         value = {"items": items, "more": len(matching) > self.limit}
         return CallToolResult(content=[TextContent(text=json.dumps(value))], structured_content=value)
 

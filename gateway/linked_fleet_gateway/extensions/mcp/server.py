@@ -29,7 +29,7 @@ from linked_fleet_gateway.http.scheduling import bucket_of
 MOST_CALLS = 32
 """Unfinished tool calls per client. Calls that stop robots do not count."""
 TOOLS: tuple[type[Tool], ...] = (Find, Read, Query, Rehearse, Act, Stop)
-_BY_NAME = {each.published().name: each for each in TOOLS}
+_BY_NAME = {each.definition().name: each for each in TOOLS}
 _INSTRUCTIONS = """\
 Linked Fleet: robots as linked resources. Use find to list robots, joints and actions with the JSON Schemas of action
 bodies; read to get present values; rehearse to check an action without moving; act to move and wait for the end; stop
@@ -52,7 +52,7 @@ class Handlers:
 
     async def list_tools(self, context: _Context, params: object) -> types.ListToolsResult:
         queries = _message(context).branches.at_root("query") is not None
-        return types.ListToolsResult(tools=[each.published() for each in TOOLS if queries or each is not Query])
+        return types.ListToolsResult(tools=[each.definition() for each in TOOLS if queries or each is not Query])
 
     async def call_tool(self, context: _Context, params: types.CallToolRequestParams) -> types.CallToolResult:
         message, name = _message(context), params.name

@@ -66,7 +66,7 @@ class Tool(BaseModel):
 
     @classmethod
     @cache
-    def published(cls) -> mcp_types.Tool:
+    def definition(cls) -> mcp_types.Tool:
         schema = cls.model_json_schema()
         name, description = cls.__name__.lower(), " ".join(schema.pop("description").split())
         return mcp_types.Tool(name=name, description=description, input_schema=schema, annotations=cls.hints)

@@ -18,7 +18,7 @@ from starlette.responses import Response
 
 from linked_fleet_gateway.extensions.openapi.components import components
 from linked_fleet_gateway.extensions.openapi.paths import FleetPaths
-from linked_fleet_gateway.extensions.openapi.schemas import closed
+from linked_fleet_gateway.extensions.openapi.schemas import forbid_other_members
 from linked_fleet_gateway.http.extension import Core, Extension, Mount, Operations
 from linked_fleet_gateway.http.operations import document, errors, path_item, reading, writing
 from linked_fleet_gateway.http.preconditions import await_preconditions
@@ -48,7 +48,7 @@ class Documents:
         self._made: OrderedDict[bytes, bytes] = OrderedDict()
         self._turn = asyncio.Lock()
 
-    async def of(self, view: RequestView) -> bytes:
+    async def document(self, view: RequestView) -> bytes:
         """Return the description of everything that ``view`` shows."""
         async with self._turn:
             version = blake2b(await _facts(view), digest_size=16).digest()
@@ -118,7 +118,7 @@ def _completed(item: Mapping[str, Any], secured: bool) -> Json:
 
 
 def _closed(media_type: str, body: Json) -> Json:
-    return {"schema": closed(body["schema"])} if media_type == JSON and "schema" in body else {}
+    return {"schema": forbid_other_members(body["schema"])} if media_type == JSON and "schema" in body else {}
 
 
 def _own_paths() -> dict[str, Json]:
@@ -157,7 +157,7 @@ def _resolve(view: RequestView, rest: list[str]) -> Found:
 
 async def _read(documents: Documents, request: Request, resource: Resource, of: ApiDescription) -> Response:
     """Return the description for the caller, or 304. Raises NotAcceptable and PreconditionFailed."""
-    body = await documents.of(of.view)
+    body = await documents.document(of.view)
     made = replace(resource, documents={media_type: lambda: body for media_type in (TYPE, JSON)})
     response = read(request, made)
     await await_preconditions(request, made)

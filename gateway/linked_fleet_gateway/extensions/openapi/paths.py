@@ -9,7 +9,13 @@ from dataclasses import dataclass, field
 from pyoxigraph import NamedNode
 
 from linked_fleet_gateway.extensions.openapi.components import ANNOTATIONS, LOCK_TOKEN
-from linked_fleet_gateway.extensions.openapi.schemas import closed, example, hoisted, union, unnamed
+from linked_fleet_gateway.extensions.openapi.schemas import (
+    example,
+    extract_alternatives,
+    forbid_other_members,
+    generalize_iris,
+    union,
+)
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.http.fields import LINKSET_TYPES
 from linked_fleet_gateway.http.operations import (
@@ -222,10 +228,10 @@ class FleetPaths:
             return None
         alike, few = self._distinct(offers), len(self._robots.robots) <= _MOST_NAMED
         forms = [form(each, self._base).schema for each in alike[:_MOST_FORMS]]
-        shown = forms if few else [unnamed(each, self._base) for each in forms]
+        shown = forms if few else [generalize_iris(each, self._base) for each in forms]
         known = len(alike) <= _MOST_FORMS
-        schema = closed(union(shown)) if known else {"type": "object"}
-        self.schemas[f"{name}Input"] = hoisted(schema, f"{name}Input", self.schemas)
+        schema = forbid_other_members(union(shown)) if known else {"type": "object"}
+        self.schemas[f"{name}Input"] = extract_alternatives(schema, f"{name}Input", self.schemas)
         return {"schema": ref("schemas", f"{name}Input"), "examples": {"first": {"value": example(forms[0])}}}
 
     def _distinct(self, offers: Iterable[Offer]) -> list[Offer]:
@@ -263,7 +269,7 @@ class FleetPaths:
 
     def _setting(self, of: str, setting: Setting) -> Mapping[str, Json]:
         shape, fields = setting.shape, (header("IfMatch"), header("LockToken"))
-        self.schemas[f"{of}Input"] = ANNOTATIONS if shape is None else closed(form_of(shape).schema)
+        self.schemas[f"{of}Input"] = ANNOTATIONS if shape is None else forbid_other_members(form_of(shape).schema)
         body = {JSONLD if shape is None else JSON: {"schema": ref("schemas", f"{of}Input")}}
         found = {
             "put": writing(f"put{of}", "Replace it", CHANGED, body, fields),

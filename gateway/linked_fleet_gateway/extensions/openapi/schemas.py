@@ -22,23 +22,23 @@ def union(schemas: Iterable[Json]) -> Json:
     return reduce(_widest, schemas)
 
 
-def unnamed(schema: Json, base: str) -> Json:
+def generalize_iris(schema: Json, base: str) -> Json:
     """Return the schema with lists of IRIs below ``base`` replaced by any IRI; a large fleet has too many."""
-    found = {name: _within(value, partial(unnamed, base=base)) for name, value in schema.items()}
+    found = {name: _within(value, partial(generalize_iris, base=base)) for name, value in schema.items()}
     if "properties" in schema and "type" not in schema:  # a branch
         named = {name: each for name, each in schema["properties"].items() if not _is_named(each, base)}
         return found | {"properties": named}
     return {name: value for name, value in found.items() if name != "enum"} | _URI if _is_named(schema, base) else found
 
 
-def closed(schema: Json) -> Json:
+def forbid_other_members(schema: Json) -> Json:
     """Return the schema of a body, refusing members that it does not name.
 
     Each alternative becomes a whole object, because client generators do not combine a partial one with its parent.
     """
     if schema.get("type") != "object":
-        return {name: _within(value, closed) for name, value in schema.items()}
-    whole = {name: _within(value, closed) for name, value in schema.items() if name != "oneOf"}
+        return {name: _within(value, forbid_other_members) for name, value in schema.items()}
+    whole = {name: _within(value, forbid_other_members) for name, value in schema.items() if name != "oneOf"}
     whole["additionalProperties"] = False
     if not (branches := _few(schema.get("oneOf", []))):
         return whole
@@ -46,7 +46,7 @@ def closed(schema: Json) -> Json:
     return said | {"oneOf": [whole | {"properties": _narrowed(whole["properties"], each)} for each in branches]}
 
 
-def hoisted(schema: Json, name: str, components: dict[str, Json]) -> Json:
+def extract_alternatives(schema: Json, name: str, components: dict[str, Json]) -> Json:
     """Return the schema with its alternatives moved to ``components``, from which generators name classes.
 
     An alternative is named by its unit, as in ``RotateInputRAD``.
@@ -54,16 +54,18 @@ def hoisted(schema: Json, name: str, components: dict[str, Json]) -> Json:
     found = dict(schema)
     if "properties" in schema:
         members = schema["properties"].items()
-        found["properties"] = {each: hoisted(value, name + each.capitalize(), components) for each, value in members}
+        found["properties"] = {
+            each: extract_alternatives(value, name + each.capitalize(), components) for each, value in members
+        }
     if "items" in schema:
-        found["items"] = hoisted(schema["items"], name, components)
+        found["items"] = extract_alternatives(schema["items"], name, components)
     if any("properties" in each for each in schema.get("oneOf", ())):
         found["oneOf"] = []
         for each in schema["oneOf"]:
             label = name + _unit(each)
             label += str(sum(known.startswith(label) for known in components) or "")
             components[label] = {}  # reserved before the recursion, so that nested alternatives get other names
-            components[label] = hoisted(each, label, components)
+            components[label] = extract_alternatives(each, label, components)
             found["oneOf"].append({"$ref": f"#/components/schemas/{label}"})
     return found
 

@@ -42,7 +42,9 @@ def form_of_action(facts: Facts, iri: NamedNode) -> Form:
     consumed = facts.one(iri, HYBRIT.consumes)
     classes, fields = ("", ()) if consumed is None else _fields(_written(facts), str(consumed))
     # PUT first, because it can be repeated safely.
-    return _form(iri.value, sorted(methods, reverse=True) or ["POST"], texts.words(name), classes, fields, rehearses)
+    return _form(
+        iri.value, sorted(methods, reverse=True) or ["POST"], texts.term_in_words(name), classes, fields, rehearses
+    )
 
 
 def form_of_setting(facts: Facts, iri: NamedNode) -> Form | None:
@@ -69,7 +71,7 @@ def form_of_subscription(container: str, owner: str) -> Form:
     """Return the form that creates a subscription; ``owner`` is the IRI of the thing to which the container belongs."""
     classes, fields = _fields(_request_shape(), str(LF.SubscriptionShape))
     shown = _prefilled(fields, {HYBRIT.onResource.value: owner})
-    return Form(container, texts.mark(container), "POST", classes, "subscribe", shown, ())
+    return Form(container, texts.id_prefix(container), "POST", classes, "subscribe", shown, ())
 
 
 def _form(
@@ -83,7 +85,7 @@ def _form(
     fields = list(fields)
     needed = [each for each in fields if each.required or (isinstance(each, Leaf) and each.input == "hidden")]
     further = [each for each in fields if each not in needed]
-    return Form(action, texts.mark(action), " ".join(methods), classes, name, needed, further, rehearses)
+    return Form(action, texts.id_prefix(action), " ".join(methods), classes, name, needed, further, rehearses)
 
 
 def _prefilled(fields: Iterable[Leaf | Group], values: Mapping[str, str]) -> list[Leaf | Group]:
@@ -187,7 +189,7 @@ def _field(own: Field, shape: Shape) -> Leaf | Group:
     there = [found.shape for branch in branches if (found := branch.field(own.path)) and found.shape.fields]
     nested = conjunction([own.shape, *there])
     most = _MANY if own.max_count is None else own.max_count
-    name, hint = texts.words(own.name), texts.sentence(texts.clean(own.description))
+    name, hint = texts.term_in_words(own.name), texts.sentence(texts.clean(own.description))
     inner = _asked(nested)
     if inner:
         fields = [_field(each, nested) for each in inner]
@@ -258,7 +260,7 @@ def _is_unit(term: Node) -> bool:
 def _option(term: Node) -> str:
     if not isinstance(term, URIRef):
         return texts.clean(str(term))
-    return texts.unit(str(term)) or "no unit" if _is_unit(term) else texts.named(str(term))
+    return texts.unit(str(term)) or "no unit" if _is_unit(term) else texts.choice_label(str(term))
 
 
 def _limits(own: Field, branches: Sequence[Shape]) -> str:

@@ -37,7 +37,7 @@ _TEMPLATES = Path(__file__).parent / "templates"
 def write(resource: Resource, triples: Sequence[Triple], base: str, formats: Formats = FORMATS) -> bytes:
     """Return the page of a resource; ``base`` is scheme and authority. Equal triples give equal bytes."""
     view = view_of(resource, triples, base, formats)
-    data = embedded(jsonld.write(triples, PREFIXES))
+    data = script_json(jsonld.write(triples, PREFIXES))
     reader = Reader(resource.reader, resource.rights, resource.audited)
     return render(f"{view.kind}.html", view=view, data=data, places=view.places, reader=reader)
 
@@ -51,7 +51,7 @@ def write_problem(
     return render(
         "problem.html",
         error=error,
-        detail=texts.plain(error.detail, root) if root else error.detail,
+        detail=texts.readable_title(error.detail, root) if root else error.detail,
         instance=instance,
         root=root,
         places=places(address.path if address else None, bool(reader and reader.audited)),
@@ -68,7 +68,7 @@ def render(template: str, **variables: object) -> bytes:
     return _templates(folders).get_template(template).render(common | variables).encode()
 
 
-def embedded(json: str) -> Markup:
+def script_json(json: str) -> Markup:
     """Escape JSON for a script element, which ends at the first ``</script`` whatever is around it."""
     escaped = json.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
     return Markup(escaped)  # noqa: S704 - contains nothing that HTML could read as markup

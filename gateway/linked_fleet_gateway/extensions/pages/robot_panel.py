@@ -46,7 +46,7 @@ def panel(facts: Facts, iri: NamedNode) -> Panel:
     )
 
 
-def others(actions: Sequence[Link], own: Panel) -> list[Link]:
+def other_actions(actions: Sequence[Link], own: Panel) -> list[Link]:
     """Return the actions for which the panel has no form of its own."""
     return [each for each in actions if each.iri not in (own.move, own.reach)]
 

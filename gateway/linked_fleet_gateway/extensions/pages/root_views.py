@@ -125,7 +125,7 @@ def _entry(facts: Facts, iri: NamedNode) -> Entry:
     return Entry(
         created[0] if created else None,
         facts.text(agent, DCTERMS.title) if agent is not None else "",
-        texts.capitalized(texts.audited(what, path)),
+        texts.capitalized(texts.audit_text(what, path)),
         _link(path, facts),
         Link(texts.place(robot.value, facts.root), robot.value, robot.value) if isinstance(robot, NamedNode) else None,
         outcome,
@@ -192,7 +192,7 @@ def _row(facts: Facts, term: NamedNode) -> TermRow:
     return TermRow(
         term.value.removeprefix(LF.iri) if term.value.startswith(LF.iri) else "",
         _prefixed(term),
-        facts.text(term, RDFS.label) or texts.words(term.value),
+        facts.text(term, RDFS.label) or texts.term_in_words(term.value),
         texts.sentence(facts.text(term, RDFS.comment)),
         [facts.term(each) for each in kinds],
     )

@@ -89,9 +89,9 @@ def unit(iri: str) -> str:
 
 
 @lru_cache(maxsize=4096)
-def words(iri: str) -> str:
+def term_in_words(iri: str) -> str:
     """Return a term in words: ``lf:lastSeen`` is "last seen"."""
-    if said := _SPELT.get(iri) or described(iri)[0]:
+    if said := _SPELT.get(iri) or label_and_comment(iri)[0]:
         return said
     local = _DIMENSIONS.sub(r" \1", iri.rstrip("#/").replace("#", "/").rpartition("/")[2])
     parts = [each if each.isupper() and len(each) > 1 else each.lower() for each in _WORD.findall(local)]
@@ -109,7 +109,7 @@ def _described(added: tuple[Path, ...]) -> dict[str, tuple[str, str]]:
     return found
 
 
-def described(iri: str) -> tuple[str, str]:
+def label_and_comment(iri: str) -> tuple[str, str]:
     """Return the label and the comment of a term of this project's vocabulary; empty for any other."""
     return _described(added_to(VOCABULARY)).get(iri, ("", "")) if iri.startswith(LF.iri) else ("", "")
 
@@ -121,7 +121,7 @@ def _inside(label: str) -> str:
 
 def sentence(text: str) -> str:
     """Return a text for people: terms in it, such as ``lf:lastSeen``, become words, ids of commands are left out."""
-    return _TERM.sub(lambda found: words(found[0].partition(":")[2]), _COMMAND.sub("another command", text))
+    return _TERM.sub(lambda found: term_in_words(found[0].partition(":")[2]), _COMMAND.sub("another command", text))
 
 
 def local_name(iri: str) -> str:
@@ -141,7 +141,7 @@ def segment_name(segment: str, depth: int) -> str:
 def place(iri: str, root: str) -> str:
     """Return the name of a resource of this fleet from its path; ``root`` ends with a slash."""
     if "#" in iri:
-        return words(iri)
+        return term_in_words(iri)
     segments = [each for each in iri.removeprefix(root).split("/") if each]
     return step(segments, len(segments) - 1) if segments else "fleet"
 
@@ -150,8 +150,8 @@ def step(segments: Sequence[str], depth: int) -> str:
     """Return the name of a path segment; an id is named by its container, such as "invocation"."""
     named = depth == 0 or (depth == 1 and segments[0] not in reserved_at_root())  # a robot, a joint or a link
     if not named and is_id(segments[depth]):
-        return words(segments[depth - 1]).removesuffix("s")
-    return words(segments[depth]) if is_ours(segments, depth) else segment_name(segments[depth], depth)
+        return term_in_words(segments[depth - 1]).removesuffix("s")
+    return term_in_words(segments[depth]) if is_ours(segments, depth) else segment_name(segments[depth], depth)
 
 
 def is_id(segment: str) -> bool:
@@ -168,23 +168,23 @@ def is_ours(segments: Sequence[str], depth: int) -> bool:
     return depth >= 2 and segments[0] not in reserved_at_root() and segments[1] not in reserved_in_robot()
 
 
-def moment(lexical: str) -> str:
+def time_text(lexical: str) -> str:
     """Format an xsd:dateTime in UTC to the millisecond; other forms stay unchanged."""
     found = re.fullmatch(r"(\d{4}-\d\d-\d\d)T(\d\d:\d\d:\d\d)(\.\d+)?Z", lexical)
     return f"{found[1]} {found[2]}{(found[3] or '.000')[:4]} UTC" if found else clean(lexical)
 
 
-def named(iri: str) -> str:
+def choice_label(iri: str) -> str:
     """Return the label of an IRI in a choice: the name of a part, or a term in words."""
-    return words(iri) if "#" in iri else segment_name(iri.rstrip("/").rpartition("/")[2], 1)
+    return term_in_words(iri) if "#" in iri else segment_name(iri.rstrip("/").rpartition("/")[2], 1)
 
 
-def mark(iri: str) -> str:
+def id_prefix(iri: str) -> str:
     """Return a short prefix for ids, the same for the same IRI: one page may have several forms."""
     return f"f{crc32(iri.encode()):08x}"
 
 
-def foreign(iri: str) -> str:
+def foreign_iri_text(iri: str) -> str:
     """Shorten an IRI of another host to its last segment and the host; an IRI that is not http(s) stays as it is."""
     if not iri.lower().startswith(("http://", "https://")):
         return clean(iri)
@@ -210,7 +210,7 @@ def task(iri: str, root: str) -> str:
         return place(iri, root)
     at = found.index(_ACTIONS)
     joint = segment_name(found[1], 1) if at == 2 else ""
-    return f"{words(found[at + 1])} {joint}".rstrip()
+    return f"{term_in_words(found[at + 1])} {joint}".rstrip()
 
 
 def thing(iri: str, root: str) -> str:
@@ -219,7 +219,7 @@ def thing(iri: str, root: str) -> str:
     if not found:
         return "the fleet"
     if found[0] in reserved_at_root():
-        return " ".join(words(each) for each in found if not is_id(each))
+        return " ".join(term_in_words(each) for each in found if not is_id(each))
     return _of_robot(found)
 
 
@@ -227,15 +227,17 @@ def _of_robot(found: Sequence[str]) -> str:
     robot, rest = segment_name(found[0], 0), [each for each in found[1:] if not is_id(each)]
     if _ACTIONS in rest[:2] and rest[-1] != _ACTIONS:
         at = rest.index(_ACTIONS)
-        parts = [words(rest[at + 1]), *(segment_name(each, 1) for each in rest[:at])]
+        parts = [term_in_words(rest[at + 1]), *(segment_name(each, 1) for each in rest[:at])]
         return f"{' '.join(parts)} of {robot}"
-    names = [words(each) if n or each != each.lower() else segment_name(each, 1) for n, each in enumerate(rest)]
+    names = [term_in_words(each) if n or each != each.lower() else segment_name(each, 1) for n, each in enumerate(rest)]
     return " of ".join([*reversed(names), robot])
 
 
-def plain(text: str, root: str) -> str:
+def readable_title(text: str, root: str) -> str:
     """Return a title for people: addresses in it become names."""
-    return _ADDRESS.sub(lambda found: thing(found[0], root) if _ours(found[0], root) else foreign(found[0]), text)
+    return _ADDRESS.sub(
+        lambda found: thing(found[0], root) if _ours(found[0], root) else foreign_iri_text(found[0]), text
+    )
 
 
 def _ours(address: str, root: str) -> bool:
@@ -280,7 +282,7 @@ _DONE = {
 }
 
 
-def audited(what: str, path: str) -> str:
+def audit_text(what: str, path: str) -> str:
     """Describe an audited request in words; ``what`` is its method, or the event of a stream."""
     found = segments(path, "/")
     if what == "RULE":
@@ -291,7 +293,7 @@ def audited(what: str, path: str) -> str:
         return f"stop {task(path, '/')}"
     if what == "POST" and found[-1:] == ["subscriptions"]:
         return f"subscribe to {thing('/'.join(found[:-1]), '/')}"
-    return f"{_DONE.get(what, words(what))} {thing(path, '/')}"
+    return f"{_DONE.get(what, term_in_words(what))} {thing(path, '/')}"
 
 
 def outcome(status: int | None) -> tuple[str, str]:

@@ -22,7 +22,7 @@ AROUND = frozenset({DCTERMS.title, RDFS.seeAlso, HYBRIT.blueprint, HYBRIT.consum
 
 
 @dataclass(frozen=True)
-class Described:
+class DescribedSubject:
     """A subject with all facts about it; ``anchor`` is its id on the page."""
 
     anchor: str
@@ -59,12 +59,12 @@ class Limits:
     value: Number
 
 
-def described(facts: Facts, subject: Subject) -> Described:
+def describe_subject(facts: Facts, subject: Subject) -> DescribedSubject:
     if isinstance(subject, BlankNode):
         label = facts.outline.label(subject)
-        return Described(label, Link(f"node {label}", "", ""), facts.types(subject), facts.rows(subject))
+        return DescribedSubject(label, Link(f"node {label}", "", ""), facts.types(subject), facts.rows(subject))
     anchor = subject.value.removeprefix(LF.iri) if subject.value.startswith(LF.iri) else ""
-    return Described(anchor, facts.link(subject), facts.types(subject), facts.rows(subject))
+    return DescribedSubject(anchor, facts.link(subject), facts.types(subject), facts.rows(subject))
 
 
 def card(facts: Facts, iri: NamedNode, name: str) -> Card:
@@ -101,7 +101,7 @@ def cards(facts: Facts, iri: NamedNode) -> list[tuple[NamedNode, Card]]:
     for predicate, values in facts.of.get(iri, {}).items():
         if predicate != HYBRIT.property:
             names.update((value, predicate) for value in values)
-    return [(each, card(facts, each, texts.words(names.get(each, each).value))) for each in listed]
+    return [(each, card(facts, each, texts.term_in_words(names.get(each, each).value))) for each in listed]
 
 
 def _leading(facts: Facts, iri: NamedNode) -> set[NamedNode]:
@@ -135,7 +135,7 @@ PRESENCE = frozenset({LF.presence, LF.lastSeen, LF.fault})
 def actions(facts: Facts, iri: NamedNode) -> list[Link]:
     """Return links to the actions, named by the last segment in words."""
     found = [each.value for each in facts.all(iri, HYBRIT.action) if isinstance(each, NamedNode)]
-    return [Link(texts.words(each), each, each) for each in found]
+    return [Link(texts.term_in_words(each), each, each) for each in found]
 
 
 # -- robot ----------------------------------------------------------------------------------------------------------
@@ -176,7 +176,7 @@ def robot(facts: Facts, iri: NamedNode) -> Part:
         "model": path_below(getattr(facts.one(iri, LF.model), "value", f"{iri.value}model"), facts.root),
         "tasks": [facts.link(each) for each in facts.all(iri, LF.currentTask) if isinstance(each, NamedNode)],
         "panel": panel,
-        "actions": robot_panel.others(actions(facts, iri), panel),
+        "actions": robot_panel.other_actions(actions(facts, iri), panel),
         "poses": [_pose(facts, each) for each in facts.all(iri, LF.namedPose)],
         "cards": [of for _, of in settings],
         "comment": facts.text(iri, RDFS.comment),
@@ -195,7 +195,7 @@ def _parts(facts: Facts, iri: NamedNode) -> tuple[list[NamedNode], list[NamedNod
 
 def _kind_of_joint(facts: Facts, iri: NamedNode) -> str:
     types = [each for each in facts.all(iri, RDF.type) if each not in (HYBRIT.RoboticThing, LF.Joint)]
-    return texts.words(types[0].value).removesuffix(" joint") if types else ""
+    return texts.term_in_words(types[0].value).removesuffix(" joint") if types else ""
 
 
 def _samples(facts: Facts, samples: Iterable[Term]) -> dict[NamedNode, list[Number]]:
@@ -218,7 +218,7 @@ _SAMPLED = (
 
 def _sampled(facts: Facts, sample: Term, at: Address, predicate: NamedNode, unit: NamedNode) -> Number:
     value = facts.one(sample, predicate) or LF.unknown
-    return facts.number(value, at.below(predicate), facts.iri_of(sample, unit))
+    return facts.number(value, at.child(predicate), facts.iri_of(sample, unit))
 
 
 def _pose(facts: Facts, node: Term) -> NamedPose:

@@ -34,7 +34,7 @@ class Address:
     subject: str
     path: str
 
-    def below(self, predicate: NamedNode) -> "Address":
+    def child(self, predicate: NamedNode) -> "Address":
         return Address(self.subject, f"{self.path} {predicate.value}")
 
 
@@ -180,7 +180,7 @@ class Facts:
     def address(subject: Subject, predicate: NamedNode, at: Address | None = None) -> Address | None:
         if isinstance(subject, NamedNode):
             return Address(subject.value, predicate.value)
-        return at and at.below(predicate)
+        return at and at.child(predicate)
 
     def value(self, term: Term, predicate: NamedNode, at: Address | None) -> Value:
         """Return a term as shown; ``at`` is None for one of several values, which has no address in the graph."""
@@ -201,7 +201,7 @@ class Facts:
             return self.number(literal, at)
         if literal.datatype == XSD.dateTime:
             text = texts.clean(literal.value)
-            return Time(texts.moment(text), text, at if predicate in _LIVE_TIMES else None)
+            return Time(texts.time_text(text), text, at if predicate in _LIVE_TIMES else None)
         return Text(texts.sentence(texts.clean(literal.value)), literal.language or "")
 
     def _node(self, node: BlankNode, at: Address | None) -> Value:
@@ -218,7 +218,7 @@ class Facts:
     def scalar(self, node: Term, at: Address | None, predicate: NamedNode = VOM.numericalValue) -> Number:
         """Return a node that has a number and a unit."""
         value = self.one(node, predicate) or LF.unknown
-        return self.number(value, at and at.below(predicate), self.unit_of(node))
+        return self.number(value, at and at.child(predicate), self.unit_of(node))
 
     def unit_of(self, node: Term) -> str:
         """Return the IRI of the unit of a node, QUDT's if it has one; empty without any."""
@@ -228,7 +228,7 @@ class Facts:
     def _vector(self, node: BlankNode, at: Address | None) -> Vector:
         said, unit = self.of[node], self.unit_of(node)
         parts = [
-            (texts.local_name(axis.value), self.number(said[axis][0], at and at.below(axis)))
+            (texts.local_name(axis.value), self.number(said[axis][0], at and at.child(axis)))
             for axis in _AXES
             if axis in said
         ]
@@ -252,18 +252,23 @@ class Facts:
     def term(self, iri: NamedNode) -> Link:
         """Return a link for a term; terms of this project's vocabulary link to the page that describes them."""
         href = f"{self.root}vocabulary#{iri.value.removeprefix(LF.iri)}" if iri.value.startswith(LF.iri) else iri.value
-        return Link(texts.words(iri.value), href if _is_web(href) else "", iri.value, texts.described(iri.value)[1])
+        return Link(
+            texts.term_in_words(iri.value),
+            href if _is_web(href) else "",
+            iri.value,
+            texts.label_and_comment(iri.value)[1],
+        )
 
     def link(self, iri: NamedNode) -> Link:
         """Return a link with the title of its target, if the triples contain it."""
-        title = texts.plain(self.text(iri, DCTERMS.title), self.root) if iri in self.of else ""
+        title = texts.readable_title(self.text(iri, DCTERMS.title), self.root) if iri in self.of else ""
         if iri.value.startswith(self.root):
             return Link(title or texts.place(iri.value, self.root), iri.value, iri.value)
         if title:
             return Link(title, iri.value if _is_web(iri.value) else "", iri.value)
         if iri.value.startswith(_VOCABULARIES):
             return self.term(iri)
-        return Link(texts.foreign(iri.value), iri.value if _is_web(iri.value) else "", iri.value)
+        return Link(texts.foreign_iri_text(iri.value), iri.value if _is_web(iri.value) else "", iri.value)
 
 
 def _is_web(iri: str) -> bool:

@@ -10,7 +10,7 @@ from pyoxigraph import NamedNode, Triple
 from linked_fleet_gateway.extensions.pages import action_views, texts
 from linked_fleet_gateway.extensions.pages import thing_views as things
 from linked_fleet_gateway.extensions.pages.root_views import audit, fleet, vocabulary
-from linked_fleet_gateway.extensions.pages.thing_views import Described, described
+from linked_fleet_gateway.extensions.pages.thing_views import DescribedSubject, describe_subject
 from linked_fleet_gateway.extensions.pages.values import Facts, Link, Row
 from linked_fleet_gateway.extensions.pages.views import LF, Part, Place, added_views, places
 from linked_fleet_gateway.http.html import Formats
@@ -73,7 +73,7 @@ class View:
     following: Sequence[Link]
     more: Mapping[str, Any]
     rows: Sequence[Row]
-    others: Sequence[Described]
+    others: Sequence[DescribedSubject]
     places: Sequence[Place]
     warning: str
 
@@ -105,7 +105,8 @@ def view_of(resource: Resource, triples: Sequence[Triple], base: str, formats: F
         offered=formats,
         root=facts.root,
         kind=kind,
-        title=part.title or texts.plain(facts.text(iri, DCTERMS.title) or texts.clean(resource.title), facts.root),
+        title=part.title
+        or texts.readable_title(facts.text(iri, DCTERMS.title) or texts.clean(resource.title), facts.root),
         types=[
             facts.term(each)
             for each in facts.all(iri, RDF.type)
@@ -120,7 +121,9 @@ def view_of(resource: Resource, triples: Sequence[Triple], base: str, formats: F
         following=_links(facts, iri, XHV.next),
         more=part.more,
         rows=facts.rows(iri, without=_FRAME | part.shown),
-        others=[described(facts, each) for each in facts.outline.headings if each != iri and each not in part.done],
+        others=[
+            describe_subject(facts, each) for each in facts.outline.headings if each != iri and each not in part.done
+        ],
         places=places(resource.path, resource.audited, root=facts.root),
         warning=resource.warning,
     )

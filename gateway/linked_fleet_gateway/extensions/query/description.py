@@ -55,10 +55,10 @@ def branch(queries: Queries) -> FleetBranch:
 def _resolve(queries: Queries, view: RequestView, rest: list[str]) -> Found:
     if rest:
         return Redirect(PATH) if rest == [""] else None
-    return described(Endpoint(queries, view), {})
+    return endpoint_resource(Endpoint(queries, view), {})
 
 
-def described(endpoint: Endpoint, counts: Mapping[str, int]) -> Resource:
+def endpoint_resource(endpoint: Endpoint, counts: Mapping[str, int]) -> Resource:
     """Return the resource; ``counts`` are numbers of triples by graph IRI, as far as known."""
     return Resource(
         PATH,

@@ -23,7 +23,7 @@ from linked_fleet_gateway.extensions.query.description import (
     Endpoint,
     PostQuery,
     branch,
-    described,
+    endpoint_resource,
 )
 from linked_fleet_gateway.extensions.query.service import JSON_RESULTS, Queries
 from linked_fleet_gateway.http.body import read_body
@@ -80,7 +80,7 @@ async def read_query(request: Request, resource: Resource, endpoint: Endpoint) -
     said = _pairs(request.scope["query_string"])
     if any(name in ("query", "update") for name, _ in said):
         return await _answer(request, endpoint, _asked(said, request.base))
-    answer = described(endpoint, await _counts(endpoint)).read_as(resource)
+    answer = endpoint_resource(endpoint, await _counts(endpoint)).read_as(resource)
     await await_preconditions(request, answer)
     return read_resource(request, answer)
 

@@ -35,7 +35,7 @@ class Mirror:
         self.robots: dict[str, MirroredRobot] = {}
         self._frames = Frames()
 
-    def take(self, news: News) -> None:
+    def update(self, news: News) -> None:
         """Update the copy to the snapshot in ``news``."""
         for said in news.robots:
             held = self.robots.get(said.name)

@@ -10,7 +10,7 @@ from pyoxigraph import BlankNode, Literal, NamedNode, QueryBoolean, QuerySolutio
 
 from linked_fleet_gateway.base.errors import BadRequest, FleetError
 from linked_fleet_gateway.extensions.pages.page import render
-from linked_fleet_gateway.extensions.pages.texts import clean, foreign, number
+from linked_fleet_gateway.extensions.pages.texts import clean, foreign_iri_text, number
 from linked_fleet_gateway.extensions.pages.values import Facts
 from linked_fleet_gateway.extensions.pages.views import PageView, Part, Place, add_view, places
 from linked_fleet_gateway.extensions.query.examples import EXAMPLES
@@ -104,7 +104,7 @@ def _shortened(iri: str, root: str) -> str:
     for prefix, namespace in PREFIXES.items():
         if iri.startswith(namespace) and len(iri) > len(namespace):
             return clean(f"{prefix}:{iri.removeprefix(namespace)}")
-    return foreign(iri)
+    return foreign_iri_text(iri)
 
 
 def _value(term: Literal) -> float | None:

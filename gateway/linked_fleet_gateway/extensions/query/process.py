@@ -60,7 +60,7 @@ class Feed:
         """Return the changes since the last call."""
         robots, frames = [], {}
         for name, robot in self._fleet.robots.items():
-            invocations = recent(self._invocations, name)
+            invocations = recent_invocations(self._invocations, name)
             branches = self._branches().linked_from(robot, robot_path(name))
             key = _key(robot, invocations, branches)
             if key != self._said.get(name):
@@ -74,12 +74,12 @@ class Feed:
             self._frames.pop(name, None)
         return News(robots=robots, frames=frames, forgotten=forgotten)
 
-    def of_fleet(self) -> list[Invocation]:
+    def fleet_invocations(self) -> list[Invocation]:
         """Return the invocations of the whole fleet."""
-        return recent(self._invocations, FLEET)
+        return recent_invocations(self._invocations, FLEET)
 
 
-def recent(invocations: Invocations, robot: str) -> list[Invocation]:
+def recent_invocations(invocations: Invocations, robot: str) -> list[Invocation]:
     """Return the invocations that are not over, and the most recent of the others."""
     ended = (each for each in invocations.of_robot(robot) if each.state.terminal)
     return [*invocations.open_of_robot(robot), *islice(ended, MAX_ENDED)]

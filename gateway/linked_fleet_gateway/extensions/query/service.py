@@ -127,7 +127,7 @@ class Queries:
                 default=asked.default,
                 named=asked.named,
                 branches=[(term.value, path) for term, path in self._live.branches.linked()],
-                invocations=[each for each in feed.of_fleet() if invocations.get(each.id) is not None],
+                invocations=[each for each in feed.fleet_invocations() if invocations.get(each.id) is not None],
                 graphs=[(path, _n_triples(said)) for path, said in self._live.branches.graphs(view)],
                 media_type=media_type,
                 most_bytes=most,

@@ -68,7 +68,7 @@ class Worker:
                 self._answer(decode_ask(content), to, control)
 
     def _answer(self, ask: QueryRequest, to: socket.socket, control: socket.socket) -> None:
-        self._mirror.take(ask.news)
+        self._mirror.update(ask.news)
         rdf_mirror = self._rdf_mirror(ask.base)
         rdf_mirror.update(self._mirror)
         try:

@@ -51,7 +51,7 @@ Search = Callable[[], tuple[Mapping[str, float], Mapping[str, float]]]
 
 def reach(request: ActionRequest) -> DeferredPlan:
     """Bring a link to a pose. The search takes milliseconds, so it runs in a worker."""
-    plain, search = motion_to(request, Move({"": 0.0}), {}), reaching(request)
+    plain, search = motion_to(request, Move({"": 0.0}), {}), prepare_search(request)
 
     def compute() -> Motion:
         targets, facts = search()
@@ -60,7 +60,7 @@ def reach(request: ActionRequest) -> DeferredPlan:
     return DeferredPlan(compute)
 
 
-def reaching(request: ActionRequest) -> Search:
+def prepare_search(request: ActionRequest) -> Search:
     """Prepare the search, which returns targets (rad or m) and residuals (m, rad).
 
     The search raises OutOfReach with the best residual. Raises Offline or Conflict if the pose of the robot is unknown.

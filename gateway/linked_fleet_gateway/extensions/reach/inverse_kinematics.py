@@ -22,8 +22,8 @@ from linked_fleet_gateway.extensions.reach.joint_chain import (
     Positions,
     bounds_of,
     chain_to,
+    has_unlimited_rotation,
     known_position,
-    turns_freely,
 )
 from linked_fleet_gateway.fleet.model import JointKind
 from linked_fleet_gateway.fleet.xml import Quaternion, Vector, rotation
@@ -137,7 +137,7 @@ class _Task:
         self.start = np.array([known[name] for name in self.names])
         bounds = [bounds_of(chain, name, known[name], limits) for name in self.names]
         self.lower, self.upper = np.array(bounds).reshape(-1, 2).T
-        self._turning = [turns_freely(chain, name) for name in self.names]
+        self._turning = [has_unlimited_rotation(chain, name) for name in self.names]
         gear = [joint.factor * (joint.driver == name) for joint in joints for name in self.names]
         self._gear = np.array(gear).reshape(len(joints), len(self.names))
         self._shift = np.array([j.offset if j.driver in self.names else known[j.name] for j in joints])

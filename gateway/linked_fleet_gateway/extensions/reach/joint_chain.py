@@ -100,7 +100,7 @@ def bounds_of(chain: Chain, name: str, present: float, limits: Limits) -> tuple[
         if joint.driver == name and joint.factor:
             follows = [(end - joint.offset) / joint.factor for end in _limits(joint.name, limits)]
             ends.append((min(follows), max(follows)))
-    if name in chain.continuous and not turns_freely(chain, name):
+    if name in chain.continuous and not has_unlimited_rotation(chain, name):
         ends.append((present - math.pi, present + math.pi))
     lower, upper = max(low for low, _ in ends), min(high for _, high in ends)
     if not max(lower, -FAR) <= min(upper, FAR):
@@ -115,7 +115,7 @@ def _limits(name: str, limits: Limits) -> tuple[float, float]:
     return lower, upper
 
 
-def turns_freely(chain: Chain, name: str) -> bool:
+def has_unlimited_rotation(chain: Chain, name: str) -> bool:
     """Return True if whole turns of this joint leave the link in place."""
     followers = [joint for joint in chain.joints if joint.driver == name and joint.factor]
     return all(joint.kind is not JointKind.PRISMATIC and joint.factor.is_integer() for joint in followers)

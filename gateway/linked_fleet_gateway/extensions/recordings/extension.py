@@ -77,15 +77,15 @@ class Recorder:
         for path in await asyncio.to_thread(lambda: sorted(self._folder.glob("*/*.mcap"))):
             self._files[path.parent.name][path.stem.partition("-")[2]] = path
         writing = supervised(self._write_next, "recordings", log, "a recording is lost", 0.0)
-        self._live.add_invocation_listener(self.hear)
+        self._live.add_invocation_listener(self.record_outcome)
         yield RobotBranch(SEGMENT, NamedNode(TERMS + SEGMENT), self._resolve, lambda robot: bool(self._of(robot.name)))
-        self._live.remove_invocation_listener(self.hear)
+        self._live.remove_invocation_listener(self.record_outcome)
         await end([writing])
 
     def _of(self, robot: str) -> dict[str, Path]:
         return self._files.get(_folder_name(robot), {})
 
-    def hear(self, invocation: Invocation) -> None:
+    def record_outcome(self, invocation: Invocation) -> None:
         """Record once when a motion fails or a stop begins.
 
         Ignores invocations that ended before this gateway began, which come from Redis.
@@ -104,11 +104,11 @@ class Recorder:
     def _record(self, name: str, invocation: Invocation) -> None:
         robot, now_s = self._live.fleet.robots.get(name), time.monotonic()
         track = None if robot is None else self._history.track(robot)
-        if robot is None or robot.description is None or track is None or track.ends is None:
+        if robot is None or robot.description is None or track is None or track.time_range is None:
             return
         if now_s < self._last_s.get(name, -PAUSE_S) + PAUSE_S:
             return
-        excerpt = track.between(track.ends[1] - SPAN_NS, None, MOST_FRAMES)
+        excerpt = track.excerpt(track.time_range[1] - SPAN_NS, None, MOST_FRAMES)
         job = Job(name, excerpt, robot.description.urdf.encode(), replace(invocation), time.time_ns())
         try:
             self.waiting.put_nowait(job)

@@ -79,7 +79,7 @@ class Causes:
                     robot = robots[motion.robot]
                     self.note_motion(motion, robot, {known.rule.id, *firing.causes}, state_of(robot, invocations))
 
-    def look(self, robots: Mapping[str, Robot], invocations: Invocations, now_s: float) -> Look:
+    def observe(self, robots: Mapping[str, Robot], invocations: Invocations, now_s: float) -> Look:
         """Return the present state of the robots of all motions that may still cause changes."""
         for id, caused in list(self._motions.items()):
             motion = invocations.get(id)

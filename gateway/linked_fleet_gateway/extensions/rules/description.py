@@ -57,7 +57,7 @@ def firings_path(rule: Rule) -> str:
     return f"{rule_path(rule)}/firings"
 
 
-def readable(known: RuleRecord, view: RequestView) -> bool:
+def may_read(known: RuleRecord, view: RequestView) -> bool:
     """Return True if the caller created the rule, or sees all that its creator sees."""
     rule, sees = known.rule, view.sees
     return sees.is_superset_of(rule.view) or (bool(sees.name) and sees.name == rule.creator)
@@ -70,7 +70,7 @@ def branch(rules: Mapping[str, RuleRecord]) -> FleetBranch:
         if not rest:
             return _container(view, rules)
         known = rules.get(rest[0])
-        if known is None or not readable(known, view):
+        if known is None or not may_read(known, view):
             return None
         return _in_rule(view, known, rules, rest[1:])
 
@@ -79,7 +79,7 @@ def branch(rules: Mapping[str, RuleRecord]) -> FleetBranch:
 
 def _container(view: RequestView, rules: Mapping[str, RuleRecord]) -> Resource:
     def shown() -> list[RuleRecord]:
-        return sorted((each for each in rules.values() if readable(each, view)), key=lambda each: each.rule.created_ns)
+        return sorted((each for each in rules.values() if may_read(each, view)), key=lambda each: each.rule.created_ns)
 
     return Resource(
         CONTAINER,
@@ -131,7 +131,7 @@ def _in_firing(
     if firing is None or rest[0] != str(number) or rest[1:] not in ([], ["blueprint"]):
         return None
     path = f"{firings_path(known.rule)}/{number}"
-    causes = [rule_path(rules[id].rule) for id in firing.causes if id in rules and readable(rules[id], view)]
+    causes = [rule_path(rules[id].rule) for id in firing.causes if id in rules and may_read(rules[id], view)]
     whole = Resource(
         path,
         f"Firing {number} of {known.rule.title}",

@@ -82,7 +82,7 @@ class Edge:
         return bool(self.began or self.ended)
 
 
-def holding(rows: Sequence[Row], told_apart_by: Collection[str] = ()) -> dict[str, Row]:
+def rows_by_key(rows: Sequence[Row], told_apart_by: Collection[str] = ()) -> dict[str, Row]:
     """Return the rows by key, in the order of their terms.
 
     The key consists of the variables ``told_apart_by`` (all if empty); the first row of each key is kept. Raises

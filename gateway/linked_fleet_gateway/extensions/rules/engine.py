@@ -14,7 +14,7 @@ from linked_fleet_gateway.actions.service import Actions
 from linked_fleet_gateway.base.errors import AgentTimeout, Busy, FleetError
 from linked_fleet_gateway.extensions.query.messages import HypotheticalRobot
 from linked_fleet_gateway.extensions.rules.causes import Causes, Look, reason_to_disable, self_caused, state_of
-from linked_fleet_gateway.extensions.rules.edges import Edge, Row, UnusableResult, edge, holding
+from linked_fleet_gateway.extensions.rules.edges import Edge, Row, UnusableResult, edge, rows_by_key
 from linked_fleet_gateway.extensions.rules.rule import Firing, FiringState, Rule, RuleRecord
 from linked_fleet_gateway.extensions.rules.rule_invocation import (
     Moments,
@@ -143,7 +143,7 @@ class Engine:
             await self._complain(known, suspended=str(error))
             return None
         moments, at_s = self._moments(creator.visible_robots), time.monotonic()
-        look = self._causes.look(self._live.fleet.robots, self._live.invocations, at_s)
+        look = self._causes.observe(self._live.fleet.robots, self._live.invocations, at_s)
         try:
             now = await self._ask(rule, creator.visible_robots)
             causes = (
@@ -160,7 +160,7 @@ class Engine:
         evaluated = Evaluated(known.revision, set(now), look, at_s)
         before = held.keys if held is not None else None if was_suspended else await self._store.rows_held(known)
         if before is None:  # rows that hold at the start have not started to hold
-            await self._store.begin(known, now)
+            await self._store.store_first_rows(known, now)
             await self._complain(known)
             await self._refresh(rule.id)
             return evaluated
@@ -171,7 +171,7 @@ class Engine:
     async def _ask(self, rule: Rule, sees: View, instead: Sequence[HypotheticalRobot] = ()) -> dict[str, Row]:
         async with self._one:
             rows = await self._select(rule.condition, rule.base, sees, instead=instead)
-        return holding(rows, rule.told_apart_by)
+        return rows_by_key(rows, rule.told_apart_by)
 
     async def _causes_of(self, rule: Rule, sees: View, held: Evaluated, change: Edge) -> dict[str, set[str]]:
         """Return, for each row that started to hold, the rules whose earlier firings caused it."""
@@ -222,9 +222,9 @@ class Engine:
         """Record the robots that are online, so that a gateway that takes over waits for them before evaluating."""
         online = {name for name, robot in self._live.fleet.robots.items() if robot.online}
         if self._seen is None:
-            self._seen = await self._store.seen()
+            self._seen = await self._store.online_robots()
         if online != self._seen:
-            await self._store.note_seen(online - self._seen, self._seen - online)
+            await self._store.update_online_robots(online - self._seen, self._seen - online)
             self._seen = online
 
     async def _complain(self, known: RuleRecord, fault: str = "", suspended: str = "") -> None:
@@ -274,6 +274,6 @@ class Engine:
         return replace(firing, state=FiringState.ACCEPTED, invocation=invocation_path(invocation))
 
 
-def robot_invoked(rule: Rule, firing: Firing) -> str:
+def target_robot(rule: Rule, firing: Firing) -> str:
     """Return the robot that a firing concerned, or an empty string."""
     return robot_of(firing.invocation or rule.invokes) or ""

@@ -34,11 +34,11 @@ class Keys:
         """Stream of changes, for other gateways."""
         return self._key("news")
 
-    def of_client(self, client: str) -> str:
+    def rules_of_client(self, client: str) -> str:
         """Set of the ids of the client's rules."""
         return self._key(f"client:{hashed(client)}")
 
-    def of_rule(self, id: str) -> tuple[str, str, str]:
+    def keys_of_rule(self, id: str) -> tuple[str, str, str]:
         """Set of the keys of rows that hold, hash of counts, hash of firings by number."""
         return self._key(f"{id}:holds"), self._key(f"{id}:counts"), self._key(f"{id}:firings")
 

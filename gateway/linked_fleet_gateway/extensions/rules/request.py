@@ -9,7 +9,7 @@ from pathlib import Path
 from pyoxigraph import BlankNode, Literal, NamedNode, Triple
 
 from linked_fleet_gateway.base.errors import Statement, UnprocessableContent
-from linked_fleet_gateway.extensions.rules.template import LF, below, template, variables
+from linked_fleet_gateway.extensions.rules.template import LF, blank_node_closure, template, variables
 from linked_fleet_gateway.rdf.graph import Node
 from linked_fleet_gateway.rdf.shapes import load_file
 from linked_fleet_gateway.rdf.validation import ShaclValidator, Terms, check_lexical_forms, refuse, root, unused
@@ -82,7 +82,7 @@ def _present(triples: Sequence[Triple], focus: Node) -> frozenset[Triple]:
     said = [each for each in triples if each.subject != focus]
     named = [each for each in said if each.subject in nodes[LF.invokes] and each.predicate == LF.variable]
     author = [each for each in said if each.subject in nodes[PROV.wasAssociatedWith] and each.predicate in _OF_AUTHOR]
-    return frozenset([*below(said, nodes[LF.body]), *named, *author])
+    return frozenset([*blank_node_closure(said, nodes[LF.body]), *named, *author])
 
 
 @cache

@@ -12,7 +12,7 @@ from typing import Self
 from linked_fleet_gateway.actions.service import Actions
 from linked_fleet_gateway.extensions.rules.description import firings_path, rule_path
 from linked_fleet_gateway.extensions.rules.edges import ChangeNotifier
-from linked_fleet_gateway.extensions.rules.engine import Engine, Select, robot_invoked
+from linked_fleet_gateway.extensions.rules.engine import Engine, Select, target_robot
 from linked_fleet_gateway.extensions.rules.request import CONTAINER
 from linked_fleet_gateway.extensions.rules.rule import Firing, FiringState, Rule, RuleRecord
 from linked_fleet_gateway.extensions.rules.rule_invocation import RightsEnded
@@ -186,7 +186,7 @@ class Rules:
 
     async def _serve(self) -> None:
         if self._awaited is None:
-            self._awaited, self._serving_since_s = await self._store.seen(), time.monotonic()
+            self._awaited, self._serving_since_s = await self._store.online_robots(), time.monotonic()
         if self._awaited:
             self._awaited = self._missing(self._awaited)
             return
@@ -224,6 +224,6 @@ class Rules:
 
     def _noted(self, rule: Rule, number: int, firing: Firing) -> None:
         target = f"{firings_path(rule)}/{number}"
-        robot = robot_invoked(rule, firing)
+        robot = target_robot(rule, firing)
         status = {FiringState.ACCEPTED: "202", FiringState.UNKNOWN: "504"}.get(firing.state, "409")
         self._audit.record(rule.creator or rule.client, "RULE", target, robot, status, "", firing.invocation)

@@ -65,7 +65,7 @@ class RuleStore:
 
     async def write(self, rule: Rule, revision: int, limit: int) -> None:
         """Add a rule (``revision`` 0), or replace that revision. Raises Full, FleetFull, Changed."""
-        keys = (self._keys.records, self._keys.revisions, self._keys.of_client(rule.client))
+        keys = (self._keys.records, self._keys.revisions, self._keys.rules_of_client(rule.client))
         body = msgspec.json.encode(rule)
         said = await self._redis.run(scripts.WRITE, keys, rule.id, body, revision, limit, MOST)
         if said == b"full":
@@ -78,9 +78,9 @@ class RuleStore:
 
     async def remove(self, rule: Rule, revision: int | None = None) -> bool:
         """Remove a rule. Return False if there was none. Raises Changed if ``revision`` is given and differs."""
-        keys = (self._keys.records, self._keys.revisions, self._keys.of_client(rule.client))
+        keys = (self._keys.records, self._keys.revisions, self._keys.rules_of_client(rule.client))
         arguments = (rule.id,) if revision is None else (rule.id, revision)
-        removed = await self._redis.run(scripts.REMOVE, keys + self._keys.of_rule(rule.id), *arguments)
+        removed = await self._redis.run(scripts.REMOVE, keys + self._keys.keys_of_rule(rule.id), *arguments)
         if removed == b"changed":
             raise Changed(rule.id)
         await self._tell(rule.id)
@@ -94,7 +94,7 @@ class RuleStore:
 
     async def read(self, id: str) -> RuleRecord | None:
         """Return one rule; None also if another version wrote it in an unreadable form."""
-        _, counts, firings = self._keys.of_rule(id)
+        _, counts, firings = self._keys.keys_of_rule(id)
         keys = (self._keys.records, self._keys.revisions, counts, firings)
         body, revision, said, fired = await self._redis.run(scripts.READ, keys, id)
         if body is None or revision is None:
@@ -126,11 +126,11 @@ class RuleStore:
     async def leave(self) -> None:
         await self._redis.run(scripts.LEAVE, (self._keys.server,), self._run)
 
-    async def seen(self) -> set[str]:
+    async def online_robots(self) -> set[str]:
         """Return the robots that were online at the last evaluation."""
         return {name.decode() for name in await self._redis.one("SMEMBERS", self._keys.seen)}
 
-    async def note_seen(self, came: Collection[str], left: Collection[str]) -> None:
+    async def update_online_robots(self, came: Collection[str], left: Collection[str]) -> None:
         if came:
             await self._redis.one("SADD", self._keys.seen, *came)
         if left:
@@ -141,7 +141,7 @@ class RuleStore:
         said, *keys = await self._run_while_serving(scripts.RECALL, known)
         return None if said == b"new" else {key.decode() for key in keys}
 
-    async def begin(self, known: RuleRecord, holding: Collection[str]) -> None:
+    async def store_first_rows(self, known: RuleRecord, holding: Collection[str]) -> None:
         """Store the rows that hold at the first evaluation."""
         await self._run_while_serving(scripts.BEGIN, known, *holding)
         await self._tell(known.rule.id)
@@ -161,18 +161,18 @@ class RuleStore:
     async def finish(self, rule: Rule, number: int, firing: Firing) -> None:
         """Store the result of a claimed firing."""
         text = firing.state.value.encode() + b" " + msgspec.json.encode(firing)
-        await self._redis.run(scripts.FINISH, (self._keys.of_rule(rule.id)[2],), number, text)
+        await self._redis.run(scripts.FINISH, (self._keys.keys_of_rule(rule.id)[2],), number, text)
         await self._tell(rule.id)
 
     async def store_fault(self, known: RuleRecord) -> None:
         """Store the reason why a rule is not evaluated; an empty ``fault`` and ``suspended`` clear it."""
-        keys = (self._keys.server, self._keys.revisions, self._keys.of_rule(known.rule.id)[1])
+        keys = (self._keys.server, self._keys.revisions, self._keys.keys_of_rule(known.rule.id)[1])
         arguments = (self._run, known.rule.id, known.revision, known.fault, known.suspended)
         _checked(await self._redis.run(scripts.COMPLAIN, keys, *arguments), known)
         await self._tell(known.rule.id)
 
     async def _run_while_serving(self, script: str, known: RuleRecord, *arguments: str | bytes | int) -> Any:
-        keys = (self._keys.server, self._keys.revisions, *self._keys.of_rule(known.rule.id))
+        keys = (self._keys.server, self._keys.revisions, *self._keys.keys_of_rule(known.rule.id))
         answer = await self._redis.run(script, keys, self._run, known.rule.id, known.revision, *arguments)
         return _checked(answer, known)
 

@@ -25,7 +25,7 @@ MOST_TRIPLES = 200
 
 def template(triples: Sequence[Triple], root: BlankNode) -> str:
     """Return the triples of ``root`` and of the blank nodes below it, about ``ROOT``. Raises UnprocessableContent."""
-    body = below(triples, [root])
+    body = blank_node_closure(triples, [root])
     names: dict[object, BlankNode] = {root: ROOT}
     for each in body:
         if isinstance(each.object, BlankNode) and each.object not in names:
@@ -53,7 +53,7 @@ def as_turtle(triples: Sequence[Triple], root: BlankNode) -> str:
     return written.decode()
 
 
-def below(triples: Sequence[Triple], roots: Iterable[object]) -> list[Triple]:
+def blank_node_closure(triples: Sequence[Triple], roots: Iterable[object]) -> list[Triple]:
     """Return the triples about ``roots`` and about the blank nodes below them."""
     by_subject: dict[object, list[Triple]] = {}
     for each in triples:

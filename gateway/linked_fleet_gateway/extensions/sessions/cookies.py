@@ -32,7 +32,7 @@ def session_of(scope: Scope) -> Session | None:
     return session
 
 
-def note_session(scope: Scope, session: Session) -> None:
+def record_session(scope: Scope, session: Session) -> None:
     """Record the session of a request for ``session_of``."""
     scope["state"][_STATE] = session
 

@@ -17,7 +17,7 @@ from starlette.types import Receive, Scope
 
 from linked_fleet_gateway.base.errors import ForeignOrigin, StoreDown, Unauthenticated
 from linked_fleet_gateway.base.settings import FILE, Section, setting
-from linked_fleet_gateway.extensions.sessions.cookies import note_session, read_cookie
+from linked_fleet_gateway.extensions.sessions.cookies import read_cookie, record_session
 from linked_fleet_gateway.extensions.sessions.login import Login
 from linked_fleet_gateway.extensions.sessions.service import EndedSessions, SessionKey, Sessions
 from linked_fleet_gateway.http.arrival import Authenticated, arrival_of
@@ -61,11 +61,11 @@ class SessionScheme:
         if found is None:
             raise Unauthenticated(f"The session is over. {self.hint}", wrong=True)
         caller, session = found
-        note_session(scope, session)
+        record_session(scope, session)
         return Authenticated(caller, partial(self._sessions.is_valid, session), on_page=True)
 
     def has_page(self, path: str) -> bool:
-        return self._login.has(path)
+        return self._login.serves(path)
 
     async def answer(self, scope: Scope, receive: Receive) -> Response:
         return await self._login.answer(Request(scope, receive), self._sessions)

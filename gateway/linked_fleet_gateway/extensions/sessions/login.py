@@ -68,7 +68,7 @@ class Login:
     def __init__(self) -> None:
         self._failures = TokenBuckets(1 / REFILL_S, burst=FAILURES)
 
-    def has(self, path: str) -> bool:
+    def serves(self, path: str) -> bool:
         return path in _PAGES
 
     async def answer(self, request: Request, sessions: Sessions) -> Response:

@@ -100,10 +100,10 @@ class EndedSessions:
     def __contains__(self, session: Session) -> bool:
         return session.id in self._ends_ns
 
-    async def known(self) -> None:
+    async def ensure_loaded(self) -> None:
         """Load the ended sessions if they are unknown. Raises StoreUnavailable."""
         if not self._seen:
-            await self.look()
+            await self.synchronize()
 
     async def end(self, session: Session) -> None:
         """End a session: here at once, at other gateways at their next check, or after an outage of Redis."""
@@ -111,7 +111,7 @@ class EndedSessions:
         self._untold.append(session)
         await self._tell()
 
-    async def look(self) -> None:
+    async def synchronize(self) -> None:
         """Exchange ended sessions with Redis. Raises StoreUnavailable."""
         self._forget()
         await self._tell()
@@ -153,7 +153,7 @@ class Sessions:
     async def __aenter__(self) -> Self:
         try:
             await self.key.get()
-            await self._ended.look()
+            await self._ended.synchronize()
         except StoreUnavailable as error:  # retried when a session is used
             log.warning("the store is away, sessions cannot be checked yet: %s", error)
         except Exception:
@@ -172,7 +172,7 @@ class Sessions:
     async def find(self, sealed: str) -> tuple[Identity, Session] | None:
         """Return the caller and the session of a cookie; None if it is invalid or over. Raises StoreUnavailable."""
         session = open_session(sealed, await self.key.get())
-        await self._ended.known()
+        await self._ended.ensure_loaded()
         if session is None or session in self._ended:
             return None
         found = self.identities.identity_of(session.credential)
@@ -196,4 +196,4 @@ class Sessions:
     async def _hear(self) -> None:
         if not self.key.known:  # read as early as possible, because sessions must survive an outage of Redis
             await self.key.get()
-        await self._ended.look()
+        await self._ended.synchronize()

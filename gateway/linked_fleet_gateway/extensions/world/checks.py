@@ -157,8 +157,8 @@ class Checks:
         self._early += 1
         try:
             async with asyncio.timeout(EARLY_S):
-                await self._preparation.robots(self._perhaps_around(robot))
-                await self._preparation.objects(self._objects)
+                await self._preparation.prepare_robots(self._perhaps_around(robot))
+                await self._preparation.prepare_objects(self._objects)
         except TimeoutError as error:
             raise Unchecked("The shapes around the robot are still being prepared; try again.") from error
         finally:
@@ -215,8 +215,8 @@ class Checks:
         return [each for name, each in placed.items() if name not in far]
 
     async def _be_prepared(self, robots: list[Robot], sees: View) -> None:
-        await self._preparation.robots(robots)
-        if (why := await self._preparation.objects(self._objects)) is not None:
+        await self._preparation.prepare_robots(robots)
+        if (why := await self._preparation.prepare_objects(self._objects)) is not None:
             raise Unchecked(why)
         for robot in robots:
             if (why := self._preparation.missing(robot)) is not None:

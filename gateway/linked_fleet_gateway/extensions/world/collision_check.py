@@ -28,7 +28,7 @@ from linked_fleet_gateway.extensions.world.messages import (
     Kind,
     Positions,
 )
-from linked_fleet_gateway.extensions.world.path import STEP_M, Path, Unknown, changed, path_of
+from linked_fleet_gateway.extensions.world.path import STEP_M, Path, UnknownPosition, joint_changes, path_of
 from linked_fleet_gateway.extensions.world.robot import Robot
 from linked_fleet_gateway.extensions.world.surfaces import Array
 from linked_fleet_gateway.extensions.world.surroundings import (
@@ -40,8 +40,8 @@ from linked_fleet_gateway.extensions.world.surroundings import (
     distance,
     is_inside,
     meeting_point,
-    objects_of,
-    others_of,
+    object_bodies,
+    other_robot_bodies,
     se3,
 )
 from linked_fleet_gateway.fleet.xml import Vector
@@ -79,11 +79,11 @@ def check(asked: Check, robots: Mapping[str, Robot], objects: Mapping[str, coal.
     try:
         missing = [each.key for each in (asked.robot, *asked.robots) if each.key not in robots]
         if missing or any(each.key not in objects for each in asked.objects):
-            raise Unknown("something of it has to be prepared again")
+            raise UnknownPosition("something of it has to be prepared again")
         robot = robots[asked.robot.key]
-        things = [*objects_of(asked, objects), *others_of(asked, robots)]
+        things = [*object_bodies(asked, objects), *other_robot_bodies(asked, robots)]
         return _Sweep(asked, robot, things, ends_s).answer()
-    except Unknown as error:
+    except UnknownPosition as error:
         return CheckFailed(str(error))
 
 
@@ -97,7 +97,7 @@ class _Sweep:
         self._mover = MovingRobot(robot, start)
         gone = self._furthest(start)
         self._joints = tuple(name for name in gone if robot.model.existJointName(name))
-        moving = {name for way in asked.ways[:1] for name in changed(robot, way)}
+        moving = {name for way in asked.ways[:1] for name in joint_changes(robot, way)}
         self._radii = np.array([body.radius for body in robot.bodies])
         # By joint and body: the most that the body can move per motion of the joint.
         ids = [robot.model.getJointId(name) for name in self._joints]
@@ -119,7 +119,7 @@ class _Sweep:
         """Return the largest motion of each joint on any path, plus the distance between the starts of the paths."""
         found: dict[str, float] = {}
         for way in self._ways:
-            gone = changed(self._robot, way)
+            gone = joint_changes(self._robot, way)
             for name, position in way.start.items():
                 if position != start[name]:
                     gone[name] = gone.get(name, 0.0) + abs(position - start[name])
@@ -134,7 +134,7 @@ class _Sweep:
         centres = self._mover.centres(np.arange(len(self._robot.bodies)))
         found = [*self._near_things(centres), *self._near_own(centres)]
         if len(found) > _MOST_PAIRS:
-            raise Unknown("too many bodies are near it")
+            raise UnknownPosition("too many bodies are near it")
         kept = [(pair, weights) for pair, weights, gap in found if gap >= pair.least_m or self._settle(pair)]
         return [pair for pair, _ in kept], [weights for _, weights in kept]
 
@@ -162,7 +162,7 @@ class _Sweep:
     def _settle(self, pair: _Pair) -> bool:
         """Set the margin of a pair by its distance at the start. Return False if it is not checked."""
         if time.thread_time() > self._ends_s:
-            raise Unknown(_TOO_LONG)
+            raise UnknownPosition(_TOO_LONG)
         one, other = self._shapes(pair)
         apart = distance(one, other, pair.least_m)
         if apart > _TOUCHING_M and (is_inside(one, other) or is_inside(other, one)):
@@ -222,7 +222,7 @@ class _Sweep:
 
     def _stand(self, path: Path, at: int) -> None:
         if time.thread_time() > self._ends_s:
-            raise Unknown(_TOO_LONG)
+            raise UnknownPosition(_TOO_LONG)
         self._looks += 1
         self._mover.set_positions(dict(zip(path.joints, path.positions[at].tolist(), strict=True)))
 

@@ -84,7 +84,7 @@ class Collision:
     reason: str
     at_ns: int
 
-    def seen(self, view: RequestView) -> bool:
+    def is_visible(self, view: RequestView) -> bool:
         """Return True if the caller sees every robot involved."""
         return all(name is None or name in view.robots for name in map(_robot_of, self.things))
 
@@ -149,7 +149,7 @@ def _describe_one(graph: Graph, view: RequestView, iri: NamedNode, collision: Co
     graph.add(iri, LF.collision, node)
     graph.add(node, LF.ofRobot, view.iri(robot_path(collision.robot)))
     graph.add(node, DCTERMS.created, timestamp(collision.at_ns))
-    seen = collision.seen(view)
+    seen = collision.is_visible(view)
     graph.add(node, LF.reason, Literal(collision.detail if seen else collision.reason))
     if not seen:
         return

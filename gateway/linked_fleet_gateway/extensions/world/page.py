@@ -120,8 +120,8 @@ def _listed(facts: Facts, iri: NamedNode) -> Listed:
     positions = facts.values(iri, LF.position)
     return Listed(
         facts.link(iri),
-        texts.named(kinds[0].value) if kinds else "",
-        texts.named(forms[0].value) if forms else "",
+        texts.choice_label(kinds[0].value) if kinds else "",
+        texts.choice_label(forms[0].value) if forms else "",
         positions[0] if positions else None,
     )
 
@@ -138,7 +138,7 @@ def _form(action: str, method: str, name: str, facts: Facts, subject: NamedNode)
         iri=True,
         datatype="",
         value=next((each.value for each in _KINDS if facts.is_a(subject, each)), ""),
-        options=[(each.value, texts.named(each.value)) for each in _KINDS],
+        options=[(each.value, texts.choice_label(each.value)) for each in _KINDS],
     )
     title, *others = sorted(made.needed, key=lambda each: each.path != DCTERMS.title.value)
     further = [each for each in made.further if each.path not in (LF.inFrame.value, RDF.type.value)]

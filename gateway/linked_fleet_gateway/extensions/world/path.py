@@ -22,7 +22,7 @@ MOST_STEPS = 200_000
 _EASING = 3.0  # upper bound of a monotone cubic's speed relative to its mean
 
 
-class Unknown(Exception):  # noqa: N818
+class UnknownPosition(Exception):  # noqa: N818
     """A position is unknown."""
 
 
@@ -67,7 +67,7 @@ def path_of(robot: Robot, way: MotionPath, joints: Sequence[str], weights: Array
         changes = np.array([abs(after.get(name, 0.0) - before.get(name, 0.0)) for name in joints])
         far = float((weights @ np.nan_to_num(changes)).max(initial=0.0)) * (_EASING if leg.duration_s else 1.0)
         if not far <= STEP_M * (MOST_STEPS - steps):  # also refuses NaN
-            raise Unknown("the path is too long to be checked; split the motion")
+            raise UnknownPosition("the path is too long to be checked; split the motion")
         count = max(1, math.ceil(far / STEP_M))
         positions, steps = partial(_positions, robot, joints, before, leg), steps + count
         rows.append(positions(np.arange(1, count + 1) / count))
@@ -77,11 +77,11 @@ def path_of(robot: Robot, way: MotionPath, joints: Sequence[str], weights: Array
 
 def _positions(robot: Robot, joints: Sequence[str], before: Positions, leg: PathSegment, shares: Array) -> Array:
     """Return the positions of ``joints`` by share of a leg (rows)."""
-    here = follow(robot, before, {name: on_leg(leg, name, before[name], shares) for name in leg.ends})
+    here = moved_positions(robot, before, {name: interpolate(leg, name, before[name], shares) for name in leg.ends})
     return np.column_stack([np.broadcast_to(here[name], len(shares)) for name in joints])
 
 
-def changed(robot: Robot, way: MotionPath) -> dict[str, float]:
+def joint_changes(robot: Robot, way: MotionPath) -> dict[str, float]:
     """Return the total motion of each moving joint."""
     sums: dict[str, float] = {}
     for before, after, _ in _between(robot, way):
@@ -91,7 +91,7 @@ def changed(robot: Robot, way: MotionPath) -> dict[str, float]:
     return sums
 
 
-def follow(robot: Robot, start: Positions, moved: Mapping[str, "float | Array"]) -> "dict[str, float | Array]":
+def moved_positions(robot: Robot, start: Positions, moved: Mapping[str, "float | Array"]) -> "dict[str, float | Array]":
     """Return all positions after some joints have ``moved``, including those that mimic them."""
     found: dict[str, float | Array] = {**start, **moved}
     for name, joint in robot.tree.joints.items():
@@ -106,7 +106,7 @@ def follow(robot: Robot, start: Positions, moved: Mapping[str, "float | Array"])
     return found
 
 
-def on_leg(leg: PathSegment, name: str, start: float, share: "float | Array") -> "float | Array":
+def interpolate(leg: PathSegment, name: str, start: float, share: "float | Array") -> "float | Array":
     """Return positions on a cubic Hermite or linear leg."""
     end = leg.ends[name]
     if not leg.duration_s:
@@ -120,6 +120,6 @@ def _between(robot: Robot, way: MotionPath) -> Iterator[tuple[Positions, Positio
     before, moved = way.start, Positions()
     for leg in way.legs:
         moved |= leg.ends
-        after: Positions = follow(robot, way.start, moved)  # type: ignore[assignment]  # of numbers, a number
+        after: Positions = moved_positions(robot, way.start, moved)  # type: ignore[assignment]  # of numbers, a number
         yield before, after, leg
         before = after

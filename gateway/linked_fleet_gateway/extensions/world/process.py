@@ -55,11 +55,11 @@ class Checker:
         )
         self._turn = asyncio.Lock()
 
-    def knows(self, key: str) -> bool:
+    def is_prepared(self, key: str) -> bool:
         """Return True if the present process has prepared it."""
         return key in self._known and self._worker.running
 
-    def knew(self, key: str) -> bool:
+    def was_prepared(self, key: str) -> bool:
         """Return True if a process that has ended because it was idle had prepared it.
 
         Its meshes are on disk, so that the next motion waits for it only briefly.
@@ -171,28 +171,31 @@ class Preparation:
         """
         keys = {self.key(robot) for robot in self._live.fleet.robots.values() if is_placed(robot)}
         return all(
-            self._checker.knows(key) or self._checker.knew(key) or key in self._unusable or key in self._unheard
+            self._checker.is_prepared(key)
+            or self._checker.was_prepared(key)
+            or key in self._unusable
+            or key in self._unheard
             for key in keys
         )
 
     def missing(self, robot: Robot) -> str | None:
         """Return why the robot is not prepared; None if it is."""
         key = self.key(robot)
-        if self._checker.knows(key):
+        if self._checker.is_prepared(key):
             return None
         return self._unusable.get(key, "it is being prepared, try again")
 
-    async def robots(self, robots: Collection[Robot]) -> None:
+    async def prepare_robots(self, robots: Collection[Robot]) -> None:
         """Wait until each robot is prepared or cannot be. Cancelling one waiter does not affect others."""
         tasks = [task for robot in robots if (task := self._begin(robot)) is not None]
         if tasks:
             await asyncio.wait(tasks)
 
-    async def objects(self, objects: Mapping[str, SceneObject]) -> str | None:
+    async def prepare_objects(self, objects: Mapping[str, SceneObject]) -> str | None:
         """Prepare all objects. Return why one cannot be prepared, or None."""
         for thing in list(objects.values()):
             key = key_of(thing)
-            if not self._checker.knows(key):
+            if not self._checker.is_prepared(key):
                 answer = await self._checker.ask(PrepareObject(key, thing.geometry), _OBJECT_S)
                 if isinstance(answer, CheckFailed):
                     return f"The shape of {thing.title} cannot be used: {answer.reason}."
@@ -201,7 +204,7 @@ class Preparation:
     def _begin(self, robot: Robot) -> asyncio.Task[None] | None:
         """Start the preparation of a robot; return None if there is nothing to do."""
         key = self.key(robot)
-        if self._checker.knows(key) or key in self._unusable:
+        if self._checker.is_prepared(key) or key in self._unusable:
             return None
         task = self._under_way.get(key)
         if task is None:
@@ -245,7 +248,7 @@ class Preparation:
         """Prepare newly placed robots, so that the first motion need not wait."""
         self._forget()
         for robot in self._live.fleet.robots.values():
-            if is_placed(robot) and not self._checker.knew(self.key(robot)):
+            if is_placed(robot) and not self._checker.was_prepared(self.key(robot)):
                 self._begin(robot)
 
     def _forget(self) -> None:

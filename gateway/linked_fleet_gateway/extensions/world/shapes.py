@@ -36,7 +36,7 @@ def meshes_needed(urdf: str, offered: Set[str]) -> set[str]:
     return {mesh.get("filename", "") for mesh in meshes if mesh is not None}
 
 
-def robot_of(urdf: str, offered: Set[str] = frozenset(), surfaces: Surfaces | None = None) -> Robot:
+def build_robot(urdf: str, offered: Set[str] = frozenset(), surfaces: Surfaces | None = None) -> Robot:
     """Build a robot; ``surfaces`` returns the meshes that are ``offered``.
 
     Raises ModelError for an unusable URDF or mesh.
@@ -89,7 +89,7 @@ def _shape(part: Element, surfaces: Surfaces | None, name: str) -> tuple[coal.Co
     form = None if geometry is None else next(iter(geometry), None)
     if form is not None and form.tag == "mesh" and surfaces is not None:
         surface = surfaces(form.get("filename", "")).scaled(np.array(vector(form, "scale", _ONE, name)))
-        return (surface.hull, None) if surface.fills_hull else (surface.exact(), surface)
+        return (surface.hull, None) if surface.fills_hull else (surface.exact_shape(), surface)
     if form is not None and form.tag == "box":
         return coal.Box(*vector(form, "size", _ZERO, name)), None
     if form is not None and form.tag in ("sphere", "cylinder"):
@@ -121,7 +121,7 @@ def _slide(joint: Joint) -> float:
     return max(abs(joint.limits.lower or 0.0), abs(joint.limits.upper or 0.0))
 
 
-def object_of(geometry: Geometry) -> coal.CollisionGeometry:
+def build_object_shape(geometry: Geometry) -> coal.CollisionGeometry:
     """Return the shape of an object. A mesh is an exact surface, so that a robot can reach under a table."""
     if isinstance(geometry, Box):
         return coal.Box(*geometry.size_m)
@@ -131,4 +131,4 @@ def object_of(geometry: Geometry) -> coal.CollisionGeometry:
         return coal.Cylinder(geometry.radius_m, geometry.length_m)
     corners = np.array([each for each in struct.iter_unpack("<12x9f2x", memoryview(geometry.stl)[84:])])
     points = corners.reshape(-1, 3).astype(float)
-    return Surface(points, np.arange(len(points), dtype=np.int32).reshape(-1, 3), False).exact()
+    return Surface(points, np.arange(len(points), dtype=np.int32).reshape(-1, 3), False).exact_shape()

@@ -50,7 +50,7 @@ class Surface:
     fills_hull: bool
 
     @classmethod
-    def of(cls, vertices: Array, triangles: Indices) -> "Surface":
+    def from_triangles(cls, vertices: Array, triangles: Indices) -> "Surface":
         """Merge equal vertices and drop triangles without area. Raises ModelError for an empty mesh."""
         if not len(triangles):
             raise ModelError("it has no triangles")
@@ -79,7 +79,7 @@ class Surface:
         """The convex hull. Raises ModelError if there is none, as for a flat mesh."""
         return _hull(self.vertices)
 
-    def exact(self) -> coal.CollisionGeometry:
+    def exact_shape(self) -> coal.CollisionGeometry:
         """Return the surface as a shape."""
         surface = coal.BVHModelOBBRSS()
         surface.beginModel(len(self.triangles), len(self.vertices))
@@ -105,7 +105,9 @@ def read_mesh(suffix: str, content: bytes) -> Surface:
         hull = _hull(vertices)
         return Surface(*_corners(hull), True)
     corners = [mesh.tri_indices(i) for i in range(mesh.num_tris)]
-    return Surface.of(vertices, np.array([(each[0], each[1], each[2]) for each in corners], dtype=int).reshape(-1, 3))
+    return Surface.from_triangles(
+        vertices, np.array([(each[0], each[1], each[2]) for each in corners], dtype=int).reshape(-1, 3)
+    )
 
 
 def _fills_hull(vertices: Array, triangles: Indices) -> bool:

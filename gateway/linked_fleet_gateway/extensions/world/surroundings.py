@@ -11,7 +11,7 @@ import numpy.typing as npt
 import pinocchio as pin
 
 from linked_fleet_gateway.extensions.world.messages import Check, Kind, Positions
-from linked_fleet_gateway.extensions.world.path import STEP_M, Unknown, follow
+from linked_fleet_gateway.extensions.world.path import STEP_M, UnknownPosition, moved_positions
 from linked_fleet_gateway.extensions.world.robot import Body, Robot, put
 from linked_fleet_gateway.extensions.world.surfaces import Array, Surface, winding_number
 from linked_fleet_gateway.fleet.model import Pose
@@ -127,7 +127,7 @@ class MovingRobot:
         return found
 
 
-def objects_of(asked: Check, objects: Mapping[str, coal.CollisionGeometry]) -> Iterator[StaticBody]:
+def object_bodies(asked: Check, objects: Mapping[str, coal.CollisionGeometry]) -> Iterator[StaticBody]:
     root = se3(asked.robot.base).inverse()
     for each in asked.objects:
         shape = objects[each.key]
@@ -138,7 +138,7 @@ def objects_of(asked: Check, objects: Mapping[str, coal.CollisionGeometry]) -> I
         yield StaticBody("object", each.name, "", Shape(shape, hull, None, at), centre, float(shape.aabb_radius))
 
 
-def others_of(asked: Check, robots: Mapping[str, Robot]) -> Iterator[StaticBody]:
+def other_robot_bodies(asked: Check, robots: Mapping[str, Robot]) -> Iterator[StaticBody]:
     """Yield the bodies of other robots within reach, in each of their configurations."""
     root, near = se3(asked.robot.base).inverse(), robots[asked.robot.key].radius_m + MARGIN_M
     for each in asked.robots:
@@ -147,11 +147,11 @@ def others_of(asked: Check, robots: Mapping[str, Robot]) -> Iterator[StaticBody]
             continue
         try:
             stood = MovingRobot(other, each.configurations[0])
-        except Unknown as error:
-            raise Unknown(f"of {each.name or 'another robot'} {error}") from error
+        except UnknownPosition as error:
+            raise UnknownPosition(f"of {each.name or 'another robot'} {error}") from error
         seen: set[tuple[int, bytes]] = set()
         for configuration in each.configurations:
-            stood.set_positions(follow(other, each.configurations[0], configuration))  # type: ignore[arg-type]  # of numbers, numbers
+            stood.set_positions(moved_positions(other, each.configurations[0], configuration))  # type: ignore[arg-type]  # of numbers, numbers
             for i, body in enumerate(other.bodies):
                 at = base * stood.at(i)
                 centre = at.act(body.centre)
@@ -176,6 +176,6 @@ def _configuration(robot: Robot, positions: Mapping[str, float]) -> Array:
         name, joint = model.names[index], model.joints[index]
         position = positions.get(name, math.nan)
         if not math.isfinite(position) or joint.nq > 2:
-            raise Unknown(f"it is unknown where joint {name} is")
+            raise UnknownPosition(f"it is unknown where joint {name} is")
         put(robot, q, index, position)
     return q

@@ -18,7 +18,7 @@ from linked_fleet_gateway.extensions.world.messages import (
     Ready,
 )
 from linked_fleet_gateway.extensions.world.robot import Robot
-from linked_fleet_gateway.extensions.world.shapes import meshes_needed, object_of, robot_of
+from linked_fleet_gateway.extensions.world.shapes import build_object_shape, build_robot, meshes_needed
 from linked_fleet_gateway.extensions.world.surfaces import MeshCache, Surface, read_mesh
 from linked_fleet_gateway.fleet.xml import ModelError
 
@@ -51,7 +51,7 @@ class Worker:
                 self._cache.put(question.name, surface)
                 self._hold(question.name, surface)
             else:
-                self._objects[question.key] = object_of(question.geometry)
+                self._objects[question.key] = build_object_shape(question.geometry)
         except (ModelError, MemoryError, RuntimeError) as error:
             return CheckFailed(f"its shape cannot be used: {error}")
         return Ready()
@@ -62,7 +62,7 @@ class Worker:
         if lacking := sorted(name for name, surface in found.items() if surface is None):
             return MeshesMissing(tuple(lacking))
         surfaces = {uri: surface for uri, name in names.items() if (surface := found[name]) is not None}
-        self._robots[asked.key] = robot_of(asked.urdf, asked.meshes.keys(), surfaces.__getitem__)
+        self._robots[asked.key] = build_robot(asked.urdf, asked.meshes.keys(), surfaces.__getitem__)
         return Ready()
 
     def _mesh(self, name: str) -> Surface | None:

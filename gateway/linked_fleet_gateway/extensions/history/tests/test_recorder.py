@@ -60,7 +60,7 @@ def look(history: History, fleet: Fleet) -> None:
 
 def stamps(history: History, fleet: Fleet, robot: str = "r") -> list[int]:
     track = history.track(fleet.robots[robot])
-    return [] if track is None else [wall_ns(each) * 10 // S for each in track.between(None, None, 10**6).frames]
+    return [] if track is None else [wall_ns(each) * 10 // S for each in track.excerpt(None, None, 10**6).frames]
 
 
 def test_each_look_keeps_the_latest_frame_and_no_frame_twice() -> None:

@@ -32,13 +32,13 @@ def track(*stamps_ns: int, keep_ns: int = 1000 * S) -> Track:
 
 
 def stamps(of: Track, begin: int | None = None, end: int | None = None, most: int = 10_000) -> list[int]:
-    return [wall_ns(each) for each in of.between(begin, end, most).frames]
+    return [wall_ns(each) for each in of.excerpt(begin, end, most).frames]
 
 
 def test_samples_older_than_is_asked_for_are_let_go() -> None:
     kept = track(*range(0, 100 * S, S), keep_ns=10 * S)
     assert stamps(kept) == list(range(89 * S, 100 * S, S))
-    assert kept.ends == (89 * S, 99 * S)
+    assert kept.time_range == (89 * S, 99 * S)
 
 
 def test_a_span_has_its_beginning_and_not_its_end() -> None:
@@ -50,7 +50,7 @@ def test_a_span_has_its_beginning_and_not_its_end() -> None:
 
 def test_with_a_beginning_the_first_samples_are_shown_and_without_the_newest() -> None:
     kept = track(10, 20, 30, 40)
-    first, last = kept.between(10, None, 2), kept.between(None, 40, 2)
+    first, last = kept.excerpt(10, None, 2), kept.excerpt(None, 40, 2)
     assert ([*map(wall_ns, first.frames)], first.before, first.after) == ([10, 20], None, 30)
     assert ([*map(wall_ns, last.frames)], last.before, last.after) == ([20, 30], 10, None)
 
@@ -65,7 +65,7 @@ def test_samples_stay_in_order_and_bounded_with_the_newest_kept(stamps_ns: list[
     kept = track(*stamps_ns, keep_ns=keep_ns)
     newest, before = kept.newest, stamps(kept)
     assert before == sorted(set(before)) and before[-1] - before[0] <= keep_ns
-    kept.thin(most)
+    kept.shrink_to(most)
     assert kept.newest is newest and set(stamps(kept)) <= set(before)
     assert kept.bytes <= most or len(kept) == 1
 
@@ -73,7 +73,7 @@ def test_samples_stay_in_order_and_bounded_with_the_newest_kept(stamps_ns: list[
 def test_the_older_samples_are_the_farther_apart_they_stay() -> None:
     kept = track(*range(0, 300 * S, S // 10))
     one = kept.bytes // len(kept)
-    kept.thin(60 * one)
+    kept.shrink_to(60 * one)
     assert 30 <= len(kept) <= 60
     newest, *older = reversed(stamps(kept))
     ages = [newest - each for each in older]
@@ -84,11 +84,11 @@ def test_the_older_samples_are_the_farther_apart_they_stay() -> None:
 def test_a_track_that_may_take_more_again_is_dense_again() -> None:
     kept = track(*range(0, 300 * S, S // 10))
     one = kept.bytes // len(kept)
-    kept.thin(20 * one)
+    kept.shrink_to(20 * one)
     for stamp_ns in range(300 * S, 600 * S, S // 10):
         kept.append(frame(stamp_ns), 300 * S)
         if kept.bytes > 2000 * one:
-            kept.thin(1500 * one)
+            kept.shrink_to(1500 * one)
     assert len(kept) > 700
 
 
@@ -98,7 +98,7 @@ def test_old_samples_of_a_small_track_are_kept() -> None:
     for stamp_ns in range(S // 10, 1200 * S, S // 10):
         kept.append(frame(stamp_ns), 300 * S)
         if kept.bytes > 20 * one:
-            kept.thin(15 * one)
-        assert kept.ends is not None
-        spans.append(kept.ends[1] - kept.ends[0])
+            kept.shrink_to(15 * one)
+        assert kept.time_range is not None
+        spans.append(kept.time_range[1] - kept.time_range[0])
     assert min(spans[3000:]) > 50 * S and max(spans) == 300 * S

@@ -27,7 +27,7 @@ def _view(*hidden: str, secured: bool = False) -> RequestView:
 
 
 def _described(*hidden: str, secured: bool = False) -> dict[str, Any]:
-    return dict(json.loads(asyncio.run(Documents(()).of(_view(*hidden, secured=secured)))))
+    return dict(json.loads(asyncio.run(Documents(()).document(_view(*hidden, secured=secured)))))
 
 
 @pytest.fixture(scope="module")
@@ -114,7 +114,7 @@ def test_the_description_names_the_authentication_schemes(whole: dict[str, Any])
 
 async def test_a_description_is_made_once_while_nothing_changes() -> None:
     documents = Documents(())
-    first = await documents.of(_view())
-    assert await documents.of(_view()) is first
-    assert await documents.of(_view("floating")) != first
-    assert await documents.of(_view()) is first
+    first = await documents.document(_view())
+    assert await documents.document(_view()) is first
+    assert await documents.document(_view("floating")) != first
+    assert await documents.document(_view()) is first

@@ -2,7 +2,13 @@
 
 from jsonschema import Draft202012Validator
 
-from linked_fleet_gateway.extensions.openapi.schemas import closed, example, hoisted, union, unnamed
+from linked_fleet_gateway.extensions.openapi.schemas import (
+    example,
+    extract_alternatives,
+    forbid_other_members,
+    generalize_iris,
+    union,
+)
 from linked_fleet_gateway.http.operations import names
 from linked_fleet_gateway.resources.json_form import Json
 
@@ -25,16 +31,16 @@ def _takes(schema: Json, **value: object) -> bool:
 
 
 def test_the_union_accepts_values_of_each_schema_in_each_unit() -> None:
-    schema = closed(union([_turn(1.0), _turn(3.0), _turn(2.0)]))
+    schema = forbid_other_members(union([_turn(1.0), _turn(3.0), _turn(2.0)]))
     assert _takes(schema, value=2.9, unit=RAD) and _takes(schema, value=170, unit=DEG)
     assert not _takes(schema, value=3.1, unit=RAD) and not _takes(schema, value=181, unit=DEG)
 
 
 def test_a_limit_that_is_taken_itself_is_wider_than_the_same_that_is_not() -> None:
     one, other = _turn(3.0, limit="exclusiveMaximum"), _turn(3.0)
-    assert not _takes(closed(union([one])), value=3.0, unit=RAD)
-    assert _takes(closed(union([one, other])), value=3.0, unit=RAD)
-    wider = closed(union([_turn(2.0), one]))
+    assert not _takes(forbid_other_members(union([one])), value=3.0, unit=RAD)
+    assert _takes(forbid_other_members(union([one, other])), value=3.0, unit=RAD)
+    wider = forbid_other_members(union([_turn(2.0), one]))
     assert not _takes(wider, value=3.0, unit=RAD) and _takes(wider, value=2.9, unit=RAD)
 
 
@@ -43,10 +49,10 @@ def test_a_limit_that_one_of_them_does_not_have_is_none() -> None:
 
 
 def test_joints_keep_their_own_limits_while_they_are_few() -> None:
-    schema = closed(union([_turn(1.0, "http://f/a"), _turn(3.0, "http://f/b")]))
+    schema = forbid_other_members(union([_turn(1.0, "http://f/a"), _turn(3.0, "http://f/b")]))
     assert _takes(schema, value=2, unit=RAD, joint="http://f/b")
     assert not _takes(schema, value=2, unit=RAD, joint="http://f/a")
-    many = closed(union([_turn(float(n), f"http://f/{n}") for n in range(1, 20)]))
+    many = forbid_other_members(union([_turn(float(n), f"http://f/{n}") for n in range(1, 20)]))
     assert len(many["oneOf"]) == 2
     assert _takes(many, value=19, unit=RAD, joint="http://f/1") and not _takes(
         many, value=20, unit=RAD, joint="http://f/1"
@@ -54,25 +60,25 @@ def test_joints_keep_their_own_limits_while_they_are_few() -> None:
 
 
 def test_joints_of_large_fleets_are_not_named() -> None:
-    schema = closed(unnamed(_turn(1.0, "http://f/a"), "http://f"))
+    schema = forbid_other_members(generalize_iris(_turn(1.0, "http://f/a"), "http://f"))
     assert _takes(schema, value=1, unit=RAD, joint="http://f/other")
     assert not _takes(schema, value=2, unit=RAD, joint="http://f/other")
 
 
 def test_a_body_says_no_more_than_its_schema_names() -> None:
-    schema = closed(_turn(1.0))
+    schema = forbid_other_members(_turn(1.0))
     assert _takes(schema, value=1, unit=RAD) and not _takes(schema, value=1, unit=RAD, sped=1)
 
 
 def test_alternatives_are_components_with_names_of_their_own() -> None:
     components: dict[str, Json] = {}
-    schema = hoisted(closed(_turn(1.0)), "TurnInput", components)
+    schema = extract_alternatives(forbid_other_members(_turn(1.0)), "TurnInput", components)
     assert [*components] == ["TurnInputDEG", "TurnInputRAD"]
     assert schema["oneOf"] == [{"$ref": f"#/components/schemas/{name}"} for name in components]
 
 
 def test_an_example_is_within_the_limits() -> None:
-    assert _takes(closed(_turn(1.0)), **example(_turn(1.0)))
+    assert _takes(forbid_other_members(_turn(1.0)), **example(_turn(1.0)))
 
 
 def test_names_are_listed_while_they_are_few() -> None:

@@ -101,13 +101,13 @@ def test_a_motion_is_a_sentence() -> None:
     ],
 )
 def test_a_request_is_described_in_words(what: str, path: str, said: str) -> None:
-    assert texts.audited(what, path) == said
+    assert texts.audit_text(what, path) == said
 
 
 def test_terms_are_words_and_have_help() -> None:
-    assert texts.words("http://vocab.arvida.de/2015/06/spatial/vocab#Rotation3D") == "rotation 3D"
-    assert texts.words(f"{LF}lastSeen") == "last seen"
-    assert texts.described(f"{LF}offline")[1] == "The agent is not connected; see last seen."
+    assert texts.term_in_words("http://vocab.arvida.de/2015/06/spatial/vocab#Rotation3D") == "rotation 3D"
+    assert texts.term_in_words(f"{LF}lastSeen") == "last seen"
+    assert texts.label_and_comment(f"{LF}offline")[1] == "The agent is not connected; see last seen."
     assert not re.search(r"[a-z]:[a-z]", texts.sentence("see lf:lastSeen, maths:x"))
 
 

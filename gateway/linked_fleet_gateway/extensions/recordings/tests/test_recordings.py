@@ -61,7 +61,7 @@ class Bench(Recorder):
         one = Invocation(str(uuid.uuid4()), robot, "/a", {}, now_ns, now_ns, state=state)
         for name, value in said.items():
             setattr(one, name, value)
-        self.hear(one)
+        self.record_outcome(one)
         return one
 
     @property
@@ -81,13 +81,13 @@ def test_a_motion_that_fails_is_recorded_once_and_one_that_succeeds_is_not(made:
     assert made.begun == []
     good.state, bad.state = SUCCEEDED, FAILED
     for one in (good, bad, bad):
-        made.hear(one)
+        made.record_outcome(one)
     assert made.begun == ["r0"]
 
 
 def test_a_stop_is_recorded_when_it_begins_for_each_robot_that_it_stops(made: Bench) -> None:
     one = made.begin(robot=FLEET, stops=(), robots={"r0": "accepted", "r1": "accepted", "unknown": "accepted"})
-    made.hear(one)
+    made.record_outcome(one)
     assert made.begun == ["r0", "r1"]
 
 
@@ -108,7 +108,7 @@ def test_invocations_loaded_at_the_start_are_recorded_only_when_they_fail_later(
     open_one = made.begin(created_ns=before_ns)
     assert made.begun == []
     open_one.state = FAILED
-    made.hear(open_one)
+    made.record_outcome(open_one)
     assert made.begun == ["r0"]
 
 

@@ -31,7 +31,7 @@ class Scene:
         return Invocation(next(IDS), robot, f"/{robot}/{joint}/actions/rotate", {joint: 1.0}, 1, 2)
 
     def look(self, now_s: float) -> Look:
-        return self.causes.look(self.fleet.fleet.robots, self.fleet.invocations, now_s)
+        return self.causes.observe(self.fleet.fleet.robots, self.fleet.invocations, now_s)
 
     def questions(self, rule: str, since_s: float, look: Look) -> list[set[str]]:
         return [set(each.rules) for each in self.causes.counterfactuals(rule, since_s, look)]

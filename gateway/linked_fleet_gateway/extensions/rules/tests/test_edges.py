@@ -3,14 +3,14 @@
 import pytest
 from pyoxigraph import BlankNode, Literal, NamedNode
 
-from linked_fleet_gateway.extensions.rules.edges import MOST_ROWS, UnusableResult, edge, holding
+from linked_fleet_gateway.extensions.rules.edges import MOST_ROWS, UnusableResult, edge, rows_by_key
 
 ONE = {"arm": NamedNode("http://fleet/one"), "angle": Literal(1.0)}
 OTHER = {"arm": NamedNode("http://fleet/other"), "angle": Literal(1.0)}
 
 
 def test_a_row_begins_once_and_again_after_it_ended() -> None:
-    now = holding([ONE])
+    now = rows_by_key([ONE])
     assert [row for _, row in edge(set(), now).began] == [ONE]
     assert not edge(set(now), now)
     assert edge(set(now), {}).ended == tuple(now)
@@ -18,25 +18,25 @@ def test_a_row_begins_once_and_again_after_it_ended() -> None:
 
 
 def test_rows_begin_one_by_one() -> None:
-    before = set(holding([ONE]))
-    change = edge(before, holding([OTHER, ONE]))
+    before = set(rows_by_key([ONE]))
+    change = edge(before, rows_by_key([OTHER, ONE]))
     assert [row for _, row in change.began] == [OTHER] and not change.ended
 
 
 def test_the_order_of_an_answer_does_not_matter() -> None:
-    assert list(holding([ONE, OTHER])) == list(holding([OTHER, ONE]))
+    assert list(rows_by_key([ONE, OTHER])) == list(rows_by_key([OTHER, ONE]))
 
 
 def test_rows_are_compared_by_the_selected_variables() -> None:
     turned = {**ONE, "angle": Literal(2.0)}
-    assert edge(set(holding([ONE])), holding([turned])).began
-    assert not edge(set(holding([ONE], ("arm",))), holding([turned], ("arm",)))
-    assert len(holding([turned, ONE], ("arm",))) == 1
+    assert edge(set(rows_by_key([ONE])), rows_by_key([turned])).began
+    assert not edge(set(rows_by_key([ONE], ("arm",))), rows_by_key([turned], ("arm",)))
+    assert len(rows_by_key([turned, ONE], ("arm",))) == 1
 
 
 def test_terms_that_are_written_alike_are_not_the_same() -> None:
     values = [Literal("1"), Literal(1), NamedNode("http://fleet/one"), Literal("http://fleet/one")]
-    assert len(holding([{"x": value} for value in values])) == len(values)
+    assert len(rows_by_key([{"x": value} for value in values])) == len(values)
 
 
 @pytest.mark.parametrize(
@@ -46,4 +46,4 @@ def test_terms_that_are_written_alike_are_not_the_same() -> None:
 )
 def test_rows_that_cannot_be_compared_are_refused(rows: list[dict[str, Literal]]) -> None:
     with pytest.raises(UnusableResult):
-        holding(rows)
+        rows_by_key(rows)

@@ -19,7 +19,7 @@ from linked_fleet_gateway.extensions.world.messages import (
     Placement,
 )
 from linked_fleet_gateway.extensions.world.scene import Box, Geometry, Sphere, TriangleMesh, read_stl
-from linked_fleet_gateway.extensions.world.shapes import object_of, robot_of
+from linked_fleet_gateway.extensions.world.shapes import build_object_shape, build_robot
 from linked_fleet_gateway.extensions.world.surfaces import Array, Surface
 from linked_fleet_gateway.fleet.model import Pose
 
@@ -49,7 +49,7 @@ PAIR = (
     f"<robot name='pair'><link name='foot'/>{link('left', '.5 .02 .02', 0.25)}{link('right', '.5 .02 .02', 0.25, 0.3)}"
     f"{turning('turn', 'foot', 'left')}{turning('follow', 'foot', 'right', more=MIMIC)}</robot>"
 )
-ROBOTS = {name: robot_of(urdf) for name, urdf in (("rod", ROD), ("chain", CHAIN), ("pair", PAIR))}
+ROBOTS = {name: build_robot(urdf) for name, urdf in (("rod", ROD), ("chain", CHAIN), ("pair", PAIR))}
 
 
 def at(x: float, y: float, z: float = 0.0) -> Pose:
@@ -67,7 +67,7 @@ def go(
     others: tuple[Placement, ...] = (),
     base: Pose = HERE,
 ) -> object:
-    named = {f"thing{i}": object_of(geometry) for i, (geometry, _) in enumerate(things)}
+    named = {f"thing{i}": build_object_shape(geometry) for i, (geometry, _) in enumerate(things)}
     objects = tuple(Placement(name, name, pose) for name, (_, pose) in zip(named, things, strict=True))
     from_zero = dict.fromkeys((n for n in ROBOTS[robot].model.names if n != "universe"), 0.0)
     way = MotionPath(from_zero | (start or {}), (PathSegment(ends),))
@@ -164,7 +164,7 @@ def test_no_part_of_its_own_is_so_thin_that_it_is_passed_by() -> None:
     """A rod that rotates above a foot with a blade 0.1 mm thick, at any angle."""
     for i in range(20):
         degrees = 20 + 3.1 * i
-        met = check(_own(f"blade{i}"), {f"blade{i}": robot_of(_blade(degrees))}, {})
+        met = check(_own(f"blade{i}"), {f"blade{i}": build_robot(_blade(degrees))}, {})
         assert isinstance(met, CollisionFound) and (met.kind, {met.link, met.other}) == ("self", {"foot", "arm"}), (
             degrees
         )
@@ -189,7 +189,7 @@ def test_parts_that_are_near_from_the_start_may_stay_so() -> None:
     foot = '<link name="foot"><collision><geometry><cylinder radius=".2" length=".1"/></geometry></collision></link>'
     arm = link("arm", ".3 .02 .02", 0.1, 0.0605)
     joints = turning("turn", "foot", "mast") + turning("nod", "mast", "arm", 0.05)
-    robot = robot_of(f"<robot name='near'>{foot}<link name='mast'/>{arm}{joints}</robot>")
+    robot = build_robot(f"<robot name='near'>{foot}<link name='mast'/>{arm}{joints}</robot>")
     assert robot.pairs and isinstance(check(_own("near"), {"near": robot}, {}), Free)
 
 
@@ -200,7 +200,9 @@ def test_parts_that_are_near_from_the_start_may_part_and_not_touch(gap_m: float)
     foot = f'<link name="foot"><collision>{post}</collision></link>'
     joints = turning("turn", "foot", "mast") + turning("nod", "mast", "arm", 0.05)
     robots = {
-        "post": robot_of(f"<robot name='post'>{foot}<link name='mast'/>{link('arm', '1 .02 .02', 0.5)}{joints}</robot>")
+        "post": build_robot(
+            f"<robot name='post'>{foot}<link name='mast'/>{link('arm', '1 .02 .02', 0.5)}{joints}</robot>"
+        )
     }
     met = check(_own("post", 0.2), robots, {})
     assert isinstance(met, CollisionFound) and (met.kind, {met.link, met.other}) == ("self", {"foot", "arm"})
@@ -216,8 +218,8 @@ def test_parts_that_are_near_from_the_start_do_not_pass_through_each_other() -> 
     for i in range(20):
         degrees = 20 + 3.1 * i
         blades = np.concatenate([_standing(1.0, -0.00055, degrees=0.0), _standing(1.0, 0.0, degrees)])
-        surface = Surface.of(blades, np.arange(6).reshape(-1, 3))
-        robots = {"blades": robot_of(urdf, {"blades"}, lambda uri, surface=surface: surface)}
+        surface = Surface.from_triangles(blades, np.arange(6).reshape(-1, 3))
+        robots = {"blades": build_robot(urdf, {"blades"}, lambda uri, surface=surface: surface)}
         met = check(_own("blades"), robots, {})
         assert isinstance(met, CollisionFound) and met.kind == "self", degrees
         assert met.share * 90 == pytest.approx(degrees, abs=1.0)
@@ -235,16 +237,16 @@ def test_a_surface_that_is_near_from_the_start_does_not_go_into_a_mesh() -> None
     turned = [(x, y, z) for x in (0.1, 0.9) for y, z in ((-0.01, -0.01), (0.01, -0.01), (0.01, 0.01), (-0.01, 0.01))]
     sides = [(i, (i + 1) % 4) for i in range(4)]
     triangles = np.array([each for i, j in sides for each in ((i, j, j + 4), (i, j + 4, i + 4))])
-    surface = Surface.of(np.array(turned), triangles)
+    surface = Surface.from_triangles(np.array(turned), triangles)
     arm = '<link name="arm"><collision><geometry><mesh filename="rod"/></geometry></collision></link>'
     robots = {
-        "mesh": robot_of(
+        "mesh": build_robot(
             f"<robot name='mesh'>{FOOT}{arm}{turning('turn', 'foot', 'arm')}</robot>", {"rod"}, lambda uri: surface
         )
     }
     standing = Pose((0.5, 0.0105, 0.0), (math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5)))
     asked = Check(Placement("me", "mesh", HERE), (), (), (Placement("plate", "plate", standing),), 30.0)
-    plates = {"plate": object_of(_plate(0.2))}
+    plates = {"plate": build_object_shape(_plate(0.2))}
     answers = [
         check(replace(asked, ways=(MotionPath({"turn": 0.0}, (PathSegment({"turn": end}),)),)), robots, plates)
         for end in (0.3, -0.3)

@@ -37,7 +37,9 @@ def test_a_cached_mesh_is_usable_by_another_process(folder: Path) -> None:
         MeshCache(folder).put(name, surface)
         found = MeshCache(folder).get(name)
         assert found is not None and same(found, surface)
-        assert found.exact().num_tris == len(surface.triangles) and found.hull.num_points == surface.hull.num_points
+        assert (
+            found.exact_shape().num_tris == len(surface.triangles) and found.hull.num_points == surface.hull.num_points
+        )
     assert MeshCache(folder).get(NAMES[2]) is None
 
 

@@ -1,6 +1,6 @@
 """The pairs of a robot's parts that are checked against each other."""
 
-from linked_fleet_gateway.extensions.world.shapes import robot_of
+from linked_fleet_gateway.extensions.world.shapes import build_robot
 
 
 def _link(name: str, size: str = ".2 .02 .02", x: float = 0.125) -> str:
@@ -17,7 +17,7 @@ def _joint(name: str, parent: str, child: str, x: float, kind: str = "continuous
 
 
 def pairs(*parts: str) -> set[frozenset[str]]:
-    robot = robot_of(f"<robot name='r'>{''.join(parts)}</robot>")
+    robot = build_robot(f"<robot name='r'>{''.join(parts)}</robot>")
     return {frozenset((robot.bodies[i].link, robot.bodies[j].link)) for i, j in robot.pairs}
 
 

@@ -8,10 +8,10 @@ from hypothesis import strategies as st
 from linked_fleet_agent.wire.messages import Follow, Move
 from linked_fleet_gateway.extensions.world.checks import paths_of
 from linked_fleet_gateway.extensions.world.path import FINEST_M, STEP_M, Path, path_of
-from linked_fleet_gateway.extensions.world.shapes import robot_of
+from linked_fleet_gateway.extensions.world.shapes import build_robot
 
 MIMIC = "<mimic joint='a' multiplier='-2'/>"
-ROBOT = robot_of(
+ROBOT = build_robot(
     "<robot name='two'><link name='foot'/><link name='one'/><link name='two'/>"
     "<joint name='a' type='continuous'><parent link='foot'/><child link='one'/></joint>"
     f"<joint name='b' type='continuous'><parent link='one'/><child link='two'/>{MIMIC}</joint></robot>"

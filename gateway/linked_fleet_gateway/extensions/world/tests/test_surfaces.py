@@ -17,7 +17,7 @@ from linked_fleet_gateway.extensions.world.messages import (
     PathSegment,
     Placement,
 )
-from linked_fleet_gateway.extensions.world.shapes import robot_of
+from linked_fleet_gateway.extensions.world.shapes import build_robot
 from linked_fleet_gateway.extensions.world.surfaces import read_mesh, winding_number
 from linked_fleet_gateway.fleet.model import Pose
 from linked_fleet_gateway.fleet.xml import ModelError
@@ -75,7 +75,7 @@ _LIFT = f"""<robot name='lift'>
 
 
 def _go(start: dict[str, float], ends: dict[str, float]) -> Answer:
-    robot = robot_of(_LIFT, {_CHANNEL}, lambda uri: read(channel()))
+    robot = build_robot(_LIFT, {_CHANNEL}, lambda uri: read(channel()))
     way = MotionPath({"turn": 0.0, "spin": 0.0} | start, (PathSegment(ends),))
     return check(Check(Placement("me", "lift", HERE), (way,), (), (), 30.0), {"lift": robot}, {})
 
@@ -85,7 +85,7 @@ def test_a_shape_without_a_size_that_can_be_reckoned_with_is_refused(scale: str)
     """Comparisons with NaN would consider nothing near it."""
     urdf = _LIFT.replace("<mesh ", f"<mesh scale='{scale}' ")
     with pytest.raises(ModelError):
-        robot_of(urdf, {_CHANNEL}, lambda uri: read(channel()))
+        build_robot(urdf, {_CHANNEL}, lambda uri: read(channel()))
 
 
 def test_a_part_goes_where_the_concave_link_is_not_and_its_hull_is() -> None:

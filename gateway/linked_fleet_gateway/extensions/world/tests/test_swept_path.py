@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from linked_fleet_agent.trajectory import through_waypoints
 from linked_fleet_agent.wire.messages import Follow, Move
 from linked_fleet_gateway.extensions.world.checks import MOST_CONFIGURATIONS, paths_of, sampled_configurations
-from linked_fleet_gateway.extensions.world.path import on_leg
+from linked_fleet_gateway.extensions.world.path import interpolate
 
 values = st.floats(-3, 3)
 
@@ -19,7 +19,7 @@ def test_a_trajectory_is_the_cubics_of_the_agent(points: list[tuple[float, float
     agents = through_waypoints(start, 0.0, times, [p for _, p in points])
     before, begun = start, 0.0
     for leg, time in zip(way.legs, times, strict=True):
-        now = on_leg(leg, "a", before, share)
+        now = interpolate(leg, "a", before, share)
         assert now == pytest.approx(agents.at(begun + share * (time - begun))[0], abs=1e-6)
         before, begun = leg.ends["a"], time
 
