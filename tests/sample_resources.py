@@ -154,7 +154,7 @@ def described(tree: Tree, path: str) -> list[Triple]:
     found = tree.resolve(path)
     assert isinstance(found, Resource), path
     if isinstance(found.remote, RecordedHistory):
-        found = found.remote.shown(Span()).resource
+        found = found.remote.select_page(Span()).resource
     assert found.describe is not None, path
     graph = Graph()
     found.describe(graph)

@@ -176,8 +176,8 @@ async def test_a_question_and_its_answer_arrive_whole(part: Network) -> None:
     with agent.declare_queryable(COMMAND, answer):
         await met(gateway, agent)
         for priority in ("real time", "data", "background"):
-            for patient in (True, False):
-                asking = question(payload=b"move", priority=priority, patient=patient, traceparent=b"00-1")
+            for blocking in (True, False):
+                asking = question(payload=b"move", priority=priority, blocking=blocking, traceparent=b"00-1")
                 assert await asked(gateway, asking) == [Answer(bytes(LIMIT), COMMAND)]
         await asked(gateway, question(traceparent=bytes(MAX_BYTES)))
         await asked(gateway, question(traceparent=bytes(MAX_BYTES + 1)))

@@ -381,8 +381,8 @@ async def test_a_stop_of_one_robot_waits_for_a_congested_connection(
         send = session.ask
 
         async def congested(question: Question, hear: Callable[[Answer | None], None]) -> float:
-            patience.append(question.patient)
-            return await send(question, hear) if question.patient else 0.0
+            patience.append(question.blocking)
+            return await send(question, hear) if question.blocking else 0.0
 
         monkeypatch.setattr(session, "ask", congested)
         assert await gateway.link.stop(["r"], Stop(version=WIRE_VERSION, id="s"), 1.0) == {"r": Accepted("s")}

@@ -174,12 +174,12 @@ def test_an_impatient_question_is_given_up_where_too_much_waits_already() -> Non
         await asyncio.sleep(0.1)
         scene.network.partition("g", "r")
 
-        async def ask(payload: bytes, patient: bool = False) -> None:
+        async def ask(payload: bytes, blocking: bool = False) -> None:
             hear = answers.setdefault(payload, []).append
-            await scene.gateway.ask(Question(COMMAND, payload, 1.0, 10**7, patient=patient), hear)
+            await scene.gateway.ask(Question(COMMAND, payload, 1.0, 10**7, blocking=blocking), hear)
 
         await ask(b"first")
-        await ask(bytes(10**6), patient=True)
+        await ask(bytes(10**6), blocking=True)
         await ask(b"last")
         scene.network.heal("g", "r")
         await asyncio.sleep(2)

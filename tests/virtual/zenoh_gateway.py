@@ -73,7 +73,7 @@ class GatewaySession(Session):
         asked.timer = self._loop.call_later(question.timeout_s, self._expire, asked)
         for connection in connections:
             query = partial(peer_of(connection, self).query, connection, question, partial(self._answer, asked))
-            size, droppable = len(question.payload or b""), not question.patient
+            size, droppable = len(question.payload or b""), not question.blocking
             connection.send(self, question.priority, query, size=size, droppable=droppable)
         if not asked.pending:
             self.soon(self._over, asked)

@@ -34,10 +34,10 @@ class Case:
 
 @dataclass(frozen=True)
 class Conformance:
-    """A result. ``conforms`` is None if undecided; ``why`` gives the reason or the violation."""
+    """A result. ``conforms`` is None if undecided; ``reason`` gives the cause or the violation."""
 
     conforms: bool | None
-    why: str = ""
+    reason: str = ""
 
 
 def validate(cases: Sequence[Case], timeout_s: float) -> list[Conformance]:

@@ -243,7 +243,7 @@ async def r1_11(subject: Subject) -> Verdict:
 
 
 def _why(result: Conformance) -> str:
-    return result.why or "no reason given"
+    return result.reason or "no reason given"
 
 
 async def _cases(subject: Subject, having: list[Page]) -> tuple[list[str], list[Case]]:

@@ -116,7 +116,7 @@ async def conform(options: Options, token: str = "") -> Report:
         found = await walk(web, root, options.resources)
         trials = await _trials(web, found, options)
         subject = Subject(web, found, trials, writes=not options.no_write)
-        extent = f"{subject.extent()}{f', {found.cut}' if found.cut else ''}"
+        extent = f"{subject.extent()}{f', {found.truncation_reason}' if found.truncation_reason else ''}"
         return Report(web.root, datetime.now(UTC), extent, await check_all(subject))
 
 

@@ -137,13 +137,13 @@ async def r0_5(subject: Subject) -> Verdict:
     telling = bool(allowed)
     for made in subject.trials.callback_attempts():
         allowed |= dict.fromkeys(made.allow, made.url) | ({"DELETE": made.url} if _gone(made.deleted) else {})
-        if made.left:
-            problems.append(f"{made.left} could not be deleted again")
+        if made.undeleted:
+            problems.append(f"{made.undeleted} could not be deleted again")
     missing = [method for method in ("POST", "PUT", "DELETE") if method not in allowed]
     if missing and not problems:
         found = f"{', '.join(missing)} in no Allow field of {subject.extent()}"
         nothing_deleted = missing == ["DELETE"] and not any(made.url for made in subject.trials.callback_attempts())
-        return cant_tell(found) if subject.walk.cut or nothing_deleted or not telling else failed(found)
+        return cant_tell(found) if subject.walk.truncation_reason or nothing_deleted or not telling else failed(found)
     seen = ", ".join(f"{method} {allowed[method]}" for method in ("POST", "PUT", "DELETE") if method in allowed)
     return verdict_on(problems, f"GET answers on {subject.extent()}; allowed are {seen}")
 

@@ -35,7 +35,7 @@ class CallbackAttempt:
     allow: frozenset[str] = frozenset()
     delivery: Delivery | None = None
     deleted: Answer | None = None
-    left: str = ""
+    undeleted: str = ""
 
     @property
     def has_creation_status(self) -> bool:
@@ -160,7 +160,7 @@ class _Maker:
                 made.deleted = await self._web.request("DELETE", url, in_any_case=True)
                 return
         if made.has_creation_status or made.delivery:
-            made.left = named or "a subscription that no Location names"
+            made.undeleted = named or "a subscription that no Location names"
 
     def _is_ours(self, page: Page, announced: bool, box: Mailbox | None) -> bool:
         if page.url in self._walk.pages or page.asked in self._walk.pages or not page.answer.successful:

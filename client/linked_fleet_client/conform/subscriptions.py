@@ -52,8 +52,8 @@ def _no_callback(subject: Subject) -> Verdict:
     answer = subject.trials.plain.answer
     if answer.status in _NOT_HERE:
         return cant_tell(f"{answer}: refused, perhaps because of the receiver; set --callback-host")
-    if subject.trials.plain.left:
-        return cant_tell(f"{answer}: no sign that {subject.trials.plain.left} was made, and no delivery")
+    if subject.trials.plain.undeleted:
+        return cant_tell(f"{answer}: no sign that {subject.trials.plain.undeleted} was made, and no delivery")
     return failed(f"{answer}: Upgrade: callback makes no subscription")
 
 

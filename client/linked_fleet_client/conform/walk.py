@@ -59,12 +59,12 @@ class Page:
 
 @dataclass
 class Walk:
-    """All pages found. ``cut`` is the reason why there may be more."""
+    """All pages found. ``truncation_reason`` says why there may be more."""
 
     root: Page
     model: rdflib.Namespace
     pages: dict[str, Page] = field(default_factory=dict)
-    cut: str = ""
+    truncation_reason: str = ""
 
     def __iter__(self) -> Iterator[Page]:
         return iter(self.pages.values())
@@ -125,14 +125,14 @@ async def walk(web: Web, root: Page, most: int) -> Walk:
     while turn := [queue for queue in queues.values() if queue]:
         for queue in turn:
             url, found_on = queue.popleft()
-            if found.cut:
+            if found.truncation_reason:
                 return found
             page = await read(web, url, found_on)
             if page.url in found.pages or await _has_gone(web, page):
                 continue
             found.pages[page.url] = page
             _enqueue(web, queues, page, seen)
-            found.cut = _limit(web, len(found), most) if any(queues.values()) else ""
+            found.truncation_reason = _limit(web, len(found), most) if any(queues.values()) else ""
     return found
 
 

@@ -304,7 +304,7 @@ class Actions:
 
     def _reached(self, halt: Halt, stops: View) -> tuple[str, ...] | None:
         """Return the robots that the caller may stop; None for all, known or not."""
-        if halt.robots is not None or stops.all:
+        if halt.robots is not None or stops.includes_all:
             return halt.robots
         return tuple(name for name in self._live.fleet.robots if stops.includes(name))
 

@@ -115,7 +115,7 @@ class Numbers(Collector):
         presence.update(robot.presence for robot in robots)
         yield gauges("robots", "Robots by presence.", "presence", presence.items())
         yield gauge(
-            "robots_undescribed", "Robots with a presence token and no description.", self.live.link.undescribed
+            "robots_undescribed", "Robots with a presence token and no description.", self.live.link.undescribed_count
         )
         yield gauges(
             "robot_frame_age_seconds", "Time since the latest frame of a robot came.", "robot",
@@ -174,7 +174,7 @@ class Numbers(Collector):
             "command_acceptance_seconds", "From a request to the acceptance by the agent.",
             self.actions.lifecycle.commands.acceptance,
         )  # fmt: skip
-        yield gauge("invocations_open", "Invocations known here that have not ended.", self.live.invocations.open)
+        yield gauge("invocations_open", "Invocations known here that have not ended.", self.live.invocations.open_count)
 
 
 def _sum(counts: Mapping[str, int]) -> int:

@@ -215,7 +215,7 @@ class Frames:
     def close(self, robot: str) -> None:
         self._latest.pop(self._key_of(robot), None)
 
-    def all(self) -> list[Latest]:
+    def latest_frames(self) -> list[Latest]:
         """Return the latest frames of all robots. Only the event loop, which opens and closes them, may call this."""
         return list(self._latest.values())
 

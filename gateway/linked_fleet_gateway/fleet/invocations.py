@@ -167,7 +167,7 @@ class Invocations:
         return held
 
     @property
-    def open(self) -> int:
+    def open_count(self) -> int:
         """Number of invocations that have not ended."""
         return sum(not one.state.terminal for held in list(self._open.values()) for one in list(held.values()))
 

@@ -133,7 +133,7 @@ class RobotModel:
     links: dict[str, Link]
 
     @cached_property
-    def unknown(self) -> Mapping[str, float]:
+    def unknown_positions(self) -> Mapping[str, float]:
         """NaN for each joint with one degree of freedom, by name."""
         return {joint.name: math.nan for joint in self.joints.values() if joint.movable}
 

@@ -49,12 +49,12 @@ class Presence:
         return {(robot, run) for robot, runs in self._runs.items() for run in runs}
 
     @property
-    def undescribed(self) -> int:
+    def undescribed_count(self) -> int:
         """The number of robots without a description."""
         return len(self._undescribed)
 
     @property
-    def full(self) -> bool:
+    def is_full(self) -> bool:
         """True if there is no room for another robot without a description."""
         return len(self._undescribed) >= MAX_UNDESCRIBED
 
@@ -70,7 +70,7 @@ class Presence:
         robot, run = token
         runs = self._runs.get(robot)
         if runs is None:
-            if not described and self.full:
+            if not described and self.is_full:
                 self.incomplete = True
                 raise OverflowError(f"more than {MAX_UNDESCRIBED} robots have a token and no description")
             self._runs[robot] = {run}

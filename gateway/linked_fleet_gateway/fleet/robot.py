@@ -148,7 +148,7 @@ class Robot:
         """Positions in rad or m for every movable joint of the model and every joint of the description."""
         present = self._present
         if present.positions is None:
-            frame, found = self.frame, {} if self.model is None else dict(self.model.unknown)
+            frame, found = self.frame, {} if self.model is None else dict(self.model.unknown_positions)
             if frame is not None:
                 found.update(zip(self._index, frame.positions, strict=True))
             present.positions = found

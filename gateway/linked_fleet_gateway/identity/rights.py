@@ -33,7 +33,7 @@ class View:
     name: str = ""
 
     @property
-    def all(self) -> bool:
+    def includes_all(self) -> bool:
         return EVERY in self.patterns
 
     def includes(self, robot: str) -> bool:
@@ -41,7 +41,7 @@ class View:
 
     def is_superset_of(self, other: "View") -> bool:
         """Return True if the patterns alone prove that it includes all robots of ``other``."""
-        return self.all or set(other.patterns) <= set(self.patterns)
+        return self.includes_all or set(other.patterns) <= set(self.patterns)
 
     @cached_property
     def _patterns(self) -> re.Pattern[str]:
@@ -110,7 +110,7 @@ class Identity:
         """
         robots = self.view_for(scope)
         if robot is None:
-            return robots.all if scope is Right.ADMIN else bool(robots.patterns)
+            return robots.includes_all if scope is Right.ADMIN else bool(robots.patterns)
         return robots.includes(robot)
 
     def has_any_right(self, scopes: Iterable[Right], robot: str | None) -> bool:

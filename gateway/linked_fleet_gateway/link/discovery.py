@@ -78,9 +78,9 @@ class Discovery:
         self._timer: asyncio.Handle | None = None  # uvloop's handle has no ``when``
 
     @property
-    def undescribed(self) -> int:
+    def undescribed_count(self) -> int:
         """Number of robots with a token and no description."""
-        return self._presence.undescribed
+        return self._presence.undescribed_count
 
     async def close(self) -> None:
         if self._timer is not None:
@@ -134,7 +134,7 @@ class Discovery:
             return []
         events = list[Event]()
         known = robot in self._described_s
-        if self._presence.full and not known and not self._presence.runs(robot) and evict:
+        if self._presence.is_full and not known and not self._presence.runs(robot) and evict:
             events += self._evict()
         try:
             dropped = self._presence.add(token, known)
@@ -310,7 +310,7 @@ class Discovery:
             await asyncio.sleep(0)
 
     def _warn(self) -> None:
-        count = self._presence.undescribed
+        count = self._presence.undescribed_count
         if count >= self._many:
             self._many *= 2
             _log.warning("%d robots have a presence token and no description", count)

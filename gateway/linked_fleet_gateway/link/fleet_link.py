@@ -83,9 +83,9 @@ class FleetLink:
         return dict(self._incoming.complaints.counts)
 
     @property
-    def undescribed(self) -> int:
+    def undescribed_count(self) -> int:
         """Number of robots with a presence token that have not described themselves."""
-        return self._discovery.undescribed
+        return self._discovery.undescribed_count
 
     async def __aenter__(self) -> Self:
         self._discovery = Discovery(
@@ -164,7 +164,7 @@ class FleetLink:
             try:
                 key = self._keys.robot(robot, "command")
                 question = Question(
-                    key, encode(command), timeout_s, MAX_REPLY_BYTES, patient=False, traceparent=traceparent
+                    key, encode(command), timeout_s, MAX_REPLY_BYTES, blocking=False, traceparent=traceparent
                 )
                 async with asyncio.timeout(timeout_s):
                     reply = await send(question)
@@ -201,9 +201,9 @@ class FleetLink:
                 replies[robot.robot] = reply
             return reply if only is not None and isinstance(reply, Accepted) else None
 
-        async def send(key: str, traceparent: bytes | None, patient: bool) -> None:
+        async def send(key: str, traceparent: bytes | None, blocking: bool) -> None:
             question = Question(
-                key, encode(stop), timeout_s, MAX_REPLY_BYTES, priority="real time", patient=patient,
+                key, encode(stop), timeout_s, MAX_REPLY_BYTES, priority="real time", blocking=blocking,
                 traceparent=traceparent,
             )  # fmt: skip
             with contextlib.suppress(TimeoutError):
@@ -214,7 +214,7 @@ class FleetLink:
             silent = [self._keys.robot(name, "stop") for name in expected if name not in replies]
             with contextlib.suppress(TimeoutError):
                 async with asyncio.timeout(timeout_s - ASK_AGAIN_S):
-                    await asyncio.gather(*(send(key, traceparent, patient=True) for key in silent))
+                    await asyncio.gather(*(send(key, traceparent, blocking=True) for key in silent))
 
         again: asyncio.Task[None] | None = None
 
@@ -229,12 +229,12 @@ class FleetLink:
             timer = asyncio.get_running_loop().call_later(ASK_AGAIN_S, begin_again, traceparent, 0.0)
             try:
                 if only is not None:
-                    await send(self._keys.robot(only, "stop"), traceparent, patient=False)
+                    await send(self._keys.robot(only, "stop"), traceparent, blocking=False)
                 elif robots is None:
-                    await send(self._keys.all_stops, traceparent, patient=True)
+                    await send(self._keys.all_stops, traceparent, blocking=True)
                 else:
                     keys = [self._keys.robot(name, "stop") for name in robots]
-                    await asyncio.gather(*(send(key, traceparent, patient=True) for key in keys))
+                    await asyncio.gather(*(send(key, traceparent, blocking=True) for key in keys))
                 if any(name not in replies for name in expected):
                     await begin_again(traceparent, timer.when() - asyncio.get_running_loop().time())
             finally:

@@ -33,7 +33,7 @@ class Question(NamedTuple):
     """A query to every queryable whose key matches.
 
     Replies have the ``priority`` of the query. For a reply above ``limit`` bytes only its size is passed on. A query
-    that is not ``patient`` is dropped under congestion and then not answered. ``traceparent`` is the attachment.
+    that is not ``blocking`` is dropped under congestion and then not answered. ``traceparent`` is the attachment.
     """
 
     key: str
@@ -41,7 +41,7 @@ class Question(NamedTuple):
     timeout_s: float
     limit: int
     priority: Priority = "data"
-    patient: bool = True
+    blocking: bool = True
     traceparent: bytes | None = None
 
 

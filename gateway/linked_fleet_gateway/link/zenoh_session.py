@@ -191,7 +191,7 @@ class ZenohSession:
             with contextlib.suppress(RuntimeError):  # the loop was closed while the query was running
                 self._loop.call_soon_threadsafe(hear, answer)
 
-        if not question.patient:
+        if not question.blocking:
             return self._get(question, hand_over)
         threads = self._stop_threads if question.priority == "real time" else self._threads
         return await self._loop.run_in_executor(threads, self._get, question, hand_over)
@@ -209,7 +209,7 @@ class ZenohSession:
             attachment=question.traceparent,
             express=True,
             priority=_PRIORITIES[question.priority],
-            congestion_control=zenoh.CongestionControl.BLOCK if question.patient else zenoh.CongestionControl.DROP,
+            congestion_control=zenoh.CongestionControl.BLOCK if question.blocking else zenoh.CongestionControl.DROP,
         )
         return time.thread_time() - begin_s
 

@@ -49,15 +49,15 @@ class InvocationsInView:
 
     def answers(self, invocation: Invocation) -> dict[str, str]:
         """Return the answers of the visible robots to an invocation of the fleet."""
-        if self._sees.all:
+        if self._sees.includes_all:
             return invocation.robots
         return {robot: answer for robot, answer in invocation.robots.items() if self._sees.includes(robot)}
 
     def _seen(self, invocations: list[Invocation]) -> list[Invocation]:
-        return invocations if self._sees.all else [each for each in invocations if self._shows(each)]
+        return invocations if self._sees.includes_all else [each for each in invocations if self._shows(each)]
 
     def _shows(self, invocation: Invocation) -> bool:
-        if self._sees.all:
+        if self._sees.includes_all:
             return True
         if invocation.robot != FLEET:
             return self._sees.includes(invocation.robot)

@@ -52,7 +52,7 @@ class Tree:
         branches: Branches = NONE,
         secured: bool = False,
     ) -> None:
-        self._robots: Mapping[str, Robot] = fleet.robots if sees.all else RobotsInView(fleet.robots, sees)
+        self._robots: Mapping[str, Robot] = fleet.robots if sees.includes_all else RobotsInView(fleet.robots, sees)
         self._invocations = InvocationsInView(invocations, sees)
         self._base = base
         self._branches = branches

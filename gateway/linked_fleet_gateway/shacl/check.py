@@ -26,14 +26,14 @@ class Run:
     """The explanation of one refusal: its remaining number of details, and the explanations found so far."""
 
     texts: TermTexts
-    room: int = _MOST_DETAILS
-    told: dict[tuple[object, Term], tuple[Violation, ...]] = field(default_factory=dict)
+    remaining: int = _MOST_DETAILS
+    explanations: dict[tuple[object, Term], tuple[Violation, ...]] = field(default_factory=dict)
 
     def detail(self, shape: "Shape", data: Data, value: Term) -> tuple[Violation, ...]:
-        if self.room <= 0:
+        if self.remaining <= 0:
             return ()
-        found = tuple(islice(shape.violations(data, value, self), self.room))
-        self.room -= len(found)
+        found = tuple(islice(shape.violations(data, value, self), self.remaining))
+        self.remaining -= len(found)
         return found
 
 
@@ -50,15 +50,15 @@ class Count:
 class Relation:
     """A constraint on the relation of a focus node to its value nodes or to the surrounding data.
 
-    ``breaches`` yields the predicate and the value at fault; None stands for the path of the shape and for no value.
+    ``faults`` yields the predicate and the value at fault; None stands for the path of the shape and for no value.
     """
 
     component: NamedNode
     expected: str
-    breaches: Callable[[Data, Term, Values], Iterable[tuple[NamedNode | None, Term | None]]]
+    faults: Callable[[Data, Term, Values], Iterable[tuple[NamedNode | None, Term | None]]]
 
     def holds(self, data: Data, focus: Term, values: Values) -> bool:
-        return next(iter(self.breaches(data, focus, values)), None) is None
+        return next(iter(self.faults(data, focus, values)), None) is None
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,8 +113,8 @@ class Switch(Constraint):
 class Shape:
     """A node shape (``path`` is None, and ``reach`` yields the focus alone) or a property shape.
 
-    ``requires`` maps predicates to terms, one of which a conforming node must have. ``remembers`` is set if several
-    paths may lead to the same focus, so that results are cached.
+    ``requires`` maps predicates to terms, one of which a conforming node must have. ``caches_results`` is set if
+    several paths may lead to the same focus.
     """
 
     node: Node
@@ -122,17 +122,17 @@ class Shape:
     reach: Reach
     name: str
     message: str | None
-    remembers: bool
+    caches_results: bool
     severity: NamedNode
     counts: tuple[Count, ...] = ()
     relations: tuple[Relation, ...] = ()
-    each: tuple[Constraint, ...] = ()
+    value_constraints: tuple[Constraint, ...] = ()
     properties: tuple["Shape", ...] = ()
     requires: Mapping[NamedNode, frozenset[Term]] = field(default_factory=dict)
     expected: str = ""
 
     def conforms(self, data: Data, focus: Term) -> bool:
-        if not self.remembers:
+        if not self.caches_results:
             return self._judge(data, focus)
         verdict = data.verdicts.get((self, focus))
         if verdict is None:
@@ -148,7 +148,7 @@ class Shape:
             if not relation.holds(data, focus, values):
                 return False
         for value in values:
-            for constraint in self.each:
+            for constraint in self.value_constraints:
                 if not constraint.holds(data, value):
                     return False
             for shape in self.properties:
@@ -157,12 +157,12 @@ class Shape:
         return True
 
     def violations(self, data: Data, focus: Term, run: Run) -> Iterable[Violation]:
-        if not self.remembers:
+        if not self.caches_results:
             return self._violations(data, focus, run)
-        told = run.told.get((self, focus))
-        if told is None:
-            told = run.told[self, focus] = tuple(islice(self._violations(data, focus, run), MOST))
-        return told
+        explanation = run.explanations.get((self, focus))
+        if explanation is None:
+            explanation = run.explanations[self, focus] = tuple(islice(self._violations(data, focus, run), MOST))
+        return explanation
 
     def _violations(self, data: Data, focus: Term, run: Run) -> Iterator[Violation]:
         values = tuple(self.reach(data, focus))
@@ -171,12 +171,12 @@ class Shape:
                 told = f"must {count.expected}, and has {run.texts.list_text(values) or 'none'}"
                 yield self._violation(focus, None, count.component, told)
         for relation in self.relations:
-            for path, value in relation.breaches(data, focus, values):
+            for path, value in relation.faults(data, focus, values):
                 at_fault = " ".join(run.texts.text(each) for each in (path, value) if each is not None)
                 told = f"must {relation.expected}" + (f"; at fault: {at_fault}" if at_fault else "")
                 yield self._violation(focus, value, relation.component, told, path=path)
         for value in values:
-            for constraint in self.each:
+            for constraint in self.value_constraints:
                 if not constraint.holds(data, value):
                     told, detail = constraint.explain(data, value, run)
                     yield self._violation(focus, value, constraint.component, told, detail)

@@ -116,7 +116,7 @@ class Compiler:
             shape,
             counts=tuple(c for p in stated if p in COUNTS for c in COUNTS[p](self, stated, inner)),
             relations=tuple(c for p in stated if p in RELATIONS for c in RELATIONS[p](self, stated, inner)),
-            each=tuple(c for p in stated if p in EACH for c in EACH[p](self, stated, inner)),
+            value_constraints=tuple(c for p in stated if p in EACH for c in EACH[p](self, stated, inner)),
             properties=tuple(self._property(each, inner) for each in stated.get(SHACL.property, ())),
         )
         shape.requires = self._requires(shape, stated)
@@ -217,7 +217,7 @@ def _text(stated: Statements, predicate: NamedNode) -> str | None:
 
 def _expected(shape: Shape) -> str:
     """Return the condition as part of a sentence: ``value at least 3 and at most 5``."""
-    stated: list[Count | Relation | Constraint] = [*shape.counts, *shape.relations, *shape.each]
+    stated: list[Count | Relation | Constraint] = [*shape.counts, *shape.relations, *shape.value_constraints]
     own = [each.expected for each in stated]
     own = [f"{shape.name} {' and '.join(own)}"] if own and shape.name else own
     return shortened(" and ".join([*own, *(each.expected for each in shape.properties)]))

@@ -25,7 +25,7 @@ def test_robots_without_a_description_have_a_bound_and_others_have_not() -> None
     presence.add(("known", 1), described=True)
     presence.describe("r7")
     presence.add(("late", 1))
-    assert presence.undescribed == MAX_UNDESCRIBED
+    assert presence.undescribed_count == MAX_UNDESCRIBED
 
 
 def test_tokens_that_go_leave_nothing() -> None:
@@ -34,4 +34,4 @@ def test_tokens_that_go_leave_nothing() -> None:
         presence.add((f"r{number}", number))
     for number in range(100):
         presence.remove((f"r{number}", number))
-    assert (presence.tokens, presence.undescribed, presence.incomplete) == (set(), 0, False)
+    assert (presence.tokens, presence.undescribed_count, presence.incomplete) == (set(), 0, False)

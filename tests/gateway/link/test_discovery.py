@@ -85,13 +85,13 @@ async def test_a_flood_of_names_hides_no_robot_and_leaves_nothing_behind() -> No
                 )
                 await gateway.sees("r")
                 assert await gateway.link.command("r", command(), 5) == Accepted("c1")
-                await gateway.until(lambda: gateway.link.undescribed == NAMES)
+                await gateway.until(lambda: gateway.link.undescribed_count == NAMES)
                 assert len(gateway.fleet.robots) <= MAX_UNDESCRIBED + 1
                 answering.undeclare()
                 assert genuine.name in gateway.fleet.robots
             held.clear()
             hanging.undeclare()
-        await gateway.until(lambda: gateway.link.undescribed == 0)
+        await gateway.until(lambda: gateway.link.undescribed_count == 0)
         assert list(gateway.fleet.robots) == ["r"]
 
 
@@ -141,9 +141,9 @@ async def test_a_silent_robot_makes_room_for_one_that_comes(monkeypatch: pytest.
     async with opened() as (gateway, endpoint):
         silent = [KEYS.presence(f"silent{number}", 1) for number in range(20)]
         with flooding(endpoint, silent):
-            await gateway.until(lambda: gateway.link.undescribed == 20 and gateway.fleet.malformed.total() >= 20)
+            await gateway.until(lambda: gateway.link.undescribed_count == 20 and gateway.fleet.malformed.total() >= 20)
             with open_session(endpoint) as session:
                 late = FakeRobot(session, "late").appear()
                 await gateway.sees(late.name)
                 assert sum(isinstance(event, Vanished) for event in gateway.events) == 1
-        await gateway.until(lambda: gateway.link.undescribed == 0)
+        await gateway.until(lambda: gateway.link.undescribed_count == 0)

@@ -46,13 +46,13 @@ _VARIABLES = {
 
 @dataclass(frozen=True)
 class Page:
-    """One page of a history, and the queries of adjacent pages; ``ends`` and ``count`` are those of the whole
+    """One page of a history, and the queries of adjacent pages; ``time_range`` and ``count`` are those of the whole
     history.
     """
 
     span: Span
     excerpt: Excerpt | None = None
-    ends: tuple[int, int] | None = None
+    time_range: tuple[int, int] | None = None
     count: int = 0
 
     @property
@@ -162,7 +162,7 @@ def _result(graph: Graph, one: BlankNode, item: Property, values: Numbers) -> No
 def describe_extent(graph: Graph, iri: NamedNode, page: Page) -> None:
     """Add the times of the oldest and newest sample, and the number of samples."""
     for term, end in ((LF.oldestSample, 0), (LF.newestSample, 1)):
-        graph.add(iri, term, LF.unknown if page.ends is None else timestamp(page.ends[end]))
+        graph.add(iri, term, LF.unknown if page.time_range is None else timestamp(page.time_range[end]))
     graph.add(iri, LF.sampleCount, integer(page.count))
 
 

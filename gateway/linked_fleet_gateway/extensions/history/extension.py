@@ -52,7 +52,7 @@ async def read_history(request: Request, found: Resource, past: RecordedHistory)
         check_preconditions(request, resource)
         return read(request, resource)
 
-    shown = past.shown(parse_span(request.query_params.multi_items()))
+    shown = past.select_page(parse_span(request.query_params.multi_items()))
     async with past.history.workers:
         response = await asyncio.to_thread(work, replace(shown.resource.read_as(found), query=request.url.query))
     media_type = response.headers.get("content-type", "").partition(";")[0]

@@ -75,7 +75,7 @@ class History:
     async def _sample_all(self) -> None:
         for name in self._tracks.keys() - set(self._fleet.robots):
             self._forget(name)
-        async for latest in time_sliced(self._fleet.frames.all()):
+        async for latest in time_sliced(self._fleet.frames.latest_frames()):
             self.sample(latest)
 
     async def _thin_all(self) -> None:

@@ -66,7 +66,7 @@ class RecordedHistory:
     """A history, whose part is selected by the query of the request (``extensions/history/extension.py``)."""
 
     history: History
-    shown: Callable[[Span], HistoryPage]
+    select_page: Callable[[Span], HistoryPage]
 
 
 def history_branches(history: History) -> tuple[RobotBranch, PropertyBranch]:

@@ -76,7 +76,7 @@ class QueryRequest(Struct, frozen=True, kw_only=True):
     ``named`` are the requested graphs, None for all. ``invocations`` are those of the whole fleet. ``graphs`` are
     N-Triples by the path of the graph that they are added to. ``bindings`` is a solution in JSON results form,
     ``media_type`` that of the answer. ``poses`` are those of things besides robots in the common frame, by path.
-    ``instead`` are robots in a hypothetical state.
+    ``hypothetical_robots`` replace the state of robots.
     """
 
     news: News
@@ -98,7 +98,7 @@ class QueryRequest(Struct, frozen=True, kw_only=True):
     limit_s: float
     bindings: dict[str, dict[str, str]] = {}
     poses: dict[str, Pose] = {}
-    instead: tuple[HypotheticalRobot, ...] = ()
+    hypothetical_robots: tuple[HypotheticalRobot, ...] = ()
     only_check: bool = False
 
 

@@ -134,7 +134,7 @@ class Queries:
                 limit_s=self._limit_s,
                 bindings={name: _json(term) for name, term in bindings.items()},
                 poses=self._live.branches.poses(),
-                instead=tuple(instead),
+                hypothetical_robots=tuple(instead),
                 only_check=only_check,
                 reader=reader,
             )

@@ -104,8 +104,8 @@ class Worker:
     def _result(self, ask: QueryRequest, rdf_mirror: RdfMirror) -> bytes:
         sees = View(ask.patterns, ask.caller)
         robots = {name: held.robot for name, held in self._mirror.robots.items() if sees.includes(name)}
-        if ask.instead:
-            for each in ask.instead:
+        if ask.hypothetical_robots:
+            for each in ask.hypothetical_robots:
                 self._mirror.assume(each)
             rdf_mirror.update(self._mirror)
         try:

@@ -51,7 +51,7 @@ class Counterfactual:
     """A hypothetical fleet in which some motions had no effect since the last evaluation; ``rules`` caused them."""
 
     rules: frozenset[str]
-    instead: tuple[HypotheticalRobot, ...]
+    robots: tuple[HypotheticalRobot, ...]
 
 
 class Causes:

@@ -177,7 +177,7 @@ class Engine:
         """Return, for each row that started to hold, the rules whose earlier firings caused it."""
         found: dict[str, set[str]] = {key: set() for key, _ in change.began}
         for question in self._causes.counterfactuals(rule.id, held.at_s, held.look) if found else ():
-            then = await self._ask(rule, sees, question.instead)
+            then = await self._ask(rule, sees, question.robots)
             for key in found.keys() - then.keys():
                 found[key] |= question.rules
         return found

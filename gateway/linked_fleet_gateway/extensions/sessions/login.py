@@ -270,7 +270,7 @@ def _rights(caller: Identity) -> list[tuple[str, str, str]]:
     found = []
     for right, meaning in _MEANINGS.items():
         robots = caller.view_for(right)
-        found.append((right.value, meaning, "all robots" if robots.all else ", ".join(robots.patterns)))
+        found.append((right.value, meaning, "all robots" if robots.includes_all else ", ".join(robots.patterns)))
     return found
 
 

@@ -91,13 +91,13 @@ class _Sweep:
     """The check of all pairs that may come near on any of the paths."""
 
     def __init__(self, asked: Check, robot: Robot, things: list[StaticBody], ends_s: float) -> None:
-        self._ways, self._robot, self._things, self._ends_s = asked.ways, robot, things, ends_s
+        self._ways, self._robot, self._things, self._ends_s = asked.paths, robot, things, ends_s
         self._base = se3(asked.robot.base)
-        start = asked.ways[0].start
+        start = asked.paths[0].start
         self._mover = MovingRobot(robot, start)
         gone = self._furthest(start)
         self._joints = tuple(name for name in gone if robot.model.existJointName(name))
-        moving = {name for way in asked.ways[:1] for name in joint_changes(robot, way)}
+        moving = {name for way in asked.paths[:1] for name in joint_changes(robot, way)}
         self._radii = np.array([body.radius for body in robot.bodies])
         # By joint and body: the most that the body can move per motion of the joint.
         ids = [robot.model.getJointId(name) for name in self._joints]

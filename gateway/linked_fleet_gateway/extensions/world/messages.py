@@ -58,8 +58,8 @@ class PathSegment(Struct, frozen=True):
 
     ends: Positions
     duration_s: float = 0.0
-    enters: Positions = {}
-    leaves: Positions = {}
+    start_velocities: Positions = {}
+    end_velocities: Positions = {}
 
 
 class MotionPath(Struct, frozen=True):
@@ -68,13 +68,13 @@ class MotionPath(Struct, frozen=True):
 
 
 class Check(Struct, frozen=True, tag="check"):
-    """Request to check if the robot collides on any of the paths ``ways``. It is now at the start of the first.
+    """Request to check if the robot collides on any of the ``paths``. It is now at the start of the first.
 
     The answer takes at most ``within_s`` seconds of processor time.
     """
 
     robot: Placement
-    ways: tuple[MotionPath, ...]
+    paths: tuple[MotionPath, ...]
     robots: tuple[Placement, ...]
     objects: tuple[Placement, ...]
     within_s: float

@@ -111,7 +111,10 @@ def interpolate(leg: PathSegment, name: str, start: float, share: "float | Array
     end = leg.ends[name]
     if not leg.duration_s:
         return start + share * (end - start)
-    enters, leaves = leg.enters.get(name, 0.0) * leg.duration_s, leg.leaves.get(name, 0.0) * leg.duration_s
+    enters, leaves = (
+        leg.start_velocities.get(name, 0.0) * leg.duration_s,
+        leg.end_velocities.get(name, 0.0) * leg.duration_s,
+    )
     a, b = 2 * (start - end) + enters + leaves, 3 * (end - start) - 2 * enters - leaves
     return start + share * (enters + share * (b + share * a))
 

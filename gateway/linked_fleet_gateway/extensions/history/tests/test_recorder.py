@@ -54,7 +54,7 @@ def make(*robots: str, span_s: float = 300, most_bytes: int = 10**6) -> tuple[Fl
 
 def look(history: History, fleet: Fleet) -> None:
     """Do what the timer does."""
-    for latest in fleet.frames.all():
+    for latest in fleet.frames.latest_frames():
         history.sample(latest)
 
 

@@ -39,7 +39,7 @@ class Scene:
     def question(self, rule: str, since_s: float, look: Look) -> HypotheticalRobot:
         (found,) = self.causes.counterfactuals(rule, since_s, look)
         assert isinstance(found, Counterfactual)
-        (instead,) = found.instead
+        (instead,) = found.robots
         return instead
 
 

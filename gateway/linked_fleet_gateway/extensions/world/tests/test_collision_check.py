@@ -248,7 +248,7 @@ def test_a_surface_that_is_near_from_the_start_does_not_go_into_a_mesh() -> None
     asked = Check(Placement("me", "mesh", HERE), (), (), (Placement("plate", "plate", standing),), 30.0)
     plates = {"plate": build_object_shape(_plate(0.2))}
     answers = [
-        check(replace(asked, ways=(MotionPath({"turn": 0.0}, (PathSegment({"turn": end}),)),)), robots, plates)
+        check(replace(asked, paths=(MotionPath({"turn": 0.0}, (PathSegment({"turn": end}),)),)), robots, plates)
         for end in (0.3, -0.3)
     ]
     assert isinstance(answers[0], CollisionFound) and answers[0].name == "plate"
