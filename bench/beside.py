@@ -16,7 +16,7 @@ import zenoh
 
 from bench.references import QUESTION, SENT, STATE, session
 from bench.scene import pid_of
-from linked_fleet_gateway.runtime.embedded_redis import Embedded
+from linked_fleet_gateway.runtime.embedded_redis import EmbeddedRedis
 from running import ROOT, eventually, free_port, process
 
 BARE = "bare Starlette (httptools)"
@@ -105,7 +105,7 @@ def stored_ms(state: Path, seconds: float, size: int = 600) -> list[float]:
     asked = b"*%d\r\n" % len(words) + b"".join(b"$%d\r\n%b\r\n" % (len(word), word) for word in words)
     took, end = list[float](), time.monotonic() + seconds
     with socket.socket(socket.AF_UNIX) as connection:
-        connection.connect(unquote(Embedded(state).url.removeprefix("unix://")))
+        connection.connect(unquote(EmbeddedRedis(state).url.removeprefix("unix://")))
         while time.monotonic() < end:
             begin = time.perf_counter()
             connection.sendall(asked)

@@ -84,7 +84,7 @@ async def _rendered_us(robots: int) -> float:
     """Return the time from received frames to framed messages in this process: the median of some rounds."""
     fleet, invocations = Fleet(Frames()), Invocations()
     fan_out = FanOut(lambda base, sees: Tree(fleet, invocations, base, NO_SUBSCRIPTIONS, sees), fleet.next_moved)
-    fleet.frames.watched = fan_out.watched
+    fleet.frames.watched = fan_out.watched_robots
     fleet.frames.reader.open(fan_out.waker())
     crowd = [_appeared(fleet, name_of(number)) for number in range(robots)]
     for each in crowd:

@@ -11,7 +11,7 @@ from typing import Protocol, TypeVar
 
 from linked_fleet_agent import safety
 from linked_fleet_agent.demonstration import Demonstration
-from linked_fleet_agent.motion import Measured, Motions, Outcome, Sway
+from linked_fleet_agent.motion import Measurements, Motions, Outcome, Sway
 from linked_fleet_agent.pace import every
 from linked_fleet_agent.plan import ImpossibleError, Plan, joints_of, plan
 from linked_fleet_agent.publications import Cameras, Frames, Report, describe
@@ -254,13 +254,13 @@ class Agent:
         return reading
 
     @property
-    def _measured(self) -> Measured:
+    def _measured(self) -> Measurements:
         """The last reading by joint. Built on demand, because most ticks move nothing and do not need it."""
         reading = self._reading
         if reading is None:
-            return Measured(dict.fromkeys(self._names, math.nan))
+            return Measurements(dict.fromkeys(self._names, math.nan))
         rows = (reading.positions, reading.velocities, reading.efforts)
-        return Measured(*(dict(zip(self._names, row, strict=True)) for row in rows))
+        return Measurements(*(dict(zip(self._names, row, strict=True)) for row in rows))
 
     def _fail(self, error: Exception, doing: str) -> None:
         reason = f"{doing} failed: {error or type(error).__name__}"

@@ -47,7 +47,7 @@ class Sway:
 
 
 @dataclass(frozen=True)
-class Measured:
+class Measurements:
     """Positions, velocities and efforts by joint; NaN is unknown."""
 
     positions: Mapping[str, float]
@@ -88,15 +88,15 @@ class Axis:
         self.at_rest = self._time_s >= self.trajectory.duration_s
         return self.position
 
-    def distance_to_end(self, measured: Measured) -> float:
+    def distance_to_end(self, measured: Measurements) -> float:
         """Distance of the joint from the end of its trajectory."""
         return abs(self.trajectory.end - measured.positions[self.joint.name])
 
-    def lag(self, measured: Measured) -> float:
+    def lag(self, measured: Measurements) -> float:
         """Distance of the joint from its setpoint."""
         return abs(self.position - measured.positions[self.joint.name])
 
-    def is_at_rest(self, measured: Measured) -> bool:
+    def is_at_rest(self, measured: Measurements) -> bool:
         """Return True if the joint is at rest. Without a measured velocity its position decides."""
         velocity = measured.velocities.get(self.joint.name, math.nan)
         slow = (
@@ -216,7 +216,7 @@ class Motions:
         """End a stop whose result cannot be measured."""
         return self._end([m for m in self._running if m.stopping and m.command_id == stop_id], state, reason)
 
-    def step(self, dt_s: float, measured: Measured, held: bool = False) -> tuple[dict[str, float], list[Outcome]]:
+    def step(self, dt_s: float, measured: Measurements, held: bool = False) -> tuple[dict[str, float], list[Outcome]]:
         """Advance by ``dt_s``.
 
         Return the setpoints to apply and the ended motions. While ``held``, demonstrations pause.
@@ -282,7 +282,7 @@ class Motions:
             self._brake(motion.joints)
         return [motion.outcome(state, reason, successor) for motion in motions]
 
-    def _judge(self, motion: _Motion, measured: Measured) -> Iterable[Outcome]:
+    def _judge(self, motion: _Motion, measured: Measurements) -> Iterable[Outcome]:
         axes = [self._axes[name] for name in motion.joints]
         late = motion.elapsed_s > motion.duration_s + SETTLE_S
         if motion.stopping:
@@ -301,7 +301,7 @@ class Motions:
         self._running.remove(motion)
         return [motion.outcome("succeeded")]
 
-    def _give_up(self, motion: _Motion, axis: Axis, measured: Measured) -> Outcome:
+    def _give_up(self, motion: _Motion, axis: Axis, measured: Measurements) -> Outcome:
         name, unit = axis.joint.name, "m" if axis.joint.linear else "rad"
         effort, limit = measured.efforts.get(name, math.nan), axis.joint.limits.effort
         why = "at its effort limit" if limit is not None and abs(effort) >= 0.95 * limit else "stuck"

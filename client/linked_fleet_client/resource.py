@@ -15,7 +15,7 @@ from linked_fleet_client.vocabulary import DCTERMS, HYBRIT, RDF, RDFS, is_web, l
 from linked_fleet_client.web import Document, Web
 
 
-class Named(Protocol):
+class NamedObject(Protocol):
     """An object with ``names``, ordered by rank: identifiers come before descriptions."""
 
     iri: URIRef
@@ -31,7 +31,7 @@ class Named(Protocol):
         """Read its own description if no name is known so far."""
 
 
-T = TypeVar("T", bound=Named)
+T = TypeVar("T", bound=NamedObject)
 
 
 class Members(Generic[T], Sequence[T]):

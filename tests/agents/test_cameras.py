@@ -10,7 +10,7 @@ import pytest
 
 from linked_fleet_agent.publications import Cameras
 from linked_fleet_agent.robot import Facts, PictureError
-from linked_fleet_agent.robots.camera_client import Probe, as_available, probe
+from linked_fleet_agent.robots.camera_client import Probe, probe, with_availability
 from linked_fleet_agent.robots.mujoco_robot import MujocoRobot
 from linked_fleet_agent.urdf import joints_of
 from linked_fleet_agent.wire import codec
@@ -31,7 +31,7 @@ CAMERA = Camera(
 
 
 def mast(reason: str = "", way: str = "") -> MujocoRobot:
-    facts = Facts("mast", URDF, joints_of(URDF), cameras=as_available((CAMERA,), reason))
+    facts = Facts("mast", URDF, joints_of(URDF), cameras=with_availability((CAMERA,), reason))
     return MujocoRobot("mast", facts, renders_by=way)
 
 

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from linked_fleet_agent.motion import SETTLE_S, Measured, Motions, Outcome, Sway
+from linked_fleet_agent.motion import SETTLE_S, Measurements, Motions, Outcome, Sway
 from linked_fleet_agent.plan import ImpossibleError, plan
 from linked_fleet_agent.robot import JointFacts, Limits
 from linked_fleet_agent.trajectory import cruise_of
@@ -56,7 +56,7 @@ class Robot:
         for _ in range(steps):
             velocities = {name: (path[-1] - path[-2]) / DT if path[1:] else 0.0 for name, path in self.paths.items()}
             efforts = {name: 5.0 if name in self.stuck else 0.0 for name in JOINTS}
-            setpoints, outcomes = self.motions.step(DT, Measured(self.positions, velocities, efforts), held)
+            setpoints, outcomes = self.motions.step(DT, Measurements(self.positions, velocities, efforts), held)
             self.outcomes += outcomes
             self.positions |= {name: at for name, at in setpoints.items() if name not in self.stuck}
             for name, path in self.paths.items():
@@ -294,7 +294,7 @@ def test_a_stop_fails_and_names_joints_that_do_not_come_to_rest() -> None:
     motions.stop("s", list(JOINTS), "", "stopped", positions)
     ends: list[Outcome] = []
     for _ in range(round((SETTLE_S + 1.0) / DT)):
-        ends += motions.step(DT, Measured(positions, {"arm": 0.5, "wheel": 0.0, "lift": 0.0}))[1]
+        ends += motions.step(DT, Measurements(positions, {"arm": 0.5, "wheel": 0.0, "lift": 0.0}))[1]
     [end] = ends
     assert (end.command_id, end.state, end.reason) == ("s", "failed", "not come to rest: arm")
 
@@ -348,5 +348,5 @@ def test_an_unknown_position_never_succeeds() -> None:
     """NaN is within no tolerance."""
     robot = Robot()
     robot.move("a", arm=0.0)
-    _, outcomes = robot.motions.step(DT, Measured(dict.fromkeys(JOINTS, math.nan)))
+    _, outcomes = robot.motions.step(DT, Measurements(dict.fromkeys(JOINTS, math.nan)))
     assert [outcome.state for outcome in outcomes] == ["failed"]

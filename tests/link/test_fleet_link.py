@@ -138,7 +138,7 @@ async def test_a_robot_appears_is_described_sends_frames_and_vanishes(part: Netw
             await asyncio.sleep(0.01)
         await part.leave("r")
         await gateway.seen(Vanished(name, 1))
-    assert not gateway.link.malformed
+    assert not gateway.link.malformed_counts
 
 
 @in_memory
@@ -234,8 +234,8 @@ async def test_foreign_keys_and_malformed_payloads_are_counted_and_harmless(part
         agent.publish(f"{KEYS.namespace}/robot/~zz/state", b"")
         agent.publish(KEYS.robot("big", "state"), bytes(70_000))
         agent.publish(KEYS.robot("r", "progress"), b"{")
-        await until(lambda: len(gateway.link.malformed) == 5)
-        assert gateway.link.malformed["big"] == gateway.link.malformed["r"] == 1
+        await until(lambda: len(gateway.link.malformed_counts) == 5)
+        assert gateway.link.malformed_counts["big"] == gateway.link.malformed_counts["r"] == 1
         assert not gateway.events
         assert set(map(str, gateway.progress)) == {str(("r", news))}
 

@@ -16,7 +16,7 @@ from redis.retry import Retry
 from file_damage import DAMAGES, cut_tail, write_data
 from linked_fleet_gateway.runtime import damaged_data as damage
 from linked_fleet_gateway.runtime import embedded_redis as embedded
-from linked_fleet_gateway.runtime.embedded_redis import Embedded
+from linked_fleet_gateway.runtime.embedded_redis import EmbeddedRedis
 from running import PATIENCE_S
 
 pytestmark = [pytest.mark.processes, pytest.mark.test_all, pytest.mark.usefixtures("patient")]
@@ -39,7 +39,7 @@ def content(folder: Path) -> dict[str, bytes]:
     return {path.name: path.read_bytes() for path in folder.iterdir()}
 
 
-def keys(server: Embedded) -> int:
+def keys(server: EmbeddedRedis) -> int:
     """Return the number of keys; -1 while no server answers."""
     path = unquote(server.url.removeprefix("unix://"))
     try:
@@ -59,7 +59,7 @@ def started(state_dir: Path) -> tuple[int, tuple[str, ...]]:
     """Return the number of keys of a server with this data, and what was set aside."""
 
     async def run() -> tuple[int, tuple[str, ...]]:
-        async with Embedded(state_dir) as server:
+        async with EmbeddedRedis(state_dir) as server:
             return keys(server), server.set_aside
 
     return asyncio.run(run())
@@ -124,7 +124,7 @@ async def test_data_stay_where_no_server_starts_at_all(
     sound = embedded._configuration
     with caplog.at_level(logging.ERROR):
         monkeypatch.setattr(embedded, "_configuration", lambda *paths: [*sound(*paths), "--maxmemory", "nonsense"])
-        async with Embedded(state_dir) as server:
+        async with EmbeddedRedis(state_dir) as server:
             assert server.set_aside == () and content(state_dir / damage.DATA) == before
             monkeypatch.setattr(embedded, "_configuration", sound)
             await until(lambda: keys(server) == 100)
@@ -141,6 +141,6 @@ async def test_a_server_that_is_ended_while_it_starts_does_not_cost_the_data(
     program.chmod(0o700)
     monkeypatch.setattr(embedded, "_program", lambda: str(program))
     before = content(state_dir / damage.DATA)
-    async with Embedded(state_dir) as server:
+    async with EmbeddedRedis(state_dir) as server:
         assert server.set_aside == ()
     assert content(state_dir / damage.DATA) == before

@@ -21,7 +21,7 @@ from redis.backoff import NoBackoff
 from redis.retry import Retry
 
 from linked_fleet_gateway.runtime import embedded_redis as embedded
-from linked_fleet_gateway.runtime.embedded_redis import Embedded
+from linked_fleet_gateway.runtime.embedded_redis import EmbeddedRedis
 from linked_fleet_gateway.subscriptions.store import Store
 from running import PATIENCE_S, process
 
@@ -40,22 +40,22 @@ GATEWAY = textwrap.dedent("""
 """)
 
 
-def client(server: Embedded) -> redis.Redis:
+def client(server: EmbeddedRedis) -> redis.Redis:
     path = unquote(server.url.removeprefix("unix://"))
     return redis.Redis(unix_socket_path=path, socket_timeout=PATIENCE_S, retry=Retry(NoBackoff(), 0))
 
 
-def write(server: Embedded, value: str) -> None:
+def write(server: EmbeddedRedis, value: str) -> None:
     with client(server) as connection:
         connection.set("value", value)
 
 
-def read(server: Embedded) -> str:
+def read(server: EmbeddedRedis) -> str:
     with client(server) as connection:
         return connection.get("value").decode()
 
 
-def pid(server: Embedded) -> int:
+def pid(server: EmbeddedRedis) -> int:
     """Return the process that answers; 0 if none does."""
     try:
         with client(server) as connection:
@@ -87,13 +87,13 @@ def at_once(monkeypatch: pytest.MonkeyPatch) -> None:
 async def test_the_embedded_server_keeps_its_data(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     state_dir = tmp_path / "a folder" / "of ours #1"
     with caplog.at_level(logging.WARNING):
-        async with Embedded(state_dir) as server, Store(server.url, "fleet", "a") as store:
+        async with EmbeddedRedis(state_dir) as server, Store(server.url, "fleet", "a") as store:
             await store.renew()
             write(server, "kept")
             number = pid(server)
             assert os.getsid(number) != os.getsid(0), "Ctrl-C would end it before us"
         assert not alive(number)
-        async with Embedded(state_dir) as server:
+        async with EmbeddedRedis(state_dir) as server:
             assert read(server) == "kept"
     assert caplog.records == []
     assert state_dir.stat().st_mode & 0o777 == 0o700
@@ -102,7 +102,7 @@ async def test_the_embedded_server_keeps_its_data(tmp_path: Path, caplog: pytest
 
 async def test_gateways_that_start_together_share_one_server(tmp_path: Path) -> None:
     async with asyncio.TaskGroup() as group:
-        servers = [Embedded(tmp_path) for _ in range(8)]
+        servers = [EmbeddedRedis(tmp_path) for _ in range(8)]
         for server in servers:
             group.create_task(server.__aenter__())
     assert len({pid(server) for server in servers}) == 1
@@ -112,7 +112,7 @@ async def test_gateways_that_start_together_share_one_server(tmp_path: Path) -> 
 
 @pytest.mark.usefixtures("at_once")
 async def test_when_the_gateway_that_started_it_ends_another_starts_it_again(tmp_path: Path) -> None:
-    async with Embedded(tmp_path) as first, Embedded(tmp_path) as second:
+    async with EmbeddedRedis(tmp_path) as first, EmbeddedRedis(tmp_path) as second:
         write(first, "kept")
         number = pid(second)
         await first.__aexit__()
@@ -127,7 +127,7 @@ async def test_when_the_gateway_that_started_it_ends_another_starts_it_again(tmp
 async def test_a_server_goes_with_a_gateway_that_is_killed_and_is_replaced(tmp_path: Path) -> None:
     with process("-c", GATEWAY, str(tmp_path)) as gateway:
         gateway.said("open")
-        async with Embedded(tmp_path) as server:
+        async with EmbeddedRedis(tmp_path) as server:
             write(server, "kept")
             number = pid(server)
             gateway.send(signal.SIGKILL)
@@ -137,7 +137,7 @@ async def test_a_server_goes_with_a_gateway_that_is_killed_and_is_replaced(tmp_p
 
 
 def test_an_orphan_is_found_and_used_and_left_to_itself(tmp_path: Path) -> None:
-    server = Embedded(tmp_path)
+    server = EmbeddedRedis(tmp_path)
     orphan = subprocess.Popen([embedded._program(), *embedded._configuration(tmp_path, tmp_path / "valkey.sock")])
 
     async def run() -> None:
@@ -163,7 +163,7 @@ async def test_a_killed_server_is_replaced_with_nothing_lost_and_few_words(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     with caplog.at_level(logging.INFO, logger=embedded.__name__):
-        async with Embedded(tmp_path) as server:
+        async with EmbeddedRedis(tmp_path) as server:
             for round_ in range(3):
                 async with embedded._locked(tmp_path / "lock", "it is still being started"):
                     number = pid(server)
@@ -179,17 +179,17 @@ async def test_a_deep_folder_has_its_socket_elsewhere(tmp_path: Path, monkeypatc
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(runtime))
     deep = tmp_path / ("d" * 60) / ("e" * 60)
     try:
-        async with Embedded(deep) as server, Embedded(deep) as other:
+        async with EmbeddedRedis(deep) as server, EmbeddedRedis(deep) as other:
             assert server.url.startswith(f"unix://{runtime}/linked-fleet-")
             assert pid(server) == pid(other) != 0
-            assert Embedded(deep / "f").url != server.url
+            assert EmbeddedRedis(deep / "f").url != server.url
     finally:
         shutil.rmtree(runtime)
 
 
 async def test_a_stale_socket_is_no_obstacle(tmp_path: Path) -> None:
     (tmp_path / "valkey.sock").touch()
-    async with Embedded(tmp_path) as server:
+    async with EmbeddedRedis(tmp_path) as server:
         assert pid(server)
 
 
@@ -197,7 +197,7 @@ def open_without_server(state_dir: Path, caplog: pytest.LogCaptureFixture) -> st
     """Return the log of a server that cannot be started; the gateway's side opens nevertheless."""
 
     async def run() -> None:
-        async with Embedded(state_dir) as server:
+        async with EmbeddedRedis(state_dir) as server:
             assert pid(server) == 0
 
     with caplog.at_level(logging.ERROR, logger=embedded.__name__):
@@ -231,7 +231,7 @@ def test_a_binary_that_cannot_run_is_named(
 async def test_a_server_that_could_not_be_started_is_started_as_soon_as_it_can_be(tmp_path: Path) -> None:
     obstacle = tmp_path / "file"
     obstacle.touch()
-    async with Embedded(obstacle / "state") as server:
+    async with EmbeddedRedis(obstacle / "state") as server:
         assert pid(server) == 0
         obstacle.unlink()
         await until(lambda: pid(server), "a server")

@@ -99,7 +99,7 @@ def probe() -> Probe:
     return Probe(os.environ.get("MUJOCO_GL"))
 
 
-def as_available(cameras: Sequence[Camera], reason: str) -> tuple[Camera, ...]:
+def with_availability(cameras: Sequence[Camera], reason: str) -> tuple[Camera, ...]:
     """Return the cameras with the available formats, or with the ``reason`` for having none."""
     formats = () if reason else FORMATS
     return tuple(msgspec.structs.replace(camera, formats=formats, unavailable=reason) for camera in cameras)

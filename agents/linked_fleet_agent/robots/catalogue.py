@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from linked_fleet_agent.robot import Facts, JointFacts, Robot
-from linked_fleet_agent.robots.camera_client import as_available, probe
+from linked_fleet_agent.robots.camera_client import probe, with_availability
 from linked_fleet_agent.robots.ros2.address import SCHEME, AddressError, parse_address
 from linked_fleet_agent.urdf import UrdfError, joints_of, mesh_files
 from linked_fleet_agent.wire.keys import escape
@@ -233,7 +233,7 @@ def _simulate(name: str, model: Model, path: Path) -> Robot:
         facts = facts_of(model, path.read_text(encoding="utf-8"))
         facts = replace(facts, meshes=mesh_files(facts.urdf, path))
         way, reason = ("", "") if sight is None else sight.result
-        facts = replace(facts, cameras=as_available(model.cameras, reason))
+        facts = replace(facts, cameras=with_availability(model.cameras, reason))
         return MujocoRobot(name, facts, model.home, model.home_height_m, path, way)
     except OSError as error:
         raise UnavailableError(f"{name}: {path} cannot be read: {error.strerror}") from error

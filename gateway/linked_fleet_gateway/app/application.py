@@ -13,7 +13,7 @@ from starlette.applications import Starlette
 from linked_fleet_gateway.actions.service import Actions
 from linked_fleet_gateway.actions.store import ActionStore
 from linked_fleet_gateway.app.extensions import ExtensionSettings, enabled_extensions, install, mount, representations
-from linked_fleet_gateway.app.metrics import Numbers, Sampler, registry
+from linked_fleet_gateway.app.metrics import MetricsCollector, Sampler, registry
 from linked_fleet_gateway.app.settings import GatewaySettings
 from linked_fleet_gateway.http.connection_limits import Sockets, within_files
 from linked_fleet_gateway.http.endpoint import Endpoint
@@ -31,7 +31,7 @@ from linked_fleet_gateway.rdf.vocabulary import LF, RDF, SH
 from linked_fleet_gateway.resources.action_offer import CONDITIONS, definitions
 from linked_fleet_gateway.resources.shape_parameters import COMPLETIONS
 from linked_fleet_gateway.runtime.audit_log import Audit
-from linked_fleet_gateway.runtime.embedded_redis import Embedded
+from linked_fleet_gateway.runtime.embedded_redis import EmbeddedRedis
 from linked_fleet_gateway.runtime.metrics import Requests
 from linked_fleet_gateway.runtime.tracing import Tracing
 from linked_fleet_gateway.shacl import Compiler, Unsupported
@@ -112,7 +112,7 @@ def create_app(settings: GatewaySettings, tracing: Tracing | None = None, open_s
     async def lifespan(_: Starlette) -> AsyncIterator[None]:
         async with AsyncExitStack() as stack:
             live = await stack.enter_async_context(new_live(settings, open_session))
-            embedded = None if settings.redis_url else Embedded(settings.state_path)
+            embedded = None if settings.redis_url else EmbeddedRedis(settings.state_path)
             url = settings.redis_url if embedded is None else (await stack.enter_async_context(embedded)).url
             run = new_run()
             audit = await stack.enter_async_context(Audit(url, settings.namespace))
@@ -137,7 +137,7 @@ def create_app(settings: GatewaySettings, tracing: Tracing | None = None, open_s
             )  # fmt: skip
             await stack.enter_async_context(subscriptions)
             sampler = await stack.enter_async_context(Sampler(live.fleet))
-            numbers = Numbers(
+            numbers = MetricsCollector(
                 live, subscriptions, actions, requests, sampler, embedded, [each.metrics for each in mounts]
             )
             app.services = Services(

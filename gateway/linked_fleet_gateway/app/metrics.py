@@ -19,7 +19,7 @@ from prometheus_client.registry import Collector
 from linked_fleet_gateway.actions.service import Actions
 from linked_fleet_gateway.fleet.fleet import Fleet
 from linked_fleet_gateway.runtime.background import end, supervised, time_sliced
-from linked_fleet_gateway.runtime.embedded_redis import Embedded
+from linked_fleet_gateway.runtime.embedded_redis import EmbeddedRedis
 from linked_fleet_gateway.runtime.metrics import PREFIX, Histogram, Requests, counter, gauge, gauges, histogram
 from linked_fleet_gateway.subscriptions.live import Live
 from linked_fleet_gateway.subscriptions.service import Subscriptions
@@ -75,7 +75,7 @@ class Sampler:
                     self.frame_lag.add((taken_ns - wall_ns) / 1e9)
 
 
-def registry(numbers: "Numbers") -> CollectorRegistry:
+def registry(numbers: "MetricsCollector") -> CollectorRegistry:
     """Return a registry with the metrics of one gateway and of its process."""
     made = CollectorRegistry()
     made.register(numbers)
@@ -84,7 +84,7 @@ def registry(numbers: "Numbers") -> CollectorRegistry:
 
 
 @dataclass(frozen=True, eq=False)
-class Numbers(Collector):
+class MetricsCollector(Collector):
     """Reads counters of the event loop from a thread; each single read is atomic."""
 
     live: Live
@@ -92,7 +92,7 @@ class Numbers(Collector):
     actions: Actions
     requests: Requests
     sampler: Sampler
-    embedded: Embedded | None
+    embedded: EmbeddedRedis | None
     extensions: Sequence[Callable[[], Iterable[Metric]]] = ()
 
     def collect(self) -> Iterator[Metric]:
@@ -101,7 +101,7 @@ class Numbers(Collector):
         yield from self._of_subscriptions()
         yield from self._of_commands()
         yield histogram("event_loop_lag_seconds", "How late timers of the event loop were.", self.sampler.loop_lag)
-        yield gauge("redis_up", "Whether Redis answers.", self.subscriptions.store_answers)
+        yield gauge("redis_up", "Whether Redis answers.", self.subscriptions.store_is_available)
         set_aside = len(self.embedded.set_aside) if self.embedded else 0
         yield gauge("redis_data_set_aside", "Folders of data that the embedded server could not load.", set_aside)
         for collect in self.extensions:
@@ -125,7 +125,7 @@ class Numbers(Collector):
                 if robot.sequence is not None and robot.last_seen_ns is not None
             ],
         )  # fmt: skip
-        malformed = _sum(fleet.malformed) + _sum(self.live.link.malformed)
+        malformed = _sum(fleet.malformed_counts) + _sum(self.live.link.malformed_counts)
         yield counter("frames_taken", "State frames taken.", self.live.frames)
         yield counter("frames_dropped", "State frames that were late, or of no present run.", _sum(fleet.dropped))
         yield counter("messages_malformed", "Messages of robots, of any kind, refused as ill-formed.", malformed)

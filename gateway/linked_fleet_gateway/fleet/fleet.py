@@ -135,7 +135,7 @@ class Fleet:
         return self._robots
 
     @property
-    def malformed(self) -> Counter[str]:
+    def malformed_counts(self) -> Counter[str]:
         return self._rejected.counts
 
     def configure(self, robot: str, settings: Mapping[str, str]) -> list[Change]:

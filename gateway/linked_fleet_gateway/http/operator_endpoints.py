@@ -18,7 +18,7 @@ from linked_fleet_gateway.http.problem import problem
 from linked_fleet_gateway.http.request import Gateway, gateway_of, html_of
 from linked_fleet_gateway.identity.rights import Right
 from linked_fleet_gateway.runtime.damaged_data import damage_warning
-from linked_fleet_gateway.runtime.embedded_redis import Embedded
+from linked_fleet_gateway.runtime.embedded_redis import EmbeddedRedis
 
 
 async def live(request: Request) -> Response:
@@ -44,7 +44,7 @@ async def ready(request: Request) -> Response:
     return JSONResponse({"status": "ready", **more})
 
 
-def store_warning(embedded: Embedded | None) -> str:
+def store_warning(embedded: EmbeddedRedis | None) -> str:
     """Return a sentence about data that the embedded server could not load; empty if there is none."""
     return "" if embedded is None else damage_warning(embedded.set_aside)
 
@@ -54,7 +54,7 @@ def _missing(gateway: Gateway) -> Iterator[str]:
         yield "the gateway is ending"
     if not gateway.services.live.link.is_connected:
         yield "no robot, router or other gateway is connected by Zenoh"
-    if not gateway.services.subscriptions.store_answers:
+    if not gateway.services.subscriptions.store_is_available:
         yield "Redis does not answer"
 
 

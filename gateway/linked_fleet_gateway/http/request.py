@@ -26,7 +26,7 @@ from linked_fleet_gateway.resources.paths import robot_of
 from linked_fleet_gateway.resources.things import NO_SUBSCRIPTIONS, SubscriptionsByOwner
 from linked_fleet_gateway.resources.tree import Tree
 from linked_fleet_gateway.runtime.audit_log import Audit
-from linked_fleet_gateway.runtime.embedded_redis import Embedded
+from linked_fleet_gateway.runtime.embedded_redis import EmbeddedRedis
 from linked_fleet_gateway.subscriptions.live import Live
 from linked_fleet_gateway.subscriptions.service import Subscriptions
 
@@ -53,7 +53,7 @@ class Services:
     subscriptions: Subscriptions
     audit: Audit
     identities: Identities | None
-    embedded: Embedded | None
+    embedded: EmbeddedRedis | None
     offload: Offload = field(default_factory=Offload)
     writing: Offload = field(default_factory=partial(Offload, sys.maxsize))
     """Writes long representations; the number of connections is their only limit."""

@@ -78,7 +78,7 @@ class FleetLink:
         return self._listens and self._session.connected
 
     @property
-    def malformed(self) -> dict[str, int]:
+    def malformed_counts(self) -> dict[str, int]:
         """Number of refused messages by robot or, for a key without one, by key."""
         return dict(self._incoming.complaints.counts)
 

@@ -58,7 +58,7 @@ class _EndedError(EmbeddedError):
         self.code = code
 
 
-class Embedded:
+class EmbeddedRedis:
     """A server with its data in ``state_dir``, as an async context manager; an existing one is shared.
 
     While it is open, a server that terminates is replaced on the same data, also if another gateway had started it, and

@@ -88,7 +88,7 @@ class FanOut:
             watcher.change(subscription)
 
     @property
-    def watched(self) -> KeysView[str | None]:
+    def watched_robots(self) -> KeysView[str | None]:
         """Live view of the robots of which something is watched; None stands for resources of no robot."""
         return self._of_robot.keys()
 

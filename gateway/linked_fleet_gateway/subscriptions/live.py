@@ -42,7 +42,7 @@ class Live:
         self.fleet = Fleet(Frames(lambda robot: keys.robot(robot, "state")))
         self.invocations = Invocations()
         self.fan_out = FanOut(self.tree, self.fleet.next_moved)
-        self.fleet.frames.watched = self.fan_out.watched
+        self.fleet.frames.watched = self.fan_out.watched_robots
         self._invocation_listeners: dict[Callable[[Invocation], None], None] = {}
         self._branches = Branches()
         self._secured = secured

@@ -65,7 +65,7 @@ class Subscriptions:
         await finish(self._store.leave(), log, "the store could not be told that this gateway ends")
 
     @property
-    def store_answers(self) -> bool:
+    def store_is_available(self) -> bool:
         """True if the lease of this gateway was renewed recently."""
         return time.monotonic() - self._renewed_s < LEASE_S
 

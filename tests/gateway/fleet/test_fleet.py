@@ -168,7 +168,7 @@ def test_an_early_frame_that_does_not_fit_is_malformed() -> None:
     fleet, robot = fleet_after(Appeared("r", 5), framed(1))
     assert kinds(fleet.apply(Described(said(joints=("turn",), layout=layout(1, False))), 9)) == ["described"]
     assert robot.frame is None
-    assert fleet.malformed["r"] == 1
+    assert fleet.malformed_counts["r"] == 1
 
 
 def test_frames_that_are_late_or_of_another_run_are_dropped() -> None:
@@ -177,7 +177,7 @@ def test_frames_that_are_late_or_of_another_run_are_dropped() -> None:
         assert fleet.apply(late, 9) == []
     assert robot.sequence == 7
     assert fleet.dropped["r"] == 3
-    assert not fleet.malformed
+    assert not fleet.malformed_counts
 
 
 @pytest.mark.parametrize(
@@ -197,7 +197,7 @@ def test_frames_that_are_late_or_of_another_run_are_dropped() -> None:
 def test_frames_that_do_not_fit_are_malformed_and_harmless(event: Framed) -> None:
     fleet, robot = fleet_after(*UP, framed(1))
     assert fleet.apply(event, 9) == []
-    assert fleet.malformed["r"] == 1
+    assert fleet.malformed_counts["r"] == 1
     assert robot.sequence == 1
 
 
@@ -205,7 +205,7 @@ def test_a_frame_with_an_infinite_value_has_no_values() -> None:
     fleet, robot = fleet_after(*UP, framed(1, math.inf))
     assert robot.frame is None
     assert math.isnan(robot.positions["turn"])
-    assert fleet.malformed["r"] == 1
+    assert fleet.malformed_counts["r"] == 1
 
 
 def test_a_restart_drops_measured_values_and_keeps_the_tree() -> None:
@@ -313,7 +313,7 @@ def test_undescribed_robots_are_shown_up_to_a_limit() -> None:
     for number in range(10_000):
         fleet.apply(DescriptionRejected(f"flood{number}", 5, "it is silent"), 2)
     assert len(fleet.robots) == MAX_UNDESCRIBED
-    assert fleet.malformed.total() == 10_000
+    assert fleet.malformed_counts.total() == 10_000
 
 
 def test_a_robot_that_describes_itself_is_shown_however_many_do_not() -> None:
@@ -336,7 +336,7 @@ def test_a_robot_that_never_described_itself_is_forgotten_with_its_token() -> No
         fleet.apply(DescriptionRejected(f"flood{number}", 5, "it is silent"), 1)
     for number in range(100):
         fleet.apply(Vanished(f"flood{number}", 5), 2)
-    assert (len(fleet.robots), dict(fleet.malformed)) == (0, {"(others)": MAX_UNDESCRIBED, "(undescribed)": 36})
+    assert (len(fleet.robots), dict(fleet.malformed_counts)) == (0, {"(others)": MAX_UNDESCRIBED, "(undescribed)": 36})
     assert kinds(fleet.apply(Appeared("r", 5), 3)) == ["appeared"]
 
 

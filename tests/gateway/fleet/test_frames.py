@@ -77,7 +77,7 @@ def test_an_unchecked_frame_is_judged_and_replaces_nothing(fleet: Fleet, payload
     assert put(fleet, frame(2, 0.2))
     assert not put(fleet, payload)
     assert fleet.apply(Framed("r", payload), 3) == []
-    assert fleet.dropped["r"] + fleet.malformed["r"] == 1
+    assert fleet.dropped["r"] + fleet.malformed_counts["r"] == 1
     assert robot(fleet).positions["turn"] == 0.2
     assert put(fleet, frame(3, 0.3))
 

@@ -82,11 +82,11 @@ def test_a_robot_is_faulty_after_a_second_outside_and_online_again_within(mirror
     assert fleet.check_limits(0) == []
     mirrored.stand("r", (77.0, 0.0))
     assert fleet.check_limits(1 * SECOND_NS) == []
-    assert (robot.presence, fleet.malformed["r"]) == ("online", 1)
+    assert (robot.presence, fleet.malformed_counts["r"]) == ("online", 1)
     assert fleet.check_limits(2 * SECOND_NS - 1) == []
     mirrored.stand("r", (78.0, 0.0))
     assert fleet.check_limits(2 * SECOND_NS) == [Change("r", "faulty")]
-    assert (robot.presence, robot.positions["elbow"], fleet.malformed["r"]) == ("faulty", 78.0, 2)
+    assert (robot.presence, robot.positions["elbow"], fleet.malformed_counts["r"]) == ("faulty", 78.0, 2)
     assert "elbow" in (robot.fault or "")
     _, graph = described(fleet, "/r/")
     assert LF.faulty in [triple.object for triple in graph.triples if triple.predicate == LF.presence]
@@ -104,7 +104,7 @@ def test_one_bad_frame_is_a_complaint_and_no_fault(mirrored: MirroredFleet) -> N
     fleet.check_limits(SECOND_NS * 5 // 4)
     mirrored.stand("r", (77.0, 0.0))
     assert fleet.check_limits(3 * SECOND_NS) == []
-    assert (robot_of(mirrored).presence, fleet.malformed["r"]) == ("online", 2)
+    assert (robot_of(mirrored).presence, fleet.malformed_counts["r"]) == ("online", 2)
 
 
 def test_a_request_after_a_stop_is_later_than_it_before_the_next_frame(mirrored: MirroredFleet) -> None:

@@ -128,7 +128,7 @@ async def test_one_question_asks_for_all_runs_of_a_robot() -> None:
 
             described = session.declare_queryable(KEYS.robot("r", "description"), answer)
             tokens = [session.liveliness().declare_token(KEYS.presence("r", 10**6 + run)) for run in range(RUNS)]
-            await gateway.until(lambda: gateway.link.malformed != {} or len(gateway.fleet.malformed) > 0)
+            await gateway.until(lambda: gateway.link.malformed_counts != {} or len(gateway.fleet.malformed_counts) > 0)
             await until(lambda: len(asked) >= 3)
             assert len(asked) < RUNS / 10
             described.undeclare()
@@ -141,7 +141,9 @@ async def test_a_silent_robot_makes_room_for_one_that_comes(monkeypatch: pytest.
     async with opened() as (gateway, endpoint):
         silent = [KEYS.presence(f"silent{number}", 1) for number in range(20)]
         with flooding(endpoint, silent):
-            await gateway.until(lambda: gateway.link.undescribed_count == 20 and gateway.fleet.malformed.total() >= 20)
+            await gateway.until(
+                lambda: gateway.link.undescribed_count == 20 and gateway.fleet.malformed_counts.total() >= 20
+            )
             with open_session(endpoint) as session:
                 late = FakeRobot(session, "late").appear()
                 await gateway.sees(late.name)

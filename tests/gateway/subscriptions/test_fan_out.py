@@ -172,7 +172,7 @@ class World:
         self.fan_out = Clocked(
             lambda base, sees: Tree(self.fleet, self.invocations, base, sees=sees), self.fleet.next_moved
         )
-        self.fleet.frames.watched = self.fan_out.watched
+        self.fleet.frames.watched = self.fan_out.watched_robots
         self._sequence = itertools.count()
 
     def tell(self, *events: Event) -> None:

@@ -22,7 +22,7 @@ _TEMPLATES = Path(__file__).parent / "templates"
 
 
 @dataclass(frozen=True)
-class Listed:
+class HistoryRow:
     """The history of a robot, and its extent. ``length``: the time between its ends, empty if it is empty."""
 
     link: Link
@@ -42,11 +42,11 @@ def histories(facts: Facts, iri: NamedNode) -> Part:
     return Part(more, {DCTERMS.hasPart, LF.historySpan, RDFS.seeAlso}, done)
 
 
-def _listed(facts: Facts, iri: NamedNode, robot: Term | None) -> Listed:
+def _listed(facts: Facts, iri: NamedNode, robot: Term | None) -> HistoryRow:
     assert isinstance(robot, NamedNode)  # the shape of the list
     link = Link(texts.place(robot.value, facts.root), iri.value, iri.value)
     length = _length(facts.text(iri, LF.oldestSample), facts.text(iri, LF.newestSample))
-    return Listed(link, facts.link(robot), presence(facts, robot), length, facts.text(iri, LF.sampleCount))
+    return HistoryRow(link, facts.link(robot), presence(facts, robot), length, facts.text(iri, LF.sampleCount))
 
 
 def _length(oldest: str, newest: str) -> str:
@@ -71,7 +71,7 @@ class PartHistory:
 
 
 @dataclass(frozen=True)
-class Observed:
+class ObservationRow:
     when: Value | None
     values: Sequence[Value]
 
@@ -115,10 +115,10 @@ def _parts(facts: Facts, iri: NamedNode) -> Iterator[PartHistory]:
         yield PartHistory(Link(name, address, address), any(each.text == "velocity" for each in found), found)
 
 
-def _observed(facts: Facts, node: Term, unit: str) -> Observed:
+def _observed(facts: Facts, node: Term, unit: str) -> ObservationRow:
     simple = [facts.number(each, None, unit) for each in facts.all(node, SOSA.hasSimpleResult)]
     results = [*simple, *facts.values(node, SOSA.hasResult)]  # type: ignore[arg-type]
-    return Observed(_first(facts, node, SOSA.resultTime), results)
+    return ObservationRow(_first(facts, node, SOSA.resultTime), results)
 
 
 def _first(facts: Facts, subject: Term, predicate: NamedNode) -> Value | None:

@@ -95,7 +95,7 @@ async def contents(context: MessageContext, uri: str) -> types.TextResourceConte
 
 
 @dataclass(frozen=True)
-class Found:
+class SearchResult:
     """A search result. ``details`` computes its details, only if the result is returned."""
 
     kind: str
@@ -119,7 +119,7 @@ class Find(Tool):
     limit: int = Field(20, ge=1, le=50, description="maximum number of results")
 
     async def run(self, context: MessageContext, progress: Progress) -> CallToolResult:
-        words, matching = self.text.casefold().split(), list[Found]()
+        words, matching = self.text.casefold().split(), list[SearchResult]()
         async for each in time_sliced(_all(context, self.robot)):
             if self.kind in ("any", each.kind) and each.matches(words):
                 matching.append(each)
@@ -134,12 +134,12 @@ class Find(Tool):
         return CallToolResult(content=[TextContent(text=json.dumps(value))], structured_content=value)
 
 
-def _all(context: MessageContext, name: str) -> Iterator[Found]:
+def _all(context: MessageContext, name: str) -> Iterator[SearchResult]:
     """Yield robots before their parts, so that the first results lead to the rest."""
     robots = [robot for key, robot in sorted(context.view.robots.items()) if name in ("", key)]
     for robot in robots:
         presence = {"name": robot.name, "online": robot.online, "fault": robot.fault}
-        yield Found("robot", robot_path(robot.name), robot.title, robot.name, presence.copy)
+        yield SearchResult("robot", robot_path(robot.name), robot.title, robot.name, presence.copy)
     if not name:
         yield from _actions(context, fleet_offers())
     for robot in robots:
@@ -147,16 +147,18 @@ def _all(context: MessageContext, name: str) -> Iterator[Found]:
         yield from _parts(context, robot)
 
 
-def _parts(context: MessageContext, robot: Robot) -> Iterator[Found]:
+def _parts(context: MessageContext, robot: Robot) -> Iterator[SearchResult]:
     if robot.model is None:
         return
     for joint in robot.model.joints.values():
         path, kind = joint_path(robot.name, joint.name), kind_of(joint).type.value.rpartition("#")[2]
         tell = partial(_values, context, robot, joint, kind)
-        yield Found("joint", path, f"{joint.name} of {robot.title}", f"{robot.name} {kind}", tell)
+        yield SearchResult("joint", path, f"{joint.name} of {robot.title}", f"{robot.name} {kind}", tell)
         yield from _actions(context, joint_offers(robot, joint))
     for link in robot.model.links.values():
-        yield Found("link", link_path(robot.name, robot.model, link.name), f"{link.name} of {robot.title}", robot.name)
+        yield SearchResult(
+            "link", link_path(robot.name, robot.model, link.name), f"{link.name} of {robot.title}", robot.name
+        )
 
 
 def _values(context: MessageContext, robot: Robot, joint: Joint, kind: str) -> dict[str, Any]:
@@ -164,11 +166,13 @@ def _values(context: MessageContext, robot: Robot, joint: Joint, kind: str) -> d
     return {"type": kind, "values": [f"{iri}/{each.segment}" for each in joint_properties(robot, joint)]}
 
 
-def _actions(context: MessageContext, offers: list[Offer]) -> Iterator[Found]:
+def _actions(context: MessageContext, offers: list[Offer]) -> Iterator[SearchResult]:
     """Yield the actions that the caller may invoke."""
     for offer in offers:
         if context.request.caller.has_any_right(Invoke(offer).needs, offer.robot.name if offer.robot else None):
-            yield Found("action", offer.path, offer.name, offer.definition.comment, partial(_call, context, offer))
+            yield SearchResult(
+                "action", offer.path, offer.name, offer.definition.comment, partial(_call, context, offer)
+            )
 
 
 def _call(context: MessageContext, offer: Offer) -> dict[str, Any]:

@@ -151,7 +151,9 @@ def step(segments: Sequence[str], depth: int) -> str:
     named = depth == 0 or (depth == 1 and segments[0] not in reserved_at_root())  # a robot, a joint or a link
     if not named and is_id(segments[depth]):
         return term_in_words(segments[depth - 1]).removesuffix("s")
-    return term_in_words(segments[depth]) if is_ours(segments, depth) else segment_name(segments[depth], depth)
+    return (
+        term_in_words(segments[depth]) if is_gateway_segment(segments, depth) else segment_name(segments[depth], depth)
+    )
 
 
 def is_id(segment: str) -> bool:
@@ -159,7 +161,7 @@ def is_id(segment: str) -> bool:
     return len(segment) >= 8 and all(each in "0123456789abcdef-" for each in segment)
 
 
-def is_ours(segments: Sequence[str], depth: int) -> bool:
+def is_gateway_segment(segments: Sequence[str], depth: int) -> bool:
     """Return True for a segment named by the gateway, such as that of an action, rather than by a robot."""
     reserved = reserved_in_robot() if depth else reserved_at_root()
     if segments[depth] in reserved or segments[depth - 1 : depth] == ["actions"]:

@@ -21,7 +21,7 @@ from pyoxigraph import (
 )
 
 from linked_fleet_gateway.extensions.query import page
-from linked_fleet_gateway.extensions.query.messages import QueryRequest, Refusal, Refused, too_large
+from linked_fleet_gateway.extensions.query.messages import QueryRequest, Refusal, Refused, size_refusal
 from linked_fleet_gateway.rdf.serialise import RDF_TYPES, WriteError, render
 from linked_fleet_gateway.rdf.vocabulary import LF, PREFIXES, RDF
 
@@ -122,12 +122,12 @@ def _written(result: Any, ask: QueryRequest) -> bytes:
     for triple in result:
         triples.append(triple)
         if len(triples) * _TERM_BYTES > ask.most_bytes:
-            raise Refused(too_large(ask.most_bytes))
+            raise Refused(size_refusal(ask.most_bytes))
     if ask.media_type == "text/html":
         return page.page_of(triples, ask)
     written = render(triples, ask.media_type, PREFIXES, base=ask.base + "/")
     if len(written) > ask.most_bytes:
-        raise Refused(too_large(ask.most_bytes))
+        raise Refused(size_refusal(ask.most_bytes))
     return written
 
 
@@ -140,7 +140,7 @@ class _Bounded(io.BytesIO):
 
     def write(self, content: Any) -> int:
         if self.tell() + len(content) > self._most:
-            raise Refused(too_large(self._most))
+            raise Refused(size_refusal(self._most))
         return super().write(content)
 
 

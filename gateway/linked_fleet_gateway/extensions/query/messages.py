@@ -121,7 +121,7 @@ class Refused(Exception):  # noqa: N818 - named for the outcome
         self.refusal = refusal
 
 
-def too_large(most_bytes: int) -> Refusal:
+def size_refusal(most_bytes: int) -> Refusal:
     detail = f"The result has more than {most_bytes} bytes. Select less, aggregate, or use LIMIT and OFFSET."
     return Refusal(reason="large", detail=detail)
 

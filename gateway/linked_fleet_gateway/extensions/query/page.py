@@ -15,7 +15,7 @@ from linked_fleet_gateway.extensions.pages.values import Facts
 from linked_fleet_gateway.extensions.pages.views import PageView, Part, Place, add_view, places
 from linked_fleet_gateway.extensions.query.examples import EXAMPLES
 from linked_fleet_gateway.extensions.query.functions import LF
-from linked_fleet_gateway.extensions.query.messages import QueryRequest, Refused, too_large
+from linked_fleet_gateway.extensions.query.messages import QueryRequest, Refused, size_refusal
 from linked_fleet_gateway.http.html import NOBODY, NavigationEntry, Reader
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, NUMERIC, PREFIXES, RDFS, SD, SH
 
@@ -81,7 +81,7 @@ def _bounded(rows: Iterable[Sequence[object]], ask: QueryRequest) -> list[list[C
         cells = [_cell(term, ask.base + "/") for term in row]
         size += sum(_CELL_BYTES + len(each.text) + len(each.href) for each in cells)
         if size > ask.most_bytes:
-            raise Refused(too_large(ask.most_bytes))
+            raise Refused(size_refusal(ask.most_bytes))
         shown.append(cells)
     return shown
 

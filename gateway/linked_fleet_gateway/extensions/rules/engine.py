@@ -50,7 +50,7 @@ class Select(Protocol):
 
 
 @dataclass(frozen=True)
-class Evaluated:
+class Evaluation:
     """The result of a condition at ``at_s`` (monotonic): keys of the rows that held, and states of moved robots."""
 
     revision: int
@@ -123,7 +123,7 @@ class Engine:
         """Evaluate a rule after each change. It is read again first, because it may differ after an error."""
         await self._refresh(id)
         self._due[id].set()
-        held: Evaluated | None = None
+        held: Evaluation | None = None
         with suppress(Lost, Changed):
             while True:
                 await self._due[id].wait()
@@ -133,7 +133,7 @@ class Engine:
                     held = await self._evaluate(known, held)
                 await asyncio.sleep(max(EVERY_S, (time.monotonic() - begun_s) * (SHARE - 1)))
 
-    async def _evaluate(self, known: RuleRecord, held: Evaluated | None) -> Evaluated | None:
+    async def _evaluate(self, known: RuleRecord, held: Evaluation | None) -> Evaluation | None:
         rule, was_suspended = known.rule, bool(known.suspended)
         if held is not None and held.revision != known.revision:
             held = None
@@ -157,7 +157,7 @@ class Engine:
             await self._complain(known, fault=str(error)[:_LONGEST], suspended=known.suspended)
             return held
         await self._note_seen()
-        evaluated = Evaluated(known.revision, set(now), look, at_s)
+        evaluated = Evaluation(known.revision, set(now), look, at_s)
         before = held.keys if held is not None else None if was_suspended else await self._store.rows_held(known)
         if before is None:  # rows that hold at the start have not started to hold
             await self._store.store_first_rows(known, now)
@@ -173,7 +173,7 @@ class Engine:
             rows = await self._select(rule.condition, rule.base, sees, instead=instead)
         return rows_by_key(rows, rule.told_apart_by)
 
-    async def _causes_of(self, rule: Rule, sees: View, held: Evaluated, change: Edge) -> dict[str, set[str]]:
+    async def _causes_of(self, rule: Rule, sees: View, held: Evaluation, change: Edge) -> dict[str, set[str]]:
         """Return, for each row that started to hold, the rules whose earlier firings caused it."""
         found: dict[str, set[str]] = {key: set() for key, _ in change.began}
         for question in self._causes.counterfactuals(rule.id, held.at_s, held.look) if found else ():

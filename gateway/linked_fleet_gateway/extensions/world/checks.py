@@ -219,7 +219,7 @@ class Checks:
         if (why := await self._preparation.prepare_objects(self._objects)) is not None:
             raise Unchecked(why)
         for robot in robots:
-            if (why := self._preparation.missing(robot)) is not None:
+            if (why := self._preparation.unprepared_reason(robot)) is not None:
                 seen = sees.includes(robot.name)
                 name, why = (robot.name, why) if seen else ("another robot", "ask again")
                 raise Unchecked(f"The shape of {name} is not known yet: {why}.")

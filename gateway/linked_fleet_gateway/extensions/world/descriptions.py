@@ -154,7 +154,7 @@ def describe_template(graph: Graph, base: str) -> None:
         graph.add(mapping, HYDRA.required, Literal(required))
 
 
-def describe_posed(graph: Graph, iri: NamedNode, of: str, frame: str, posed: RelativePose) -> None:
+def describe_relative_pose(graph: Graph, iri: NamedNode, of: str, frame: str, posed: RelativePose) -> None:
     """Describe a relative pose; ``of`` and ``frame`` are IRIs."""
     graph.a(iri, LF.PoseInFrame)
     graph.add(iri, DCTERMS.title, Literal("Pose in a frame"))

@@ -18,7 +18,7 @@ from linked_fleet_gateway.base.errors import BadRequest, NotFound
 from linked_fleet_gateway.extensions.world.descriptions import (
     OBJECTS,
     POSES,
-    describe_posed,
+    describe_relative_pose,
     object_form,
     object_path,
     read_object,
@@ -142,7 +142,7 @@ def _posed(world: World, request: Request, resource: Resource, asked: PoseQuery)
         ) from error
     path = f"{POSES}?{request.url.query}"
     iri = asked.view.iri(path)
-    describe = partial(describe_posed, iri=iri, of=request.base + of, frame=request.base + frame, posed=found)
+    describe = partial(describe_relative_pose, iri=iri, of=request.base + of, frame=request.base + frame, posed=found)
     return replace(resource, path=path, title="Pose in a frame", describe=describe)
 
 

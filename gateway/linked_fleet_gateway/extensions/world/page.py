@@ -94,7 +94,7 @@ def _refused(facts: Facts, node: BlankNode) -> RefusedMotion:
 
 
 @dataclass(frozen=True)
-class Listed:
+class ObjectRow:
     """An object in the list."""
 
     link: Link
@@ -114,11 +114,11 @@ def thing(facts: Facts, iri: NamedNode) -> Part:
     return Part({"form": _form(iri.value, "PUT", "save", facts, iri)})
 
 
-def _listed(facts: Facts, iri: NamedNode) -> Listed:
+def _listed(facts: Facts, iri: NamedNode) -> ObjectRow:
     kinds = [each for each in _KINDS if facts.is_a(iri, each)]
     forms = [each for each in facts.all(iri, LF.geometry, RDF.type) if isinstance(each, NamedNode)]
     positions = facts.values(iri, LF.position)
-    return Listed(
+    return ObjectRow(
         facts.link(iri),
         texts.choice_label(kinds[0].value) if kinds else "",
         texts.choice_label(forms[0].value) if forms else "",

@@ -178,7 +178,7 @@ class Preparation:
             for key in keys
         )
 
-    def missing(self, robot: Robot) -> str | None:
+    def unprepared_reason(self, robot: Robot) -> str | None:
         """Return why the robot is not prepared; None if it is."""
         key = self.key(robot)
         if self._checker.is_prepared(key):

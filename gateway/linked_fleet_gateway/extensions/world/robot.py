@@ -73,7 +73,7 @@ _COMPOUND_M = 0.02
 _TURN_RAD = np.pi
 
 
-def own_pairs(robot: Robot) -> list[tuple[int, int]]:
+def self_collision_pairs(robot: Robot) -> list[tuple[int, int]]:
     """Return pairs of indices into the robot's bodies."""
     supports = [set(robot.model.supports[joint]) for joint in range(robot.model.njoints)]
     found: list[tuple[int, int]] = []

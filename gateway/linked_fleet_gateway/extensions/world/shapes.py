@@ -13,7 +13,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from linked_fleet_gateway.extensions.world.robot import Body, Robot, own_pairs
+from linked_fleet_gateway.extensions.world.robot import Body, Robot, self_collision_pairs
 from linked_fleet_gateway.extensions.world.scene import Box, Cylinder, Geometry, Sphere
 from linked_fleet_gateway.extensions.world.surfaces import Array, Surface
 from linked_fleet_gateway.fleet.model import Joint, JointKind, RobotModel
@@ -29,7 +29,7 @@ _POINT_M = 1e-9  # above zero, which would mean that the joint does not move the
 _ZERO, _ONE = (0.0, 0.0, 0.0), (1.0, 1.0, 1.0)
 
 
-def meshes_needed(urdf: str, offered: Set[str]) -> set[str]:
+def needed_meshes(urdf: str, offered: Set[str]) -> set[str]:
     """Return the URIs of the needed meshes, of those ``offered``. Raises ModelError."""
     parts = [part for link in parse_xml(urdf).findall("link") for part in _parts(link, offered)]
     meshes = [part.find("geometry/mesh") for part in parts]
@@ -54,7 +54,7 @@ def build_robot(urdf: str, offered: Set[str] = frozenset(), surfaces: Surfaces |
             geometry.addGeometryObject(pin.GeometryObject(f"{len(bodies)}", frame.parentJoint, placed, body.shape))
             bodies.append(body)
     robot = Robot(tree, model, geometry, tuple(bodies), _reach(tree, model, geometry, bodies))
-    return replace(robot, pairs=tuple(own_pairs(robot)))
+    return replace(robot, pairs=tuple(self_collision_pairs(robot)))
 
 
 def _parts(link: Element, offered: Set[str]) -> list[Element]:

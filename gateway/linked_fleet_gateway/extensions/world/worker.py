@@ -18,7 +18,7 @@ from linked_fleet_gateway.extensions.world.messages import (
     Ready,
 )
 from linked_fleet_gateway.extensions.world.robot import Robot
-from linked_fleet_gateway.extensions.world.shapes import build_object_shape, build_robot, meshes_needed
+from linked_fleet_gateway.extensions.world.shapes import build_object_shape, build_robot, needed_meshes
 from linked_fleet_gateway.extensions.world.surfaces import MeshCache, Surface, read_mesh
 from linked_fleet_gateway.fleet.xml import ModelError
 
@@ -57,7 +57,7 @@ class Worker:
         return Ready()
 
     def _prepare(self, asked: Prepare) -> Answer:
-        names = {uri: asked.meshes[uri] for uri in meshes_needed(asked.urdf, asked.meshes.keys())}
+        names = {uri: asked.meshes[uri] for uri in needed_meshes(asked.urdf, asked.meshes.keys())}
         found = {name: self._mesh(name) for name in set(names.values())}
         if lacking := sorted(name for name, surface in found.items() if surface is None):
             return MeshesMissing(tuple(lacking))
