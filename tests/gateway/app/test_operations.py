@@ -25,7 +25,7 @@ class _Describing(Extension):
 
 
 async def test_descriptions_include_operations_of_extensions_started_later() -> None:
-    live, actions = SimpleNamespace(add=lambda *_: None), SimpleNamespace(handlers={})
+    live, actions = SimpleNamespace(add_branches=lambda *_: None), SimpleNamespace(handlers={})
     core = Core(*cast(Any, (live, actions, None, None, "", "", "", (), None)))
     async with AsyncExitStack() as stack:
         await mount([_Describing(), _Gripper()], core, stack)

@@ -255,7 +255,7 @@ def reasons(*, prepared: bool, draining: bool = False) -> list[str]:
 
 
 def all_well(*, prepared: bool, draining: bool = False) -> SimpleNamespace:
-    up = SimpleNamespace(link=SimpleNamespace(joined=True), store_answers=True)
+    up = SimpleNamespace(link=SimpleNamespace(is_connected=True), store_is_available=True)
     reasons = [] if prepared else [PREPARING]
     services = SimpleNamespace(live=up, subscriptions=up, embedded=None, unprepared=lambda: reasons)
     return SimpleNamespace(services=services, draining=draining, has_been_ready=False)
