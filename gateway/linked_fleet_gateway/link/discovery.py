@@ -219,7 +219,8 @@ class Discovery:
                 reasons.append(reason)
             elif said.incarnation in missing:
                 found.append(said)
-            return found if found and found[-1].incarnation == max(missing) else None
+            # Of the missing runs some, or all, may have gone meanwhile.
+            return found if found and found[-1].incarnation >= max(missing, default=0) else None
 
         begin_s = self._loop.time()
         with suppress(TimeoutError):  # results found before a timeout count

@@ -9,11 +9,12 @@ import zenoh
 
 from fake_robots import KEYS, FakeRobot, open_session
 from linked_fleet_agent.wire.codec import encode
-from linked_fleet_agent.wire.messages import WIRE_VERSION, Accepted, Command, Move
-from linked_fleet_gateway.fleet.events import Appeared, Event, Vanished
+from linked_fleet_agent.wire.messages import WIRE_VERSION, Accepted, Command, Description, Move
+from linked_fleet_gateway.fleet.events import Appeared, Described, Event, Vanished
 from linked_fleet_gateway.fleet.fleet import MAX_UNDESCRIBED, Fleet
-from linked_fleet_gateway.fleet.presence import MAX_RUNS
+from linked_fleet_gateway.fleet.presence import MAX_RUNS, Token
 from linked_fleet_gateway.link import discovery
+from linked_fleet_gateway.link.discovery import Discovery, Judge
 from linked_fleet_gateway.link.fleet_link import FleetLink
 from running import free_port
 from serving import until
@@ -149,3 +150,43 @@ async def test_a_silent_robot_makes_room_for_one_that_comes(monkeypatch: pytest.
                 await gateway.sees(late.name)
                 assert sum(isinstance(event, Vanished) for event in gateway.events) == 1
         await gateway.until(lambda: gateway.link.undescribed_count == 0)
+
+
+async def test_a_reply_that_comes_after_all_runs_have_gone_blocks_nothing() -> None:
+    """One of two runs has answered, both tokens go, and the reply of the other comes before the query ends."""
+    queries, over, answered = list[Judge](), asyncio.Event(), asyncio.Event()
+
+    async def query(_: str, judge: Judge) -> None:
+        queries.append(judge)
+        if len(queries) == 1:
+            await over.wait()
+            answered.set()
+            judge(encode(_described(6)), "")
+        else:
+            judge(encode(_described(7)), "")
+
+    async def tokens() -> tuple[list[Token], bool]:
+        return [], True
+
+    async def declare() -> None: ...
+
+    events = list[Event]()
+    found = Discovery(query, tokens, events.extend, lambda: None, declare)
+    for run in (5, 6):
+        found.apply_token(("r", run), True)
+    await until(lambda: queries)
+    assert queries[0](encode(_described(5)), "") is None
+    for run in (5, 6):
+        found.apply_token(("r", run), False)
+    await until(lambda: len(events) == 2)
+    over.set()
+    await answered.wait()
+    found.apply_token(("r", 7), True)
+    await until(lambda: Described(_described(7)) in events)
+    await found.close()
+
+
+def _described(run: int) -> Description:
+    return Description(
+        version=WIRE_VERSION, robot="r", incarnation=run, title="R", urdf="", joints=(), rate_hz=50, layout=()
+    )
