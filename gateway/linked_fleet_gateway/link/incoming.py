@@ -3,6 +3,7 @@
 import logging
 import time
 from collections.abc import Callable, Iterator
+from functools import partial
 
 from linked_fleet_agent.wire.codec import WireError, decode
 from linked_fleet_agent.wire.keys import Keys, RobotKey
@@ -38,7 +39,7 @@ class Incoming:
         self._on_events = on_events
         self._on_progress = on_progress
         self._inbox = Inbox(Turns(self._work).waker())
-        self._steps: Iterator[None] = iter(())
+        self._steps: Iterator[Callable[[], None]] = iter(())
         self.complaints = RejectedMessages(_log)
 
     async def declare(self, session: Session) -> None:
@@ -70,7 +71,8 @@ class Incoming:
     def _work(self, begin: float) -> bool:
         """Process messages, new ones after all earlier ones."""
         while True:
-            for _ in self._steps:
+            for step in self._steps:
+                step()  # an error in it is logged by the event loop, and ends neither the batch nor this object's work
                 if time.perf_counter() - begin > TURN_S:
                     return True
             batch = self._inbox.take()
@@ -78,26 +80,29 @@ class Incoming:
                 return False
             self._steps = self._tell(batch)
 
-    def _tell(self, batch: Batch) -> Iterator[None]:
-        """Process one message per step; presence precedes the messages of the same batch."""
+    def _tell(self, batch: Batch) -> Iterator[Callable[[], None]]:
+        """Yield a step for each message; presence precedes the messages of the same batch."""
         for key, present in batch.presence.items():
-            robot = self.parse(key)
-            if robot is not None and robot.incarnation is not None:
-                self._on_events(self._discovery.apply_token((robot.robot, robot.incarnation), present))
-            yield
+            yield partial(self._token, key, present)
         if batch.presence_lost:
-            self._discovery.relist()
+            yield self._discovery.relist
         for key, payload in batch.states.items():
-            robot = self.parse(key)
-            if robot is not None and isinstance(payload, bytes):
-                self._discovery.record_frame(robot.robot)
-                self._on_events([Framed(robot.robot, payload)])
-            elif robot is not None:
-                self._too_large(robot.robot, payload)
-            yield
+            yield partial(self._framed, key, payload)
         for key, payload in batch.progress:
-            self._progressed(key, payload)
-            yield
+            yield partial(self._progressed, key, payload)
+
+    def _token(self, key: str, present: bool) -> None:
+        robot = self.parse(key)
+        if robot is not None and robot.incarnation is not None:
+            self._on_events(self._discovery.apply_token((robot.robot, robot.incarnation), present))
+
+    def _framed(self, key: str, payload: Payload) -> None:
+        robot = self.parse(key)
+        if robot is not None and isinstance(payload, bytes):
+            self._discovery.record_frame(robot.robot)
+            self._on_events([Framed(robot.robot, payload)])
+        elif robot is not None:
+            self._too_large(robot.robot, payload)
 
     def _too_large(self, sender: str, size: Payload) -> None:
         self.complaints.add(sender, f"a payload of {size!r} bytes, which is too large")

@@ -6,7 +6,7 @@ import pytest
 
 from fake_robots import KEYS, FakeRobot, open_session
 from linked_fleet_gateway.fleet.events import Frames
-from linked_fleet_gateway.fleet.fleet import Described, Event, Fleet, Framed
+from linked_fleet_gateway.fleet.fleet import Appeared, Described, Event, Fleet, Framed
 from linked_fleet_gateway.link.fleet_link import FleetLink
 from running import free_port
 from serving import until
@@ -61,3 +61,26 @@ async def test_frames_that_are_watched_or_unchecked_reach_the_event_loop() -> No
             robot.put("state", late)
             assert await gateway.until(Framed) == Framed("r", late)
             assert (gateway.fleet.dropped["r"], gateway.fleet.robots["r"].positions["elbow"]) == (1, 0.3)
+
+
+async def test_an_error_about_one_message_loses_no_other() -> None:
+    """Tokens are announced once, so that a lost one would hide its robot."""
+    failures, heard = list[Exception](), list[str]()
+    asyncio.get_running_loop().set_exception_handler(lambda _, context: failures.append(context["exception"]))
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+
+    def on_events(events: list[Event]) -> None:
+        for event in events:
+            if isinstance(event, Appeared) and event.robot == "a":
+                raise ValueError("a defect")
+            if isinstance(event, Appeared):
+                heard.append(event.robot)
+
+    link = FleetLink(KEYS, "g", lambda: gateway_session(endpoint), on_events, lambda *_: None)
+    async with link:
+        await link.join()
+        with open_session(endpoint) as session:
+            robots = [FakeRobot(session, name).appear() for name in "abc"]
+            await until(lambda: len(heard) == len(robots) - 1)
+    assert heard == ["b", "c"]
+    assert [str(each) for each in failures] == ["a defect"]
