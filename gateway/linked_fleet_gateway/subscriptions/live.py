@@ -78,11 +78,12 @@ class Live:
 
         Also evaluate what is the absence of an event: limits that were left for a while, and missing frames.
         """
+        loop = asyncio.get_running_loop()
+        self._sweeping = loop.call_later(_SWEEP_S, self._sweep)  # first, so that no error ends the sweeps
         self.fleet.frames.schedule_missed()
         for change in self.fleet.check_limits(time.time_ns()):
             self._on_change(change)
-        self.link.verify_presence(self._silences.check(asyncio.get_running_loop().time(), self._present()))
-        self._sweeping = asyncio.get_running_loop().call_later(_SWEEP_S, self._sweep)
+        self.link.verify_presence(self._silences.check(loop.time(), self._present()))
 
     def _present(self) -> Iterator[Run]:
         for robot in self.fleet.robots.values():
