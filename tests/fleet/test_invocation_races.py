@@ -36,7 +36,8 @@ from commanding import (
 from gateway_group import Gateway, gateway, gateways, hub
 from linked_fleet_gateway.actions.service import Actions
 from linked_fleet_gateway.base.errors import Busy
-from linked_fleet_gateway.fleet.invocations import InvocationState
+from linked_fleet_gateway.fleet.invocations import Invocation, InvocationState
+from linked_fleet_gateway.subscriptions.live import Live
 from parallel import at_once, pool
 from redis_servers import Servers
 from running import eventually
@@ -231,3 +232,28 @@ def test_a_lease_that_is_taken_during_a_check_counts(tmp_path: Path, monkeypatch
         assert problem(asked.result()) == (409, "controlled")
         assert browser.page(held).one(LF.state) == LF.running
         begun(put(browser, action, radian(0.5), **token))
+
+
+@pytest.mark.parametrize("kind", [LF.StopRobot, LF.StopAll])
+def test_a_stop_is_sent_although_it_cannot_be_announced(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: URIRef
+) -> None:
+    """An error of whoever hears of invocations, such as an extension, is logged."""
+    errors = [ValueError("a defect")]
+    tell = Live.tell
+
+    def tell_or_fail(live: Live, invocation: Invocation) -> None:
+        if errors:
+            raise errors.pop()
+        tell(live, invocation)
+
+    place = Place(tmp_path)
+    with place.gateway() as (gateway, browser), place.ur5():
+        live(browser, "ur5")
+        motion = begun(put(browser, of_joint(browser, PAN), slowly(3.0)))
+        moving(browser, PAN)
+        stop = of_robot(browser, kind) if kind == LF.StopRobot else browser.action(browser.page(browser.root), kind)
+        monkeypatch.setattr(Live, "tell", tell_or_fail)
+        begun(post(browser, stop))
+        assert ended(browser, motion).one(LF.state) == LF.cancelled
+        gateway.said("a defect")

@@ -267,8 +267,6 @@ class Actions:
         """
         fleet, now_ns = self._live.fleet.robots, time.time_ns()
         robot, asked = FLEET if halt.robots is None else halt.robots[0], self._reached(halt, caller.stops)
-        if not halt.joints and not caller.rule:
-            self.on_stop(asked)
         of_fleet = fleet if asked is None else asked
         online = [name for name in of_fleet if fleet[name].online] if halt.robots is None else []
         invocation = Invocation(
@@ -283,7 +281,12 @@ class Actions:
             stops=halt.joints,
             incarnation=(fleet[robot].incarnation or 0) if robot in fleet else 0,
         )
-        self.lifecycle.begin(invocation)
+        try:
+            if not halt.joints and not caller.rule:
+                self.on_stop(asked)
+            self.lifecycle.begin(invocation)
+        except Exception:  # of an extension, for example: the stop is sent nevertheless
+            log.exception("invocation %s: the stop is sent before others could hear of it", invocation.id)
         stop = Stop(version=WIRE_VERSION, id=invocation.id, joints=halt.joints, reason="stopped")
         replies = await self._live.halt(asked, stop, ANSWER_TIMEOUT_S)
         for name in {*(halt.robots or online), *replies}:
