@@ -216,7 +216,7 @@ class FanOut:
             self._scan_on(next(iter(self._scans)))
         ready: deque[Watcher | Broadcast[Watcher]] = deque()
         try:
-            while self._prepare(ready, begin + TURN_S * 3 / 4):
+            while self._runnable and self._prepare(ready, begin + TURN_S * 3 / 4):
                 while ready and time.perf_counter() - begin < TURN_S:
                     sender = ready.popleft()
                     sender.running = False
