@@ -262,8 +262,7 @@ class Fleet:
             return []  # the run ended while the query was running
         entry.robot.heard_ns = now_ns
         entry.runs[incarnation] = said
-        is_news = incarnation == entry.robot.incarnation and not _says(entry.robot, said)
-        changes = self._tell(entry) if is_news else []
+        changes = self._tell(entry) if incarnation == entry.robot.incarnation else []
         if entry.robot.model is not None:
             entry.described = True
             self._undescribed.discard(robot)
@@ -285,10 +284,10 @@ class Fleet:
         return [*changes, *told]
 
     def _tell(self, entry: _Entry) -> list[Change]:
-        """Apply the description of the present run to the robot, if there is one."""
+        """Apply the description of the present run to the robot, if it differs."""
         robot = entry.robot
         said = None if robot.incarnation is None else entry.runs.get(robot.incarnation)
-        if said is None:
+        if said is None or _says(robot, said):
             return []
         if isinstance(said, str):
             robot.reject_description(said)
@@ -360,5 +359,8 @@ class Fleet:
 
 
 def _says(robot: Robot, said: Description | str) -> bool:
-    """Return True if the robot has this description, or this reason for having none."""
-    return said == robot.description or (robot.description is None and said == robot.fault)
+    """Return True if the robot shows this description, or this reason for having none."""
+    if isinstance(said, str):
+        return robot.description is None and said == robot.fault
+    # A fault of the description is cleared when another run appears, and may be that of this run again.
+    return said == robot.description and (robot.described or robot.fault is not None)

@@ -62,6 +62,8 @@ class Robot:
         """The time of its last stop by this gateway (monotonic time of the agent)."""
         self._complain = complain
         self._fault: str | None = None
+        self._usable = False
+        """True if the description can be used, whichever run it is of."""
         self.limit_fault: str | None = None
         """A sentence if positions have been outside the limits of the URDF for a while."""
         self._index: Mapping[str, int] = {}
@@ -209,7 +211,7 @@ class Robot:
         old = self.description
         if old is None or old.urdf != description.urdf:
             self.model = None
-        self.description, self._fault, self.limit_fault = description, None, None
+        self.description, self._fault, self.limit_fault, self._usable = description, None, None, False
         try:
             self.model = self.model or RobotModel.for_urdf(description.urdf)
         except ModelError as error:
@@ -220,6 +222,7 @@ class Robot:
             self._bounds = {} if self._fault else bounds_of(self.model, description.joints)
             if self._fault:
                 self.model = None  # frames do not match this tree, so it is not shown
+        self._usable = not self._fault
         self._observations.clear()
         self._renew()
 
@@ -291,7 +294,7 @@ class Robot:
     def _renew(self) -> None:
         """Replace what was computed from another frame, or under another run or description."""
         said = self.description
-        self.described = said is not None and said.incarnation == self.incarnation and not self._fault
+        self.described = said is not None and said.incarnation == self.incarnation and self._usable
         if self.described and self._frame is not None:
             payload, _, sequence, wall_ns = self._frame
             self._present = _Present(payload, sequence, wall_ns)

@@ -241,6 +241,16 @@ def test_a_newer_run_that_ends_at_once_does_not_repair_the_description_of_the_ol
     assert kinds(fleet.apply(Described(said()), 9)) == ["described", "frame"]
 
 
+def test_a_run_that_returns_is_as_faulty_as_before() -> None:
+    """An older run was the present one meanwhile, and said nothing."""
+    unusable = Described(said(joints=("turn", "turn")))
+    fleet, robot = fleet_after(Appeared("r", 4), Appeared("r", 5), unusable, Vanished("r", 5), Appeared("r", 5))
+    assert fleet.apply(framed(1), 9) == []
+    assert (robot.described, robot.positions) == (False, {})
+    assert kinds(fleet.apply(unusable, 9)) == ["faulty"]
+    assert fleet.apply(unusable, 9) == []
+
+
 @pytest.mark.parametrize(
     ("changed", "reason"),
     [
