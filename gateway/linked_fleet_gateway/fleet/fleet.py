@@ -287,7 +287,7 @@ class Fleet:
         """Apply the description of the present run to the robot, if it differs."""
         robot = entry.robot
         said = None if robot.incarnation is None else entry.runs.get(robot.incarnation)
-        if said is None or _says(robot, said):
+        if said is None or robot.says(said):
             return []
         if isinstance(said, str):
             robot.reject_description(said)
@@ -356,11 +356,3 @@ class Fleet:
         self._robots.remove(name)
         self._rejected.forget(name)
         self.dropped["(unknown)"] += self.dropped.pop(name, 0)
-
-
-def _says(robot: Robot, said: Description | str) -> bool:
-    """Return True if the robot shows this description, or this reason for having none."""
-    if isinstance(said, str):
-        return robot.description is None and said == robot.fault
-    # A fault of the description is cleared when another run appears, and may be that of this run again.
-    return said == robot.description and (robot.described or robot.fault is not None)

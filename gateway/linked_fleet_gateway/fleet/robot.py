@@ -204,6 +204,13 @@ class Robot:
         self.online = online
         self.count_change()
 
+    def says(self, said: Description | str) -> bool:
+        """Return True if this is the description that it shows, or the reason for which it has none."""
+        if isinstance(said, str):
+            return self.description is None and said == self._fault
+        # The fault of a description is cleared when another run appears, and may be that of this run again.
+        return said == self.description and (self.described or self._fault is not None)
+
     def describe(self, description: Description) -> None:
         """Store a description; ``fault`` is set if it is unusable."""
         self.count_change()
