@@ -841,3 +841,82 @@ async def test_a_change_in_the_middle_of_a_message_to_many_loses_and_repeats_not
         assert len(set(said)) == len(said)
         assert outlet.frames == sorted(outlet.frames)
         assert outlet.frames[-1] == 3
+
+
+# -- all of it in any order -------------------------------------------------------------------------------------------
+
+
+def _watch_something(world: World, dice: random.Random) -> Outlet:
+    path = dice.choice((_ROTATION, _JOINT, _ROBOT, "/"))
+    depths = [Depth.PROPERTIES] if path == _ROTATION else list(Depth)
+    more = {"interval_s": dice.choice((0.0, 0.0, 2.0)), "deadband": dice.choice((0.0, 0.0, 0.3))}
+    outlet = watch(world, path, patient=dice.random() < 0.5, depth=dice.choice(depths), **more)
+    outlet.watcher.ready()
+    return outlet
+
+
+def _positions(outlet: Outlet) -> list[tuple[str, str, int]]:
+    """Return path, media type and frame of each message about the robot."""
+    return [
+        (each.path, each.media_type, int(each.version.partition("-")[2].partition(".")[0]))
+        for each in outlet.messages
+        if each.path.startswith(_ROBOT)
+    ]
+
+
+@pytest.mark.parametrize("seed", range(30))
+async def test_whatever_comes_between_the_last_state_comes_last(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Watchers, readers, options, descriptions and frames in any order, in turns of a few steps."""
+    dice = random.Random(seed)
+    _turns_of(monkeypatch, dice.choice((4, 5, 8, 40)))
+    world, here, other = await World().up(), list[Outlet](), Described(described(urdf=_OTHER, joints=("wrist",)))
+    for step in range(120):
+        match dice.randrange(9):
+            case 0:
+                here += [_watch_something(world, dice) for _ in range(dice.choice((1, 1, 40)))]
+            case 1 if here:
+                here.pop(dice.randrange(len(here))).watcher.end(Ending.CANCELLED)
+            case 2 if here:
+                for outlet in dice.sample(here, dice.randrange(len(here)) + 1):
+                    outlet.room = not outlet.room
+                    outlet.watcher.ready()
+            case 3 if here:
+                outlet = dice.choice(here)
+                changed = dice.choice(({"interval_s": 2.0}, {"deadband": 0.2}, {"media_type": "text/turtle"}, {}))
+                if outlet.ending is None:
+                    _change(world, outlet, **{"interval_s": 0.0, "deadband": 0.0} | changed)
+            case 4:
+                world.tell(dice.choice((other, Undescribed("r", 1, "?"), Vanished("r", 1))))
+                for _ in range(dice.randrange(3)):
+                    await asyncio.sleep(0)
+                world.tell(Appeared("r", 1), Described(described()), world.frame(step / 10))
+            case 5:
+                world.fan_out.advance(2 * dice.random())
+            case _:
+                world.tell(world.frame(step / 10))
+        for _ in range(dice.randrange(3)):
+            await asyncio.sleep(0)
+    world.tell(world.frame(1000.0))
+    for outlet in here:
+        outlet.room = True
+        outlet.watcher.ready()
+    await world.settle()
+    await world.advance(3.0)
+    await world.advance(3.0)
+    for outlet in here:
+        wanted = outlet.watcher.subscription
+        latest = {message.path: message.body for message in outlet.messages}
+        if outlet.ending is not None:
+            assert outlet.ending is Ending.GONE
+        elif wanted.depth is Depth.SUBTREE:
+            assert b"1000.0" in latest[_ROTATION]
+        elif wanted.resource in (_ROTATION, _JOINT) and wanted.depth is Depth.PROPERTIES:
+            assert b"1000.0" in latest[wanted.resource]
+        else:
+            assert wanted.resource in latest
+        positions = _positions(outlet)
+        for key in {each[:2] for each in positions}:
+            frames = [each[2] for each in positions if each[:2] == key]
+            assert frames == sorted(frames)
+        outlet.watcher.close()
+    assert world.fan_out.empty
