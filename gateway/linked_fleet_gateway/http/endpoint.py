@@ -231,11 +231,13 @@ def _needed(request: Request, resource: Resource) -> Sequence[Right]:
 
 
 def _read_at_once(request: Request) -> Reply | None:
-    """Return the response to a GET of a resource that is not stored; None if it takes long or is not cached."""
+    """Return the response to a GET of a resource that is not stored; None if it takes long or is not cached.
+
+    Pages alone show the reader. They take long.
+    """
     found = _resolve(request)
     if not isinstance(found, Resource) or found.remote is not None:
         return None
-    found = _read_by(request, found)
     require_right(request, found.path, _needed(request, found))
     return read_at_once(request, found)
 
