@@ -1,5 +1,8 @@
 """Properties that clients may replace: settings of a robot, and targets of joints."""
 
+from collections.abc import Sequence
+from dataclasses import replace
+
 from pyoxigraph import Literal, NamedNode
 
 from linked_fleet_gateway.fleet.model import Joint
@@ -13,7 +16,7 @@ from linked_fleet_gateway.resources.body_values import Setting, settings
 from linked_fleet_gateway.resources.joint_kinds import kind_of
 from linked_fleet_gateway.resources.joint_limits import limits_of
 from linked_fleet_gateway.resources.property import Measurement, Property
-from linked_fleet_gateway.resources.resource import Resource
+from linked_fleet_gateway.resources.resource import DescriptionTemplate, Resource
 from linked_fleet_gateway.resources.shape_parameters import Scope, complete
 
 ABSOLUTE = (LF.Rotate, LF.Translate)
@@ -84,8 +87,13 @@ def target_property(robot: Robot, offer: Offer) -> Property:
     )
 
 
-def describe_target_input(graph: Graph, iri: NamedNode, offer: Offer, base: str) -> None:
-    """Describe the shape of a target's body: one ``lf:value``, as the action takes it."""
+def describe_target_input(
+    graph: Graph, iri: NamedNode, offer: Offer, base: str, ends: Sequence[Literal] | None = None
+) -> None:
+    """Describe the shape of a target's body: one ``lf:value``, as the action takes it.
+
+    ``ends``: literals in place of the lowest and highest position in each unit.
+    """
     value, scalar = graph.blank(), graph.blank()
     graph.a(iri, SH.NodeShape)
     graph.add(iri, SH.property, value)
@@ -97,14 +105,25 @@ def describe_target_input(graph: Graph, iri: NamedNode, offer: Offer, base: str)
     graph.a(scalar, SH.NodeShape)
     assert offer.joint is not None
     limits = limits_of(offer.joint, (LF.jointPosition,))
+    if ends is not None:
+        limits = replace(limits, numbers={LF.jointPosition: ends})
     complete(Scope(base, offer.robot, limits))(graph, scalar, LF.jointPosition)
 
 
-def describe_target_blueprint(blueprint: Resource, offer: Offer, base: str, graph: Graph) -> None:
-    """Describe the blueprint of a target and the shape of its body, which depends on the joint."""
-    assert blueprint.describe is not None
-    blueprint.describe(graph)
-    describe_target_input(graph, NamedNode(f"{base}{blueprint.path}#input"), offer, base)
+def target_blueprint(blueprint: Resource, offer: Offer, base: str) -> Resource:
+    """Return the blueprint of a target with the shape of its body, which depends on the joint."""
+    kind, joint = blueprint.template, offer.joint
+    assert kind is not None and joint is not None
+
+    def describe(graph: Graph, owner: str, ends: Sequence[Literal]) -> None:
+        kind.describe(graph, owner, ())
+        describe_target_input(graph, NamedNode(f"{base}{owner}/blueprint#input"), offer, base, ends)
+
+    ends = tuple(limits_of(joint, (LF.jointPosition,)).numbers[LF.jointPosition])
+    return blueprint.having(
+        describe=lambda graph: describe(graph, kind.owner, ends),
+        template=DescriptionTemplate((kind.key, joint.kind), kind.owner, describe, ends),
+    )
 
 
 def affordance(put: Setting | Offer | None) -> PutSetting | PutTarget | None:

@@ -1,7 +1,6 @@
 """The resource tree, the only place where a path is resolved to a resource (docs/TREE.md)."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from functools import partial
 from itertools import chain
 
 from pyoxigraph import NamedNode
@@ -32,7 +31,7 @@ from linked_fleet_gateway.resources.paths import (
 from linked_fleet_gateway.resources.properties import joint_properties, link_properties
 from linked_fleet_gateway.resources.property import Property
 from linked_fleet_gateway.resources.resource import Redirect, Resource, blueprint_at, blueprint_of
-from linked_fleet_gateway.resources.settable import describe_target_blueprint
+from linked_fleet_gateway.resources.settable import target_blueprint
 from linked_fleet_gateway.resources.things import NO_SUBSCRIPTIONS, SubscriptionsByOwner, Things, description_source
 from linked_fleet_gateway.resources.versioning import Source
 
@@ -180,9 +179,7 @@ class Tree:
         if not rest[1:]:
             return self._things.property(robot, owner, item)
         whole = self._blueprint(robot, f"{owner.rstrip('/')}/{item.segment}", item.shape)
-        if not isinstance(item.put, Offer):
-            return whole
-        return whole.having(describe=partial(describe_target_blueprint, whole, item.put, self._base), template=None)
+        return target_blueprint(whole, item.put, self._base) if isinstance(item.put, Offer) else whole
 
     # -- all that is below ------------------------------------------------------------------------------------------
 

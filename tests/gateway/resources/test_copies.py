@@ -65,11 +65,12 @@ def test_a_copy_equals_the_rendered_document(media_type: str) -> None:
     assert copied > 80
 
 
-def test_joints_with_other_limits_share_the_document_of_an_action() -> None:
+@pytest.mark.parametrize("end", ["actions/rotate", "targetRotation/blueprint"])
+def test_joints_with_other_limits_share_a_document(end: str) -> None:
     """A robot with two such joints has one text for both, into which their names and limits go."""
     copies = Copies()
-    actions = [each for each in _described() if each.path in ("/r/turn/actions/rotate", "/r/lean/actions/rotate")]
-    one, other = [copies.body(each, "text/turtle", _BASE) for each in actions]
+    found = [each for each in _described() if each.path in (f"/r/turn/{end}", f"/r/lean/{end}")]
+    one, other = [copies.body(each, "text/turtle", _BASE) for each in found]
     assert one is not None and other is not None and len(copies._kept) == 1
     assert b"-57.29577" in one and b"-57.29577" not in other and b"lean" in other
 
