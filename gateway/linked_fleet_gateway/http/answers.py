@@ -29,6 +29,8 @@ log = logging.getLogger(__name__)
 MAX_KEPT = 16_384
 MAX_BYTES = 24 * 1024 * 1024
 """Limit of bytes of cached contents. The oldest responses are dropped first."""
+_LEAST_PACKED_BYTES = 4096
+"""Shorter contents are kept as they are: gzip would take a fifth of a first response, and save a kilobyte or two."""
 _ASKS_MORE = frozenset({b"prefer", b"if-match", b"upgrade", b"callback", b"last-event-id"})
 _READ = ("GET", "HEAD")
 _LONGEST_ACCEPT = 256
@@ -91,7 +93,7 @@ class Answer:
         self._source, self._robot, self._rendering, self._copy = resource.source, robot, rendering, copy
         self._tag = etag(content) if rendering is None else ""
         self._codable = is_compressible(content, resource.measured is not None)
-        self._packed = self._codable and rendering is None and copy is None
+        self._packed = self._codable and rendering is None and copy is None and len(content) >= _LEAST_PACKED_BYTES
         """True if the content is kept in gzip alone."""
         self._content = compressed(content) if self._packed else content if copy is None else b""
         self._coded: bytes | None = None
