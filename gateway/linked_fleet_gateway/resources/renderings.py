@@ -9,7 +9,7 @@ import math
 import random
 from collections.abc import Sequence
 from functools import lru_cache
-from itertools import accumulate, count, pairwise
+from itertools import accumulate, pairwise
 from typing import NamedTuple
 
 from pyoxigraph import NamedNode
@@ -24,8 +24,9 @@ from linked_fleet_gateway.resources.resource import Resource
 from linked_fleet_gateway.resources.subscription_resource import describe_version
 
 _MILLISECOND_NS = 1_000_000
-_FAR_NS = 189_000_000_000 * 1_000_000_000  # a time in the year 7959
-_UNKNOWN = lexical(math.nan)  # never written, because ``lf:unknown`` stands for it, which is part of the form
+_HOUR_NS = 3_600_000_000_000
+_FAR = 52_500_000  # an hour in the year 7959
+_END = "7e+211"
 _random = random.SystemRandom()  # unpredictable, so that a robot cannot describe itself with the marker values
 
 
@@ -102,38 +103,66 @@ class Rendering:
         return (self._template.text % tuple([texts[place] for place in self._template.places])).encode()
 
     def _compile(self, form: _Form) -> _Template:
-        marks, document = self._marked(form)
-        document = document.replace("%", "%%")
-        for mark, place in marks.items():  # no document contains a NUL
-            document = document.replace(mark, f"\0{place}\0")
-        pieces = document.split("\0")
-        return _Template("%s".join(pieces[::2]), tuple(map(int, pieces[1::2])))
-
-    def _marked(self, form: _Form) -> tuple[dict[str, int], str]:
-        """Return the document with unique marker values, and the places by marker text."""
-        first = _random.randrange(100_000, 900_000)
-        numbers = count(first)
-        measurements = [
-            Measurement(
-                tuple([math.nan if unknown else float(f"8.{next(numbers)}7e211") for unknown in of_look]),
-                _FAR_NS + _random.randrange(1_000_000_000) * _MILLISECOND_NS if timed else None,
-                outside,
-            )
-            for of_look, outside, timed in zip(form.unknown, form.outside, form.timed, strict=True)
-        ]
-        versions = Versions(f"{_random.getrandbits(64):016x}", f"{_random.getrandbits(64):016x}")
+        markers = _Markers(sum(map(len, form.unknown)), len(form.timed))
+        measurements, first = list[Measurement](), 0
+        for look, (of_look, outside, timed) in enumerate(zip(form.unknown, form.outside, form.timed, strict=True)):
+            values = [math.nan if unknown else markers.value(index) for index, unknown in enumerate(of_look, first)]
+            measurements.append(Measurement(tuple(values), markers.time_ns(look) if timed else None, outside))
+            first += len(of_look)
         graph = Graph()
         assert self._resource.measured is not None
         self._resource.measured(graph, measurements)
         self._resource.state_model(graph, self._base)
         if form.versions:
             iri = NamedNode(self._base + self._resource.path)
-            describe_version(graph, iri, versions.version, versions.previous if form.versions == 2 else None)
+            describe_version(graph, iri, markers.version(0), markers.version(1) if form.versions == 2 else None)
         body = write(graph, self._media_type, PREFIXES, base=self._base + self._resource.path)
-        texts = [lexical(value) for seen in measurements for value in seen.values]
-        texts += ["" if seen.wall_ns is None else timestamp(seen.wall_ns).value for seen in measurements]
-        texts += [versions.version, versions.previous or ""]
-        return {text: place for place, text in enumerate(texts) if text and text != _UNKNOWN}, body.decode()
+        return markers.template(body.decode())
+
+
+class _Markers:
+    """Marker values, times and versions of one document. All of a kind begin alike, and have an index of fixed length.
+
+    Indices in the template are those of values, then of times, then of versions.
+    """
+
+    def __init__(self, values: int, times: int) -> None:
+        self._values, self._times = values, times
+        self._hour_ns = (_FAR + _random.randrange(10**6)) * _HOUR_NS
+        self._value = f"8.{_random.randrange(10**7):07}"
+        self._time = timestamp(self._hour_ns).value[: -len("00:00.000Z")]
+        self._version = f"{_random.getrandbits(64):016x}"
+
+    def value(self, index: int) -> float:
+        return float(f"{self._value}{index:06}7e211")
+
+    def time_ns(self, index: int) -> int:
+        return self._hour_ns + index * _MILLISECOND_NS
+
+    def version(self, index: int) -> str:
+        return f"{self._version}{index}"
+
+    def template(self, document: str) -> _Template:
+        """Return the document with places where it has markers."""
+        document = document.replace("%", "%%")
+        for kind, start in zip("vts", (self._value, self._time, self._version), strict=True):
+            document = document.replace(start, f"\0{kind}")  # no document contains a NUL
+        first, *marked = document.split("\0")
+        pieces, places = [first], list[int]()
+        for piece in marked:
+            match piece[0]:
+                case "v" if piece[7:13] == _END:  # v000012 7e+211
+                    places.append(int(piece[1:7]))
+                    pieces.append(piece[13:])
+                case "v":  # another number that begins so
+                    pieces[-1] += self._value + piece[1:]
+                case "t":  # t00:00.012Z
+                    places.append(self._values + (int(piece[1:3]) * 60 + int(piece[4:6])) * 1000 + int(piece[7:10]))
+                    pieces.append(piece[11:])
+                case _:
+                    places.append(self._values + self._times + int(piece[1]))
+                    pieces.append(piece[2:])
+        return _Template("%s".join(pieces), tuple(places))
 
 
 def is_compilable(resource: Resource, media_type: str) -> bool:

@@ -14,11 +14,11 @@ from linked_fleet_agent.wire.messages import WIRE_VERSION, Description
 from linked_fleet_gateway.fleet.events import Appeared, Described
 from linked_fleet_gateway.fleet.fleet import Fleet
 from linked_fleet_gateway.fleet.invocations import Invocations
-from linked_fleet_gateway.rdf.graph import Graph
+from linked_fleet_gateway.rdf.graph import Graph, lexical, timestamp
 from linked_fleet_gateway.rdf.serialise import TEXT_TYPES, render
 from linked_fleet_gateway.rdf.vocabulary import PREFIXES
 from linked_fleet_gateway.resources.property import Measurement
-from linked_fleet_gateway.resources.renderings import Rendering, Versions, is_compilable
+from linked_fleet_gateway.resources.renderings import Rendering, Versions, _Markers, is_compilable
 from linked_fleet_gateway.resources.resource import Resource
 from linked_fleet_gateway.resources.subscription_resource import describe_version
 from linked_fleet_gateway.resources.tree import Tree
@@ -114,3 +114,10 @@ def test_a_description_shows_what_is_measured(path: str) -> None:
     rendering = Rendering(resource, "text/turtle", _BASE)
     assert rendering.present() == written
     assert rendering.of(resource.source.look()) == written
+
+
+def test_a_number_that_begins_as_the_markers_do_stays() -> None:
+    markers = _Markers(2, 1)
+    other = lexical(markers.value(0)).replace("e+211", "")
+    text = f"{other} 5% {lexical(markers.value(1))} {timestamp(markers.time_ns(0)).value} {markers.version(1)}"
+    assert markers.template(text) == (f"{other} 5%% %s %s %s", (1, 2, 4))
