@@ -34,6 +34,7 @@ from linked_fleet_gateway.rdf.serialise import RDF_TYPES
 from linked_fleet_gateway.rdf.vocabulary import LDP
 from linked_fleet_gateway.resources.body_values import own_part
 from linked_fleet_gateway.resources.paths import robot_of
+from linked_fleet_gateway.resources.renderings import is_compilable
 from linked_fleet_gateway.resources.resource import CONTAINER, Remote, Resource, complete
 
 _MINIMAL, _CONTAINMENT = LDP.PreferMinimalContainer.value, LDP.PreferContainment.value
@@ -126,9 +127,13 @@ def read_at_once(request: Request, resource: Resource) -> Reply | None:
     Raises NotAcceptable.
     """
     representations, asked = request.services.representations, _asked(request, resource)
-    if not _is_cacheable(request, resource) or representations.is_long(*asked[:2]):
+    media_type = representations.chosen(*asked[:2])
+    if resource.steps is not None or not _is_cacheable(request, resource, media_type):
         return None
-    return _cached(request, resource, representations.negotiated(*asked))
+    representation = representations.negotiated(*asked)
+    if not _is_cacheable(request, resource, representation.media_type):  # the chosen syntax cannot express it
+        return None
+    return _cached(request, resource, representation)
 
 
 def _response(
@@ -138,10 +143,8 @@ def _response(
 
     ``coded``: its content in the coding, if that is known.
     """
-    if _is_cacheable(request, resource):
-        reply = _cached(request, resource, representation)
-        if reply is not None:
-            return _Ready(reply)
+    if _is_cacheable(request, resource, representation.media_type):
+        return _Ready(_cached(request, resource, representation))
     headers, of_content = _fields(request, resource, representation)
     tag, body = representation.etag, representation.body
     coding = _coding(request, resource, representation, most)
@@ -198,10 +201,14 @@ def _codings(resource: Resource, representation: Representation, most: int) -> t
     return ("gzip",) if coded else ()
 
 
-def _is_cacheable(request: Request, resource: Resource) -> bool:
-    """Return True for a request whose response can be cached: it lasts, or is of a robot whose changes are known."""
+def _is_cacheable(request: Request, resource: Resource, media_type: str | None) -> bool:
+    """Return True if the response can be cached: RDF that lasts, or of a robot and with changes that are known."""
+    if media_type not in RDF_TYPES or media_type in resource.documents or resource.linkset_of is not None:
+        return False
+    if not is_compilable(resource, media_type) and (resource.source.measured or not resource.followed):
+        return False
     known = resource.lasting or _robot(request, resource) is not None
-    return known and resource.linkset_of is None and request.services.answers.keeps(request.scope)
+    return known and request.services.answers.keeps(request.scope)
 
 
 def _robot(request: Request, resource: Resource) -> Robot | None:
@@ -211,14 +218,10 @@ def _robot(request: Request, resource: Resource) -> Robot | None:
     return resource.source.robot
 
 
-def _cached(request: Request, resource: Resource, representation: Representation) -> Reply | None:
-    """Cache the response to a request for which ``_is_cacheable`` is true; None for another kind of representation."""
-    services, media_type = request.services, representation.media_type
-    if media_type not in RDF_TYPES or media_type in resource.documents:
-        return None
-    rendering = services.representations.rendering(resource, media_type, request.base)
-    if rendering is None and (resource.source.measured or not resource.followed):
-        return None
+def _cached(request: Request, resource: Resource, representation: Representation) -> Reply:
+    """Cache the response to a request for which ``_is_cacheable`` is true."""
+    services = request.services
+    rendering = services.representations.rendering(resource, representation.media_type, request.base)
     headers, of_content = _fields(request, resource, representation)
     del headers["etag"]
     stated = MutableHeaders(headers)

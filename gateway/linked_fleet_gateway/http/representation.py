@@ -112,14 +112,14 @@ class Representations:
 
         Raises as ``negotiated``, and Busy.
         """
-        if not self.is_long(accept, resource):
+        media_type = self.chosen(accept, resource)
+        if media_type is None or not self._is_long(resource, media_type):
             return self.negotiated(accept, resource, base)
         return await self._in_thread(self.negotiated, accept, resource, base, threads)
 
-    def is_long(self, accept: str | None, resource: Resource) -> bool:
-        """Return True if the representation that Accept prefers takes more than a few milliseconds."""
-        media_type = choose(accept, self._offered(resource))
-        return media_type is not None and self._is_long(resource, media_type)
+    def chosen(self, accept: str | None, resource: Resource) -> str | None:
+        """Return the media type that Accept prefers; None if it excludes all."""
+        return choose(accept, self._offered(resource))
 
     def negotiated(
         self, accept: str | None, resource: Resource, base: str, graph: Graph | None = None

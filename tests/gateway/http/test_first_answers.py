@@ -108,10 +108,17 @@ async def test_only_one_first_answer_is_made_in_a_turn(place: Place) -> None:
         {"path": "/r/elbow/subscriptions"}, {"path": "/subscriptions"}, {"method": "POST"}, {"method": "OPTIONS"},
         {"query": b"as=turtle"}, {"accept": "text/event-stream"}, {"accept": "image/png"},
         {"prefer": "return=minimal"}, {"if_match": '"x"'}, {"upgrade": "callback"},
+        {"accept": "application/x-jelly-rdf"}, {"path": "/r/elbow/rotation", "accept": "application/json"},
     ],
 )  # fmt: skip
-async def test_everything_else_is_left_to_the_application(place: Place, more: dict[str, Any]) -> None:
+async def test_everything_else_is_left_to_the_application(
+    place: Place, more: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Nothing is written in vain."""
+    written = list[object]()
+    monkeypatch.setattr(Representations, "negotiated", lambda *asked: written.append(asked))
     assert place.endpoint.at_once(place.scope(**{"path": "/r/elbow", **more})) is None
+    assert not written
 
 
 async def test_a_caller_without_the_right_is_left_to_the_application(place: Place) -> None:
