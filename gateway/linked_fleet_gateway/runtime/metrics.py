@@ -71,9 +71,9 @@ class Commands:
         if isinstance(reply, Accepted) and (asked := current_request()) is not None:
             self.acceptance.add(time.monotonic() - asked.begun_s)
         level = logging.DEBUG if outcome == "accepted" else logging.INFO
-        log.log(
-            level, "robot %s: command %s", robot, f"{outcome} ({code})" if code else outcome, extra={"robot": robot}
-        )
+        if log.isEnabledFor(level):
+            said = f"{outcome} ({code})" if code else outcome
+            log.log(level, "robot %s: command %s", robot, said, extra={"robot": robot})
 
 
 @dataclass

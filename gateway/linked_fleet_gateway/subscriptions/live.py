@@ -13,6 +13,7 @@ from linked_fleet_gateway.fleet.events import Event, Frames
 from linked_fleet_gateway.fleet.fleet import Change, Fleet
 from linked_fleet_gateway.fleet.invocations import Invocation, Invocations
 from linked_fleet_gateway.fleet.presence import Run, SilentRuns
+from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.identity.rights import ALL, View
 from linked_fleet_gateway.link.fleet_link import FleetLink
 from linked_fleet_gateway.link.meshes import Meshes
@@ -179,19 +180,22 @@ class Live:
 
     def _on_change(self, change: Change) -> None:
         log.info("robot %s: %s", change.robot, change.what, extra={"robot": change.robot})
-        self._retarget(change.robot)
+        self._retarget(self.fleet.robots.get(change.robot))
         self.fan_out.mark_robot_changed(change.robot)
         if change.what == "vanished":
             self.on_lost(change.robot)
 
     def mark_invocation_changed(self, invocation: Invocation) -> None:
         """Tell the resources that mention an invocation of its change: container, fleet, robot and joints."""
-        robot = self.fleet.robots.get(invocation.robot)
+        robots = self.fleet.robots
+        robot = robots.get(invocation.robot)
         if robot is not None:
             robot.count_change()
         # A motion changes no targets but those of its joints.
         moved = invocation.targets if invocation.stops is None else None
-        changed = {name: self._retarget(name, moved) for name in {invocation.robot, *invocation.robots}}
+        changed = {invocation.robot: self._retarget(robot, moved)}
+        for name in invocation.robots:
+            changed[name] = self._retarget(robots.get(name), moved)
         self.fan_out.mark_changed(*(self._mentions(invocation, changed) if self.fan_out.has_watchers else ()))
         for hear in list(self._invocation_listeners):
             hear(invocation)
@@ -210,15 +214,14 @@ class Live:
                 paths += joint, f"{joint}/targetRotation", f"{joint}/targetTranslation"
         return paths
 
-    def _retarget(self, name: str, joints: Collection[str] | None = None) -> set[str]:
+    def _retarget(self, robot: Robot | None, joints: Collection[str] | None = None) -> set[str]:
         """Update the last commanded positions of the robot's joints from its invocations; return the changed joints.
 
         ``joints`` are those that can have changed; all for None.
         """
-        robot = self.fleet.robots.get(name)
         if robot is None:
             return set()
-        before, found = robot.targets, self.invocations.targets(name, robot.incarnation, joints)
+        before, found = robot.targets, self.invocations.targets(robot.name, robot.incarnation, joints)
         looked_at = before.keys() | found.keys() if joints is None else joints
         changed = {joint for joint in looked_at if before.get(joint) != found.get(joint)}
         if changed:

@@ -886,7 +886,7 @@ async def test_whatever_comes_between_the_last_state_comes_last(seed: int, monke
                 if outlet.ending is None:
                     _change(world, outlet, **{"interval_s": 0.0, "deadband": 0.0} | changed)
             case 4:
-                world.tell(dice.choice((other, Undescribed("r", 1, "?"), Vanished("r", 1))))
+                world.tell(dice.choice((other, DescriptionRejected("r", 1, "?"), Vanished("r", 1))))
                 for _ in range(dice.randrange(3)):
                     await asyncio.sleep(0)
                 world.tell(Appeared("r", 1), Described(described()), world.frame(step / 10))
