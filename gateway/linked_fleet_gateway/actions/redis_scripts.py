@@ -50,7 +50,8 @@ class Keys:
 
         A hash by id, and sorted sets of ids by expiry (Unix ms) and, of those that are over, by creation (Unix µs).
         """
-        return self._of(robot, "invocations"), self._of(robot, "forgotten"), self._of(robot, "over")
+        begin = self._of(robot, "")
+        return begin + "invocations", begin + "forgotten", begin + "over"
 
     def repeat(self, robot: str, key: str) -> str:
         """Hash of the request that used an idempotency key, which may be any text."""
