@@ -55,7 +55,7 @@ define make_venv
 $(1)/bin/python -c 'import pip, ssl' 2>/dev/null && exit; \
 python=; for p in python3.11 python3 python3.13 python3.12; do \
   $$p -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null && { python=$$p; break; }; done; \
-[ -n "$$python" ] || { echo "Python 3.11 or newer is needed and not found: apt install python3.11 python3.11-venv"; exit 1; }; \
+[ -n "$$python" ] || { echo "Python 3.11 or newer is needed and not found: apt install python3-venv"; exit 1; }; \
 $$python -c 'import ensurepip' 2>/dev/null || { echo "$$python has no venv: apt install python3-venv"; exit 1; }; \
 $$python -m venv --clear $(1)
 endef
