@@ -61,9 +61,14 @@ demo() { # demo COMMAND…: wait until five robots are online, then end it
   ended "$process"
 }
 
-packages() {
+named() { # print the packages of the system that the pages tell a reader to install
+  tar -xOf /source.tar README.md docs/TUTORIAL.md | grep -oP '(?<=sudo apt install )[a-z0-9 .+-]+' | xargs -n 1 | sort -u
+}
+
+packages() { # with what they recommend, as for a reader
   apt-get update -qq
-  apt-get install -qqy --no-install-recommends pipx python3 python3-venv ca-certificates curl git make libgomp1
+  # shellcheck disable=SC2046 (a word for each package)
+  apt-get install -qqy $(named)
 }
 
 by_pipx() { demo pipx run --spec "$wheel" linked-fleet demo; }
@@ -133,7 +138,7 @@ tutorial() {
   ended "$process"
 }
 
-step "packages of the system: apt install pipx python3-venv curl git make libgomp1" packages
+step "packages of the system that the pages name: apt install $(named | xargs)" packages
 step "pipx run linked-fleet demo, until five robots are online, and Ctrl-C" by_pipx
 cp by_pipx.log by_pipx_first.log
 step "the same again" by_pipx

@@ -21,6 +21,16 @@ def test_a_step_holds_if_each_of_its_commands_does(command: str, word: str, stat
     assert done.returncode == status
 
 
+def test_a_reader_installs_the_packages_that_the_pages_name(tmp_path: Path) -> None:
+    """The trial installs no others, so that it fails if the pages leave one out."""
+    source = tmp_path / "source.tar"
+    subprocess.run(["tar", "-cf", source, "README.md", "docs/TUTORIAL.md"], cwd=ROOT, check=True)
+    (named,) = re.findall(r"^named\(\) \{.*?^\}$", STEPS, re.MULTILINE | re.DOTALL)
+    lines = ["set -euo pipefail", named.replace("/source.tar", str(source)), "named"]
+    said = subprocess.run(["bash", "-c", "\n".join(lines)], capture_output=True, text=True, check=True).stdout
+    assert said.split() == ["curl", "git", "libgomp1", "make", "pipx", "python3-venv"]
+
+
 def test_a_process_that_is_left_is_found(tmp_path: Path) -> None:
     """The search is for the name that all processes of the product have in their command lines."""
     (search,) = re.findall(r"^none_left\(\) \{.*?^\}$", STEPS, re.MULTILINE | re.DOTALL)
