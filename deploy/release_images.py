@@ -43,7 +43,7 @@ def obstacle(engine: list[str], processor: str, binfmt: Path = _BINFMT) -> str:
     if platform.machine() != name and not (binfmt / f"qemu-{name}").exists():
         return f"the kernel of this {platform.machine()} runs no programs for {name} (no qemu-{name} in {binfmt})"
     base = f"python:{_python_tag()}"
-    if _failure([*engine, "image", "inspect", base]):
+    if _run([*engine, "image", "inspect", "--format", "{{.Architecture}}", base])[0] != processor:
         said = _failure([*engine, "pull", "--platform", f"linux/{processor}", base])
         return said and f"its base image is not available: {said}"
     return ""
@@ -57,8 +57,8 @@ def build(engine: list[str], image: str, processor: str, version: str) -> tuple[
                "-f", f"deploy/{IMAGES[image]}", "-t", tag, *given, "."]  # fmt: skip
     if said := _failure(command):
         return False, said
-    inspect = [*engine, "image", "inspect", "--format", "{{.Id}}", tag]
-    return True, subprocess.run(inspect, capture_output=True, text=True, check=True).stdout.strip()  # noqa: S603
+    name, said = _run([*engine, "image", "inspect", "--format", "{{.Id}}", tag])
+    return not said, said or name
 
 
 def _python_tag() -> str:
@@ -73,15 +73,22 @@ def _python_tag() -> str:
 
 
 def _failure(words: list[str]) -> str:
-    """Run a command of the engine. Return the end of its output if it fails, empty if it succeeds."""
+    """Run a command of the engine. Return the end of what it says if it fails, empty if it succeeds."""
+    return _run(words)[1]
+
+
+def _run(words: list[str]) -> tuple[str, str]:
+    """Run a command of the engine. Return its output, and the end of what it says if it fails, else an empty string."""
     try:
         done = subprocess.run(  # noqa: S603 (the user's own engine, no shell)
             words, cwd=ROOT, capture_output=True, text=True, errors="replace", timeout=_LONGEST_S, check=False
         )
     except (OSError, subprocess.TimeoutExpired) as error:
-        return str(error)
+        return "", str(error)
+    if not done.returncode:
+        return done.stdout.strip(), ""
     said = [line.strip() for line in (done.stderr or done.stdout).splitlines() if line.strip()]
-    return f"{shlex.join(words)}: {' | '.join(said[-2:]) or f'exit code {done.returncode}'}" if done.returncode else ""
+    return "", f"{shlex.join(words)}: {' | '.join(said[-2:]) or f'exit code {done.returncode}'}"
 
 
 def main() -> int:

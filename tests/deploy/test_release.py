@@ -238,6 +238,21 @@ def test_an_image_for_a_processor_whose_programs_do_not_run_here_is_told(
     assert "base image is not available" in release_images.obstacle(["false"], names[own], tmp_path)
 
 
+def test_a_base_image_for_another_processor_does_not_count(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A script replaces the engine, which has the image for one processor and reaches no registry."""
+    monkeypatch.syspath_prepend(str(ROOT / "deploy"))
+    import release_images
+
+    own = {"x86_64": "amd64", "aarch64": "arm64"}[platform.machine()]
+    (other,) = release_images.PROCESSORS.keys() - {own}
+    (tmp_path / f"qemu-{release_images.PROCESSORS[other]}").touch()
+    engine = tmp_path / "engine"
+    engine.write_text(f'#!/bin/sh\ncase "$*" in *inspect*) echo {own} ;; *) echo "no such host" >&2; exit 1 ;; esac\n')
+    engine.chmod(0o755)
+    assert release_images.obstacle([str(engine)], own, tmp_path) == ""
+    assert "base image is not available" in release_images.obstacle([str(engine)], other, tmp_path)
+
+
 def test_without_an_engine_no_image_is_built_and_that_is_told(tmp_path: Path) -> None:
     done = _images("", PATH=str(tmp_path))
     assert done.returncode == 0
