@@ -24,6 +24,8 @@ PROCESSORS = {"amd64": "x86_64", "arm64": "aarch64"}
 """Architectures in image names, with their names in the kernel."""
 OF_THE_MACHINE = ("PYTHON_TAG", "PIP_INDEX_URL", "PIP_EXTRA_INDEX_URL", "NPM_CONFIG_REGISTRY")
 """Build arguments that select the sources of base images and packages."""
+_WITH_HEALTH_CHECKS = {"BUILDAH_FORMAT": "docker"}
+"""Environment by which podman keeps the health checks of images, which its own format drops."""
 _LONGEST_S = 3600
 _BINFMT = Path("/proc/sys/fs/binfmt_misc")
 
@@ -81,7 +83,14 @@ def _run(words: list[str]) -> tuple[str, str]:
     """Run a command of the engine. Return its output, and the end of what it says if it fails, else an empty string."""
     try:
         done = subprocess.run(  # noqa: S603 (the user's own engine, no shell)
-            words, cwd=ROOT, capture_output=True, text=True, errors="replace", timeout=_LONGEST_S, check=False
+            words,
+            cwd=ROOT,
+            env={**os.environ, **_WITH_HEALTH_CHECKS},
+            capture_output=True,
+            text=True,
+            errors="replace",
+            timeout=_LONGEST_S,
+            check=False,
         )
     except (OSError, subprocess.TimeoutExpired) as error:
         return "", str(error)

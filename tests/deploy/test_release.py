@@ -223,6 +223,17 @@ def test_images_that_could_not_be_built_are_told_with_the_reason(tmp_path: Path)
     assert f"built      linked-fleet/agent:{VERSION}-{own}: sha256:0123" in done.stdout
 
 
+def test_podman_keeps_the_health_checks_of_images(tmp_path: Path) -> None:
+    """A script replaces podman, which drops them unless it is told the format."""
+    engine = tmp_path / "engine"
+    engine.write_text(
+        '#!/bin/sh\n[ "$1" != build ] || [ "$BUILDAH_FORMAT" = docker ] || { echo dropped >&2; exit 1; }\n'
+    )
+    engine.chmod(0o755)
+    done = _images(str(engine), BUILDAH_FORMAT="")
+    assert done.returncode == 0 and "dropped" not in done.stdout, done.stdout
+
+
 def test_an_image_for_a_processor_whose_programs_do_not_run_here_is_told(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
