@@ -65,10 +65,10 @@ named() { # print the packages of the system that the pages tell a reader to ins
   tar -xOf /source.tar README.md docs/TUTORIAL.md | grep -oP '(?<=sudo apt install )[a-z0-9 .+-]+' | xargs -n 1 | sort -u
 }
 
-packages() { # with what they recommend, as for a reader
+packages() { # not what they recommend, such as a compiler, which brings libgomp1; only images lack ca-certificates
   apt-get update -qq
-  # shellcheck disable=SC2046 (a word for each package)
-  apt-get install -qqy $(named)
+  # shellcheck disable=SC2046 # a word for each package
+  apt-get install -qqy --no-install-recommends ca-certificates $(named)
 }
 
 by_pipx() { demo pipx run --spec "$wheel" linked-fleet demo; }
