@@ -7,7 +7,7 @@ from pathlib import Path
 from playwright.sync_api import Browser, CDPSession, Page, Playwright, ViewportSize
 
 EXECUTABLE = os.environ.get("CHROMIUM") or shutil.which("chromium") or shutil.which("chromium-browser")
-MISSING = "Chromium is not there: apt install chromium"
+MISSING = "Chromium is not there: apt install chromium, or name one by CHROMIUM=/usr/bin/…"
 DESK: ViewportSize = {"width": 1280, "height": 900}
 PHONE: ViewportSize = {"width": 390, "height": 844}
 # Containers have no sandbox for root and no graphics card; WebGL is rendered in software.
