@@ -346,9 +346,8 @@ class LibraryMissing(FleetError):
     @classmethod
     def for_module(cls, name: str, error: ImportError) -> "LibraryMissing":
         """Return the error for a module that could not be imported."""
-        return cls(
-            f"The gateway cannot load {name} ({error}); `linked-fleet doctor` says how to install what it lacks."
-        )
+        advice = "`linked-fleet doctor` says how to install what it lacks"
+        return cls(f"The gateway cannot load {name} ({error}); {advice}.")
 
 
 class AgentTimeout(FleetError):
