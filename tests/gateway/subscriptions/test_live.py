@@ -24,7 +24,7 @@ async def test_limits_are_watched_again_after_an_error(monkeypatch: pytest.Monke
             raise ValueError("a defect")
         return []
 
-    monkeypatch.setattr(live.fleet, "judge_limits", judge)
+    monkeypatch.setattr(live.fleet, "check_limits", judge)
     async with live:
         await until(lambda: len(judged) == 4)
     assert [str(each) for each in failures] == ["a defect"]
