@@ -29,10 +29,10 @@ pytestmark = [pytest.mark.processes, pytest.mark.usefixtures("patient")]
 GATEWAY = textwrap.dedent("""
     import asyncio, sys
     from pathlib import Path
-    from linked_fleet_gateway.runtime.embedded_redis import Embedded
+    from linked_fleet_gateway.runtime.embedded_redis import EmbeddedRedis
 
     async def main():
-        async with Embedded(Path(sys.argv[1])):
+        async with EmbeddedRedis(Path(sys.argv[1])):
             print("open", flush=True)
             await asyncio.Event().wait()
 
