@@ -52,7 +52,7 @@ def raise_first_refusal(robot: Robot, invocation: Invocation) -> None:
         raise agent_timeout(invocation, "not to the first request with this Idempotency-Key either")
     if not invocation.accepted:
         raise AgentTimeout(
-            f"The agent of {robot.name} did not answer the first request with this key; since: {invocation.reason}.",
+            f"The agent of {robot.name} has not accepted the first request with this key: {invocation.reason}.",
             headers={"location": invocation_path(invocation)},
         )
 
