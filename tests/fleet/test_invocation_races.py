@@ -197,7 +197,7 @@ def test_a_check_that_breaks_off_ends_the_invocation(tmp_path: Path, monkeypatch
     """Others saw the motion when the check began; it neither runs nor counts any more."""
 
     async def findings(actions: Actions, *_: object) -> None:
-        assert [each.state for each in actions._live.invocations.open_of("ur5")] == [InvocationState.ACCEPTED]
+        assert [each.state for each in actions._live.invocations.open_of_robot("ur5")] == [InvocationState.ACCEPTED]
         raise Busy("too many are being checked")
 
     place = Place(tmp_path)
@@ -240,7 +240,7 @@ def test_a_stop_is_sent_although_it_cannot_be_announced(
 ) -> None:
     """An error of whoever hears of invocations, such as an extension, is logged."""
     errors = [ValueError("a defect")]
-    tell = Live.tell
+    tell = Live.mark_invocation_changed
 
     def tell_or_fail(live: Live, invocation: Invocation) -> None:
         if errors:
@@ -253,7 +253,7 @@ def test_a_stop_is_sent_although_it_cannot_be_announced(
         motion = begun(put(browser, of_joint(browser, PAN), slowly(3.0)))
         moving(browser, PAN)
         stop = of_robot(browser, kind) if kind == LF.StopRobot else browser.action(browser.page(browser.root), kind)
-        monkeypatch.setattr(Live, "tell", tell_or_fail)
+        monkeypatch.setattr(Live, "mark_invocation_changed", tell_or_fail)
         begun(post(browser, stop))
         assert ended(browser, motion).one(LF.state) == LF.cancelled
         gateway.said("a defect")
