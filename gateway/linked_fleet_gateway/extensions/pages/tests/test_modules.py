@@ -152,3 +152,30 @@ def test_a_slow_answer_is_no_clock_that_differs(
         [sent_s, received_s, dated_s],
     )
     assert shown == text
+
+
+def test_a_processor_does_not_draw_in_a_frame_that_began_too_early(module: Page) -> None:
+    """A timer runs within a frame whose time, its begin, is before that of the timer."""
+    drawn = module.evaluate(
+        """async () => {
+            const { Pacing } = await import("/scene_pacing.js");
+            const frames = [], timers = [], drawn = [];
+            let clock = 0;
+            performance.now = () => clock;
+            window.requestAnimationFrame = (call) => frames.push(call);
+            window.setTimeout = (call, wait) => timers.push(call);
+            const renderer = { getExtension: () => null, getParameter: () => "SwiftShader" };
+            const pacing = new Pacing(renderer, (now) => drawn.push(now));
+            const frame = (now) => frames.splice(0).forEach((call) => call(now));
+            pacing.request();
+            frame(0);
+            frame(1); // how long drawing took
+            pacing.request();
+            clock = 67;
+            timers.splice(0).forEach((call) => call());
+            frame(50);
+            frame(67);
+            return drawn;
+        }"""
+    )
+    assert drawn == [0, 67]

@@ -3,6 +3,7 @@
 const SOFTWARE = /swiftshader|llvmpipe|softpipe|software|basic render/i;
 const SLOWEST_MS = 1000 / 15;
 const SHARE = 0.3; // maximum share of time for drawing
+const EARLY_MS = 4; // a timer of the browser is as exact as that
 
 export class Pacing {
   /**
@@ -19,7 +20,7 @@ export class Pacing {
   request() {
     if (this.frame || this.timer) return;
     const wait = this.software ? this.next - performance.now() : 0;
-    if (wait > 4) this.timer = setTimeout(() => this.soon(), wait);
+    if (wait > EARLY_MS) this.timer = setTimeout(() => this.soon(), wait);
     else this.soon();
   }
 
@@ -27,6 +28,8 @@ export class Pacing {
     this.timer = undefined;
     this.frame = requestAnimationFrame((now) => {
       this.frame = undefined;
+      // The time of a frame is that of its begin, which may be before the timer.
+      if (this.software && this.next - now > EARLY_MS) return this.request();
       this.next = now + SLOWEST_MS;
       this.draw(now);
       // Which comes when this has been drawn.
