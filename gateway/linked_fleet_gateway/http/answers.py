@@ -6,7 +6,6 @@ facts of the resource are equal. Requests with fields that ask for more than a r
 """
 
 import logging
-from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import chain
 from operator import is_not
@@ -29,8 +28,6 @@ log = logging.getLogger(__name__)
 MAX_KEPT = 16_384
 MAX_BYTES = 24 * 1024 * 1024
 """Limit of bytes of cached contents. The oldest responses are dropped first."""
-_LEAST_PACKED_BYTES = 4096
-"""Shorter contents are kept as they are: gzip would take a fifth of a first response, and save a kilobyte or two."""
 _ASKS_MORE = frozenset({b"prefer", b"if-match", b"upgrade", b"callback", b"last-event-id"})
 _READ = ("GET", "HEAD")
 _LONGEST_ACCEPT = 256
@@ -60,7 +57,6 @@ class Answer:
         "_codable",
         "_coded",
         "_content",
-        "_copy",
         "_facts",
         "_fields",
         "_news",
@@ -83,23 +79,21 @@ class Answer:
         content: bytes,
         fields: FieldLines,
         of_content: FieldLines,
-        copy: Callable[[], bytes] | None = None,
     ) -> None:
         """Create a response; ``robot`` is None if it lasts (``Resource.lasting``).
 
-        ``fields``: those of every response except ETag; ``of_content``: those absent from a 304. ``copy`` returns the
-        content, if it can be copied from that of others of its kind.
+        ``fields``: those of every response except ETag; ``of_content``: those absent from a 304.
         """
-        self._source, self._robot, self._rendering, self._copy = resource.source, robot, rendering, copy
+        self._source, self._robot, self._rendering = resource.source, robot, rendering
         self._tag = etag(content) if rendering is None else ""
         self._codable = is_compressible(content, resource.measured is not None)
-        self._packed = self._codable and rendering is None and copy is None and len(content) >= _LEAST_PACKED_BYTES
+        self._packed = self._codable and rendering is None
         """True if the content is kept in gzip alone."""
-        self._content = compressed(content) if self._packed else content if copy is None else b""
+        self._content = compressed(content) if self._packed else content
         self._coded: bytes | None = None
-        """The content in gzip, if it is not kept in that alone and somebody has asked for it."""
-        self.size = len(self._content) if copy is None else len(content) // 4
-        """Approximate size of the cached content in bytes. Gzip makes a quarter of it, or less."""
+        """The content in gzip, if it is kept as it is and somebody has asked for that."""
+        self.size = len(self._content)
+        """Approximate size of the cached content in bytes."""
         self._quiet = resource.quiet
         self._shown: tuple[Observation, ...] = ()
         """The observations that were written last."""
@@ -127,22 +121,20 @@ class Answer:
         tag = coded_tag(self._tag, "gzip" if coded else "")
         if known is not None and (known == tag or not_modified(known, tag)):
             return Reply(304, self._fields, self._block, [(b"etag", tag.encode())], b"")
-        content = self._in_gzip(plain) if coded else self._plain() if plain is None else plain
+        content = self._in_gzip() if coded else self._plain() if plain is None else plain
         more = [(b"etag", tag.encode()), (b"content-length", b"%d" % len(content))]
         if coded:
             more.append(GZIP)
         return Reply(200, self._of_content, self._block_of_content, more, content)
 
-    def _in_gzip(self, plain: bytes | None) -> bytes:
+    def _in_gzip(self) -> bytes:
         if self._packed:
             return self._content
         if self._coded is None:
-            self._coded = compressed(self._plain() if plain is None else plain)
+            self._coded = compressed(self._content)
         return self._coded
 
     def _plain(self) -> bytes:
-        if self._copy is not None:
-            return self._copy()
         return expanded(self._content) if self._packed else self._content
 
     def _write(self, rendering: Rendering) -> None:

@@ -229,7 +229,7 @@ def _cached(request: Request, resource: Resource, representation: Representation
         mark_private(resource.path, stated)
     always, more = stated.raw, MutableHeaders(of_content).raw
     robot, body = _robot(request, resource), representation.body
-    answer = Answer(resource, robot, rendering, body, always, more, representation.copy)
+    answer = Answer(resource, robot, rendering, body, always, more)
     services.answers.keep(request.scope, answer)
     plain = body if resource.measured is None else None
     return answer.reply(field(request, "if-none-match"), takes_gzip(_accepted_codings(request)), plain)

@@ -6,7 +6,7 @@ Entity tags and preconditions follow RFC 9110, 8.8.3, 13.1.1 and 13.1.2.
 import re
 from collections.abc import AsyncIterator, Callable, Collection, Iterator, Mapping
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import partial
 from hashlib import blake2b
 from typing import TypeVar
@@ -78,11 +78,10 @@ FORMATS: Formats = {
 
 @dataclass(frozen=True)
 class Representation:
-    """A rendered representation with its media type; ``copy`` renders it again if that takes a few microseconds."""
+    """A rendered representation with its media type."""
 
     body: bytes
     media_type: str
-    copy: Callable[[], bytes] | None = field(default=None, compare=False)
 
     @property
     def etag(self) -> str:
@@ -192,7 +191,7 @@ class Representations:
         if (rendering := self.rendering(resource, media_type, base)) is not None:
             return Representation(rendering.present(), media_type)
         if (copied := self._copies.body(resource, media_type, base)) is not None:
-            return Representation(copied, media_type, lambda: self._represent(media_type, resource, base).body)
+            return Representation(copied, media_type)
         graph = graph or resource.whole(base)
         if media_type == HTML and self.html is not None:
             return Representation(self.html.write_resource(resource, graph.triples, base, self.formats), media_type)

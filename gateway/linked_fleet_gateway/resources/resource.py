@@ -127,12 +127,9 @@ class Resource:
         return self.having(reader=other.reader, rights=other.rights, audited=other.audited, warning=other.warning)
 
     def having(self, **fields: Any) -> "Resource":
-        """Return a copy with these fields, as ``dataclasses.replace`` does, in a tenth of its time.
-
-        A dictionary that is made at once takes half of the memory of one that is filled.
-        """
+        """Return a copy with these fields, as ``dataclasses.replace`` does, in a tenth of its time."""
         found = object.__new__(Resource)
-        object.__setattr__(found, "__dict__", {**self.__dict__, **fields})
+        found.__dict__.update(self.__dict__, **fields)
         return found
 
     def whole(self, base: str) -> Graph:

@@ -7,7 +7,6 @@ import pytest
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.http.answers import Answer, Answers
 from linked_fleet_gateway.http.arrival import Authenticated, arrival_of
-from linked_fleet_gateway.http.negotiation import expanded
 from linked_fleet_gateway.identity.rights import Grant, Identity, Right
 from linked_fleet_gateway.resources.resource import Resource
 from linked_fleet_gateway.resources.versioning import Source
@@ -106,23 +105,6 @@ def test_an_answer_is_kept_per_view(stage: Stage) -> None:
     assert stage.content(caller=other) is None
     assert stage.content() is None
     assert stage.content(caller=one) == b"one"
-
-
-def test_a_document_of_a_kind_is_copied_anew_but_compressed_once(stage: Stage) -> None:
-    copied: list[bytes] = []
-
-    def copy() -> bytes:
-        copied.append(bytes(2000))
-        return copied[-1]
-
-    resource = Resource("/r/a", "a", None, source=Source(robot=stage.robot))
-    answers = Answers()
-    answers.keep(scope(), Answer(resource, stage.robot, None, bytes(2000), _FIELDS, (), copy))
-    plain = [answers.find(scope(), stage.live) for _ in range(2)]
-    assert [each and each.content for each in plain] == copied == 2 * [bytes(2000)]
-    coded = [answers.find(scope(accept_encoding="gzip"), stage.live) for _ in range(2)]
-    assert [each and expanded(each.content) for each in coded] == 2 * [bytes(2000)]
-    assert len(copied) == 3
 
 
 def test_a_client_with_the_entity_tag_gets_304(stage: Stage) -> None:
