@@ -131,7 +131,7 @@ def read_at_once(request: Request, resource: Resource) -> Reply | None:
     if resource.steps is not None or not _is_cacheable(request, resource, media_type):
         return None
     representation = representations.negotiated(*asked)
-    if not _is_cacheable(request, resource, representation.media_type):  # the chosen syntax cannot express it
+    if representation.media_type != media_type:  # the chosen syntax cannot express it
         return None
     return _cached(request, resource, representation)
 

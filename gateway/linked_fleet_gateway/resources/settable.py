@@ -115,16 +115,16 @@ def target_blueprint(blueprint: Resource, offer: Offer, base: str) -> Resource:
     kind, joint = blueprint.template, offer.joint
     assert kind is not None and joint is not None
 
-    def ends() -> tuple[Literal, ...]:
+    def positions() -> tuple[Literal, ...]:
         return tuple(limits_of(joint, (LF.jointPosition,)).numbers[LF.jointPosition])
 
-    def describe(graph: Graph, owner: str, ends: Sequence[Literal]) -> None:
+    def describe(graph: Graph, owner: str, ends: Sequence[Literal] | None) -> None:
         kind.describe(graph, owner, ())
         describe_target_input(graph, NamedNode(f"{base}{owner}/blueprint#input"), offer, base, ends)
 
     return blueprint.having(
-        describe=lambda graph: describe(graph, kind.owner, ends()),
-        template=DescriptionTemplate((kind.key, joint.kind), kind.owner, describe, ends),
+        describe=lambda graph: describe(graph, kind.owner, None),
+        template=DescriptionTemplate((kind.key, joint.kind), kind.owner, describe, positions),
     )
 
 
