@@ -11,6 +11,7 @@ from itertools import islice
 
 from pyoxigraph import BlankNode, Literal, NamedNode, Triple
 
+from linked_fleet_gateway.base.errors import Statement
 from linked_fleet_gateway.rdf.vocabulary import LF, MATHS, QUDT, RDF, SOSA, UNIT, VOM, XSD
 
 
@@ -79,7 +80,6 @@ UNITS: dict[NamedNode, Unit] = {
 
 Node = NamedNode | BlankNode
 Term = NamedNode | BlankNode | Literal
-Statement = tuple[Node, NamedNode, Term]
 
 
 class Graph:
