@@ -285,7 +285,7 @@ class Fleet:
         """Apply the description of the present run to the robot, if it differs."""
         robot = entry.robot
         said = None if robot.incarnation is None else entry.runs.get(robot.incarnation)
-        if said is None or robot.says(said):
+        if said is None or robot.matches_description(said):
             return []
         if isinstance(said, str):
             robot.reject_description(said)

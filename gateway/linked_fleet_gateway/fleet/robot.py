@@ -204,7 +204,7 @@ class Robot:
         self.online = online
         self.count_change()
 
-    def says(self, said: Description | str) -> bool:
+    def matches_description(self, said: Description | str) -> bool:
         """Return True if this is the description that it shows, or the reason for which it has none."""
         if isinstance(said, str):
             return self.description is None and said == self._fault
