@@ -169,7 +169,7 @@ class Actions:
             invocation.refused = error.code
             self.lifecycle.fail(invocation, error.reason)
             raise
-        except Exception:
+        except Exception:  # of whatever kind: others have seen the motion, and it must not stay accepted
             self.lifecycle.fail(invocation, "it could not be checked")
             raise
         return self._stalls.waited_ns(began_ns)

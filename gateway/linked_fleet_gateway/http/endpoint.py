@@ -122,6 +122,7 @@ class Endpoint:
         except FleetError:
             return None
         except Exception:
+            # The boundary: the server has no task here that could end with an error, and ``__call__`` tries again.
             log.exception("unforeseen error in the first answer of %s", scope["path"])
             return None
 
