@@ -16,6 +16,7 @@ from pathlib import Path
 import pytest
 
 from browser import Browser, all_live
+from failure_reports import pytest_runtest_makereport  # noqa: F401 - a hook
 from properties import load_profile
 from running import PATIENCE_S, Process, eventually, free_port, process
 from second_try import add_option, pytest_itemcollected, pytest_terminal_summary  # noqa: F401 - hooks
