@@ -72,7 +72,7 @@ def rows(seconds: float) -> list[Row]:
         again_s = _read_all(root, [*values, *others], "application/n-triples")
         for media_type in _MEDIA_TYPES:
             _read_all(root, [*values, *others], media_type)
-        asked = {
+        asked: dict[str, list[tuple[str, ...]]] = {
             "/value": [(path,) for path in values],
             "/other": [(path,) for path in others],
             "/unchanged": [(path, *_tags(root, path)) for path in others[::20]],

@@ -86,7 +86,7 @@ def component(part: Part) -> dict[str, Any]:
 
 def _python_licence(distribution: Distribution) -> str:
     """Return the licence expression, else the first line of the free text, else the classifiers."""
-    metadata = distribution.metadata
+    metadata: Any = distribution.metadata  # an email.message.Message, which its type does not say
     stated = (metadata.get("License-Expression") or metadata.get("License") or "").strip().splitlines()
     classifiers = [c.rpartition(" :: ")[2] for c in metadata.get_all("Classifier") or [] if c.startswith("License ::")]
     return stated[0] if stated else ", ".join(classifiers) or "unknown"

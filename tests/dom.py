@@ -88,19 +88,19 @@ def filled(form: Element, everything: bool) -> Graph:
 
 def _node(graph: Graph, container: Element, classes: str, everything: bool) -> BNode:
     node = BNode()
-    for each in classes.split():
-        graph.add((node, RDF.type, URIRef(each)))
+    for name in classes.split():
+        graph.add((node, RDF.type, URIRef(name)))
     parts = list(_parts(container, everything))
     chosen = {
         each["data-path"]: _chosen(each) for each in parts if each.tag == "select" or each.get("type") == "hidden"
     }
-    for each in parts:
-        if each.tag == "fieldset":
-            if everything or int(each["data-min"]) > 0:
-                below = _node(graph, each, each["data-classes"], everything)
-                graph.add((node, URIRef(each["data-path"]), below))
-        elif everything or needed(each) or each.get("type") == "hidden":
-            graph.add((node, URIRef(each["data-path"]), _value(each, chosen)))
+    for part in parts:
+        if part.tag == "fieldset":
+            if everything or int(part["data-min"]) > 0:
+                below = _node(graph, part, part["data-classes"], everything)
+                graph.add((node, URIRef(part["data-path"]), below))
+        elif everything or needed(part) or part.get("type") == "hidden":
+            graph.add((node, URIRef(part["data-path"]), _value(part, chosen)))
     return node
 
 

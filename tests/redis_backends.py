@@ -112,7 +112,8 @@ def pytest_pyfunc_call(pyfuncitem: pytest.Function) -> bool | None:
         return None
     names = inspect.signature(pyfuncitem.obj).parameters
     arguments = {name: pyfuncitem.funcargs[name] for name in names}
-    pyfuncitem.funcargs["server"].run(pyfuncitem.obj(**arguments))
+    server: Any = pyfuncitem.funcargs["server"]
+    server.run(pyfuncitem.obj(**arguments))
     return True
 
 

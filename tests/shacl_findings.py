@@ -10,6 +10,7 @@ import math
 import warnings
 from collections import Counter
 from collections.abc import Iterable, Sequence
+from typing import Any
 
 import pyshacl
 import pytest
@@ -38,7 +39,7 @@ def turtle(text: str) -> list[Triple]:
     return [quad.triple for quad in parse(_PREFIXES + text, format=RdfFormat.TURTLE, base_iri=EX.iri)]
 
 
-def to_rdflib(term: Term) -> rdflib.term.Identifier:
+def to_rdflib(term: Term) -> Any:
     if isinstance(term, NamedNode):
         return rdflib.URIRef(term.value)
     if isinstance(term, BlankNode):

@@ -10,7 +10,7 @@ from subscriptions.test_streams import *
 pytestmark = [pytest.mark.processes, pytest.mark.test_all]
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="module")  # type: ignore[no-redef]
 def servers(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Servers]:
     with cluster(tmp_path_factory.mktemp("redis")) as running:
         yield running

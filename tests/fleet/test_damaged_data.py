@@ -4,6 +4,7 @@ import contextlib
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -130,6 +131,6 @@ def test_without_any_server_a_gateway_starts_and_stops_robots(scene: Scene, tmp_
         stops(browser, _TURN)
 
 
-def _if_ready(browser: Browser) -> dict[str, object] | None:
+def _if_ready(browser: Browser) -> dict[str, Any] | None:
     answer = browser.http.get(browser.root + "health/ready")
     return answer.json() if answer.status_code == 200 else None

@@ -45,7 +45,7 @@ class Known(LiveGateway):
 
     def __init__(self, here: AuthenticatedGateway, wallet: CredentialSamples, tls: ssl.SSLContext) -> None:
         assert here.gateway is not None
-        super().__init__(here.place, here.gateway, None)  # type: ignore[arg-type]  (there are no robots)
+        super().__init__(here.place, here.gateway, None)  # type: ignore[arg-type]  # (there are no robots)
         self.wallet, self.tls, self.root = wallet, tls, f"https://127.0.0.1:{here.place.port}"
 
     def probe(self) -> None:

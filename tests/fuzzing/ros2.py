@@ -106,7 +106,9 @@ def torn(random: Random, payload: bytes) -> bytes:
 def _good_state(random: Random) -> bytes:
     names = random.sample((*_JOINTS, "wheel", "é", ""), random.randint(0, 7)) or [str(n) for n in range(1200)]
     rows = ([_number(random) for _ in names] if random.random() < 0.8 else [] for _ in range(3))
-    return joint_state(names, *rows, random.choice((0, 1, random.getrandbits(50))), random.random() < 0.5)
+    positions, velocities, efforts = rows
+    stamp_ns, little_endian = random.choice((0, 1, random.getrandbits(50))), random.random() < 0.5
+    return joint_state(names, positions, velocities, efforts, stamp_ns, little_endian)
 
 
 def _number(random: Random) -> float:

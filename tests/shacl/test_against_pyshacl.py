@@ -1,6 +1,7 @@
 """Compiled shapes find what pySHACL finds, for any shape and body; exceptions are in test_exceptions.py."""
 
 from collections.abc import Iterable, Sequence
+from typing import Any
 
 import pytest
 from hypothesis import HealthCheck, given, settings
@@ -172,10 +173,10 @@ def _add_value(graph: Graph, parameter: NamedNode, value: object) -> Term:
     return graph.collection(value) if parameter in (SHACL.in_, SHACL.languageIn) else value  # type: ignore[arg-type, return-value]
 
 
-def _add_path(graph: Graph, path: object) -> Node:
+def _add_path(graph: Graph, path: Any) -> Node:
     if isinstance(path, NamedNode):
         return path
-    kind, inner = path  # type: ignore[misc]
+    kind, inner = path
     added = [_add_path(graph, each) for each in inner] if isinstance(inner, list) else _add_path(graph, inner)
     if kind is None:
         return graph.collection(added)  # type: ignore[arg-type]

@@ -7,6 +7,7 @@ import socket
 import threading
 from contextlib import closing
 from ipaddress import IPv4Network, IPv6Network
+from typing import Any
 
 import httpx
 import pytest
@@ -73,7 +74,7 @@ def test_the_system_resolver_is_asked_for_addresses_of_tcp(monkeypatch: pytest.M
 
     def getaddrinfo(host: bytes, port: int, **options: int) -> list[tuple[object, ...]]:
         asked.append((host, port, options))
-        wheres = {
+        wheres: dict[int, list[Any]] = {
             socket.AF_INET6: [("fe80::1", 80, 0, 2), ("2001:db8::1", 80, 0, 0), ("::1", 80)],
             socket.AF_INET: [("192.0.2.1", 80)],
             socket.AF_UNIX: ["/run/socket"],

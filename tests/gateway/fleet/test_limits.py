@@ -153,8 +153,8 @@ def test_the_query_process_has_the_same_presence(mirrored: MirroredFleet) -> Non
     mirrored.stand("r", (77.0, 0.0))
     for now_s in (1, 2):
         mirrored.fleet.check_limits(now_s * SECOND_NS)
-    mirrored = mirrored.bring().robots["r"].robot
-    assert (mirrored.presence, mirrored.positions["elbow"]) == ("faulty", 77.0)
+    copy = mirrored.bring().robots["r"].robot
+    assert (copy.presence, copy.positions["elbow"]) == ("faulty", 77.0)
 
 
 def test_positions_are_found_where_they_stand_in_a_frame(mirrored: MirroredFleet) -> None:

@@ -3,7 +3,7 @@
 import asyncio
 import socket
 import struct
-from collections.abc import AsyncIterator
+from collections.abc import AsyncGenerator
 
 import h11
 import httpx
@@ -43,7 +43,7 @@ class App(Channel):
             self.returned += 1
 
 
-async def reading(port: int, source: EventSource) -> AsyncIterator[httpx.Response]:
+async def reading(port: int, source: EventSource) -> AsyncGenerator[httpx.Response]:
     """Yield after the head and after each chunk."""
     async with httpx.AsyncClient() as http, http.stream("GET", f"http://127.0.0.1:{port}/a") as response:
         yield response

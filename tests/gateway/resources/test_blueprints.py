@@ -15,7 +15,7 @@ from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, LDP, PROV, RDF,
 from linked_fleet_gateway.shacl import CompiledShape, Data, compile_shape
 from sample_resources import BASE, blueprint_path, described, described_paths, tree
 
-_SH = rdflib.SH
+_SH = rdflib.Namespace(str(rdflib.SH))
 # A resource may lack these: they depend on its parts, actions and options, and on past events.
 _OPTIONAL = {
     LF.placement, HYBRIT.action, LDP.contains, DCTERMS.hasPart, LF.fault, LF.reason, LF.currentTask, LF.lastSeen,

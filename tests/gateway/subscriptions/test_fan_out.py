@@ -25,7 +25,7 @@ from linked_fleet_gateway.subscriptions import fan_out
 from linked_fleet_gateway.subscriptions.broadcast import Ending, Message
 from linked_fleet_gateway.subscriptions.fan_out import FanOut
 from linked_fleet_gateway.subscriptions.topic import Topic
-from linked_fleet_gateway.subscriptions.watcher import Timer
+from linked_fleet_gateway.subscriptions.watcher import Timer, Watcher
 
 _BASE = "http://fleet.example"
 _URDF = robot(link("base"), link("tip"), joint("elbow", "revolute", "base", "tip"))
@@ -77,6 +77,8 @@ class Clocked(FanOut):
 
 
 class Outlet:
+    watcher: Watcher
+
     def __init__(self) -> None:
         self.messages: list[Message] = []
         self.room = True
@@ -227,7 +229,7 @@ def to(path: str, **more: object) -> Subscription:
 
 def watch(world: World, path: str, sent: dict[str, str] | None = None, patient: bool = False, **more: object) -> Outlet:
     outlet = world.outlet()
-    outlet.watcher = world.fan_out.watch(to(path, **more), outlet, sent, patient=patient)  # type: ignore[attr-defined]
+    outlet.watcher = world.fan_out.watch(to(path, **more), outlet, sent, patient=patient)
     return outlet
 
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -20,7 +21,7 @@ def here(tmp_path_factory: pytest.TempPathFactory) -> Iterator[AuthenticatedGate
         yield one
 
 
-def said_by(here: AuthenticatedGateway, name: str, subprotocol: str, messages: int) -> dict[str, object]:
+def said_by(here: AuthenticatedGateway, name: str, subprotocol: str, messages: int) -> dict[str, Any]:
     """Return the client's output, by its words."""
     url = here.root.replace("http", "ws", 1) + "foxglove"
     script = Path(__file__).with_name("foxglove.cjs")

@@ -3,6 +3,7 @@
 import csv
 import io
 import math
+from typing import Any
 
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
@@ -36,7 +37,7 @@ def excerpt(*values: tuple[int, float], floating: bool = False) -> Excerpt:
     return Excerpt(Joints(RobotModel.for_urdf(URDF), ("turn", ODD), floating), tuple(frames))
 
 
-def messages(content: bytes) -> list[tuple[str, int, object]]:
+def messages(content: bytes) -> list[tuple[str, int, Any]]:
     reader = make_reader(io.BytesIO(content), decoder_factories=[DecoderFactory()])
     return [(channel.topic, message.log_time, body) for _, channel, message, body in reader.iter_decoded_messages()]
 

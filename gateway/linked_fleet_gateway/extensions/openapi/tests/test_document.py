@@ -21,7 +21,7 @@ _METHODS = {"get", "put", "post", "patch", "delete"}
 def _view(*hidden: str, secured: bool = False) -> RequestView:
     found = tree().resolve("/things")
     assert isinstance(found, Resource)
-    view: RequestView = found.remote.view  # type: ignore[union-attr]
+    view: RequestView = found.remote.view  # type: ignore[union-attr, attr-defined]
     robots = {name: robot for name, robot in view.robots.items() if name not in hidden}
     return RequestView(BASE, robots, view.invocations, view.sees, secured)
 

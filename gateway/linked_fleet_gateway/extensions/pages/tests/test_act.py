@@ -9,6 +9,7 @@ from playwright.sync_api import Locator, Page, Request, expect
 
 from browser import LF, ROS, SPATIAL, Browser
 from small_fleet import Place, live, move, number, property_page
+from watched_page import Watched
 
 pytestmark = [pytest.mark.processes, pytest.mark.test_all]
 JOINT = "wrist_3_joint"
@@ -140,7 +141,7 @@ def test_a_motion_is_tried_without_moving(page: Page, form: Locator, ur5: Robot)
 
 def test_a_refusal_is_shown_in_the_words_of_the_server(
     form: Locator,
-    watched: "Watched",  # noqa: F821
+    watched: Watched,
     ur5: Robot,
 ) -> None:
     """Somebody else has the control lease."""
@@ -186,7 +187,7 @@ def test_a_task_is_followed_on_the_next_page(page: Page, form: Locator, ur5: Rob
 def test_a_task_that_is_gone_is_forgotten(
     page: Page,
     form: Locator,
-    watched: "Watched",  # noqa: F821
+    watched: Watched,
     ur5: Robot,
 ) -> None:
     """It was deleted between two pages: the next page neither shows it for ever nor reports a lost connection."""

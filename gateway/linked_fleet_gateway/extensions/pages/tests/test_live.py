@@ -11,6 +11,7 @@ from browser import DCTERMS, LF, VOM
 from gateway_group import Gateway, Hub, gateway, hub
 from running import eventually
 from small_fleet import Place, live, offline
+from watched_page import Watched
 
 pytestmark = pytest.mark.processes
 
@@ -90,7 +91,7 @@ def test_a_robot_that_left_is_marked_on_the_page_of_its_joint(page: Page, watche
 @pytest.mark.parametrize("width", [1280, 390], ids=["desk", "phone"])
 def test_a_lost_connection_is_shown_and_recovers(
     page: Page,
-    watched: "Watched",  # noqa: F821
+    watched: Watched,
     tmp_path: Path,
     width: int,
 ) -> None:

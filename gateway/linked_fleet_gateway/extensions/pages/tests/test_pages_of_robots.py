@@ -50,7 +50,7 @@ def addresses(browser: Browser) -> dict[str, list[str]]:
     held = browser.http.post(browser.action(turning, LF.Hold), headers={"prefer": "return=minimal"})
     assert held.is_success, held.text
     blueprints = [
-        each for each in turning.graph.objects(turning.iri, HYBRIT.blueprint) if each.startswith(browser.root)
+        each for each in turning.graph.objects(turning.iri, HYBRIT.blueprint) if str(each).startswith(browser.root)
     ]
     return {
         "fleet": [browser.root],

@@ -21,6 +21,7 @@ from page_user import PageUser
 from running import Process, eventually, process
 from shared_fixtures import ROBOTS
 from small_fleet import Place
+from watched_page import Watched
 
 pytestmark = [pytest.mark.processes, pytest.mark.test_all, pytest.mark.webgl]
 PICTURES = os.environ.get("LINKED_FLEET_PICTURES")  # a folder; without it the pictures are discarded
@@ -129,7 +130,7 @@ def test_names_of_robots_do_not_cover_each_other(operator: PageUser, demo: tuple
         page.evaluate(TURN)
 
 
-def test_a_robot_that_left_is_marked(page: Page, watched: "Watched", demo: tuple[Client, Process]) -> None:  # noqa: F821
+def test_a_robot_that_left_is_marked(page: Page, watched: Watched, demo: tuple[Client, Process]) -> None:
     client, ur5 = demo
     page.goto(client.root)
     card = page.locator("#robots .robot", has_text="UR5")

@@ -11,6 +11,7 @@ from browser import VOM
 from gateway_group import Gateway, Hub
 from running import eventually
 from small_fleet import Place, live
+from watched_page import Watched
 
 pytestmark = [pytest.mark.processes, pytest.mark.test_all]
 
@@ -18,7 +19,7 @@ pytestmark = [pytest.mark.processes, pytest.mark.test_all]
 @pytest.mark.parametrize("width", [1280, 390], ids=["desk", "phone"])
 def test_a_gateway_that_hangs_is_told_from_one_with_no_news(
     page: Page,
-    watched: "Watched",  # noqa: F821
+    watched: Watched,
     toy: tuple[Hub, Gateway],
     width: int,
 ) -> None:
@@ -64,7 +65,7 @@ def test_a_page_that_is_left_alone_stays_live(page: Page, watched: object, toy: 
 
 def test_a_stop_without_reply_is_reported(
     page: Page,
-    watched: "Watched",  # noqa: F821
+    watched: Watched,
     toy: tuple[Hub, Gateway],
 ) -> None:
     """After three seconds it refers to the hardware stop, and reports the late response; the button stays in place."""

@@ -36,7 +36,8 @@ def place(browser: Browser, robot: str, x: float, y: float, z: float) -> None:
 @pytest.fixture(autouse=True)
 def as_in_the_demo(browser: Browser) -> Iterator[None]:
     for robot in browser.robots():
-        place(browser, name := urlsplit(robot.url).path.strip("/"), *PLACES[name])
+        name = urlsplit(robot.url).path.strip("/")
+        place(browser, name, *PLACES[name])
     yield
     container = browser.page(str(browser.page(browser.root).one(LF.rules)))
     for rule in container.graph.objects(None, LDP.contains):
