@@ -183,11 +183,11 @@ class Fleet:
                 return name
         return None
 
-    def check_limits(self, now_ns: int) -> list[Change]:
-        """Compare the latest frame of each robot with the limits in its URDF."""
-        complain, entries = self._rejected.add, self._entries.values()
-        judged = [(each.robot.name, each.limits.check(each.robot, now_ns, complain)) for each in entries]
-        return [Change(name, what) for name, what in judged if what is not None]
+    def check_limits(self, robot: str, now_ns: int) -> Change | None:
+        """Compare the latest frame of a robot with the limits in its URDF."""
+        entry = self._entries.get(robot)
+        what = None if entry is None else entry.limits.check(entry.robot, now_ns, self._rejected.add)
+        return None if what is None else Change(robot, what)
 
     def _appeared(self, event: Appeared, now_ns: int) -> list[Change]:
         entry, changes = self._entries.get(event.robot), list[Change]()

@@ -19,7 +19,6 @@ wait at a congested router delay everything behind them.
 """
 
 from collections import OrderedDict
-from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -134,33 +133,36 @@ class _Silence(NamedTuple):
 
 
 class SilentRuns:
-    """Runs that send no frames. Time in which ``check`` was not called does not count."""
+    """Runs that send no frames, found in rounds. Time without rounds does not count."""
 
     def __init__(self) -> None:
         self._silences: dict[str, _Silence] = {}
+        self._before: dict[str, _Silence] = {}
         self._checked_s: float | None = None
         self._ran_s = 0.0
 
-    def check(self, now_s: float, runs: Iterable[Run]) -> list[PresenceCheck]:
-        """Return those of ``runs`` (all that are online) to query now. Calls within ``PERIOD_S`` do nothing."""
+    def begin_round(self, now_s: float) -> bool:
+        """Return True if ``check`` is now to be called with every run that is online; False within ``PERIOD_S``."""
         gap_s = PERIOD_S if self._checked_s is None else now_s - self._checked_s
         if gap_s < PERIOD_S:
-            return []
+            return False
         self._checked_s = now_s
         self._ran_s += min(gap_s, 2 * PERIOD_S)  # messages sent while the gateway was paused are still to be read
-        before, checks = self._silences, list[PresenceCheck]()
-        self._silences = {}
-        for run in runs:
-            silence = before.get(run.robot)
-            if silence is None or silence.run != run:
-                silence = _Silence(run, self._ran_s + SILENT_S)
-            elif self._ran_s >= silence.due_s:
-                asked = silence.asked + 1
-                checks.append(PresenceCheck((run.robot, run.incarnation), asked <= RENEWALS))
-                wait_s = min(SILENT_S * 2 ** min(asked, 8), _LONGEST_S)
-                silence = _Silence(run, self._ran_s + wait_s, asked)
-            self._silences[run.robot] = silence
-        return checks
+        self._before, self._silences = self._silences, {}
+        return True
+
+    def check(self, run: Run) -> PresenceCheck | None:
+        """Return the query that is due for a run, if any."""
+        silence, check = self._before.get(run.robot), None
+        if silence is None or silence.run != run:
+            silence = _Silence(run, self._ran_s + SILENT_S)
+        elif self._ran_s >= silence.due_s:
+            asked = silence.asked + 1
+            check = PresenceCheck((run.robot, run.incarnation), asked <= RENEWALS)
+            wait_s = min(SILENT_S * 2 ** min(asked, 8), _LONGEST_S)
+            silence = _Silence(run, self._ran_s + wait_s, asked)
+        self._silences[run.robot] = silence
+        return check
 
 
 BACKOFF_S = (0.1, 0.2, 0.5, 1.0, 2.0)

@@ -107,10 +107,9 @@ class FleetLink:
         self._listens = True
         self._heartbeat.start()
 
-    def verify_presence(self, checks: Iterable[PresenceCheck]) -> None:
-        """Query which of these runs are alive."""
-        for check in checks:
-            self._discovery.verify_presence(check)
+    def verify_presence(self, check: PresenceCheck) -> None:
+        """Query if a run is alive."""
+        self._discovery.verify_presence(check)
 
     async def list_robots(self, timeout_s: float) -> set[str]:
         """Return the names of present robots, as far as known within ``timeout_s``."""

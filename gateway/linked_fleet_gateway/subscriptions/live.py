@@ -3,7 +3,8 @@
 import asyncio
 import logging
 import time
-from collections.abc import Awaitable, Callable, Collection, Iterator, Mapping
+from collections import deque
+from collections.abc import Awaitable, Callable, Collection, Mapping
 from contextlib import suppress
 from types import TracebackType
 
@@ -23,6 +24,7 @@ from linked_fleet_gateway.resources.invocation import invocation_path, invocatio
 from linked_fleet_gateway.resources.paths import joint_path, robot_path
 from linked_fleet_gateway.resources.things import NO_SUBSCRIPTIONS, SubscriptionsByOwner
 from linked_fleet_gateway.resources.tree import Tree
+from linked_fleet_gateway.runtime.background import SLICE_S, Turns
 from linked_fleet_gateway.subscriptions.fan_out import FanOut
 
 _MEETING_S = 2.0  # longest wait for robots at the start, before the gateway serves without knowing all of them
@@ -49,6 +51,9 @@ class Live:
         self._secured = secured
         self._judged = 0
         self._silences = SilentRuns()
+        self._finds_silences = False
+        self._unchecked = deque[str]()
+        self._checks = Turns(self._check_robots)
         self._heard = asyncio.Event()
         # Set by whoever executes actions: called for lost robots, and for the progress that robots report.
         self.on_progress: Callable[[str, Progress], None] = lambda robot, progress: None
@@ -77,19 +82,36 @@ class Live:
     def _sweep(self) -> None:
         """Report frames that arrived while somebody was about to watch and that no other frame has followed.
 
-        Also evaluate what is the absence of an event: limits that were left for a while, and missing frames.
+        Also begin to check every robot, unless the former check is still under way.
         """
         loop = asyncio.get_running_loop()
         self._sweeping = loop.call_later(_SWEEP_S, self._sweep)  # first, so that no error ends the sweeps
         self.fleet.frames.schedule_missed()
-        for change in self.fleet.check_limits(time.time_ns()):
-            self._on_change(change)
-        self.link.verify_presence(self._silences.check(loop.time(), self._present()))
+        if not self._unchecked:
+            self._unchecked.extend(self.fleet.robots)
+            self._finds_silences = self._silences.begin_round(loop.time())
+            self._checks.schedule()
 
-    def _present(self) -> Iterator[Run]:
-        for robot in self.fleet.robots.values():
-            if robot.online and robot.described and robot.incarnation is not None:
-                yield Run(robot.name, robot.incarnation, robot.last_sequence())
+    def _check_robots(self, begun_s: float) -> bool:
+        """Check robots for ``SLICE_S``. Return True if there are more; after an error the next turn has the others."""
+        now_ns, until_s = time.time_ns(), begun_s + SLICE_S
+        while self._unchecked:
+            self._check(self._unchecked.popleft(), now_ns)
+            if time.perf_counter() > until_s:
+                break
+        return bool(self._unchecked)
+
+    def _check(self, name: str, now_ns: int) -> None:
+        """Evaluate what is the absence of an event: limits that were left for a while, and missing frames."""
+        if change := self.fleet.check_limits(name, now_ns):
+            self._on_change(change)
+        robot = self.fleet.robots.get(name)
+        if not self._finds_silences or robot is None or robot.incarnation is None:
+            return
+        if robot.online and robot.described:
+            check = self._silences.check(Run(name, robot.incarnation, robot.last_sequence()))
+            if check is not None:
+                self.link.verify_presence(check)
 
     async def join(self) -> None:
         """Let robots join. Robots report recently ended actions at once, so register listeners before this call."""
@@ -115,6 +137,7 @@ class Live:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self._sweeping.cancel()
+        self._unchecked.clear()
         self.fleet.frames.reader.close()
         self.meshes.close()
         await self.link.__aexit__(kind, error, trace)

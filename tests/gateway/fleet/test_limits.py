@@ -79,31 +79,31 @@ def test_a_joint_at_its_stop_may_read_a_little_beyond_it(mirrored: MirroredFleet
 
 def test_a_robot_is_faulty_after_a_second_outside_and_online_again_within(mirrored: MirroredFleet) -> None:
     fleet, robot = mirrored.fleet, robot_of(mirrored)
-    assert fleet.check_limits(0) == []
+    assert fleet.check_limits("r", 0) is None
     mirrored.stand("r", (77.0, 0.0))
-    assert fleet.check_limits(1 * SECOND_NS) == []
+    assert fleet.check_limits("r", 1 * SECOND_NS) is None
     assert (robot.presence, fleet.malformed_counts["r"]) == ("online", 1)
-    assert fleet.check_limits(2 * SECOND_NS - 1) == []
+    assert fleet.check_limits("r", 2 * SECOND_NS - 1) is None
     mirrored.stand("r", (78.0, 0.0))
-    assert fleet.check_limits(2 * SECOND_NS) == [Change("r", "faulty")]
+    assert fleet.check_limits("r", 2 * SECOND_NS) == Change("r", "faulty")
     assert (robot.presence, robot.positions["elbow"], fleet.malformed_counts["r"]) == ("faulty", 78.0, 2)
     assert "elbow" in (robot.fault or "")
     _, graph = described(fleet, "/r/")
     assert LF.faulty in [triple.object for triple in graph.triples if triple.predicate == LF.presence]
-    assert fleet.check_limits(3 * SECOND_NS) == []
+    assert fleet.check_limits("r", 3 * SECOND_NS) is None
     mirrored.stand("r", (0.5, 0.0))
-    assert fleet.check_limits(4 * SECOND_NS) == [Change("r", "recovered")]
+    assert fleet.check_limits("r", 4 * SECOND_NS) == Change("r", "recovered")
     assert (robot.presence, robot.fault) == ("online", None)
 
 
 def test_one_bad_frame_is_a_complaint_and_no_fault(mirrored: MirroredFleet) -> None:
     fleet = mirrored.fleet
     mirrored.stand("r", (77.0, 0.0))
-    fleet.check_limits(1 * SECOND_NS)
+    fleet.check_limits("r", 1 * SECOND_NS)
     mirrored.stand("r", (0.5, 0.0))
-    fleet.check_limits(SECOND_NS * 5 // 4)
+    fleet.check_limits("r", SECOND_NS * 5 // 4)
     mirrored.stand("r", (77.0, 0.0))
-    assert fleet.check_limits(3 * SECOND_NS) == []
+    assert fleet.check_limits("r", 3 * SECOND_NS) is None
     assert (robot_of(mirrored).presence, fleet.malformed_counts["r"]) == ("online", 2)
 
 
@@ -126,7 +126,7 @@ def test_a_faulty_robot_takes_no_motion(mirrored: MirroredFleet) -> None:
     assert isinstance(robot_time(robot), RobotTime)
     mirrored.stand("r", (77.0, 0.0))
     for now_s in (1, 2):
-        fleet.check_limits(now_s * SECOND_NS)
+        fleet.check_limits("r", now_s * SECOND_NS)
     assert robot_time(robot) is None
     with pytest.raises(Faulty, match="elbow"):
         ActionRequest(BASE, Body((), NamedNode(BASE)), robot).required_time()
@@ -137,7 +137,7 @@ def test_the_end_of_a_run_ends_its_fault(mirrored: MirroredFleet, run: int | Non
     fleet, robot = mirrored.fleet, robot_of(mirrored)
     mirrored.stand("r", (77.0, 0.0))
     for now_s in (1, 2):
-        fleet.check_limits(now_s * SECOND_NS)
+        fleet.check_limits("r", now_s * SECOND_NS)
     assert robot.presence == "faulty"
     if run is None:
         mirrored.leave("r")
@@ -145,14 +145,14 @@ def test_the_end_of_a_run_ends_its_fault(mirrored: MirroredFleet, run: int | Non
     else:
         mirrored.describe("r", run)
         assert robot.presence == "online"
-    fleet.check_limits(3 * SECOND_NS)
+    fleet.check_limits("r", 3 * SECOND_NS)
     assert robot.fault is None
 
 
 def test_the_query_process_has_the_same_presence(mirrored: MirroredFleet) -> None:
     mirrored.stand("r", (77.0, 0.0))
     for now_s in (1, 2):
-        mirrored.fleet.check_limits(now_s * SECOND_NS)
+        mirrored.fleet.check_limits("r", now_s * SECOND_NS)
     copy = mirrored.bring().robots["r"].robot
     assert (copy.presence, copy.positions["elbow"]) == ("faulty", 77.0)
 

@@ -16,7 +16,9 @@ class Gateway:
 
     def check(self, gap_s: float = PERIOD_S) -> list[PresenceCheck]:
         self.now_s += gap_s
-        return self._silences.check(self.now_s, self.runs.values())
+        if not self._silences.begin_round(self.now_s):
+            return []
+        return [check for run in self.runs.values() if (check := self._silences.check(run))]
 
     def until_asked(self, robot: str = "r") -> float:
         """Return the seconds until a robot is asked."""

@@ -1,4 +1,4 @@
-"""The periodic work of the live fleet."""
+"""The periodic checks of the live fleet."""
 
 import asyncio
 
@@ -6,25 +6,53 @@ import pytest
 
 from linked_fleet_gateway.app.application import new_live
 from linked_fleet_gateway.app.settings import GatewaySettings
+from linked_fleet_gateway.fleet.events import Appeared
 from linked_fleet_gateway.fleet.fleet import Change
+from linked_fleet_gateway.subscriptions import live as live_module
+from linked_fleet_gateway.subscriptions.live import Live
 from serving import until
 from virtual.zenoh_network import ZenohNetwork
 
 pytestmark = pytest.mark.virtual
 
 
-async def test_limits_are_watched_again_after_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
-    failures, judged = list[Exception](), list[int]()
-    asyncio.get_running_loop().set_exception_handler(lambda _, context: failures.append(context["exception"]))
+@pytest.fixture
+def live() -> Live:
     live = new_live(GatewaySettings(), ZenohNetwork().gateway("g"))
+    for name in "abc":
+        live.fleet.apply(Appeared(name, 1), 1)
+    return live
 
-    def judge(now_ns: int) -> list[Change]:
-        judged.append(now_ns)
-        if len(judged) == 2:
+
+async def test_an_error_in_the_check_of_a_robot_hides_no_other(live: Live, monkeypatch: pytest.MonkeyPatch) -> None:
+    failures, checked = list[str](), list[str]()
+    asyncio.get_running_loop().set_exception_handler(lambda _, context: failures.append(str(context["exception"])))
+
+    def check(robot: str, now_ns: int) -> Change | None:
+        checked.append(robot)
+        if robot == "b":
             raise ValueError("a defect")
-        return []
+        return None
 
-    monkeypatch.setattr(live.fleet, "check_limits", judge)
+    monkeypatch.setattr(live.fleet, "check_limits", check)
     async with live:
-        await until(lambda: len(judged) == 4)
-    assert [str(each) for each in failures] == ["a defect"]
+        await until(lambda: len(checked) >= 6)
+    assert checked[:6] == ["a", "b", "c", "a", "b", "c"]
+    assert set(failures) == {"a defect"}
+
+
+async def test_other_callbacks_run_between_the_checks_of_many_robots(
+    live: Live, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    order, loop = list[str](), asyncio.get_running_loop()
+
+    def check(robot: str, now_ns: int) -> Change | None:
+        order.append(robot)
+        loop.call_soon(order.append, "other")
+        return None
+
+    monkeypatch.setattr(live.fleet, "check_limits", check)
+    monkeypatch.setattr(live_module, "SLICE_S", -1.0)  # each check takes longer
+    async with live:
+        await until(lambda: len(order) >= 6)
+    assert order[:6] == ["a", "other", "b", "other", "c", "other"]
