@@ -88,7 +88,7 @@ class Toy(Witnessed):
         self.agent.tick(self)
 
     def leave(self, live: Live) -> None:
-        del self._gateways[live]
+        self._gateways.pop(live, None)  # also if a kill was interrupted
 
     async def run(self) -> None:
         while True:

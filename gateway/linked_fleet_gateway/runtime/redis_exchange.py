@@ -46,15 +46,16 @@ class Exchange:
         self._idle: list[Connection] = []
 
     async def close(self) -> None:
+        """Close all connections without waiting for the server, which may hang."""
         for connection in self._connections:
-            await connection.disconnect()
+            await connection.disconnect(nowait=True)
 
     async def send(self, commands: Sequence[Command]) -> list[Any]:
         """Send commands at once. Return their answers in order, refusals among them."""
         connection = self._idle.pop() if self._idle else self._another()
         try:
             if connection.is_connected and await connection.can_read():  # nobody has asked for these bytes
-                await connection.disconnect()
+                await connection.disconnect(nowait=True)
             if not connection.is_connected:
                 await connection.connect()
             await connection.send_packed_command(packed(commands))
