@@ -20,7 +20,7 @@ from linked_fleet_gateway.actions import redis_scripts as scripts
 from linked_fleet_gateway.fleet.events import Appeared, Described, Framed, Frames
 from linked_fleet_gateway.fleet.fleet import Fleet
 from linked_fleet_gateway.fleet.invocations import Invocations
-from linked_fleet_gateway.http.websocket import framed
+from linked_fleet_gateway.http.websocket import frame_bytes
 from linked_fleet_gateway.resources.subscription import Kind, Subscription
 from linked_fleet_gateway.resources.things import NO_SUBSCRIPTIONS
 from linked_fleet_gateway.resources.tree import Tree
@@ -54,7 +54,7 @@ def _messages(seconds: float, robots: int) -> Iterator[Row]:
 class _Sink:
     """A stream that accepts everything and sends nothing."""
 
-    framing = staticmethod(framed)
+    framing = staticmethod(frame_bytes)
     messages = 0
 
     def writable(self) -> bool:
@@ -65,7 +65,7 @@ class _Sink:
         return True
 
     def write(self, message: Message) -> None:
-        self.send(message.framed(framed))
+        self.send(message.framed(frame_bytes))
 
     def end(self, ending: Ending) -> None:
         raise AssertionError(ending)

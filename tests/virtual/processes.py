@@ -168,7 +168,7 @@ class VirtualProcess:
         try:
             app = create_app(settings, None, network.gateway(self.name))
             server = Server(app, sockets_of(settings))
-            self._ending = lambda: server.leave(signal.SIGTERM)
+            self._ending = lambda: server.begin_shutdown(signal.SIGTERM)
             async with app.router.lifespan_context(app):
                 self.lines.append(f"serving {settings.public_urls[0]}/\n")
                 await server.serve(sockets=[listener])

@@ -15,7 +15,7 @@ from linked_fleet_gateway.actions.store import ActionStore
 from linked_fleet_gateway.app.extensions import ExtensionSettings, enabled_extensions, install, mount, representations
 from linked_fleet_gateway.app.metrics import MetricsCollector, Sampler, registry
 from linked_fleet_gateway.app.settings import GatewaySettings
-from linked_fleet_gateway.http.connection_limits import Sockets, within_files
+from linked_fleet_gateway.http.connection_limits import Sockets, limit_to_file_descriptors
 from linked_fleet_gateway.http.endpoint import Endpoint
 from linked_fleet_gateway.http.entrance import Entrance, cors_middleware
 from linked_fleet_gateway.http.extension import Core
@@ -96,7 +96,7 @@ def new_live(settings: GatewaySettings, open_session: Opener) -> Live:
 
 def sockets_of(settings: GatewaySettings) -> Sockets:
     """Return the limits of connections, bounded by the number of files that the process may open."""
-    return Sockets(within_files(settings.sockets), settings.sockets_per_client)
+    return Sockets(limit_to_file_descriptors(settings.sockets), settings.sockets_per_client)
 
 
 def create_app(settings: GatewaySettings, tracing: Tracing | None = None, open_session: Opener = open_zenoh) -> Gateway:

@@ -96,7 +96,7 @@ async def _serve(
     app = create_app(settings, tracing)
     server = Server(app, sockets_of(settings), certificate)
     for number in (signal.SIGINT, signal.SIGTERM):
-        asyncio.get_running_loop().add_signal_handler(number, server.leave, number)
+        asyncio.get_running_loop().add_signal_handler(number, server.begin_shutdown, number)
     async with app.router.lifespan_context(app), _followed(certificate):
         _settle()
         print(f"serving {settings.public_urls[0]}/", flush=True)
@@ -121,7 +121,7 @@ async def _followed(certificate: Certificate | None) -> AsyncIterator[None]:
         yield
         return
     asyncio.get_running_loop().add_signal_handler(signal.SIGHUP, certificate.reload)
-    following = certificate.follow()
+    following = certificate.reload_on_change()
     try:
         yield
     finally:

@@ -15,7 +15,7 @@ from starlette.types import Scope
 from linked_fleet_gateway.fleet.observation import Observation
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.http.arrival import arrival_of
-from linked_fleet_gateway.http.message_heads import FieldLines, block
+from linked_fleet_gateway.http.message_heads import FieldLines, field_block
 from linked_fleet_gateway.http.negotiation import GZIP, coded_tag, compressed, expanded, is_compressible, takes_gzip
 from linked_fleet_gateway.http.representation import etag, not_modified
 from linked_fleet_gateway.identity.rights import View
@@ -98,7 +98,7 @@ class Answer:
         self._shown: tuple[Observation, ...] = ()
         """The observations that were written last."""
         self._fields, self._of_content = (*fields,), (*fields, *of_content)
-        self._block, self._block_of_content = block(self._fields), block(self._of_content)
+        self._block, self._block_of_content = field_block(self._fields), field_block(self._of_content)
         self._news, self._facts = _news(robot), resource.source.facts()
 
     def holds(self, live: Live) -> bool:

@@ -16,16 +16,16 @@ from asyncio.transports import Transport
 from collections import Counter
 from collections.abc import Callable
 
-from linked_fleet_gateway.http.tls import descriptor, unsent
+from linked_fleet_gateway.http.tls import file_descriptor, unsent_bytes
 
 _SPARE_FILES = 256  # for Zenoh, Redis, receivers of callbacks and the log
 
 
 class Sockets:
-    """The connections of a server: ``most`` in total, ``most_of_one`` per client; each is any hashable object."""
+    """The connections of a server, ``max_total`` in all and ``max_per_client`` each. Any hashable object can be one."""
 
-    def __init__(self, most: int, most_of_one: int) -> None:
-        self._most, self._most_of_one = most, most_of_one
+    def __init__(self, max_total: int, max_per_client: int) -> None:
+        self._most, self._most_of_one = max_total, max_per_client
         self._client: dict[object, str] = {}
         self._of: Counter[str] = Counter()
         self._idle: dict[object, Callable[[], bool]] = {}
@@ -42,12 +42,12 @@ class Sockets:
         self._of[client] += 1
         return True
 
-    def idle(self, connection: object, give_way: Callable[[], bool]) -> None:
-        """Mark a connection as idle; ``give_way`` may be called to close it."""
+    def mark_idle(self, connection: object, evict: Callable[[], bool]) -> None:
+        """Mark a connection as idle; ``evict`` may be called to close it."""
         if connection in self._client:
-            self._idle.setdefault(connection, give_way)
+            self._idle.setdefault(connection, evict)
 
-    def busy(self, connection: object) -> None:
+    def mark_busy(self, connection: object) -> None:
         self._idle.pop(connection, None)
 
     def close(self, connection: object) -> None:
@@ -70,12 +70,12 @@ class Sockets:
         return False
 
 
-def within_files(most: int) -> int:
-    """Return ``most``, or less if the process may open fewer files. The limit is raised to its maximum."""
+def limit_to_file_descriptors(connections: int) -> int:
+    """Return ``connections``, or less if the process may open fewer files. The limit is raised to its maximum."""
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     if soft < hard:
         resource.setrlimit(resource.RLIMIT_NOFILE, (hard, hard))
-    return max(1, min(most, hard - _SPARE_FILES)) if hard != resource.RLIM_INFINITY else most
+    return max(1, min(connections, hard - _SPARE_FILES)) if hard != resource.RLIM_INFINITY else connections
 
 
 HEAD_S = 10.0
@@ -93,21 +93,21 @@ class Deadline:
     that.
     """
 
-    def __init__(self, passed: Callable[[], None], loop: asyncio.AbstractEventLoop | None = None) -> None:
-        self._passed = passed
+    def __init__(self, on_expired: Callable[[], None], loop: asyncio.AbstractEventLoop | None = None) -> None:
+        self._passed = on_expired
         self._loop = loop or asyncio.get_running_loop()
         self._for: object = None
         self._due_s = math.inf
         self._timer: asyncio.TimerHandle | None = None
         self._fires_s = math.inf
 
-    def set(self, what: object, after_s: float) -> None:
-        """Set the deadline of ``what``, replacing that of anything else."""
-        if what != self._for:
-            self._for = what
-            self.again(after_s)
+    def set(self, key: object, after_s: float) -> None:
+        """Set the deadline of ``key``, replacing that of anything else."""
+        if key != self._for:
+            self._for = key
+            self.extend(after_s)
 
-    def again(self, after_s: float) -> None:
+    def extend(self, after_s: float) -> None:
         """Extend the present deadline after it has passed."""
         self._due_s = due_s = self._loop.time() + after_s
         if self._timer is None or self._fires_s > due_s:
@@ -168,21 +168,21 @@ class BoundedWriter:
 
     # -- streams -------------------------------------------------------------------------------------------------------
 
-    def begin(self) -> None:
+    def begin_stream(self) -> None:
         """Start accepting messages, on an open connection."""
         # Writing is paused as soon as nothing more is accepted, because only a pause is followed by a notification of
         # free room.
         self._transport.set_write_buffer_limits(high=HIGH_WATER_BYTES - 1, low=HIGH_WATER_BYTES // 4)
-        self._file = descriptor(self._transport)
+        self._file = file_descriptor(self._transport)
         self._streaming = True
         self.watch()
 
-    def finish(self) -> None:
+    def end_stream(self) -> None:
         """Stop accepting messages."""
         self._streaming = False
 
     @property
-    def written(self) -> int:
+    def bytes_written(self) -> int:
         """Bytes sent so far."""
         return self._written
 
@@ -220,9 +220,9 @@ class BoundedWriter:
             self._waited = False
             self._look()
 
-    def is_behind(self) -> bool:
+    def has_unsent_bytes(self) -> bool:
         """Return True if bytes are buffered; the monitor then checks that they are read."""
-        if not unsent(self._transport):
+        if not unsent_bytes(self._transport):
             return False
         self.watch()
         return True
@@ -236,7 +236,7 @@ class BoundedWriter:
 
     def _look(self) -> None:
         self._timer = None
-        waiting = unsent(self._transport)
+        waiting = unsent_bytes(self._transport)
         taken = self._written - waiting
         if waiting and self._waited and taken <= self._taken:
             self._transport.abort()

@@ -51,7 +51,7 @@ from linked_fleet_gateway.http.subscribe import (
     wants_callback,
 )
 from linked_fleet_gateway.http.subscription_change import change_subscription
-from linked_fleet_gateway.http.websocket import WebSocketHandler, converse
+from linked_fleet_gateway.http.websocket import WebSocketHandler, serve_subprotocol
 from linked_fleet_gateway.http.writes import check_model, control_lease, put_setting
 from linked_fleet_gateway.identity.rights import Right
 from linked_fleet_gateway.resources.affordance import (
@@ -217,7 +217,7 @@ class Endpoint:
         for value in (resource.remote, resource.affords):
             handler = self._websocket_handlers.get(type(value))
             if handler is not None:
-                await converse(websocket, resource, handler, value)
+                await serve_subprotocol(websocket, resource, handler, value)
                 return
         await open_websocket(websocket, resource)
 

@@ -31,15 +31,15 @@ _HEADERS = [
 ]
 
 
-def framed(message: Message) -> bytes:
+def event_bytes(message: Message) -> bytes:
     """Return one event (9.2.5). Each line of the body is a field, so that nothing can escape from ``data``."""
     data = b"\ndata: ".join(_LINE_ENDS.split(message.body))
     return b"id: %b\ndata: %b\n\n" % (message.version.encode(), data)
 
 
-def chunk(message: Message) -> bytes:
+def chunk_bytes(message: Message) -> bytes:
     """Return the event as a chunk of a body (RFC 9112, 7.1)."""
-    data = framed(message)
+    data = event_bytes(message)
     return b"%x\r\n%b\r\n" % (len(data), data)
 
 
@@ -51,10 +51,10 @@ class EventStreamOutlet:
     """
 
     def __init__(self, writer: BoundedWriter, *, chunked: bool) -> None:
-        self.farewell = b""
-        self.over = asyncio.Event()
+        self.final_block = b""
+        self.ended = asyncio.Event()
         """Set when no more events follow."""
-        self.framing = chunk if chunked else framed
+        self.framing = chunk_bytes if chunked else event_bytes
         self.send, self.writable = writer.send, writer.writable
         self._writer, self._chunked = writer, chunked
         self._beat: asyncio.TimerHandle | None = None
@@ -67,24 +67,24 @@ class EventStreamOutlet:
 
         A replaced stream must not reconnect, because two pages would take the subscription from each other for ever.
         """
-        if not self.over.is_set():
+        if not self.ended.is_set():
             soon = _RETURN % random.randint(*_RETURN_MS)  # noqa: S311 (jitter is no secret)
-            self.farewell = soon if ending is Ending.SHUTDOWN else _FINAL
+            self.final_block = soon if ending is Ending.SHUTDOWN else _FINAL
         self.stop()
 
     def stop(self) -> None:
         """Stop sending, because the client is gone or there is nothing to say."""
-        self.over.set()
-        self._writer.finish()
+        self.ended.set()
+        self._writer.end_stream()
         if self._beat is not None:
             self._beat.cancel()
 
-    def beat(self, every_s: float, written: int = -1) -> None:
+    def send_keepalive(self, every_s: float, written: int = -1) -> None:
         """Send a comment if nothing was written during the second half of ``every_s``."""
-        before = self._writer.written
+        before = self._writer.bytes_written
         if before == written:
             self.send(_HEARTBEAT_CHUNK if self._chunked else _HEARTBEAT)
-        self._beat = asyncio.get_running_loop().call_later(every_s / 2, self.beat, every_s, before)
+        self._beat = asyncio.get_running_loop().call_later(every_s / 2, self.send_keepalive, every_s, before)
 
 
 async def serve_event_stream(
@@ -100,7 +100,7 @@ async def serve_event_stream(
     http: HttpProtocol = scope["extensions"][HTTP]
     outlet = EventStreamOutlet(http.writer, chunked=scope["http_version"] == "1.1")
     http.on_shutdown = lambda: outlet.end(Ending.SHUTDOWN)
-    if http.ending:
+    if http.is_shutting_down:
         outlet.end(Ending.SHUTDOWN)
     listener = asyncio.create_task(_listen(receive, outlet))
     try:
@@ -108,8 +108,8 @@ async def serve_event_stream(
         await send({"type": "http.response.body", "body": _OPENING, "more_body": True})
         feed = await start(outlet)
         _follow(http, outlet, feed, heartbeat_s)
-        await outlet.over.wait()
-        await send({"type": "http.response.body", "body": outlet.farewell, "more_body": False})
+        await outlet.ended.wait()
+        await send({"type": "http.response.body", "body": outlet.final_block, "more_body": False})
     finally:
         outlet.stop()
         listener.cancel()
@@ -117,11 +117,11 @@ async def serve_event_stream(
 
 
 def _follow(http: HttpProtocol, outlet: EventStreamOutlet, feed: Feed, heartbeat_s: float) -> None:
-    if outlet.over.is_set() or http.transport.is_closing():
+    if outlet.ended.is_set() or http.transport.is_closing():
         return
     http.on_drained = feed.ready
-    http.writer.begin()
-    outlet.beat(heartbeat_s)
+    http.writer.begin_stream()
+    outlet.send_keepalive(heartbeat_s)
     feed.ready()
 
 

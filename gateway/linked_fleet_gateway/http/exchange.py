@@ -6,7 +6,7 @@ from typing import Any
 from uvicorn.protocols.http.httptools_impl import RequestResponseCycle
 
 from linked_fleet_gateway.http.answers import Reply
-from linked_fleet_gateway.http.message_heads import block, status_line
+from linked_fleet_gateway.http.message_heads import field_block, status_line
 
 _NO_CONTENT = (204, 304)
 CLOSE = (b"connection", b"close")
@@ -15,7 +15,7 @@ CLOSE = (b"connection", b"close")
 def response_bytes(reply: Reply, defaults: Iterable[tuple[bytes, bytes]], method: str, keep_alive: bool) -> bytes:
     """Return the bytes of a complete response; ``defaults``: the fields of all responses."""
     fields = [*defaults, *reply.more] if keep_alive else [*defaults, *reply.more, CLOSE]
-    head = status_line(reply.status) + reply.block + block(fields)
+    head = status_line(reply.status) + reply.block + field_block(fields)
     return b"%b\r\n%b" % (head, b"" if method == "HEAD" else reply.content)
 
 
@@ -64,7 +64,7 @@ class Exchange(RequestResponseCycle):
         self.expected_content_length = 0 if empty or length is None else length
         if not self.keep_alive:
             fields.append(CLOSE)
-        self._head = status_line(status) + block(fields) + b"\r\n"
+        self._head = status_line(status) + field_block(fields) + b"\r\n"
 
     def _write(self, body: bytes, more: bool) -> None:
         if self.scope["method"] == "HEAD":

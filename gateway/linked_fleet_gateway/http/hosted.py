@@ -33,15 +33,15 @@ class AsgiResponse:
         http: HttpProtocol = scope["extensions"][HTTP]
         http.on_shutdown = self._end
         # A client that was killed closes its side only. Its protocol may demand that this cancels the request.
-        http.ends_with_client = True
-        if http.ending:
+        http.stop_on_half_close = True
+        if http.is_shutting_down:
             self._end()
         try:
             within = {**scope, "extensions": {**scope["extensions"], **self._extensions}}
             await self._app(within, partial(self._hear, receive), partial(self._say, send))
         finally:
             http.on_shutdown = None
-            http.ends_with_client = False
+            http.stop_on_half_close = False
         if not self._started:
             await Response(status_code=HTTPStatus.SERVICE_UNAVAILABLE)(scope, receive, send)
         elif not self._complete:

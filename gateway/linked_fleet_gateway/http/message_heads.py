@@ -76,7 +76,7 @@ class RequestLineReader:
         self._start = b""
 
     @property
-    def begun(self) -> bool:
+    def has_partial_line(self) -> bool:
         """True if the start of an incomplete line has arrived."""
         return bool(self._start)
 
@@ -94,7 +94,7 @@ class RequestLineReader:
         data, self.method, self.target = read_line(data)
         return data
 
-    def forget(self) -> None:
+    def clear(self) -> None:
         """Forget method and target, once the head has been read."""
         self.method = self.target = b""
 
@@ -104,7 +104,7 @@ def has_body(headers: Fields) -> bool:
     return any(name in FRAMING and value.strip(b" 0") for name, value in headers)
 
 
-def check_coding(headers: Fields, version: str) -> None:
+def check_transfer_coding(headers: Fields, version: str) -> None:
     """Raise HeadError for framing that the server does not support, or that HTTP/1.0 does not have (RFC 9112, 6.1)."""
     for name, value in headers:
         if name == b"transfer-encoding":
@@ -119,7 +119,7 @@ def opens_websocket(method: str, version: str, headers: Fields) -> bool:
     return method == "GET" and version == "1.1" and any(name == b"sec-websocket-key" for name, _ in headers)
 
 
-def pieces_of(data: bytes) -> list[bytes]:
+def split_pieces(data: bytes) -> list[bytes]:
     """Split bytes into pieces that do not exceed the limit of heads."""
     return [data[at : at + MAX_HEAD_BYTES] for at in range(0, len(data), MAX_HEAD_BYTES)]
 
@@ -133,7 +133,7 @@ def status_line(status: int) -> bytes:
     return _STATUS_LINES.get(status) or b"HTTP/1.1 %d \r\n" % status
 
 
-def block(fields: Iterable[tuple[bytes, bytes]]) -> bytes:
+def field_block(fields: Iterable[tuple[bytes, bytes]]) -> bytes:
     """Return the lines of fields.
 
     RuntimeError for a line end inside one, which would begin another field or response.
@@ -147,15 +147,17 @@ def block(fields: Iterable[tuple[bytes, bytes]]) -> bytes:
     return found
 
 
-NO_PLACE = b"HTTP/1.1 503 Service Unavailable\r\nretry-after: 1\r\ncontent-length: 0\r\nconnection: close\r\n\r\n"
+TOO_MANY_CONNECTIONS = (
+    b"HTTP/1.1 503 Service Unavailable\r\nretry-after: 1\r\ncontent-length: 0\r\nconnection: close\r\n\r\n"
+)
 """The response on a connection beyond the limit of connections."""
 
 
-def refusal(status: HTTPStatus, text: str, *, has_content: bool = True) -> bytes:
+def error_response(status: HTTPStatus, text: str, *, has_content: bool = True) -> bytes:
     """Return the response to a request that no application sees; the connection is closed after it."""
     fields = [
         (b"content-type", b"text/plain; charset=utf-8"),
         (b"content-length", b"%d" % len(text.encode())),
         (b"connection", b"close"),
     ]
-    return status_line(status) + block(fields) + b"\r\n" + (text.encode() if has_content else b"")
+    return status_line(status) + field_block(fields) + b"\r\n" + (text.encode() if has_content else b"")

@@ -25,7 +25,7 @@ from linked_fleet_gateway.http.connection_limits import (
     Sockets,
 )
 from linked_fleet_gateway.http.exchange import Exchange, response_bytes
-from linked_fleet_gateway.http.message_heads import NO_PLACE, HeadError, refusal
+from linked_fleet_gateway.http.message_heads import TOO_MANY_CONNECTIONS, HeadError, error_response
 from linked_fleet_gateway.http.websocket_protocol import FAREWELL_S, WebSocketProtocol
 
 HTTP = "linked-fleet.http"
@@ -49,9 +49,9 @@ class HttpProtocol(HttpToolsProtocol):
     on_drained: Callable[[], None] | None = None
     """Called when most of the buffered bytes have been sent."""
     on_shutdown: Callable[[], None] | None = None
-    ends_with_client = False
+    stop_on_half_close = False
     """True while a response is not worth completing for a client that has closed its side."""
-    ending = False
+    is_shutting_down = False
     """True during shutdown: applications that start now have missed the notification."""
     writer: BoundedWriter
     scope: Any  # uvicorn declares the keys of HTTPScope alone
@@ -84,7 +84,7 @@ class HttpProtocol(HttpToolsProtocol):
         if self._sockets.open(self, self._address):
             self._await_request()
         else:
-            transport.write(NO_PLACE)
+            transport.write(TOO_MANY_CONNECTIONS)
             transport.close()
 
     def connection_lost(self, exc: Exception | None) -> None:
@@ -98,7 +98,7 @@ class HttpProtocol(HttpToolsProtocol):
         """Answer earlier requests after the client has closed its side of the connection. True keeps our side open."""
         # TLS has no such half-close, and a client that closes during a response, such as a stream, has gone.
         waits = self._phase is _WHOLE and self._is_answering() and (self.pipeline or not self.cycle.response_started)
-        if self.scheme == "https" or not waits or self.ends_with_client:
+        if self.scheme == "https" or not waits or self.stop_on_half_close:
             return None
         self.cycle.keep_alive = False
         return True
@@ -113,13 +113,13 @@ class HttpProtocol(HttpToolsProtocol):
         if len(data) <= MAX_HEAD_BYTES:
             self._feed(data)
         else:
-            self._feed_pieces(message_heads.pieces_of(data))
+            self._feed_pieces(message_heads.split_pieces(data))
         if self.transport.get_protocol() is self:
             self._await_request()
 
     def _hold(self, data: bytes) -> None:
         """Keep bytes until earlier requests are answered. An application that awaits a body reads on."""
-        self._unread += message_heads.pieces_of(data)
+        self._unread += message_heads.split_pieces(data)
         self.flow.pause_reading()
         if len(self._unread) > _MOST_UNREAD:
             self.transport.abort()
@@ -157,7 +157,7 @@ class HttpProtocol(HttpToolsProtocol):
         except httptools.HttpParserUpgrade as upgrade:
             if self._should_upgrade():
                 self._deadline.close()
-                self._sockets.busy(self)
+                self._sockets.mark_busy(self)
                 self.handle_websocket_upgrade()
                 return
             self._ignore_upgrade(data[upgrade.args[0] :])
@@ -203,7 +203,7 @@ class HttpProtocol(HttpToolsProtocol):
         fields = fields_of(self.scope)
         if b"transfer-encoding" in fields:
             try:
-                message_heads.check_coding(self.headers, self.parser.get_http_version())
+                message_heads.check_transfer_coding(self.headers, self.parser.get_http_version())
             except HeadError as error:
                 self._refusal = error
                 raise  # ends the parser
@@ -213,7 +213,7 @@ class HttpProtocol(HttpToolsProtocol):
         path = raw_path.decode("ascii")
         version = self.parser.get_http_version()
         method = self._line.method or self.parser.get_method()
-        self._line.forget()
+        self._line.clear()
         self.scope["method"], self.scope["http_version"] = method.decode("ascii"), version
         self.scope["path"] = unquote(path) if "%" in path else path
         self.scope["raw_path"], self.scope["query_string"] = raw_path, query
@@ -257,7 +257,7 @@ class HttpProtocol(HttpToolsProtocol):
     def _write_reply(self, reply: Reply) -> None:
         self._reply, self._phase = None, _IDLE
         self._answered += 1
-        self._sockets.busy(self)
+        self._sockets.mark_busy(self)
         self.server_state.total_requests += 1
         keep_alive = self.scope["http_version"] != "1.0" and self.parser.should_keep_alive()
         self.transport.write(response_bytes(reply, self.server_state.default_headers, self.scope["method"], keep_alive))
@@ -300,26 +300,26 @@ class HttpProtocol(HttpToolsProtocol):
         said = self._phase is _WHOLE or (self._phase is not _BODY and self._is_answering())
         if said or self.transport.is_closing():
             self._deadline.clear()
-            self._sockets.busy(self)
+            self._sockets.mark_busy(self)
             return
-        self._sockets.idle(self, self._give_way)
+        self._sockets.mark_idle(self, self._give_way)
         # Named by the requests before it, so that the deadline of one request is never that of the next.
-        begun = self._phase is _HEAD or self._line.begun
+        begun = self._phase is _HEAD or self._line.has_partial_line
         in_body = self._phase is _BODY
         self._deadline.set((in_body, begun, self.cycle, self._answered), self.body_s if in_body else self.head_s)
 
     def _give_way(self) -> bool:
         """Close an idle connection for another client, unless its last response is still being sent."""
-        if self.writer.is_behind():
+        if self.writer.has_unsent_bytes():
             return False
         self.transport.abort()
         return True
 
     def _give_up(self) -> None:
-        if self.writer.is_behind():
-            self._deadline.again(self.head_s)
+        if self.writer.has_unsent_bytes():
+            self._deadline.extend(self.head_s)
             return
-        unsaid = self._phase is _HEAD or self._line.begun or (self._phase is _BODY and self._is_answering())
+        unsaid = self._phase is _HEAD or self._line.has_partial_line or (self._phase is _BODY and self._is_answering())
         if not unsaid or self.transport.is_closing():
             self.transport.abort()
             return
@@ -335,7 +335,7 @@ class HttpProtocol(HttpToolsProtocol):
             self.cycle.message_event.set()
         if answerable:
             of_head = self._phase is _BODY and self.parser.get_method() == b"HEAD"
-            self.transport.write(refusal(status, text, has_content=not of_head))
+            self.transport.write(error_response(status, text, has_content=not of_head))
         self.transport.close()
 
     def pause_writing(self) -> None:
@@ -349,7 +349,7 @@ class HttpProtocol(HttpToolsProtocol):
 
     def shutdown(self) -> None:
         super().shutdown()
-        self.ending = True
+        self.is_shutting_down = True
         if self.on_shutdown is not None:
             self.on_shutdown()
             self.loop.call_later(FAREWELL_S, self.transport.abort)  # its reader may have stalled

@@ -11,7 +11,7 @@ import uvicorn
 from linked_fleet_gateway.http.connection_limits import HEAD_S, Sockets
 from linked_fleet_gateway.http.protocol import HttpProtocol
 from linked_fleet_gateway.http.request import Gateway
-from linked_fleet_gateway.http.tls import Certificate, secured
+from linked_fleet_gateway.http.tls import Certificate, tls_protocol_factory
 from linked_fleet_gateway.http.websocket_protocol import WebSocketProtocol
 
 _DRAIN_S = 5  # for running requests; a robot that does not answer takes up to 2 s
@@ -32,7 +32,7 @@ class Server(uvicorn.Server):
             app, lifespan="off", log_config=None, access_log=False, server_header=False,
             proxy_headers=False,  # uvicorn would trust loopback; http/forwarding.py trusts configured fronts
             timeout_graceful_shutdown=_DRAIN_S, timeout_keep_alive=int(HEAD_S),
-            http=secured(http, certificate.context) if certificate else http,
+            http=tls_protocol_factory(http, certificate.context) if certificate else http,
             # No compression, because one framed buffer serves all subscribers. Clients send only short messages.
             ws=WebSocketProtocol, ws_per_message_deflate=False, ws_max_size=_WEBSOCKET_BYTES,
             ws_ping_interval=_PING_S, ws_ping_timeout=_PING_S,
@@ -40,7 +40,7 @@ class Server(uvicorn.Server):
         super().__init__(config)
         self._app = app
 
-    def leave(self, number: int) -> None:
+    def begin_shutdown(self, number: int) -> None:
         """Stop accepting work, become not ready, and end when running work is done."""
         self._app.draining = True
         self.handle_exit(number, None)

@@ -14,7 +14,7 @@ from linked_fleet_agent.wire.trust import check_pair
 from linked_fleet_gateway.runtime.background import supervised
 
 log = logging.getLogger(__name__)
-LOOK_S = 10.0
+CHECK_S = 10.0
 """Period of checks of the files."""
 HANDSHAKE_S = 10
 _FAREWELL_S = 10  # for the other side's close, and for buffered bytes
@@ -43,9 +43,9 @@ class Certificate:
         else:
             log.info("new connections get the certificate of %s as it is now", self._certificate)
 
-    def follow(self, look_s: float = LOOK_S) -> asyncio.Task[None]:
+    def reload_on_change(self, check_s: float = CHECK_S) -> asyncio.Task[None]:
         """Start a task that reloads the files when they have changed."""
-        return supervised(self._look, "follow the certificate", log, "the certificate in use stays", look_s)
+        return supervised(self._look, "follow the certificate", log, "the certificate in use stays", check_s)
 
     async def _look(self) -> None:
         if self._state() != self._seen:
@@ -80,7 +80,7 @@ class TlsProtocol(SSLProtocol):
         super().connection_made(transport)
 
 
-def unsent(transport: BaseTransport) -> int:
+def unsent_bytes(transport: BaseTransport) -> int:
     """Return the bytes buffered in this process for the reader, encrypted or not.
 
     With TLS ``get_write_buffer_size``, which controls flow, leaves out those of the transport below.
@@ -90,7 +90,7 @@ def unsent(transport: BaseTransport) -> int:
     return above.get_write_buffer_size() + (0 if beneath is None else beneath.get_write_buffer_size())
 
 
-def descriptor(transport: BaseTransport) -> int | None:
+def file_descriptor(transport: BaseTransport) -> int | None:
     """Return the descriptor of a plain socket; None with TLS."""
     if transport.get_extra_info("sslcontext") is not None:
         return None
@@ -98,7 +98,7 @@ def descriptor(transport: BaseTransport) -> int | None:
     return connection.fileno()
 
 
-def secured(inner: Callable[..., asyncio.Protocol], context: ssl.SSLContext) -> Any:
+def tls_protocol_factory(inner: Callable[..., asyncio.Protocol], context: ssl.SSLContext) -> Any:
     """Return a factory of protocols that do the TLS handshake and then pass the connection to ``inner``."""
 
     def make(**arguments: Any) -> asyncio.BaseProtocol:

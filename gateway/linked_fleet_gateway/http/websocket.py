@@ -1,8 +1,8 @@
 """WebSockets (RFC 6455): subscriptions (paper R0.15), and subprotocols of extensions in both directions.
 
 Frames of a subscription go directly to each subscriber's transport. Subprotocols (``Mount.websocket_handlers``) have
-the limits of every WebSocket: messages that are ``offered`` to a slow reader are dropped, a client that reads nothing
-or answers no ping is disconnected, and while messages of a client wait nothing more is read from it.
+the limits of every WebSocket: ``try_send`` drops messages to a slow reader, a client that reads nothing or answers
+no ping is disconnected, and while messages of a client wait nothing more is read from it.
 """
 
 import asyncio
@@ -43,7 +43,7 @@ _FIN = 0x80
 _MEDIUM, _LONG = struct.Struct("!BBH"), struct.Struct("!BBQ")
 
 
-def framed(message: Message) -> bytes:
+def frame_bytes(message: Message) -> bytes:
     """Return the message as one frame; Turtle and similar types are text."""
     return frame(Opcode.BINARY if is_binary(message.media_type) else Opcode.TEXT, message.body)
 
@@ -63,11 +63,11 @@ class WebSocketOutlet:
 
     def __init__(self, protocol: WebSocketProtocol) -> None:
         self._protocol = protocol
-        self.framing = framed
+        self.framing = frame_bytes
         self.send, self.writable = protocol.writer.send, protocol.writer.writable
 
     def write(self, message: Message) -> None:
-        self.send(message.framed(framed))
+        self.send(message.framed(frame_bytes))
 
     def end(self, ending: Ending) -> None:
         self._protocol.close(_CODES[ending], ending.value)
@@ -88,8 +88,8 @@ async def serve_websocket(
     try:
         feed = await start(WebSocketOutlet(protocol))
         protocol.on_drained = feed.ready
-        if protocol.open:
-            protocol.writer.begin()
+        if protocol.is_open:
+            protocol.writer.begin_stream()
         feed.ready()
         while (await websocket.receive())["type"] != "websocket.disconnect":
             pass
@@ -98,11 +98,11 @@ async def serve_websocket(
         protocol.close(CloseCode.INTERNAL_ERROR, "the gateway failed")  # unless it is closing already, as expected
 
 
-class Ended(Exception):  # noqa: N818 - not an error
+class ConnectionEnded(Exception):  # noqa: N818 - not an error
     """The connection has ended."""
 
 
-class Conversation:
+class SubprotocolConnection:
     """An open WebSocket, for the code that serves it."""
 
     def __init__(self, websocket: WebSocket, protocol: WebSocketProtocol, subprotocol: str) -> None:
@@ -117,7 +117,7 @@ class Conversation:
         """True if a message could be sent without much waiting."""
         return self._protocol.writer.writable()
 
-    def offer(self, frames: bytes) -> bool:
+    def try_send(self, frames: bytes) -> bool:
         """Send complete frames, created by ``frame``, if the connection is ``writable``.
 
         Return True if they were sent.
@@ -127,9 +127,9 @@ class Conversation:
     async def send(self, message: str | bytes) -> None:
         """Send a message that must not be dropped, as soon as the connection is ``writable``. Raises Ended."""
         framed = frame(Opcode.TEXT, message.encode()) if isinstance(message, str) else frame(Opcode.BINARY, message)
-        while not self.offer(framed):
-            if not self._protocol.open:
-                raise Ended
+        while not self.try_send(framed):
+            if not self._protocol.is_open:
+                raise ConnectionEnded
             self._room.clear()
             await self._room.wait()
 
@@ -138,7 +138,7 @@ class Conversation:
         await asyncio.sleep(0)  # many messages may be available already
         event = await self.websocket.receive()
         if event["type"] == "websocket.disconnect":
-            raise Ended
+            raise ConnectionEnded
         text: str | None = event.get("text")
         return event["bytes"] if text is None else text
 
@@ -164,37 +164,39 @@ class WebSocketHandler:
     """Serves WebSockets in ``subprotocols``.
 
     ``handle`` also gets the ``remote`` or ``affords`` of the resource, and returns, or raises Ended, when the
-    connection has ended. ``most_bytes`` is the longest message of a client.
+    connection has ended. ``max_message_bytes`` is the longest message of a client.
     """
 
     subprotocols: tuple[str, ...]
-    handle: Callable[[Conversation, Any], Awaitable[None]]
-    most_bytes: int = 64 * 1024
+    handle: Callable[[SubprotocolConnection, Any], Awaitable[None]]
+    max_message_bytes: int = 64 * 1024
 
 
-async def converse(websocket: WebSocket, resource: Resource, handler: WebSocketHandler, value: object) -> None:
+async def serve_subprotocol(websocket: WebSocket, resource: Resource, handler: WebSocketHandler, value: object) -> None:
     """Serve a WebSocket at the resource, including the handshake. Raises NotAcceptable before it."""
     named = [each for each in websocket.scope["subprotocols"] if each in handler.subprotocols]
     if not named:
         raise NotAcceptable(f"Name a subprotocol: {', '.join(handler.subprotocols)}.", offered=())
     protocol: WebSocketProtocol = websocket.scope["extensions"][WEBSOCKET]
-    protocol.listen(handler.most_bytes)
+    protocol.accept_messages(handler.max_message_bytes)
     note(websocket, "subscribe", 101)
-    conversation = Conversation(websocket, protocol, named[0])
+    connection = SubprotocolConnection(websocket, protocol, named[0])
     try:
         await websocket.accept(named[0])
-        protocol.writer.begin()
-        with _guarded(websocket, resource, conversation):
-            await handler.handle(conversation, value)
-    except (Ended, OSError):
+        protocol.writer.begin_stream()
+        with _guarded(websocket, resource, connection):
+            await handler.handle(connection, value)
+    except (ConnectionEnded, OSError):
         pass
     finally:
-        conversation.end()
+        connection.end()
         note(websocket, "unsubscribe", None)
 
 
-def _guarded(websocket: WebSocket, resource: Resource, conversation: Conversation) -> AbstractContextManager[None]:
-    """End the conversation when the rights of its client change, because its content depends on all of them."""
+def _guarded(
+    websocket: WebSocket, resource: Resource, connection: SubprotocolConnection
+) -> AbstractContextManager[None]:
+    """End the connection when the rights of its client change, because its content depends on all of them."""
     identities: Identities | None = websocket.services.identities
     caller = websocket.caller
     if identities is None or caller.credential is None:
@@ -205,6 +207,4 @@ def _guarded(websocket: WebSocket, resource: Resource, conversation: Conversatio
         now = known(credential)
         return websocket.holds() and now is not None and now.grants == caller.grants
 
-    return identities.watch_rights(
-        caller, robot_of(resource.path), lambda: conversation.close(Ending.UNENTITLED), holds
-    )
+    return identities.watch_rights(caller, robot_of(resource.path), lambda: connection.close(Ending.UNENTITLED), holds)

@@ -27,8 +27,8 @@ _UNREADABLE = (
 class WebSocketProtocol(WebSocketsSansIOProtocol):
     """A WebSocket that sends ready-made frames, and that an inactive peer cannot keep open.
 
-    It accepts messages only after ``listen``. Frames of a server are not masked (RFC 6455, 5.1), so that one framed
-    buffer serves every connection. Unfragmented data frames go to the ``writer``, bypassing the state machine of
+    It accepts messages only after ``accept_messages``. Frames of a server are not masked (RFC 6455, 5.1), so that one
+    framed buffer serves every connection. Unfragmented data frames go to the ``writer``, bypassing the state machine of
     ``conn``, which keeps no state about them. Everything else passes through it, and no frames are sent once the
     closing handshake has begun (5.5.1).
     """
@@ -42,21 +42,21 @@ class WebSocketProtocol(WebSocketsSansIOProtocol):
     _failed = False
     _listening = False
 
-    def listen(self, most_bytes: int) -> None:
-        """Accept messages of at most ``most_bytes`` from now on, one at a time.
+    def accept_messages(self, max_bytes: int) -> None:
+        """Accept messages of at most ``max_bytes`` from now on, one at a time.
 
         Nothing more is read until a message is received.
         """
         self._listening = True
-        self.conn.max_message_size = most_bytes
+        self.conn.max_message_size = max_bytes
 
     @property
-    def open(self) -> bool:
+    def is_open(self) -> bool:
         return self.conn.state is State.OPEN and not self.transport.is_closing()
 
     def close(self, code: int, reason: str) -> None:
         """Start the closing handshake (RFC 6455, 7.1.2)."""
-        if self.open:
+        if self.is_open:
             self.conn.send_close(code, reason)
             self._leave(code, reason)
 
@@ -99,8 +99,8 @@ class WebSocketProtocol(WebSocketsSansIOProtocol):
             self.handle_parser_exception()
         else:
             self.handle_events()
-        if not self.open:
-            self.writer.finish()
+        if not self.is_open:
+            self.writer.end_stream()
 
     def handle_text(self, event: Frame) -> None:
         if self._listening:
@@ -159,11 +159,11 @@ class WebSocketProtocol(WebSocketsSansIOProtocol):
         self._abort_later()
 
     def keepalive_timeout(self) -> None:
-        if self.writer.is_behind():  # the ping may be among the buffered bytes
+        if self.writer.has_unsent_bytes():  # the ping may be among the buffered bytes
             self.stop_keepalive()
             self.schedule_ping()
             return
-        self.writer.finish()
+        self.writer.end_stream()
         super().keepalive_timeout()
         self._abort_later()
 
@@ -182,7 +182,7 @@ class WebSocketProtocol(WebSocketsSansIOProtocol):
         self.handle_parser_exception()
 
     def _leave(self, code: int, reason: str) -> None:
-        self.writer.finish()
+        self.writer.end_stream()
         self.queue.put_nowait({"type": "websocket.disconnect", "code": code, "reason": reason})
         self.stop_keepalive()
         unread = self.conn.handshake_exc is not None and not self.handshake_initiated

@@ -10,7 +10,7 @@ from starlette.responses import Response
 from starlette.types import Receive, Scope, Send
 
 from linked_fleet_gateway.http.answers import Reply
-from linked_fleet_gateway.http.message_heads import block
+from linked_fleet_gateway.http.message_heads import field_block
 from linked_fleet_gateway.http.protocol import HttpProtocol
 from serving import connect, serving
 
@@ -33,7 +33,7 @@ def _at_once(scope: Scope) -> Reply | None:
         return None
     known = any(name == b"if-none-match" for name, _ in scope["headers"])
     length = [] if known else [(b"content-length", b"4")]
-    return Reply(304 if known else 200, (_KEPT,), block([_KEPT]), length, b"" if known else b"kept")
+    return Reply(304 if known else 200, (_KEPT,), field_block([_KEPT]), length, b"" if known else b"kept")
 
 
 def _http(protocol: type[HttpProtocol] = HttpProtocol) -> Any:
@@ -95,4 +95,4 @@ async def test_the_next_request_may_take_its_time_from_the_answer_on() -> None:
 
 def test_no_field_begins_another() -> None:
     with pytest.raises(RuntimeError):
-        block([(b"x", b"a\r\nset-cookie: b")])
+        field_block([(b"x", b"a\r\nset-cookie: b")])

@@ -27,7 +27,7 @@ _ECHO = f"""
         while True:
             message = await conversation.receive()
             if message == "flood":
-                sent = [conversation.offer(frame(Opcode.BINARY, bytes(20_000))) for _ in range({PIECES})]
+                sent = [conversation.try_send(frame(Opcode.BINARY, bytes(20_000))) for _ in range({PIECES})]
                 await conversation.send(str(sum(sent)))
             else:
                 await conversation.send(message)

@@ -12,7 +12,7 @@ from starlette.types import Receive, Scope, Send
 
 from event_source import EventSource
 from linked_fleet_gateway.http.connection_limits import HIGH_WATER_BYTES
-from linked_fleet_gateway.http.event_stream import chunk, framed, serve_event_stream
+from linked_fleet_gateway.http.event_stream import chunk_bytes, event_bytes, serve_event_stream
 from linked_fleet_gateway.http.protocol import HTTP, HttpProtocol
 from linked_fleet_gateway.subscriptions.broadcast import Ending, Message
 from serving import Channel, connect, fill, serving, until
@@ -74,12 +74,12 @@ def test_framing(body: bytes, data: str) -> None:
     """9.2.5: nothing in a body breaks out of its event; its line ends come back as line feeds."""
     source = EventSource()
     message = Message("/a", "7", "text/turtle", body)
-    source.feed(message.framed(framed).decode())
-    size, _, rest = message.framed(chunk).partition(b"\r\n")
-    assert (rest[: int(size, 16)], rest[int(size, 16) :]) == (message.framed(framed), b"\r\n")
+    source.feed(message.framed(event_bytes).decode())
+    size, _, rest = message.framed(chunk_bytes).partition(b"\r\n")
+    assert (rest[: int(size, 16)], rest[int(size, 16) :]) == (message.framed(event_bytes), b"\r\n")
     assert source.events == [("7", data)]
     assert source.last_event_id == "7"
-    assert message.framed(framed) is message.framed(framed)
+    assert message.framed(event_bytes) is message.framed(event_bytes)
 
 
 async def test_stream_as_an_event_source_reads_it() -> None:
@@ -151,7 +151,7 @@ async def test_bytes_on_the_wire_are_the_stream_in_http() -> None:
                 client.receive_data(await reader.read(65536))
             elif isinstance(event, h11.Data):
                 body += event.data
-        events = b"".join(map(framed, [TURTLE, *sent]))
+        events = b"".join(map(event_bytes, [TURTLE, *sent]))
         assert body == b": linked fleet\nretry: 2000\n" + events + b"id: cancelled\n\n"
         assert client.states == {h11.CLIENT: h11.DONE, h11.SERVER: h11.DONE}
         writer.transport.abort()
@@ -164,7 +164,7 @@ async def test_http_1_0_has_no_chunks() -> None:
         assert b"chunked" not in await reader.readuntil(b"\r\n\r\n")
         opening = b": linked fleet\nretry: 2000\n"
         assert await reader.readexactly(len(opening)) == opening
-        assert await reader.readexactly(len(framed(TURTLE))) == framed(TURTLE)
+        assert await reader.readexactly(len(event_bytes(TURTLE))) == event_bytes(TURTLE)
         assert await reader.readexactly(2) == b":\n"
         app.outlets[0].end(Ending.CANCELLED)
         assert (await reader.read()).replace(b":\n", b"") == b"id: cancelled\n\n"

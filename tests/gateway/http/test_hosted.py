@@ -17,7 +17,7 @@ class Exchange:
     """A request whose client stays until ``leave`` is set; ``said``: the response."""
 
     def __init__(self) -> None:
-        self.http = SimpleNamespace(on_shutdown=None, ending=False)
+        self.http = SimpleNamespace(on_shutdown=None, is_shutting_down=False)
         self.leave = asyncio.Event()
         self.said: list[Message] = []
         self.begun = asyncio.Event()
@@ -87,7 +87,7 @@ def test_an_application_started_during_shutdown_ends_at_once() -> None:
 
     async def run() -> list[Message]:
         exchange = Exchange()
-        exchange.http.ending = True
+        exchange.http.is_shutting_down = True
         await exchange.answer(AsgiResponse(silent, b"", {}))
         return exchange.said
 

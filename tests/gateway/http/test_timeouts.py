@@ -239,15 +239,15 @@ def test_places() -> None:
     assert not sockets.open("a3", "a")
     assert sockets.open("b1", "b")
     assert not sockets.open("c1", "c")
-    sockets.idle("b1", lambda: False)
+    sockets.mark_idle("b1", lambda: False)
     assert not sockets.open("c1", "c")
-    sockets.busy("b1")
-    sockets.idle("b1", lambda: not gone.append("b1"))  # type: ignore[func-returns-value]
+    sockets.mark_busy("b1")
+    sockets.mark_idle("b1", lambda: not gone.append("b1"))  # type: ignore[func-returns-value]
     assert not sockets.open("a3", "a")
     assert sockets.open("c1", "c")
     assert gone == ["b1"]
-    sockets.idle("a2", lambda: not gone.append("a2"))  # type: ignore[func-returns-value]
-    sockets.busy("a2")
+    sockets.mark_idle("a2", lambda: not gone.append("a2"))  # type: ignore[func-returns-value]
+    sockets.mark_busy("a2")
     assert not sockets.open("a3", "a")
     sockets.close("a1")
     sockets.close("a1")

@@ -15,7 +15,7 @@ from certificates import made
 from linked_fleet_gateway.http.connection_limits import HIGH_WATER_BYTES
 from linked_fleet_gateway.http.event_stream import serve_event_stream
 from linked_fleet_gateway.http.protocol import HTTP, HttpProtocol
-from linked_fleet_gateway.http.tls import Certificate, secured, unsent
+from linked_fleet_gateway.http.tls import Certificate, tls_protocol_factory, unsent_bytes
 from linked_fleet_gateway.http.websocket import serve_websocket
 from linked_fleet_gateway.http.websocket_protocol import WEBSOCKET, WebSocketProtocol
 from linked_fleet_gateway.subscriptions.broadcast import Message
@@ -104,7 +104,7 @@ def test_a_stalled_reader_over_tls_is_disconnected_at_bounded_cost(
 ) -> None:
     async def test() -> None:
         app = App()
-        http = secured(ImpatientHttp, certificate.context)
+        http = tls_protocol_factory(ImpatientHttp, certificate.context)
         async with serving(app, http=http, ws=ImpatientWebSocket) as (server, port):
             with await asyncio.to_thread(_opened, port, folder, request_):
                 await until(lambda: app.outlets)
@@ -113,7 +113,7 @@ def test_a_stalled_reader_over_tls_is_disconnected_at_bounded_cost(
                 while not (app.returned or transport.is_closing()):
                     if outlet.writable():
                         outlet.write(_large(number := number + 1))
-                    highest = max(highest, unsent(transport))
+                    highest = max(highest, unsent_bytes(transport))
                     await asyncio.sleep(0.001)
                 assert 0 < highest < 2 * (HIGH_WATER_BYTES + LARGE) + 1000
                 await until(lambda: not server.server_state.connections)
@@ -127,12 +127,14 @@ def test_encrypted_bytes_in_the_buffer_are_counted(folder: Path, certificate: Ce
 
     async def test() -> None:
         app = App()
-        async with serving(app, http=secured(HttpProtocol, certificate.context), ws=ImpatientWebSocket) as (_, port):
+        async with serving(
+            app, http=tls_protocol_factory(HttpProtocol, certificate.context), ws=ImpatientWebSocket
+        ) as (_, port):
             with await asyncio.to_thread(_opened, port, folder, UPGRADE):
                 await until(lambda: app.outlets)
                 (outlet,), (transport,) = app.outlets, app.transports
                 number = 0
-                while not unsent(transport):
+                while not unsent_bytes(transport):
                     outlet.write(_large(number := number + 1))
                     await asyncio.sleep(0.01)
                 assert transport.get_write_buffer_size() == 0
@@ -144,7 +146,7 @@ def test_encrypted_bytes_in_the_buffer_are_counted(folder: Path, certificate: Ce
 def test_a_reader_that_catches_up_has_the_latest(folder: Path, certificate: Certificate) -> None:
     async def test() -> None:
         app = App()
-        async with serving(app, http=secured(HttpProtocol, certificate.context)) as (_, port):
+        async with serving(app, http=tls_protocol_factory(HttpProtocol, certificate.context)) as (_, port):
             with await asyncio.to_thread(_opened, port, folder, UPGRADE) as slow:
                 await until(lambda: app.outlets)
                 (outlet,) = app.outlets
@@ -169,7 +171,7 @@ def _read_until(sock: ssl.SSLSocket, end: bytes) -> None:
 def test_fifty_hear_the_same_and_are_told_of_the_end(folder: Path, certificate: Certificate) -> None:
     async def test() -> None:
         app, trusted = App(), ssl.create_default_context(cafile=folder / "ca.pem")
-        async with serving(app, http=secured(HttpProtocol, certificate.context)) as (server, port):
+        async with serving(app, http=tls_protocol_factory(HttpProtocol, certificate.context)) as (server, port):
             sockets = [await client(f"wss://127.0.0.1:{port}/a", ssl=trusted) for _ in range(50)]
             await until(lambda: len(app.outlets) == 50)
             for number in range(20):
@@ -194,7 +196,7 @@ def test_a_certificate_is_replaced_while_it_is_in_use(folder: Path) -> None:
             return str(name)
 
     async def test() -> None:
-        async with serving(App(), http=secured(HttpProtocol, used.context)) as (_, port):
+        async with serving(App(), http=tls_protocol_factory(HttpProtocol, used.context)) as (_, port):
             assert await asyncio.to_thread(shown, port) == "router"
             for name, expected in (("used.pem", "router"), ("used.key", "gateway")):
                 fresh = folder / "fresh"
@@ -217,7 +219,7 @@ def test_files_that_change_are_noticed(folder: Path, tmp_path: Path, caplog: pyt
         for ending in pair:
             put("router", ending)
         used = Certificate(str(pair["pem"]), str(pair["key"]))
-        following = used.follow(0.01)
+        following = used.reload_on_change(0.01)
         with caplog.at_level("INFO", "linked_fleet_gateway.http.tls"):
             put("gateway", "pem")
             await until(lambda: "the certificate in use stays" in caplog.text)
@@ -231,7 +233,7 @@ def test_files_that_change_are_noticed(folder: Path, tmp_path: Path, caplog: pyt
 
 def test_no_old_tls_and_nothing_in_the_clear(folder: Path, certificate: Certificate) -> None:
     async def test() -> None:
-        async with serving(App(), http=secured(HttpProtocol, certificate.context)) as (server, port):
+        async with serving(App(), http=tls_protocol_factory(HttpProtocol, certificate.context)) as (server, port):
             old = ssl.create_default_context(cafile=folder / "ca.pem")
             with pytest.warns(DeprecationWarning):
                 old.minimum_version = ssl.TLSVersion.TLSv1

@@ -19,7 +19,7 @@ from websockets.exceptions import ConnectionClosed
 from websockets.frames import Frame, Opcode
 
 from linked_fleet_gateway.http.connection_limits import HIGH_WATER_BYTES, BoundedWriter
-from linked_fleet_gateway.http.websocket import framed, serve_websocket
+from linked_fleet_gateway.http.websocket import frame_bytes, serve_websocket
 from linked_fleet_gateway.http.websocket_protocol import WEBSOCKET, WebSocketProtocol
 from linked_fleet_gateway.subscriptions.broadcast import Ending, Message, Outlet
 from serving import Channel, connect, fill, serving, until
@@ -120,7 +120,7 @@ async def test_framed_once_for_all() -> None:
         for one in clients:
             await one.close()
     assert len(written) == 5
-    assert all(data is TURTLE.framed(framed) for data in written)
+    assert all(data is TURTLE.framed(frame_bytes) for data in written)
 
 
 async def test_ping_is_answered_while_the_application_is_busy() -> None:
@@ -191,7 +191,7 @@ async def test_invalid_client_frames_close_the_connection(sent: bytes, code: int
     async with serving(app, ws=Impatient) as (_, port):
         reader, writer = await connect(port, handshake())
         await reader.readuntil(b"\r\n\r\n")
-        await reader.readexactly(len(TURTLE.framed(framed)))
+        await reader.readexactly(len(TURTLE.framed(frame_bytes)))
         writer.write(sent)
         head = await reader.readexactly(2)
         if head[0] == 0x8A:  # the pong
@@ -316,7 +316,7 @@ async def test_keepalive_spares_slow_readers_and_drops_silent_ones() -> None:
         assert b"\x88\x18\x03\xf3keepalive ping timeout" in await reader.read()
         pings = set()
         await until(lambda: pings.add(app.protocols[0].pending_ping_payload) or len(pings) > 3)
-        assert app.protocols[0].open
+        assert app.protocols[0].is_open
         stalled.transport.abort()
         writer.transport.abort()
         await until(lambda: not server.server_state.connections)

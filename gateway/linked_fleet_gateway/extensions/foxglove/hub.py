@@ -23,7 +23,7 @@ from linked_fleet_gateway.extensions.world.scene import SceneObject
 from linked_fleet_gateway.extensions.world.service import World
 from linked_fleet_gateway.fleet.invocation import Invocation
 from linked_fleet_gateway.fleet.robot import Robot
-from linked_fleet_gateway.http.websocket import Conversation
+from linked_fleet_gateway.http.websocket import SubprotocolConnection
 from linked_fleet_gateway.runtime.background import supervised, time_sliced
 from linked_fleet_gateway.subscriptions.live import Live
 
@@ -53,7 +53,7 @@ class Hub:
         self._scene: tuple[Mapping[str, SceneObject], bytes] = {}, b""
         self._tasks: dict[int, asyncio.Task[None]] = {}
 
-    async def serve(self, conversation: Conversation, _: object) -> None:
+    async def serve(self, conversation: SubprotocolConnection, _: object) -> None:
         """Serve one client. Raises Ended."""
         if len(self._sessions) >= MOST_CLIENTS:
             message = "Too many clients of Foxglove are connected."
@@ -92,7 +92,7 @@ class Hub:
 
     def _publish(self, channel: Channel | None, content: bytes) -> None:
         for session, id in self._subscribers.get(channel.id, ()) if channel is not None else ():
-            session.conversation.offer(protocol.data(id, time.time_ns(), content))
+            session.conversation.try_send(protocol.data(id, time.time_ns(), content))
 
     async def _follow(self) -> None:
         """Poll for new frames, and send those of several robots together."""
@@ -103,9 +103,9 @@ class Hub:
                 robot.adopt_latest_frame()
                 self._show(robot, channels, pieces)
             for session in [each for each, waiting in pieces.items() if len(waiting) > _AT_ONCE]:
-                session.conversation.offer(b"".join(pieces.pop(session)))
+                session.conversation.try_send(b"".join(pieces.pop(session)))
         for session, waiting in pieces.items():
-            session.conversation.offer(b"".join(waiting))
+            session.conversation.try_send(b"".join(waiting))
 
     def _show(self, robot: Robot, channels: Mapping[str, Channel], pieces: dict[Session, list[bytes]]) -> None:
         payload, now_ns = robot.payload, time.time_ns()
@@ -153,7 +153,7 @@ class Hub:
         """Send a state to each subscriber that has not received it yet, once it has room."""
         for session, id in self._subscribers[channel.id]:
             known = session.told.get(channel.id) == state
-            if not known and session.conversation.offer(protocol.data(id, time.time_ns(), state)):
+            if not known and session.conversation.try_send(protocol.data(id, time.time_ns(), state)):
                 session.told[channel.id] = state
 
     def _scene_content(self) -> bytes:

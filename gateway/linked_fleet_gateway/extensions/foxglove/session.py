@@ -19,7 +19,7 @@ from linked_fleet_gateway.extensions.foxglove.protocol import (
     UnsupportedMessage,
 )
 from linked_fleet_gateway.http.internal_request import Reply, ReplyTooLong, ask
-from linked_fleet_gateway.http.websocket import Conversation, Ended
+from linked_fleet_gateway.http.websocket import ConnectionEnded, SubprotocolConnection
 from linked_fleet_gateway.runtime.background import end, time_sliced
 
 MOST_CALLS = 8
@@ -35,7 +35,7 @@ class Session:
     ``rewatch`` is called when the subscriptions change.
     """
 
-    def __init__(self, conversation: Conversation, catalogue: Catalogue, rewatch: Callable[[], None]) -> None:
+    def __init__(self, conversation: SubprotocolConnection, catalogue: Catalogue, rewatch: Callable[[], None]) -> None:
         self.conversation = conversation
         self.subscribed: dict[int, int] = {}
         self.told: dict[int, bytes] = {}
@@ -183,5 +183,5 @@ class Session:
 
 async def _until_ended(work: Awaitable[None]) -> None:
     """Await ``work``; ignore the error of a disconnected client, because the session detects it itself."""
-    with suppress(Ended):
+    with suppress(ConnectionEnded):
         await work
