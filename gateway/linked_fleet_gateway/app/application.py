@@ -141,7 +141,8 @@ def create_app(settings: GatewaySettings, tracing: Tracing | None = None, open_s
                 live, subscriptions, actions, requests, sampler, embedded, [each.metrics for each in mounts]
             )
             app.services = Services(
-                live, actions, subscriptions, audit, identities, embedded, turns=StopPriority(carriers), rates=rates,
+                live, actions, subscriptions, audit, identities, embedded,
+                stop_priority=StopPriority(carriers), rates=rates,
                 representations=representations(mounts), registry=registry(numbers),
                 schemes=[each.scheme for each in mounts if each.scheme is not None],
                 subprotocols={name: value for each in mounts for name, value in each.subprotocols.items()},

@@ -25,7 +25,7 @@ from linked_fleet_gateway.subscriptions.live import Live
 
 log = logging.getLogger(__name__)
 
-MAX_KEPT = 16_384
+MAX_ENTRIES = 16_384
 MAX_BYTES = 24 * 1024 * 1024
 """Limit of bytes of cached contents. The oldest responses are dropped first."""
 _ASKS_MORE = frozenset({b"prefer", b"if-match", b"upgrade", b"callback", b"last-event-id"})
@@ -38,17 +38,17 @@ Key = tuple[bytes, bytes, str, View]
 class Reply:
     """Status, header fields and content of a response.
 
-    ``block``: bytes of the cached fields; ``more``: further ones.
+    ``cached_block``: bytes of the cached fields; ``extra_fields``: further ones.
     """
 
     status: int
-    kept: FieldLines
-    block: bytes
-    more: list[tuple[bytes, bytes]]
+    cached_fields: FieldLines
+    cached_block: bytes
+    extra_fields: list[tuple[bytes, bytes]]
     content: bytes
 
 
-class Answer:
+class CachedResponse:
     """The response to GET of one resource. Measured values in it are written by ``rendering``."""
 
     __slots__ = (
@@ -78,11 +78,11 @@ class Answer:
         rendering: Rendering | None,
         content: bytes,
         fields: FieldLines,
-        of_content: FieldLines,
+        content_fields: FieldLines,
     ) -> None:
         """Create a response; ``robot`` is None if it lasts (``Resource.lasting``).
 
-        ``fields``: those of every response except ETag; ``of_content``: those absent from a 304.
+        ``fields``: those of every response except ETag; ``content_fields``: those absent from a 304.
         """
         self._source, self._robot, self._rendering = resource.source, robot, rendering
         self._tag = etag(content) if rendering is None else ""
@@ -97,11 +97,11 @@ class Answer:
         self._quiet = resource.quiet
         self._shown: tuple[Observation, ...] = ()
         """The observations that were written last."""
-        self._fields, self._of_content = (*fields,), (*fields, *of_content)
+        self._fields, self._of_content = (*fields,), (*fields, *content_fields)
         self._block, self._block_of_content = field_block(self._fields), field_block(self._of_content)
         self._news, self._facts = _news(robot), resource.source.facts()
 
-    def holds(self, live: Live) -> bool:
+    def is_valid(self, live: Live) -> bool:
         """Return True if the robot still exists and nothing but frames has changed it."""
         robot = self._robot
         return robot is None or (
@@ -110,18 +110,18 @@ class Answer:
             and self._source.facts() == self._facts
         )
 
-    def reply(self, known: str | None, takes_gzip: bool, plain: bytes | None = None) -> Reply:
-        """Return the reply to a request, or 304. ``known`` is the client's If-None-Match.
+    def reply(self, if_none_match: str | None, in_gzip: bool, uncoded: bytes | None = None) -> Reply:
+        """Return the reply to a request, or 304. ``if_none_match`` is the client's If-None-Match.
 
-        ``plain``: the content without a coding, if it is there and no value in it is measured.
+        ``uncoded``: the content without a coding, if it is there and no value in it is measured.
         """
         if self._rendering is not None:
             self._write(self._rendering)
-        coded = self._codable and takes_gzip
+        coded = self._codable and in_gzip
         tag = coded_tag(self._tag, "gzip" if coded else "")
-        if known is not None and (known == tag or not_modified(known, tag)):
+        if if_none_match is not None and (if_none_match == tag or not_modified(if_none_match, tag)):
             return Reply(304, self._fields, self._block, [(b"etag", tag.encode())], b"")
-        content = self._in_gzip() if coded else self._plain() if plain is None else plain
+        content = self._in_gzip() if coded else self._plain() if uncoded is None else uncoded
         more = [(b"etag", tag.encode()), (b"content-length", b"%d" % len(content))]
         if coded:
             more.append(GZIP)
@@ -147,12 +147,12 @@ class Answer:
             self._tag, self._shown = etag(self._content), shown
 
 
-class Answers:
+class ResponseCache:
     """The response cache of one gateway."""
 
-    def __init__(self, most: int = MAX_KEPT, most_bytes: int = MAX_BYTES) -> None:
-        self._most, self._most_bytes = most, most_bytes
-        self._kept: dict[Key, Answer] = {}
+    def __init__(self, max_entries: int = MAX_ENTRIES, max_bytes: int = MAX_BYTES) -> None:
+        self._most, self._most_bytes = max_entries, max_bytes
+        self._kept: dict[Key, CachedResponse] = {}
         self._bytes = 0
 
     def __len__(self) -> int:
@@ -170,17 +170,17 @@ class Answers:
         key, known, coding = _asked(scope)
         if key is None or (answer := self._kept.get(key)) is None:
             return None
-        if not answer.holds(live):
+        if not answer.is_valid(live):
             self._forget(key)
             return None
         return answer.reply(known, coding is not None and takes_gzip(coding))
 
     @staticmethod
-    def keeps(scope: Scope) -> bool:
+    def is_cacheable(scope: Scope) -> bool:
         """Return True if the response to a request can be cached."""
         return _asked(scope)[0] is not None
 
-    def keep(self, scope: Scope, answer: Answer) -> None:
+    def store(self, scope: Scope, answer: CachedResponse) -> None:
         """Cache a response for further requests like this one."""
         key, _, _ = _asked(scope)
         if key is None or answer.size > self._most_bytes:

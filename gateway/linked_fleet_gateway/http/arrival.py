@@ -20,14 +20,14 @@ def _always() -> bool:
 
 @dataclass(frozen=True)
 class Authenticated:
-    """An authenticated caller; ``holds`` tells later if the credentials are still valid.
+    """An authenticated caller; ``is_valid`` tells later if the credentials are still valid.
 
-    ``on_page`` makes pages show who is logged in.
+    ``shown_on_pages`` makes pages show who is logged in.
     """
 
     identity: Identity
-    holds: Callable[[], bool] = _always
-    on_page: bool = False
+    is_valid: Callable[[], bool] = _always
+    shown_on_pages: bool = False
 
 
 class Scheme(Protocol):
@@ -48,7 +48,7 @@ class Scheme(Protocol):
     async def answer(self, scope: Scope, receive: Receive) -> Response:
         """Answer a request for such a path. The caller may be unauthenticated."""
 
-    def invitation(self, scope: Scope) -> Response | None:
+    def login_response(self, scope: Scope) -> Response | None:
         """Return a response for an unauthenticated browser that requests a page; None for other requests."""
 
 
@@ -59,14 +59,14 @@ _ANYBODY = Authenticated(EVERYBODY)
 class Arrival:
     """The part of a request that does not depend on its resource; ``http/entrance.py`` fills it in."""
 
-    __slots__ = ("authenticated", "base", "counted", "elsewhere", "fields", "internal")
+    __slots__ = ("authenticated", "base", "counted", "cross_origin", "fields", "internal")
 
     def __init__(self, fields: Mapping[bytes, bytes], *, internal: bool = False) -> None:
         self.fields = fields
         """Header fields by name in lower case; several lines are joined (RFC 9110, 5.3)."""
         self.base = ""
         """The public base URL used by the client, without a slash at its end."""
-        self.elsewhere = False
+        self.cross_origin = False
         """True if the request comes from a page of another origin."""
         self.counted = False
         """True once the request counts for the rate of its client."""
@@ -79,10 +79,10 @@ class Arrival:
 def arrival_of(scope: Scope) -> Arrival:
     """Return the object of the request, which copies of its scope share."""
     found: Arrival | None = scope.get(_KEY)
-    return arrive(scope) if found is None else found
+    return create_arrival(scope) if found is None else found
 
 
-def arrive(scope: Scope, *, internal: bool = False) -> Arrival:
+def create_arrival(scope: Scope, *, internal: bool = False) -> Arrival:
     """Create the object of a request whose header fields are known."""
     found = scope[_KEY] = Arrival(_joined(scope["headers"]), internal=internal)
     return found

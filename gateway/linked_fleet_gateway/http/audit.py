@@ -7,7 +7,7 @@ from functools import partial
 from pyoxigraph import Literal, NamedNode
 
 from linked_fleet_gateway.base.errors import NotFound, StoreDown
-from linked_fleet_gateway.http.request import AUDIT_NEEDS, Connection
+from linked_fleet_gateway.http.request import AUDIT_RIGHTS, Connection
 from linked_fleet_gateway.rdf.graph import Graph, integer, timestamp
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, LDP, LF, PROV, RDFS, XHV
 from linked_fleet_gateway.resources.paths import AUDIT as PATH
@@ -21,14 +21,14 @@ _NOTHING_DONE = (401, 404, 405)
 _LONGEST = 500
 
 
-def note(connection: Connection, what: str, status: int | None, location: str = "") -> None:
+def record_request(connection: Connection, event: str, status: int | None, location: str = "") -> None:
     """Record a request that was executed, or refused although its resource was found."""
     if status in _NOTHING_DONE:
         return
     audit: Audit = connection.services.audit
     asked, path = current_request(), connection.scope["path"][:_LONGEST]
     audit.record(
-        connection.caller_name, what, path, robot_of(path) or "", "" if status is None else str(status),
+        connection.caller_name, event, path, robot_of(path) or "", "" if status is None else str(status),
         "" if asked is None else asked.id, location.removeprefix(connection.base).partition("?")[0],
     )  # fmt: skip
 
@@ -47,21 +47,21 @@ async def audit_resource(connection: Connection) -> Resource:
     return Resource(path, "Audit", lambda graph: complete(steps(graph)), CONTAINER, followed=False, steps=steps)
 
 
-def is_audit(path: str) -> bool:
+def is_audit_path(path: str) -> bool:
     return path == PATH or path.startswith(PATH + "/")
 
 
-def with_audit(connection: Connection, resource: Resource) -> Resource:
+def add_audit_link(connection: Connection, resource: Resource) -> Resource:
     """Add a link to the audit log to the fleet and its link set, for callers who may read it.
 
     The RDF does not contain the link, because it is equal for all callers with the same view, like messages about it.
     """
-    if not connection.caller.has_any_right(AUDIT_NEEDS, None):
+    if not connection.caller.has_any_right(AUDIT_RIGHTS, None):
         return resource
     if resource.path == "/":
         return replace(resource, own=(*resource.own, PATH))
     of = resource.linkset_of
-    return resource if of is None or of.path != "/" else replace(resource, linkset_of=with_audit(connection, of))
+    return resource if of is None or of.path != "/" else replace(resource, linkset_of=add_audit_link(connection, of))
 
 
 def _steps(base: str, path: str, entries: list[tuple[str, Entry]], graph: Graph) -> Iterator[None]:

@@ -25,21 +25,21 @@ _CONTEXT = "https://w3id.org/linked-fleet/context"
 T = TypeVar("T")
 
 
-def body_type(request: Request, taken: Sequence[str] = BODY_TYPES) -> str:
+def body_type(request: Request, accepted: Sequence[str] = BODY_TYPES) -> str:
     """Return the media type of the body, before it is read. Raises 415 or 400 errors."""
-    media_type, _ = parse_content_type(field(request, "content-type"), taken)
+    media_type, _ = parse_content_type(field(request, "content-type"), accepted)
     _check_whole(request)
     return media_type
 
 
-async def read_as(request: Request, read: Callable[[bytes], T], most: int = MAX_BODY_BYTES) -> T:
-    """Apply ``read`` to the whole body, in a thread unless it is short.
+async def convert_body(request: Request, convert: Callable[[bytes], T], max_bytes: int = MAX_BODY_BYTES) -> T:
+    """Apply ``convert`` to the whole body, in a thread unless it is short.
 
-    Raises PayloadTooLarge, Busy, errors of ``read``.
+    Raises PayloadTooLarge, Busy, errors of ``convert``.
     """
     offload: Offload = request.services.offload
-    content = await read_body(request, most)
-    return await offload.run(partial(read, content), len(content))
+    content = await read_body(request, max_bytes)
+    return await offload.run(partial(convert, content), len(content))
 
 
 def parse_body(
@@ -86,14 +86,14 @@ def _check_whole(request: Request) -> None:
         raise BadRequest("Content-Range is not taken; send the whole body.")
 
 
-async def read_body(request: Request, most: int = MAX_BODY_BYTES) -> bytes:
-    """Return the body of at most ``most`` bytes. Raises PayloadTooLarge as early as possible."""
+async def read_body(request: Request, max_bytes: int = MAX_BODY_BYTES) -> bytes:
+    """Return the body of at most ``max_bytes`` bytes. Raises PayloadTooLarge as early as possible."""
     length = field(request, "content-length") or ""
-    if length.isdecimal() and int(length) > most:
-        raise PayloadTooLarge(f"The body has {length} bytes; at most {most} are read.")
+    if length.isdecimal() and int(length) > max_bytes:
+        raise PayloadTooLarge(f"The body has {length} bytes; at most {max_bytes} are read.")
     body = bytearray()
     async for chunk in request.stream():
         body += chunk
-        if len(body) > most:
-            raise PayloadTooLarge(f"The body has more than {most} bytes.")
+        if len(body) > max_bytes:
+            raise PayloadTooLarge(f"The body has more than {max_bytes} bytes.")
     return bytes(body)

@@ -22,7 +22,7 @@ _SHARING = ("private", "public")
 _STARTS = ("http.response.start", "websocket.http.response.start")
 
 
-def known_at_once(identities: Identities, arrival: Arrival) -> bool:
+def identify_static_token(identities: Identities, arrival: Arrival) -> bool:
     """Store the caller of a token that can be judged without waiting; return False for other credentials."""
     scheme, _, token = arrival.fields.get(b"authorization", b"").decode("latin-1").partition(" ")
     found = identities.static_token_identity(token.strip()) if scheme.lower() == "bearer" else None
@@ -49,10 +49,10 @@ async def identify(
             await response(scope, receive, answer)
             return None
     except Unauthenticated as error:
-        invited = (each.invitation(scope) for each in schemes)
-        invitation = next((each for each in invited if each is not None), None)
-        if invitation is not None:
-            await invitation(scope, receive, answer)
+        invited = (each.login_response(scope) for each in schemes)
+        login = next((each for each in invited if each is not None), None)
+        if login is not None:
+            await login(scope, receive, answer)
         else:
             await refuse(error, scope, answer)
         return None
@@ -76,7 +76,7 @@ async def authenticate(identities: Identities, schemes: Sequence[Scheme], scope:
     """Return the caller. Raises Unauthenticated, ForeignOrigin, StoreDown, IssuerDown."""
     headers = Headers(scope=scope)
     if "authorization" in headers:
-        return Authenticated(await by_token(identities, headers))
+        return Authenticated(await identify_bearer(identities, headers))
     for scheme in schemes:
         found = await scheme.authenticate(scope)
         if found is not None:
@@ -84,7 +84,7 @@ async def authenticate(identities: Identities, schemes: Sequence[Scheme], scope:
     raise Unauthenticated(" ".join([*(each.hint for each in schemes), "Send Authorization: Bearer with a token."]))
 
 
-async def by_token(identities: Identities, headers: Headers) -> Identity:
+async def identify_bearer(identities: Identities, headers: Headers) -> Identity:
     """Return the caller of a bearer token. Raises Unauthenticated, IssuerDown."""
     said = headers.getlist("authorization")
     if not said:
@@ -120,7 +120,7 @@ def _private(scope: Scope, send: Send) -> Send:
     return answer
 
 
-SEES_SUBSCRIPTIONS = (Right.SUBSCRIBE, Right.ADMIN)
+SUBSCRIPTIONS_RIGHTS = (Right.SUBSCRIBE, Right.ADMIN)
 """Rights, one of which is needed to read a Subscriptions container: ``subscribe`` for one's own, ``admin`` for all."""
 
 

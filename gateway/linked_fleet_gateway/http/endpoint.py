@@ -22,8 +22,8 @@ from linked_fleet_gateway.base.errors import (
     UnsupportedMediaType,
 )
 from linked_fleet_gateway.http.answers import Reply
-from linked_fleet_gateway.http.audit import audit_resource, is_audit, note, with_audit
-from linked_fleet_gateway.http.callers import SEES_SUBSCRIPTIONS, require_right, visible_subscriptions
+from linked_fleet_gateway.http.audit import add_audit_link, audit_resource, is_audit_path, record_request
+from linked_fleet_gateway.http.callers import SUBSCRIPTIONS_RIGHTS, require_right, visible_subscriptions
 from linked_fleet_gateway.http.extension import Mount, Reader, Writer
 from linked_fleet_gateway.http.fields import field
 from linked_fleet_gateway.http.invoke import end_invocation, invoke, put_target
@@ -40,7 +40,7 @@ from linked_fleet_gateway.http.read import (
     read_mesh,
     shown_part,
 )
-from linked_fleet_gateway.http.request import AUDIT_NEEDS, Connection, Request, WebSocket, gateway_of
+from linked_fleet_gateway.http.request import AUDIT_RIGHTS, Connection, Request, WebSocket, gateway_of
 from linked_fleet_gateway.http.streams import EventStream, is_over, open_websocket, wants_events
 from linked_fleet_gateway.http.subscribe import (
     check_handshake,
@@ -94,14 +94,14 @@ class Endpoint:
             await self._upgrade(WebSocket(scope, receive, send))
             return
         services = gateway_of(scope).services
-        reply = services.answers.find(scope, services.live)
+        reply = services.response_cache.find(scope, services.live)
         if reply is not None:
-            headers = [*reply.kept, *reply.more]
+            headers = [*reply.cached_fields, *reply.extra_fields]
             await send({"type": "http.response.start", "status": reply.status, "headers": headers})
             await send({"type": "http.response.body", "body": reply.content})
             return
         request = Request(scope, receive)
-        await services.turns.turn(scope)
+        await services.stop_priority.wait_unless_urgent(scope)
         with suppress(ClientDisconnect):  # a client that disconnects while sending its body gets no response
             response = await self._respond(request)
             await response(scope, receive, send)
@@ -112,10 +112,10 @@ class Endpoint:
         An error gives None: ``__call__`` meets it again, and answers it.
         """
         services = gateway_of(scope).services
-        reply = services.answers.find(scope, services.live)
-        if reply is not None or not services.answers.keeps(scope) or _is_stored(scope["path"]):
+        reply = services.response_cache.find(scope, services.live)
+        if reply is not None or not services.response_cache.is_cacheable(scope) or _is_stored(scope["path"]):
             return reply
-        if not services.turns.take_free():
+        if not services.stop_priority.try_take_turn():
             return None
         try:
             return _read_at_once(Request(scope))
@@ -128,9 +128,9 @@ class Endpoint:
 
     async def _respond(self, request: Request) -> ASGIApp:
         answer = await self._answered(request)
-        does = wants_callback(request) or (request.method not in READ and not request.reads)
+        does = wants_callback(request) or (request.method not in READ and not request.is_safe)
         if isinstance(answer, Response) and does:
-            note(request, request.method, answer.status_code, answer.headers.get("location", ""))
+            record_request(request, request.method, answer.status_code, answer.headers.get("location", ""))
         return answer
 
     async def _answered(self, request: Request) -> ASGIApp:
@@ -152,10 +152,10 @@ class Endpoint:
         if is_over(request):
             return Response(status_code=204)
         found = await _find(request)
-        request.reads = isinstance(found, Resource) and found.affords is not None and found.affords.reads
+        request.is_safe = isinstance(found, Resource) and found.affords is not None and found.affords.reads
         if isinstance(found, Redirect):
             return _moved(request, found)
-        if request.method in READ or request.reads or not _CONDITIONS.isdisjoint(request.arrival.fields):
+        if request.method in READ or request.is_safe or not _CONDITIONS.isdisjoint(request.arrival.fields):
             found = _read_by(request, found)  # preconditions are about what the caller reads
         allow = allowed(found)
         # Rights are checked before methods, so that a 405 never reveals what is possible to callers without rights.
@@ -223,12 +223,12 @@ class Endpoint:
 
 
 def _needed(request: Request, resource: Resource) -> Sequence[Right]:
-    if is_audit(resource.path):
-        return AUDIT_NEEDS
+    if is_audit_path(resource.path):
+        return AUDIT_RIGHTS
     affords = resource.affords
     if affords is not None and request.method in affords.methods:
         return affords.needs
-    return SEES_SUBSCRIPTIONS if isinstance(affords, Subscribe) else (Right.READ,)
+    return SUBSCRIPTIONS_RIGHTS if isinstance(affords, Subscribe) else (Right.READ,)
 
 
 def _read_at_once(request: Request) -> Reply | None:
@@ -246,8 +246,8 @@ def _read_at_once(request: Request) -> Reply | None:
 async def _find(connection: Connection) -> Resource | Redirect:
     """Find the resource of the request. Raises NotFound, BadRequest, StoreDown."""
     path: str = connection.scope["path"]
-    if is_audit(path):
-        require_right(connection, path, AUDIT_NEEDS)
+    if is_audit_path(path):
+        require_right(connection, path, AUDIT_RIGHTS)
         return await audit_resource(connection)
     return _resolve(connection, await _subscriptions_shown(connection, path))
 
@@ -273,15 +273,15 @@ def _read_by(request: Request, found: Resource) -> Resource:
         reader=reader.name,
         rights=reader.rights,
         audited=reader.audited,
-        links_subscriptions=request.caller.has_any_right(SEES_SUBSCRIPTIONS, robot_of(found.path)),
+        links_subscriptions=request.caller.has_any_right(SUBSCRIPTIONS_RIGHTS, robot_of(found.path)),
         warning=store_warning(request.services.embedded),
     )
-    return with_audit(request, found)
+    return add_audit_link(request, found)
 
 
 def _is_stored(path: str) -> bool:
     """Return True for a path of what Redis has: the audit, and subscriptions."""
-    return is_audit(path) or path.startswith(container_path(owner_path(path)))
+    return is_audit_path(path) or path.startswith(container_path(owner_path(path)))
 
 
 async def _subscriptions_shown(connection: Connection, path: str) -> SubscriptionsByOwner:

@@ -23,12 +23,12 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from linked_fleet_gateway.base.errors import FleetError, TooManyRequests
 from linked_fleet_gateway.http.answers import Reply
 from linked_fleet_gateway.http.arrival import arrival_of, fields_of
-from linked_fleet_gateway.http.callers import identify, known_at_once
+from linked_fleet_gateway.http.callers import identify, identify_static_token
 from linked_fleet_gateway.http.forwarding import Authorities, Network, find_client, refuse
 from linked_fleet_gateway.http.html import HtmlWriter
 from linked_fleet_gateway.http.operator_endpoints import PAGES
 from linked_fleet_gateway.http.request import Request, gateway_of, html_of
-from linked_fleet_gateway.http.scheduling import TokenBuckets, bucket_of, is_urgent
+from linked_fleet_gateway.http.scheduling import TokenBuckets, bucket_key, is_urgent
 from linked_fleet_gateway.runtime.log import RequestContext, begin_request, request_id
 from linked_fleet_gateway.runtime.metrics import Requests
 from linked_fleet_gateway.runtime.tracing import Tracing
@@ -46,9 +46,9 @@ class RateLimiter:
     def wait_s(self, scope: Scope) -> float:
         """Return the seconds until the request is permitted; 0 if it is now, and then counted, once."""
         arrival = arrival_of(scope)
-        if arrival.counted or not self._rates.limited or is_urgent(scope) or scope["path"] in self._carriers:
+        if arrival.counted or not self._rates.is_limited or is_urgent(scope) or scope["path"] in self._carriers:
             return 0.0
-        wait_s = self._rates.take(bucket_of(scope))
+        wait_s = self._rates.take(bucket_key(scope))
         arrival.counted = not wait_s
         return wait_s
 
@@ -64,10 +64,10 @@ async def await_turn(request: Request) -> None:
 
     The extension that serves the carrier calls it, after reading the request, unless it is a stop.
     """
-    wait_s = request.services.rates.take(bucket_of(request.scope))
+    wait_s = request.services.rates.take(bucket_key(request.scope))
     if wait_s:
         raise TooManyRequests(math.ceil(wait_s))
-    await request.services.turns.take()
+    await request.services.stop_priority.wait_for_turn()
 
 
 SUBSCRIPTIONS: Final = ("httpx",)
@@ -148,12 +148,12 @@ class Entrance:
             self._authorities.admit(scope)
         except FleetError:
             return None
-        if (identities is not None and not known_at_once(identities, arrival)) or self._pace.wait_s(scope):
+        if (identities is not None and not identify_static_token(identities, arrival)) or self._pace.wait_s(scope):
             return None
         reply = gateway.endpoint.at_once(scope)
         if reply is None:
             return None
-        reply.more.append((_ID_FIELD, request_id(arrival.fields.get(_ID_FIELD)).encode()))
+        reply.extra_fields.append((_ID_FIELD, request_id(arrival.fields.get(_ID_FIELD)).encode()))
         self._requests.add(scope["method"], reply.status, time.monotonic() - begun_s)
         return reply
 

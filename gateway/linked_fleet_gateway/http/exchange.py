@@ -14,8 +14,8 @@ CLOSE = (b"connection", b"close")
 
 def response_bytes(reply: Reply, defaults: Iterable[tuple[bytes, bytes]], method: str, keep_alive: bool) -> bytes:
     """Return the bytes of a complete response; ``defaults``: the fields of all responses."""
-    fields = [*defaults, *reply.more] if keep_alive else [*defaults, *reply.more, CLOSE]
-    head = status_line(reply.status) + reply.block + field_block(fields)
+    fields = [*defaults, *reply.extra_fields] if keep_alive else [*defaults, *reply.extra_fields, CLOSE]
+    head = status_line(reply.status) + reply.cached_block + field_block(fields)
     return b"%b\r\n%b" % (head, b"" if method == "HEAD" else reply.content)
 
 

@@ -144,7 +144,7 @@ class Authorities:
             if absolute:
                 host, path = absolute[1].encode("latin-1"), absolute[2] or "/"
         base = self._base(scope.get("scheme", "http"), host)
-        arrival.elsewhere = origin is not None and self._is_elsewhere(scope, origin.split(b", "))
+        arrival.cross_origin = origin is not None and self._is_elsewhere(scope, origin.split(b", "))
         # What follows is for a request that is admitted: one that was refused is refused again.
         arrival.base = base
         if path:

@@ -15,7 +15,7 @@ from starlette.datastructures import Headers
 from starlette.types import Message, Scope
 
 from linked_fleet_gateway.base.errors import BadRequest
-from linked_fleet_gateway.http.arrival import arrival_of, arrive
+from linked_fleet_gateway.http.arrival import arrival_of, create_arrival
 from linked_fleet_gateway.http.problem import PROBLEM_JSON
 from linked_fleet_gateway.http.request import Connection, gateway_of
 from linked_fleet_gateway.runtime.log import current_request
@@ -103,7 +103,7 @@ def _scope(connection: Connection, method: str, target: str, fields: Mapping[str
         "headers": headers, "client": of.get("client"), "server": of.get("server"),
         "state": {}, "extensions": {},
     }  # fmt: skip
-    arrive(scope, internal=True)
+    create_arrival(scope, internal=True)
     return scope
 
 

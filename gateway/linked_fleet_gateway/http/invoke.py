@@ -25,7 +25,7 @@ from linked_fleet_gateway.base.errors import (
     UnprocessableContent,
 )
 from linked_fleet_gateway.fleet.invocations import Invocation
-from linked_fleet_gateway.http.body import body_type, parse_form, read_as
+from linked_fleet_gateway.http.body import body_type, convert_body, parse_form
 from linked_fleet_gateway.http.fields import Prefer, field, parse_prefer
 from linked_fleet_gateway.http.negotiation import choose
 from linked_fleet_gateway.http.representation import Representation
@@ -67,7 +67,7 @@ async def invoke(request: Request, afforded: Invoke) -> Response:
         return await _halt(request, offer)
     moment, prefer = robot_time(offer.robot), _prefer(request, offer)
     read = partial(_read_input, offer, body_type(request, FORM_TYPES), request.base)
-    admitted = await read_as(request, read, MAX_BODY_BYTES)
+    admitted = await convert_body(request, read, MAX_BODY_BYTES)
     return await _carry_out(request, offer, admitted, moment, prefer)
 
 
@@ -80,7 +80,7 @@ async def put_target(request: Request, afforded: PutTarget) -> Response:
     present = request.tree().resolve(request.scope["path"])
     seen = shown(present.whole(request.base)) if isinstance(present, Resource) else frozenset[Triple]()
     read = partial(_read_target, offer, body_type(request, FORM_TYPES), iri, request.base, seen)
-    admitted = await read_as(request, read, MAX_BODY_BYTES)
+    admitted = await convert_body(request, read, MAX_BODY_BYTES)
     return await _carry_out(request, offer, admitted, moment, prefer)
 
 
@@ -143,7 +143,7 @@ def _key(request: Request) -> str:
 
 def _prefer(request: Request, offer: Offer) -> Prefer:
     """Return the preferences. Raises NotAcceptable before the motion starts, never after."""
-    prefer, accept = parse_prefer(field(request, "prefer")), request.accepted
+    prefer, accept = parse_prefer(field(request, "prefer")), request.effective_accept
     wants_content = prefer.dry_run or prefer.return_ == "representation"
     if wants_content and choose(accept, (JSON,)) is None:
         # Negotiated like the response, except that rehearsals and invocations are also available in plain JSON.
@@ -289,7 +289,7 @@ def _rehearsal(request: Request, offer: Offer, plan: Motion | Halt, rehearsed: R
         return node_json(graph.triples, root(graph.triples, NamedNode(request.base + offer.path)), LF.RehearsalShape)
 
     rehearsal = Resource(offer.path, f"Rehearsal of {offer.name}", describe, (), documents={JSON: plain})
-    shown = request.services.representations.negotiated(request.accepted, rehearsal, request.base)
+    shown = request.services.representations.negotiated(request.effective_accept, rehearsal, request.base)
     headers = {"content-type": shown.content_type, "cache-control": "no-store", "vary": "Accept, Prefer"}
     return Response(shown.body, 200, headers | {"preference-applied": "dry-run"})
 
@@ -297,7 +297,7 @@ def _rehearsal(request: Request, offer: Offer, plan: Motion | Halt, rehearsed: R
 def _show(request: Request, path: str) -> Representation:
     found = request.tree().resolve(path)
     assert isinstance(found, Resource)
-    return request.services.representations.negotiated(request.accepted, found, request.base)
+    return request.services.representations.negotiated(request.effective_accept, found, request.base)
 
 
 async def _outcome(actions: Actions, invocation: Invocation, prefer: Prefer) -> tuple[int, list[str]]:

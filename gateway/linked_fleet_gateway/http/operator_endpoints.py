@@ -13,7 +13,7 @@ from starlette.requests import Request
 from starlette.responses import JSONResponse, Response
 
 from linked_fleet_gateway.base.errors import FleetError, InsufficientScope
-from linked_fleet_gateway.http.callers import by_token
+from linked_fleet_gateway.http.callers import identify_bearer
 from linked_fleet_gateway.http.problem import problem
 from linked_fleet_gateway.http.request import Gateway, gateway_of, html_of
 from linked_fleet_gateway.identity.rights import Right
@@ -36,7 +36,7 @@ async def ready(request: Request) -> Response:
     missing = list(_missing(gateway))
     warnings = [warning for warning in (store_warning(gateway.services.embedded),) if warning]
     if not missing:
-        (warnings if gateway.has_been_ready else missing).extend(gateway.services.unprepared())
+        (warnings if gateway.has_been_ready else missing).extend(gateway.services.not_ready_reasons())
     more = {"warnings": warnings} if warnings else {}
     if missing:
         return JSONResponse({"status": "not ready", "reasons": missing, **more}, 503)
@@ -78,7 +78,7 @@ def _for_administrators(metrics: Page) -> Page:
         identities = gateway_of(request.scope).services.identities
         if identities is not None:
             try:
-                caller = await by_token(identities, request.headers)
+                caller = await identify_bearer(identities, request.headers)
                 if not caller.has_right(Right.ADMIN, None):
                     raise InsufficientScope("The numbers are for who may administer all robots.", scope=Right.ADMIN)
             except FleetError as error:

@@ -22,7 +22,7 @@ async def await_preconditions(request: Request, resource: Resource) -> None:
     check, services = _Check(request, resource), request.services
     if not check.needed:
         return
-    async for tag in services.representations.etags_in_turns(resource, request.base, services.writing):
+    async for tag in services.representations.etags_in_turns(resource, request.base, services.writing_offload):
         if check.settled_by(tag):
             return
     check.end()

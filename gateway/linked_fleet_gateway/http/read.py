@@ -13,7 +13,7 @@ from starlette.responses import Response
 
 from linked_fleet_gateway.base.errors import NotAcceptable, PreconditionFailed
 from linked_fleet_gateway.fleet.robot import Robot
-from linked_fleet_gateway.http.answers import Answer, Reply
+from linked_fleet_gateway.http.answers import CachedResponse, Reply
 from linked_fleet_gateway.http.callers import mark_private
 from linked_fleet_gateway.http.fields import Link, field, link_header, parse_prefer
 from linked_fleet_gateway.http.html import HTML
@@ -107,7 +107,7 @@ def read(request: Request, resource: Resource) -> Response:
 
 async def read_in_turns(request: Request, resource: Resource) -> Response:
     """Return the same as ``read``. Other requests get turns if it takes long, and long contents are compressed too."""
-    asked, threads = _asked(request, resource), request.services.writing
+    asked, threads = _asked(request, resource), request.services.writing_offload
     representation = await request.services.representations.negotiated_in_turns(*asked, threads)
     body, coded = representation.body, b""
     is_long = len(body) > MOST_BYTES and not resource.coded and _coding(request, resource, representation, len(body))
@@ -118,7 +118,7 @@ async def read_in_turns(request: Request, resource: Resource) -> Response:
 
 def _asked(request: Request, resource: Resource) -> tuple[str | None, Resource, str]:
     """Return the accepted media types, the resource and its base."""
-    return request.accepted, resource, request.base
+    return request.effective_accept, resource, request.base
 
 
 def read_at_once(request: Request, resource: Resource) -> Reply | None:
@@ -178,7 +178,7 @@ class _Ready(Response):
 
     def __init__(self, reply: Reply) -> None:
         self.status_code, self.body, self.background = reply.status, reply.content, None
-        self.raw_headers = [*reply.kept, *reply.more]
+        self.raw_headers = [*reply.cached_fields, *reply.extra_fields]
 
 
 def _accepted_codings(request: Request) -> bytes:
@@ -208,7 +208,7 @@ def _is_cacheable(request: Request, resource: Resource, media_type: str | None) 
     if not is_compilable(resource, media_type) and (resource.source.measured or not resource.followed):
         return False
     known = resource.lasting or _robot(request, resource) is not None
-    return known and request.services.answers.keeps(request.scope)
+    return known and request.services.response_cache.is_cacheable(request.scope)
 
 
 def _robot(request: Request, resource: Resource) -> Robot | None:
@@ -229,8 +229,8 @@ def _cached(request: Request, resource: Resource, representation: Representation
         mark_private(resource.path, stated)
     always, more = stated.raw, MutableHeaders(of_content).raw
     robot, body = _robot(request, resource), representation.body
-    answer = Answer(resource, robot, rendering, body, always, more)
-    services.answers.keep(request.scope, answer)
+    answer = CachedResponse(resource, robot, rendering, body, always, more)
+    services.response_cache.store(request.scope, answer)
     plain = body if resource.measured is None else None
     return answer.reply(field(request, "if-none-match"), takes_gzip(_accepted_codings(request)), plain)
 

@@ -14,7 +14,7 @@ from starlette.types import Lifespan, Receive, Scope, Send
 from starlette.websockets import WebSocket as StarletteWebSocket
 
 from linked_fleet_gateway.actions.service import Actions
-from linked_fleet_gateway.http.answers import Answers, Reply
+from linked_fleet_gateway.http.answers import Reply, ResponseCache
 from linked_fleet_gateway.http.arrival import Scheme, arrival_of
 from linked_fleet_gateway.http.fields import field as field_of
 from linked_fleet_gateway.http.html import HtmlWriter, Reader
@@ -30,7 +30,7 @@ from linked_fleet_gateway.runtime.embedded_redis import EmbeddedRedis
 from linked_fleet_gateway.subscriptions.live import Live
 from linked_fleet_gateway.subscriptions.service import Subscriptions
 
-AUDIT_NEEDS = (Right.ADMIN,)
+AUDIT_RIGHTS = (Right.ADMIN,)
 """The rights, any of which permits reading the audit log."""
 
 
@@ -55,12 +55,12 @@ class Services:
     identities: Identities | None
     embedded: EmbeddedRedis | None
     offload: Offload = field(default_factory=Offload)
-    writing: Offload = field(default_factory=partial(Offload, sys.maxsize))
+    writing_offload: Offload = field(default_factory=partial(Offload, sys.maxsize))
     """Writes long representations; the number of connections is their only limit."""
-    turns: StopPriority = field(default_factory=StopPriority)
+    stop_priority: StopPriority = field(default_factory=StopPriority)
     rates: TokenBuckets = field(default_factory=lambda: TokenBuckets(0.0))
     """Rate limits by client."""
-    answers: Answers = field(default_factory=Answers)
+    response_cache: ResponseCache = field(default_factory=ResponseCache)
     representations: Representations = field(default_factory=Representations)
     registry: CollectorRegistry = field(default_factory=CollectorRegistry)
     """The metrics for ``/metrics``."""
@@ -71,7 +71,7 @@ class Services:
     not_ready: Sequence[Callable[[], str]] = ()
     """Functions of extensions that return why a starting gateway is not ready yet."""
 
-    def unprepared(self) -> list[str]:
+    def not_ready_reasons(self) -> list[str]:
         return [reason for tell in self.not_ready if (reason := tell())]
 
 
@@ -122,17 +122,17 @@ class _Resolved(HTTPConnection):
         return self.arrival.authenticated.identity
 
     @property
-    def holds(self) -> Callable[[], bool]:
+    def credentials_valid(self) -> Callable[[], bool]:
         """A function that returns whether the caller's credentials are still valid."""
-        return self.arrival.authenticated.holds
+        return self.arrival.authenticated.is_valid
 
     @property
-    def on_page(self) -> bool:
+    def shown_on_pages(self) -> bool:
         """True if the page shows who has logged in."""
-        return self.arrival.authenticated.on_page
+        return self.arrival.authenticated.shown_on_pages
 
     @property
-    def accepted(self) -> str | None:
+    def effective_accept(self) -> str | None:
         """The Accept field, or the types that ``?as=`` picks instead. Raises NotAcceptable for an unknown word."""
         picked = self.query_params.get("as") if self.scope["query_string"] else None
         return self.services.representations.preferred(field_of(self, "accept"), picked)
@@ -142,7 +142,7 @@ class _Resolved(HTTPConnection):
         caller, rights = self.caller, None
         if self.services.identities is not None:
             rights = tuple(each.value for each in Right if caller.has_right(each, robot_of(path)))
-        return Reader(caller.name if self.on_page else "", rights, caller.has_any_right(AUDIT_NEEDS, None))
+        return Reader(caller.name if self.shown_on_pages else "", rights, caller.has_any_right(AUDIT_RIGHTS, None))
 
     @property
     def caller_name(self) -> str:
@@ -158,7 +158,7 @@ class _Resolved(HTTPConnection):
 class Request(_Resolved, StarletteRequest):
     """A request for a resource."""
 
-    reads = False
+    is_safe = False
     """True once the method is known to be safe at the resource."""
 
 

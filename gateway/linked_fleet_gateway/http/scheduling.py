@@ -43,19 +43,19 @@ class StopPriority:
         self._waiting: deque[asyncio.Future[None]] = deque()
         self._taken = False
 
-    async def turn(self, scope: Scope) -> None:
+    async def wait_unless_urgent(self, scope: Scope) -> None:
         """Wait for the turn of a request; a stop does not wait."""
         if not is_urgent(scope) and scope["path"] not in self._carriers:
-            await self.take()
+            await self.wait_for_turn()
 
-    async def take(self) -> None:
+    async def wait_for_turn(self) -> None:
         """Wait for the next turn."""
-        if not self.take_free():
+        if not self.try_take_turn():
             turn = asyncio.get_running_loop().create_future()
             self._waiting.append(turn)
             await turn
 
-    def take_free(self) -> bool:
+    def try_take_turn(self) -> bool:
         """Take the present turn if nobody has; return False if somebody has."""
         if self._taken:
             return False
@@ -82,8 +82,8 @@ T = TypeVar("T")
 class Offload:
     """One thread at a time, because the interpreter runs only one, and more would compete with the event loop."""
 
-    def __init__(self, most_waiting: int = MOST_WAITING) -> None:
-        self._most_waiting = most_waiting
+    def __init__(self, max_waiting: int = MOST_WAITING) -> None:
+        self._most_waiting = max_waiting
         self._place = asyncio.Semaphore(1)
         self._waiting = 0
 
@@ -123,7 +123,7 @@ class TokenBuckets:
         self._left: OrderedDict[str, tuple[float, float]] = OrderedDict()  # tokens, and the time of that count
 
     @property
-    def limited(self) -> bool:
+    def is_limited(self) -> bool:
         """False if requests are unlimited."""
         return self._per_s > 0
 
@@ -141,7 +141,7 @@ class TokenBuckets:
         return 0.0 if allowed else (1.0 - left) / self._per_s
 
 
-def bucket_of(scope: Scope) -> str:
+def bucket_key(scope: Scope) -> str:
     """Return the identity of the caller, or without one its address."""
     name, client = arrival_of(scope).authenticated.identity.name, scope.get("client")
     return f"identity {name}" if name else network_of(client[0]) if client else ""

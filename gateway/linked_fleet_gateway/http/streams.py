@@ -7,7 +7,7 @@ from dataclasses import replace
 from starlette.types import Receive, Scope, Send
 
 from linked_fleet_gateway.base.errors import Conflict, NotAcceptable
-from linked_fleet_gateway.http.audit import note
+from linked_fleet_gateway.http.audit import record_request
 from linked_fleet_gateway.http.event_stream import CANCELLED_ID, serve_event_stream
 from linked_fleet_gateway.http.fields import field
 from linked_fleet_gateway.http.negotiation import choose, parse_accept, weight
@@ -134,12 +134,14 @@ async def _live(
         watcher = subscriptions.streams.open(subscription, outlet, last)
         return watcher
 
-    note(connection, "subscribe", 101 if subscription.kind is Kind.WEBSOCKET else 200, subscription_path(subscription))
+    record_request(
+        connection, "subscribe", 101 if subscription.kind is Kind.WEBSOCKET else 200, subscription_path(subscription)
+    )
     try:
         with _guarded(connection, subscription):
             await serve(start)
     finally:
-        note(connection, "unsubscribe", None, subscription_path(subscription))
+        record_request(connection, "unsubscribe", None, subscription_path(subscription))
         subscriptions.streams.close(subscription, watcher, reopenable=posted)
 
 
@@ -150,7 +152,9 @@ def _guarded(connection: Connection, subscription: Subscription) -> AbstractCont
         return nullcontext()
     subscriptions: Subscriptions = connection.services.subscriptions
     robot, id = robot_of(subscription.resource), subscription.id
-    return identities.watch_rights(connection.caller, robot, lambda: subscriptions.streams.revoke(id), connection.holds)
+    return identities.watch_rights(
+        connection.caller, robot, lambda: subscriptions.streams.revoke(id), connection.credentials_valid
+    )
 
 
 def _opened(connection: Connection, resource: Resource, kind: Kind) -> Subscription:

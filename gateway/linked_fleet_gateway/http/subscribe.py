@@ -20,7 +20,7 @@ from linked_fleet_gateway.base.errors import (
     TooManySubscriptions,
     UnprocessableContent,
 )
-from linked_fleet_gateway.http.body import body_type, parse_body, read_as
+from linked_fleet_gateway.http.body import body_type, convert_body, parse_body
 from linked_fleet_gateway.http.callers import require_subtree
 from linked_fleet_gateway.http.fields import Link, field, link_header
 from linked_fleet_gateway.http.negotiation import choose
@@ -129,7 +129,7 @@ async def post_subscription(request: Request, afforded: Subscribe) -> Response:
     owner, media_type = afforded.owner, body_type(request)
     check_accepted(request)
     iri = request.base + container_path(owner)
-    wanted = await read_as(
+    wanted = await convert_body(
         request, lambda body: requested(parse_body(body, media_type, iri, request.base), iri, request.base)
     )
     resource = request.tree().resolve(unquote(wanted.resource[len(request.base) :]))

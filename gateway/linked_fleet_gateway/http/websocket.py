@@ -15,7 +15,7 @@ from typing import Any
 from websockets.frames import CloseCode, Opcode
 
 from linked_fleet_gateway.base.errors import NotAcceptable
-from linked_fleet_gateway.http.audit import note
+from linked_fleet_gateway.http.audit import record_request
 from linked_fleet_gateway.http.request import WebSocket
 from linked_fleet_gateway.http.websocket_protocol import WEBSOCKET, WebSocketProtocol
 from linked_fleet_gateway.identity.service import Identities
@@ -179,7 +179,7 @@ async def serve_subprotocol(websocket: WebSocket, resource: Resource, handler: W
         raise NotAcceptable(f"Name a subprotocol: {', '.join(handler.subprotocols)}.", offered=())
     protocol: WebSocketProtocol = websocket.scope["extensions"][WEBSOCKET]
     protocol.accept_messages(handler.max_message_bytes)
-    note(websocket, "subscribe", 101)
+    record_request(websocket, "subscribe", 101)
     connection = SubprotocolConnection(websocket, protocol, named[0])
     try:
         await websocket.accept(named[0])
@@ -190,7 +190,7 @@ async def serve_subprotocol(websocket: WebSocket, resource: Resource, handler: W
         pass
     finally:
         connection.end()
-        note(websocket, "unsubscribe", None)
+        record_request(websocket, "unsubscribe", None)
 
 
 def _guarded(
@@ -205,6 +205,6 @@ def _guarded(
 
     def holds() -> bool:
         now = known(credential)
-        return websocket.holds() and now is not None and now.grants == caller.grants
+        return websocket.credentials_valid() and now is not None and now.grants == caller.grants
 
     return identities.watch_rights(caller, robot_of(resource.path), lambda: connection.close(Ending.UNENTITLED), holds)

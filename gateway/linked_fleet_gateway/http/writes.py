@@ -22,7 +22,7 @@ from linked_fleet_gateway.base.errors import (
     UnprocessableContent,
     UnsupportedMediaType,
 )
-from linked_fleet_gateway.http.body import body_type, parse_body, parse_form, read_as
+from linked_fleet_gateway.http.body import body_type, convert_body, parse_body, parse_form
 from linked_fleet_gateway.http.fields import field, parameters, split
 from linked_fleet_gateway.http.invoke import lock_token, refuse_rehearsal
 from linked_fleet_gateway.http.negotiation import choose
@@ -56,7 +56,7 @@ async def read_patch(request: Request, iri: str) -> list[Operation]:
     except UnsupportedMediaType as error:
         error.headers["Accept-Patch"] = ", ".join(PATCH_TYPES)
         raise
-    return await read_as(request, lambda content: _read(content, iri), MAX_QUERY_BYTES)
+    return await convert_body(request, lambda content: _read(content, iri), MAX_QUERY_BYTES)
 
 
 def _read(content: bytes, iri: str) -> list[Operation]:
@@ -103,7 +103,7 @@ async def control_lease(request: Request, afforded: Control) -> Response:
     def read(content: bytes) -> Body:
         return validated(parse_form(content, media_type, iri, request.base, form), LF.ControlLeaseInput, iri, present)
 
-    body = await read_as(request, read)
+    body = await convert_body(request, read)
     holder, duration_s = body.text(body.root, LF.holder), body.number(body.root, LF.leaseDuration)
     assert holder is not None and duration_s is not None
     _, proof = await shared.take(robot, holder, duration_s, token)
@@ -149,12 +149,12 @@ async def _read_setting(request: Request, setting: Setting) -> list[Triple]:
     iri, shape = request.base + setting.path, setting.shape
     if shape is None:
         media_type = body_type(request)
-        return await read_as(
+        return await convert_body(
             request, lambda body: parse_body(body, media_type, iri, request.base, MAX_ANNOTATION_TRIPLES)
         )
 
     media_type, form = body_type(request, FORM_TYPES), partial(_form, shape)
-    return await read_as(request, lambda body: parse_form(body, media_type, iri, request.base, form))
+    return await convert_body(request, lambda body: parse_form(body, media_type, iri, request.base, form))
 
 
 def _form(shape: NamedNode) -> "Form":

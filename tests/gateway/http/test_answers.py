@@ -5,7 +5,7 @@ from typing import Any, cast
 import pytest
 
 from linked_fleet_gateway.fleet.robot import Robot
-from linked_fleet_gateway.http.answers import Answer, Answers
+from linked_fleet_gateway.http.answers import CachedResponse, ResponseCache
 from linked_fleet_gateway.http.arrival import Authenticated, arrival_of
 from linked_fleet_gateway.identity.rights import Grant, Identity, Right
 from linked_fleet_gateway.resources.resource import Resource
@@ -23,11 +23,11 @@ class Stage:
         self.facts: object = 1
         self.live = cast(Live, cast(Any, type("Stub", (), {}))())
         cast(Any, self.live).fleet = type("Stub", (), {"robots": {"r": self.robot}})()
-        self.answers = Answers(most=3, most_bytes=100)
+        self.answers = ResponseCache(max_entries=3, max_bytes=100)
 
     def keep(self, content: bytes, **named: Any) -> None:
         resource = Resource("/r/a", "a", None, source=Source(lambda: self.facts, robot=self.robot))
-        self.answers.keep(scope(**named), Answer(resource, self.robot, None, content, _FIELDS, ()))
+        self.answers.store(scope(**named), CachedResponse(resource, self.robot, None, content, _FIELDS, ()))
 
     def content(self, **named: Any) -> bytes | None:
         found = self.answers.find(scope(**named), self.live)
@@ -54,7 +54,7 @@ def stage() -> Stage:
 def test_constant_documents_stay_valid(stage: Stage) -> None:
     """A document that never changes belongs to no robot."""
     lasting = Resource("/vocabulary", "Vocabulary", None, lasting=True)
-    stage.answers.keep(scope(b"/vocabulary"), Answer(lasting, None, None, b"terms", _FIELDS, ()))
+    stage.answers.store(scope(b"/vocabulary"), CachedResponse(lasting, None, None, b"terms", _FIELDS, ()))
     stage.robot.count_change()
     assert stage.content(path=b"/vocabulary") == b"terms"
 
@@ -111,11 +111,11 @@ def test_a_client_with_the_entity_tag_gets_304(stage: Stage) -> None:
     stage.keep(b"one")
     found = stage.answers.find(scope(), stage.live)
     assert found is not None
-    tag = dict(found.more)[b"etag"].decode()
+    tag = dict(found.extra_fields)[b"etag"].decode()
     for known in (tag, f'"x", W/{tag}', "*"):
         again = stage.answers.find(scope(if_none_match=known), stage.live)
         assert again is not None and (again.status, again.content) == (304, b"")
-        assert dict([*again.kept, *again.more]) == {b"etag": tag.encode(), b"vary": b"Accept"}
+        assert dict([*again.cached_fields, *again.extra_fields]) == {b"etag": tag.encode(), b"vary": b"Accept"}
 
 
 def test_there_are_never_too_many_nor_too_much(stage: Stage) -> None:

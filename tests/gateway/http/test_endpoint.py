@@ -19,7 +19,7 @@ from browser import HYBRIT, LF, Browser
 from linked_fleet_gateway.app.application import create_app
 from linked_fleet_gateway.app.settings import GatewaySettings
 from linked_fleet_gateway.base.errors import NotAcceptable
-from linked_fleet_gateway.http.answers import Answers
+from linked_fleet_gateway.http.answers import ResponseCache
 from linked_fleet_gateway.http.endpoint import Endpoint
 from linked_fleet_gateway.http.representation import Representations
 from linked_fleet_gateway.http.request import Services
@@ -395,7 +395,11 @@ def test_r0_6_unforeseen_errors(caplog: pytest.LogCaptureFixture) -> None:
     app.services = cast(
         Services,
         SimpleNamespace(
-            identities=None, live=None, turns=StopPriority(), answers=Answers(), representations=Representations()
+            identities=None,
+            live=None,
+            stop_priority=StopPriority(),
+            response_cache=ResponseCache(),
+            representations=Representations(),
         ),
     )
 

@@ -9,7 +9,7 @@ from starlette.types import Scope
 
 from gateway_fixtures import Bench
 from linked_fleet_gateway.fleet.invocations import Invocations
-from linked_fleet_gateway.http.answers import Answers, Reply
+from linked_fleet_gateway.http.answers import Reply, ResponseCache
 from linked_fleet_gateway.http.arrival import Authenticated, arrival_of
 from linked_fleet_gateway.http.endpoint import Endpoint
 from linked_fleet_gateway.http.representation import Representations
@@ -35,8 +35,8 @@ class Place:
         live = SimpleNamespace(fleet=bench.fleet, branches=NONE, tree=self._tree)
         self._app = SimpleNamespace(
             services=SimpleNamespace(
-                live=live, answers=Answers(), representations=Representations(), turns=StopPriority(), identities=None,
-                embedded=None, writing=Offload(), subscriptions=None,
+                live=live, response_cache=ResponseCache(), representations=Representations(), identities=None,
+                stop_priority=StopPriority(), embedded=None, writing_offload=Offload(), subscriptions=None,
             )
         )  # fmt: skip
 
@@ -73,7 +73,7 @@ def place(bench: Bench) -> Place:
 
 def _parts(reply: Reply | None) -> tuple[int, dict[bytes, bytes], bytes]:
     assert reply is not None
-    return reply.status, dict([*reply.kept, *reply.more]), reply.content
+    return reply.status, dict([*reply.cached_fields, *reply.extra_fields]), reply.content
 
 
 @pytest.mark.parametrize("media_type", _TYPES)

@@ -8,7 +8,7 @@ from starlette.types import Scope
 
 from linked_fleet_gateway.app.settings import GatewaySettings
 from linked_fleet_gateway.http.forwarding import client_behind, find_client
-from linked_fleet_gateway.http.scheduling import bucket_of
+from linked_fleet_gateway.http.scheduling import bucket_key
 
 _FRONTS = (ip_network("10.0.0.0/24"), ip_network("2001:db8:f::/48"))
 _FRONT = "10.0.0.1"
@@ -84,7 +84,7 @@ def test_clients_behind_a_front_are_told_apart(kind: str) -> None:
 
     def counted(scope: Scope) -> str:
         find_client(scope, _FRONTS)
-        return bucket_of(scope)
+        return bucket_key(scope)
 
     scopes: list[Scope] = [
         {"type": kind, "client": (host, 1), "headers": [(b"x-forwarded-for", said.encode())]}

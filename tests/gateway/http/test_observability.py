@@ -242,7 +242,7 @@ def test_a_robot_that_joins_takes_no_gateway_away() -> None:
     """The shapes of another robot are prepared while the gateway stays ready: its proxy must still reach stop."""
     gateway = all_well(prepared=True)
     assert answered(gateway) == (200, {"status": "ready"})
-    gateway.services.unprepared = lambda: [PREPARING]
+    gateway.services.not_ready_reasons = lambda: [PREPARING]
     assert answered(gateway) == (200, {"status": "ready", "warnings": [PREPARING]})
 
 
@@ -257,7 +257,7 @@ def reasons(*, prepared: bool, draining: bool = False) -> list[str]:
 def all_well(*, prepared: bool, draining: bool = False) -> SimpleNamespace:
     up = SimpleNamespace(link=SimpleNamespace(is_connected=True), store_is_available=True)
     reasons = [] if prepared else [PREPARING]
-    services = SimpleNamespace(live=up, subscriptions=up, embedded=None, unprepared=lambda: reasons)
+    services = SimpleNamespace(live=up, subscriptions=up, embedded=None, not_ready_reasons=lambda: reasons)
     return SimpleNamespace(services=services, draining=draining, has_been_ready=False)
 
 

@@ -14,7 +14,7 @@ from linked_fleet_gateway.http.arrival import Authenticated, arrival_of
 from linked_fleet_gateway.http.entrance import RateLimiter, await_turn
 from linked_fleet_gateway.http.forwarding import refuse
 from linked_fleet_gateway.http.request import Request
-from linked_fleet_gateway.http.scheduling import BURST_S, MAX_CLIENTS, StopPriority, TokenBuckets, bucket_of
+from linked_fleet_gateway.http.scheduling import BURST_S, MAX_CLIENTS, StopPriority, TokenBuckets, bucket_key
 from linked_fleet_gateway.identity.rights import EVERYBODY, NOBODY, Identity
 
 
@@ -82,7 +82,7 @@ def test_an_identity_is_one_client_wherever_it_is() -> None:
 def _counted(host: str, who: Identity = EVERYBODY) -> str:
     scope: Scope = {"client": (host, 1), "headers": []}
     arrival_of(scope).authenticated = Authenticated(who)
-    return bucket_of(scope)
+    return bucket_key(scope)
 
 
 def _scope(method: str, path: str, kind: str = "http") -> dict[str, Any]:
@@ -144,7 +144,9 @@ def test_requests_to_carriers_are_counted_when_their_bodies_have_been_read() -> 
         assert _ask(pace, "POST", "/calls")[0] == 200
     request = cast(
         Request,
-        SimpleNamespace(services=SimpleNamespace(rates=rates, turns=StopPriority()), scope=_scope("POST", "/calls")),
+        SimpleNamespace(
+            services=SimpleNamespace(rates=rates, stop_priority=StopPriority()), scope=_scope("POST", "/calls")
+        ),
     )
     asyncio.run(await_turn(request))
     with pytest.raises(TooManyRequests) as refused:

@@ -24,7 +24,7 @@ from linked_fleet_gateway.extensions.mcp.read_tools import Find, Query, Read, co
 from linked_fleet_gateway.extensions.mcp.tool import Tool, failure_result, refusal_result
 from linked_fleet_gateway.http.internal_request import ReplyTooLong
 from linked_fleet_gateway.http.problem import problem_body
-from linked_fleet_gateway.http.scheduling import bucket_of
+from linked_fleet_gateway.http.scheduling import bucket_key
 
 MOST_CALLS = 32
 """Unfinished tool calls per client. Calls that stop robots do not count."""
@@ -58,7 +58,7 @@ class Handlers:
         message, name = _message(context), params.name
         if name not in _BY_NAME:
             raise MCPError(types.INVALID_PARAMS, f"Unknown tool: {name[:100]}")
-        client = "" if name == "stop" else bucket_of(message.request.scope)
+        client = "" if name == "stop" else bucket_key(message.request.scope)
         if client and self._calls[client] >= MOST_CALLS:
             return failure_result(f"{MOST_CALLS} of your calls have not ended yet; wait for one of them.")
         self._calls[client] += 1
@@ -93,7 +93,7 @@ class Sessions(StreamableHTTPSessionManager):
     most_of_client = 0
 
     async def handle_request(self, scope: Scope, receive: Receive, send: Send) -> None:
-        user = AuthenticatedUser(AccessToken(token="", client_id=bucket_of(scope), scopes=[]))
+        user = AuthenticatedUser(AccessToken(token="", client_id=bucket_key(scope), scopes=[]))
         await super().handle_request({**scope, "user": user}, receive, send)
 
     def _admit_session(self, requestor: AuthorizationContext | None) -> StreamableHTTPServerTransport | None:

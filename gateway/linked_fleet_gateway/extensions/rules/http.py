@@ -39,7 +39,7 @@ from linked_fleet_gateway.extensions.rules.rule_invocation import find_action, m
 from linked_fleet_gateway.extensions.rules.service import Rules
 from linked_fleet_gateway.extensions.rules.store import Changed, FleetFull, Full, StoreUnavailable
 from linked_fleet_gateway.extensions.rules.template import LF
-from linked_fleet_gateway.http.body import body_type, parse_body, read_as
+from linked_fleet_gateway.http.body import body_type, convert_body, parse_body
 from linked_fleet_gateway.http.fields import field
 from linked_fleet_gateway.http.invoke import refuse_rehearsal
 from linked_fleet_gateway.http.operations import (
@@ -147,7 +147,7 @@ async def _wanted(rules: Rules, request: Request, media_type: str, iri: str) -> 
     def read(body: bytes) -> RuleRequest:
         return parse_rule(parse_body(body, media_type, iri, request.base, lengths=_LENGTHS), iri, request.base)
 
-    wanted = await read_as(request, read)
+    wanted = await convert_body(request, read)
     try:
         check_variables(wanted, await rules.check(wanted.condition, request.base), request.base)
         _check_bound(rules, request, wanted)

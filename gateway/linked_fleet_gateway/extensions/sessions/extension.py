@@ -62,7 +62,7 @@ class SessionScheme:
             raise Unauthenticated(f"The session is over. {self.hint}", wrong=True)
         caller, session = found
         record_session(scope, session)
-        return Authenticated(caller, partial(self._sessions.is_valid, session), on_page=True)
+        return Authenticated(caller, partial(self._sessions.is_valid, session), shown_on_pages=True)
 
     def has_page(self, path: str) -> bool:
         return self._login.serves(path)
@@ -70,7 +70,7 @@ class SessionScheme:
     async def answer(self, scope: Scope, receive: Receive) -> Response:
         return await self._login.answer(Request(scope, receive), self._sessions)
 
-    def invitation(self, scope: Scope) -> Response | None:
+    def login_response(self, scope: Scope) -> Response | None:
         return _to_login(scope) if _would_log_in(scope) else None
 
 
@@ -84,7 +84,7 @@ def _check_page(scope: Scope, headers: Headers) -> None:
     events = "text/event-stream" in headers.get("accept", "")
     calls_back = "callback" in headers.get("upgrade", "").lower()
     reads = scope["type"] == "http" and scope["method"] in _READ and not events and not calls_back
-    elsewhere = arrival_of(scope).elsewhere
+    elsewhere = arrival_of(scope).cross_origin
     ours = headers.get("sec-fetch-site") == "same-origin" or ("origin" in headers and not calls_back and not elsewhere)
     if not reads and not ours:
         raise ForeignOrigin(

@@ -109,7 +109,7 @@ class Login:
 
     async def _with_token(self, request: Request, sessions: Sessions) -> Response:
         ours = "origin" in request.headers or request.headers.get("sec-fetch-site") == "same-origin"
-        if arrival_of(request.scope).elsewhere or not ours:
+        if arrival_of(request.scope).cross_origin or not ours:
             raise ForeignOrigin("people log in here on the page itself; programs send Authorization: Bearer")
         form = parse_qs((await read_body(request, MAX_BODY_BYTES)).decode("utf-8", "replace"))
         token, then = _one(form, "token").strip(), _path(_one(form, "then"))

@@ -41,7 +41,7 @@ async def read_listing(request: Request, resource: Resource, listing: Listing) -
     """
     representations = request.services.representations
     types = (*TYPES, *(each for each in representations.media_types if each not in TYPES))
-    accept = request.accepted
+    accept = request.effective_accept
     media_type = choose(accept, types)
     if media_type is None:
         raise NotAcceptable(f"Available here: {', '.join(types)}.", offered=types)

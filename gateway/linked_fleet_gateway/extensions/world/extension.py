@@ -27,7 +27,7 @@ from linked_fleet_gateway.extensions.world.placement import LF, WORLD
 from linked_fleet_gateway.extensions.world.resources import PoseQuery, PostObject, PutObject
 from linked_fleet_gateway.extensions.world.scene import SceneObject
 from linked_fleet_gateway.extensions.world.service import World
-from linked_fleet_gateway.http.body import body_type, parse_body, parse_form, read_as
+from linked_fleet_gateway.http.body import body_type, convert_body, parse_body, parse_form
 from linked_fleet_gateway.http.extension import Core, Extension, Mount
 from linked_fleet_gateway.http.html import NavigationEntry
 from linked_fleet_gateway.http.invoke import refuse_rehearsal
@@ -109,7 +109,7 @@ async def _read(request: Request, iri: str) -> list[Triple]:
             return parse_form(content, media_type, iri, request.base, object_form, MAX_TRIPLES)
         return parse_body(content, media_type, iri, request.base, MAX_TRIPLES, {LF.stl: MAX_BODY_BYTES})
 
-    return await read_as(request, parse, MAX_BODY_BYTES)
+    return await convert_body(request, parse, MAX_BODY_BYTES)
 
 
 async def _replaced(

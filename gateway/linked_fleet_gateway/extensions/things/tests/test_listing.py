@@ -12,7 +12,7 @@ from starlette.responses import Response
 from linked_fleet_gateway.base.errors import BadRequest, FleetError
 from linked_fleet_gateway.extensions.things.directory import MOST, Listing
 from linked_fleet_gateway.extensions.things.extension import read_listing
-from linked_fleet_gateway.http.arrival import arrive
+from linked_fleet_gateway.http.arrival import create_arrival
 from linked_fleet_gateway.http.representation import Representations
 from linked_fleet_gateway.http.request import Request
 from linked_fleet_gateway.resources.branches import RequestView
@@ -65,7 +65,7 @@ def _get(query: str = "", *, method: str = "GET", without: str = "", **fields: s
     headers = [(name.replace("_", "-").encode(), value.encode()) for name, value in fields.items()]
     scope = {"type": "http", "method": method, "path": "/things", "query_string": query.encode(), "headers": headers}
     scope["app"] = SimpleNamespace(services=_Services())
-    arrive(scope).base = BASE
+    create_arrival(scope).base = BASE
 
     async def run() -> _Answer:
         return await _Answer(await read_listing(Request(scope), found, listing)).read()
