@@ -204,7 +204,7 @@ class World:
         if not isinstance(part, Resource) or part.remote is not None:
             return
         try:
-            _REPRESENTATIONS.negotiated(media_type, part, _BASE)
+            _REPRESENTATIONS.negotiate(media_type, part, _BASE)
         except FleetError as error:
             assert error.status in (404, 406, 503), error
 

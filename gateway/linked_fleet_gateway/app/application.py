@@ -160,7 +160,7 @@ def create_app(settings: GatewaySettings, tracing: Tracing | None = None, open_s
             rates,
             fronts=settings.fronts,
             tracing=tracing,
-            elsewhere=cors_middleware(
+            cors=cors_middleware(
                 settings.cors_origins,
                 [name for each in extensions for name in each.request_fields],
                 [name for each in extensions for name in each.response_fields],

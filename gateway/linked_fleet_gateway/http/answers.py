@@ -16,7 +16,7 @@ from linked_fleet_gateway.fleet.observation import Observation
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.http.arrival import arrival_of
 from linked_fleet_gateway.http.message_heads import FieldLines, field_block
-from linked_fleet_gateway.http.negotiation import GZIP, coded_tag, compressed, expanded, is_compressible, takes_gzip
+from linked_fleet_gateway.http.negotiation import GZIP, accepts_gzip, coded_tag, compress, decompress, is_compressible
 from linked_fleet_gateway.http.representation import etag, not_modified
 from linked_fleet_gateway.identity.rights import View
 from linked_fleet_gateway.resources.renderings import Rendering
@@ -89,7 +89,7 @@ class CachedResponse:
         self._codable = is_compressible(content, resource.measured is not None)
         self._packed = self._codable and rendering is None
         """True if the content is kept in gzip alone."""
-        self._content = compressed(content) if self._packed else content
+        self._content = compress(content) if self._packed else content
         self._coded: bytes | None = None
         """The content in gzip, if it is kept as it is and somebody has asked for that."""
         self.size = len(self._content)
@@ -131,11 +131,11 @@ class CachedResponse:
         if self._packed:
             return self._content
         if self._coded is None:
-            self._coded = compressed(self._content)
+            self._coded = compress(self._content)
         return self._coded
 
     def _plain(self) -> bytes:
-        return expanded(self._content) if self._packed else self._content
+        return decompress(self._content) if self._packed else self._content
 
     def _write(self, rendering: Rendering) -> None:
         """Write the values, unless the last written observations are unchanged."""
@@ -173,7 +173,7 @@ class ResponseCache:
         if not answer.is_valid(live):
             self._forget(key)
             return None
-        return answer.reply(known, coding is not None and takes_gzip(coding))
+        return answer.reply(known, coding is not None and accepts_gzip(coding))
 
     @staticmethod
     def is_cacheable(scope: Scope) -> bool:

@@ -10,7 +10,7 @@ from starlette.types import Message, Receive, Scope, Send
 
 from linked_fleet_gateway.base.errors import FleetError, InsufficientScope, IssuerDown, StoreDown, Unauthenticated
 from linked_fleet_gateway.http.arrival import Arrival, Authenticated, Scheme, arrival_of
-from linked_fleet_gateway.http.forwarding import refuse
+from linked_fleet_gateway.http.forwarding import send_problem
 from linked_fleet_gateway.http.request import Connection
 from linked_fleet_gateway.identity.issuers import BadToken, IssuerFailed
 from linked_fleet_gateway.identity.rights import NOBODY, Identity, Right
@@ -54,10 +54,10 @@ async def identify(
         if login is not None:
             await login(scope, receive, answer)
         else:
-            await refuse(error, scope, answer)
+            await send_problem(error, scope, answer)
         return None
     except FleetError as error:
-        await refuse(error, scope, answer)
+        await send_problem(error, scope, answer)
         return None
     return answer
 

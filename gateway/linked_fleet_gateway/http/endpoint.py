@@ -31,28 +31,28 @@ from linked_fleet_gateway.http.operator_endpoints import store_warning
 from linked_fleet_gateway.http.preconditions import await_preconditions
 from linked_fleet_gateway.http.problem import problem
 from linked_fleet_gateway.http.read import (
-    READ,
-    allowed,
+    READ_METHODS,
+    allowed_methods,
     method_headers,
     preferred_part,
-    read_at_once,
-    read_in_turns,
+    read_interleaved,
     read_mesh,
-    shown_part,
+    read_nowait,
+    restrict_to_part,
 )
 from linked_fleet_gateway.http.request import AUDIT_RIGHTS, Connection, Request, WebSocket, gateway_of
-from linked_fleet_gateway.http.streams import EventStream, is_over, open_websocket, wants_events
+from linked_fleet_gateway.http.streams import EventStream, is_cancelled_stream, open_websocket, wants_events
 from linked_fleet_gateway.http.subscribe import (
     check_handshake,
     post_subscription,
-    resume,
-    store_errors,
+    resume_subscription,
     subscribe_callback,
+    translate_store_errors,
     wants_callback,
 )
 from linked_fleet_gateway.http.subscription_change import change_subscription
 from linked_fleet_gateway.http.websocket import WebSocketHandler, serve_subprotocol
-from linked_fleet_gateway.http.writes import check_model, control_lease, put_setting
+from linked_fleet_gateway.http.writes import check_interaction_model, control_lease, put_setting
 from linked_fleet_gateway.identity.rights import Right
 from linked_fleet_gateway.resources.affordance import (
     ChangeSubscription,
@@ -73,7 +73,7 @@ from linked_fleet_gateway.subscriptions.service import Subscriptions
 
 log = logging.getLogger(__name__)
 
-_METHODS = (*READ, "POST", "PUT", "PATCH", "DELETE")
+_METHODS = (*READ_METHODS, "POST", "PUT", "PATCH", "DELETE")
 _LONGEST_NAMED = 200
 _CONDITIONS = frozenset({b"if-match", b"if-none-match"})
 
@@ -106,7 +106,7 @@ class Endpoint:
             response = await self._respond(request)
             await response(scope, receive, send)
 
-    def at_once(self, scope: Scope) -> Reply | None:
+    def reply_nowait(self, scope: Scope) -> Reply | None:
         """Return the response to a GET that needs no waiting: a cached one, or one that is cached from now on.
 
         An error gives None: ``__call__`` meets it again, and answers it.
@@ -118,7 +118,7 @@ class Endpoint:
         if not services.stop_priority.try_take_turn():
             return None
         try:
-            return _read_at_once(Request(scope))
+            return _read_nowait(Request(scope))
         except FleetError:
             return None
         except Exception:
@@ -128,7 +128,7 @@ class Endpoint:
 
     async def _respond(self, request: Request) -> ASGIApp:
         answer = await self._answered(request)
-        does = wants_callback(request) or (request.method not in READ and not request.is_safe)
+        does = wants_callback(request) or (request.method not in READ_METHODS and not request.is_safe)
         if isinstance(answer, Response) and does:
             record_request(request, request.method, answer.status_code, answer.headers.get("location", ""))
         return answer
@@ -149,15 +149,15 @@ class Endpoint:
         if request.scope["path"] == "*" and request.method == "OPTIONS":
             return Response(status_code=204, headers={"allow": ", ".join(_METHODS)})
         check_handshake(request)
-        if is_over(request):
+        if is_cancelled_stream(request):
             return Response(status_code=204)
         found = await _find(request)
         request.is_safe = isinstance(found, Resource) and found.affords is not None and found.affords.reads
         if isinstance(found, Redirect):
             return _moved(request, found)
-        if request.method in READ or request.is_safe or not _CONDITIONS.isdisjoint(request.arrival.fields):
+        if request.method in READ_METHODS or request.is_safe or not _CONDITIONS.isdisjoint(request.arrival.fields):
             found = _read_by(request, found)  # preconditions are about what the caller reads
-        allow = allowed(found)
+        allow = allowed_methods(found)
         # Rights are checked before methods, so that a 405 never reveals what is possible to callers without rights.
         require_right(request, found.path, _needed(request, found))
         if request.method not in allow:
@@ -165,16 +165,18 @@ class Endpoint:
         if request.method == "OPTIONS":
             return Response(status_code=204, headers=method_headers(found, allow))
         if found.remote is not None and not (found.observable and (wants_events(request) or wants_callback(request))):
-            if request.method in READ:
+            if request.method in READ_METHODS:
                 return await self._readers[type(found.remote)](request, found, found.remote)
             return await self._write(request, found)
         part = preferred_part(request, found)
         if part is not None:
-            found = shown_part(found, part, request.base)
+            found = restrict_to_part(found, part, request.base)
         if request.method in ("GET", "HEAD") and field(request, "if-match") is not None:
-            await read_in_turns(request, found)  # other refusals come before a failed precondition (RFC 9110, 13.2.1)
+            await read_interleaved(
+                request, found
+            )  # other refusals come before a failed precondition (RFC 9110, 13.2.1)
         await await_preconditions(request, found)
-        if request.method not in READ:
+        if request.method not in READ_METHODS:
             return await self._write(request, found)
         if wants_callback(request):
             require_right(request, found.path, (Right.SUBSCRIBE,))
@@ -184,7 +186,7 @@ class Endpoint:
             stream = EventStream(request, found)
             await stream.register()
             return stream
-        return await read_in_turns(request, found)
+        return await read_interleaved(request, found)
 
     async def _write(self, request: Request, resource: Resource) -> ASGIApp:
         """Execute a permitted write.
@@ -193,7 +195,7 @@ class Endpoint:
         representations of a resource.
         """
         try:
-            check_model(request, resource)
+            check_interaction_model(request, resource)
             return await self._writers[type(resource.affords)](request, resource.affords)
         except (ContainerFull, PayloadTooLarge, UnprocessableContent, UnsupportedMediaType) as error:
             if resource.affords is not None and not resource.affords.reads:
@@ -231,7 +233,7 @@ def _needed(request: Request, resource: Resource) -> Sequence[Right]:
     return SUBSCRIPTIONS_RIGHTS if isinstance(affords, Subscribe) else (Right.READ,)
 
 
-def _read_at_once(request: Request) -> Reply | None:
+def _read_nowait(request: Request) -> Reply | None:
     """Return the response to a GET of a resource that is not stored; None if it takes long or is not cached.
 
     Pages alone show the reader. They take long.
@@ -240,7 +242,7 @@ def _read_at_once(request: Request) -> Reply | None:
     if not isinstance(found, Resource) or found.remote is not None:
         return None
     require_right(request, found.path, _needed(request, found))
-    return read_at_once(request, found)
+    return read_nowait(request, found)
 
 
 async def _find(connection: Connection) -> Resource | Redirect:
@@ -272,7 +274,7 @@ def _read_by(request: Request, found: Resource) -> Resource:
     found = found.having(
         reader=reader.name,
         rights=reader.rights,
-        audited=reader.audited,
+        audited=reader.may_read_audit,
         links_subscriptions=request.caller.has_any_right(SUBSCRIPTIONS_RIGHTS, robot_of(found.path)),
         warning=store_warning(request.services.embedded),
     )
@@ -292,7 +294,7 @@ async def _subscriptions_shown(connection: Connection, path: str) -> Subscriptio
     if head or not path.startswith(container_path(owner)) or not connection.caller.has_right(Right.READ, robot):
         return NO_SUBSCRIPTIONS
     subscriptions: Subscriptions = connection.services.subscriptions
-    async with store_errors():
+    async with translate_store_errors():
         if not rest:
             return {owner: visible_subscriptions(connection, await subscriptions.of(owner), owner)}
         id = _uuid(rest.partition("/")[0])
@@ -329,7 +331,7 @@ _WRITERS: dict[type, Writer] = {
     Control: control_lease,
     Subscribe: post_subscription,
     ChangeSubscription: change_subscription,
-    ResumeSubscription: resume,
+    ResumeSubscription: resume_subscription,
 }
 
 

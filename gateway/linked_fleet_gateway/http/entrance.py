@@ -24,7 +24,7 @@ from linked_fleet_gateway.base.errors import FleetError, TooManyRequests
 from linked_fleet_gateway.http.answers import Reply
 from linked_fleet_gateway.http.arrival import arrival_of, fields_of
 from linked_fleet_gateway.http.callers import identify, identify_static_token
-from linked_fleet_gateway.http.forwarding import Authorities, Network, find_client, refuse
+from linked_fleet_gateway.http.forwarding import Authorities, Network, find_client, send_problem
 from linked_fleet_gateway.http.html import HtmlWriter
 from linked_fleet_gateway.http.operator_endpoints import PAGES
 from linked_fleet_gateway.http.request import Request, gateway_of, html_of
@@ -114,7 +114,7 @@ _LONGEST_PATH = 1024
 
 
 class Entrance:
-    """The ASGI application of a gateway. ``elsewhere``: middleware for pages of other origins (``cors_middleware``)."""
+    """The ASGI application of a gateway. ``cors``: middleware for pages of other origins (``cors_middleware``)."""
 
     def __init__(
         self,
@@ -124,16 +124,16 @@ class Entrance:
         *,
         fronts: Sequence[Network] = (),
         tracing: Tracing | None = None,
-        elsewhere: Sequence[Middleware] = (),
+        cors: Sequence[Middleware] = (),
         carriers: Collection[str] = (),
     ) -> None:
         self._authorities, self._requests, self._tracing = authorities, requests, tracing
         self._fronts, self._pace, self._loading = tuple(fronts), RateLimiter(rates, carriers), ModuleLoader()
         self._inside: ASGIApp = self._admit
-        for each, arguments, named in elsewhere:
+        for each, arguments, named in cors:
             self._inside = each(self._inside, *arguments, **named)
 
-    def at_once(self, scope: Scope) -> Reply | None:
+    def reply_nowait(self, scope: Scope) -> Reply | None:
         """Return the response to a GET that needs no waiting, also for its caller; None for any other request.
 
         The checks are those of ``__call__``; a request that does not pass them is refused there.
@@ -150,7 +150,7 @@ class Entrance:
             return None
         if (identities is not None and not identify_static_token(identities, arrival)) or self._pace.wait_s(scope):
             return None
-        reply = gateway.endpoint.at_once(scope)
+        reply = gateway.endpoint.reply_nowait(scope)
         if reply is None:
             return None
         reply.extra_fields.append((_ID_FIELD, request_id(arrival.fields.get(_ID_FIELD)).encode()))
@@ -194,7 +194,7 @@ class Entrance:
         try:
             self._authorities.admit(scope)
         except FleetError as error:
-            await refuse(error, scope, send)
+            await send_problem(error, scope, send)
             return
         if services.identities is not None:
             answer = await identify(services.identities, services.schemes, scope, receive, send)
@@ -204,7 +204,7 @@ class Entrance:
         try:
             self._pace.check(scope)
         except FleetError as error:
-            await refuse(error, scope, send)
+            await send_problem(error, scope, send)
             return
         await self._loading.load(scope)
         await gateway.endpoint(scope, receive, send)
@@ -222,19 +222,19 @@ _ANSWERED = (
 
 
 def cors_middleware(
-    origins: tuple[str, ...], asked: Iterable[str] = (), answered: Iterable[str] = ()
+    origins: tuple[str, ...], request_fields: Iterable[str] = (), response_fields: Iterable[str] = ()
 ) -> list[Middleware]:
     """Return the middleware; none without ``origins``. Cookies are excluded, because these pages use tokens.
 
-    ``asked`` and ``answered`` are further fields that pages may send and read.
+    ``request_fields`` and ``response_fields`` are further fields that pages may send and read.
     """
     if not origins:
         return []
     return [
         Middleware(
             CORSMiddleware,
-            allow_origins=origins, allow_methods=_METHODS, allow_headers=(*_ASKED, *asked),
-            expose_headers=(*_ANSWERED, *answered),
+            allow_origins=origins, allow_methods=_METHODS, allow_headers=(*_ASKED, *request_fields),
+            expose_headers=(*_ANSWERED, *response_fields),
             allow_credentials=False,
         )
     ]  # fmt: skip

@@ -33,12 +33,12 @@ def find_client(scope: Scope, fronts: Sequence[Network]) -> None:
     """
     client = scope.get("client")
     if client and fronts:
-        host = client_behind(client[0], Headers(scope=scope), fronts)
+        host = forwarded_client(client[0], Headers(scope=scope), fronts)
         if host != client[0]:
             scope["client"] = (host, 0)  # of its port nothing is known
 
 
-def client_behind(peer: str, headers: Headers, fronts: Sequence[Network]) -> str:
+def forwarded_client(peer: str, headers: Headers, fronts: Sequence[Network]) -> str:
     """Return the rightmost address that is not a front, starting with ``peer``, the other end of the connection.
 
     A front writes one of the two fields and may pass on the other from the client. So if both exist and disagree,
@@ -118,7 +118,7 @@ _DEFAULT_PORTS = {"http": 80, "ws": 80, "https": 443, "wss": 443}
 class Authorities:
     """The public URLs of the fleet. ``pages``: further origins whose pages may send requests."""
 
-    def __init__(self, public_urls: tuple[str, ...], pages: tuple[str, ...] = ()) -> None:
+    def __init__(self, public_urls: tuple[str, ...], allowed_origins: tuple[str, ...] = ()) -> None:
         self._bases: dict[tuple[str, int], str] = {}
         self._asked: dict[tuple[str, bytes | None], str] = {}
         """Cached bases by scheme and Host."""
@@ -127,7 +127,7 @@ class Authorities:
             key = ((parts.hostname or "").lower(), parts.port or _DEFAULT_PORTS[parts.scheme])
             self._bases.setdefault(key, url.rstrip("/"))
         self._origins = {"://".join(urlsplit(url)[:2]).lower() for url in self._bases.values()}
-        self._pages = {page.lower() for page in pages}
+        self._pages = {page.lower() for page in allowed_origins}
 
     def admit(self, scope: Scope) -> None:
         """Store the public URL used by the client, and whether a page of another origin sent the request.
@@ -182,7 +182,7 @@ class Authorities:
         return not origins <= self._origins
 
 
-async def refuse(error: FleetError, scope: Scope, send: Send) -> None:
+async def send_problem(error: FleetError, scope: Scope, send: Send) -> None:
     """Answer with a problem before the request is processed further."""
     accept = b", ".join(value for name, value in scope["headers"] if name == b"accept").decode("latin-1")
     body, fields = problem(error, accept or None, html=html_of(scope))

@@ -28,12 +28,12 @@ class Reader:
     """The reader of a page.
 
     ``name``: that of the person who has logged in, else empty. ``rights``: over the resource of the page, None if
-    authentication is off. ``audited``: True if the reader may read the audit log.
+    authentication is off. ``may_read_audit``: True if the reader may read the audit log.
     """
 
     name: str = ""
     rights: tuple[str, ...] | None = None
-    audited: bool = False
+    may_read_audit: bool = False
 
 
 NOBODY = Reader()
@@ -57,5 +57,5 @@ class HtmlWriter(Protocol):
         ``reader`` is None as long as nobody knows who asks.
         """
 
-    def policy(self, forms: bool) -> str:
+    def content_security_policy(self, forms: bool) -> str:
         """Return the Content-Security-Policy of a page; ``forms`` permits submitting forms without a script."""

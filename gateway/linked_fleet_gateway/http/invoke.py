@@ -86,7 +86,7 @@ async def put_target(request: Request, afforded: PutTarget) -> Response:
 
 async def end_invocation(request: Request, afforded: EndInvocation) -> Response:
     """Cancel an invocation, or stop and remove it; also by others than its creator."""
-    refuse_rehearsal(request)
+    reject_dry_run(request)
     actions: Actions = request.services.actions
     if afforded.keep:
         await actions.lifecycle.cancel(afforded.invocation)
@@ -95,7 +95,7 @@ async def end_invocation(request: Request, afforded: EndInvocation) -> Response:
     return Response(status_code=204)
 
 
-def caller(request: Request, body: str = "", digest: str = "") -> Caller:
+def action_caller(request: Request, body: str = "", digest: str = "") -> Caller:
     """Return the caller. Raises BadRequest for a malformed Idempotency-Key or Lock-Token."""
     return Caller(
         request.caller_name, lock_token(request), _key(request), digest, body, sees=request.caller.visible_robots
@@ -112,7 +112,7 @@ def _trace(offer: Offer, end: str) -> None:
         trace.set_attributes({"robot": offer.robot.name})
 
 
-def refuse_rehearsal(request: Request) -> None:
+def reject_dry_run(request: Request) -> None:
     """Raise BadRequest for ``dry-run`` of what cannot be rehearsed, because the client does not want it executed."""
     if parse_prefer(field(request, "prefer")).dry_run:
         raise BadRequest("This cannot be rehearsed; it is done without Prefer: dry-run. Nothing has changed.")
@@ -220,7 +220,7 @@ async def _carry_out(
     request: Request, offer: Offer, admitted: _Admitted, moment: RobotTime | None, prefer: Prefer
 ) -> Response:
     actions: Actions = request.services.actions
-    asking = caller(request, admitted.written, _digest(request, admitted.content))
+    asking = action_caller(request, admitted.written, _digest(request, admitted.content))
     with child_span("plan"):
         plan = actions.plan(ActionRequest(request.base, admitted.body, offer.robot, offer.joint, moment), offer)
         if isinstance(plan, DeferredPlan):
@@ -289,7 +289,7 @@ def _rehearsal(request: Request, offer: Offer, plan: Motion | Halt, rehearsed: R
         return node_json(graph.triples, root(graph.triples, NamedNode(request.base + offer.path)), LF.RehearsalShape)
 
     rehearsal = Resource(offer.path, f"Rehearsal of {offer.name}", describe, (), documents={JSON: plain})
-    shown = request.services.representations.negotiated(request.effective_accept, rehearsal, request.base)
+    shown = request.services.representations.negotiate(request.effective_accept, rehearsal, request.base)
     headers = {"content-type": shown.content_type, "cache-control": "no-store", "vary": "Accept, Prefer"}
     return Response(shown.body, 200, headers | {"preference-applied": "dry-run"})
 
@@ -297,7 +297,7 @@ def _rehearsal(request: Request, offer: Offer, plan: Motion | Halt, rehearsed: R
 def _show(request: Request, path: str) -> Representation:
     found = request.tree().resolve(path)
     assert isinstance(found, Resource)
-    return request.services.representations.negotiated(request.effective_accept, found, request.base)
+    return request.services.representations.negotiate(request.effective_accept, found, request.base)
 
 
 async def _outcome(actions: Actions, invocation: Invocation, prefer: Prefer) -> tuple[int, list[str]]:

@@ -143,13 +143,13 @@ def is_compressible(content: bytes, measured: bool, most: int = MOST_BYTES) -> b
     return (LEAST_MEASURED_BYTES if measured else LEAST_BYTES) <= len(content) <= most
 
 
-def compressed(content: bytes) -> bytes:
+def compress(content: bytes) -> bytes:
     """Return the content in gzip; deterministic."""
     return gzip.compress(content, _LEVEL, mtime=0)
 
 
-def expanded(content: bytes) -> bytes:
-    """Undo ``compressed``."""
+def decompress(content: bytes) -> bytes:
+    """Undo ``compress``."""
     return gzip.decompress(content)
 
 
@@ -158,7 +158,7 @@ def coded_tag(tag: str, coding: str) -> str:
     return f'{tag[:-1]}-{coding}"' if coding else tag
 
 
-def takes_gzip(accept_encoding: bytes) -> bool:
+def accepts_gzip(accept_encoding: bytes) -> bool:
     """Return True if an Accept-Encoding field prefers gzip to no coding."""
     return preferred_coding(accept_encoding, ("gzip",)) == "gzip"
 

@@ -15,14 +15,14 @@ Parameters = Mapping[str, Json]
 """Schemas of the parameters of a path, by name."""
 MOST_NAMES = 256
 """Most names listed for one parameter or member; for more, only the type is given."""
-CHANGED: Json = {"204": {"description": "Changed."}}
-ID: Json = {"type": "string", "format": "uuid"}
+CHANGED_RESPONSE: Json = {"204": {"description": "Changed."}}
+ID_SCHEMA: Json = {"type": "string", "format": "uuid"}
 _ALWAYS = ("400", "404", "406", "421", "429", "500", "503")
 _READS, _WRITES = ("304", "412"), ("409", "412", "413", "415", "422", "504")
-DESCRIBED: Json = {JSONLD: {"schema": {"$ref": "#/components/schemas/JsonLd"}}, TURTLE: {}}
+RDF_CONTENT: Json = {JSONLD: {"schema": {"$ref": "#/components/schemas/JsonLd"}}, TURTLE: {}}
 
 
-def reading(
+def rdf_get_operation(
     id: str,
     summary: str,
     schema: Json | None = None,
@@ -35,39 +35,41 @@ def reading(
     ``files``: other media types by the values of ``?as=``.
     """
     words = [*(["jsonld"] if schema is None else ["json", "jsonld"]), *(files or ())]
-    picks = parameter("as", "query", {"type": "string", "enum": words, "default": words[0]}, PICKS)
+    picks = parameter("as", "query", {"type": "string", "enum": words, "default": words[0]}, FORMAT_DESCRIPTION)
     content = {} if schema is None else {JSON: {"schema": schema}}
-    content |= DESCRIBED | {media_type: {} for media_type in (files or {}).values()}
-    return document(id, summary, content, [picks, header("IfMatch"), header("IfNoneMatch"), *parameters], **more)
+    content |= RDF_CONTENT | {media_type: {} for media_type in (files or {}).values()}
+    return get_operation(
+        id, summary, content, [picks, header_ref("IfMatch"), header_ref("IfNoneMatch"), *parameters], **more
+    )
 
 
-def described(
+def resource_path_items(
     template: str, parameters: Parameters, id: str, title: str, get: Json | None = None, **methods: Json
 ) -> dict[str, Json]:
-    """Return the path items of a resource and its blueprint; ``get`` if it is not read by ``reading``."""
-    blueprint = reading(f"read{id}Blueprint", "The shapes of this resource")
+    """Return the path items of a resource and its blueprint; ``get`` if it is not read by ``rdf_get_operation``."""
+    blueprint = rdf_get_operation(f"read{id}Blueprint", "The shapes of this resource")
     return {
-        template: path_item(parameters, get=get or reading(f"read{id}", title), **methods),
+        template: path_item(parameters, get=get or rdf_get_operation(f"read{id}", title), **methods),
         f"{template}/blueprint": path_item(parameters, get=blueprint),
     }
 
 
-def document(id: str, summary: str, content: Json, parameters: Sequence[Json] = (), **more: Any) -> Json:
+def get_operation(id: str, summary: str, content: Json, parameters: Sequence[Json] = (), **more: Any) -> Json:
     """Return GET of a resource with these media types."""
-    read = {"description": "A representation of the resource.", "headers": {"ETag": ref("headers", "ETag")}}
+    read = {"description": "A representation of the resource.", "headers": {"ETag": component_ref("headers", "ETag")}}
     return {
         "operationId": id,
         "summary": summary,
         "parameters": list(parameters),
-        "responses": {"200": {**read, "content": content}} | errors((*_ALWAYS, *_READS)),
+        "responses": {"200": {**read, "content": content}} | error_responses((*_ALWAYS, *_READS)),
         **more,
     }
 
 
-def writing(
+def write_operation(
     id: str,
     summary: str,
-    answers: Json,
+    responses: Json,
     body: Mapping[str, Json] | None = None,
     parameters: Sequence[Json] = (),
     **more: Any,
@@ -76,42 +78,42 @@ def writing(
     said: Json = {"operationId": id, "summary": summary, "parameters": list(parameters)}
     if body is not None:
         said["requestBody"] = {"required": True, "content": dict(body)}
-    return said | {"responses": answers | errors((*_ALWAYS, *_WRITES))} | more
+    return said | {"responses": responses | error_responses((*_ALWAYS, *_WRITES))} | more
 
 
-def patching(id: str, summary: str) -> Json:
+def patch_operation(id: str, summary: str) -> Json:
     """Return PATCH by a SPARQL update, whose grammar no schema can express."""
     body = {PATCH_TYPES[0]: {"schema": {"type": "string", "minLength": 1}}}
     done = {"204": {"description": "Changed."}}
-    return writing(id, summary, done, body, (header("IfMatch"), header("LockToken")))
+    return write_operation(id, summary, done, body, (header_ref("IfMatch"), header_ref("LockToken")))
 
 
-def created(description: str) -> Json:
+def creation_responses(description: str) -> Json:
     """Return the response to the creation of a resource."""
-    return {"201": {"description": description, "headers": {"Location": ref("headers", "Location")}}}
+    return {"201": {"description": description, "headers": {"Location": component_ref("headers", "Location")}}}
 
 
-def names(found: Iterable[str]) -> Json:
+def segment_schema(found: Iterable[str]) -> Json:
     """Return the schema of a path segment that is one of these names."""
     listed = list(dict.fromkeys(found))
     return {"type": "string", "enum": listed} if 0 < len(listed) <= MOST_NAMES else {"type": "string", "minLength": 1}
 
 
-def segment(path: str) -> str:
+def last_segment(path: str) -> str:
     """Return the last segment of a path."""
     return path.strip("/").rpartition("/")[2]
 
 
-def errors(statuses: Iterable[str]) -> Json:
-    return {status: ref("responses", f"E{status}") for status in statuses}
+def error_responses(statuses: Iterable[str]) -> Json:
+    return {status: component_ref("responses", f"E{status}") for status in statuses}
 
 
-def ref(kind: str, name: str) -> Json:
+def component_ref(kind: str, name: str) -> Json:
     return {"$ref": f"#/components/{kind}/{name}"}
 
 
-def header(name: str) -> Json:
-    return ref("parameters", name)
+def header_ref(name: str) -> Json:
+    return component_ref("parameters", name)
 
 
 def parameter(name: str, where: str, schema: Json, description: str = "", required: bool = False) -> Json:
@@ -128,4 +130,4 @@ def path_item(parameters: Parameters, **methods: Json) -> Json:
     return ({"parameters": said} if said else {}) | methods
 
 
-PICKS = "The format; without it, Accept picks one, and Turtle is sent to who says nothing."
+FORMAT_DESCRIPTION = "The format; without it, Accept picks one, and Turtle is sent to who says nothing."

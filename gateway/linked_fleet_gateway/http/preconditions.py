@@ -13,7 +13,9 @@ from linked_fleet_gateway.resources.resource import Redirect, Resource
 def check_preconditions(request: Request, resource: Resource) -> None:
     """Raise PreconditionFailed, except for stops. Call it in a thread, because it may render every representation."""
     check = _Check(request, resource)
-    if check.needed and not any(map(check.settled_by, request.services.representations.etags(resource, request.base))):
+    if check.needed and not any(
+        map(check.is_decided_by, request.services.representations.etags(resource, request.base))
+    ):
         check.end()
 
 
@@ -22,13 +24,13 @@ async def await_preconditions(request: Request, resource: Resource) -> None:
     check, services = _Check(request, resource), request.services
     if not check.needed:
         return
-    async for tag in services.representations.etags_in_turns(resource, request.base, services.writing_offload):
-        if check.settled_by(tag):
+    async for tag in services.representations.etags_interleaved(resource, request.base, services.writing_offload):
+        if check.is_decided_by(tag):
             return
     check.end()
 
 
-async def present_under_preconditions(
+async def resolve_under_preconditions(
     request: Request, resolve: Callable[[], Resource | Redirect | None]
 ) -> Resource | None:
     """Return the resource, whose preconditions hold for its state at the return; None if there is none."""
@@ -54,7 +56,7 @@ class _Check:
         self.needed = not (self._wanted is None and self._unwanted is None) and not _stops(resource)
         self._holds = False
 
-    def settled_by(self, tag: str) -> bool:
+    def is_decided_by(self, tag: str) -> bool:
         """Return True if the preconditions hold whatever the other tags are. Raises PreconditionFailed."""
         if not_modified(self._unwanted, tag):
             raise PreconditionFailed("If-None-Match names the present state of the resource.")

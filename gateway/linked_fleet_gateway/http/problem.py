@@ -42,7 +42,10 @@ def problem(
     own = {name.lower(): value for name, value in error.headers.items()}
     headers = {"content-type": content_type, "vary": "Accept", "cache-control": "no-store"}
     if html is not None and content_type.startswith(HTML):
-        headers |= {"content-security-policy": html.policy(forms=False), "x-content-type-options": "nosniff"}
+        headers |= {
+            "content-security-policy": html.content_security_policy(forms=False),
+            "x-content-type-options": "nosniff",
+        }
     return body, headers | own
 
 

@@ -34,7 +34,7 @@ _MOST_UNREAD = 64
 """Most pieces of ``MAX_HEAD_BYTES`` that may wait for responses to earlier requests."""
 _IDLE, _HEAD, _BODY, _WHOLE = "idle", "head", "body", "whole"
 """Progress of the latest request: nothing, a part of its head, its head, all of it."""
-AtOnce = Callable[[Any], Reply | None]
+ReplyNowait = Callable[[Any], Reply | None]
 
 
 class HttpProtocol(HttpToolsProtocol):
@@ -57,11 +57,11 @@ class HttpProtocol(HttpToolsProtocol):
     scope: Any  # uvicorn declares the keys of HTTPScope alone
 
     def __init__(
-        self, *arguments: Any, sockets: Sockets | None = None, at_once: AtOnce = lambda _: None, **named: Any
+        self, *arguments: Any, sockets: Sockets | None = None, reply_nowait: ReplyNowait = lambda _: None, **named: Any
     ) -> None:
-        """``at_once`` answers what needs no waiting; the ASGI application answers everything else."""
+        """``reply_nowait`` answers what needs no waiting; the ASGI application answers everything else."""
         super().__init__(*arguments, **named)
-        self._at_once, self._may_at_once = at_once, False
+        self._reply_nowait, self._may_reply_nowait = reply_nowait, False
         self._reply: Reply | None = None
         self._answered = 0
         """Number of requests answered without waiting."""
@@ -106,7 +106,7 @@ class HttpProtocol(HttpToolsProtocol):
     # -- what comes ---------------------------------------------------------------------------------------------------
 
     def data_received(self, data: bytes) -> None:
-        self._may_at_once = True  # one, or many requests in these bytes would be answered in one turn of the loop
+        self._may_reply_nowait = True  # one, or many requests in these bytes would be answered in one turn of the loop
         if self._unread or self.pipeline:
             self._hold(data)
             return
@@ -220,9 +220,9 @@ class HttpProtocol(HttpToolsProtocol):
         if self.parser.should_upgrade() and self._should_upgrade():
             return
         waits = self._is_answering()
-        if self._may_at_once and not waits and not self.flow.write_paused and not self._has_body():
-            self._may_at_once = False
-            self._reply = self._at_once(self.scope)
+        if self._may_reply_nowait and not waits and not self.flow.write_paused and not self._has_body():
+            self._may_reply_nowait = False
+            self._reply = self._reply_nowait(self.scope)
             if self._reply is not None:
                 return
         self.cycle = Exchange(

@@ -19,14 +19,14 @@ from linked_fleet_gateway.http.fields import Link, field, link_header, parse_pre
 from linked_fleet_gateway.http.html import HTML
 from linked_fleet_gateway.http.negotiation import (
     MOST_BYTES,
+    accepts_gzip,
     choose,
     coded_tag,
-    compressed,
+    compress,
     is_compressible,
     preferred_coding,
-    takes_gzip,
 )
-from linked_fleet_gateway.http.representation import Representation, not_modified, precondition_holds, typed
+from linked_fleet_gateway.http.representation import Representation, not_modified, precondition_holds, typed_links
 from linked_fleet_gateway.http.request import Request
 from linked_fleet_gateway.http.writes import PATCH_TYPES
 from linked_fleet_gateway.rdf.graph import Graph
@@ -68,7 +68,7 @@ def preferred_part(request: Request, resource: Resource) -> Part | None:
     return part if part.minimal or part.containment else None
 
 
-def shown_part(resource: Resource, part: Part, base: str) -> Resource:
+def restrict_to_part(resource: Resource, part: Part, base: str) -> Resource:
     """Return the container with this part of its description, which has an entity tag of its own."""
     assert resource.describe is not None
     steps = partial(_steps, resource, part, NamedNode(base + resource.path))
@@ -93,7 +93,7 @@ def _steps(resource: Resource, part: Part, iri: NamedNode, graph: Graph) -> Iter
 
 # The header block stays under 4 KiB, and Link is not its only field.
 _LINK_BYTES = 3584
-READ = ("GET", "HEAD", "OPTIONS")
+READ_METHODS = ("GET", "HEAD", "OPTIONS")
 # Foreign XML and meshes: a browser that takes one for a document must not execute anything.
 _NOTHING = "sandbox; default-src 'none'"
 _FOR_EVER = "public, max-age=31536000, immutable"
@@ -101,18 +101,18 @@ _FOR_EVER = "public, max-age=31536000, immutable"
 
 def read(request: Request, resource: Resource) -> Response:
     """Return the representation that the client prefers, or 304. Raises NotAcceptable."""
-    representation = request.services.representations.negotiated(*_asked(request, resource))
+    representation = request.services.representations.negotiate(*_asked(request, resource))
     return _response(request, resource, representation, MOST_BYTES)
 
 
-async def read_in_turns(request: Request, resource: Resource) -> Response:
+async def read_interleaved(request: Request, resource: Resource) -> Response:
     """Return the same as ``read``. Other requests get turns if it takes long, and long contents are compressed too."""
     asked, threads = _asked(request, resource), request.services.writing_offload
-    representation = await request.services.representations.negotiated_in_turns(*asked, threads)
+    representation = await request.services.representations.negotiate_interleaved(*asked, threads)
     body, coded = representation.body, b""
     is_long = len(body) > MOST_BYTES and not resource.coded and _coding(request, resource, representation, len(body))
     if is_long and not not_modified(field(request, "if-none-match"), representation.etag):
-        coded = await threads.run(partial(compressed, body), len(body), MOST_BYTES)
+        coded = await threads.run(partial(compress, body), len(body), MOST_BYTES)
     return _response(request, resource, representation, len(body), coded)
 
 
@@ -121,16 +121,16 @@ def _asked(request: Request, resource: Resource) -> tuple[str | None, Resource, 
     return request.effective_accept, resource, request.base
 
 
-def read_at_once(request: Request, resource: Resource) -> Reply | None:
+def read_nowait(request: Request, resource: Resource) -> Reply | None:
     """Return the response of ``read`` if it takes no more than some milliseconds and is cached for the next requests.
 
     Raises NotAcceptable.
     """
     representations, asked = request.services.representations, _asked(request, resource)
-    media_type = representations.chosen(*asked[:2])
+    media_type = representations.choose_media_type(*asked[:2])
     if resource.steps is not None or not _is_cacheable(request, resource, media_type):
         return None
-    representation = representations.negotiated(*asked)
+    representation = representations.negotiate(*asked)
     if representation.media_type != media_type:  # the chosen syntax cannot express it
         return None
     return _cached(request, resource, representation)
@@ -152,7 +152,7 @@ def _response(
     if not_modified(field(request, "if-none-match"), tag):
         return Response(status_code=304, headers=headers)
     if coding:
-        body, headers["content-encoding"] = coded or resource.coded.get(coding) or compressed(body), coding
+        body, headers["content-encoding"] = coded or resource.coded.get(coding) or compress(body), coding
     # Starlette computes Content-Length from the body; the server leaves out the body of a HEAD.
     return Response(body, headers=headers | of_content)
 
@@ -167,10 +167,12 @@ def _fields(
     if representation.media_type not in resource.documents and preferred_part(request, resource) is not None:
         headers["preference-applied"] = "return=representation"
     if representation.media_type == HTML and representations.html is not None:
-        headers["content-security-policy"] = representations.html.policy(bool(resource.reader or resource.forms))
+        headers["content-security-policy"] = representations.html.content_security_policy(
+            bool(resource.reader or resource.forms)
+        )
     elif representation.media_type.endswith("xml"):
         headers["content-security-policy"] = _NOTHING
-    return headers, {"content-type": representation.content_type} | method_headers(resource, allowed(resource))
+    return headers, {"content-type": representation.content_type} | method_headers(resource, allowed_methods(resource))
 
 
 class _Ready(Response):
@@ -232,7 +234,7 @@ def _cached(request: Request, resource: Resource, representation: Representation
     answer = CachedResponse(resource, robot, rendering, body, always, more)
     services.response_cache.store(request.scope, answer)
     plain = body if resource.measured is None else None
-    return answer.reply(field(request, "if-none-match"), takes_gzip(_accepted_codings(request)), plain)
+    return answer.reply(field(request, "if-none-match"), accepts_gzip(_accepted_codings(request)), plain)
 
 
 async def read_mesh(request: Request, resource: Resource, remote: Remote) -> Response:
@@ -247,7 +249,7 @@ async def read_mesh(request: Request, resource: Resource, remote: Remote) -> Res
     if not_modified(field(request, "if-none-match"), etag):
         return Response(status_code=304, headers=headers)
     headers |= {"content-type": mesh.type, "content-length": str(mesh.size)} | method_headers(
-        resource, allowed(resource)
+        resource, allowed_methods(resource)
     )
     content = b"" if request.method == "HEAD" else await request.services.live.meshes.get(remote.robot, mesh)
     return Response(content, headers=headers)
@@ -265,9 +267,9 @@ def resource_headers(resource: Resource, base: str, etag: str) -> dict[str, str]
     return headers | {"link": link} if link else headers
 
 
-def allowed(resource: Resource) -> tuple[str, ...]:
+def allowed_methods(resource: Resource) -> tuple[str, ...]:
     """Return the methods of the resource."""
-    return READ if resource.affords is None else (*READ, *resource.affords.methods)
+    return READ_METHODS if resource.affords is None else (*READ_METHODS, *resource.affords.methods)
 
 
 def method_headers(resource: Resource, allow: Sequence[str]) -> dict[str, str]:
@@ -283,7 +285,7 @@ def method_headers(resource: Resource, allow: Sequence[str]) -> dict[str, str]:
 def _link(resource: Resource, base: str) -> str:
     types = [Link(iri.value, "type") for iri in resource.interaction]
     layout = [] if resource.layout is None else [Link(base + resource.layout, "describedby")]
-    own = types + layout + typed(resource, base) + [Link(base + path, "related") for path in resource.own]
+    own = types + layout + typed_links(resource, base) + [Link(base + path, "related") for path in resource.own]
     parts = [Link(base + path, "related") for path in resource.parts]
     linkset = base + resource.linkset if resource.has_linkset else None
     return link_header(own, parts, linkset, limit=_LINK_BYTES)

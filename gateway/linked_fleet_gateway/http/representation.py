@@ -104,23 +104,23 @@ class Representations:
         self._renderings = Renderings()
         self._copies = Copies()
 
-    async def negotiated_in_turns(
+    async def negotiate_interleaved(
         self, accept: str | None, resource: Resource, base: str, threads: Offload
     ) -> Representation:
         """Return the representation that Accept prefers. Other requests get turns if it takes long.
 
-        Raises as ``negotiated``, and Busy.
+        Raises as ``negotiate``, and Busy.
         """
-        media_type = self.chosen(accept, resource)
+        media_type = self.choose_media_type(accept, resource)
         if media_type is None or not self._is_long(resource, media_type):
-            return self.negotiated(accept, resource, base)
-        return await self._in_thread(self.negotiated, accept, resource, base, threads)
+            return self.negotiate(accept, resource, base)
+        return await self._in_thread(self.negotiate, accept, resource, base, threads)
 
-    def chosen(self, accept: str | None, resource: Resource) -> str | None:
+    def choose_media_type(self, accept: str | None, resource: Resource) -> str | None:
         """Return the media type that Accept prefers; None if it excludes all."""
         return choose(accept, self._offered(resource))
 
-    def negotiated(
+    def negotiate(
         self, accept: str | None, resource: Resource, base: str, graph: Graph | None = None
     ) -> Representation:
         """Return the representation that Accept prefers. Raises NotAcceptable with the available types.
@@ -135,7 +135,7 @@ class Representations:
                 offered = tuple(each for each in offered if each != media_type)
         raise NotAcceptable(f"Available here: {', '.join(offered)}.", offered=offered)
 
-    def preferred(self, accept: str | None, picked: str | None) -> str | None:
+    def override_accept(self, accept: str | None, picked: str | None) -> str | None:
         """Return the value that replaces Accept: links use ``?as=turtle`` and similar, because they cannot set fields.
 
         Raises NotAcceptable with the valid words for any other.
@@ -158,7 +158,7 @@ class Representations:
             with suppress(WriteError):
                 yield self._represent(media_type, resource, base).etag
 
-    async def etags_in_turns(self, resource: Resource, base: str, threads: Offload) -> AsyncIterator[str]:
+    async def etags_interleaved(self, resource: Resource, base: str, threads: Offload) -> AsyncIterator[str]:
         """Yield the tags like ``etags``. Other requests get turns."""
         async for media_type in time_sliced(self._offered(resource)):
             with suppress(WriteError):
@@ -183,7 +183,7 @@ class Representations:
 
     def _represent(self, media_type: str, resource: Resource, base: str, graph: Graph | None = None) -> Representation:
         if resource.linkset_of is not None:
-            anchor, links = base + resource.linkset_of.path, related(resource.linkset_of, base)
+            anchor, links = base + resource.linkset_of.path, related_links(resource.linkset_of, base)
             write_links: Callable[..., bytes] = linkset_json if media_type == LINKSET_TYPES[0] else linkset_text
             return Representation(write_links(anchor, links), media_type)
         if media_type in resource.documents:
@@ -204,11 +204,11 @@ class Representations:
         return (*rdf, *resource.documents)
 
 
-def typed(resource: Resource, base: str) -> list[Link]:
+def typed_links(resource: Resource, base: str) -> list[Link]:
     """Return the links of a resource with specific relations."""
     return [Link(base + each.path, each.relation, each.media_type) for each in resource.links]
 
 
-def related(resource: Resource, base: str) -> list[Link]:
+def related_links(resource: Resource, base: str) -> list[Link]:
     """Return the links of its link set: those with specific relations, and one to each sub-resource (R0.9)."""
-    return typed(resource, base) + [Link(base + path, "related") for path in (*resource.own, *resource.parts)]
+    return typed_links(resource, base) + [Link(base + path, "related") for path in (*resource.own, *resource.parts)]

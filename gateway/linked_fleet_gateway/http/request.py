@@ -40,7 +40,7 @@ class Application(Protocol):
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Answer a request as an ASGI application."""
 
-    def at_once(self, scope: Scope) -> Reply | None:
+    def reply_nowait(self, scope: Scope) -> Reply | None:
         """Return the response to a request that needs no waiting; None for any other."""
 
 
@@ -93,10 +93,10 @@ class Gateway(Starlette):
         scope["app"] = self
         await (self.router if scope["type"] == "lifespan" else self._entrance)(scope, receive, send)
 
-    def at_once(self, scope: Scope) -> Reply | None:
+    def reply_nowait(self, scope: Scope) -> Reply | None:
         """Return the response to a request that needs no waiting; None for any other."""
         scope["app"] = self
-        return self._entrance.at_once(scope)
+        return self._entrance.reply_nowait(scope)
 
 
 class _Resolved(HTTPConnection):
@@ -135,7 +135,7 @@ class _Resolved(HTTPConnection):
     def effective_accept(self) -> str | None:
         """The Accept field, or the types that ``?as=`` picks instead. Raises NotAcceptable for an unknown word."""
         picked = self.query_params.get("as") if self.scope["query_string"] else None
-        return self.services.representations.preferred(field_of(self, "accept"), picked)
+        return self.services.representations.override_accept(field_of(self, "accept"), picked)
 
     def reader(self, path: str) -> Reader:
         """Return the caller as the reader of the page at ``path``."""

@@ -27,7 +27,7 @@ class Server(uvicorn.Server):
     """
 
     def __init__(self, app: Gateway, sockets: Sockets, certificate: Certificate | None = None) -> None:
-        http: Any = partial(HttpProtocol, sockets=sockets, at_once=app.at_once)
+        http: Any = partial(HttpProtocol, sockets=sockets, reply_nowait=app.reply_nowait)
         config = uvicorn.Config(
             app, lifespan="off", log_config=None, access_log=False, server_header=False,
             proxy_headers=False,  # uvicorn would trust loopback; http/forwarding.py trusts configured fronts

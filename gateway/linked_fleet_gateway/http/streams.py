@@ -16,9 +16,9 @@ from linked_fleet_gateway.http.subscribe import (
     last_event_id,
     new_subscription,
     observable_types,
-    options,
-    store_errors,
+    parse_options,
     subscription_link,
+    translate_store_errors,
 )
 from linked_fleet_gateway.http.websocket import is_binary, serve_websocket
 from linked_fleet_gateway.identity.service import Identities
@@ -60,7 +60,7 @@ def wants_events(request: Request) -> bool:
     return named >= max(weight(ranges, media_type) for media_type in ours)
 
 
-def is_over(request: Request) -> bool:
+def is_cancelled_stream(request: Request) -> bool:
     """Return True if an EventSource returns to a cancelled stream; 204 makes it stop (WHATWG HTML, 9.2.2)."""
     return field(request, "last-event-id") == CANCELLED_ID and wants_events(request)
 
@@ -76,13 +76,15 @@ class EventStream:
             self._subscription = _opened(request, resource, Kind.EVENT_STREAM)
         else:
             media_type = _type_in_events(request, resource)
-            self._subscription = new_subscription(request, resource, Kind.EVENT_STREAM, media_type, options(request))
+            self._subscription = new_subscription(
+                request, resource, Kind.EVENT_STREAM, media_type, parse_options(request)
+            )
         self._head = request.method == "HEAD"
 
     async def register(self) -> None:
         """Register the subscription; await this before sending anything. Raises TooManySubscriptions."""
         if not self._head:
-            async with store_errors():
+            async with translate_store_errors():
                 await self._subscriptions.streams.register(self._subscription)
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
@@ -107,8 +109,8 @@ async def open_websocket(websocket: WebSocket, resource: Resource) -> None:
         _, subprotocol = _type_of_frames(websocket, (subscription.media_type,))
     else:
         media_type, subprotocol = _type_of_frames(websocket, observable_types(resource))
-        subscription = new_subscription(websocket, resource, Kind.WEBSOCKET, media_type, options(websocket))
-    async with store_errors():
+        subscription = new_subscription(websocket, resource, Kind.WEBSOCKET, media_type, parse_options(websocket))
+    async with translate_store_errors():
         await subscriptions.streams.register(subscription)
     headers = [(b"link", subscription_link(subscription).encode("latin-1"))]
 
@@ -174,7 +176,7 @@ def _type_in_events(request: Request, resource: Resource) -> str:
     """Return the type that Accept prefers besides event streams, or that ``?as=`` picks; Turtle by default."""
     offered = tuple(each for each in observable_types(resource) if not is_binary(each))
     if (picked := request.query_params.get("as")) is not None:
-        media_type = request.services.representations.preferred(None, picked)
+        media_type = request.services.representations.override_accept(None, picked)
         if media_type not in offered:
             raise NotAcceptable(f"Messages are to be had in {', '.join(offered)}.", offered=offered)
         return media_type

@@ -25,7 +25,7 @@ from linked_fleet_gateway.http.callers import require_subtree
 from linked_fleet_gateway.http.fields import Link, field, link_header
 from linked_fleet_gateway.http.negotiation import choose
 from linked_fleet_gateway.http.request import Connection, Request
-from linked_fleet_gateway.http.writes import check_accepted, created_response
+from linked_fleet_gateway.http.writes import check_acceptable, created_response
 from linked_fleet_gateway.rdf.serialise import RDF_TYPES
 from linked_fleet_gateway.resources.affordance import ChangeSubscription, ResumeSubscription, Subscribe
 from linked_fleet_gateway.resources.binary_frames import FRAME_TYPES, layout_path
@@ -45,7 +45,7 @@ _DECIMAL = re.compile(r"[0-9]{1,10}(?:\.[0-9]{0,9})?|\.[0-9]{1,9}", re.ASCII)
 
 
 @dataclass(frozen=True)
-class Options:
+class SubscriptionOptions:
     """Options of a subscription besides its resource and media type."""
 
     depth: Depth = Depth.PROPERTIES
@@ -53,7 +53,7 @@ class Options:
     deadband: float = 0.0
 
 
-def options(connection: Connection) -> Options:
+def parse_options(connection: Connection) -> SubscriptionOptions:
     """Return the options in the query: ``depth``, ``interval`` (s), ``deadband`` (SI unit). Raises BadRequest."""
     query = connection.query_params
     for name, count in Counter(name for name, _ in query.multi_items()).items():
@@ -66,7 +66,7 @@ def options(connection: Connection) -> Options:
     except ValueError:
         raise BadRequest(f"depth is one of {', '.join(Depth)}.") from None
     interval_s = _number(query.get("interval"), "interval", MAX_INTERVAL_S)
-    return Options(depth, interval_s, _number(query.get("deadband"), "deadband", MAX_DEADBAND))
+    return SubscriptionOptions(depth, interval_s, _number(query.get("deadband"), "deadband", MAX_DEADBAND))
 
 
 def _number(text: str | None, name: str, most: float) -> float:
@@ -118,7 +118,7 @@ async def subscribe_callback(request: Request, resource: Resource) -> Response:
     media_type = choose(field(request, "accept"), offered)
     if media_type is None:
         raise NotAcceptable(f"Messages are to be had in {', '.join(offered)}.", offered=offered)
-    subscription = new_subscription(request, resource, Kind.CALLBACK, media_type, options(request))
+    subscription = new_subscription(request, resource, Kind.CALLBACK, media_type, parse_options(request))
     subscription = replace(subscription, callback=url)
     # Binary types cannot describe the subscription; the description is then in Turtle.
     return await _create(request, subscription, media_type if media_type in RDF_TYPES else RDF_TYPES[0])
@@ -127,7 +127,7 @@ async def subscribe_callback(request: Request, resource: Resource) -> Response:
 async def post_subscription(request: Request, afforded: Subscribe) -> Response:
     """Create a callback, or a stream to be opened at its Location, by POST to a Subscriptions container."""
     owner, media_type = afforded.owner, body_type(request)
-    check_accepted(request)
+    check_acceptable(request)
     iri = request.base + container_path(owner)
     wanted = await convert_body(
         request, lambda body: requested(parse_body(body, media_type, iri, request.base), iri, request.base)
@@ -144,8 +144,8 @@ async def post_subscription(request: Request, afforded: Subscribe) -> Response:
 
 
 def _from_body(request: Request, wanted: Wanted, resource: Resource, iri: str) -> Subscription:
-    media_type = offered_type(resource, wanted.media_type, iri)
-    asked = Options(wanted.depth, wanted.interval_s, wanted.deadband)
+    media_type = resolve_media_type(resource, wanted.media_type, iri)
+    asked = SubscriptionOptions(wanted.depth, wanted.interval_s, wanted.deadband)
     kind = Kind.CALLBACK if wanted.callback else Kind.STREAM
     subscription = new_subscription(request, resource, kind, media_type, asked)
     if not wanted.callback:
@@ -156,7 +156,7 @@ def _from_body(request: Request, wanted: Wanted, resource: Resource, iri: str) -
         raise _unprocessable(str(error), iri) from error
 
 
-def offered_type(resource: Resource, wanted: str, iri: str) -> str:
+def resolve_media_type(resource: Resource, wanted: str, iri: str) -> str:
     """Return the requested media type, or the default. Raises UnprocessableContent for an unavailable one."""
     offered = message_types(resource)
     media_type = wanted or offered[0]
@@ -169,7 +169,7 @@ async def _create(request: Request, subscription: Subscription, media_type: str 
     """Return 201 with Location and description; ``media_type`` overrides Accept for the description."""
     subscriptions: Subscriptions = request.services.subscriptions
     iri = request.base + container_path(subscription.owner)
-    async with store_errors():
+    async with translate_store_errors():
         try:
             if subscription.kind is Kind.CALLBACK:
                 record = await subscriptions.callbacks.accept(subscription)
@@ -184,12 +184,12 @@ async def _create(request: Request, subscription: Subscription, media_type: str 
     return created_response(request, shown, media_type)
 
 
-async def cancel(request: Request, afforded: ChangeSubscription) -> Response:
+async def cancel_subscription(request: Request, afforded: ChangeSubscription) -> Response:
     subscriptions: Subscriptions = request.services.subscriptions
     return await _carried_out(subscriptions.cancel(afforded.record.subscription.id))
 
 
-async def resume(request: Request, afforded: ResumeSubscription) -> Response:
+async def resume_subscription(request: Request, afforded: ResumeSubscription) -> Response:
     subscriptions: Subscriptions = request.services.subscriptions
     if not subscriptions.callbacks.is_entitled(afforded.record.subscription):
         raise Conflict("The rights of its creator ended: it can only be deleted.")
@@ -198,14 +198,14 @@ async def resume(request: Request, afforded: ResumeSubscription) -> Response:
 
 async def _carried_out(change: Awaitable[bool]) -> Response:
     """Return 204 for a change. Raises NotFound if the subscription has ended meanwhile."""
-    async with store_errors():
+    async with translate_store_errors():
         if not await change:
             raise NotFound("The subscription has ended meanwhile.")
     return Response(status_code=204)
 
 
 def new_subscription(
-    connection: Connection, resource: Resource, kind: Kind, media_type: str, asked: Options
+    connection: Connection, resource: Resource, kind: Kind, media_type: str, asked: SubscriptionOptions
 ) -> Subscription:
     require_subtree(connection, resource.path, asked.depth)
     check_channel(resource, kind, media_type)
@@ -248,7 +248,7 @@ def last_event_id(connection: Connection) -> str | None:
 
 
 @asynccontextmanager
-async def store_errors() -> AsyncIterator[None]:
+async def translate_store_errors() -> AsyncIterator[None]:
     """Translate errors of the store into problems."""
     try:
         yield

@@ -7,11 +7,16 @@ from starlette.responses import Response
 
 from linked_fleet_gateway.base.errors import InsufficientScope, NotFound, UnprocessableContent
 from linked_fleet_gateway.http.callers import require_subtree
-from linked_fleet_gateway.http.invoke import refuse_rehearsal
+from linked_fleet_gateway.http.invoke import reject_dry_run
 from linked_fleet_gateway.http.preconditions import await_preconditions
 from linked_fleet_gateway.http.request import Request
 from linked_fleet_gateway.http.scheduling import Offload
-from linked_fleet_gateway.http.subscribe import cancel, check_channel, offered_type, store_errors
+from linked_fleet_gateway.http.subscribe import (
+    cancel_subscription,
+    check_channel,
+    resolve_media_type,
+    translate_store_errors,
+)
 from linked_fleet_gateway.http.writes import apply_patch, read_patch
 from linked_fleet_gateway.identity.rights import Right
 from linked_fleet_gateway.rdf.sparql_update import Operation
@@ -28,14 +33,14 @@ _SHORT_TRIPLES = 50  # a description has twenty
 async def change_subscription(request: Request, afforded: ChangeSubscription) -> Response:
     """Delete or change a subscription. The response is 204."""
     if request.method == "DELETE":
-        return await cancel(request, afforded)
-    refuse_rehearsal(request)
+        return await cancel_subscription(request, afforded)
+    reject_dry_run(request)
     subscriptions: Subscriptions = request.services.subscriptions
     path = subscription_path(afforded.record.subscription)
     update = await read_patch(request, request.base + path)
     while True:
         # Evaluated in each attempt, because another client may change it while the body is read.
-        async with store_errors():
+        async with translate_store_errors():
             record = await subscriptions.record(afforded.record.subscription.id)
         present = None if record is None else _described(request, record)
         if record is None or present is None:
@@ -44,7 +49,7 @@ async def change_subscription(request: Request, afforded: ChangeSubscription) ->
         options = await _options(request, update, record.subscription, present)
         if options == record.subscription.options:
             return Response(status_code=204)
-        async with store_errors():
+        async with translate_store_errors():
             if await subscriptions.change(record.subscription, options):
                 return Response(status_code=204)
 
@@ -87,6 +92,6 @@ def _in_type(request: Request, subscription: Subscription, options: Changeable) 
             f"There is no resource at {request.base}{subscription.resource} at present: its media types are not known."
         )
         raise UnprocessableContent(detail, constraint=container)
-    media_type = offered_type(resource, options.media_type, container)
+    media_type = resolve_media_type(resource, options.media_type, container)
     check_channel(resource, subscription.kind, media_type)
     return replace(options, media_type=media_type)

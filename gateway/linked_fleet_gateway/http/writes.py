@@ -24,9 +24,9 @@ from linked_fleet_gateway.base.errors import (
 )
 from linked_fleet_gateway.http.body import body_type, convert_body, parse_body, parse_form
 from linked_fleet_gateway.http.fields import field, parameters, split
-from linked_fleet_gateway.http.invoke import lock_token, refuse_rehearsal
+from linked_fleet_gateway.http.invoke import lock_token, reject_dry_run
 from linked_fleet_gateway.http.negotiation import choose
-from linked_fleet_gateway.http.preconditions import present_under_preconditions
+from linked_fleet_gateway.http.preconditions import resolve_under_preconditions
 from linked_fleet_gateway.http.request import Request
 from linked_fleet_gateway.rdf.sparql_syntax import MAX_QUERY_BYTES
 from linked_fleet_gateway.rdf.sparql_update import Operation, read_update, updated
@@ -86,7 +86,7 @@ MAX_ANNOTATION_TRIPLES = 256
 async def control_lease(request: Request, afforded: Control) -> Response:
     """PUT takes or renews the lease and returns its ``Lock-Token``; DELETE releases it with that token."""
     shared = _shared(request)
-    refuse_rehearsal(request)
+    reject_dry_run(request)
     robot, token = afforded.robot, lock_token(request)
     if request.method == "DELETE":
         if not token:
@@ -117,12 +117,12 @@ def _shared(request: Request) -> ReplicatedInvocations:
 
 async def put_setting(request: Request, afforded: PutSetting) -> Response:
     shared = _shared(request)
-    refuse_rehearsal(request)
+    reject_dry_run(request)
     setting = afforded.setting
     change = await _change(request, setting)
     while True:
         # Evaluated in each attempt, because the value may change meanwhile, also at another gateway.
-        present = await present_under_preconditions(request, lambda: request.tree().resolve(setting.path))
+        present = await resolve_under_preconditions(request, lambda: request.tree().resolve(setting.path))
         assert present is not None  # no robot is forgotten while its settings are written
         if await shared.configure(setting.robot, setting.name, change(present), lock_token(request)):
             return Response(status_code=204)
@@ -168,7 +168,7 @@ _MODELS = (LDP.Resource.value, LDP.RDFSource.value)
 _LINK = re.compile(r'<([^<>]*+)>((?:[^",]++|"(?:[^"\\]++|\\.)*+")*+)')
 
 
-def check_model(request: Request, resource: Resource) -> None:
+def check_interaction_model(request: Request, resource: Resource) -> None:
     """Raise UnprocessableContent for an unavailable model: clients can create RDF sources but no containers.
 
     Actions and queries are exempt, because they do not replace the resource.
@@ -196,7 +196,7 @@ def _types(header: str) -> list[str]:
 def created_response(request: Request, resource: Resource, accept: str | None = None) -> Response:
     """Return 201 with Location and the description (RFC 9110, 15.3.2); ``accept`` overrides the request's field."""
     accept = accept or field(request, "accept")
-    representation = request.services.representations.negotiated(accept, resource, request.base)
+    representation = request.services.representations.negotiate(accept, resource, request.base)
     location = request.base + resource.path
     headers = {
         "location": location,
@@ -209,7 +209,7 @@ def created_response(request: Request, resource: Resource, accept: str | None = 
     return Response(representation.body, 201, headers)
 
 
-def check_accepted(request: Request) -> None:
+def check_acceptable(request: Request) -> None:
     """Raise NotAcceptable, before anything is created, if the client could not read the description."""
     offered = request.services.representations.media_types
     if choose(field(request, "accept"), offered) is None:

@@ -37,7 +37,7 @@ def _at_once(scope: Scope) -> Reply | None:
 
 
 def _http(protocol: type[HttpProtocol] = HttpProtocol) -> Any:
-    return partial(protocol, at_once=_at_once)
+    return partial(protocol, reply_nowait=_at_once)
 
 
 async def _answers(requests: str) -> bytes:

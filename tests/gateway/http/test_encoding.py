@@ -6,7 +6,7 @@ import httpx
 import pytest
 
 from browser import Browser
-from linked_fleet_gateway.http.negotiation import preferred_coding, takes_gzip
+from linked_fleet_gateway.http.negotiation import accepts_gzip, preferred_coding
 
 _JOINT = "baxter/right_s1"
 
@@ -20,7 +20,7 @@ _JOINT = "baxter/right_s1"
     ],
 )  # fmt: skip
 def test_accept_encoding_is_parsed(field: bytes, takes: bool) -> None:
-    assert takes_gzip(field) is takes
+    assert accepts_gzip(field) is takes
 
 
 @pytest.mark.parametrize(

@@ -378,7 +378,7 @@ def test_syntax_that_cannot_say_a_graph_gives_way() -> None:
         graph.add(NamedNode("urn:s"), NamedNode("urn:1"), NamedNode("urn:o"))
 
     def ask(accept: str) -> str:
-        return Representations().negotiated(accept, Resource("/", "", describe), "http://127.0.0.1").media_type
+        return Representations().negotiate(accept, Resource("/", "", describe), "http://127.0.0.1").media_type
 
     assert ask("application/rdf+xml, text/turtle;q=0.1") == "text/turtle"
     with pytest.raises(NotAcceptable) as refused:

@@ -80,7 +80,7 @@ def _parts(reply: Reply | None) -> tuple[int, dict[bytes, bytes], bytes]:
 @pytest.mark.parametrize("path", _OF_ROBOT)
 async def test_a_first_answer_is_that_of_the_application(bench: Bench, path: str, media_type: str) -> None:
     place, other = Place(bench), Place(bench)
-    found = _parts(place.endpoint.at_once(place.scope(path, accept=media_type)))
+    found = _parts(place.endpoint.reply_nowait(place.scope(path, accept=media_type)))
     assert found[0] == 200 and found[1][b"content-type"].startswith(media_type.encode())
     assert found == await other.answered(other.scope(path, accept=media_type))
 
@@ -88,17 +88,17 @@ async def test_a_first_answer_is_that_of_the_application(bench: Bench, path: str
 async def test_a_client_that_has_the_representation_gets_304(place: Place) -> None:
     tag = (await place.answered(place.scope("/r/elbow/limits")))[1][b"etag"].decode()
     await asyncio.sleep(0)  # the next turn
-    found = _parts(place.endpoint.at_once(place.scope("/r/elbow/limits", accept="text/turtle", if_none_match=tag)))
+    found = _parts(place.endpoint.reply_nowait(place.scope("/r/elbow/limits", accept="text/turtle", if_none_match=tag)))
     assert (found[0], found[1][b"etag"], found[2]) == (304, tag.encode(), b"")
 
 
 async def test_only_one_first_answer_is_made_in_a_turn(place: Place) -> None:
     first, second = place.scope("/r/elbow"), place.scope("/r/base")
-    assert place.endpoint.at_once(first) is not None
-    assert place.endpoint.at_once(second) is None
-    assert place.endpoint.at_once(first) is not None  # by now it is cached
+    assert place.endpoint.reply_nowait(first) is not None
+    assert place.endpoint.reply_nowait(second) is None
+    assert place.endpoint.reply_nowait(first) is not None  # by now it is cached
     await asyncio.sleep(0)
-    assert place.endpoint.at_once(second) is not None
+    assert place.endpoint.reply_nowait(second) is not None
 
 
 @pytest.mark.parametrize(
@@ -116,8 +116,8 @@ async def test_everything_else_is_left_to_the_application(
 ) -> None:
     """Nothing is written in vain."""
     written = list[object]()
-    monkeypatch.setattr(Representations, "negotiated", lambda *asked: written.append(asked))
-    assert place.endpoint.at_once(place.scope(**{"path": "/r/elbow", **more})) is None
+    monkeypatch.setattr(Representations, "negotiate", lambda *asked: written.append(asked))
+    assert place.endpoint.reply_nowait(place.scope(**{"path": "/r/elbow", **more})) is None
     assert not written
 
 
@@ -125,4 +125,4 @@ async def test_a_caller_without_the_right_is_left_to_the_application(place: Plac
     scope = place.scope("/r/elbow")
     grants = (Grant(frozenset({Right.STOP}), ("r",)),)
     arrival_of(scope).authenticated = Authenticated(Identity("somebody", grants))
-    assert place.endpoint.at_once(scope) is None
+    assert place.endpoint.reply_nowait(scope) is None

@@ -7,7 +7,7 @@ from starlette.datastructures import Headers
 from starlette.types import Scope
 
 from linked_fleet_gateway.app.settings import GatewaySettings
-from linked_fleet_gateway.http.forwarding import client_behind, find_client
+from linked_fleet_gateway.http.forwarding import find_client, forwarded_client
 from linked_fleet_gateway.http.scheduling import bucket_key
 
 _FRONTS = (ip_network("10.0.0.0/24"), ip_network("2001:db8:f::/48"))
@@ -16,7 +16,7 @@ _FRONT = "10.0.0.1"
 
 def _client(*fields: tuple[str, str], peer: str = _FRONT) -> str:
     headers = Headers(raw=[(name.encode(), value.encode("latin-1")) for name, value in fields])
-    return client_behind(peer, headers, _FRONTS)
+    return forwarded_client(peer, headers, _FRONTS)
 
 
 @pytest.mark.parametrize("name", ["x-forwarded-for", "forwarded"])

@@ -12,7 +12,7 @@ from starlette.types import Scope
 
 from linked_fleet_gateway.base.errors import FleetError, MisdirectedRequest
 from linked_fleet_gateway.http.arrival import arrival_of
-from linked_fleet_gateway.http.forwarding import Authorities, Message, refuse
+from linked_fleet_gateway.http.forwarding import Authorities, Message, send_problem
 
 URLS = ("http://127.0.0.1:8000", "https://Fleet.example/", "http://[::1]:8000")
 
@@ -39,7 +39,7 @@ def ask(*hosts: str, kind: str = "http", more: tuple[tuple[bytes, bytes], ...] =
         try:
             Authorities(URLS).admit(scope)
         except FleetError as error:
-            await refuse(error, scope, send)
+            await send_problem(error, scope, send)
         else:
             await app(scope, receive, send)
 

@@ -69,5 +69,5 @@ def test_the_fleet_has_links_of_extensions_with_their_relations() -> None:
     assert isinstance(fleet, Resource) and isinstance(linkset, Resource)
     expected = '<http://fleet.example/api>; rel="service-desc"; type="application/x-api"'
     assert expected in resource_headers(fleet, "http://fleet.example", '"1"')["link"]
-    (context,) = json.loads(Representations().negotiated(None, linkset, "http://fleet.example").body)["linkset"]
+    (context,) = json.loads(Representations().negotiate(None, linkset, "http://fleet.example").body)["linkset"]
     assert context["service-desc"] == [{"href": "http://fleet.example/api", "type": "application/x-api"}]

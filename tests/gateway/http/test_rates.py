@@ -12,7 +12,7 @@ from starlette.types import Scope
 from linked_fleet_gateway.base.errors import TooManyRequests
 from linked_fleet_gateway.http.arrival import Authenticated, arrival_of
 from linked_fleet_gateway.http.entrance import RateLimiter, await_turn
-from linked_fleet_gateway.http.forwarding import refuse
+from linked_fleet_gateway.http.forwarding import send_problem
 from linked_fleet_gateway.http.request import Request
 from linked_fleet_gateway.http.scheduling import BURST_S, MAX_CLIENTS, StopPriority, TokenBuckets, bucket_key
 from linked_fleet_gateway.identity.rights import EVERYBODY, NOBODY, Identity
@@ -103,7 +103,7 @@ def _ask(pace: RateLimiter, method: str, path: str, kind: str = "http") -> tuple
         try:
             pace.check(scope)
         except TooManyRequests as error:
-            await refuse(error, scope, send)
+            await send_problem(error, scope, send)
         else:
             await Response(b"served")(scope, receive, send)
 

@@ -18,9 +18,9 @@ from linked_fleet_gateway.extensions.cameras.resources import RobotCamera, camer
 from linked_fleet_gateway.http.extension import Core, Extension, Mount
 from linked_fleet_gateway.http.fields import field
 from linked_fleet_gateway.http.negotiation import choose
-from linked_fleet_gateway.http.operations import described, names, reading, segment
+from linked_fleet_gateway.http.operations import last_segment, rdf_get_operation, resource_path_items, segment_schema
 from linked_fleet_gateway.http.preconditions import await_preconditions
-from linked_fleet_gateway.http.read import READ, method_headers, read, resource_headers
+from linked_fleet_gateway.http.read import READ_METHODS, method_headers, read, resource_headers
 from linked_fleet_gateway.http.representation import not_modified
 from linked_fleet_gateway.http.request import Request
 from linked_fleet_gateway.resources.branches import RequestView
@@ -65,7 +65,7 @@ async def _picture(
     pictures: Pictures, request: Request, resource: Resource, source: RobotCamera, media_type: str
 ) -> Response:
     """Query the robot for a picture, for GET only."""
-    headers = resource_headers(resource, request.base, "") | method_headers(resource, READ)
+    headers = resource_headers(resource, request.base, "") | method_headers(resource, READ_METHODS)
     headers |= _HEADERS | {"content-type": media_type}
     if request.method == "HEAD":
         answer = Response(headers={name: value for name, value in headers.items() if name != "etag"})
@@ -108,11 +108,11 @@ def operations(view: RequestView) -> dict[str, Json]:
     found = [(each, camera) for each in view.robots.values() for camera in cameras_of(each).values()]
     if not found:
         return {}
-    of = {"robot": names(segment(robot_path(each.name)) for each, _ in found)}
-    one = of | {"camera": names(segment(camera_path(each.name, camera.name)) for each, camera in found)}
-    get = reading("readCamera", "A camera: its description, or its picture")
+    of = {"robot": segment_schema(last_segment(robot_path(each.name)) for each, _ in found)}
+    one = of | {"camera": segment_schema(last_segment(camera_path(each.name, camera.name)) for each, camera in found)}
+    get = rdf_get_operation("readCamera", "A camera: its description, or its picture")
     get["responses"]["200"]["content"] |= {media_type: {} for _, camera in found for media_type in types_of(camera)}
     return {
-        **described("/{robot}/cameras", of, "Cameras", "Cameras of a robot"),
-        **described("/{robot}/cameras/{camera}", one, "Camera", "A camera", get),
+        **resource_path_items("/{robot}/cameras", of, "Cameras", "Cameras of a robot"),
+        **resource_path_items("/{robot}/cameras/{camera}", one, "Camera", "A camera", get),
     }

@@ -30,7 +30,13 @@ from linked_fleet_gateway.extensions.history.span import parse_span
 from linked_fleet_gateway.http.extension import Core, Extension, Mount
 from linked_fleet_gateway.http.fields import Link, link_header
 from linked_fleet_gateway.http.html import NavigationEntry
-from linked_fleet_gateway.http.operations import described, names, parameter, reading, segment
+from linked_fleet_gateway.http.operations import (
+    last_segment,
+    parameter,
+    rdf_get_operation,
+    resource_path_items,
+    segment_schema,
+)
 from linked_fleet_gateway.http.preconditions import check_preconditions
 from linked_fleet_gateway.http.read import read
 from linked_fleet_gateway.http.request import Request
@@ -152,20 +158,28 @@ _SPAN = [
 def operations(view: RequestView) -> dict[str, Json]:
     """Return the OpenAPI path items of the list of histories, and of histories of robots and measured properties."""
     robots = [each for each in view.robots.values() if each.model is not None]
-    of = {"robot": names(segment(robot_path(each.name)) for each in robots)}
+    of = {"robot": segment_schema(last_segment(robot_path(each.name)) for each in robots)}
     paths = [path.split("/")[2:] for each in robots for path in measured_paths(each)]
     own, parts = [each for each in paths if len(each) == 1], [each for each in paths if len(each) == 2]
-    whole = reading("readHistory", "Recent values of a robot", None, {"csv": CSV, "mcap": MCAP}, _SPAN)
-    found = described(HISTORIES, {}, "Histories", "The histories of all robots")
+    whole = rdf_get_operation("readHistory", "Recent values of a robot", None, {"csv": CSV, "mcap": MCAP}, _SPAN)
+    found = resource_path_items(HISTORIES, {}, "Histories", "The histories of all robots")
     if robots:
-        found |= described(f"/{{robot}}/{SEGMENT}", of, "History", "Recent values of a robot", whole)
+        found |= resource_path_items(f"/{{robot}}/{SEGMENT}", of, "History", "Recent values of a robot", whole)
     if own:
-        get = reading("readOwnHistory", "Recent values of a property of a robot", None, {"csv": CSV}, _SPAN)
-        template, parameters = f"/{{robot}}/{{property}}/{SEGMENT}", of | {"property": names(each[0] for each in own)}
-        found |= described(template, parameters, "OwnHistory", "History of a property of a robot", get)
+        get = rdf_get_operation("readOwnHistory", "Recent values of a property of a robot", None, {"csv": CSV}, _SPAN)
+        template, parameters = (
+            f"/{{robot}}/{{property}}/{SEGMENT}",
+            of | {"property": segment_schema(each[0] for each in own)},
+        )
+        found |= resource_path_items(template, parameters, "OwnHistory", "History of a property of a robot", get)
     if parts:
-        get = reading("readPartHistory", "Recent values of a property of a joint or link", None, {"csv": CSV}, _SPAN)
-        parameters = of | {"part": names(each[0] for each in parts), "property": names(each[1] for each in parts)}
+        get = rdf_get_operation(
+            "readPartHistory", "Recent values of a property of a joint or link", None, {"csv": CSV}, _SPAN
+        )
+        parameters = of | {
+            "part": segment_schema(each[0] for each in parts),
+            "property": segment_schema(each[1] for each in parts),
+        }
         template = f"/{{robot}}/{{part}}/{{property}}/{SEGMENT}"
-        found |= described(template, parameters, "PartHistory", "History of a property of a part", get)
+        found |= resource_path_items(template, parameters, "PartHistory", "History of a property of a part", get)
     return found

@@ -20,7 +20,13 @@ from linked_fleet_gateway.extensions.openapi.components import components
 from linked_fleet_gateway.extensions.openapi.paths import FleetPaths
 from linked_fleet_gateway.extensions.openapi.schemas import forbid_other_members
 from linked_fleet_gateway.http.extension import Core, Extension, Mount, Operations
-from linked_fleet_gateway.http.operations import document, errors, path_item, reading, writing
+from linked_fleet_gateway.http.operations import (
+    error_responses,
+    get_operation,
+    path_item,
+    rdf_get_operation,
+    write_operation,
+)
 from linked_fleet_gateway.http.preconditions import await_preconditions
 from linked_fleet_gateway.http.read import read
 from linked_fleet_gateway.http.request import Request
@@ -107,7 +113,7 @@ def _written(base: str, secured: bool, fleet: FleetPaths, more: Mapping[str, Map
 
 def _completed(item: Mapping[str, Any], secured: bool) -> Json:
     """Return a path item with the responses that any resource may give; JSON bodies have no unnamed members."""
-    common = errors((*_ALWAYS, *(_SECURED if secured else ("403",))))
+    common = error_responses((*_ALWAYS, *(_SECURED if secured else ("403",))))
     found = dict(item)
     for method in found.keys() & _METHODS:
         operation = found[method] = found[method] | {"responses": common | found[method]["responses"]}
@@ -126,9 +132,9 @@ def _own_paths() -> dict[str, Json]:
     live: Json = {"200": {"description": "Live.", "content": status}}
     described: Json = {TYPE: {"schema": {"type": "object", "required": ["openapi"]}}, JSON: {}}
     return {
-        PATH: path_item({}, get=document("readOpenApi", "This description", described)),
-        "/audit": path_item({}, get=reading("readAudit", "Commands and changes, newest first")),
-        "/health/live": path_item({}, get=writing("readLive", "The process serves", live)),
+        PATH: path_item({}, get=get_operation("readOpenApi", "This description", described)),
+        "/audit": path_item({}, get=rdf_get_operation("readAudit", "Commands and changes, newest first")),
+        "/health/live": path_item({}, get=write_operation("readLive", "The process serves", live)),
     }
 
 

@@ -19,22 +19,22 @@ from linked_fleet_gateway.extensions.openapi.schemas import (
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.http.fields import LINKSET_TYPES
 from linked_fleet_gateway.http.operations import (
-    CHANGED,
-    DESCRIBED,
-    ID,
+    CHANGED_RESPONSE,
+    ID_SCHEMA,
     JSONLD,
+    RDF_CONTENT,
     Parameters,
-    described,
-    document,
-    header,
-    names,
+    component_ref,
+    get_operation,
+    header_ref,
+    last_segment,
     parameter,
-    patching,
+    patch_operation,
     path_item,
-    reading,
-    ref,
-    segment,
-    writing,
+    rdf_get_operation,
+    resource_path_items,
+    segment_schema,
+    write_operation,
 )
 from linked_fleet_gateway.rdf.serialise import JSON
 from linked_fleet_gateway.rdf.vocabulary import LF
@@ -49,7 +49,7 @@ from linked_fleet_gateway.resources.property import Property
 _FORMAT: Json = {"type": "string", "enum": ["json", "jsonld"], "default": "json"}
 _PICKS = "The format of what is sent."
 PICK = parameter("as", "query", _FORMAT, _PICKS)
-_INVOCATION, _REHEARSAL = ref("schemas", "Invocation"), ref("schemas", "Rehearsal")
+_INVOCATION, _REHEARSAL = component_ref("schemas", "Invocation"), component_ref("schemas", "Rehearsal")
 _APPLIED: Json = {"Preference-Applied": {"schema": {"type": "string"}}}
 
 
@@ -58,26 +58,26 @@ def action_paths(
 ) -> dict[str, Json]:
     """Return the path items of an action at ``template`` and below; ``offers``: one for each thing that has it."""
     definition = offers[0].definition
-    one = {**parameters, "invocation": ID}
+    one = {**parameters, "invocation": ID_SCHEMA}
     listed, read = f"{template}/invocations", f"{template}/invocations/{{invocation}}"
     done: Json = {"204": {"description": "The robot holds."}}
-    cancel = reading(f"describeCancel{name}", "Describe the action cancel of a running invocation")
+    cancel = rdf_get_operation(f"describeCancel{name}", "Describe the action cancel of a running invocation")
     return {
         template: path_item(
             parameters,
-            get=reading(f"describe{name}", f"{definition.title}: description and shape of the body"),
+            get=rdf_get_operation(f"describe{name}", f"{definition.title}: description and shape of the body"),
             **{method.lower(): _invoke(method, name, parameters, offers[0], body) for method in offers[0].methods},
         ),
-        f"{template}/produceshape": path_item(parameters, get=reading(f"shape{name}", "Shape of the result")),
-        listed: path_item(parameters, get=reading(f"list{name}", "Invocations, the newest first")),
+        f"{template}/produceshape": path_item(parameters, get=rdf_get_operation(f"shape{name}", "Shape of the result")),
+        listed: path_item(parameters, get=rdf_get_operation(f"list{name}", "Invocations, the newest first")),
         read: path_item(
             one,
-            get=reading(f"read{name}", "Read an invocation: its state, progress and result", _INVOCATION),
-            delete=writing(f"delete{name}", "Stop an invocation and remove it", done),
+            get=rdf_get_operation(f"read{name}", "Read an invocation: its state, progress and result", _INVOCATION),
+            delete=write_operation(f"delete{name}", "Stop an invocation and remove it", done),
         ),
-        f"{read}/blueprint": path_item(one, get=reading(f"blueprint{name}", "Shape of an invocation")),
+        f"{read}/blueprint": path_item(one, get=rdf_get_operation(f"blueprint{name}", "Shape of an invocation")),
         f"{read}/actions/cancel": path_item(
-            one, get=cancel, post=writing(f"cancel{name}", "Cancel an invocation and keep it", done)
+            one, get=cancel, post=write_operation(f"cancel{name}", "Cancel an invocation and keep it", done)
         ),
     }
 
@@ -90,19 +90,19 @@ def _invoke(method: str, name: str, parameters: Parameters, offer: Offer, body: 
     # A wrong query must never prevent a stop: a request without a body accepts any format name.
     pick = parameter("as", "query", {"type": "string", "default": "json"}, _PICKS) if body is None else PICK
     fields = ["Prefer"] if body is None else ["Prefer", "IdempotencyKey", "LockToken", "IfMatch"]
-    return writing(
+    return write_operation(
         ("put" if method == "PUT" else "invoke") + name,
         offer.definition.title,
         invocation_responses(name, parameters),
         None if body is None else {JSON: body},
-        [pick, *map(header, fields)],
+        [pick, *map(header_ref, fields)],
         description=offer.definition.comment,
     )
 
 
 def invocation_responses(name: str, parameters: Parameters) -> Json:
     """Return the responses to an invocation. A 202 contains the invocation only if the client prefers that."""
-    location: Json = {"Location": ref("headers", "Location")}
+    location: Json = {"Location": component_ref("headers", "Location")}
     known = {each: f"$request.path.{each}" for each in parameters}
     links = {
         f"{does}Invocation": {
@@ -115,12 +115,12 @@ def invocation_responses(name: str, parameters: Parameters) -> Json:
         "200": {
             "description": "Rehearsed, as preferred by dry-run; nothing has moved.",
             "headers": _APPLIED,
-            "content": {JSON: {"schema": _REHEARSAL}, **DESCRIBED},
+            "content": {JSON: {"schema": _REHEARSAL}, **RDF_CONTENT},
         },
         "201": {
             "description": "Accepted; the invocation is sent, as preferred by return=representation.",
             "headers": location | _APPLIED,
-            "content": {JSON: {"schema": _INVOCATION}, **DESCRIBED},
+            "content": {JSON: {"schema": _INVOCATION}, **RDF_CONTENT},
             "links": links,
         },
         "202": {"description": "Accepted; it goes on. Location is the invocation.", "headers": location | _APPLIED},
@@ -149,11 +149,11 @@ class _CommonPath:
             self.parts[part], self.kinds[kind] = None, None
 
     def parameters(self) -> Parameters:
-        robots = {"robot": names(self.robots)}
+        robots = {"robot": segment_schema(self.robots)}
         if not self.parts:
             return robots
         (name,) = self.kinds if len(self.kinds) == 1 else ("part",)
-        return robots | {name: names(self.parts)}
+        return robots | {name: segment_schema(self.parts)}
 
     def template(self, end: str) -> str:
         return "".join(f"/{{{name}}}" for name in self.parameters()) + end
@@ -172,17 +172,17 @@ class FleetPaths:
 
     def add(self, robot: Robot) -> None:
         """Add a robot; one without a readable description has no parts and no properties."""
-        name = segment(robot_path(robot.name))
+        name = last_segment(robot_path(robot.name))
         self._robots.note(name)
         if robot.model is None:
             return
         own = robot_properties(robot, lambda path: NamedNode(self._base + path))
         self._note(name, "", "", own, robot_offers(robot))
         for joint in robot.model.joints.values():
-            part = segment(joint_path(robot.name, joint.name))
+            part = last_segment(joint_path(robot.name, joint.name))
             self._note(name, part, "joint", joint_properties(robot, joint), joint_offers(robot, joint))
         for link in robot.model.links.values():
-            part = segment(link_path(robot.name, robot.model, link.name))
+            part = last_segment(link_path(robot.name, robot.model, link.name))
             self._note(name, part, "link", link_properties(robot, link), ())
 
     def _note(self, robot: str, part: str, kind: str, items: Iterable[Property], offers: Iterable[Offer]) -> None:
@@ -203,9 +203,9 @@ class FleetPaths:
         for offer in fleet_offers():
             name = capitalized(offer.definition.segment)
             yield from action_paths(offer.path, name, {}, [offer], self._body(name, [offer], form_of_input)).items()
-        yield "/vocabulary", path_item({}, get=reading("readVocabulary", "Terms and shapes"))
-        context: Json = {JSONLD: {"schema": ref("schemas", "JsonLd")}}
-        yield "/context", path_item({}, get=document("readContext", "JSON-LD context", context))
+        yield "/vocabulary", path_item({}, get=rdf_get_operation("readVocabulary", "Terms and shapes"))
+        context: Json = {JSONLD: {"schema": component_ref("schemas", "JsonLd")}}
+        yield "/context", path_item({}, get=get_operation("readContext", "JSON-LD context", context))
         if not self._robots.robots:
             return
         robots = self._robots.parameters()
@@ -232,7 +232,7 @@ class FleetPaths:
         known = len(alike) <= _MOST_FORMS
         schema = forbid_other_members(union(shown)) if known else {"type": "object"}
         self.schemas[f"{name}Input"] = extract_alternatives(schema, f"{name}Input", self.schemas)
-        return {"schema": ref("schemas", f"{name}Input"), "examples": {"first": {"value": example(forms[0])}}}
+        return {"schema": component_ref("schemas", f"{name}Input"), "examples": {"first": {"value": example(forms[0])}}}
 
     def _distinct(self, offers: Iterable[Offer]) -> list[Offer]:
         """Return one offer for each distinct body schema.
@@ -256,47 +256,57 @@ class FleetPaths:
         of, title = capitalized(owner) + capitalized(called), f"The {called} of a {owner}"
         schema = None
         if form.fields:
-            self.schemas[of], schema = form.schema, ref("schemas", of)
-        methods = {"get": reading(f"read{of}", title, schema)}
+            self.schemas[of], schema = form.schema, component_ref("schemas", of)
+        methods = {"get": rdf_get_operation(f"read{of}", title, schema)}
         if puts := [each.put for each in alike.items if isinstance(each.put, Offer)]:
             body = self._body(of, puts, form_of_target)
             answers = invocation_responses(capitalized(puts[0].definition.segment), parameters)
-            fields = [PICK, *map(header, ("Prefer", "IdempotencyKey", "LockToken", "IfMatch"))]
-            methods["put"] = writing(f"put{of}", "Command the joint to a position", answers, {JSON: body or {}}, fields)
+            fields = [PICK, *map(header_ref, ("Prefer", "IdempotencyKey", "LockToken", "IfMatch"))]
+            methods["put"] = write_operation(
+                f"put{of}", "Command the joint to a position", answers, {JSON: body or {}}, fields
+            )
         elif isinstance(item.put, Setting):
             methods |= self._setting(of, item.put)
-        return described(template, parameters, of, title, **methods)
+        return resource_path_items(template, parameters, of, title, **methods)
 
     def _setting(self, of: str, setting: Setting) -> Mapping[str, Json]:
-        shape, fields = setting.shape, (header("IfMatch"), header("LockToken"))
+        shape, fields = setting.shape, (header_ref("IfMatch"), header_ref("LockToken"))
         self.schemas[f"{of}Input"] = ANNOTATIONS if shape is None else forbid_other_members(form_of(shape).schema)
-        body = {JSONLD if shape is None else JSON: {"schema": ref("schemas", f"{of}Input")}}
+        body = {JSONLD if shape is None else JSON: {"schema": component_ref("schemas", f"{of}Input")}}
         found = {
-            "put": writing(f"put{of}", "Replace it", CHANGED, body, fields),
-            "patch": patching(f"patch{of}", "Change it by a SPARQL update"),
+            "put": write_operation(f"put{of}", "Replace it", CHANGED_RESPONSE, body, fields),
+            "patch": patch_operation(f"patch{of}", "Change it by a SPARQL update"),
         }
-        removed = writing(f"delete{of}", "Remove it", CHANGED, None, fields)
+        removed = write_operation(f"delete{of}", "Remove it", CHANGED_RESPONSE, None, fields)
         return found | ({"delete": removed} if setting.removable else {})
 
 
 def _thing(template: str, parameters: Parameters, kind: str) -> dict[str, Json]:
     stem, linkset = template.rstrip("/"), {LINKSET_TYPES[0]: {"schema": {"type": "object", "required": ["linkset"]}}}
-    whole, blueprint = described(stem, parameters, kind, f"{kind}: description, properties and actions").values()
-    get = document(f"read{kind}Links", f"Links of a {kind.lower()} (RFC 9264)", linkset)
+    whole, blueprint = resource_path_items(
+        stem, parameters, kind, f"{kind}: description, properties and actions"
+    ).values()
+    get = get_operation(f"read{kind}Links", f"Links of a {kind.lower()} (RFC 9264)", linkset)
     links = path_item(parameters, get=get)
     return {template: whole, f"{stem}/blueprint": blueprint, f"{stem}/linkset": links}
 
 
 def _lease(robots: Parameters) -> dict[str, Json]:
     schema = form_of(LF.ControlLeaseInput).schema
-    taken = {"204": {"description": "Control is yours.", "headers": {"Lock-Token": ref("headers", "LockToken")}}}
+    taken = {
+        "204": {"description": "Control is yours.", "headers": {"Lock-Token": component_ref("headers", "LockToken")}}
+    }
     body = {JSON: {"schema": schema, "examples": {"a minute": {"value": {"holder": "a planner", "duration": 60}}}}}
     proof = parameter("Lock-Token", "header", LOCK_TOKEN, "As it came.", required=True)
-    return described(
+    return resource_path_items(
         "/{robot}/lease",
         robots,
         "Lease",
         "Control of a robot: holder and end",
-        put=writing("takeLease", "Take or renew control", taken, body, (header("LockToken"), header("IfMatch"))),
-        delete=writing("releaseLease", "Release control", {"204": {"description": "Released."}}, None, (proof,)),
+        put=write_operation(
+            "takeLease", "Take or renew control", taken, body, (header_ref("LockToken"), header_ref("IfMatch"))
+        ),
+        delete=write_operation(
+            "releaseLease", "Release control", {"204": {"description": "Released."}}, None, (proof,)
+        ),
     )

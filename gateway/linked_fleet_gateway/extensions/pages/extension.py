@@ -33,7 +33,7 @@ class Pages:
     ) -> bytes:
         return page.write_problem(error, instance, report, reader)
 
-    def policy(self, forms: bool) -> str:
+    def content_security_policy(self, forms: bool) -> str:
         return FORMS if forms else POLICY
 
 

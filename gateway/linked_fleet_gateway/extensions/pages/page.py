@@ -54,7 +54,7 @@ def write_problem(
         detail=texts.readable_title(error.detail, root) if root else error.detail,
         instance=instance,
         root=root,
-        places=places(address.path if address else None, bool(reader and reader.audited)),
+        places=places(address.path if address else None, bool(reader and reader.may_read_audit)),
         reader=reader,
         members={name: value for name, value in error.members.items() if value},
         report=report,

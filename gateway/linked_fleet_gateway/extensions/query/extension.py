@@ -31,7 +31,7 @@ from linked_fleet_gateway.http.extension import Core, Extension, Mount
 from linked_fleet_gateway.http.fields import field
 from linked_fleet_gateway.http.html import HTML, NavigationEntry
 from linked_fleet_gateway.http.negotiation import choose, parse_content_type
-from linked_fleet_gateway.http.operations import DESCRIBED, parameter, path_item, writing
+from linked_fleet_gateway.http.operations import RDF_CONTENT, parameter, path_item, write_operation
 from linked_fleet_gateway.http.preconditions import await_preconditions
 from linked_fleet_gateway.http.problem import PROBLEM_JSON, problem
 from linked_fleet_gateway.http.read import read as read_resource
@@ -158,7 +158,9 @@ async def _answer(request: Request, endpoint: Endpoint, asked: _ParsedQuery) -> 
             raise
         _, headers = problem(error, HTML, html=html)
         body = page.refusal_page(asked.query, request.base, request.reader(PATH), error)
-        return Response(body, error.status, headers | {"content-security-policy": html.policy(forms=True)})
+        return Response(
+            body, error.status, headers | {"content-security-policy": html.content_security_policy(forms=True)}
+        )
 
 
 async def _evaluated(request: Request, endpoint: Endpoint, asked: _ParsedQuery) -> Response:
@@ -176,7 +178,7 @@ async def _evaluated(request: Request, endpoint: Endpoint, asked: _ParsedQuery) 
     )
     content_type = media_type + ("; charset=utf-8" if media_type.startswith("text/") else "")
     html = request.services.representations.html
-    policy = html.policy(forms=True) if html is not None and media_type == HTML else _INERT
+    policy = html.content_security_policy(forms=True) if html is not None and media_type == HTML else _INERT
     return Response(body, headers=_HEADERS | {"content-type": content_type, "content-security-policy": policy})
 
 
@@ -235,12 +237,12 @@ def operations(view: RequestView) -> dict[str, Json]:
     """Return the path items for queries by GET and POST (SPARQL 1.1 Protocol, 2.1), with results by query form."""
     short = _TEXT | {"maxLength": _LONGEST_IN_URL}
     query = parameter("query", "query", short, "A query of SPARQL 1.1; without one, the endpoint describes itself.")
-    found: Json = {"200": {"description": "The result.", "content": {**_ANSWERS, **DESCRIBED}}}
+    found: Json = {"200": {"description": "The result.", "content": {**_ANSWERS, **RDF_CONTENT}}}
     body: Json = {"application/sparql-query": {"schema": _TEXT}}
     return {
         PATH: path_item(
             {},
-            get=writing("query", "Ask the whole fleet", found, None, [query]),
-            post=writing("postQuery", "Ask the whole fleet by a long query", found, body),
+            get=write_operation("query", "Ask the whole fleet", found, None, [query]),
+            post=write_operation("postQuery", "Ask the whole fleet by a long query", found, body),
         )
     }

@@ -41,20 +41,20 @@ from linked_fleet_gateway.extensions.rules.store import Changed, FleetFull, Full
 from linked_fleet_gateway.extensions.rules.template import LF
 from linked_fleet_gateway.http.body import body_type, convert_body, parse_body
 from linked_fleet_gateway.http.fields import field
-from linked_fleet_gateway.http.invoke import refuse_rehearsal
+from linked_fleet_gateway.http.invoke import reject_dry_run
 from linked_fleet_gateway.http.operations import (
-    CHANGED,
-    ID,
+    CHANGED_RESPONSE,
+    ID_SCHEMA,
     JSONLD,
-    created,
-    described,
-    header,
+    creation_responses,
+    header_ref,
     path_item,
-    reading,
-    writing,
+    rdf_get_operation,
+    resource_path_items,
+    write_operation,
 )
 from linked_fleet_gateway.http.request import Request
-from linked_fleet_gateway.http.writes import check_accepted, created_response
+from linked_fleet_gateway.http.writes import check_acceptable, created_response
 from linked_fleet_gateway.identity.rights import Claims, Identity, Right
 from linked_fleet_gateway.rdf.shapes import load_file
 from linked_fleet_gateway.rdf.sparql_syntax import MAX_QUERY_BYTES, bound_to
@@ -77,10 +77,10 @@ WORD_S = 86_400
 
 async def post_rule(rules: Rules, request: Request, afforded: MakeRule) -> Response:
     """Create a rule. The response is 201 with Location and description."""
-    refuse_rehearsal(request)
+    reject_dry_run(request)
     _demand_rights(request.caller)
     media_type = body_type(request)
-    check_accepted(request)
+    check_acceptable(request)
     wanted = await _wanted(rules, request, media_type, request.base + CONTAINER)
     rule = _as_wanted(rules, request, wanted, str(uuid.uuid4()), time.time_ns())
     async with _refusals(rules):
@@ -94,7 +94,7 @@ async def post_rule(rules: Rules, request: Request, afforded: MakeRule) -> Respo
 
 async def change_rule(rules: Rules, request: Request, afforded: ChangeRule) -> Response:
     """Replace a rule by PUT, or delete it. Others than the creator can only disable or enable it."""
-    refuse_rehearsal(request)
+    reject_dry_run(request)
     caller, known = request.caller, afforded.known
     own = caller.name == known.rule.creator
     if not own and not caller.has_right(Right.ADMIN, None):
@@ -275,17 +275,19 @@ def operations(view: RequestView) -> dict[str, Json]:
         "lf:enabled": False,
     }
     body: Json = {JSONLD: {"schema": _schema(), "examples": {"stop all": {"value": example}}}}
-    rule, parameters, fields = f"{CONTAINER}/{{rule}}", {"rule": ID}, [header("IfMatch")]
+    rule, parameters, fields = f"{CONTAINER}/{{rule}}", {"rule": ID_SCHEMA}, [header_ref("IfMatch")]
     return {
         CONTAINER: path_item(
             {},
-            get=reading("readRules", "Rules, with their states"),
-            post=writing("addRule", "Write a rule", created("Written."), body),
+            get=rdf_get_operation("readRules", "Rules, with their states"),
+            post=write_operation("addRule", "Write a rule", creation_responses("Written."), body),
         ),
-        **described(
+        **resource_path_items(
             rule, parameters, "Rule", "A rule, and whether it fires",
-            put=writing("putRule", "Replace, enable or disable a rule", CHANGED, body, fields),
-            delete=writing("deleteRule", "Delete a rule", CHANGED, None, fields),
+            put=write_operation("putRule", "Replace, enable or disable a rule", CHANGED_RESPONSE, body, fields),
+            delete=write_operation("deleteRule", "Delete a rule", CHANGED_RESPONSE, None, fields),
         ),
-        f"{rule}/firings": path_item(parameters, get=reading("readFirings", "Firings of a rule, the newest first")),
+        f"{rule}/firings": path_item(
+            parameters, get=rdf_get_operation("readFirings", "Firings of a rule, the newest first")
+        ),
     }  # fmt: skip

@@ -19,7 +19,14 @@ from linked_fleet_gateway.http.extension import Core, Extension, Mount
 from linked_fleet_gateway.http.fields import Link, field, link_header
 from linked_fleet_gateway.http.html import NavigationEntry
 from linked_fleet_gateway.http.negotiation import choose
-from linked_fleet_gateway.http.operations import JSONLD, document, errors, header, parameter, path_item
+from linked_fleet_gateway.http.operations import (
+    JSONLD,
+    error_responses,
+    get_operation,
+    header_ref,
+    parameter,
+    path_item,
+)
 from linked_fleet_gateway.http.read import read
 from linked_fleet_gateway.http.representation import etag, not_modified
 from linked_fleet_gateway.http.request import Request
@@ -122,15 +129,21 @@ _THINGS: Json = {"schema": {"type": "array", "items": _THING}}
 
 def operations(view: RequestView) -> dict[str, Json]:
     """Return the operations: read the fleet's description, the directory by pages, and one thing by its id."""
-    known = [header("IfNoneMatch")]
+    known = [header_ref("IfNoneMatch")]
     offset = parameter("offset", "query", {"type": "integer", "minimum": 0, "maximum": 999_999_999})
     limit = parameter("limit", "query", {"type": "integer", "minimum": 1, "maximum": 999_999_999}, f"At most {MOST}.")
-    listed = document("readThings", "Thing Descriptions", {JSONLD: _THINGS, JSON: _THINGS}, [offset, limit, *known])
-    listed["responses"] |= errors(["501"])
+    listed = get_operation(
+        "readThings", "Thing Descriptions", {JSONLD: _THINGS, JSON: _THINGS}, [offset, limit, *known]
+    )
+    listed["responses"] |= error_responses(["501"])
     one: Json = {TD: {"schema": _THING}}
     id: Json = {"type": "string", "enum": [view.base + "/"]}
     return {
-        "/.well-known/wot": path_item({}, get=document("readFleetThing", "Thing Description of the fleet", one, known)),
+        "/.well-known/wot": path_item(
+            {}, get=get_operation("readFleetThing", "Thing Description of the fleet", one, known)
+        ),
         DIRECTORY: path_item({}, get=listed),
-        f"{DIRECTORY}/{{id}}": path_item({"id": id}, get=document("readThing", "One Thing Description", one, known)),
+        f"{DIRECTORY}/{{id}}": path_item(
+            {"id": id}, get=get_operation("readThing", "One Thing Description", one, known)
+        ),
     }

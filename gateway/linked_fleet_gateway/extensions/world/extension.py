@@ -30,20 +30,20 @@ from linked_fleet_gateway.extensions.world.service import World
 from linked_fleet_gateway.http.body import body_type, convert_body, parse_body, parse_form
 from linked_fleet_gateway.http.extension import Core, Extension, Mount
 from linked_fleet_gateway.http.html import NavigationEntry
-from linked_fleet_gateway.http.invoke import refuse_rehearsal
+from linked_fleet_gateway.http.invoke import reject_dry_run
 from linked_fleet_gateway.http.operations import (
-    CHANGED,
-    ID,
-    created,
-    described,
-    header,
+    CHANGED_RESPONSE,
+    ID_SCHEMA,
+    creation_responses,
+    header_ref,
     parameter,
-    patching,
+    patch_operation,
     path_item,
-    reading,
-    writing,
+    rdf_get_operation,
+    resource_path_items,
+    write_operation,
 )
-from linked_fleet_gateway.http.preconditions import present_under_preconditions
+from linked_fleet_gateway.http.preconditions import resolve_under_preconditions
 from linked_fleet_gateway.http.read import read
 from linked_fleet_gateway.http.request import Request
 from linked_fleet_gateway.http.scheduling import Offload
@@ -65,7 +65,7 @@ _LONGEST_NAMED = 200
 
 async def post_object(world: World, request: Request, afforded: PostObject) -> Response:
     """Create an object. The response is 201 with Location."""
-    refuse_rehearsal(request)
+    reject_dry_run(request)
     thing = read_object(await _read(request, request.base + OBJECTS), request.base + OBJECTS, request.base + WORLD)
     id = await world.objects.add(thing)
     return Response(status_code=201, headers={"location": request.base + object_path(id), "cache-control": "no-store"})
@@ -73,12 +73,12 @@ async def post_object(world: World, request: Request, afforded: PostObject) -> R
 
 async def put_object(world: World, request: Request, afforded: PutObject) -> Response:
     """Replace or remove an object. The response is 204."""
-    refuse_rehearsal(request)
+    reject_dry_run(request)
     objects, path = world.objects, object_path(afforded.id)
     change = await _change(request, request.base + path)
     while True:
         # Evaluated in each attempt, because the object may change meanwhile, also at another gateway.
-        present = await present_under_preconditions(request, lambda: request.tree().resolve(path))
+        present = await resolve_under_preconditions(request, lambda: request.tree().resolve(path))
         if present is None:
             raise NotFound("The object has been removed meanwhile.")
         triples, known = change(present), objects.known[afforded.id]
@@ -202,18 +202,20 @@ def operations(view: RequestView) -> dict[str, Json]:
     iri: Json = {"type": "string", "format": "uri", "pattern": f"^{re.escape(view.base)}/[!-~]*$", "examples": names}
     of = parameter("of", "query", iri, "The thing whose pose it is.", required=True)
     frame = parameter("in", "query", iri, "The thing in whose frame it is: the world, if none.")
-    fields = [header("IfMatch")]
+    fields = [header_ref("IfMatch")]
     return {
-        **described(WORLD, {}, "World", "The world: robots and objects, and where they are"),
-        POSES: path_item({}, get=reading("readPoseInFrame", "A pose, seen from another thing", parameters=[of, frame])),
-        **described(
-            OBJECTS, {}, "Objects", "Objects and zones of the world",
-            post=writing("addObject", "Add an object or a zone", created("Added."), body),
+        **resource_path_items(WORLD, {}, "World", "The world: robots and objects, and where they are"),
+        POSES: path_item(
+            {}, get=rdf_get_operation("readPoseInFrame", "A pose, seen from another thing", parameters=[of, frame])
         ),
-        **described(
-            f"{OBJECTS}/{{object}}", {"object": ID}, "Object", "An object or a zone",
-            put=writing("putObject", "Replace an object", CHANGED, body, fields),
-            patch=patching("patchObject", "Change an object by a SPARQL update"),
-            delete=writing("deleteObject", "Remove an object", CHANGED, None, fields),
+        **resource_path_items(
+            OBJECTS, {}, "Objects", "Objects and zones of the world",
+            post=write_operation("addObject", "Add an object or a zone", creation_responses("Added."), body),
+        ),
+        **resource_path_items(
+            f"{OBJECTS}/{{object}}", {"object": ID_SCHEMA}, "Object", "An object or a zone",
+            put=write_operation("putObject", "Replace an object", CHANGED_RESPONSE, body, fields),
+            patch=patch_operation("patchObject", "Change an object by a SPARQL update"),
+            delete=write_operation("deleteObject", "Remove an object", CHANGED_RESPONSE, None, fields),
         ),
     }  # fmt: skip

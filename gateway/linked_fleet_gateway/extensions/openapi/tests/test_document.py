@@ -9,7 +9,7 @@ from jsonschema import Draft202012Validator
 from schemathesis.specs.openapi.definitions import OPENAPI_31_VALIDATOR
 
 from linked_fleet_gateway.extensions.openapi.extension import Documents
-from linked_fleet_gateway.http.read import allowed
+from linked_fleet_gateway.http.read import allowed_methods
 from linked_fleet_gateway.resources.branches import RequestView
 from linked_fleet_gateway.resources.resource import Resource
 from linked_fleet_gateway.resources.tree import Tree
@@ -59,7 +59,7 @@ def test_every_path_is_in_the_tree_and_has_the_methods_that_are_described(whole:
         found = [each for path in _paths(template, item) if isinstance(each := resources.resolve(path), Resource)]
         assert found, template
         for resource in found:
-            methods = {method.lower() for method in allowed(resource)} - {"head", "options"}
+            methods = {method.lower() for method in allowed_methods(resource)} - {"head", "options"}
             assert methods == _METHODS & item.keys(), f"{template}: {resource.path}"
 
 

@@ -9,7 +9,7 @@ from linked_fleet_gateway.extensions.openapi.schemas import (
     generalize_iris,
     union,
 )
-from linked_fleet_gateway.http.operations import names
+from linked_fleet_gateway.http.operations import segment_schema
 from linked_fleet_gateway.resources.json_form import Json
 
 DEG, RAD = "http://unit/DEG", "http://unit/RAD"
@@ -82,5 +82,5 @@ def test_an_example_is_within_the_limits() -> None:
 
 
 def test_names_are_listed_while_they_are_few() -> None:
-    assert names(["b", "a", "b"]) == {"type": "string", "enum": ["b", "a"]}
-    assert "enum" not in names(str(n) for n in range(1000)) and "enum" not in names([])
+    assert segment_schema(["b", "a", "b"]) == {"type": "string", "enum": ["b", "a"]}
+    assert "enum" not in segment_schema(str(n) for n in range(1000)) and "enum" not in segment_schema([])
