@@ -29,7 +29,7 @@ from linked_fleet_gateway.fleet.invocations import Invocations
 from linked_fleet_gateway.http.body import parse_body
 from linked_fleet_gateway.http.invoke import MAX_TRIPLES
 from linked_fleet_gateway.rdf.graph import Graph
-from linked_fleet_gateway.rdf.validation import reachable, root
+from linked_fleet_gateway.rdf.validation import find_root, reachable_statements
 from linked_fleet_gateway.resources.action_offer import Offer
 from linked_fleet_gateway.resources.affordance import Control, Invoke, PutSetting, PutTarget
 from linked_fleet_gateway.resources.body_values import validated
@@ -143,13 +143,13 @@ def _invoke(random: Random, afforded: Invoke, triples: list[Triple], path: str) 
 
 def _target(random: Random, afforded: PutTarget, triples: list[Triple], path: str) -> None:
     """Read a target as gateway/linked_fleet_gateway/http/invoke.py does."""
-    focus = root(triples, NamedNode(BASE + path))
+    focus = find_root(triples, NamedNode(BASE + path))
     values = {t.object for t in triples if t.subject == focus and t.predicate == LF.value}
     if len(values) != 1:
         raise UnprocessableContent("one value is put")
     (value,) = values
     action = NamedNode(BASE + afforded.offer.path)
-    about = reachable(triples, value)  # type: ignore[arg-type]
+    about = reachable_statements(triples, value)  # type: ignore[arg-type]
     moved = [Triple(action if t.subject == value else t.subject, t.predicate, t.object) for t in about]
     _plan(random, afforded.offer, moved)
 
@@ -168,9 +168,9 @@ def _plan(random: Random, offer: Offer, triples: list[Triple]) -> None:
 
 def _compare(offer: Offer, triples: list[Triple]) -> None:
     """Check that exactly what pySHACL refuses is refused, besides unused terms, on which a shape says nothing."""
-    focus, graph = root(triples, NamedNode(BASE + offer.path)), Graph()
+    focus, graph = find_root(triples, NamedNode(BASE + offer.path)), Graph()
     shape = offer.consumes(graph, BASE)
-    slowly = bool(pyshacl_finds(graph.triples, shape, reachable(triples, focus), focus))
+    slowly = bool(pyshacl_finds(graph.triples, shape, reachable_statements(triples, focus), focus))
     try:
         admit(offer, triples, BASE)
         quickly = False

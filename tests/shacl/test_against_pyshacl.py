@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from pyoxigraph import BlankNode, Literal, NamedNode, Triple
 
 from linked_fleet_gateway.rdf.graph import Graph, integer
-from linked_fleet_gateway.rdf.shapes import load
+from linked_fleet_gateway.rdf.shapes import load_turtle
 from linked_fleet_gateway.rdf.vocabulary import HYBRIT, LF, VOM, XSD
 from linked_fleet_gateway.shacl import compile_graph
 from linked_fleet_gateway.shacl.check import MOST
@@ -352,7 +352,7 @@ _subscription = st.one_of(
 @given(st.lists(_subscription, max_size=8))
 def test_the_shapes_of_subscriptions_find_what_pyshacl_finds(stated: list[tuple[NamedNode, Term]]) -> None:
     """Handwritten shapes that share parts, with alternative paths; also found by the targets of all together."""
-    by_subject = load("subscriptions.ttl")
+    by_subject = load_turtle("subscriptions.ttl")
     triples = [triple for about in by_subject.values() for triple in about]
     body = [Triple(EX.body, predicate, value) for predicate, value in stated]
     shape = LF.SubscriptionShape

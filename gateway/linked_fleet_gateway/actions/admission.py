@@ -10,7 +10,15 @@ from linked_fleet_gateway.base.errors import UnprocessableContent
 from linked_fleet_gateway.fleet.model import Joint, RobotModel
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.rdf.graph import Graph, Node
-from linked_fleet_gateway.rdf.validation import ShaclValidator, Terms, check_writable, refuse, root, subjects, unused
+from linked_fleet_gateway.rdf.validation import (
+    ShaclValidator,
+    Terms,
+    check_writable,
+    find_root,
+    refuse_statements,
+    statements_by_subject,
+    unused_statements,
+)
 from linked_fleet_gateway.rdf.vocabulary import HYBRIT, LF, MATHS, QUDT, RDF, ROS, SPATIAL, VOM
 from linked_fleet_gateway.resources.action_offer import Definition, Offer
 from linked_fleet_gateway.resources.annotations import poses
@@ -29,7 +37,7 @@ def admit(offer: Offer, triples: Sequence[Triple], base: str) -> Body:
     (paper 5.4); they are stored with the invocation.
     """
     iri = base + offer.path
-    focus = root(triples, NamedNode(iri))
+    focus = find_root(triples, NamedNode(iri))
     robot = offer.robot
     model = robot.model if robot is not None else None
     named = tuple(poses(robot)) if robot is not None and offer.definition.iri == LF.AssumePose else ()
@@ -41,8 +49,8 @@ def admit(offer: Offer, triples: Sequence[Triple], base: str) -> Body:
         raise UnprocessableContent(
             f"The body does not conform to the shape of the action: {detail}", report=about, constraint=iri
         )
-    left = unused(triples, focus, terms)
-    refuse(_not_kept(left, triples, focus, terms), iri)
+    left = unused_statements(triples, focus, terms)
+    refuse_statements(_not_kept(left, triples, focus, terms), iri)
     check_writable(left, iri)
     return Body(triples, focus)
 
@@ -91,4 +99,4 @@ def _validator(
     """Return the compiled shape, cached by its parameters: a new description may have other joints or poses."""
     graph = Graph()
     shape = Offer(definition, thing, robot, joint).consumes(graph, base)
-    return ShaclValidator(graph.triples, shape), Terms.of(subjects(graph.triples), shape)
+    return ShaclValidator(graph.triples, shape), Terms.from_shapes(statements_by_subject(graph.triples), shape)

@@ -26,7 +26,7 @@ from linked_fleet_gateway.identity.service import Identities
 from linked_fleet_gateway.link.transport import Opener
 from linked_fleet_gateway.link.zenoh_session import open_session as open_zenoh
 from linked_fleet_gateway.rdf.graph import Node
-from linked_fleet_gateway.rdf.shapes import ACTIONS, BLUEPRINTS, SUBSCRIPTIONS, VOCABULARY, added_to, load
+from linked_fleet_gateway.rdf.shapes import ACTIONS, BLUEPRINTS, SUBSCRIPTIONS, VOCABULARY, added_files, load_turtle
 from linked_fleet_gateway.rdf.vocabulary import LF, RDF, SH
 from linked_fleet_gateway.resources.action_offer import CONDITIONS, definitions
 from linked_fleet_gateway.resources.shape_parameters import COMPLETIONS
@@ -46,7 +46,7 @@ def check_shapes() -> None:
 
     Shapes of actions are checked as written. The parts that COMPLETIONS adds for a robot come from code.
     """
-    _check_all(*(added_to(name) for name in (ACTIONS, VOCABULARY, BLUEPRINTS)))
+    _check_all(*(added_files(name) for name in (ACTIONS, VOCABULARY, BLUEPRINTS)))
 
 
 @cache
@@ -54,10 +54,10 @@ def _check_all(*added: tuple[Path, ...]) -> None:
     """Once for each set of files that extensions add."""
     for name in (VOCABULARY, BLUEPRINTS, SUBSCRIPTIONS):
         compiler = _compiler(name)
-        for node, about in load(name).items():
+        for node, about in load_turtle(name).items():
             if any(t.predicate == RDF.type and t.object == SH.NodeShape for t in about):
                 _check(name, compiler, node)
-    shapes = load(ACTIONS)
+    shapes = load_turtle(ACTIONS)
     compiler = _compiler(ACTIONS)
     for kind in definitions():
         if kind.consumes is not None:
@@ -72,7 +72,7 @@ def _check_all(*added: tuple[Path, ...]) -> None:
 
 def _compiler(name: str) -> Compiler:
     try:
-        return Compiler(load(name))
+        return Compiler(load_turtle(name))
     except Unsupported as error:
         raise Unsupported(f"linked_fleet_shapes/{name} cannot be compiled: {error}") from error
 

@@ -18,7 +18,7 @@ import linked_fleet_gateway.extensions
 from linked_fleet_gateway.base.settings import TEXTS, Section, setting
 from linked_fleet_gateway.http.extension import Core, Extension, Mount
 from linked_fleet_gateway.http.representation import Representations
-from linked_fleet_gateway.rdf.shapes import BLUEPRINTS, VOCABULARY, add
+from linked_fleet_gateway.rdf.shapes import BLUEPRINTS, VOCABULARY, add_files
 from linked_fleet_gateway.resources.action_offer import add_kinds
 from linked_fleet_gateway.resources.fleet_functions import FUNCTIONS
 from linked_fleet_gateway.resources.paths import reserve
@@ -115,8 +115,8 @@ def install(extensions: Sequence[Extension]) -> None:
     for extension in (*BUILT_IN, *extensions):
         reserve(extension.at_root, extension.in_robot, extension.public)
     add_kinds(kind for extension in extensions for kind in extension.kinds)
-    add(VOCABULARY, (file for extension in extensions for file in extension.vocabulary))
-    add(BLUEPRINTS, (file for extension in extensions for file in extension.shapes))
+    add_files(VOCABULARY, (file for extension in extensions for file in extension.vocabulary))
+    add_files(BLUEPRINTS, (file for extension in extensions for file in extension.shapes))
     ROBOT_PROPERTIES.replace(name for extension in extensions for name in extension.robot_properties)
     PLACEMENTS.replace(name for extension in extensions for name in extension.placements)
     LINK_STATEMENTS.replace(name for extension in extensions for name in extension.link_statements)

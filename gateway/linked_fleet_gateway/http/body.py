@@ -11,7 +11,7 @@ from linked_fleet_gateway.http.fields import field
 from linked_fleet_gateway.http.negotiation import parse_content_type
 from linked_fleet_gateway.http.request import Request
 from linked_fleet_gateway.http.scheduling import Offload
-from linked_fleet_gateway.rdf.json_input import TooMuchError
+from linked_fleet_gateway.rdf.json_input import InputTooLargeError
 from linked_fleet_gateway.rdf.parsing import MAX_TRIPLES, ParseError, parse
 from linked_fleet_gateway.rdf.serialise import JSON
 from linked_fleet_gateway.rdf.vocabulary import PREFIXES
@@ -58,7 +58,7 @@ def parse_body(
     contexts = {_CONTEXT: context, f"{base}/context": context}
     try:
         return parse(body, media_type, iri, contexts=contexts, max_triples=max_triples, lengths=lengths)
-    except TooMuchError as error:
+    except InputTooLargeError as error:
         raise PayloadTooLarge(f"The body is too much: {error}.") from error
     except ParseError as error:
         raise BadRequest(f"The body is no {media_type}: {error}", line=error.line, column=error.column) from error

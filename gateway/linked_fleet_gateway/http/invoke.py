@@ -33,7 +33,14 @@ from linked_fleet_gateway.http.request import Request
 from linked_fleet_gateway.identity.rights import Right
 from linked_fleet_gateway.rdf.graph import Graph
 from linked_fleet_gateway.rdf.serialise import JSON
-from linked_fleet_gateway.rdf.validation import Terms, reachable, refuse, root, shown, unused
+from linked_fleet_gateway.rdf.validation import (
+    Terms,
+    find_root,
+    ground_statements,
+    reachable_statements,
+    refuse_statements,
+    unused_statements,
+)
 from linked_fleet_gateway.rdf.vocabulary import LF
 from linked_fleet_gateway.resources.access_filter import InvocationsInView
 from linked_fleet_gateway.resources.action_offer import Offer
@@ -78,7 +85,7 @@ async def put_target(request: Request, afforded: PutTarget) -> Response:
     _trace(offer, iri.rpartition("/")[2])
     prefer = _prefer(request, offer)
     present = request.tree().resolve(request.scope["path"])
-    seen = shown(present.whole(request.base)) if isinstance(present, Resource) else frozenset[Triple]()
+    seen = ground_statements(present.whole(request.base)) if isinstance(present, Resource) else frozenset[Triple]()
     read = partial(_read_target, offer, body_type(request, FORM_TYPES), iri, request.base, seen)
     admitted = await convert_body(request, read, MAX_BODY_BYTES)
     return await _carry_out(request, offer, admitted, moment, prefer)
@@ -169,14 +176,14 @@ def _read_target(
     offer: Offer, media_type: str, iri: str, base: str, seen: frozenset[Triple], content: bytes
 ) -> _Admitted:
     triples = parse_form(content, media_type, iri, base, partial(_target_form, offer, base), MAX_TRIPLES)
-    focus = root(triples, NamedNode(iri))
+    focus = find_root(triples, NamedNode(iri))
     values = {t.object for t in triples if t.subject == focus and t.predicate == LF.value}
     if len(values) != 1:
         raise UnprocessableContent(f"The body has {len(values)} values of lf:value; one is put.", constraint=iri)
     (value,) = values
-    action, about = NamedNode(base + offer.path), reachable(triples, value)  # type: ignore[arg-type]
-    others = set(unused(triples, focus, _TARGET, seen)).difference(about)
-    refuse([triple for triple in triples if triple in others], f"{iri}/blueprint")
+    action, about = NamedNode(base + offer.path), reachable_statements(triples, value)  # type: ignore[arg-type]
+    others = set(unused_statements(triples, focus, _TARGET, seen)).difference(about)
+    refuse_statements([triple for triple in triples if triple in others], f"{iri}/blueprint")
     moved = [Triple(action if t.subject == value else t.subject, t.predicate, t.object) for t in about]
     return _admitted(offer, content, moved, base)
 
@@ -286,7 +293,9 @@ def _rehearsal(request: Request, offer: Offer, plan: Motion | Halt, rehearsed: R
 
         graph = Graph()
         describe(graph)
-        return node_json(graph.triples, root(graph.triples, NamedNode(request.base + offer.path)), LF.RehearsalShape)
+        return node_json(
+            graph.triples, find_root(graph.triples, NamedNode(request.base + offer.path)), LF.RehearsalShape
+        )
 
     rehearsal = Resource(offer.path, f"Rehearsal of {offer.name}", describe, (), documents={JSON: plain})
     shown = request.services.representations.negotiate(request.effective_accept, rehearsal, request.base)

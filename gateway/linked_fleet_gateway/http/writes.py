@@ -29,8 +29,8 @@ from linked_fleet_gateway.http.negotiation import choose
 from linked_fleet_gateway.http.preconditions import resolve_under_preconditions
 from linked_fleet_gateway.http.request import Request
 from linked_fleet_gateway.rdf.sparql_syntax import MAX_QUERY_BYTES
-from linked_fleet_gateway.rdf.sparql_update import Operation, read_update, updated
-from linked_fleet_gateway.rdf.validation import refuse, shown
+from linked_fleet_gateway.rdf.sparql_update import Operation, apply_update, parse_update
+from linked_fleet_gateway.rdf.validation import ground_statements, refuse_statements
 from linked_fleet_gateway.rdf.vocabulary import LDP, LF
 from linked_fleet_gateway.resources.affordance import FORM_TYPES, Control, PutSetting
 from linked_fleet_gateway.resources.body_values import Body, Setting, validated
@@ -61,7 +61,7 @@ async def read_patch(request: Request, iri: str) -> list[Operation]:
 
 def _read(content: bytes, iri: str) -> list[Operation]:
     try:
-        return read_update(content.decode("utf-8-sig"), iri)
+        return parse_update(content.decode("utf-8-sig"), iri)
     except UnicodeDecodeError as error:
         raise BadRequest("The update is not UTF-8.") from error
 
@@ -69,9 +69,9 @@ def _read(content: bytes, iri: str) -> list[Operation]:
 def apply_patch(operations: Sequence[Operation], resource: Resource, base: str, managed: Managed) -> list[Triple]:
     """Return the description after the update. Raises UnprocessableContent if it removes managed statements."""
     graph = resource.whole(base)
-    after = updated(graph.triples, operations)
+    after = apply_update(graph.triples, operations)
     left = set(after)
-    refuse(
+    refuse_statements(
         [triple for triple in managed(graph.triples) if triple not in left],
         f"{base}{resource.path}/blueprint",
         "No client takes back",
@@ -98,7 +98,7 @@ async def control_lease(request: Request, afforded: Control) -> Response:
     media_type = body_type(request, FORM_TYPES)
     form = partial(_form, LF.ControlLeaseInput)
     lease = request.tree().resolve(lease_path(robot.name))
-    present = shown(lease.whole(request.base)) if isinstance(lease, Resource) else frozenset()
+    present = ground_statements(lease.whole(request.base)) if isinstance(lease, Resource) else frozenset()
 
     def read(content: bytes) -> Body:
         return validated(parse_form(content, media_type, iri, request.base, form), LF.ControlLeaseInput, iri, present)
@@ -134,13 +134,13 @@ async def _change(request: Request, setting: Setting) -> Callable[[Resource], st
         return lambda present: None
     if request.method == "PUT":
         triples = await _read_setting(request, setting)
-        return lambda present: setting.admit(triples, request.base, shown(present.whole(request.base)))
+        return lambda present: setting.admit(triples, request.base, ground_statements(present.whole(request.base)))
     iri = request.base + setting.path
     update = await read_patch(request, iri)
 
     def patch(present: Resource) -> str:
         after = apply_patch(update, present, request.base, lambda described: setting.managed(described, request.base))
-        return setting.admit(after, request.base, shown(present.whole(request.base)))
+        return setting.admit(after, request.base, ground_statements(present.whole(request.base)))
 
     return patch
 

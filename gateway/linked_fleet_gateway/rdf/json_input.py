@@ -23,7 +23,7 @@ class ParseError(Exception):
         self.message, self.line, self.column = message, line, column
 
 
-class TooMuchError(ParseError):
+class InputTooLargeError(ParseError):
     """A document with more triples than the limit."""
 
 

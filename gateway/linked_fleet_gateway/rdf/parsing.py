@@ -12,7 +12,7 @@ from typing import Any
 from pyoxigraph import BlankNode, Literal, NamedNode, RdfFormat, Triple
 from pyoxigraph import parse as oxigraph_parse
 
-from linked_fleet_gateway.rdf.json_input import ParseError, TooMuchError, check_jsonld
+from linked_fleet_gateway.rdf.json_input import InputTooLargeError, ParseError, check_jsonld
 from linked_fleet_gateway.rdf.turtle import REST
 
 __all__ = ["MAX_LENGTH", "PARSEABLE", "ParseError", "parse"]
@@ -94,7 +94,7 @@ def _bounded(
         # fresh labels, because `_:b0` of another document is another node
         for quad in oxigraph_parse(text, syntax, base_iri=base, without_named_graphs=True, rename_blank_nodes=True):
             if len(triples) == max_triples:
-                raise TooMuchError(f"more than {max_triples} triples")
+                raise InputTooLargeError(f"more than {max_triples} triples")
             triples.append(_plain(quad.triple, lengths))
     except SyntaxError as error:
         raise ParseError(_without_position(error.msg), error.lineno, error.offset) from error

@@ -20,40 +20,40 @@ VOCABULARY, BLUEPRINTS, SUBSCRIPTIONS, ACTIONS = "vocabulary.ttl", "blueprints.t
 _added: dict[str, tuple[Path, ...]] = {}
 
 
-def add(name: str, files: Iterable[Path]) -> bool:
-    """Make ``load`` read these Turtle files with shapes/NAME in this process, in place of files added earlier.
+def add_files(name: str, files: Iterable[Path]) -> bool:
+    """Make ``load_turtle`` read these Turtle files with shapes/NAME in this process, in place of files added earlier.
 
     Return True if the set of files has changed.
     """
-    before, _added[name] = added_to(name), tuple(files)
+    before, _added[name] = added_files(name), tuple(files)
     if _added[name] == before:
         return False
-    load.cache_clear()
+    load_turtle.cache_clear()
     return True
 
 
-def added_to(name: str) -> tuple[Path, ...]:
+def added_files(name: str) -> tuple[Path, ...]:
     """Return the files added to shapes/NAME."""
     return _added.get(name, ())
 
 
 @cache
-def load(name: str) -> dict[Node, list[Triple]]:
+def load_turtle(name: str) -> dict[Node, list[Triple]]:
     """Return the triples by subject of the file shapes/NAME, or of all files in that folder, and of the added ones.
 
     They are parsed as one document, in the order of the files. Blank node labels are unique to the name.
     """
     found = resources.files("linked_fleet_shapes") / name
     if name.endswith(".ttl"):
-        files = [found, *added_to(name)]
+        files = [found, *added_files(name)]
     else:
         own = [each for each in found.iterdir() if each.name.endswith(".ttl")]
-        files = sorted([*own, *added_to(name)], key=lambda each: each.name)
+        files = sorted([*own, *added_files(name)], key=lambda each: each.name)
     return _read("\n".join(each.read_text(encoding="utf-8") for each in files), name.removesuffix(".ttl"))
 
 
 @cache
-def load_file(file: Path) -> dict[Node, list[Triple]]:
+def load_turtle_file(file: Path) -> dict[Node, list[Triple]]:
     """Return the triples of one Turtle file by subject."""
     return _read(file.read_text(encoding="utf-8"), file.stem)
 
@@ -74,7 +74,7 @@ def _read(text: str, prefix: str) -> dict[Node, list[Triple]]:
     return found
 
 
-def copy(graph: Graph, shapes: Mapping[Node, list[Triple]], start: Node, complete: Complete) -> BlankNode:
+def copy_shape(graph: Graph, shapes: Mapping[Node, list[Triple]], start: Node, complete: Complete) -> BlankNode:
     """Copy a shape as nested blank nodes; ``complete`` adds the constraints that each node's ``lf:completedBy``
     names.
     """
@@ -86,7 +86,7 @@ def copy(graph: Graph, shapes: Mapping[Node, list[Triple]], start: Node, complet
             assert isinstance(value, NamedNode)
             completions.append(value)
         elif isinstance(value, NamedNode | BlankNode) and value in shapes:
-            graph.add(node, triple.predicate, copy(graph, shapes, value, complete))
+            graph.add(node, triple.predicate, copy_shape(graph, shapes, value, complete))
         else:
             graph.add(node, triple.predicate, value)  # type: ignore[arg-type]
     for completion in completions:
@@ -94,12 +94,12 @@ def copy(graph: Graph, shapes: Mapping[Node, list[Triple]], start: Node, complet
     return node
 
 
-def closure(graph: Graph, start: NamedNode, file: Path | None = None) -> None:
+def add_closure(graph: Graph, start: NamedNode, file: Path | None = None) -> None:
     """Add ``start`` and everything in the file that it refers to, so that the shape is complete.
 
     Without a file, the shapes are the blueprints.
     """
-    by_subject = load(BLUEPRINTS) if file is None else load_file(file)
+    by_subject = load_turtle(BLUEPRINTS) if file is None else load_turtle_file(file)
     pending: list[Node] = [start]
     done: set[Node] = set()
     while pending:
@@ -121,7 +121,7 @@ def closure(graph: Graph, start: NamedNode, file: Path | None = None) -> None:
         )
 
 
-def blueprint(graph: Graph, iri: NamedNode, owner: NamedNode, shapes: Iterable[NamedNode]) -> None:
+def describe_blueprint(graph: Graph, iri: NamedNode, owner: NamedNode, shapes: Iterable[NamedNode]) -> None:
     """Add a blueprint (paper 5.1, R1.11): the SHACL shape that ``owner`` conforms to, as one document.
 
     The first shape is that of ``owner`` and has it as target node: with a target class alone, a graph without ``owner``
@@ -134,4 +134,4 @@ def blueprint(graph: Graph, iri: NamedNode, owner: NamedNode, shapes: Iterable[N
     graph.add(iri, LF.shape, *shapes)
     graph.add(shapes[0], SH.targetNode, owner)
     for shape in shapes:
-        closure(graph, shape)
+        add_closure(graph, shape)

@@ -60,7 +60,7 @@ class Dataset:
     named: tuple[str, ...] | None = None
 
     @classmethod
-    def of(cls, default: tuple[str, ...], named: tuple[str, ...]) -> "Dataset":
+    def from_iris(cls, default: tuple[str, ...], named: tuple[str, ...]) -> "Dataset":
         """Return the dataset; if either part is given, the other is empty."""
         return cls(default, named) if default or named else cls()
 
@@ -76,9 +76,9 @@ class Query:
     """Local parts of the names and IRIs in the query, which tell the functions that it can call."""
 
 
-def read(text: str, base: str) -> Query:
+def parse_query(text: str, base: str) -> Query:
     """Check a query and return it. Raises PayloadTooLarge or BadRequest. ``base`` resolves relative IRIs."""
-    tokens = tokens_of(text)
+    tokens = tokenize(text)
     first = next((each.word for each in tokens if each.word not in ("", "PREFIX", "BASE", "VERSION")), "")
     if first in _UPDATES:
         raise BadRequest(f"{first} is an update; this endpoint reads. What moves robots are their actions.")
@@ -86,7 +86,7 @@ def read(text: str, base: str) -> Query:
         raise BadRequest(f"A query is one of {', '.join(FORMS)}.")
     for each in tokens:
         if each.word == "SERVICE":
-            raise refusal("SERVICE is not evaluated: the fleet asks nobody else. Ask both, and join.", text, each)
+            raise syntax_error("SERVICE is not evaluated: the fleet asks nobody else. Ask both, and join.", text, each)
     names = (re.split(r"[:/#]", each.text.strip("<>"))[-1] for each in tokens if each.kind in ("iri", "name"))
     return Query(text, first, _dataset(text, tokens, base), frozenset(names))
 
@@ -97,10 +97,10 @@ def check_select(query: str) -> list[str]:
     Variables must be named, because ``*`` is resolved only by the parser. ``Queries.check`` finds other syntax errors
     in a worker process.
     """
-    found = read(query, "http://localhost/")
+    found = parse_query(query, "http://localhost/")
     if found.form != "SELECT":
         raise BadRequest(f"This takes a SELECT query, not {found.form}.")
-    tokens = tokens_of(query)
+    tokens = tokenize(query)
     after = next(index for index, each in enumerate(tokens) if each.word == "SELECT") + 1
     variables = list(_projected(tokens[after:]))
     if not variables:
@@ -110,13 +110,13 @@ def check_select(query: str) -> list[str]:
     return variables
 
 
-def bound_to(query: str, variable: str, base: str) -> list[str]:
+def bound_iris(query: str, variable: str, base: str) -> list[str]:
     """Return the IRIs that a query binds to a variable by ``<iri> AS ?variable`` or VALUES; ``base`` resolves relative
     IRIs.
 
     Bindings by patterns or functions are known only after evaluation.
     """
-    tokens = tokens_of(query)
+    tokens = tokenize(query)
     base, prefixes = _declared(tokens, base)
     found = []
     for each, after, to in zip(tokens, tokens[1:], tokens[2:], strict=False):
@@ -145,13 +145,13 @@ def _listed(tokens: list[Token], variable: str) -> Iterator[Token]:
             column += 1
 
 
-def refusal(detail: str, text: str, token: Token) -> BadRequest:
+def syntax_error(detail: str, text: str, token: Token) -> BadRequest:
     """Return an error with line and column of the token, from 1."""
     before = text[: token.start]
     return BadRequest(detail, line=before.count("\n") + 1, column=token.start - before.rfind("\n"))
 
 
-def tokens_of(text: str) -> list[Token]:
+def tokenize(text: str) -> list[Token]:
     """Return all tokens except white space and comments; bounded in length and nesting."""
     if len(text.encode("utf-8", "surrogatepass")) > MAX_QUERY_BYTES:
         raise PayloadTooLarge(f"The query has more than {MAX_QUERY_BYTES} bytes.")
@@ -167,7 +167,7 @@ def tokens_of(text: str) -> list[Token]:
         tokens.append(token)
         depth += (kind == "open") - (kind == "close")
         if depth > MAX_DEPTH:
-            raise refusal(f"Brackets are nested more than {MAX_DEPTH} deep.", text, token)
+            raise syntax_error(f"Brackets are nested more than {MAX_DEPTH} deep.", text, token)
     return tokens
 
 
@@ -192,7 +192,7 @@ def _dataset(text: str, tokens: list[Token], base: str) -> Dataset:
         if each.word == "FROM" and rest:
             into, term = (named, rest[-1]) if rest[0].word == "NAMED" else (default, rest[0])
             into.append(_iri(text, term, prefixes, base))
-    return Dataset.of(tuple(default), tuple(named))
+    return Dataset.from_iris(tuple(default), tuple(named))
 
 
 def _declared(tokens: list[Token], base: str) -> tuple[str, dict[str, str]]:
@@ -214,7 +214,7 @@ def _iri(text: str, term: Token, prefixes: dict[str, str], base: str) -> str:
         return _join(base, term.text[1:-1])
     prefix, _, local = term.text.partition(":")
     if term.kind != "name" or prefix not in prefixes:
-        raise refusal("Here an IRI is expected, or a name whose prefix is declared.", text, term)
+        raise syntax_error("Here an IRI is expected, or a name whose prefix is declared.", text, term)
     return prefixes[prefix] + re.sub(r"\\(.)", r"\1", local)
 
 

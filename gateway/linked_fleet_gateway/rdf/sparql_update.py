@@ -12,7 +12,7 @@ from pyoxigraph import BlankNode, Literal, NamedNode, Triple
 
 from linked_fleet_gateway.base.errors import BadRequest, PayloadTooLarge, UnprocessableContent
 from linked_fleet_gateway.rdf.parsing import ParseError, parse
-from linked_fleet_gateway.rdf.sparql_syntax import Token, refusal, tokens_of
+from linked_fleet_gateway.rdf.sparql_syntax import Token, syntax_error, tokenize
 
 MAX_STEPS = 5_000
 """Most comparisons of a pattern with a triple and triples built from templates."""
@@ -45,7 +45,7 @@ class Operation:
     where: Sequence[Pattern] = ()
 
 
-def read_update(text: str, base: str) -> list[Operation]:
+def parse_update(text: str, base: str) -> list[Operation]:
     """Return the operations in order.
 
     Raises BadRequest for unsupported updates, PayloadTooLarge. ``base``: for relative IRIs.
@@ -53,7 +53,7 @@ def read_update(text: str, base: str) -> list[Operation]:
     return _Reader(text, base).operations()
 
 
-def updated(triples: Sequence[Triple], operations: Iterable[Operation]) -> list[Triple]:
+def apply_update(triples: Sequence[Triple], operations: Iterable[Operation]) -> list[Triple]:
     """Return the graph after the operations, in stable order.
 
     Raises UnprocessableContent if that takes too many steps.
@@ -134,7 +134,7 @@ class _Reader:
 
     def __init__(self, text: str, base: str) -> None:
         self._text, self._base = text, base
-        self._tokens = tokens_of(text)
+        self._tokens = tokenize(text)
         self._at = 0
         self._prologue: list[str] = []
         self._marker = f"urn:variable:{secrets.token_hex(8)}:"
@@ -242,4 +242,4 @@ class _Reader:
     def _refused(self, detail: str, at: int) -> BadRequest:
         if at >= len(self._tokens):
             return BadRequest(f"{detail}.")
-        return refusal(f"{detail}.", self._text, self._tokens[at])
+        return syntax_error(f"{detail}.", self._text, self._tokens[at])

@@ -48,7 +48,7 @@ class Template(NamedTuple):
     text: str
     places: tuple[int, ...]
 
-    def filled(self, values: Sequence[str]) -> bytes:
+    def fill(self, values: Sequence[str]) -> bytes:
         return (self.text % tuple([values[place] for place in self.places])).encode()
 
 
@@ -108,7 +108,7 @@ class Templates:
             if self._is_new(key):
                 return _written(graph, media_type, prefixes, base)
             template = self._keep(key, _compile(graph, form, media_type, prefixes, base))
-        return template.filled(form.literals + form.segments)
+        return template.fill(form.literals + form.segments)
 
     def _is_new(self, key: Key) -> bool:
         """Return True the first time a form is met."""

@@ -25,11 +25,11 @@ _LEXICAL = {XSD.decimal: _DECIMAL, XSD.float: _FLOAT, XSD.double: _FLOAT}
 _XML_NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_.-]*\Z")
 
 
-def root(body: Sequence[Triple], request: NamedNode) -> Node:
+def find_root(body: Sequence[Triple], target: NamedNode) -> Node:
     """Return ``<>``, else the only subject that is not an object."""
     subjects = dict.fromkeys(t.subject for t in body)
-    if request in subjects:
-        return request
+    if target in subjects:
+        return target
     objects = {t.object for t in body}
     roots = [s for s in subjects if s not in objects]
     if len(roots) != 1:
@@ -37,7 +37,7 @@ def root(body: Sequence[Triple], request: NamedNode) -> Node:
         raise UnprocessableContent(
             f"The body has {found}; it needs one root: <> (the request URI), or the only subject "
             "that is nobody's object.",
-            constraint=request.value,
+            constraint=target.value,
         )
     return roots[0]  # type: ignore[return-value]
 
@@ -95,7 +95,7 @@ def _sentence(messages: Sequence[str]) -> str:
     return "; ".join([*messages[:_MOST_TOLD], *more])
 
 
-TYPES_OF_ALL = frozenset({LDP.Resource, LDP.RDFSource})
+COMMON_TYPES = frozenset({LDP.Resource, LDP.RDFSource})
 _MOST_NAMED, _MOST_IN_DETAIL = 20, 3
 _LONGEST_IRI, _LONGEST_LITERAL = 200, 32
 
@@ -108,19 +108,19 @@ class Terms:
     types: set[Term] = field(default_factory=set)
 
     @property
-    def speaks(self) -> bool:
+    def allows_any(self) -> bool:
         """Return True if any predicate or type is allowed at such a node."""
         return bool(self.inner or self.types)
 
     @classmethod
-    def of(cls, shapes: Mapping[Node, Sequence[Triple]], *of: Node) -> Self:
-        """Return all terms of the shapes ``of``, among ``shapes``, which are not recursive."""
+    def from_shapes(cls, shapes: Mapping[Node, Sequence[Triple]], *roots: Node) -> Self:
+        """Return all terms of the shapes ``roots``, among ``shapes``, which are not recursive."""
         found = cls()
-        for each in of:
+        for each in roots:
             _Reader(shapes).add(found, each)
         return found
 
-    def also(self, *predicates: NamedNode, types: Iterable[Term] = ()) -> Self:
+    def with_terms(self, *predicates: NamedNode, types: Iterable[Term] = ()) -> Self:
         """Return these terms with additional predicates and types at the first node."""
         return type(self)(self.inner | {each: Terms() for each in predicates}, self.types.union(types))
 
@@ -178,9 +178,11 @@ class _Reader:
         ]
 
 
-def unused(body: Sequence[Triple], focus: Node, terms: Terms, present: frozenset[Triple] = frozenset()) -> list[Triple]:
+def unused_statements(
+    body: Sequence[Triple], focus: Node, terms: Terms, present: frozenset[Triple] = frozenset()
+) -> list[Triple]:
     """Return the triples that are neither about ``focus`` in these terms nor in ``present``."""
-    by_subject = subjects(body)
+    by_subject = statements_by_subject(body)
     used: set[int] = set()  # by identity, because hashing a triple takes longer than the rest of the loop
     pending, done = [(focus, terms)], set[tuple[Node, int]]()
     while pending:
@@ -194,7 +196,7 @@ def unused(body: Sequence[Triple], focus: Node, terms: Terms, present: frozenset
             inner = known.inner.get(predicate)
             if inner is not None:
                 used.add(id(triple))
-                if inner.speaks and not isinstance(value, Literal):
+                if inner.allows_any and not isinstance(value, Literal):
                     pending.append((value, inner))
             elif _is_implied(predicate, value, known, about, node == focus):
                 used.add(id(triple))
@@ -205,14 +207,14 @@ def unused(body: Sequence[Triple], focus: Node, terms: Terms, present: frozenset
 def _is_implied(predicate: object, value: object, known: Terms, about: Sequence[Triple], first: bool) -> bool:
     """Return True for a type that the node has anyway, or a QUDT unit equal to the stated one."""
     if predicate == RDF.type:
-        return value in known.types or (first and value in TYPES_OF_ALL)
+        return value in known.types or (first and value in COMMON_TYPES)
     if predicate != QUDT.unit or VOM.unit not in known.inner or value not in UNITS:
         return False
     units = [UNITS.get(t.object) for t in about if t.predicate == VOM.unit]  # type: ignore[arg-type]
     return UNITS[value] in units  # type: ignore[index]
 
 
-def subjects(triples: Iterable[Triple]) -> dict[Node, list[Triple]]:
+def statements_by_subject(triples: Iterable[Triple]) -> dict[Node, list[Triple]]:
     """Return the triples by subject."""
     found: dict[Node, list[Triple]] = {}
     for triple in triples:
@@ -220,9 +222,9 @@ def subjects(triples: Iterable[Triple]) -> dict[Node, list[Triple]]:
     return found
 
 
-def reachable(body: Iterable[Triple], focus: Node) -> list[Triple]:
+def reachable_statements(body: Iterable[Triple], focus: Node) -> list[Triple]:
     """Return the triples about ``focus`` and about the nodes that these refer to."""
-    by_subject, found = subjects(body), list[Triple]()
+    by_subject, found = statements_by_subject(body), list[Triple]()
     pending = [focus]
     while pending:
         for triple in by_subject.pop(pending.pop(), ()):
@@ -232,18 +234,18 @@ def reachable(body: Iterable[Triple], focus: Node) -> list[Triple]:
     return found
 
 
-def shown(description: Graph) -> frozenset[Triple]:
+def ground_statements(description: Graph) -> frozenset[Triple]:
     """Return the triples of a description that a client can send back unchanged: those without blank nodes."""
     return frozenset(t for t in description.triples if not any(isinstance(term, BlankNode) for term in t))
 
 
-def refuse(left: Sequence[Triple], constraint: str, why: str = "Nothing here uses") -> None:
-    """Raise UnprocessableContent that names the triples ``left`` of a body, unless there are none."""
-    if not left:
+def refuse_statements(statements: Sequence[Triple], constraint: str, reason: str = "Nothing here uses") -> None:
+    """Raise UnprocessableContent that names the triples ``statements`` of a body, unless there are none."""
+    if not statements:
         return
-    named = [f"{_term(t.subject)} {_term(t.predicate)} {_term(t.object)} ." for t in left[:_MOST_NAMED]]
-    more = f" and {len(left) - _MOST_IN_DETAIL} more" if len(left) > _MOST_IN_DETAIL else ""
-    detail = f"{why} what the body says by {' '.join(named[:_MOST_IN_DETAIL])}{more}"
+    named = [f"{_term(t.subject)} {_term(t.predicate)} {_term(t.object)} ." for t in statements[:_MOST_NAMED]]
+    more = f" and {len(statements) - _MOST_IN_DETAIL} more" if len(statements) > _MOST_IN_DETAIL else ""
+    detail = f"{reason} what the body says by {' '.join(named[:_MOST_IN_DETAIL])}{more}"
     raise UnprocessableContent(f"{detail} Leave it out. Nothing has changed.", constraint=constraint, unused=named)
 
 

@@ -16,7 +16,7 @@ from pyoxigraph import Literal, NamedNode
 from linked_fleet_gateway.fleet.model import Joint
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.rdf.graph import Graph, Node
-from linked_fleet_gateway.rdf.shapes import ACTIONS, add, closure, copy, load
+from linked_fleet_gateway.rdf.shapes import ACTIONS, add_closure, add_files, copy_shape, load_turtle
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HTTP, HYBRIT, LF, METHODS, RDF, RDFS, SH
 from linked_fleet_gateway.resources.annotations import poses
 from linked_fleet_gateway.resources.joint_kinds import kind_of
@@ -49,21 +49,21 @@ class Definition:
 
 def add_kinds(files: Iterable[Path]) -> None:
     """Add the kinds of actions in these Turtle files to this process, in place of files added earlier."""
-    if add(ACTIONS, files):
+    if add_files(ACTIONS, files):
         definitions.cache_clear()
 
 
 @cache
 def definitions() -> tuple[Definition, ...]:
     """Return all kinds, in the order of their files."""
-    shapes = load(ACTIONS)
+    shapes = load_turtle(ACTIONS)
     kinds = [node for node, triples in shapes.items() if any(t.object == LF.ActionKind for t in triples)]
     return tuple(_read(kind) for kind in kinds if isinstance(kind, NamedNode))
 
 
 def _read(kind: NamedNode) -> Definition:
     said: dict[NamedNode, list[NamedNode | Literal]] = {}
-    for triple in load(ACTIONS)[kind]:
+    for triple in load_turtle(ACTIONS)[kind]:
         said.setdefault(triple.predicate, []).append(triple.object)  # type: ignore[arg-type]
 
     def text(predicate: NamedNode) -> str:
@@ -98,7 +98,7 @@ def _completions(shape: NamedNode) -> frozenset[NamedNode]:
         if node in done:
             continue
         done.add(node)
-        for triple in load(ACTIONS).get(node, ()):  # type: ignore[call-overload]
+        for triple in load_turtle(ACTIONS).get(node, ()):  # type: ignore[call-overload]
             pending.append(triple.object)
             if triple.predicate == LF.completedBy and isinstance(triple.object, NamedNode):
                 found.add(triple.object)
@@ -213,7 +213,7 @@ class Offer:
             stated = {each: tuple(islice(given, len(own))) for each, own in limits.numbers.items()}
             limits = JointLimits(limits.dimension, limits.endless, stated)
         scope = Scope(base, self.robot, limits)
-        return copy(graph, load(ACTIONS), self.definition.consumes, complete(scope))
+        return copy_shape(graph, load_turtle(ACTIONS), self.definition.consumes, complete(scope))
 
     def result_title(self) -> Literal:
         return Literal(f"What {self.name} produces")
@@ -225,7 +225,7 @@ class Offer:
         graph.add(iri, DCTERMS.title, title)
         graph.add(iri, SH.targetClass, LF.Invocation)
         graph.add(iri, SH.node, self.definition.produces)
-        closure(graph, self.definition.produces)
+        add_closure(graph, self.definition.produces)
 
 
 def joint_offers(robot: Robot, joint: Joint, segment: str | None = None) -> list[Offer]:

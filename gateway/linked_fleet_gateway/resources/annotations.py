@@ -20,7 +20,7 @@ from linked_fleet_gateway.base.errors import UnprocessableContent
 from linked_fleet_gateway.fleet.robot import Annotations, Robot
 from linked_fleet_gateway.rdf.graph import UNITS, Graph, Node
 from linked_fleet_gateway.rdf.serialise import ParseError, parse
-from linked_fleet_gateway.rdf.validation import check_writable, refuse, subjects
+from linked_fleet_gateway.rdf.validation import check_writable, refuse_statements, statements_by_subject
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, LDP, LF, NUMERIC, RDF, ROS, SH, SOSA, VOM, XHV
 from linked_fleet_gateway.resources.paths import reserved_in_robot, robot_path
 
@@ -166,7 +166,7 @@ def _meanings(layer: BySubject) -> dict[BlankNode, str]:
 @lru_cache(maxsize=256)
 def _layers(said: Annotations, base: str) -> tuple[BySubject, BySubject]:
     """Return the layer of the agent, and the statements of clients beyond it."""
-    agents, clients = (subjects(_parsed(text, base)) for text in said)
+    agents, clients = (statements_by_subject(_parsed(text, base)) for text in said)
     return agents, beyond(clients, agents)
 
 
@@ -211,7 +211,7 @@ def read_annotations(
     """
     path, constraint = robot_path(robot.name), f"{iri}/blueprint"
     subject = NamedNode(base + path)
-    said = about(subjects(triples), subject, subject.value)
+    said = about(statements_by_subject(triples), subject, subject.value)
     check_writable(said, constraint)
     own = [triple.predicate.value for triple in said if is_own(triple, subject.value)]
     if own:
@@ -220,12 +220,14 @@ def read_annotations(
             constraint=constraint,
         )
     heard = present.union(said)
-    refuse(
+    refuse_statements(
         [triple for triple in dict.fromkeys(triples) if triple not in heard], constraint,
         f"Annotations are about <{subject.value}>, and about blank nodes and resources outside the fleet that its"
         " statements lead to; nothing uses",
     )  # fmt: skip
-    mine = about(beyond(subjects(said), of_agent(robot.annotations, subject.value)), subject, subject.value)
+    mine = about(
+        beyond(statements_by_subject(said), of_agent(robot.annotations, subject.value)), subject, subject.value
+    )
     written = serialize(mine, format=RdfFormat.N_TRIPLES)
     assert written is not None  # nothing is written to a file
     text = _TERM.sub(lambda term: _relative(term[0], base, path), written.decode())

@@ -15,15 +15,15 @@ from pyoxigraph import BlankNode, Literal, NamedNode, Triple
 from linked_fleet_gateway.base.errors import UnprocessableContent
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.rdf.graph import UNITS, Node
-from linked_fleet_gateway.rdf.shapes import BLUEPRINTS, load
+from linked_fleet_gateway.rdf.shapes import BLUEPRINTS, load_turtle
 from linked_fleet_gateway.rdf.validation import (
-    TYPES_OF_ALL,
+    COMMON_TYPES,
     ShaclValidator,
     Terms,
-    refuse,
-    root,
-    subjects,
-    unused,
+    find_root,
+    refuse_statements,
+    statements_by_subject,
+    unused_statements,
 )
 from linked_fleet_gateway.rdf.vocabulary import HYBRIT, LDP, LF, MATHS, PROV, RDF, ROS, SH, SOSA, SPATIAL, VOM
 from linked_fleet_gateway.resources.annotations import agents_part, read_annotations
@@ -84,7 +84,7 @@ class Body:
 
 def own_part(triples: Sequence[Triple], root: Node) -> list[Triple]:
     """Return the triples about the root and about the blank nodes that it leads to."""
-    by_subject = subjects(triples)
+    by_subject = statements_by_subject(triples)
     found: list[Triple] = []
     pending, done = [root], set[Node]()
     while pending:
@@ -152,8 +152,8 @@ class Setting:
 def managed_statements(described: Sequence[Triple], shape: NamedNode, iri: str) -> list[Triple]:
     """Return the statements in a description of ``iri`` that the shape of a body does not cover."""
     _, terms = _validator(shape)
-    models = [each for each in described if each.predicate == RDF.type and each.object in TYPES_OF_ALL]
-    return [*unused(described, NamedNode(iri), terms), *models]
+    models = [each for each in described if each.predicate == RDF.type and each.object in COMMON_TYPES]
+    return [*unused_statements(described, NamedNode(iri), terms), *models]
 
 
 def validated(triples: Sequence[Triple], shape: NamedNode, iri: str, present: frozenset[Triple] = frozenset()) -> Body:
@@ -162,7 +162,7 @@ def validated(triples: Sequence[Triple], shape: NamedNode, iri: str, present: fr
     Raises UnprocessableContent if the blueprint's shape refuses it, or does not cover a part of it that is not
     ``present``.
     """
-    focus = root(triples, NamedNode(iri))
+    focus = find_root(triples, NamedNode(iri))
     validator, terms = _validator(shape)
     found = validator.report(triples, focus)
     constraint = f"{iri}/blueprint"
@@ -171,7 +171,7 @@ def validated(triples: Sequence[Triple], shape: NamedNode, iri: str, present: fr
         raise UnprocessableContent(
             f"The body does not conform to the blueprint: {detail}", report=report, constraint=constraint
         )
-    refuse(unused(triples, focus, terms, present), constraint)
+    refuse_statements(unused_statements(triples, focus, terms, present), constraint)
     return Body(triples, focus)
 
 
@@ -186,8 +186,8 @@ def settings(robot: Robot) -> dict[str, Setting]:
 
 @cache
 def _validator(shape: NamedNode) -> tuple[ShaclValidator, Terms]:
-    shapes = load(BLUEPRINTS)
-    return ShaclValidator(chain.from_iterable(shapes.values()), shape), Terms.of(shapes, shape)
+    shapes = load_turtle(BLUEPRINTS)
+    return ShaclValidator(chain.from_iterable(shapes.values()), shape), Terms.from_shapes(shapes, shape)
 
 
 def _title(body: Body) -> str:

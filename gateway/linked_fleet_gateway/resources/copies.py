@@ -48,7 +48,7 @@ class Copies:
         key = (kind.key, kind.owner.endswith("/"), *datatypes, media_type, base)
         template = self._kept.get(key) or self._keep(key, _compile(resource, kind, values, media_type, base))
         texts.append(kind.owner.rstrip("/")[1:])
-        return template.filled(texts)
+        return template.fill(texts)
 
     def _keep(self, key: _Key, template: Template) -> Template:
         self._kept[key] = template

@@ -37,7 +37,7 @@ def describe_terms(base: str, graph: Graph) -> Iterator[None]:
     graph.add(iri, DCTERMS.title, Literal("Terms and shapes of Linked Fleet"))
     graph.add(iri, RDFS.seeAlso, NamedNode(base + "/"))
     for name in (shapes.VOCABULARY, shapes.SUBSCRIPTIONS):
-        for triples in shapes.load(name).values():
+        for triples in shapes.load_turtle(name).values():
             _add(graph, triples)
             yield
 
@@ -50,11 +50,11 @@ def _vocabulary(base: str, graph: Graph) -> Iterator[None]:
     document only mentions.
     """
     yield from describe_terms(base, graph)
-    for node, triples in shapes.load(shapes.BLUEPRINTS).items():
+    for node, triples in shapes.load_turtle(shapes.BLUEPRINTS).items():
         if isinstance(node, NamedNode):
             _add(graph, (triple for triple in triples if triple.predicate in _DESCRIBES))
             if node.value.endswith("Input"):
-                shapes.closure(graph, node)
+                shapes.add_closure(graph, node)
             yield
 
 

@@ -18,7 +18,7 @@ from typing import Any
 from pyoxigraph import Literal, NamedNode, Triple
 
 from linked_fleet_gateway.rdf.graph import Graph, Node, Term
-from linked_fleet_gateway.rdf.shapes import BLUEPRINTS, load
+from linked_fleet_gateway.rdf.shapes import BLUEPRINTS, load_turtle
 from linked_fleet_gateway.rdf.vocabulary import LF, NUMERIC, RDF, SH, XSD
 from linked_fleet_gateway.resources.action_offer import Offer
 from linked_fleet_gateway.resources.settable import describe_target_input
@@ -113,7 +113,7 @@ class Form:
 @lru_cache(maxsize=64)
 def form_of(shape: NamedNode) -> Form:
     """Return the form of a shape in shapes/linked_fleet_shapes/blueprints.ttl or in the shapes of an extension."""
-    return _Reader(chain.from_iterable(load(BLUEPRINTS).values())).form(shape)
+    return _Reader(chain.from_iterable(load_turtle(BLUEPRINTS).values())).form(shape)
 
 
 def form_of_input(offer: Offer, base: str) -> Form:

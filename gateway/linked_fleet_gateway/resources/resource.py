@@ -10,7 +10,7 @@ from pyoxigraph import Literal, NamedNode
 from linked_fleet_agent.wire.messages import Mesh
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.rdf.graph import Graph
-from linked_fleet_gateway.rdf.shapes import blueprint
+from linked_fleet_gateway.rdf.shapes import describe_blueprint
 from linked_fleet_gateway.rdf.vocabulary import LDP
 from linked_fleet_gateway.resources.affordance import Affordance, ChangeSubscription, ResumeSubscription, Subscribe
 from linked_fleet_gateway.resources.paths import owner_path
@@ -183,7 +183,7 @@ def blueprint_at(owned_by: str, base: str, shapes: tuple[NamedNode, ...], source
 
     def describe(graph: Graph, owner: str, _: Sequence[Literal] = ()) -> None:
         iri = NamedNode(base + owner.rstrip("/") + "/blueprint")
-        blueprint(graph, iri, NamedNode(base + owner), shapes)
+        describe_blueprint(graph, iri, NamedNode(base + owner), shapes)
 
     return Resource(
         owned_by.rstrip("/") + "/blueprint",

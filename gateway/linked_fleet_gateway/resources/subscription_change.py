@@ -7,8 +7,8 @@ from functools import cache
 from pyoxigraph import NamedNode, Triple
 
 from linked_fleet_gateway.base.errors import UnprocessableContent
-from linked_fleet_gateway.rdf.shapes import SUBSCRIPTIONS, load
-from linked_fleet_gateway.rdf.validation import Terms, refuse, unused
+from linked_fleet_gateway.rdf.shapes import SUBSCRIPTIONS, load_turtle
+from linked_fleet_gateway.rdf.validation import Terms, refuse_statements, unused_statements
 from linked_fleet_gateway.rdf.vocabulary import HYBRIT, LF, RDF
 from linked_fleet_gateway.resources.subscription import Changeable, Subscription
 from linked_fleet_gateway.resources.subscription_resource import CALLBACKS, container_path, requested, subscription_path
@@ -19,7 +19,7 @@ _FIXED = (RDF.type, HYBRIT.onResource, *CALLBACKS)
 
 def managed_statements(described: Sequence[Triple], iri: str) -> list[Triple]:
     """Return the statements of a description that only the gateway makes."""
-    return [each for each in unused(described, NamedNode(iri), _terms()) if each.predicate not in _FIXED]
+    return [each for each in unused_statements(described, NamedNode(iri), _terms()) if each.predicate not in _FIXED]
 
 
 def changed_options(
@@ -32,7 +32,7 @@ def changed_options(
     """
     container, iri = base + container_path(subscription.owner), NamedNode(base + subscription_path(subscription))
     _check_fixed(before, after, iri, subscription, container)
-    refuse(unused(after, iri, _terms(), frozenset(before)), f"{iri.value}/blueprint")
+    refuse_statements(unused_statements(after, iri, _terms(), frozenset(before)), f"{iri.value}/blueprint")
     wanted, kept = requested(after, container, base), subscription.options
 
     def touched(predicate: NamedNode) -> bool:
@@ -71,4 +71,4 @@ def _stated(triples: Sequence[Triple], iri: NamedNode, predicates: Sequence[Name
 
 @cache
 def _terms() -> Terms:
-    return Terms.of(load(SUBSCRIPTIONS), LF.SubscriptionShape)
+    return Terms.from_shapes(load_turtle(SUBSCRIPTIONS), LF.SubscriptionShape)

@@ -9,8 +9,14 @@ from pyoxigraph import Literal, NamedNode, Triple
 
 from linked_fleet_gateway.base.errors import UnprocessableContent
 from linked_fleet_gateway.rdf.graph import Graph, Node, integer, number, timestamp
-from linked_fleet_gateway.rdf.shapes import SUBSCRIPTIONS, load
-from linked_fleet_gateway.rdf.validation import Terms, check_lexical_forms, refuse, root, unused
+from linked_fleet_gateway.rdf.shapes import SUBSCRIPTIONS, load_turtle
+from linked_fleet_gateway.rdf.validation import (
+    Terms,
+    check_lexical_forms,
+    find_root,
+    refuse_statements,
+    unused_statements,
+)
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HTTP, HYBRIT, LDP, LF, METHODS, PREFIXES, RDF, RDFS, XSD
 from linked_fleet_gateway.resources.affordance import ChangeSubscription, ResumeSubscription, Subscribe
 from linked_fleet_gateway.resources.resource import CONTAINER, Resource, blueprint_of
@@ -156,7 +162,7 @@ def describe_subscriptions(graph: Graph, base: str, owner: str, records: Iterabl
 
 def describe_request_shape(graph: Graph) -> None:
     """Add the shapes that validate posted subscriptions to the vocabulary document."""
-    for triples in load(SUBSCRIPTIONS).values():
+    for triples in load_turtle(SUBSCRIPTIONS).values():
         for triple in triples:
             graph.add(triple.subject, triple.predicate, triple.object)  # type: ignore[arg-type]
 
@@ -183,7 +189,7 @@ def requested(body: Sequence[Triple], container_iri: str, base: str) -> Request:
     check_lexical_forms(about, container_iri)
     if violations := _violations(about, focus):
         raise _refusal(violations, container_iri)
-    refuse(_left(body, focus, NamedNode(container_iri)), container_iri)
+    refuse_statements(_left(body, focus, NamedNode(container_iri)), container_iri)
     stated = {HYBRIT.callbackURL if t.predicate in CALLBACKS else t.predicate: _text(t) for t in about}
     resource, secret = stated[HYBRIT.onResource], stated.get(LF.secret, "")
     if not resource.startswith(base + "/"):
@@ -213,19 +219,19 @@ def _focus(body: Sequence[Triple], container: NamedNode) -> Node:
         raise UnprocessableContent(
             f"The body describes {len(typed)} subscriptions; post one at a time.", constraint=container.value
         )
-    return root(body, container)
+    return find_root(body, container)
 
 
 def _left(body: Sequence[Triple], focus: Node, container: NamedNode) -> list[Triple]:
     """Return unused triples except those about the container, so that Figure 4 can be posted unchanged."""
-    left = unused(body, focus, _terms())
+    left = unused_statements(body, focus, _terms())
     return [t for t in left if t.subject != container or t.subject == focus or t.predicate not in _OF_CONTAINER]
 
 
 @cache
 def _terms() -> Terms:
     """Return the terms of the shape and of descriptions, so that a description can be posted to create another one."""
-    return Terms.of(load(SUBSCRIPTIONS), LF.SubscriptionShape).also(*_SHOWN, types=_READ_TYPES)
+    return Terms.from_shapes(load_turtle(SUBSCRIPTIONS), LF.SubscriptionShape).with_terms(*_SHOWN, types=_READ_TYPES)
 
 
 def _about(body: Sequence[Triple], focus: Node) -> list[Triple]:
@@ -252,7 +258,7 @@ def _violations(about: Sequence[Triple], focus: Node) -> list[Violation]:
 
 @cache
 def validators() -> tuple[CompiledShape, CompiledGraph]:
-    shapes = load(SUBSCRIPTIONS)
+    shapes = load_turtle(SUBSCRIPTIONS)
     return compile_shape(shapes, LF.SubscriptionShape, PREFIXES), compile_graph(shapes, PREFIXES)
 
 

@@ -37,7 +37,7 @@ def _blocks(language: str) -> list[str]:
 
 
 def _forget() -> None:
-    for each in (shapes.load, shapes.load_file, definitions):
+    for each in (shapes.load_turtle, shapes.load_turtle_file, definitions):
         each.cache_clear()
 
 
@@ -81,7 +81,7 @@ def test_its_description_conforms(bench: Any, extended: None) -> None:
     """To the blueprint of actions, with both methods and the usual container of invocations."""
     bench.robot(_JOINTS)
     path = "/r/elbow/actions/centre"
-    blueprints = [triple for about in shapes.load("blueprints.ttl").values() for triple in about]
+    blueprints = [triple for about in shapes.load_turtle("blueprints.ttl").values() for triple in about]
     description = bench.described(path).triples
     iri = NamedNode(bench.base + path)
     assert ShaclValidator(blueprints, LF.ActionShape).report(description, iri) is None

@@ -26,7 +26,7 @@ def change(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Change]:
     folder = Path(shutil.copytree(_SHAPES, tmp_path / "linked_fleet_shapes"))
 
     def forget() -> None:
-        for each in (shapes.load, shapes.load_file, definitions, _check_all):
+        for each in (shapes.load_turtle, shapes.load_turtle_file, definitions, _check_all):
             each.cache_clear()
 
     def changed(name: str, old: str, new: str) -> None:

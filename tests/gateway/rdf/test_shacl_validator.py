@@ -6,7 +6,7 @@ import pytest
 from pyoxigraph import BlankNode, NamedNode, RdfFormat, Triple, parse
 
 from linked_fleet_gateway.rdf.graph import Node
-from linked_fleet_gateway.rdf.validation import ShaclValidator, reachable
+from linked_fleet_gateway.rdf.validation import ShaclValidator, reachable_statements
 from linked_fleet_gateway.rdf.vocabulary import PREFIXES, SH
 
 _PREFIXES = "".join(f"@prefix {prefix}: <{iri}> .\n" for prefix, iri in PREFIXES.items())
@@ -69,7 +69,7 @@ def test_reachable_statements_are_those_below_the_root() -> None:
     a, b = BlankNode("a"), BlankNode("b")
     focus, p, other = NamedNode(_REQUEST), NamedNode("urn:p"), NamedNode("urn:other")
     below = [Triple(focus, p, a), Triple(a, p, b), Triple(b, p, a), Triple(b, p, other), Triple(other, p, focus)]
-    assert set(reachable([*below, Triple(p, p, focus)], focus)) == set(below)
-    assert len(reachable(below, focus)) == len(below)
+    assert set(reachable_statements([*below, Triple(p, p, focus)], focus)) == set(below)
+    assert len(reachable_statements(below, focus)) == len(below)
     deep = [Triple(BlankNode(f"n{i}"), p, BlankNode(f"n{i + 1}")) for i in range(5000)]
-    assert len(reachable(deep, BlankNode("n0"))) == 5000
+    assert len(reachable_statements(deep, BlankNode("n0"))) == 5000

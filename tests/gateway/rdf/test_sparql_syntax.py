@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from linked_fleet_gateway.base.errors import BadRequest, FleetError, PayloadTooLarge
-from linked_fleet_gateway.rdf.sparql_syntax import MAX_DEPTH, MAX_QUERY_BYTES, Dataset, check_select, read
+from linked_fleet_gateway.rdf.sparql_syntax import MAX_DEPTH, MAX_QUERY_BYTES, Dataset, check_select, parse_query
 
 BASE = "http://fleet.example/query"
 
@@ -21,7 +21,7 @@ BASE = "http://fleet.example/query"
     ],
 )
 def test_a_query_is_known_by_its_first_keyword(query: str, form: str) -> None:
-    assert read(query, BASE).form == form
+    assert parse_query(query, BASE).form == form
 
 
 @pytest.mark.parametrize(
@@ -46,17 +46,17 @@ def test_a_query_is_known_by_its_first_keyword(query: str, form: str) -> None:
 )
 def test_unsupported_queries_are_refused_with_a_reason(query: str) -> None:
     with pytest.raises(BadRequest, match=r"\w+"):
-        read(query, BASE)
+        parse_query(query, BASE)
 
 
 def test_a_long_query_is_refused() -> None:
     with pytest.raises(PayloadTooLarge):
-        read("SELECT * {}" + " " * MAX_QUERY_BYTES, BASE)
+        parse_query("SELECT * {}" + " " * MAX_QUERY_BYTES, BASE)
 
 
 def test_a_refusal_says_where() -> None:
     with pytest.raises(BadRequest) as refused:
-        read("SELECT *\n{ SERVICE ?s {} }", BASE)
+        parse_query("SELECT *\n{ SERVICE ?s {} }", BASE)
     assert (refused.value.line, refused.value.column) == (2, 3)
 
 
@@ -75,7 +75,7 @@ def test_a_refusal_says_where() -> None:
 def test_the_dataset_is_the_one_that_the_query_says(
     query: str, default: tuple[str, ...] | None, named: tuple[str, ...] | None
 ) -> None:
-    assert read(query, BASE).dataset == Dataset(default, named)
+    assert parse_query(query, BASE).dataset == Dataset(default, named)
 
 
 @pytest.mark.parametrize(
@@ -104,7 +104,7 @@ _PIECES = st.sampled_from([*_WORDS.split(), "\n"])
 
 @given(st.lists(_PIECES | st.text(max_size=3), max_size=40).map(" ".join))
 def test_any_text_is_read_or_refused(text: str) -> None:
-    for look in (lambda: read(text, BASE), lambda: check_select(text)):
+    for look in (lambda: parse_query(text, BASE), lambda: check_select(text)):
         try:
             look()
         except FleetError as error:

@@ -4,7 +4,7 @@ import pytest
 from pyoxigraph import CanonicalizationAlgorithm, Dataset, Quad, RdfFormat, Store, Triple, parse
 
 from linked_fleet_gateway.base.errors import BadRequest, FleetError, PayloadTooLarge, UnprocessableContent
-from linked_fleet_gateway.rdf.sparql_update import MAX_OPERATIONS, MAX_STEPS, read_update, updated
+from linked_fleet_gateway.rdf.sparql_update import MAX_OPERATIONS, MAX_STEPS, apply_update, parse_update
 
 _BASE = "http://fleet.example/r/title"
 _PREFIXES = "PREFIX ex: <http://example.org/> PREFIX xsd: <http://www.w3.org/2001/XMLSchema#> "
@@ -17,7 +17,7 @@ def _graph(turtle: str = _GRAPH) -> list[Triple]:
 
 
 def _after(update: str, triples: list[Triple]) -> list[Triple]:
-    return updated(triples, read_update(_PREFIXES + update, _BASE))
+    return apply_update(triples, parse_update(_PREFIXES + update, _BASE))
 
 
 def _canonical(triples: list[Triple]) -> Dataset:

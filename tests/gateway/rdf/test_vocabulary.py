@@ -11,7 +11,7 @@ from pyoxigraph import BlankNode, Literal, NamedNode, RdfFormat, Triple
 from all_terms import LF
 from graphs import read
 from linked_fleet_gateway.rdf.serialise import JELLY, RDF_TYPES, render
-from linked_fleet_gateway.rdf.shapes import load
+from linked_fleet_gateway.rdf.shapes import load_turtle
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, LDP, PREFIXES, RDF, RDFS, SH
 from linked_fleet_gateway.resources.resource import Resource
 from sample_resources import BASE, described, described_paths, tree
@@ -74,7 +74,7 @@ def _blank_nodes(triples: Iterable[Triple]) -> set[object]:
 
 
 def test_files_share_no_blank_node() -> None:
-    nodes = [_blank_nodes(chain.from_iterable(load(each).values())) for each in _NAMES]
+    nodes = [_blank_nodes(chain.from_iterable(load_turtle(each).values())) for each in _NAMES]
     assert all(nodes)
     assert not any(one & other for one, other in combinations(nodes, 2))
 
@@ -108,7 +108,7 @@ def test_every_shape_that_a_document_names_is_described() -> None:
 
 def test_no_term_doubles_one_of_a_standard_vocabulary() -> None:
     """R1.5: Dublin Core, RDF Schema and LDP already have these."""
-    ours = {iri.value.removeprefix(LF.iri) for iri in load("vocabulary.ttl") if iri.value.startswith(LF.iri)}
+    ours = {iri.value.removeprefix(LF.iri) for iri in load_turtle("vocabulary.ttl") if iri.value.startswith(LF.iri)}
     assert not ours & {*DCTERMS.terms, *RDFS.terms, *LDP.terms, "label", "modified", "creator", "member"}
 
 

@@ -20,7 +20,7 @@ from linked_fleet_gateway.http.body import BODY_TYPES
 from linked_fleet_gateway.rdf.graph import Graph
 from linked_fleet_gateway.rdf.serialise import parse, render
 from linked_fleet_gateway.rdf.turtle import write
-from linked_fleet_gateway.rdf.validation import shown
+from linked_fleet_gateway.rdf.validation import ground_statements
 from linked_fleet_gateway.rdf.vocabulary import PREFIXES
 from linked_fleet_gateway.resources.annotations import MAX_ANNOTATIONS, annotate
 from linked_fleet_gateway.resources.body_values import Setting
@@ -286,7 +286,7 @@ def test_settings_accept_their_own_representation(name: str, media_type: str) ->
     describer = Describer(_BASE)
     describer.property(robot, "/r/", item, graph, Measurement())
     triples = parse(render(graph.triples, media_type, PREFIXES, base=iri), media_type, iri)
-    present = shown(graph)
+    present = ground_statements(graph)
     found = item.put.admit(triples, _BASE, present)
     assert _without_labels(found) == _without_labels(robot.settings[name])
 

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from linked_fleet_gateway.base.errors import UnprocessableContent
 from linked_fleet_gateway.fleet.model import RobotModel
 from linked_fleet_gateway.rdf.graph import DEGREE, METRE, MILLIMETRE, RADIAN, UNITS
-from linked_fleet_gateway.rdf.shapes import load
+from linked_fleet_gateway.rdf.shapes import load_turtle
 from linked_fleet_gateway.rdf.vocabulary import LF, XSD
 from linked_fleet_gateway.resources.joint_limits import MOST_TURNS, at_least, at_most, bounds
 from linked_fleet_gateway.resources.shape_parameters import COMPLETIONS, commandable, moved_links
@@ -161,7 +161,7 @@ def test_links_that_move(bench: Any) -> None:
 
 def test_every_completion_that_a_shape_names_is_known() -> None:
     """And no unused completion is known."""
-    named = {t.object for about in load("actions").values() for t in about if t.predicate == LF.completedBy}
+    named = {t.object for about in load_turtle("actions").values() for t in about if t.predicate == LF.completedBy}
     assert named == set(COMPLETIONS)
 
 

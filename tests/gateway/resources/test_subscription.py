@@ -16,7 +16,7 @@ from all_terms import LF
 from linked_fleet_gateway.base.errors import UnprocessableContent
 from linked_fleet_gateway.rdf.graph import Graph
 from linked_fleet_gateway.rdf.serialise import parse
-from linked_fleet_gateway.rdf.shapes import load
+from linked_fleet_gateway.rdf.shapes import load_turtle
 from linked_fleet_gateway.rdf.turtle import write
 from linked_fleet_gateway.rdf.vocabulary import HTTP, HYBRIT, LDP, METHODS, PREFIXES, RDF
 from linked_fleet_gateway.resources.subscription import Delivery, DeliveryState, Depth, Kind, Record, Subscription
@@ -173,12 +173,12 @@ def test_the_container_leads_to_the_shape_of_its_members() -> None:
     iri = NamedNode(_BASE + "/subscriptions")
     assert Triple(iri, LDP.constrainedBy, LF.SubscriptionShape) in graph.triples
     assert Triple(iri, LF.vocabulary, NamedNode(_BASE + "/vocabulary")) in graph.triples
-    assert LF.SubscriptionShape in load("subscriptions.ttl")
+    assert LF.SubscriptionShape in load_turtle("subscriptions.ttl")
 
 
 def test_every_term_of_ours_is_described() -> None:
     """R1.5: in the vocabulary, or as a shape."""
-    described = {*load("vocabulary.ttl"), *load("blueprints.ttl"), *load("subscriptions.ttl")}
+    described = {*load_turtle("vocabulary.ttl"), *load_turtle("blueprints.ttl"), *load_turtle("subscriptions.ttl")}
     assert not set(LF.terms.values()) - described
 
 

@@ -6,7 +6,7 @@ import pytest
 
 from linked_fleet_gateway.base.errors import UnprocessableContent
 from linked_fleet_gateway.rdf.graph import Graph
-from linked_fleet_gateway.rdf.sparql_update import read_update, updated
+from linked_fleet_gateway.rdf.sparql_update import apply_update, parse_update
 from linked_fleet_gateway.rdf.vocabulary import PREFIXES
 from linked_fleet_gateway.resources.subscription import Changeable, Delivery, Depth, Kind, Record, Subscription
 from linked_fleet_gateway.resources.subscription_change import changed_options, managed_statements
@@ -36,7 +36,7 @@ _PROLOGUE = "".join(f"PREFIX {prefix}: <{iri}> " for prefix, iri in PREFIXES.ite
 def _after(update: str, subscription: Subscription = _CALLBACK) -> Changeable:
     graph = Graph()
     describe_subscription(graph, _BASE, Record(subscription, Delivery(), "run"))
-    after = updated(graph.triples, read_update(_PROLOGUE + update, _IRI))
+    after = apply_update(graph.triples, parse_update(_PROLOGUE + update, _IRI))
     return changed_options(graph.triples, after, subscription, _BASE)
 
 

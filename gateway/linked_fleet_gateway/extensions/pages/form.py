@@ -18,7 +18,7 @@ from linked_fleet_gateway.extensions.pages import texts
 from linked_fleet_gateway.extensions.pages.form_parts import Form, Group, Leaf
 from linked_fleet_gateway.extensions.pages.values import Facts
 from linked_fleet_gateway.rdf.graph import Graph
-from linked_fleet_gateway.rdf.shapes import BLUEPRINTS, closure, load
+from linked_fleet_gateway.rdf.shapes import BLUEPRINTS, add_closure, load_turtle
 from linked_fleet_gateway.rdf.turtle import Term
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HTTP, HYBRIT, LF, NUMERIC, VOM, XSD
 from linked_fleet_gateway.resources.subscription_resource import describe_request_shape
@@ -50,7 +50,7 @@ def form_of_action(facts: Facts, iri: NamedNode) -> Form:
 def form_of_setting(facts: Facts, iri: NamedNode) -> Form | None:
     """Return the form of a setting; None if another document describes the accepted body."""
     consumed = facts.one(iri, HYBRIT.consumes)
-    if not isinstance(consumed, NamedNode) or consumed not in load(BLUEPRINTS):
+    if not isinstance(consumed, NamedNode) or consumed not in load_turtle(BLUEPRINTS):
         return None
     classes, fields = _fields(_blueprint(consumed), str(consumed))
     value = facts.one(iri, LF.value)
@@ -129,7 +129,7 @@ def _written(facts: Facts) -> bytes:
 @lru_cache(maxsize=16)
 def _blueprint(shape: NamedNode, file: Path | None = None) -> bytes:
     graph = Graph()
-    closure(graph, shape, file)
+    add_closure(graph, shape, file)
     return serialize(graph.triples, format=RdfFormat.N_TRIPLES) or b""
 
 

@@ -16,7 +16,7 @@ from pyoxigraph import Literal, NamedNode
 
 from linked_fleet_agent.wire.keys import unescape
 from linked_fleet_gateway.base.lazy_imports import LazyModule
-from linked_fleet_gateway.rdf.shapes import VOCABULARY, added_to, load
+from linked_fleet_gateway.rdf.shapes import VOCABULARY, added_files, load_turtle
 from linked_fleet_gateway.rdf.vocabulary import LF, RDFS, ROS, XHV
 from linked_fleet_gateway.resources.paths import reserved_at_root, reserved_in_robot
 
@@ -102,7 +102,7 @@ def term_in_words(iri: str) -> str:
 def _described(added: tuple[Path, ...]) -> dict[str, tuple[str, str]]:
     """Label and comment by term. ``added``: the files of extensions; other ones have other terms."""
     found = {}
-    for subject, triples in load(VOCABULARY).items():
+    for subject, triples in load_turtle(VOCABULARY).items():
         if isinstance(subject, NamedNode):
             said = {each.predicate: each.object.value for each in triples if isinstance(each.object, Literal)}
             found[subject.value] = _inside(said.get(RDFS.label, "")), sentence(said.get(RDFS.comment, ""))
@@ -111,7 +111,7 @@ def _described(added: tuple[Path, ...]) -> dict[str, tuple[str, str]]:
 
 def label_and_comment(iri: str) -> tuple[str, str]:
     """Return the label and the comment of a term of this project's vocabulary; empty for any other."""
-    return _described(added_to(VOCABULARY)).get(iri, ("", "")) if iri.startswith(LF.iri) else ("", "")
+    return _described(added_files(VOCABULARY)).get(iri, ("", "")) if iri.startswith(LF.iri) else ("", "")
 
 
 def _inside(label: str) -> str:

@@ -38,7 +38,7 @@ from linked_fleet_gateway.http.read import read as read_resource
 from linked_fleet_gateway.http.request import Request
 from linked_fleet_gateway.http.scheduling import Offload
 from linked_fleet_gateway.rdf.serialise import JSON, RDF_TYPES
-from linked_fleet_gateway.rdf.sparql_syntax import MAX_QUERY_BYTES, Dataset, Query, read
+from linked_fleet_gateway.rdf.sparql_syntax import MAX_QUERY_BYTES, Dataset, Query, parse_query
 from linked_fleet_gateway.resources.branches import RequestView
 from linked_fleet_gateway.resources.json_form import Json
 from linked_fleet_gateway.resources.resource import Resource
@@ -143,7 +143,7 @@ def _asked(said: Sequence[tuple[str, str]], base: str) -> _ParsedQuery:
         raise BadRequest("SPARQL updates are not supported; robots are moved by their actions.")
     if len(queries) != 1:
         raise BadRequest(f"Send one query, not {len(queries)}.")
-    dataset = Dataset.of(graphs("default-graph-uri"), graphs("named-graph-uri"))
+    dataset = Dataset.from_iris(graphs("default-graph-uri"), graphs("named-graph-uri"))
     return _ParsedQuery(queries[0], dataset, next(iter(all_of("as")), None))
 
 
@@ -165,7 +165,7 @@ async def _answer(request: Request, endpoint: Endpoint, asked: _ParsedQuery) -> 
 
 async def _evaluated(request: Request, endpoint: Endpoint, asked: _ParsedQuery) -> Response:
     offload: Offload = request.services.offload
-    query = await offload.run(partial(read, asked.query, request.base + PATH), len(asked.query), _SHORT)
+    query = await offload.run(partial(parse_query, asked.query, request.base + PATH), len(asked.query), _SHORT)
     media_type = _chosen(request, query, asked.picked)
     body = await endpoint.queries.run(
         query,

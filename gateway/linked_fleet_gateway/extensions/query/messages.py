@@ -13,7 +13,7 @@ from linked_fleet_agent.wire.messages import Description
 from linked_fleet_gateway.fleet.invocation import Invocation, Lease
 from linked_fleet_gateway.fleet.model import Pose
 from linked_fleet_gateway.http.html import NOBODY, Reader
-from linked_fleet_gateway.rdf.shapes import ACTIONS, BLUEPRINTS, VOCABULARY, add, added_to
+from linked_fleet_gateway.rdf.shapes import ACTIONS, BLUEPRINTS, VOCABULARY, add_files, added_files
 from linked_fleet_gateway.resources.action_offer import add_kinds
 from linked_fleet_gateway.resources.fleet_functions import FUNCTIONS
 from linked_fleet_gateway.resources.paths import reserve, reserved_at_root, reserved_in_robot
@@ -169,7 +169,7 @@ def contributions() -> str:
     known = Contributions(
         sorted(reserved_at_root()),
         sorted(reserved_in_robot()),
-        {name: [str(each) for each in added_to(name)] for name in (ACTIONS, VOCABULARY, BLUEPRINTS)},
+        {name: [str(each) for each in added_files(name)] for name in (ACTIONS, VOCABULARY, BLUEPRINTS)},
         list(ROBOT_PROPERTIES.names),
         list(LINK_STATEMENTS.names),
         list(FUNCTIONS.names),
@@ -187,7 +187,7 @@ def register(said: Contributions) -> None:
     reserve(said.at_root, said.in_robot)
     add_kinds(map(Path, said.files[ACTIONS]))
     for name in (VOCABULARY, BLUEPRINTS):
-        add(name, map(Path, said.files[name]))
+        add_files(name, map(Path, said.files[name]))
     ROBOT_PROPERTIES.replace(said.robot_properties)
     LINK_STATEMENTS.replace(said.link_statements)
     FUNCTIONS.replace(said.functions)

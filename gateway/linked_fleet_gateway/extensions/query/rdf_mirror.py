@@ -15,7 +15,7 @@ from linked_fleet_gateway.fleet.invocation import Invocation
 from linked_fleet_gateway.fleet.model import Joint, Link
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.rdf.graph import Graph, Node, Term
-from linked_fleet_gateway.rdf.shapes import BLUEPRINTS, load
+from linked_fleet_gateway.rdf.shapes import BLUEPRINTS, load_turtle
 from linked_fleet_gateway.resources.describe import Describer, last_frame
 from linked_fleet_gateway.resources.documents import VOCABULARY, describe_terms
 from linked_fleet_gateway.resources.invocation import describe_invocation, describe_lease, invocation_path
@@ -110,7 +110,7 @@ class RdfMirror:
         graph = LabelledGraph("v")
         complete(describe_terms(base, graph))
         self._extend(NamedNode(base + VOCABULARY), graph.triples)
-        shapes = [triple for triples in load(BLUEPRINTS).values() for triple in triples]
+        shapes = [triple for triples in load_turtle(BLUEPRINTS).values() for triple in triples]
         self.add(SHAPES, shapes, "s")
 
     def graph_of(self, robot: str) -> NamedNode:

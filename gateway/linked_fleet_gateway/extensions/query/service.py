@@ -19,7 +19,7 @@ from linked_fleet_gateway.extensions.query.process import Feed, QueryProcess
 from linked_fleet_gateway.extensions.query.turns import FairTurns
 from linked_fleet_gateway.http.html import HTML, NOBODY, NavigationEntry, Reader
 from linked_fleet_gateway.identity.rights import View
-from linked_fleet_gateway.rdf.sparql_syntax import Dataset, Query, check_select, read
+from linked_fleet_gateway.rdf.sparql_syntax import Dataset, Query, check_select, parse_query
 from linked_fleet_gateway.resources.access_filter import InvocationsInView, RobotsInView
 from linked_fleet_gateway.resources.branches import RequestView
 from linked_fleet_gateway.subscriptions.live import Live
@@ -74,7 +74,7 @@ class Queries:
         """
         check_select(query)
         body = await self.run(
-            read(query, base + "/query"), base, sees, JSON_RESULTS,
+            parse_query(query, base + "/query"), base, sees, JSON_RESULTS,
             bindings=bindings, instead=instead, most=MAX_SELECTED_BYTES,
         )  # fmt: skip
         found = parse_query_results(body, format=QueryResultsFormat.JSON)
@@ -87,7 +87,7 @@ class Queries:
         """Return the variables of a valid SELECT query without evaluating it. Raises FleetError."""
         variables = check_select(query)
         nobody = View((), "")
-        await self.run(read(query, base + "/query"), base, nobody, JSON_RESULTS, only_check=True)
+        await self.run(parse_query(query, base + "/query"), base, nobody, JSON_RESULTS, only_check=True)
         return variables
 
     async def run(

@@ -56,8 +56,8 @@ from linked_fleet_gateway.http.operations import (
 from linked_fleet_gateway.http.request import Request
 from linked_fleet_gateway.http.writes import check_acceptable, created_response
 from linked_fleet_gateway.identity.rights import Claims, Identity, Right
-from linked_fleet_gateway.rdf.shapes import load_file
-from linked_fleet_gateway.rdf.sparql_syntax import MAX_QUERY_BYTES, bound_to
+from linked_fleet_gateway.rdf.shapes import load_turtle_file
+from linked_fleet_gateway.rdf.sparql_syntax import MAX_QUERY_BYTES, bound_iris
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS
 from linked_fleet_gateway.resources.branches import RequestView
 from linked_fleet_gateway.resources.json_form import Json, form_in
@@ -194,7 +194,7 @@ def _check_bound(rules: Rules, request: Request, wanted: RuleRequest) -> None:
     """Raise UnprocessableContent if the condition itself binds the action to a foreign resource."""
     if not wanted.invokes.startswith("?"):
         return
-    for iri in bound_to(wanted.condition, wanted.invokes[1:], request.base + "/query"):
+    for iri in bound_iris(wanted.condition, wanted.invokes[1:], request.base + "/query"):
         if path_in_fleet(iri, (request.base, *rules.bases)) is None:
             raise _foreign(f"lf:condition binds {wanted.invokes[:50]} to {iri[:200]!r}, which", request.base)
 
@@ -246,7 +246,7 @@ _MEMBERS = {
 
 @cache
 def _schema() -> Json:
-    form = form_in(chain.from_iterable(load_file(RULE_SHAPE).values()), LF.RuleShape)
+    form = form_in(chain.from_iterable(load_turtle_file(RULE_SHAPE).values()), LF.RuleShape)
     of_path = {each.path: each.schema() for each in form.fields}  # the shape names them for people
     action: Json = {"type": "object", "properties": {"@id": {"type": "string", "format": "uri"}}, "required": ["@id"]}
     return {

@@ -11,8 +11,15 @@ from pyoxigraph import BlankNode, Literal, NamedNode, Triple
 from linked_fleet_gateway.base.errors import Statement, UnprocessableContent
 from linked_fleet_gateway.extensions.rules.template import LF, blank_node_closure, template, variables
 from linked_fleet_gateway.rdf.graph import Node
-from linked_fleet_gateway.rdf.shapes import load_file
-from linked_fleet_gateway.rdf.validation import ShaclValidator, Terms, check_lexical_forms, refuse, root, unused
+from linked_fleet_gateway.rdf.shapes import load_turtle_file
+from linked_fleet_gateway.rdf.validation import (
+    ShaclValidator,
+    Terms,
+    check_lexical_forms,
+    find_root,
+    refuse_statements,
+    unused_statements,
+)
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, PROV, RDF, RDFS
 
 RULE_SHAPE = Path(__file__).with_name("rules.ttl")
@@ -47,7 +54,7 @@ def parse_rule(triples: Sequence[Triple], iri: str, base: str) -> RuleRequest:
     focus = _focus(triples, iri)
     about = list(dict.fromkeys(each for each in triples if each.subject == focus))
     # Checked first, because a misspelt option would be ignored.
-    refuse(unused(triples, focus, _terms(), _present(triples, focus)), container)
+    refuse_statements(unused_statements(triples, focus, _terms(), _present(triples, focus)), container)
     check_lexical_forms(about, container)
     found = _validator().report(about, focus)
     if found is not None:
@@ -70,7 +77,7 @@ def parse_rule(triples: Sequence[Triple], iri: str, base: str) -> RuleRequest:
 def _focus(triples: Sequence[Triple], iri: str) -> Node:
     """Return the only ``lf:Rule``, so that a description can be sent back; else the root of the body."""
     typed = list(dict.fromkeys(t.subject for t in triples if t.predicate == RDF.type and t.object == LF.Rule))
-    return typed[0] if len(typed) == 1 else root(triples, NamedNode(iri))  # type: ignore[return-value]
+    return typed[0] if len(typed) == 1 else find_root(triples, NamedNode(iri))  # type: ignore[return-value]
 
 
 def _present(triples: Sequence[Triple], focus: Node) -> frozenset[Triple]:
@@ -88,7 +95,7 @@ def _present(triples: Sequence[Triple], focus: Node) -> frozenset[Triple]:
 @cache
 def _terms() -> Terms:
     """Return the terms of the shape and of a rule's description, which can be sent back unchanged."""
-    return Terms.of(load_file(RULE_SHAPE), LF.RuleShape).also(*_SHOWN)
+    return Terms.from_shapes(load_turtle_file(RULE_SHAPE), LF.RuleShape).with_terms(*_SHOWN)
 
 
 def _text(said: dict[NamedNode, list[Node | Literal]], predicate: NamedNode) -> str:
@@ -126,7 +133,7 @@ def check_variables(wanted: RuleRequest, selected: Collection[str], base: str) -
 
 @cache
 def _validator() -> ShaclValidator:
-    return ShaclValidator(chain.from_iterable(load_file(RULE_SHAPE).values()), LF.RuleShape)
+    return ShaclValidator(chain.from_iterable(load_turtle_file(RULE_SHAPE).values()), LF.RuleShape)
 
 
 def _refusal(detail: str, container: str, report: Sequence[Statement] | None = None) -> UnprocessableContent:

@@ -34,7 +34,7 @@ from linked_fleet_gateway.extensions.world.scene import (
 from linked_fleet_gateway.fleet.model import Pose
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.rdf.graph import METRE, Graph, Node
-from linked_fleet_gateway.rdf.validation import refuse
+from linked_fleet_gateway.rdf.validation import refuse_statements
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, HYDRA, LDP, RDF, RDFS
 from linked_fleet_gateway.resources.body_values import Body, validated
 from linked_fleet_gateway.resources.json_form import Field, Form, Value, form_of
@@ -217,7 +217,7 @@ def _check_form(body: Body, node: Node, iri: str, present: SceneObject | None) -
     other = {each for said in PREDICATES_OF_GEOMETRY.values() for each in said}.difference(PREDICATES_OF_GEOMETRY[form])
     if present is None or any(each != NamedNode(iri + "/mesh") for each in body.nodes(node, LF.mesh)):
         other.add(LF.mesh)
-    refuse([t for t in body.triples if t.subject == node and t.predicate in other], f"{iri}/blueprint")
+    refuse_statements([t for t in body.triples if t.subject == node and t.predicate in other], f"{iri}/blueprint")
 
 
 def _check_near(pose: Pose) -> None:

@@ -50,7 +50,7 @@ from linked_fleet_gateway.http.scheduling import Offload
 from linked_fleet_gateway.http.writes import apply_patch, read_patch
 from linked_fleet_gateway.rdf.graph import METRE
 from linked_fleet_gateway.rdf.serialise import JSON
-from linked_fleet_gateway.rdf.validation import shown
+from linked_fleet_gateway.rdf.validation import ground_statements
 from linked_fleet_gateway.resources.body_values import managed_statements
 from linked_fleet_gateway.resources.branches import RequestView
 from linked_fleet_gateway.resources.json_form import Json
@@ -116,7 +116,7 @@ async def _replaced(
     request: Request, triples: Sequence[Triple], resource: Resource, present: SceneObject | None
 ) -> SceneObject:
     """Return the object in a body, parsed in a thread if it has a mesh. Raises UnprocessableContent, Busy."""
-    seen = shown(resource.whole(request.base))
+    seen = ground_statements(resource.whole(request.base))
     work = partial(read_object, triples, request.base + resource.path, request.base + WORLD, present, seen)
     offload: Offload = request.services.offload
     meshes = [each.object for each in triples if each.predicate == LF.stl]

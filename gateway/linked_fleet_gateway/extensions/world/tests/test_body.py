@@ -12,7 +12,7 @@ from linked_fleet_gateway.fleet.model import Pose
 from linked_fleet_gateway.http.body import BODY_TYPES
 from linked_fleet_gateway.rdf.graph import Graph
 from linked_fleet_gateway.rdf.serialise import parse, render
-from linked_fleet_gateway.rdf.validation import shown
+from linked_fleet_gateway.rdf.validation import ground_statements
 from linked_fleet_gateway.rdf.vocabulary import PREFIXES
 
 _BASE = "http://fleet.example"
@@ -40,7 +40,7 @@ def test_an_object_may_be_put_as_it_was_read(geometry: Geometry, media_type: str
     thing, graph = _object(geometry), Graph()
     describe_object(graph, _BASE, "1", thing)
     triples = parse(render(graph.triples, media_type, PREFIXES, base=_IRI), media_type, _IRI)
-    assert read_object(triples, _IRI, f"{_BASE}/world", thing, shown(graph)) == thing
+    assert read_object(triples, _IRI, f"{_BASE}/world", thing, ground_statements(graph)) == thing
 
 
 @pytest.mark.parametrize(
