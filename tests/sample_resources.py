@@ -26,7 +26,7 @@ from linked_fleet_gateway.fleet.invocations import Invocations
 from linked_fleet_gateway.fleet.model import Pose
 from linked_fleet_gateway.rdf.graph import Graph
 from linked_fleet_gateway.rdf.vocabulary import HYBRIT
-from linked_fleet_gateway.resources.branches import NONE, FleetBranch
+from linked_fleet_gateway.resources.branches import NO_BRANCHES, FleetBranch
 from linked_fleet_gateway.resources.resource import Resource
 from linked_fleet_gateway.resources.subscription import Delivery, DeliveryState, Kind, Record, Subscription
 from linked_fleet_gateway.resources.tree import Tree
@@ -137,7 +137,7 @@ def tree() -> Tree:
             _record("s4", Kind.EVENT_STREAM, DeliveryState.ACTIVE),
         ]
     }
-    branches = NONE.having(
+    branches = NO_BRANCHES.with_branches(
         *THINGS,
         rules_branch(rules),
         FleetBranch(WORLD[1:], LF.world, lambda view, rest: resolve_world(view, rest, objects, _collisions())),
@@ -185,7 +185,7 @@ def described_paths(tree: Tree) -> list[str]:
         found_here.append(path)
         triples = described(tree, path)
         named = {term.value for t in triples for term in t if isinstance(term, NamedNode)}
-        named |= {BASE + each for each in (*found.own, *found.parts)}
+        named |= {BASE + each for each in (*found.own_paths, *found.part_paths)}
         for iri in sorted(named):
             target = iri.removeprefix(BASE).partition("#")[0]
             if iri.startswith(BASE + "/") and "?" not in iri and target not in known:

@@ -195,7 +195,7 @@ class World:
             return
         found = Tree(self._fleet, self._invocations, _BASE).resolve(robot_path(name))
         assert isinstance(found, Resource), "a robot that is known has a page"
-        parts = [path for path in (*found.own, *found.parts) if "/subscriptions" not in path]
+        parts = [path for path in (*found.own_paths, *found.part_paths) if "/subscriptions" not in path]
         for path in (found.path, *random.sample(parts, min(2, len(parts)))):
             self._read(path, random.choice(_TYPES))
 

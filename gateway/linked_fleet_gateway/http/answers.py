@@ -80,13 +80,13 @@ class CachedResponse:
         fields: FieldLines,
         content_fields: FieldLines,
     ) -> None:
-        """Create a response; ``robot`` is None if it lasts (``Resource.lasting``).
+        """Create a response; ``robot`` is None if it lasts (``Resource.is_static``).
 
         ``fields``: those of every response except ETag; ``content_fields``: those absent from a 304.
         """
         self._source, self._robot, self._rendering = resource.source, robot, rendering
         self._tag = etag(content) if rendering is None else ""
-        self._codable = is_compressible(content, resource.measured is not None)
+        self._codable = is_compressible(content, resource.describe_measured is not None)
         self._packed = self._codable and rendering is None
         """True if the content is kept in gzip alone."""
         self._content = compress(content) if self._packed else content
@@ -94,7 +94,7 @@ class CachedResponse:
         """The content in gzip, if it is kept as it is and somebody has asked for that."""
         self.size = len(self._content)
         """Approximate size of the cached content in bytes."""
-        self._quiet = resource.quiet
+        self._quiet = resource.silent_samplers
         self._shown: tuple[Observation, ...] = ()
         """The observations that were written last."""
         self._fields, self._of_content = (*fields,), (*fields, *content_fields)
@@ -139,11 +139,13 @@ class CachedResponse:
 
     def _write(self, rendering: Rendering) -> None:
         """Write the values, unless the last written observations are unchanged."""
-        observations = self._source.look()
-        shown = (*observations, *chain.from_iterable(look() for look in self._quiet)) if self._quiet else observations
+        observations = self._source.sample()
+        shown = (
+            (*observations, *chain.from_iterable(sample() for sample in self._quiet)) if self._quiet else observations
+        )
         before = self._shown
         if not self._tag or len(before) != len(shown) or any(map(is_not, before, shown)):
-            self._content, self._coded = rendering.of(observations), None
+            self._content, self._coded = rendering.render_observations(observations), None
             self._tag, self._shown = etag(self._content), shown
 
 

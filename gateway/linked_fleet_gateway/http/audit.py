@@ -12,7 +12,7 @@ from linked_fleet_gateway.rdf.graph import Graph, integer, timestamp
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, LDP, LF, PROV, RDFS, XHV
 from linked_fleet_gateway.resources.paths import AUDIT as PATH
 from linked_fleet_gateway.resources.paths import robot_of, robot_path
-from linked_fleet_gateway.resources.resource import CONTAINER, Resource, complete
+from linked_fleet_gateway.resources.resource import CONTAINER, Resource, run_steps
 from linked_fleet_gateway.runtime.audit_log import PAGE, Audit, Entry
 from linked_fleet_gateway.runtime.log import current_request
 from linked_fleet_gateway.runtime.redis import StoreUnavailable
@@ -44,7 +44,9 @@ async def audit_resource(connection: Connection) -> Resource:
     except StoreUnavailable as error:
         raise StoreDown("The server that keeps the audit is away; the log of each gateway has its own part.") from error
     steps = partial(_steps, connection.base, path, entries)
-    return Resource(path, "Audit", lambda graph: complete(steps(graph)), CONTAINER, followed=False, steps=steps)
+    return Resource(
+        path, "Audit", lambda graph: run_steps(steps(graph)), CONTAINER, publishes_changes=False, steps=steps
+    )
 
 
 def is_audit_path(path: str) -> bool:
@@ -59,7 +61,7 @@ def add_audit_link(connection: Connection, resource: Resource) -> Resource:
     if not connection.caller.has_any_right(AUDIT_RIGHTS, None):
         return resource
     if resource.path == "/":
-        return replace(resource, own=(*resource.own, PATH))
+        return replace(resource, own_paths=(*resource.own_paths, PATH))
     of = resource.linkset_of
     return resource if of is None or of.path != "/" else replace(resource, linkset_of=add_audit_link(connection, of))
 

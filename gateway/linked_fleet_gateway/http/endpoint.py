@@ -261,7 +261,7 @@ def _resolve(connection: Connection, subscriptions: SubscriptionsByOwner = NO_SU
         raise BadRequest(f"The request target is no path, such as /, and no URL below {connection.base}/.")
     # An encoded slash is no separator (RFC 3986, 2.2). Names in the tree contain none, but ids of things do.
     encoded = b"%2f" in connection.scope["raw_path"].lower()
-    lost = encoded and not connection.services.live.branches.takes_slashes(path)
+    lost = encoded and not connection.services.live.branches.allows_encoded_slashes(path)
     found: Found = None if lost else connection.tree(subscriptions).resolve(path)
     if found is None:
         raise NotFound(f"There is no resource at {path[:_LONGEST_NAMED]}; browse from {connection.base}/.")
@@ -271,10 +271,10 @@ def _resolve(connection: Connection, subscriptions: SubscriptionsByOwner = NO_SU
 def _read_by(request: Request, found: Resource) -> Resource:
     """Return the resource with its reader, and what only some readers are shown."""
     reader = request.reader(found.path)
-    found = found.having(
+    found = found.replace(
         reader=reader.name,
         rights=reader.rights,
-        audited=reader.may_read_audit,
+        may_read_audit=reader.may_read_audit,
         links_subscriptions=request.caller.has_any_right(SUBSCRIPTIONS_RIGHTS, robot_of(found.path)),
         warning=store_warning(request.services.embedded),
     )
@@ -320,7 +320,7 @@ def _moved(connection: Connection, to: Redirect) -> Response:
 def _constraints(resource: Resource) -> str:
     """Return the path of the constraints of the resource's bodies: the description of an action, else the blueprint."""
     blueprint = resource.path.rstrip("/") + "/blueprint"
-    return blueprint if blueprint in resource.own else resource.path
+    return blueprint if blueprint in resource.own_paths else resource.path
 
 
 _WRITERS: dict[type, Writer] = {

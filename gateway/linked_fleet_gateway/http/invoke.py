@@ -85,7 +85,7 @@ async def put_target(request: Request, afforded: PutTarget) -> Response:
     _trace(offer, iri.rpartition("/")[2])
     prefer = _prefer(request, offer)
     present = request.tree().resolve(request.scope["path"])
-    seen = ground_statements(present.whole(request.base)) if isinstance(present, Resource) else frozenset[Triple]()
+    seen = ground_statements(present.full_graph(request.base)) if isinstance(present, Resource) else frozenset[Triple]()
     read = partial(_read_target, offer, body_type(request, FORM_TYPES), iri, request.base, seen)
     admitted = await convert_body(request, read, MAX_BODY_BYTES)
     return await _carry_out(request, offer, admitted, moment, prefer)

@@ -35,7 +35,7 @@ from linked_fleet_gateway.rdf.vocabulary import LDP
 from linked_fleet_gateway.resources.body_values import own_part
 from linked_fleet_gateway.resources.paths import robot_of
 from linked_fleet_gateway.resources.renderings import is_compilable
-from linked_fleet_gateway.resources.resource import CONTAINER, Remote, Resource, complete
+from linked_fleet_gateway.resources.resource import CONTAINER, Remote, Resource, run_steps
 
 _MINIMAL, _CONTAINMENT = LDP.PreferMinimalContainer.value, LDP.PreferContainment.value
 # A basic container has no membership triples other than containment, so omitting them changes nothing.
@@ -57,7 +57,7 @@ class Part:
 def preferred_part(request: Request, resource: Resource) -> Part | None:
     """Return the preferred part; None for all, without a known preference or with a contradictory one."""
     preferences = field(request, "prefer")
-    if preferences is None or resource.interaction != CONTAINER or request.method not in ("GET", "HEAD"):
+    if preferences is None or resource.interaction_model != CONTAINER or request.method not in ("GET", "HEAD"):
         return None
     prefer = parse_prefer(preferences)
     include, omit = prefer.include & _PARTS, prefer.omit & _PARTS
@@ -72,7 +72,7 @@ def restrict_to_part(resource: Resource, part: Part, base: str) -> Resource:
     """Return the container with this part of its description, which has an entity tag of its own."""
     assert resource.describe is not None
     steps = partial(_steps, resource, part, NamedNode(base + resource.path))
-    return replace(resource, describe=lambda graph: complete(steps(graph)), steps=steps)
+    return replace(resource, describe=lambda graph: run_steps(steps(graph)), steps=steps)
 
 
 def _steps(resource: Resource, part: Part, iri: NamedNode, graph: Graph) -> Iterator[None]:
@@ -110,7 +110,9 @@ async def read_interleaved(request: Request, resource: Resource) -> Response:
     asked, threads = _asked(request, resource), request.services.writing_offload
     representation = await request.services.representations.negotiate_interleaved(*asked, threads)
     body, coded = representation.body, b""
-    is_long = len(body) > MOST_BYTES and not resource.coded and _coding(request, resource, representation, len(body))
+    is_long = (
+        len(body) > MOST_BYTES and not resource.coded_contents and _coding(request, resource, representation, len(body))
+    )
     if is_long and not not_modified(field(request, "if-none-match"), representation.etag):
         coded = await threads.run(partial(compress, body), len(body), MOST_BYTES)
     return _response(request, resource, representation, len(body), coded)
@@ -152,7 +154,7 @@ def _response(
     if not_modified(field(request, "if-none-match"), tag):
         return Response(status_code=304, headers=headers)
     if coding:
-        body, headers["content-encoding"] = coded or resource.coded.get(coding) or compress(body), coding
+        body, headers["content-encoding"] = coded or resource.coded_contents.get(coding) or compress(body), coding
     # Starlette computes Content-Length from the body; the server leaves out the body of a HEAD.
     return Response(body, headers=headers | of_content)
 
@@ -168,7 +170,7 @@ def _fields(
         headers["preference-applied"] = "return=representation"
     if representation.media_type == HTML and representations.html is not None:
         headers["content-security-policy"] = representations.html.content_security_policy(
-            bool(resource.reader or resource.forms)
+            bool(resource.reader or resource.has_form)
         )
     elif representation.media_type.endswith("xml"):
         headers["content-security-policy"] = _NOTHING
@@ -195,11 +197,11 @@ def _coding(request: Request, resource: Resource, representation: Representation
 def _codings(resource: Resource, representation: Representation, most: int) -> tuple[str, ...]:
     """Return the available content codings of a representation."""
     media_type = representation.media_type
-    if resource.coded:
-        return tuple(resource.coded)
+    if resource.coded_contents:
+        return tuple(resource.coded_contents)
     text = media_type.startswith("text/") or media_type.endswith(("json", "xml", "n-triples"))
     secret = media_type == HTML and bool(resource.reader)
-    coded = text and not secret and is_compressible(representation.body, resource.measured is not None, most)
+    coded = text and not secret and is_compressible(representation.body, resource.describe_measured is not None, most)
     return ("gzip",) if coded else ()
 
 
@@ -207,9 +209,9 @@ def _is_cacheable(request: Request, resource: Resource, media_type: str | None) 
     """Return True if the response can be cached: RDF that lasts, or of a robot and with changes that are known."""
     if media_type not in RDF_TYPES or media_type in resource.documents or resource.linkset_of is not None:
         return False
-    if not is_compilable(resource, media_type) and (resource.source.measured or not resource.followed):
+    if not is_compilable(resource, media_type) and (resource.source.is_measured or not resource.publishes_changes):
         return False
-    known = resource.lasting or _robot(request, resource) is not None
+    known = resource.is_static or _robot(request, resource) is not None
     return known and request.services.response_cache.is_cacheable(request.scope)
 
 
@@ -233,7 +235,7 @@ def _cached(request: Request, resource: Resource, representation: Representation
     robot, body = _robot(request, resource), representation.body
     answer = CachedResponse(resource, robot, rendering, body, always, more)
     services.response_cache.store(request.scope, answer)
-    plain = body if resource.measured is None else None
+    plain = body if resource.describe_measured is None else None
     return answer.reply(field(request, "if-none-match"), accepts_gzip(_accepted_codings(request)), plain)
 
 
@@ -259,7 +261,7 @@ def resource_headers(resource: Resource, base: str, etag: str) -> dict[str, str]
     """Return the fields of every response to GET of the resource."""
     headers = {
         "etag": etag,
-        "vary": "Accept, Prefer" if resource.interaction == CONTAINER else "Accept",
+        "vary": "Accept, Prefer" if resource.interaction_model == CONTAINER else "Accept",
         "cache-control": _FOR_EVER if resource.immutable else "no-cache",
         "x-content-type-options": "nosniff",
     }
@@ -283,9 +285,9 @@ def method_headers(resource: Resource, allow: Sequence[str]) -> dict[str, str]:
 
 
 def _link(resource: Resource, base: str) -> str:
-    types = [Link(iri.value, "type") for iri in resource.interaction]
-    layout = [] if resource.layout is None else [Link(base + resource.layout, "describedby")]
-    own = types + layout + typed_links(resource, base) + [Link(base + path, "related") for path in resource.own]
-    parts = [Link(base + path, "related") for path in resource.parts]
-    linkset = base + resource.linkset if resource.has_linkset else None
+    types = [Link(iri.value, "type") for iri in resource.interaction_model]
+    layout = [] if resource.layout_path is None else [Link(base + resource.layout_path, "describedby")]
+    own = types + layout + typed_links(resource, base) + [Link(base + path, "related") for path in resource.own_paths]
+    parts = [Link(base + path, "related") for path in resource.part_paths]
+    linkset = base + resource.linkset_path if resource.has_linkset else None
     return link_header(own, parts, linkset, limit=_LINK_BYTES)

@@ -150,7 +150,7 @@ class Representations:
         """Return the compiled rendering of measured values; None without any, or if the media type is not compiled."""
         if media_type in resource.documents or not is_compilable(resource, media_type):
             return None
-        return self._renderings.of(resource, media_type, base)
+        return self._renderings.rendering(resource, media_type, base)
 
     def etags(self, resource: Resource, base: str) -> Iterator[str]:
         """Yield the tags of all representations, rendered on demand: a client may read JSON-LD and write Turtle."""
@@ -177,7 +177,7 @@ class Representations:
     ) -> Representation:
         """Write a description in a thread; it is made in steps here, because a thread must not read the live fleet."""
         graph = Graph()
-        async for _ in time_sliced(resource.stepwise(graph, base)):
+        async for _ in time_sliced(resource.describe_in_steps(graph, base)):
             pass
         return await threads.run(partial(make, asked, resource, base, graph), len(graph.statements), 0)
 
@@ -189,10 +189,10 @@ class Representations:
         if media_type in resource.documents:
             return Representation(resource.documents[media_type](), media_type)
         if (rendering := self.rendering(resource, media_type, base)) is not None:
-            return Representation(rendering.present(), media_type)
-        if (copied := self._copies.body(resource, media_type, base)) is not None:
+            return Representation(rendering.render_current(), media_type)
+        if (copied := self._copies.document(resource, media_type, base)) is not None:
             return Representation(copied, media_type)
-        graph = graph or resource.whole(base)
+        graph = graph or resource.full_graph(base)
         if media_type == HTML and self.html is not None:
             return Representation(self.html.write_resource(resource, graph.triples, base, self.formats), media_type)
         return Representation(write(graph, media_type, PREFIXES, base=base + resource.path), media_type)
@@ -206,9 +206,11 @@ class Representations:
 
 def typed_links(resource: Resource, base: str) -> list[Link]:
     """Return the links of a resource with specific relations."""
-    return [Link(base + each.path, each.relation, each.media_type) for each in resource.links]
+    return [Link(base + each.path, each.relation, each.media_type) for each in resource.typed_links]
 
 
 def related_links(resource: Resource, base: str) -> list[Link]:
     """Return the links of its link set: those with specific relations, and one to each sub-resource (R0.9)."""
-    return typed_links(resource, base) + [Link(base + path, "related") for path in (*resource.own, *resource.parts)]
+    return typed_links(resource, base) + [
+        Link(base + path, "related") for path in (*resource.own_paths, *resource.part_paths)
+    ]

@@ -137,8 +137,8 @@ async def post_subscription(request: Request, afforded: Subscribe) -> Response:
         raise _unprocessable(f"There is no resource at {wanted.resource}; browse from {request.base}/.", iri)
     if not resource.observable:
         raise _unprocessable(f"{wanted.resource} cannot be subscribed to; its ETag says whether it has changed.", iri)
-    if resource.owner != owner:
-        right = request.base + container_path(resource.owner)
+    if resource.owner_path != owner:
+        right = request.base + container_path(resource.owner_path)
         raise _unprocessable(f"Subscriptions to {wanted.resource} are made at {right}.", iri)
     return await _create(request, _from_body(request, wanted, resource, iri), None)
 
@@ -211,7 +211,7 @@ def new_subscription(
     check_channel(resource, kind, media_type)
     return Subscription(
         id=str(uuid.uuid4()),
-        owner=resource.owner,
+        owner=resource.owner_path,
         resource=resource.path,
         kind=kind,
         media_type=media_type,
@@ -228,7 +228,7 @@ def new_subscription(
 
 def check_channel(resource: Resource, kind: Kind, media_type: str) -> None:
     """Raise Conflict for messages that are not available by callback."""
-    if kind is Kind.CALLBACK and resource.news_in_documents and media_type in resource.documents:
+    if kind is Kind.CALLBACK and resource.values_only_in_documents and media_type in resource.documents:
         raise Conflict(
             f"Messages in {media_type} go to streams alone: open a WebSocket here, or take {', '.join(RDF_TYPES)}."
         )

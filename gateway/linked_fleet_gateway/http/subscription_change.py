@@ -64,7 +64,7 @@ async def _options(
     request: Request, update: list[Operation], subscription: Subscription, present: Resource
 ) -> Changeable:
     """Return the options after the update, checked for this resource."""
-    iri, before = request.base + present.path, present.whole(request.base).triples
+    iri, before = request.base + present.path, present.full_graph(request.base).triples
     after = apply_patch(update, present, request.base, lambda described: managed_statements(described, iri))
     offload: Offload = request.services.offload
     read = partial(changed_options, before, after, subscription, request.base)

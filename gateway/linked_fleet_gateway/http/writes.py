@@ -68,7 +68,7 @@ def _read(content: bytes, iri: str) -> list[Operation]:
 
 def apply_patch(operations: Sequence[Operation], resource: Resource, base: str, managed: Managed) -> list[Triple]:
     """Return the description after the update. Raises UnprocessableContent if it removes managed statements."""
-    graph = resource.whole(base)
+    graph = resource.full_graph(base)
     after = apply_update(graph.triples, operations)
     left = set(after)
     refuse_statements(
@@ -98,7 +98,7 @@ async def control_lease(request: Request, afforded: Control) -> Response:
     media_type = body_type(request, FORM_TYPES)
     form = partial(_form, LF.ControlLeaseInput)
     lease = request.tree().resolve(lease_path(robot.name))
-    present = ground_statements(lease.whole(request.base)) if isinstance(lease, Resource) else frozenset()
+    present = ground_statements(lease.full_graph(request.base)) if isinstance(lease, Resource) else frozenset()
 
     def read(content: bytes) -> Body:
         return validated(parse_form(content, media_type, iri, request.base, form), LF.ControlLeaseInput, iri, present)
@@ -134,13 +134,13 @@ async def _change(request: Request, setting: Setting) -> Callable[[Resource], st
         return lambda present: None
     if request.method == "PUT":
         triples = await _read_setting(request, setting)
-        return lambda present: setting.admit(triples, request.base, ground_statements(present.whole(request.base)))
+        return lambda present: setting.admit(triples, request.base, ground_statements(present.full_graph(request.base)))
     iri = request.base + setting.path
     update = await read_patch(request, iri)
 
     def patch(present: Resource) -> str:
         after = apply_patch(update, present, request.base, lambda described: setting.managed(described, request.base))
-        return setting.admit(after, request.base, ground_statements(present.whole(request.base)))
+        return setting.admit(after, request.base, ground_statements(present.full_graph(request.base)))
 
     return patch
 
@@ -173,7 +173,7 @@ def check_interaction_model(request: Request, resource: Resource) -> None:
 
     Actions and queries are exempt, because they do not replace the resource.
     """
-    if not resource.interaction or resource.remote is not None or request.method not in ("POST", "PUT"):
+    if not resource.interaction_model or resource.remote is not None or request.method not in ("POST", "PUT"):
         return
     others = [each for each in _types(field(request, "link") or "") if each.startswith(LDP.iri) and each not in _MODELS]
     if others:

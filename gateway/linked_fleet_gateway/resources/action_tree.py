@@ -55,8 +55,8 @@ def invocation_of(robot: Robot | None, invocation: Invocation, invocations: Invo
         path,
         f"Invocation {invocation.id}",
         describe,
-        source=Source(lambda: _facts(invocation), ended=lambda: invocation.state.terminal),
-        own=(path + "/blueprint", *(() if invocation.state.terminal else (cancel_path(invocation),))),
+        source=Source(lambda: _facts(invocation), has_ended=lambda: invocation.state.terminal),
+        own_paths=(path + "/blueprint", *(() if invocation.state.terminal else (cancel_path(invocation),))),
         affords=EndInvocation(invocation, keep=False),
     )
     return with_json(resource, LF.InvocationShape, base)
@@ -129,7 +129,7 @@ def _invocations(offer: Offer, invocations: InvocationsInView, base: str) -> Res
         lambda graph: describe_invocations(graph, base, offer.path, offer.robot, members),
         CONTAINER,
         Source(lambda: [(each.id, each.state.value, each.reason) for each in invocations.of_action(offer.path)]),
-        own=tuple(invocation_path(each) for each in members),
+        own_paths=tuple(invocation_path(each) for each in members),
         template=template,
     )
 

@@ -75,7 +75,7 @@ _TIMES = frozenset({"time", "monotonic_ns", "wall_ns"})
 
 def is_framed(item: Property) -> bool:
     """Return True if the property has binary frames."""
-    return item.predicate == LF.jointState or (item.measured and item.shape in _PATHS)
+    return item.predicate == LF.jointState or (item.is_measured and item.shape in _PATHS)
 
 
 def layout_path(path: str) -> str:
@@ -93,7 +93,7 @@ def frames_of(robot: Robot, item: Property) -> dict[str, Callable[[], bytes]]:
     if not is_framed(item):
         return {}
     whole = item.predicate == LF.jointState
-    return dict.fromkeys(FRAME_TYPES, lambda: _state_frame(robot) if whole else value_frame(robot, *item.look()))
+    return dict.fromkeys(FRAME_TYPES, lambda: _state_frame(robot) if whole else value_frame(robot, *item.sample()))
 
 
 def value_frame(robot: Robot, seen: Observation) -> bytes:
@@ -132,7 +132,7 @@ def resolve_layout(say: Describer, robot: Robot, owner: str, item: Property, res
         f"Layout of the frames of {item.title}",
         lambda graph: _describe(graph, say, robot, owner, item),
         source=Source(lambda: robot.description, robot=robot),
-        own=(path + "/blueprint",),
+        own_paths=(path + "/blueprint",),
     )
     if rest[1:] == ["blueprint"]:
         return blueprint_of(layout, say.base, (LF.FrameLayoutShape,))
@@ -202,7 +202,7 @@ def _numbers(say: Describer, robot: Robot, owner: str, item: Property, within: s
     """Yield the numbers of a property with the units in its description, named by their paths below ``within``."""
     path = f"{owner.rstrip('/')}/{item.segment}"
     iri, graph = say.iri(path), Graph()
-    say.property(robot, owner, item, graph, Measurement.of(item.look()))
+    say.property(robot, owner, item, graph, Measurement.from_observations(item.sample()))
     nodes: dict[NamedNode, object] = {t.predicate: t.object for t in graph.triples if t.subject == iri}
     units: dict[object, Term] = {
         t.subject: t.object for t in graph.triples if t.predicate == QUDT.unit and isinstance(t.object, NamedNode)

@@ -26,8 +26,8 @@ class RequestView:
     base: str
     robots: Mapping[str, Robot]
     invocations: InvocationsInView
-    sees: View
-    secured: bool = False
+    visible_robots: View
+    requires_authentication: bool = False
     """True if callers must authenticate."""
 
     def iri(self, path: str) -> NamedNode:
@@ -45,7 +45,7 @@ class FleetBranch:
     segment: str
     predicate: NamedNode | None
     resolve: Callable[[RequestView, list[str]], Found]
-    takes_slashes: bool = False
+    allows_encoded_slashes: bool = False
     """True if later segments may contain encoded slashes."""
     graphs: Callable[[RequestView], Iterable[tuple[str, Sequence[Triple]]]] | None = None
     """All statements of its resources by path, for copies of the whole fleet.
@@ -64,24 +64,24 @@ class FleetBranch:
 
 @dataclass(frozen=True)
 class RobotBranch:
-    """Resources at ``/{robot}/{segment}`` and below; ``has`` selects the robots."""
+    """Resources at ``/{robot}/{segment}`` and below; ``applies_to`` selects the robots."""
 
     segment: str
     predicate: NamedNode | None
     resolve: Callable[[RequestView, Robot, list[str]], Found]
-    has: Callable[[Robot], bool] = lambda robot: True
+    applies_to: Callable[[Robot], bool] = lambda robot: True
 
 
 @dataclass(frozen=True)
 class PropertyBranch:
-    """Resources at ``{property}/{segment}`` and below; ``has`` selects the properties.
+    """Resources at ``{property}/{segment}`` and below; ``applies_to`` selects the properties.
 
     ``resolve`` gets the path of the property's owner, the property, and the segments after its own.
     """
 
     segment: str
     resolve: Callable[[RequestView, Robot, str, Property, list[str]], Found]
-    has: Callable[[Property], bool]
+    applies_to: Callable[[Property], bool]
 
 
 @dataclass(frozen=True)
@@ -102,71 +102,73 @@ Branch = FleetBranch | RobotBranch | PropertyBranch | ThingDocument
 class Branches:
     """All branches. Their segments are reserved in ``gateway/linked_fleet_gateway/resources/paths.py``."""
 
-    of_fleet: tuple[FleetBranch, ...] = ()
-    of_robots: tuple[RobotBranch, ...] = ()
-    of_properties: tuple[PropertyBranch, ...] = ()
+    fleet_branches: tuple[FleetBranch, ...] = ()
+    robot_branches: tuple[RobotBranch, ...] = ()
+    property_branches: tuple[PropertyBranch, ...] = ()
     documents: tuple[ThingDocument, ...] = ()
 
-    def having(self, *added: Branch) -> "Branches":
+    def with_branches(self, *added: Branch) -> "Branches":
         """Return these branches and the added ones."""
         return Branches(
-            (*self.of_fleet, *(each for each in added if isinstance(each, FleetBranch))),
-            (*self.of_robots, *(each for each in added if isinstance(each, RobotBranch))),
-            (*self.of_properties, *(each for each in added if isinstance(each, PropertyBranch))),
+            (*self.fleet_branches, *(each for each in added if isinstance(each, FleetBranch))),
+            (*self.robot_branches, *(each for each in added if isinstance(each, RobotBranch))),
+            (*self.property_branches, *(each for each in added if isinstance(each, PropertyBranch))),
             (*self.documents, *(each for each in added if isinstance(each, ThingDocument))),
         )
 
     @property
-    def constant(self) -> frozenset[str]:
+    def constant_media_types(self) -> frozenset[str]:
         """Media types of representations of things without measured values."""
         return frozenset(each.media_type for each in self.documents)
 
-    def of_thing(
+    def thing_documents(
         self, view: RequestView, robot: Robot | None = None, part: Joint | Link | None = None
     ) -> dict[str, Callable[[], bytes]]:
         """Return the further representations of a thing by media type."""
         return {each.media_type: partial(each.write, view, robot, part) for each in self.documents}
 
-    def takes_slashes(self, path: str) -> bool:
+    def allows_encoded_slashes(self, path: str) -> bool:
         """Return True if the path is below a branch whose segments may contain encoded slashes."""
-        branch = self.at_root(path[1:].partition("/")[0])
-        return branch is not None and branch.takes_slashes
+        branch = self.fleet_branch(path[1:].partition("/")[0])
+        return branch is not None and branch.allows_encoded_slashes
 
     def graphs(self, view: RequestView) -> Iterator[tuple[str, Sequence[Triple]]]:
         """Yield path and statements of the graphs of all branches."""
-        for branch in self.of_fleet:
+        for branch in self.fleet_branches:
             if branch.graphs is not None:
                 yield from branch.graphs(view)
 
     def poses(self) -> dict[str, Pose]:
         """Poses of resources of branches in the frame that robots have in common, by path."""
-        return {path: pose for each in self.of_fleet if each.poses for path, pose in each.poses().items()}
+        return {path: pose for each in self.fleet_branches if each.poses for path, pose in each.poses().items()}
 
-    def at_root(self, segment: str) -> FleetBranch | None:
-        return next((each for each in self.of_fleet if each.segment == segment), None)
+    def fleet_branch(self, segment: str) -> FleetBranch | None:
+        return next((each for each in self.fleet_branches if each.segment == segment), None)
 
-    def in_robot(self, robot: Robot, segment: str) -> RobotBranch | None:
-        return next((each for each in self.of_robots if each.segment == segment and each.has(robot)), None)
+    def robot_branch(self, robot: Robot, segment: str) -> RobotBranch | None:
+        return next((each for each in self.robot_branches if each.segment == segment and each.applies_to(robot)), None)
 
-    def below_property(self, item: Property, segment: str) -> PropertyBranch | None:
-        return next((each for each in self.of_properties if each.segment == segment and each.has(item)), None)
+    def property_branch(self, item: Property, segment: str) -> PropertyBranch | None:
+        return next(
+            (each for each in self.property_branches if each.segment == segment and each.applies_to(item)), None
+        )
 
-    def related_to(self, path: str, item: Property) -> tuple[str, ...]:
+    def property_paths(self, path: str, item: Property) -> tuple[str, ...]:
         """Return the paths of the branches of the property at ``path``."""
-        return tuple(f"{path}/{each.segment}" for each in self.of_properties if each.has(item))
+        return tuple(f"{path}/{each.segment}" for each in self.property_branches if each.applies_to(item))
 
-    def linked(self) -> list[tuple[NamedNode, str]]:
+    def fleet_links(self) -> list[tuple[NamedNode, str]]:
         """Return predicate and path of the branches that the fleet's description links."""
-        return [(each.predicate, each.path) for each in self.of_fleet if each.predicate is not None]
+        return [(each.predicate, each.path) for each in self.fleet_branches if each.predicate is not None]
 
-    def links(self) -> tuple[TypedLink, ...]:
+    def typed_links(self) -> tuple[TypedLink, ...]:
         """Return the links of the fleet to branches with a link relation."""
-        return tuple(TypedLink(each.link[0], each.path, each.link[1]) for each in self.of_fleet if each.link)
+        return tuple(TypedLink(each.link[0], each.path, each.link[1]) for each in self.fleet_branches if each.link)
 
-    def linked_from(self, robot: Robot, path: str) -> list[tuple[NamedNode, str]]:
+    def robot_links(self, robot: Robot, path: str) -> list[tuple[NamedNode, str]]:
         """Return predicate and path of the branches that the description of a robot at ``path`` links."""
-        named = [(each.predicate, each) for each in self.of_robots if each.predicate is not None]
-        return [(predicate, path + each.segment) for predicate, each in named if each.has(robot)]
+        named = [(each.predicate, each) for each in self.robot_branches if each.predicate is not None]
+        return [(predicate, path + each.segment) for predicate, each in named if each.applies_to(robot)]
 
 
-NONE = Branches()
+NO_BRANCHES = Branches()

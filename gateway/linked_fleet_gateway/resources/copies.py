@@ -32,7 +32,7 @@ class Copies:
         self._kept: dict[_Key, Template] = {}
         self._characters = 0
 
-    def body(self, resource: Resource, media_type: str, base: str) -> bytes | None:
+    def document(self, resource: Resource, media_type: str, base: str) -> bytes | None:
         """Return the document; None if the resource has no kind or must be rendered. Raises WriteError."""
         kind = resource.template
         if kind is None or media_type not in TEXT_TYPES or not _PLAIN.fullmatch(kind.owner):
@@ -68,5 +68,5 @@ def _compile(
     graph = Graph()
     marked = [marks.literal(index, literal) for index, literal in enumerate(values)]
     kind.describe(graph, owner + ("/" if kind.owner.endswith("/") else ""), marked)
-    resource.state_model(graph, base, path)
+    resource.add_interaction_model(graph, base, path)
     return marks.template(write(graph, media_type, PREFIXES, base=base + path).decode())

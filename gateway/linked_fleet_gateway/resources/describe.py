@@ -94,7 +94,9 @@ class Describer:
         graph.add(iri, DCTERMS.identifier, Literal(robot.name))
         graph.add(iri, RDFS.seeAlso, self.iri("/"))
         self.presence(graph, iri, robot)
-        self._last_frame(graph, iri, Measurement.of(last_frame(robot)) if measurements is None else measurements[-1])
+        self._last_frame(
+            graph, iri, Measurement.from_observations(last_frame(robot)) if measurements is None else measurements[-1]
+        )
         self._interface(graph, path, LF.RobotShape)
         self._actions(graph, iri, robot_offers(robot))
         graph.add(iri, LF.lease, self.iri(lease_path(robot.name)))
@@ -214,11 +216,15 @@ class Describer:
         for iri, item in zip(iris, items, strict=True):
             graph.add(thing, item.predicate, iri)
         for iri, item in zip(iris, items, strict=True):
-            shown = next(measured) if item.measured and measured is not None else Measurement.of(item.look())
+            shown = (
+                next(measured)
+                if item.is_measured and measured is not None
+                else Measurement.from_observations(item.sample())
+            )
             self._property(graph, iri, thing, item, shown)
 
     def _property(self, graph: Graph, iri: NamedNode, owner: NamedNode, item: Property, seen: Measurement) -> None:
-        graph.a(iri, *item.types, HYBRIT.Property, *((SOSA.ObservableProperty,) if item.measured else ()))
+        graph.a(iri, *item.types, HYBRIT.Property, *((SOSA.ObservableProperty,) if item.is_measured else ()))
         graph.add(iri, DCTERMS.title, Literal(item.title))
         graph.add(iri, RDFS.seeAlso, owner)
         graph.add(iri, HYBRIT.blueprint, item.shape, NamedNode(iri.value + "/blueprint"))

@@ -12,7 +12,7 @@ from linked_fleet_gateway.rdf import shapes
 from linked_fleet_gateway.rdf.graph import Graph, integer
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, LDP, LF, OWL, PREFIXES, RDF, RDFS
 from linked_fleet_gateway.resources.paths import mesh_path, model_path, robot_path
-from linked_fleet_gateway.resources.resource import Remote, Resource, blueprint_of, complete
+from linked_fleet_gateway.resources.resource import Remote, Resource, blueprint_of, run_steps
 from linked_fleet_gateway.resources.versioning import Source
 
 VOCABULARY = "/vocabulary"
@@ -21,7 +21,7 @@ _DESCRIBES = (RDF.type, RDFS.label, RDFS.comment)
 
 def vocabulary(base: str) -> Resource:
     steps = partial(_vocabulary, base)
-    return Resource(VOCABULARY, "Vocabulary", lambda graph: complete(steps(graph)), steps=steps, lasting=True)
+    return Resource(VOCABULARY, "Vocabulary", lambda graph: run_steps(steps(graph)), steps=steps, is_static=True)
 
 
 def context() -> Resource:
@@ -85,7 +85,7 @@ def _model(robot: Robot, base: str) -> Resource:
         f"Model of {robot.name}",
         lambda graph: _describe(graph, robot, base),
         source=Source(lambda: robot.description, robot=robot),
-        own=(path + "/blueprint",),
+        own_paths=(path + "/blueprint",),
         documents={MODEL_MEDIA_TYPE: lambda: _urdf(robot)},
     )
 

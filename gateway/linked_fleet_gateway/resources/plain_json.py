@@ -29,7 +29,7 @@ def with_json(resource: Resource, shape: NamedNode, base: str) -> Resource:
     if resource.describe is None or shape == LF.AnnotationsShape:
         return resource
     write = partial(document, resource.describe, NamedNode(base + resource.path), shape)
-    return resource.having(documents={**resource.documents, JSON: write})
+    return resource.replace(documents={**resource.documents, JSON: write})
 
 
 def document(describe: Callable[[Graph], None], iri: NamedNode, shape: NamedNode) -> bytes:

@@ -35,7 +35,7 @@ from linked_fleet_gateway.resources.joint_kinds import (
     kind_of,
 )
 from linked_fleet_gateway.resources.paths import joint_path
-from linked_fleet_gateway.resources.property import ROBOT_PROPERTIES, Look, Measurement, Property
+from linked_fleet_gateway.resources.property import ROBOT_PROPERTIES, Measurement, Property, Sampler
 from linked_fleet_gateway.resources.settable import (
     ABSOLUTE,
     setting_properties,
@@ -60,13 +60,13 @@ _RESOLUTIONS: Mapping[Row, float] = {
 }  # fmt: skip
 
 
-def _look(robot: Robot, joint: Joint, row: Row) -> Look:
-    """Return the look at a measured value of a joint. All documents that show one share the same observation."""
+def _sampler(robot: Robot, joint: Joint, row: Row) -> Sampler:
+    """Return the sampler of a measured value of a joint. All documents that show one share the same observation."""
     name, resolution = joint.name, _RESOLUTIONS[row]
     return lambda: (robot.observe_joint(name, row, resolution),)
 
 
-def _measured(segment: str, predicate: NamedNode, joint: Joint, look: Look, unit: Unit) -> Property:
+def _measured(segment: str, predicate: NamedNode, joint: Joint, sampler: Sampler, unit: Unit) -> Property:
     """Return a property with a measured scalar of a joint and the time of its frame."""
 
     def describe(graph: Graph, iri: NamedNode, seen: Measurement) -> None:
@@ -74,7 +74,7 @@ def _measured(segment: str, predicate: NamedNode, joint: Joint, look: Look, unit
         graph.result_time(iri, seen.wall_ns)
 
     title, shape = f"{segment} of {joint.name}", LF.ScalarPropertyShape
-    return Property(segment, predicate, (LF.ScalarProperty,), shape, title, describe, look)
+    return Property(segment, predicate, (LF.ScalarProperty,), shape, title, describe, sampler)
 
 
 def _mark(graph: Graph, node: Node, outside: bool) -> None:
@@ -102,8 +102,10 @@ def joint_properties(robot: Robot, joint: Joint, segment: str | None = None) -> 
         moved = _rotation if kind.position == "rotation" else _translation
         makers = {
             kind.position: lambda: moved(robot, joint),
-            "velocity": lambda: _measured("velocity", LF.velocity, joint, _look(robot, joint, "velocities"), unit),
-            "effort": lambda: _measured("effort", LF.effort, joint, _look(robot, joint, "efforts"), dimension.effort),
+            "velocity": lambda: _measured("velocity", LF.velocity, joint, _sampler(robot, joint, "velocities"), unit),
+            "effort": lambda: _measured(
+                "effort", LF.effort, joint, _sampler(robot, joint, "efforts"), dimension.effort
+            ),
             "limits": lambda: _limits(joint, dimension),
             "friction": lambda: scalar(
                 "friction", ROS.friction, f"static friction of {name}", joint.friction, dimension.effort
@@ -193,24 +195,24 @@ def robot_properties(robot: Robot, iri_of: Callable[[str], NamedNode]) -> list[P
 def _rotation(robot: Robot, joint: Joint) -> Property:
     def describe(graph: Graph, iri: NamedNode, seen: Measurement) -> None:
         graph.scalar(iri, SPATIAL.rotationAngle, seen.values[0], RADIAN)
-        _mark(graph, iri, any(seen.outside))
+        _mark(graph, iri, any(seen.outside_limits))
         graph.vector(iri, SPATIAL.rotationAxis, joint.axis, None)
         graph.result_time(iri, seen.wall_ns)
 
     types, title = (SPATIAL.AxisAngle, SPATIAL.Rotation3D), f"rotation of {joint.name}"
-    look = _look(robot, joint, "positions")
-    return Property("rotation", ROS.rotation, types, SPATIAL.AxisAngleShape, title, describe, look)
+    sampler = _sampler(robot, joint, "positions")
+    return Property("rotation", ROS.rotation, types, SPATIAL.AxisAngleShape, title, describe, sampler)
 
 
 def _translation(robot: Robot, joint: Joint) -> Property:
     def describe(graph: Graph, iri: NamedNode, seen: Measurement) -> None:
         graph.scalar(iri, LF.displacement, seen.values[0], METRE)
-        _mark(graph, iri, any(seen.outside))
+        _mark(graph, iri, any(seen.outside_limits))
         graph.vector(iri, LF.translationAxis, joint.axis, None)
         graph.result_time(iri, seen.wall_ns)
 
-    title, look = f"translation of {joint.name}", _look(robot, joint, "positions")
-    return Property("translation", LF.translation, (LF.Translation,), LF.TranslationShape, title, describe, look)
+    title, sampler = f"translation of {joint.name}", _sampler(robot, joint, "positions")
+    return Property("translation", LF.translation, (LF.Translation,), LF.TranslationShape, title, describe, sampler)
 
 
 def _limits(joint: Joint, dimension: Dimension) -> Property:
@@ -315,7 +317,7 @@ def _joint_state(
     graph: Graph, iri: NamedNode, robot: Robot, iri_of: Callable[[str], NamedNode], seen: Measurement
 ) -> None:
     """Describe the values of every joint that frames contain, and the layout of the binary frame (D5)."""
-    outside = seen.outside[::3] or (False,) * (len(seen.values) // 3)
+    outside = seen.outside_limits[::3] or (False,) * (len(seen.values) // 3)
     rows = zip(seen.values[::3], seen.values[1::3], seen.values[2::3], outside, strict=True)
     for joint, (position, velocity, effort, marked) in zip(_movable(robot), rows, strict=True):
         dimension = kind_of(joint).dimension

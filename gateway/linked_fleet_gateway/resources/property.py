@@ -21,11 +21,11 @@ class Measurement(NamedTuple):
 
     values: tuple[float, ...] = ()
     wall_ns: int | None = None
-    outside: tuple[bool, ...] = ()
+    outside_limits: tuple[bool, ...] = ()
     """For each observation, True if it is a position outside its limits."""
 
     @classmethod
-    def of(cls, observations: Sequence[Observation]) -> Self:
+    def from_observations(cls, observations: Sequence[Observation]) -> Self:
         if len(observations) == 1:
             return cls(observations[0].values, observations[0].wall_ns, (observations[0].outside,))
         stamps = [each.wall_ns for each in observations if each.wall_ns is not None]
@@ -34,16 +34,16 @@ class Measurement(NamedTuple):
 
 
 Describe = Callable[[Graph, NamedNode, Measurement], None]
-Look = Callable[[], tuple[Observation, ...]]
+Sampler = Callable[[], tuple[Observation, ...]]
 
 
 @dataclass(frozen=True)
 class Property:
     """One property of a thing; ``describe`` adds its specific statements for given values.
 
-    ``look`` observes measured values. Only it makes a new frame a change, and ``describe`` depends on its values only,
-    so that descriptions differ in numbers only. ``facts`` returns everything else that counts as a change. ``put`` is
-    the setting or the action behind PUT.
+    ``sample`` observes measured values. Only it makes a new frame a change, and ``describe`` depends on its values
+    only, so that descriptions differ in numbers only. ``facts`` returns everything else that counts as a change.
+    ``put`` is the setting or the action behind PUT.
     """
 
     segment: str
@@ -52,13 +52,13 @@ class Property:
     shape: NamedNode
     title: str
     describe: Describe
-    look: Look = tuple
+    sample: Sampler = tuple
     facts: Callable[[], object] = tuple
     put: Setting | Offer | None = None
 
     @property
-    def measured(self) -> bool:
-        return self.look is not tuple
+    def is_measured(self) -> bool:
+        return self.sample is not tuple
 
 
 ROBOT_PROPERTIES = LazyObjects[Callable[[Robot], Property]]()

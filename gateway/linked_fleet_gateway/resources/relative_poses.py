@@ -22,10 +22,13 @@ PLACEMENTS = LazyObjects[Callable[[Robot], Pose | None]]()
 
 @dataclass(frozen=True)
 class RelativePose:
-    """A relative pose, None if unknown. ``moves`` says that a robot is involved, whose frame is of ``wall_ns``."""
+    """A relative pose, None if unknown.
+
+    ``involves_robot`` says that a robot is involved, whose frame is of ``wall_ns``.
+    """
 
     pose: Pose | None
-    moves: bool
+    involves_robot: bool
     wall_ns: int | None
 
 

@@ -1,8 +1,9 @@
 """Compiled renderings of measured values, and the bodies of messages.
 
-A description is rendered once by ``Resource.measured`` with random marker values. Their positions in the document are
-the places into which values are written. So a compiled rendering always gives the document that ``measured`` gives. The
-body of a message is the representation that GET returns, plus the version of the resource.
+A description is rendered once by ``Resource.describe_measured`` with random marker values. Their positions in the
+document are the places into which values are written. So a compiled rendering always gives the document that
+``describe_measured`` gives. The body of a message is the representation that GET returns, plus the version of the
+resource.
 """
 
 import math
@@ -40,7 +41,7 @@ class Versions(NamedTuple):
 class _Form(NamedTuple):
     """The state that determines the constant text: unknown values, values outside limits, and optional statements.
 
-    Each field has one tuple for each of ``Resource.looks`` and ``Resource.quiet``.
+    Each field has one tuple for each of ``Resource.samplers`` and ``Resource.silent_samplers``.
     """
 
     unknown: tuple[tuple[bool, ...], ...]
@@ -64,33 +65,38 @@ class Rendering:
         self._form: _Form | None = None
         self._template = _Template("", ())
 
-    def present(self) -> bytes:
+    def render_current(self) -> bytes:
         """Return the document with the present values. Raises WriteError if the syntax cannot express it."""
-        return self.body([Measurement.of(look()) for look in (*self._resource.looks, *self._resource.quiet)])
+        return self.render(
+            [
+                Measurement.from_observations(sample())
+                for sample in (*self._resource.samplers, *self._resource.silent_samplers)
+            ]
+        )
 
-    def of(self, observations: Sequence[Observation], versions: Versions | None = None) -> bytes:
-        """Return the document with the observations of a reading: those of all ``looks``, in their order.
+    def render_observations(self, observations: Sequence[Observation], versions: Versions | None = None) -> bytes:
+        """Return the document with the observations of a reading: those of all ``samplers``, in their order.
 
-        A reading has no observations of ``quiet``; they are read here.
+        A reading has no observations of ``silent_samplers``; they are read here.
         """
-        quiet = self._resource.quiet
-        if len(self._resource.looks) == 1 and not quiet:
-            return self.body([Measurement.of(observations)], versions)
-        if len(self._counts) != len(self._resource.looks) or sum(self._counts) != len(observations):
-            self._counts = tuple(len(look()) for look in self._resource.looks)
+        quiet = self._resource.silent_samplers
+        if len(self._resource.samplers) == 1 and not quiet:
+            return self.render([Measurement.from_observations(observations)], versions)
+        if len(self._counts) != len(self._resource.samplers) or sum(self._counts) != len(observations):
+            self._counts = tuple(len(sample()) for sample in self._resource.samplers)
         ends = tuple(accumulate(self._counts, initial=0))
-        measurements = [Measurement.of(observations[at:to]) for at, to in pairwise(ends)]
-        return self.body([*measurements, *(Measurement.of(look()) for look in quiet)], versions)
+        measurements = [Measurement.from_observations(observations[at:to]) for at, to in pairwise(ends)]
+        return self.render([*measurements, *(Measurement.from_observations(sample()) for sample in quiet)], versions)
 
-    def body(self, measurements: Sequence[Measurement], versions: Versions | None = None) -> bytes:
-        """Return the document with these values, one for each of ``looks`` and ``quiet``.
+    def render(self, measurements: Sequence[Measurement], versions: Versions | None = None) -> bytes:
+        """Return the document with these values, one for each of ``samplers`` and ``silent_samplers``.
 
-        Raises WriteError as ``present``.
+        Raises WriteError as ``render_current``.
         """
         said = 0 if versions is None else 1 if versions.previous is None else 2
         form = _Form(
             tuple([tuple([value != value for value in seen.values]) for seen in measurements]),
-            tuple([seen.outside for seen in measurements]),
+            tuple([seen.outside_limits for seen in measurements]),
             tuple([seen.wall_ns is not None for seen in measurements]),
             said,
         )
@@ -110,9 +116,9 @@ class Rendering:
             measurements.append(Measurement(tuple(values), markers.time_ns(look) if timed else None, outside))
             first += len(of_look)
         graph = Graph()
-        assert self._resource.measured is not None
-        self._resource.measured(graph, measurements)
-        self._resource.state_model(graph, self._base)
+        assert self._resource.describe_measured is not None
+        self._resource.describe_measured(graph, measurements)
+        self._resource.add_interaction_model(graph, self._base)
         if form.versions:
             iri = NamedNode(self._base + self._resource.path)
             describe_version(graph, iri, markers.version(0), markers.version(1) if form.versions == 2 else None)
@@ -167,7 +173,7 @@ class _Markers:
 
 def is_compilable(resource: Resource, media_type: str) -> bool:
     """Return True if a ``Rendering`` is possible. Binary syntaxes are excluded, because they store text lengths."""
-    return resource.measured is not None and bool(resource.looks) and media_type in TEXT_TYPES
+    return resource.describe_measured is not None and bool(resource.samplers) and media_type in TEXT_TYPES
 
 
 @lru_cache(maxsize=64)
@@ -191,7 +197,7 @@ class Renderings:
         self._most = most
         self._kept: dict[tuple[str, str, str], tuple[object, Rendering]] = {}
 
-    def of(self, resource: Resource, media_type: str, base: str) -> Rendering:
+    def rendering(self, resource: Resource, media_type: str, base: str) -> Rendering:
         """Return the rendering of a resource for which ``is_compilable`` is true."""
         key, facts = (base, resource.path, media_type), resource.source.facts()
         kept = self._kept.get(key)
@@ -210,7 +216,7 @@ def message_types(resource: Resource) -> tuple[str, ...]:
     """Return the media types of messages about ``resource``: no HTML, and Turtle first (R1.2)."""
     if not resource.observable:
         return ()
-    return (*RDF_TYPES, *(each for each in resource.documents if each not in resource.constant))
+    return (*RDF_TYPES, *(each for each in resource.documents if each not in resource.constant_media_types))
 
 
 def message_body(resource: Resource, media_type: str, base: str, version: str, previous: str | None) -> bytes:
@@ -219,6 +225,6 @@ def message_body(resource: Resource, media_type: str, base: str, version: str, p
         return resource.documents[media_type]()
     if media_type not in RDF_TYPES:
         raise WriteError(f"there is no {media_type} of {resource.path} at present")
-    graph = resource.whole(base)
+    graph = resource.full_graph(base)
     describe_version(graph, NamedNode(base + resource.path), version, previous)
     return write(graph, media_type, PREFIXES, base=base + resource.path)

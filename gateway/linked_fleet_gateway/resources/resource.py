@@ -14,7 +14,7 @@ from linked_fleet_gateway.rdf.shapes import describe_blueprint
 from linked_fleet_gateway.rdf.vocabulary import LDP
 from linked_fleet_gateway.resources.affordance import Affordance, ChangeSubscription, ResumeSubscription, Subscribe
 from linked_fleet_gateway.resources.paths import owner_path
-from linked_fleet_gateway.resources.property import Look, Measurement
+from linked_fleet_gateway.resources.property import Measurement, Sampler
 from linked_fleet_gateway.resources.subscription import Record
 from linked_fleet_gateway.resources.versioning import Source
 
@@ -23,7 +23,7 @@ CONTAINER = (LDP.Resource, LDP.BasicContainer)
 Steps = Callable[[Graph], Iterator[None]]
 
 
-def complete(steps: Iterable[None]) -> None:
+def run_steps(steps: Iterable[None]) -> None:
     """Execute all steps at once."""
     deque(steps, maxlen=0)
 
@@ -72,93 +72,95 @@ class Resource:
     path: str
     title: str
     describe: Callable[[Graph], None] | None
-    interaction: tuple[NamedNode, ...] = (LDP.Resource, LDP.RDFSource)
+    interaction_model: tuple[NamedNode, ...] = (LDP.Resource, LDP.RDFSource)
     source: Source = field(default_factory=Source)
-    own: tuple[str, ...] = ()
-    parts: tuple[str, ...] = ()
-    links: tuple[TypedLink, ...] = ()
+    own_paths: tuple[str, ...] = ()
+    part_paths: tuple[str, ...] = ()
+    typed_links: tuple[TypedLink, ...] = ()
     affords: Affordance | None = None
     documents: Mapping[str, Callable[[], bytes]] = field(default_factory=dict)
     steps: Steps | None = None
     """``describe`` in steps of a millisecond at most, if the whole takes longer."""
-    lasting: bool = False
+    is_static: bool = False
     """True if its description never changes while the gateway runs."""
-    constant: frozenset[str] = frozenset()
+    constant_media_types: frozenset[str] = frozenset()
     """Media types of ``documents`` without measured values, which are in no message."""
     remote: object | None = None
     linkset_of: "Resource | None" = None
     has_linkset: bool = False
-    layout: str | None = None
+    layout_path: str | None = None
     """Path of the layout of its binary frames."""
     immutable: bool = False
-    coded: Mapping[str, bytes] = field(default_factory=dict)
+    coded_contents: Mapping[str, bytes] = field(default_factory=dict)
     """Its only document in content codings, the preferred one first."""
-    measured: Callable[[Graph, Sequence[Measurement]], None] | None = None
-    """``describe`` with given values instead of the present ones, one for each of ``looks``; None if none is
+    describe_measured: Callable[[Graph, Sequence[Measurement]], None] | None = None
+    """``describe`` with given values instead of the present ones, one for each of ``samplers``; None if none is
     measured.
     """
     template: DescriptionTemplate | None = None
     """The kind of resources whose descriptions differ only in their path and in values."""
-    looks: tuple[Look, ...] = ()
+    samplers: tuple[Sampler, ...] = ()
     """Observations of the measured values that it shows, in the order of its properties."""
-    quiet: tuple[Look, ...] = ()
+    silent_samplers: tuple[Sampler, ...] = ()
     """Further ones, after those, whose change is no news."""
     query: str = ""
     """The query of the request, if it makes a difference."""
-    followed: bool = True
+    publishes_changes: bool = True
     """True if its changes can be followed."""
-    news_in_documents: bool = False
+    values_only_in_documents: bool = False
     """True if measured values appear only in ``documents`` and do not change the description."""
-    forms: bool = False
+    has_form: bool = False
     """True if its page submits a form without a script."""
     reader: str = ""
     """Name of the person who is logged in and reads it as a page."""
     rights: tuple[str, ...] | None = None
     """The reader's rights on its subject; None if authentication is off."""
-    audited: bool = False
+    may_read_audit: bool = False
     """True if the reader may read the audit log."""
     links_subscriptions: bool = True
     """True if its page links its Subscriptions container, which not every reader of the page may read."""
     warning: str = ""
     """A sentence about the gateway that its page shows."""
 
-    def read_as(self, other: "Resource") -> "Resource":
+    def with_reader_of(self, other: "Resource") -> "Resource":
         """Return this resource with the reader of ``other``."""
-        return self.having(reader=other.reader, rights=other.rights, audited=other.audited, warning=other.warning)
+        return self.replace(
+            reader=other.reader, rights=other.rights, may_read_audit=other.may_read_audit, warning=other.warning
+        )
 
-    def having(self, **fields: Any) -> "Resource":
+    def replace(self, **fields: Any) -> "Resource":
         """Return a copy with these fields, as ``dataclasses.replace`` does, in a tenth of its time."""
         found = object.__new__(Resource)
         found.__dict__.update(self.__dict__, **fields)
         return found
 
-    def whole(self, base: str) -> Graph:
+    def full_graph(self, base: str) -> Graph:
         """Return all triples of an RDF representation."""
         graph = Graph()
-        complete(self.stepwise(graph, base))
+        run_steps(self.describe_in_steps(graph, base))
         return graph
 
-    def stepwise(self, graph: Graph, base: str) -> Iterator[None]:
+    def describe_in_steps(self, graph: Graph, base: str) -> Iterator[None]:
         """Add all triples of an RDF representation, one step of the description after the other."""
         if self.steps is not None:
             yield from self.steps(graph)
         elif self.describe is not None:
             self.describe(graph)
-        self.state_model(graph, base)
+        self.add_interaction_model(graph, base)
 
-    def state_model(self, graph: Graph, base: str, path: str = "") -> None:
+    def add_interaction_model(self, graph: Graph, base: str, path: str = "") -> None:
         """Add the type ldp:RDFSource, which clients need not infer (R1.7). Containers state their own types."""
-        if LDP.RDFSource in self.interaction:
+        if LDP.RDFSource in self.interaction_model:
             graph.a(NamedNode(base + (path or self.path)), LDP.RDFSource)
 
     @property
-    def linkset(self) -> str:
+    def linkset_path(self) -> str:
         return self.path.rstrip("/") + "/linkset"
 
     @property
     def observable(self) -> bool:
         """True if it can be subscribed to. Subscriptions cannot, because they change with every message about them."""
-        return self.describe is not None and self.followed and not isinstance(self.affords, _OF_SUBSCRIPTIONS)
+        return self.describe is not None and self.publishes_changes and not isinstance(self.affords, _OF_SUBSCRIPTIONS)
 
     @property
     def subscription(self) -> Record | None:
@@ -166,7 +168,7 @@ class Resource:
         return self.affords.record if isinstance(self.affords, ChangeSubscription) else None
 
     @property
-    def owner(self) -> str:
+    def owner_path(self) -> str:
         """Path of the fleet, robot, joint or link that owns it, or that it is."""
         return owner_path(self.path)
 

@@ -122,7 +122,7 @@ def target_blueprint(blueprint: Resource, offer: Offer, base: str) -> Resource:
         kind.describe(graph, owner, ())
         describe_target_input(graph, NamedNode(f"{base}{owner}/blueprint#input"), offer, base, ends)
 
-    return blueprint.having(
+    return blueprint.replace(
         describe=lambda graph: describe(graph, kind.owner, None),
         template=DescriptionTemplate((kind.key, joint.kind), kind.owner, describe, positions),
     )

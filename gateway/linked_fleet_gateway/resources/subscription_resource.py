@@ -287,7 +287,7 @@ def resolve_subscription(thing: Resource, rest: list[str], records: Sequence[Rec
             f"Subscriptions of {thing.title}",
             lambda graph: describe_subscriptions(graph, base, thing.path, records),
             CONTAINER,
-            own=tuple(subscription_path(each.subscription) for each in records),
+            own_paths=tuple(subscription_path(each.subscription) for each in records),
             affords=Subscribe(thing.path),
         )
     record = next((each for each in records if each.subscription.id == rest[0]), None)
@@ -307,7 +307,7 @@ def resolve_subscription(thing: Resource, rest: list[str], records: Sequence[Rec
         path,
         title,
         lambda graph: describe_subscription(graph, base, record),
-        own=(path + "/blueprint", *((resume,) if resumable(record) else ())),
+        own_paths=(path + "/blueprint", *((resume,) if resumable(record) else ())),
         affords=ChangeSubscription(record),
     )
     if rest[1:] == ["blueprint"]:

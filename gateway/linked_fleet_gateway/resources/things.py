@@ -20,8 +20,8 @@ from linked_fleet_gateway.resources.invocation import describe_lease, invocation
 from linked_fleet_gateway.resources.paths import joint_path, lease_path, link_path, model_path, robot_path
 from linked_fleet_gateway.resources.plain_json import with_json
 from linked_fleet_gateway.resources.properties import joint_properties, link_properties
-from linked_fleet_gateway.resources.property import Look, Measurement, Property
-from linked_fleet_gateway.resources.resource import CONTAINER, Resource, blueprint_of, complete
+from linked_fleet_gateway.resources.property import Measurement, Property, Sampler
+from linked_fleet_gateway.resources.resource import CONTAINER, Resource, blueprint_of, run_steps
 from linked_fleet_gateway.resources.settable import affordance
 from linked_fleet_gateway.resources.subscription import Record
 from linked_fleet_gateway.resources.subscription_resource import resolve_subscription
@@ -45,26 +45,27 @@ class Things:
         return Resource(
             "/",
             "Linked Fleet",
-            lambda graph: complete(self._describe_fleet(graph)),
+            lambda graph: run_steps(self._describe_fleet(graph)),
             CONTAINER,
             # The last-seen time of a robot differs between gateways.
             Source(
-                self._members, digest=lambda: [(*named, here, fault) for *named, (here, _, fault) in self._members()]
+                self._members,
+                shared_facts=lambda: [(*named, here, fault) for *named, (here, _, fault) in self._members()],
             ),
-            own=(
+            own_paths=(
                 *("/subscriptions", "/blueprint", *(each.path for each in fleet_offers()), "/vocabulary", "/context"),
-                *(path for _, path in self._branches.linked()),
+                *(path for _, path in self._branches.fleet_links()),
             ),
-            parts=robots,
+            part_paths=robots,
             steps=self._describe_fleet,
-            links=self._branches.links(),
-            documents=self._branches.of_thing(self._view),
-            constant=self._branches.constant,
+            typed_links=self._branches.typed_links(),
+            documents=self._branches.thing_documents(self._view),
+            constant_media_types=self._branches.constant_media_types,
             has_linkset=True,
         )
 
     def _describe_fleet(self, graph: Graph) -> Iterator[None]:
-        return self.describer.fleet(self._view.robots, self._branches.linked(), graph, self._activity)
+        return self.describer.fleet(self._view.robots, self._branches.fleet_links(), graph, self._activity)
 
     def _members(self) -> list[tuple[str, str, str, RobotActivity, tuple[str, int | None, str | None]]]:
         return [
@@ -82,22 +83,22 @@ class Things:
         properties = self.describer.robot_properties(robot) if robot.model else []
         actions = (*(each.path for each in robot_offers(robot)), lease_path(robot.name))
         actions += (model_path(robot.name),) if robot.model else ()
-        branches = self._branches.linked_from(robot, path)
+        branches = self._branches.robot_links(robot, path)
         actions += tuple(found for _, found in branches)
         return Resource(
             path,
             robot.name,
             lambda graph: self.describer.robot(robot, self._tasks(robot), branches, graph),
-            measured=lambda graph, measurements: self.describer.robot(
+            describe_measured=lambda graph, measurements: self.describer.robot(
                 robot, self._tasks(robot), branches, graph, measurements
             ),
-            looks=_looks(properties),
-            quiet=(lambda: last_frame(robot),),
-            source=_thing(robot, properties, lambda: (self._tasks(robot), self._branches.linked_from(robot, path))),
-            own=_own(path, properties, actions),
-            parts=tuple(part_paths(robot)),
-            documents=self._branches.of_thing(self._view, robot),
-            constant=self._branches.constant,
+            samplers=_samplers(properties),
+            silent_samplers=(lambda: last_frame(robot),),
+            source=_thing(robot, properties, lambda: (self._tasks(robot), self._branches.robot_links(robot, path))),
+            own_paths=_own(path, properties, actions),
+            part_paths=tuple(part_paths(robot)),
+            documents=self._branches.thing_documents(self._view, robot),
+            constant_media_types=self._branches.constant_media_types,
             has_linkset=True,
         )
 
@@ -113,12 +114,12 @@ class Things:
             path,
             joint.name,
             lambda graph: self.describer.joint(robot, joint, graph),
-            measured=lambda graph, measurements: self.describer.joint(robot, joint, graph, measurements),
-            looks=_looks(properties),
+            describe_measured=lambda graph, measurements: self.describer.joint(robot, joint, graph, measurements),
+            samplers=_samplers(properties),
             source=_thing(robot, properties),
-            own=_own(path, properties, actions),
-            documents=self._branches.of_thing(self._view, robot, joint),
-            constant=self._branches.constant,
+            own_paths=_own(path, properties, actions),
+            documents=self._branches.thing_documents(self._view, robot, joint),
+            constant_media_types=self._branches.constant_media_types,
             has_linkset=True,
         )
 
@@ -130,12 +131,12 @@ class Things:
             path,
             link.name,
             lambda graph: self.describer.link(robot, link, graph),
-            measured=lambda graph, measurements: self.describer.link(robot, link, graph, measurements),
-            looks=_looks(properties),
+            describe_measured=lambda graph, measurements: self.describer.link(robot, link, graph, measurements),
+            samplers=_samplers(properties),
             source=_thing(robot, properties),
-            own=_own(path, properties),
-            documents=self._branches.of_thing(self._view, robot, link),
-            constant=self._branches.constant,
+            own_paths=_own(path, properties),
+            documents=self._branches.thing_documents(self._view, robot, link),
+            constant_media_types=self._branches.constant_media_types,
             has_linkset=True,
         )
 
@@ -143,7 +144,7 @@ class Things:
         """Return a property of the thing at the path ``owner``."""
         path = f"{owner.rstrip('/')}/{item.segment}"
         # A new description is no change of a value unless its model differs, which holds the constants.
-        source = Source(lambda: (presence(robot), robot.model, item.facts(), robot.settings), item.look, robot)
+        source = Source(lambda: (presence(robot), robot.model, item.facts(), robot.settings), item.sample, robot)
 
         def measured(graph: Graph, measurements: Sequence[Measurement]) -> None:
             self.describer.property(robot, owner, item, graph, measurements[0])
@@ -151,13 +152,13 @@ class Things:
         resource = Resource(
             path,
             item.title,
-            lambda graph: measured(graph, [Measurement.of(item.look())]),
-            measured=measured if item.measured else None,
-            looks=(item.look,) if item.measured else (),
+            lambda graph: measured(graph, [Measurement.from_observations(item.sample())]),
+            describe_measured=measured if item.is_measured else None,
+            samplers=(item.sample,) if item.is_measured else (),
             source=source,
-            own=(path + "/blueprint", *related_layouts(path, item), *self._branches.related_to(path, item)),
+            own_paths=(path + "/blueprint", *related_layouts(path, item), *self._branches.property_paths(path, item)),
             documents=frames_of(robot, item),
-            layout=layout_path(path) if is_framed(item) else None,
+            layout_path=layout_path(path) if is_framed(item) else None,
             affords=affordance(item.put),
         )
         return with_json(resource, item.shape, self._view.base)
@@ -170,7 +171,7 @@ class Things:
             f"Control of {robot.name}",
             lambda graph: describe_lease(graph, self._view.base, robot),
             source=Source(lambda: robot.lease, robot=robot),
-            own=(path + "/blueprint",),
+            own_paths=(path + "/blueprint",),
             affords=Control(robot),
         )
 
@@ -188,16 +189,16 @@ class Things:
 
 def _thing(robot: Robot, properties: Sequence[Property], also: Callable[[], object] = tuple) -> Source:
     """Return the source of a thing, which changes with its properties' values and with its robot's description."""
-    looks = _looks(properties)
-    look = (lambda: tuple(chain.from_iterable(look() for look in looks))) if looks else tuple
+    samplers = _samplers(properties)
+    sampler = (lambda: tuple(chain.from_iterable(sampler() for sampler in samplers))) if samplers else tuple
     facts = [each.facts for each in properties if each.facts is not tuple]
     return Source(
-        lambda: (presence(robot), robot.description, robot.settings, also(), [fact() for fact in facts]), look, robot
+        lambda: (presence(robot), robot.description, robot.settings, also(), [fact() for fact in facts]), sampler, robot
     )
 
 
-def _looks(properties: Sequence[Property]) -> tuple[Look, ...]:
-    return tuple([each.look for each in properties if each.measured])
+def _samplers(properties: Sequence[Property]) -> tuple[Sampler, ...]:
+    return tuple([each.sample for each in properties if each.is_measured])
 
 
 def description_source(robot: Robot | None) -> Source:

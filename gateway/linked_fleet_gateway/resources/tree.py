@@ -15,7 +15,7 @@ from linked_fleet_gateway.resources.access_filter import InvocationsInView, Robo
 from linked_fleet_gateway.resources.action_offer import Offer, fleet_offers, joint_offers, robot_offers
 from linked_fleet_gateway.resources.action_tree import invocation_of, resolve_action
 from linked_fleet_gateway.resources.binary_frames import resolve_layout
-from linked_fleet_gateway.resources.branches import NONE, Branches, Found, RequestView
+from linked_fleet_gateway.resources.branches import NO_BRANCHES, Branches, Found, RequestView
 from linked_fleet_gateway.resources.documents import context, resolve_geometry, vocabulary
 from linked_fleet_gateway.resources.joint_kinds import kind_of
 from linked_fleet_gateway.resources.paths import (
@@ -48,7 +48,7 @@ class Tree:
         base: str,
         subscriptions: SubscriptionsByOwner = NO_SUBSCRIPTIONS,
         sees: View = ALL,
-        branches: Branches = NONE,
+        branches: Branches = NO_BRANCHES,
         secured: bool = False,
     ) -> None:
         self._robots: Mapping[str, Robot] = fleet.robots if sees.includes_all else RobotsInView(fleet.robots, sees)
@@ -71,7 +71,7 @@ class Tree:
             return Redirect(found.path) if rest else found
         if head == "subscriptions":
             return self._things.owned(self._things.fleet(), [head, *rest], ())
-        if (branch := self._branches.at_root(head)) is not None:
+        if (branch := self._branches.fleet_branch(head)) is not None:
             return branch.resolve(self._view, rest)
         if head == "actions" and rest:
             return resolve_action(fleet_offers(rest[0]), rest, self._invocations, Source(), self._base)
@@ -109,7 +109,7 @@ class Tree:
             if rest == [""] or rest[0] in _OF_THINGS:
                 thing = self._things.robot(robot)
                 return thing if rest == [""] else self._things.owned(thing, rest, (LF.RobotShape,))
-            if (branch := self._branches.in_robot(robot, rest[0])) is not None:
+            if (branch := self._branches.robot_branch(robot, rest[0])) is not None:
                 return branch.resolve(self._view, robot, rest[1:])
             own = self._of_robot(robot, rest) or resolve_geometry(robot, rest, self._base)
             return own or self._property(
@@ -172,7 +172,7 @@ class Tree:
         if item is None:
             return None
         if rest[1:] not in ([], ["blueprint"]):
-            branch = self._branches.below_property(item, rest[1])
+            branch = self._branches.property_branch(item, rest[1])
             if branch is not None:
                 return branch.resolve(self._view, robot, owner, item, rest[2:])
             return resolve_layout(self._things.describer, robot, owner, item, rest[1:])
@@ -193,8 +193,8 @@ class Tree:
         root = self.resolve(path)
         if not isinstance(root, Resource):
             return
-        below = self._below(root) if path == root.owner != "/" else iter(())
-        yield root, path != root.owner
+        below = self._below(root) if path == root.owner_path != "/" else iter(())
+        yield root, path != root.owner_path
         yield from below
         if path == "/":
             for name in self._robots:

@@ -24,7 +24,7 @@ class Reading(Struct):
     observations: tuple[Observation, ...] = ()
     version: str = ""
 
-    def same(self, other: "Reading", deadband: float = 0.0) -> bool:
+    def equals(self, other: "Reading", deadband: float = 0.0) -> bool:
         """Return True if nothing changed except values within ``deadband``; a new timestamp alone is no change."""
         if self.facts != other.facts or len(self.observations) != len(other.observations):
             return False
@@ -44,11 +44,11 @@ class Source:
     """
 
     facts: Callable[[], Any] = tuple
-    look: Callable[[], tuple[Observation, ...]] = tuple
+    sample: Callable[[], tuple[Observation, ...]] = tuple
     robot: Robot | None = None
-    digest: Callable[[], Any] | None = None
+    shared_facts: Callable[[], Any] | None = None
     """The facts that are equal on all gateways, if that is not true of ``facts``."""
-    ended: Callable[[], bool] = bool
+    has_ended: Callable[[], bool] = bool
     """Returns True if the resource will never change again."""
 
     def read(self, values: bool = True, before: Reading | None = None) -> Reading:
@@ -59,18 +59,18 @@ class Source:
         """
         robot = self.robot
         facts = before.facts if before is not None and robot is not None and robot.online else self.facts()
-        observations = self.look() if values else ()
+        observations = self.sample() if values else ()
         if robot is not None:
             incarnation, frame, change = version_of(robot, observations)
             version = f"{incarnation}-{frame}" + (f".{change}" if change else "")
             return Reading(facts, observations, version)
-        known = facts if self.digest is None else self.digest()
+        known = facts if self.shared_facts is None else self.shared_facts()
         return Reading(facts, (), blake2b(repr(known).encode(), digest_size=8).hexdigest())
 
     @property
-    def measured(self) -> bool:
+    def is_measured(self) -> bool:
         """True if frames can change it."""
-        return self.look is not tuple
+        return self.sample is not tuple
 
 
 def presence(robot: Robot) -> tuple[str, int | None, str | None]:

@@ -302,8 +302,8 @@ class FanOut:
             self._lose(watcher)
             return
         self._absent.pop(watcher, None)
-        values = subscription.depth is Depth.PROPERTIES or resource.owner != resource.path
-        values = values and (not resource.news_in_documents or subscription.media_type in resource.documents)
+        values = subscription.depth is Depth.PROPERTIES or resource.owner_path != resource.path
+        values = values and (not resource.values_only_in_documents or subscription.media_type in resource.documents)
         self._join(watcher, resource, values)
 
     def _lose(self, watcher: Watcher) -> None:

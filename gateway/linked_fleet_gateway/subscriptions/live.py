@@ -153,7 +153,7 @@ class Live:
 
     def add_branches(self, *branches: Branch) -> None:
         """Add branches to the tree, such as those of extensions."""
-        self._branches = self._branches.having(*branches)
+        self._branches = self._branches.with_branches(*branches)
 
     def add_listener(self, hear: Callable[[str | None], None]) -> None:
         """Call ``hear`` at every change of any robot, watched or not.

@@ -41,7 +41,7 @@ class Topic(Generic[M]):
         """Broadcasts by media type, base URL and framing."""
         self.previous: str | None = None
         self._resource = resource
-        self.measured = values and resource.source.measured
+        self.measured = values and resource.source.is_measured
         """True if a frame can change this resource."""
         self._resources: dict[str, Resource] = {}
         self._messages: dict[tuple[str, str], Message] = {}
@@ -52,12 +52,12 @@ class Topic(Generic[M]):
     @property
     def ended(self) -> bool:
         """True if the resource will not change any more."""
-        return self._resource.source.ended()
+        return self._resource.source.has_ended()
 
     def replace(self, resource: Resource) -> None:
         """Replace the resource, because its robot was described anew."""
         self._resource = resource
-        self.measured = self.values and resource.source.measured
+        self.measured = self.values and resource.source.is_measured
         self._resources.clear()
         self._renderings.clear()
 
@@ -65,7 +65,7 @@ class Topic(Generic[M]):
         """Read the resource again; return True if it changed. ``after_frame``: nothing but a frame has come since."""
         before = self.reading
         reading = self._resource.source.read(self.values, before if after_frame else None)
-        if reading.same(before):
+        if reading.equals(before):
             return False
         if reading.facts != before.facts:
             self._renderings.clear()
@@ -79,7 +79,7 @@ class Topic(Generic[M]):
         if sent is self.reading:
             return False
         if sent is not self._compared[0]:
-            self._compared = (sent, sent is None or not self.reading.same(sent))
+            self._compared = (sent, sent is None or not self.reading.equals(sent))
         return self._compared[1]
 
     def gather(self) -> None:
@@ -103,7 +103,7 @@ class Topic(Generic[M]):
             if not (self.values and is_compilable(resource, media_type)):
                 return message_body(resource, media_type, base, self.reading.version, self.previous)
             rendering = self._renderings[media_type, base] = Rendering(resource, media_type, base)
-        return rendering.of(self.reading.observations, Versions(self.reading.version, self.previous))
+        return rendering.render_observations(self.reading.observations, Versions(self.reading.version, self.previous))
 
     def _under(self, base: str) -> Resource:
         resource = self._resources.get(base)

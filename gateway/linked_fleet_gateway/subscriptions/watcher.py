@@ -254,7 +254,7 @@ class Watcher:
         sent, reading, deadband = self._sent.get(topic.path), topic.reading, self.subscription.deadband
         if sent is None or deadband <= 0:
             return topic.differs(sent)
-        return reading is not sent and not reading.same(sent, deadband)
+        return reading is not sent and not reading.equals(sent, deadband)
 
     def _due(self) -> None:
         self._timer = None

@@ -53,7 +53,7 @@ def stage() -> Stage:
 
 def test_constant_documents_stay_valid(stage: Stage) -> None:
     """A document that never changes belongs to no robot."""
-    lasting = Resource("/vocabulary", "Vocabulary", None, lasting=True)
+    lasting = Resource("/vocabulary", "Vocabulary", None, is_static=True)
     stage.answers.store(scope(b"/vocabulary"), CachedResponse(lasting, None, None, b"terms", _FIELDS, ()))
     stage.robot.count_change()
     assert stage.content(path=b"/vocabulary") == b"terms"

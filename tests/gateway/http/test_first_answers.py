@@ -15,7 +15,7 @@ from linked_fleet_gateway.http.endpoint import Endpoint
 from linked_fleet_gateway.http.representation import Representations
 from linked_fleet_gateway.http.scheduling import Offload, StopPriority
 from linked_fleet_gateway.identity.rights import Grant, Identity, Right, View
-from linked_fleet_gateway.resources.branches import NONE
+from linked_fleet_gateway.resources.branches import NO_BRANCHES
 from linked_fleet_gateway.resources.tree import Tree
 
 _JOINTS = {"elbow": ("revolute", '<limit lower="-1" upper="1" velocity="2" effort="3"/>')}
@@ -32,7 +32,7 @@ class Place:
     def __init__(self, bench: Bench) -> None:
         bench.robot(_JOINTS)
         self._bench, self.endpoint = bench, Endpoint()
-        live = SimpleNamespace(fleet=bench.fleet, branches=NONE, tree=self._tree)
+        live = SimpleNamespace(fleet=bench.fleet, branches=NO_BRANCHES, tree=self._tree)
         self._app = SimpleNamespace(
             services=SimpleNamespace(
                 live=live, response_cache=ResponseCache(), representations=Representations(), identities=None,

@@ -64,7 +64,7 @@ def test_link_set_documents() -> None:
 def test_the_fleet_has_links_of_extensions_with_their_relations() -> None:
     """In the Link field and in the link set, with the media type."""
     branch = FleetBranch("api", None, lambda view, rest: None, link=("service-desc", "application/x-api"))
-    tree = Tree(Fleet(), Invocations(), "http://fleet.example", branches=Branches().having(branch))
+    tree = Tree(Fleet(), Invocations(), "http://fleet.example", branches=Branches().with_branches(branch))
     fleet, linkset = tree.resolve("/"), tree.resolve("/linkset")
     assert isinstance(fleet, Resource) and isinstance(linkset, Resource)
     expected = '<http://fleet.example/api>; rel="service-desc"; type="application/x-api"'

@@ -14,7 +14,7 @@ from linked_fleet_gateway.http.representation import Representation, Representat
 from linked_fleet_gateway.http.scheduling import Offload
 from linked_fleet_gateway.rdf.graph import Graph
 from linked_fleet_gateway.rdf.serialise import RDF_TYPES
-from linked_fleet_gateway.resources.resource import Resource, complete
+from linked_fleet_gateway.resources.resource import Resource, run_steps
 from linked_fleet_gateway.runtime import background
 
 _BASE = "http://fleet.example"
@@ -27,7 +27,7 @@ def _steps(graph: Graph) -> Iterator[None]:
         yield
 
 
-_LONG = Resource("/a", "", lambda graph: complete(_steps(graph)), steps=_steps)
+_LONG = Resource("/a", "", lambda graph: run_steps(_steps(graph)), steps=_steps)
 
 
 class _Pages:
@@ -79,7 +79,7 @@ def test_long_representations_are_written_in_a_thread(monkeypatch: pytest.Monkey
     monkeypatch.setattr(representation, "write", rendered)
     pages = _Pages()
     representations = Representations(cast(HtmlWriter, pages))
-    short = Resource("/b", "", lambda graph: complete(_steps(graph)))
+    short = Resource("/b", "", lambda graph: run_steps(_steps(graph)))
 
     async def run() -> None:
         for media_type in RDF_TYPES:

@@ -174,11 +174,13 @@ def _resource(facts: object = ()) -> Resource:
         graph.result_time(TERMS.value, measurements[0].wall_ns)
 
     seen = (Observation((0.5,), 1),)
-    return Resource(f"/r/{facts}", "x", None, source=Source(lambda: facts), measured=describe, looks=(lambda: seen,))
+    return Resource(
+        f"/r/{facts}", "x", None, source=Source(lambda: facts), describe_measured=describe, samplers=(lambda: seen,)
+    )
 
 
 def test_there_are_never_too_many_renderings() -> None:
     renderings = Renderings(3)
     for number in range(5):
-        renderings.of(_resource(number), "text/turtle", "http://test")
+        renderings.rendering(_resource(number), "text/turtle", "http://test")
     assert len(renderings) == 3

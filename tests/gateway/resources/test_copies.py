@@ -57,10 +57,10 @@ def _described() -> Iterator[Resource]:
 def test_a_copy_equals_the_rendered_document(media_type: str) -> None:
     copies, copied = Copies(), 0
     for resource in _described():
-        body = copies.body(resource, media_type, _BASE)
+        body = copies.document(resource, media_type, _BASE)
         if body is not None:
             copied += 1
-            written = render(resource.whole(_BASE).triples, media_type, PREFIXES, base=_BASE + resource.path)
+            written = render(resource.full_graph(_BASE).triples, media_type, PREFIXES, base=_BASE + resource.path)
             assert body == written, resource.path
     assert copied > 80
 
@@ -70,7 +70,7 @@ def test_joints_with_other_limits_share_a_document(end: str) -> None:
     """A robot with two such joints has one text for both, into which their names and limits go."""
     copies = Copies()
     found = [each for each in _described() if each.path in (f"/r/turn/{end}", f"/r/lean/{end}")]
-    one, other = [copies.body(each, "text/turtle", _BASE) for each in found]
+    one, other = [copies.document(each, "text/turtle", _BASE) for each in found]
     assert one is not None and other is not None and len(copies._kept) == 1
     assert b"-57.29577" in one and b"-57.29577" not in other and b"lean" in other
 
@@ -81,20 +81,20 @@ def test_titles_with_other_characters_are_not_copied() -> None:
     resource = next(each for each in _described() if each.path.endswith("/hold"))
     assert resource.template is not None
     odd = replace(resource.template, values=lambda: (Literal('a "title"'),))
-    assert copies.body(replace(resource, template=odd), "text/turtle", _BASE) is None
+    assert copies.document(replace(resource, template=odd), "text/turtle", _BASE) is None
 
 
 def test_resources_without_a_template_are_not_copied() -> None:
     copies = Copies()
     resource = next(_described())
-    assert copies.body(replace(resource, template=None), "text/turtle", _BASE) is None
-    assert copies.body(resource, "application/x-jelly-rdf", _BASE) is None
+    assert copies.document(replace(resource, template=None), "text/turtle", _BASE) is None
+    assert copies.document(resource, "application/x-jelly-rdf", _BASE) is None
 
 
 def test_few_are_kept() -> None:
     few, short = Copies(most=2), Copies(max_characters=50_000)
     for resource in _described():
-        few.body(resource, "text/turtle", _BASE)
-        short.body(resource, "text/turtle", _BASE)
+        few.document(resource, "text/turtle", _BASE)
+        short.document(resource, "text/turtle", _BASE)
         assert len(few._kept) <= 2
         assert sum(len(each.text) for each in short._kept.values()) <= 50_000

@@ -51,7 +51,7 @@ def _measured() -> list[Resource]:
     return [
         each
         for each in ({each.path: each for each in (*found, robot, state)}).values()
-        if each.looks and each.measured is not None
+        if each.samplers and each.describe_measured is not None
     ]
 
 
@@ -71,16 +71,18 @@ def _written(
     resource: Resource, media_type: str, measurements: Sequence[Measurement], versions: Versions | None
 ) -> bytes:
     graph = Graph()
-    assert resource.measured is not None
-    resource.measured(graph, measurements)
-    resource.state_model(graph, _BASE)
+    assert resource.describe_measured is not None
+    resource.describe_measured(graph, measurements)
+    resource.add_interaction_model(graph, _BASE)
     if versions is not None:
         describe_version(graph, NamedNode(_BASE + resource.path), *versions)
     return render(graph.triples, media_type, PREFIXES, base=_BASE + resource.path)
 
 
 def _counts(resource: Resource) -> list[int]:
-    return [len(Measurement.of(look()).values) for look in (*resource.looks, *resource.quiet)]
+    return [
+        len(Measurement.from_observations(look()).values) for look in (*resource.samplers, *resource.silent_samplers)
+    ]
 
 
 def test_all_that_is_measured_compiles() -> None:
@@ -103,17 +105,17 @@ def test_compiled_renderings_equal_rendered_descriptions(path: str, media_type: 
             for count in counts
         ]
         versions = data.draw(_VERSIONS)
-        assert rendering.body(measurements, versions) == _written(resource, media_type, measurements, versions)
+        assert rendering.render(measurements, versions) == _written(resource, media_type, measurements, versions)
 
 
 @pytest.mark.parametrize("path", _RESOURCES)
 def test_a_description_shows_what_is_measured(path: str) -> None:
     resource = _RESOURCES[path]
-    graph = resource.whole(_BASE)
+    graph = resource.full_graph(_BASE)
     written = render(graph.triples, "text/turtle", PREFIXES, base=_BASE + path)
     rendering = Rendering(resource, "text/turtle", _BASE)
-    assert rendering.present() == written
-    assert rendering.of(resource.source.look()) == written
+    assert rendering.render_current() == written
+    assert rendering.render_observations(resource.source.sample()) == written
 
 
 def test_a_number_that_begins_as_the_markers_do_stays() -> None:

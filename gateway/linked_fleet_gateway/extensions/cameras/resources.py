@@ -100,7 +100,7 @@ def _resolve(held: Held, view: RequestView, robot: Robot, rest: list[str]) -> Re
         return source
     if rest[1:] == ["blueprint"]:
         return blueprint_of(source, view.base, (LF.CameraShape,), _said(robot))
-    return _in_layout(view, robot, camera, rest[2:]) if source.layout and rest[1] == "layout" else None
+    return _in_layout(view, robot, camera, rest[2:]) if source.layout_path and rest[1] == "layout" else None
 
 
 def _container(view: RequestView, robot: Robot, cameras: dict[str, Camera]) -> Resource:
@@ -112,8 +112,8 @@ def _container(view: RequestView, robot: Robot, cameras: dict[str, Camera]) -> R
         lambda graph: _describe_all(graph, view, robot, cameras.values()),
         CONTAINER,
         source=_said(robot),
-        own=(path + "/blueprint",),
-        parts=members,
+        own_paths=(path + "/blueprint",),
+        part_paths=members,
     )
 
 
@@ -134,11 +134,11 @@ def _camera(held: Held, view: RequestView, robot: Robot, camera: Camera) -> Reso
         f"Camera {camera.name} of {robot.name}",
         partial(_describe, view=view, robot=robot, camera=camera),
         source=Source(lambda: (presence(robot), robot.description), look, robot),
-        own=(path + "/blueprint",),
+        own_paths=(path + "/blueprint",),
         documents={each: partial(_content, seen, path, FORMATS[each]) for each in types},
         remote=RobotCamera(robot, camera),
-        news_in_documents=True,
-        layout=layout_path(path) if FRAME_TYPES[0] in types else None,
+        values_only_in_documents=True,
+        layout_path=layout_path(path) if FRAME_TYPES[0] in types else None,
     )
 
 
@@ -202,7 +202,7 @@ def _in_layout(view: RequestView, robot: Robot, camera: Camera, rest: Sequence[s
         f"Layout of the depths that {camera.name} sees",
         lambda graph: _describe_layout(graph, about, camera),
         source=_said(robot),
-        own=(path + "/blueprint",),
+        own_paths=(path + "/blueprint",),
     )
     if rest == ["blueprint"]:
         return blueprint_of(layout, view.base, (LF.FrameLayoutShape,), _said(robot))

@@ -109,10 +109,12 @@ def _of_robot(history: History, view: RequestView, robot: Robot) -> Resource:
             return recording(_kept(file, joints), _urdf(robot.name, description, view.base))
 
         documents = {CSV: csv, MCAP: mcap}
-        resource = Resource(path, title, describe, source=source, own=own, documents=documents, followed=False)
+        resource = Resource(
+            path, title, describe, source=source, own_paths=own, documents=documents, publishes_changes=False
+        )
         return HistoryPage(resource, page, file)
 
-    return Resource(path, title, None, source=source, own=own, remote=RecordedHistory(history, shown))
+    return Resource(path, title, None, source=source, own_paths=own, remote=RecordedHistory(history, shown))
 
 
 def _of_property(history: History, view: RequestView, robot: Robot, owner: str, item: Property) -> Resource:
@@ -136,10 +138,12 @@ def _of_property(history: History, view: RequestView, robot: Robot, owner: str, 
                 raise WriteError(f"{robot.name} has not published its description")
             return table(series.columns, series.samples(_kept(file, joints)))
 
-        resource = Resource(path, title, describe, source=source, own=own, documents={CSV: csv}, followed=False)
+        resource = Resource(
+            path, title, describe, source=source, own_paths=own, documents={CSV: csv}, publishes_changes=False
+        )
         return HistoryPage(resource, page, file)
 
-    return Resource(path, title, None, source=source, own=own, remote=RecordedHistory(history, shown))
+    return Resource(path, title, None, source=source, own_paths=own, remote=RecordedHistory(history, shown))
 
 
 def _series(joints: Joints, robot: Robot, owner: str, item: Property) -> Series | None:
@@ -229,10 +233,10 @@ def _list(history: History, view: RequestView) -> Resource:
         def describe(graph: Graph) -> None:
             _describe(graph, view, history.span_s, listed)
 
-        resource = Resource(HISTORIES, "History", describe, own=own, followed=False)
+        resource = Resource(HISTORIES, "History", describe, own_paths=own, publishes_changes=False)
         return HistoryPage(resource, Page(span), Page(span))
 
-    return Resource(HISTORIES, "History", None, own=own, remote=RecordedHistory(history, shown))
+    return Resource(HISTORIES, "History", None, own_paths=own, remote=RecordedHistory(history, shown))
 
 
 def _extent(history: History, robot: Robot) -> Page:

@@ -181,7 +181,7 @@ class Series:
 
 def has_history(item: Property) -> bool:
     """Return True if the property has its own history. The history of the joint state is that of the robot."""
-    return item.measured and item.shape in _SHAPES
+    return item.is_measured and item.shape in _SHAPES
 
 
 def samples(excerpt: Excerpt) -> Iterator[tuple[int, Numbers]]:

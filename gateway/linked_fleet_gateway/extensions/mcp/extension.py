@@ -64,7 +64,9 @@ def _resolve(view: RequestView, rest: list[str]) -> Found:
         graph.add(view.iri(PATH), RDFS.comment, Literal("Clients of the protocol connect here, by streamable HTTP."))
         graph.add(view.iri(PATH), RDFS.seeAlso, view.iri("/"))
 
-    return Resource(PATH, _TITLE, describe, affords=PostMessage(view), remote=PostMessage(view), followed=False)
+    return Resource(
+        PATH, _TITLE, describe, affords=PostMessage(view), remote=PostMessage(view), publishes_changes=False
+    )
 
 
 BRANCH = FleetBranch(PATH[1:], None, _resolve)

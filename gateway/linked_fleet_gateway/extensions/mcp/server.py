@@ -51,7 +51,7 @@ class Handlers:
         self._calls: Counter[str] = Counter()
 
     async def list_tools(self, context: _Context, params: object) -> types.ListToolsResult:
-        queries = _message(context).branches.at_root("query") is not None
+        queries = _message(context).branches.fleet_branch("query") is not None
         return types.ListToolsResult(tools=[each.definition() for each in TOOLS if queries or each is not Query])
 
     async def call_tool(self, context: _Context, params: types.CallToolRequestParams) -> types.CallToolResult:

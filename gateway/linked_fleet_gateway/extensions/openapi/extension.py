@@ -76,12 +76,12 @@ class Documents:
             paths |= operations(view)
         # Schemas of hundreds of joints take a second; their inputs are never modified in place, so a thread may read
         # them.
-        return await asyncio.to_thread(_written, view.base, view.secured, fleet, paths)
+        return await asyncio.to_thread(_written, view.base, view.requires_authentication, fleet, paths)
 
 
 async def _facts(view: RequestView) -> bytes:
     """Return everything that a description is made from, for its version."""
-    facts = [repr((view.base, view.secured))]
+    facts = [repr((view.base, view.requires_authentication))]
     async for name, robot in time_sliced(sorted(view.robots.items())):
         said = robot.description
         known = None if said is None else (said.urdf, said.joints, said.base, said.capabilities, said.cameras)
@@ -158,7 +158,9 @@ class OpenApiExtension(Extension):
 
 def _resolve(view: RequestView, rest: list[str]) -> Found:
     types = (LDP.Resource,)
-    return None if rest else Resource(PATH, "OpenAPI", None, types, remote=ApiDescription(view), followed=False)
+    return (
+        None if rest else Resource(PATH, "OpenAPI", None, types, remote=ApiDescription(view), publishes_changes=False)
+    )
 
 
 async def _read(documents: Documents, request: Request, resource: Resource, of: ApiDescription) -> Response:

@@ -74,7 +74,9 @@ def _asset(view: RequestView, rest: list[str]) -> Resource | None:
     if found is None:
         return None
     path, documents = "/assets/" + "/".join(rest), {found.media_type: lambda: found.content}
-    return Resource(path, rest[-1], None, (LDP.Resource,), documents=documents, immutable=True, coded=found.coded)
+    return Resource(
+        path, rest[-1], None, (LDP.Resource,), documents=documents, immutable=True, coded_contents=found.coded
+    )
 
 
 def _thumbnail(view: RequestView, robot: Robot, rest: list[str]) -> Resource | None:

@@ -38,7 +38,7 @@ def write(resource: Resource, triples: Sequence[Triple], base: str, formats: For
     """Return the page of a resource; ``base`` is scheme and authority. Equal triples give equal bytes."""
     view = view_of(resource, triples, base, formats)
     data = script_json(jsonld.write(triples, PREFIXES))
-    reader = Reader(resource.reader, resource.rights, resource.audited)
+    reader = Reader(resource.reader, resource.rights, resource.may_read_audit)
     return render(f"{view.kind}.html", view=view, data=data, places=view.places, reader=reader)
 
 

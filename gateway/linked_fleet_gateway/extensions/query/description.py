@@ -66,8 +66,8 @@ def endpoint_resource(endpoint: Endpoint, counts: Mapping[str, int]) -> Resource
         lambda graph: _describe(graph, endpoint.view, counts),
         affords=PostQuery(endpoint),
         remote=endpoint,
-        followed=False,
-        forms=True,
+        publishes_changes=False,
+        has_form=True,
     )
 
 

@@ -80,7 +80,7 @@ async def read_query(request: Request, resource: Resource, endpoint: Endpoint) -
     said = _pairs(request.scope["query_string"])
     if any(name in ("query", "update") for name, _ in said):
         return await _answer(request, endpoint, _asked(said, request.base))
-    answer = endpoint_resource(endpoint, await _counts(endpoint)).read_as(resource)
+    answer = endpoint_resource(endpoint, await _counts(endpoint)).with_reader_of(resource)
     await await_preconditions(request, answer)
     return read_resource(request, answer)
 
@@ -170,7 +170,7 @@ async def _evaluated(request: Request, endpoint: Endpoint, asked: _ParsedQuery) 
     body = await endpoint.queries.run(
         query,
         request.base,
-        endpoint.view.sees,
+        endpoint.view.visible_robots,
         media_type,
         dataset=asked.dataset,
         client=request.caller_name,
@@ -201,7 +201,7 @@ async def _counts(endpoint: Endpoint) -> dict[str, int]:
     if not queries.running:
         return {}
     try:
-        rows = await queries.select(_COUNTS, view.base, view.sees)
+        rows = await queries.select(_COUNTS, view.base, view.visible_robots)
     except FleetError:
         return {}
     return {row["graph"].value: int(row["triples"].value) for row in rows}

@@ -61,7 +61,7 @@ class Feed:
         robots, frames = [], {}
         for name, robot in self._fleet.robots.items():
             invocations = recent_invocations(self._invocations, name)
-            branches = self._branches().linked_from(robot, robot_path(name))
+            branches = self._branches().robot_links(robot, robot_path(name))
             key = _key(robot, invocations, branches)
             if key != self._said.get(name):
                 self._said[name] = key

@@ -21,7 +21,7 @@ from linked_fleet_gateway.resources.documents import VOCABULARY, describe_terms
 from linked_fleet_gateway.resources.invocation import describe_invocation, describe_lease, invocation_path
 from linked_fleet_gateway.resources.paths import joint_path, link_path, robot_path
 from linked_fleet_gateway.resources.property import Measurement, Property
-from linked_fleet_gateway.resources.resource import complete
+from linked_fleet_gateway.resources.resource import run_steps
 
 SHAPES = "/blueprint"
 
@@ -52,11 +52,11 @@ class StaticDescriber(Describer):
     def _properties(
         self, graph: Graph, owner: str, items: Sequence[Property], measurements: Sequence[Measurement] | None = None
     ) -> None:
-        self.measured += [(owner, item) for item in items if item.measured]
+        self.measured += [(owner, item) for item in items if item.is_measured]
         super()._properties(graph, owner, items)
 
     def _property(self, graph: Graph, iri: NamedNode, owner: NamedNode, item: Property, seen: Measurement) -> None:
-        if not item.measured:
+        if not item.is_measured:
             super()._property(graph, iri, owner, item, seen)
 
     def _last_frame(self, graph: Graph, iri: NamedNode, seen: Measurement) -> None:
@@ -68,7 +68,7 @@ class StaticDescriber(Describer):
         super()._property(graph, iri, self.iri(owner), item, seen)
 
     def last_frame(self, graph: Graph, iri: NamedNode, robot: Robot) -> None:
-        super()._last_frame(graph, iri, Measurement.of(last_frame(robot)))
+        super()._last_frame(graph, iri, Measurement.from_observations(last_frame(robot)))
 
 
 class _Value:
@@ -108,7 +108,7 @@ class RdfMirror:
         self._robots: dict[str, _Robot] = {}
         self._documents = 0
         graph = LabelledGraph("v")
-        complete(describe_terms(base, graph))
+        run_steps(describe_terms(base, graph))
         self._extend(NamedNode(base + VOCABULARY), graph.triples)
         shapes = [triple for triples in load_turtle(BLUEPRINTS).values() for triple in triples]
         self.add(SHAPES, shapes, "s")
@@ -209,7 +209,7 @@ class RdfMirror:
         self._exchange(known.graph, old, new)
 
     def _look(self, value: _Value, old: list[Triple], new: list[Triple]) -> None:
-        seen = Measurement.of(value.item.look())
+        seen = Measurement.from_observations(value.item.sample())
         if seen == value.seen:
             return
         graph = LabelledGraph(value.prefix)

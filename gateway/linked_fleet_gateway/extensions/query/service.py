@@ -126,7 +126,7 @@ class Queries:
                 caller=sees.name,
                 default=asked.default,
                 named=asked.named,
-                branches=[(term.value, path) for term, path in self._live.branches.linked()],
+                branches=[(term.value, path) for term, path in self._live.branches.fleet_links()],
                 invocations=[each for each in feed.fleet_invocations() if invocations.get(each.id) is not None],
                 graphs=[(path, _n_triples(said)) for path, said in self._live.branches.graphs(view)],
                 media_type=media_type,

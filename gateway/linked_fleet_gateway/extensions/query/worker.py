@@ -39,7 +39,7 @@ from linked_fleet_gateway.rdf.graph import Graph
 from linked_fleet_gateway.resources.describe import Describer
 from linked_fleet_gateway.resources.documents import VOCABULARY
 from linked_fleet_gateway.resources.fleet_functions import FUNCTIONS
-from linked_fleet_gateway.resources.resource import complete
+from linked_fleet_gateway.resources.resource import run_steps
 
 log = logging.getLogger(__name__)
 
@@ -58,7 +58,7 @@ class Worker:
         self._rdf_mirrors: OrderedDict[str, RdfMirror] = OrderedDict()
         self._functions = [make() for make in FUNCTIONS]
         # Loads the shapes now, because a query cannot open files.
-        complete(Describer("http://localhost").fleet({}, (), Graph()))
+        run_steps(Describer("http://localhost").fleet({}, (), Graph()))
 
     def serve(self, control: socket.socket) -> None:
         """Serve until the gateway is gone."""
@@ -122,7 +122,7 @@ def _complete(ask: QueryRequest, rdf_mirror: RdfMirror, mirror: Mirror, sees: Vi
     """Add the statements that depend on the caller. Return the visible graphs."""
     robots = {name: held.robot for name, held in sorted(mirror.robots.items()) if sees.includes(name)}
     graph = Graph()
-    complete(Describer(ask.base).fleet(robots, [(NamedNode(term), path) for term, path in ask.branches], graph))
+    run_steps(Describer(ask.base).fleet(robots, [(NamedNode(term), path) for term, path in ask.branches], graph))
     root = NamedNode(ask.base + "/")
     # Statements about robots are in the graphs of the robots, so they are left out here.
     rdf_mirror.add("/", [triple for triple in graph.triples if triple.subject == root], "f")

@@ -156,7 +156,9 @@ class Recorder:
         file, source = files[rest[0]], Source(lambda: rest[0])
         documents = {MCAP: lambda: _read(file)}
         title = f"Recording of {robot.name}"
-        return Resource(f"{path}/{rest[0]}", title, describe_one, source=source, documents=documents, followed=False)
+        return Resource(
+            f"{path}/{rest[0]}", title, describe_one, source=source, documents=documents, publishes_changes=False
+        )
 
 
 def _path(robot: str) -> str:

@@ -59,7 +59,7 @@ def firings_path(rule: Rule) -> str:
 
 def may_read(known: RuleRecord, view: RequestView) -> bool:
     """Return True if the caller created the rule, or sees all that its creator sees."""
-    rule, sees = known.rule, view.sees
+    rule, sees = known.rule, view.visible_robots
     return sees.is_superset_of(rule.view) or (bool(sees.name) and sees.name == rule.creator)
 
 
@@ -87,9 +87,9 @@ def _container(view: RequestView, rules: Mapping[str, RuleRecord]) -> Resource:
         lambda graph: _describe_container(graph, view, shown()),
         LDP_CONTAINER,
         Source(lambda: [_facts(each) for each in shown()]),
-        own=tuple(rule_path(each.rule) for each in shown()),
+        own_paths=tuple(rule_path(each.rule) for each in shown()),
         affords=MakeRule(),
-        forms=True,
+        has_form=True,
     )
 
 
@@ -106,9 +106,9 @@ def _in_rule(view: RequestView, known: RuleRecord, rules: Mapping[str, RuleRecor
             rule.title,
             lambda graph: _describe_rule(graph, view, known),
             source=Source(lambda: _facts(known)),
-            own=(path + "/blueprint", firings),
+            own_paths=(path + "/blueprint", firings),
             affords=ChangeRule(known),
-            forms=True,
+            has_form=True,
         )
         return blueprint_of(whole, view.base, (LF.RuleResourceShape,)) if rest else whole
     if rest == ["firings"]:
@@ -118,7 +118,7 @@ def _in_rule(view: RequestView, known: RuleRecord, rules: Mapping[str, RuleRecor
             lambda graph: _describe_firings(graph, view, known),
             LDP_CONTAINER,
             Source(lambda: tuple(known.firings.items())),
-            own=tuple(f"{firings}/{number}" for number in known.firings),
+            own_paths=tuple(f"{firings}/{number}" for number in known.firings),
         )
     return _in_firing(view, known, rules, rest[1:]) if rest[0] == "firings" else None
 
@@ -137,7 +137,7 @@ def _in_firing(
         f"Firing {number} of {known.rule.title}",
         lambda graph: _describe_firing(graph, view, known.rule, number, firing, causes),
         source=Source(lambda: firing),
-        own=(path + "/blueprint",),
+        own_paths=(path + "/blueprint",),
     )
     return blueprint_of(whole, view.base, (LF.FiringShape,)) if rest[1:] else whole
 

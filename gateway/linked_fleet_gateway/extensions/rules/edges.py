@@ -55,7 +55,7 @@ class ChangeNotifier:
             if isinstance(found, Resource):
                 before, now = self._readings.get(name), found.source.read(True)
                 self._readings[name] = now
-                other |= before is None or not now.same(before)
+                other |= before is None or not now.equals(before)
         if other:
             self._tell()
 

@@ -49,7 +49,7 @@ class Listing:
 
     def version(self) -> bytes:
         """Return a key of all facts that descriptions depend on: while it is equal, they are."""
-        facts: list[object] = [self.view.base, self.view.secured]
+        facts: list[object] = [self.view.base, self.view.requires_authentication]
         for name, robot in sorted(self.view.robots.items()):
             said = robot.description
             known = None if said is None else (said.urdf, said.joints, said.base, said.capabilities)
@@ -70,7 +70,9 @@ def _entrance(view: RequestView, rest: Sequence[str]) -> Found:
 def _directory(view: RequestView, rest: Sequence[str]) -> Found:
     """Return the listing or, if an id follows, the description of the thing with that IRI."""
     if not rest:
-        return Resource(DIRECTORY, "Thing Descriptions", None, (LDP.Resource,), remote=Listing(view), followed=False)
+        return Resource(
+            DIRECTORY, "Thing Descriptions", None, (LDP.Resource,), remote=Listing(view), publishes_changes=False
+        )
     id = "/".join(rest)
     place = _place(view, id.removeprefix(view.base)) if id.startswith(view.base + "/") else None
     if place is None:
@@ -102,7 +104,7 @@ def _place(view: RequestView, path: str) -> Place | None:
 
 BRANCHES = (
     FleetBranch(".well-known", None, _entrance),
-    FleetBranch(DIRECTORY[1:], LF.things, _directory, takes_slashes=True),
+    FleetBranch(DIRECTORY[1:], LF.things, _directory, allows_encoded_slashes=True),
     ThingDocument(TD, write_description),
 )
 

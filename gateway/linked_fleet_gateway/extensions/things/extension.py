@@ -59,7 +59,7 @@ async def read_listing(request: Request, resource: Resource, listing: Listing) -
     if media_type not in TYPES:
         describe = partial(describe_page, listing.view, things, offset, min(limit or MOST_LISTED, MOST_LISTED))
         return read(request, replace(resource, describe=describe, remote=None, query=request.url.query))
-    links = [Link(iri.value, "type") for iri in resource.interaction]
+    links = [Link(iri.value, "type") for iri in resource.interaction_model]
     headers = {"vary": "Accept", "cache-control": "no-cache", "x-content-type-options": "nosniff"}
     content = {"content-type": media_type, "allow": "GET, HEAD, OPTIONS"}
     if limit is None:

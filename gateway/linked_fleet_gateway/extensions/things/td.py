@@ -126,10 +126,10 @@ class Thing:
     def _property(self, item: Property) -> Json:
         href = f"{self.id.rstrip('/')}/{item.segment}"
         said: Json = {
-            "@type": [each.value for each in (*item.types, *((SOSA.ObservableProperty,) if item.measured else ()))],
+            "@type": [each.value for each in (*item.types, *((SOSA.ObservableProperty,) if item.is_measured else ()))],
             "title": item.title,
             "readOnly": item.put is None,
-            "observable": item.measured or item.put is not None,
+            "observable": item.is_measured or item.put is not None,
         }
         if not form_of(item.shape).fields:  # an open vocabulary without known fields
             return said | {"forms": _forms(href, "text/turtle", item)}
@@ -169,7 +169,7 @@ class Thing:
 
 def write_description(view: RequestView, robot: Robot | None, part: Joint | Link | None) -> bytes:
     """Return the Thing Description of the fleet (no robot), a robot, or a part of it."""
-    return thing_description(Thing(view.base, view.secured, robot, part), view.robots)
+    return thing_description(Thing(view.base, view.requires_authentication, robot, part), view.robots)
 
 
 def thing_description(thing: Thing, robots: Iterable[str] = ()) -> bytes:
@@ -178,7 +178,7 @@ def thing_description(thing: Thing, robots: Iterable[str] = ()) -> bytes:
 
 
 def _describe(item: Property, iri: NamedNode, graph: Any) -> None:
-    item.describe(graph, iri, Measurement.of(item.look()))
+    item.describe(graph, iri, Measurement.from_observations(item.sample()))
 
 
 def _link(rel: str, href: str) -> Json:
@@ -196,7 +196,7 @@ def _forms(href: str, media_type: str, item: Property) -> list[Json]:
     forms: list[Json] = [{"href": href, "op": "readproperty", "contentType": media_type, "htv:methodName": "GET"}]
     if item.put is not None:
         forms.append(forms[0] | {"op": "writeproperty", "htv:methodName": "PUT"})
-    if item.measured or item.put is not None:
+    if item.is_measured or item.put is not None:
         watched: Json = {"op": ["observeproperty", "unobserveproperty"], "contentType": media_type}
         forms.append({"href": f"{href}?as={name}", **watched, "subprotocol": "sse"})
         forms.append({"href": "ws" + href.removeprefix("http"), **watched, "subprotocol": f"lf.{name}"})

@@ -125,7 +125,7 @@ def resolve_collisions(view: RequestView, rest: list[str], known: Known) -> Reso
         "Refused motions",
         lambda graph: _describe(graph, view, known),
         source=Source(lambda: [each for each in known.values() if each.robot in view.robots]),
-        own=(f"{COLLISIONS}/blueprint",),
+        own_paths=(f"{COLLISIONS}/blueprint",),
     )
     if rest == ["blueprint"]:
         return blueprint_of(whole, view.base, (LF.CollisionsShape,))

@@ -161,7 +161,7 @@ def describe_relative_pose(graph: Graph, iri: NamedNode, of: str, frame: str, po
     graph.add(iri, LF.poseOf, NamedNode(of))
     graph.add(iri, LF.inFrame, NamedNode(frame))
     describe_pose(graph, iri, posed.pose)
-    if posed.moves:
+    if posed.involves_robot:
         graph.result_time(iri, posed.wall_ns)
 
 

@@ -116,7 +116,7 @@ async def _replaced(
     request: Request, triples: Sequence[Triple], resource: Resource, present: SceneObject | None
 ) -> SceneObject:
     """Return the object in a body, parsed in a thread if it has a mesh. Raises UnprocessableContent, Busy."""
-    seen = ground_statements(resource.whole(request.base))
+    seen = ground_statements(resource.full_graph(request.base))
     work = partial(read_object, triples, request.base + resource.path, request.base + WORLD, present, seen)
     offload: Offload = request.services.offload
     meshes = [each.object for each in triples if each.predicate == LF.stl]

@@ -67,7 +67,11 @@ def resolve_world(
     if rest == ["pose"]:
         template = "Poses of things in the frames of others"
         return Resource(
-            POSES, template, lambda graph: describe_template(graph, view.base), remote=PoseQuery(view), followed=False
+            POSES,
+            template,
+            lambda graph: describe_template(graph, view.base),
+            remote=PoseQuery(view),
+            publishes_changes=False,
         )
     if rest[0] == "collisions":
         return resolve_collisions(view, rest[1:], collisions)
@@ -83,8 +87,8 @@ def _world(view: RequestView) -> Resource:
         source=Source(
             lambda: [(r.name, r.title, r.description is None, r.settings.get(PLACEMENT)) for r in robots.values()]
         ),
-        own=(f"{WORLD}/{_BLUEPRINT}", OBJECTS, POSES, COLLISIONS),
-        followed=False,  # clients follow the placements and the objects instead
+        own_paths=(f"{WORLD}/{_BLUEPRINT}", OBJECTS, POSES, COLLISIONS),
+        publishes_changes=False,  # clients follow the placements and the objects instead
     )
 
 
@@ -95,9 +99,12 @@ def _in_objects(view: RequestView, rest: list[str], objects: Mapping[str, SceneO
             "Objects of the world",
             lambda graph: describe_objects(graph, view.base, objects),
             CONTAINER,
-            Source(lambda: list(objects.items()), digest=lambda: [(id, *_facts(each)) for id, each in objects.items()]),
-            own=(f"{OBJECTS}/{_BLUEPRINT}",),
-            parts=tuple(object_path(id) for id in objects),
+            Source(
+                lambda: list(objects.items()),
+                shared_facts=lambda: [(id, *_facts(each)) for id, each in objects.items()],
+            ),
+            own_paths=(f"{OBJECTS}/{_BLUEPRINT}",),
+            part_paths=tuple(object_path(id) for id in objects),
             affords=PostObject(),
         )
         return blueprint_of(container, view.base, (LF.SceneObjectsShape, LF.SceneObjectInput)) if rest else container
@@ -115,8 +122,8 @@ def _of_object(
             path,
             thing.title,
             lambda graph: describe_object(graph, view.base, id, thing),
-            source=Source(lambda: objects.get(id), digest=lambda: _facts(objects.get(id))),
-            own=(f"{path}/{_BLUEPRINT}", *mesh),
+            source=Source(lambda: objects.get(id), shared_facts=lambda: _facts(objects.get(id))),
+            own_paths=(f"{path}/{_BLUEPRINT}", *mesh),
             affords=PutObject(id),
         )
         return blueprint_of(whole, view.base, (LF.SceneObjectShape, LF.SceneObjectInput)) if rest else whole

@@ -23,7 +23,7 @@ def _view(*hidden: str, secured: bool = False) -> RequestView:
     assert isinstance(found, Resource)
     view: RequestView = found.remote.view  # type: ignore[union-attr, attr-defined]
     robots = {name: robot for name, robot in view.robots.items() if name not in hidden}
-    return RequestView(BASE, robots, view.invocations, view.sees, secured)
+    return RequestView(BASE, robots, view.invocations, view.visible_robots, secured)
 
 
 def _described(*hidden: str, secured: bool = False) -> dict[str, Any]:

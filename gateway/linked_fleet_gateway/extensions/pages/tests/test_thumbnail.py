@@ -58,7 +58,7 @@ def test_a_thumbnail_is_a_resource_below_its_robot(bench: Any) -> None:
 
 
 def _resolved(bench: Any, path: str) -> Any:
-    return Tree(bench.fleet, Invocations(), bench.base, branches=Branches().having(THUMBNAILS)).resolve(path)
+    return Tree(bench.fleet, Invocations(), bench.base, branches=Branches().with_branches(THUMBNAILS)).resolve(path)
 
 
 @pytest.mark.parametrize(

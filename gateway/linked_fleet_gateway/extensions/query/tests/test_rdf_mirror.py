@@ -29,7 +29,12 @@ def served(mirrored: MirroredFleet, name: str) -> Dataset:
     tree = Tree(mirrored.fleet, mirrored.invocations, BASE)
     robot = tree.resolve(robot_path(name))
     assert isinstance(robot, Resource)
-    paths = [robot.path, lease_path(name), *robot.parts, *map(invocation_path, mirrored.invocations.of_robot(name))]
+    paths = [
+        robot.path,
+        lease_path(name),
+        *robot.part_paths,
+        *map(invocation_path, mirrored.invocations.of_robot(name)),
+    ]
     store = Store()  # the store normalizes numbers by type: 1.0 and 1 are one xsd:float
     for at, path in enumerate(paths):
         store.extend(Quad(*_own(triple, f"p{at}x")) for triple in _described(tree, path))

@@ -61,7 +61,7 @@ def _get(query: str = "", *, method: str = "GET", without: str = "", **fields: s
     listing = found.remote
     if without:
         robots = {name: robot for name, robot in listing.view.robots.items() if name != without}
-        listing = Listing(RequestView(BASE, robots, listing.view.invocations, listing.view.sees))
+        listing = Listing(RequestView(BASE, robots, listing.view.invocations, listing.view.visible_robots))
     headers = [(name.replace("_", "-").encode(), value.encode()) for name, value in fields.items()]
     scope = {"type": "http", "method": method, "path": "/things", "query_string": query.encode(), "headers": headers}
     scope["app"] = SimpleNamespace(services=_Services())

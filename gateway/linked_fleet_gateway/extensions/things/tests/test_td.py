@@ -18,7 +18,7 @@ from linked_fleet_gateway.identity.rights import ALL, View, view
 from linked_fleet_gateway.rdf.vocabulary import LF, ROS, UNIT, VOM
 from linked_fleet_gateway.resources.action_offer import Offer
 from linked_fleet_gateway.resources.affordance import Invoke, PutTarget
-from linked_fleet_gateway.resources.branches import NONE
+from linked_fleet_gateway.resources.branches import NO_BRANCHES
 from linked_fleet_gateway.resources.json_form import form_of_input
 from linked_fleet_gateway.resources.plain_json import triples_of
 from linked_fleet_gateway.resources.resource import Resource
@@ -57,7 +57,7 @@ FLEET = _fleet()
 
 
 def _tree(sees: View = ALL, *, secured: bool = False) -> Tree:
-    return Tree(FLEET, Invocations(), BASE, sees=sees, branches=NONE.having(*BRANCHES), secured=secured)
+    return Tree(FLEET, Invocations(), BASE, sees=sees, branches=NO_BRANCHES.with_branches(*BRANCHES), secured=secured)
 
 
 def _resource(path: str, tree: Tree | None = None) -> Resource:
@@ -71,8 +71,8 @@ def _td(path: str, tree: Tree | None = None) -> dict:
 
 
 def _things() -> list[str]:
-    robots = [each for each in _resource("/").parts if each != "/mute/"]
-    return ["/", "/mute/", *robots, *chain.from_iterable(_resource(each).parts for each in robots)]
+    robots = [each for each in _resource("/").part_paths if each != "/mute/"]
+    return ["/", "/mute/", *robots, *chain.from_iterable(_resource(each).part_paths for each in robots)]
 
 
 @pytest.mark.parametrize("path", _things())
