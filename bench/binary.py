@@ -87,7 +87,7 @@ class _Arm:
         self._fleet.apply(Framed("arm", bytes(self._frame)), 1)
 
     def _tree(self, base: str, sees: View) -> Tree:
-        return Tree(self._fleet, Invocations(), base, sees=sees)
+        return Tree(self._fleet, Invocations(), base, visible_robots=sees)
 
 
 def _cost_us(arm: _Arm, topic: Topic, media_type: str, seconds: float) -> float:

@@ -9,8 +9,8 @@ import pytest
 from linked_fleet_gateway.app.extensions import BUILT_IN
 from linked_fleet_gateway.rdf.serialise import parse
 from linked_fleet_gateway.resources import joint_kinds as kinds
-from linked_fleet_gateway.resources.action_offer import definitions
-from linked_fleet_gateway.resources.subscription_resource import requested
+from linked_fleet_gateway.resources.action_offer import action_definitions
+from linked_fleet_gateway.resources.subscription_resource import read_request
 
 ROOT = Path(__file__).parents[1]
 PAGE = (ROOT / "ARCHITECTURE.md").read_text()
@@ -102,7 +102,7 @@ def test_the_table_of_kinds_is_that_of_the_code() -> None:
         type_, position, action = documented[joint.value]
         assert kind.type.value.partition("#")[2] == type_
         assert ([kind.position] if kind.position else []) == [one for one in position if one != "pose"]
-        offered = {each.segment for each in definitions() if kind.type in each.offered_by}
+        offered = {each.segment for each in action_definitions() if kind.type in each.offered_by}
         assert offered == set(re.findall(r"`(\w+)`", action))
 
 
@@ -129,7 +129,7 @@ def test_the_description_in_the_page_is_one_that_is_taken() -> None:
     text = (ROOT / "gateway/linked_fleet_gateway/subscriptions/PROTOCOL.md").read_text()
     (example,) = re.findall(r"```turtle\n(.*?)```", text, re.S)
     container = "http://fleet.example/baxter/right_s1/subscriptions"
-    wanted = requested(parse(example.encode(), "text/turtle", container), container, "http://fleet.example")
+    wanted = read_request(parse(example.encode(), "text/turtle", container), container, "http://fleet.example")
     assert wanted.resource == "http://fleet.example/baxter/right_s1/rotation"
     assert (wanted.interval_s, wanted.deadband) == (0.5, 0.01)
 

@@ -32,9 +32,9 @@ from linked_fleet_gateway.rdf.graph import Graph
 from linked_fleet_gateway.rdf.validation import find_root, reachable_statements
 from linked_fleet_gateway.resources.action_offer import Offer
 from linked_fleet_gateway.resources.affordance import Control, Invoke, PutSetting, PutTarget
-from linked_fleet_gateway.resources.body_values import validated
+from linked_fleet_gateway.resources.body_values import validate_body
 from linked_fleet_gateway.resources.resource import Resource
-from linked_fleet_gateway.resources.subscription_resource import requested
+from linked_fleet_gateway.resources.subscription_resource import read_request
 from linked_fleet_gateway.resources.tree import Tree
 from shacl_findings import pyshacl_finds
 
@@ -129,7 +129,7 @@ class Gate:
 
     def judge(self, random: Random, segment: str, path: str, triples: list[Triple]) -> None:
         if segment == "subscriptions":
-            requested(triples, BASE + path, BASE)
+            read_request(triples, BASE + path, BASE)
             return
         found = Tree(self._fleet, Invocations(), BASE).resolve(path)
         assert isinstance(found, Resource), f"nothing is at {path}"
@@ -169,7 +169,7 @@ def _plan(random: Random, offer: Offer, triples: list[Triple]) -> None:
 def _compare(offer: Offer, triples: list[Triple]) -> None:
     """Check that exactly what pySHACL refuses is refused, besides unused terms, on which a shape says nothing."""
     focus, graph = find_root(triples, NamedNode(BASE + offer.path)), Graph()
-    shape = offer.consumes(graph, BASE)
+    shape = offer.describe_input(graph, BASE)
     slowly = bool(pyshacl_finds(graph.triples, shape, reachable_statements(triples, focus), focus))
     try:
         admit(offer, triples, BASE)
@@ -182,12 +182,12 @@ def _compare(offer: Offer, triples: list[Triple]) -> None:
 
 
 def _set(random: Random, afforded: PutSetting, triples: list[Triple], path: str) -> None:
-    remembered = afforded.setting.admit(triples, BASE)
+    remembered = afforded.setting.validate(triples, BASE)
     assert len(remembered) <= 70_000, "what is remembered is bounded"
 
 
 def _control(random: Random, afforded: Control, triples: list[Triple], path: str) -> None:
-    found = validated(triples, LF.ControlLeaseInput, BASE + path)
+    found = validate_body(triples, LF.ControlLeaseInput, BASE + path)
     assert found.number(found.root, LF.leaseDuration) is not None
 
 

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from linked_fleet_gateway.resources.subscription import (
-    Changeable,
+    ChangeableOptions,
     Delivery,
     DeliveryState,
     Depth,
@@ -31,7 +31,7 @@ def b(server: Backend) -> Iterator[Store]:
     yield from opened(server, Store(server.url, "fleet", "b"))
 
 
-def other(subscription: Subscription, **options: Any) -> Changeable:
+def other(subscription: Subscription, **options: Any) -> ChangeableOptions:
     return replace(subscription.options, **options)
 
 
@@ -44,12 +44,12 @@ async def test_options_are_changed_under_the_condition_that_they_are_as_they_wer
         options = other(one, interval_s=2.5, deadband=0.1, secret="whsec_2")
         assert await b.change(one, options)
         assert not await a.change(one, other(one, interval_s=9.0))
-        changed = one.having(options, 1)
+        changed = one.with_options(options, 1)
         assert await a.record(one.id) == Record(changed, Delivery(), "a")
         assert await a.change(changed, other(changed, interval_s=9.0))
         assert [(await anext(heard)), (await anext(heard))] == [News("changed", one.id, "a")] * 2
         (subscription,) = await held(a)
-        assert subscription == changed.having(other(changed, interval_s=9.0), 2)
+        assert subscription == changed.with_options(other(changed, interval_s=9.0), 2)
         await b.remove(one.id)
         assert not await a.change(subscription, options)
         assert await a.record(one.id) is None
@@ -64,11 +64,11 @@ async def test_writes_of_the_holder_do_not_revert_changes(a: Store, b: Store) ->
     await b.renew()
     opened_there = replace(stream, kind=Kind.WEBSOCKET)
     await b.add(opened_there, Delivery(), LIMIT)
-    assert await held(b) == [opened_there.having(options, 1)]
+    assert await held(b) == [opened_there.with_options(options, 1)]
     await b.note(stream.id, Delivery(DeliveryState.WAITING), stream)
-    assert await held(b) == [stream.having(options, 1)]
+    assert await held(b) == [stream.with_options(options, 1)]
     await b.leave()
-    assert await adopted(a, "b") == [stream.having(options, 1)]
+    assert await adopted(a, "b") == [stream.with_options(options, 1)]
 
 
 @pytest.mark.parametrize(

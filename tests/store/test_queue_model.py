@@ -40,7 +40,7 @@ class Kept:
 
     @property
     def streams(self) -> bool:
-        return self.subscription.kind.streams
+        return self.subscription.kind.is_stream
 
     @property
     def lasts(self) -> bool:
@@ -213,7 +213,7 @@ class CallbackQueue(RuleBasedStateMachine):
         options = replace(before.options, media_type=media_type, interval_s=before.interval_s + 1)
         assert self.run(store.change(before, options)) is (one is not None and not late)
         if one is not None and not late:
-            one.subscription = read.having(options, read.revision + 1)
+            one.subscription = read.with_options(options, read.revision + 1)
             if options.needs_full_state(read.options):
                 one.anew = read.revision + 1
                 one.sent.clear()

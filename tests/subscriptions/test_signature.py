@@ -6,13 +6,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from linked_fleet_gateway.resources.signature import headers, key
+from linked_fleet_gateway.resources.signature import decode_secret, signature_headers
 
 SECRET = "whsec_MfKQ9r8GKYqrTwjUPD8ILPZIo2LaLaSw"
 
 
 def test_the_vector_of_the_reference_libraries_comes_out() -> None:
-    signed = headers(SECRET, "msg_p5jXN8AQM9LWM0D4loKWxJek", 1614265330, b'{"test": 2432232314}')
+    signed = signature_headers(SECRET, "msg_p5jXN8AQM9LWM0D4loKWxJek", 1614265330, b'{"test": 2432232314}')
     assert signed == {
         "webhook-id": "msg_p5jXN8AQM9LWM0D4loKWxJek",
         "webhook-timestamp": "1614265330",
@@ -21,17 +21,20 @@ def test_the_vector_of_the_reference_libraries_comes_out() -> None:
 
 
 def test_without_a_secret_there_is_no_signature() -> None:
-    assert headers("", "a", 1, b"body") == {"webhook-id": "a", "webhook-timestamp": "1"}
+    assert signature_headers("", "a", 1, b"body") == {"webhook-id": "a", "webhook-timestamp": "1"}
 
 
 @pytest.mark.parametrize("changed", [("b", 1, b"body"), ("a", 2, b"body"), ("a", 1, b"bodY")])
 def test_id_time_and_body_are_all_signed(changed: tuple[str, int, bytes]) -> None:
-    assert headers(SECRET, *changed)["webhook-signature"] != headers(SECRET, "a", 1, b"body")["webhook-signature"]
+    assert (
+        signature_headers(SECRET, *changed)["webhook-signature"]
+        != signature_headers(SECRET, "a", 1, b"body")["webhook-signature"]
+    )
 
 
 @given(st.binary(min_size=24, max_size=64))
 def test_a_secret_of_any_24_to_64_bytes_is_taken(random: bytes) -> None:
-    assert key("whsec_" + base64.b64encode(random).decode()) == random
+    assert decode_secret("whsec_" + base64.b64encode(random).decode()) == random
 
 
 @pytest.mark.parametrize(
@@ -50,6 +53,6 @@ def test_a_secret_of_any_24_to_64_bytes_is_taken(random: bytes) -> None:
 )
 def test_other_secrets_are_refused_without_being_repeated(secret: str, fault: str) -> None:
     with pytest.raises(ValueError, match=fault) as refused:
-        key(secret)
+        decode_secret(secret)
     assert "24 to 64 random bytes" in str(refused.value)
     assert "MfKQ9r8G" not in str(refused.value)

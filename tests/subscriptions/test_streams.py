@@ -65,7 +65,7 @@ class Toy:
     def __init__(self) -> None:
         self.fleet, self._sequence = Fleet(), 0
         invocations = Invocations()
-        self.fan_out = Watched(lambda base, sees: Tree(self.fleet, invocations, base, sees=sees))
+        self.fan_out = Watched(lambda base, sees: Tree(self.fleet, invocations, base, visible_robots=sees))
         self.fleet.apply(Appeared("r", 1), 1)
         self.fleet.apply(
             Described(

@@ -11,7 +11,7 @@ from linked_fleet_gateway.base.errors import Conflict, UnprocessableContent
 from linked_fleet_gateway.fleet.model import Joint, JointKind
 from linked_fleet_gateway.rdf.graph import Node
 from linked_fleet_gateway.rdf.vocabulary import LF
-from linked_fleet_gateway.resources.annotations import poses
+from linked_fleet_gateway.resources.annotations import named_poses
 
 _SETTLING = 2e-4  # rad or m: a joint at its limit may be measured this far beyond it
 
@@ -86,7 +86,8 @@ def assume_pose(request: ActionRequest) -> Motion:
     assert name is not None
     joints = request.model().joints
     targets = {
-        joint: _near(request, joints[joint], value) for joint, value in poses(request.required_robot())[name].items()
+        joint: _near(request, joints[joint], value)
+        for joint, value in named_poses(request.required_robot())[name].items()
     }
     return motion_to(request, Move(targets), targets)
 

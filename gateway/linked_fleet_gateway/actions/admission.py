@@ -21,8 +21,8 @@ from linked_fleet_gateway.rdf.validation import (
 )
 from linked_fleet_gateway.rdf.vocabulary import HYBRIT, LF, MATHS, QUDT, RDF, ROS, SPATIAL, VOM
 from linked_fleet_gateway.resources.action_offer import Definition, Offer
-from linked_fleet_gateway.resources.annotations import poses
-from linked_fleet_gateway.resources.body_values import Body, own_part
+from linked_fleet_gateway.resources.annotations import named_poses
+from linked_fleet_gateway.resources.body_values import Body, own_statements
 
 _OWN = (HYBRIT, LF, MATHS, QUDT, ROS, SPATIAL, VOM)
 """The vocabularies of actions."""
@@ -40,7 +40,7 @@ def admit(offer: Offer, triples: Sequence[Triple], base: str) -> Body:
     focus = find_root(triples, NamedNode(iri))
     robot = offer.robot
     model = robot.model if robot is not None else None
-    named = tuple(poses(robot)) if robot is not None and offer.definition.iri == LF.AssumePose else ()
+    named = tuple(named_poses(robot)) if robot is not None and offer.definition.iri == LF.AssumePose else ()
     joints = robot.description.joints if robot is not None and robot.description is not None else ()
     validator, terms = _validator(offer.definition, base, offer.thing, robot, offer.joint, model, joints, named)
     report = validator.report(triples, focus)
@@ -59,7 +59,7 @@ def _not_kept(left: list[Triple], triples: Sequence[Triple], focus: Node, terms:
     """Return the statements to refuse, which are neither used nor stored: a misspelt speed must not mean full speed."""
     if not left:
         return left
-    kept, ours = set(own_part(triples, focus)), _namespaces(terms)
+    kept, ours = set(own_statements(triples, focus)), _namespaces(terms)
     return [each for each in left if each not in kept or _is_ours(each, ours)]
 
 
@@ -98,5 +98,5 @@ def _validator(
 ) -> tuple[ShaclValidator, Terms]:
     """Return the compiled shape, cached by its parameters: a new description may have other joints or poses."""
     graph = Graph()
-    shape = Offer(definition, thing, robot, joint).consumes(graph, base)
+    shape = Offer(definition, thing, robot, joint).describe_input(graph, base)
     return ShaclValidator(graph.triples, shape), Terms.from_shapes(statements_by_subject(graph.triples), shape)

@@ -11,7 +11,7 @@ from linked_fleet_gateway.fleet.model import Joint, RobotModel
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.identity.rights import ALL, View
 from linked_fleet_gateway.resources.body_values import Body
-from linked_fleet_gateway.resources.paths import part_of, robot_path
+from linked_fleet_gateway.resources.paths import joint_or_link, robot_path
 
 
 @dataclass(frozen=True)
@@ -172,5 +172,5 @@ class ActionRequest:
         assert isinstance(iri, NamedNode)
         if iri.value not in self._parts:  # a trajectory names the same few joints thousands of times
             local = iri.value.removeprefix(self.base + robot_path(self.required_robot().name))
-            self._parts[iri.value] = part_of(local, self.model())
+            self._parts[iri.value] = joint_or_link(local, self.model())
         return self._parts[iri.value]

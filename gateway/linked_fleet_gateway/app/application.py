@@ -28,7 +28,7 @@ from linked_fleet_gateway.link.zenoh_session import open_session as open_zenoh
 from linked_fleet_gateway.rdf.graph import Node
 from linked_fleet_gateway.rdf.shapes import ACTIONS, BLUEPRINTS, SUBSCRIPTIONS, VOCABULARY, added_files, load_turtle
 from linked_fleet_gateway.rdf.vocabulary import LF, RDF, SH
-from linked_fleet_gateway.resources.action_offer import CONDITIONS, definitions
+from linked_fleet_gateway.resources.action_offer import CONDITIONS, action_definitions
 from linked_fleet_gateway.resources.shape_parameters import COMPLETIONS
 from linked_fleet_gateway.runtime.audit_log import Audit
 from linked_fleet_gateway.runtime.embedded_redis import EmbeddedRedis
@@ -59,13 +59,13 @@ def _check_all(*added: tuple[Path, ...]) -> None:
                 _check(name, compiler, node)
     shapes = load_turtle(ACTIONS)
     compiler = _compiler(ACTIONS)
-    for kind in definitions():
+    for kind in action_definitions():
         if kind.consumes is not None:
             _check(f"{ACTIONS}/{kind.segment}", compiler, kind.consumes)
     completions = {t.object for about in shapes.values() for t in about if t.predicate == LF.completedBy}
     for unknown in completions.difference(COMPLETIONS):
         raise Unsupported(f"linked_fleet_shapes/{ACTIONS}: lf:completedBy {unknown} is not known")
-    for kind in definitions():
+    for kind in action_definitions():
         for unknown in set(kind.offered_if).difference(CONDITIONS):
             raise Unsupported(f"linked_fleet_shapes/{ACTIONS}: lf:offeredIf {unknown} is not known")
 

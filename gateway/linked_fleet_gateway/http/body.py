@@ -70,9 +70,9 @@ def parse_form(
     """Parse like ``parse_body``, or as plain JSON by ``form``."""
     if media_type != JSON:
         return parse_body(body, media_type, iri, base, max_triples)
-    from linked_fleet_gateway.resources.plain_json import triples_of
+    from linked_fleet_gateway.resources.plain_json import parse_json_body
 
-    return triples_of(body, form(), iri, max_triples)
+    return parse_json_body(body, form(), iri, max_triples)
 
 
 def _check_whole(request: Request) -> None:

@@ -45,7 +45,7 @@ from linked_fleet_gateway.rdf.vocabulary import LF
 from linked_fleet_gateway.resources.access_filter import InvocationsInView
 from linked_fleet_gateway.resources.action_offer import Offer
 from linked_fleet_gateway.resources.affordance import FORM_TYPES, EndInvocation, Invoke, PutTarget
-from linked_fleet_gateway.resources.body_values import Body, as_ntriples
+from linked_fleet_gateway.resources.body_values import Body, input_ntriples
 from linked_fleet_gateway.resources.invocation import describe_rehearsal, invocation_path
 from linked_fleet_gateway.resources.resource import Resource
 from linked_fleet_gateway.runtime.log import child_span, current_trace
@@ -95,7 +95,7 @@ async def end_invocation(request: Request, afforded: EndInvocation) -> Response:
     """Cancel an invocation, or stop and remove it; also by others than its creator."""
     reject_dry_run(request)
     actions: Actions = request.services.actions
-    if afforded.keep:
+    if afforded.keep_record:
         await actions.lifecycle.cancel(afforded.invocation)
     else:
         await actions.lifecycle.remove(afforded.invocation)
@@ -191,7 +191,7 @@ def _read_target(
 def _admitted(offer: Offer, content: bytes, triples: Sequence[Triple], base: str) -> _Admitted:
     with child_span("guard"):
         body = admit(offer, triples, base)
-    return _Admitted(content, body, as_ntriples(body))
+    return _Admitted(content, body, input_ntriples(body))
 
 
 def _input_form(offer: Offer, base: str) -> "Form":

@@ -32,7 +32,7 @@ from linked_fleet_gateway.http.writes import PATCH_TYPES
 from linked_fleet_gateway.rdf.graph import Graph
 from linked_fleet_gateway.rdf.serialise import RDF_TYPES
 from linked_fleet_gateway.rdf.vocabulary import LDP
-from linked_fleet_gateway.resources.body_values import own_part
+from linked_fleet_gateway.resources.body_values import own_statements
 from linked_fleet_gateway.resources.paths import robot_of
 from linked_fleet_gateway.resources.renderings import is_compilable
 from linked_fleet_gateway.resources.resource import CONTAINER, Remote, Resource, run_steps
@@ -82,7 +82,7 @@ def _steps(resource: Resource, part: Part, iri: NamedNode, graph: Graph) -> Iter
         resource.describe(whole)
     else:
         yield from resource.steps(whole)
-    about = set(own_part(whole.triples, iri))
+    about = set(own_statements(whole.triples, iri))
     for number, triple in enumerate(whole.triples):
         if number % _AT_ONCE == 0:
             yield

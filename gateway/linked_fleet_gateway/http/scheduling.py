@@ -20,9 +20,9 @@ from linked_fleet_gateway.base.addresses import network_of
 from linked_fleet_gateway.base.errors import Busy
 from linked_fleet_gateway.http.arrival import arrival_of
 from linked_fleet_gateway.rdf.vocabulary import LF
-from linked_fleet_gateway.resources.action_offer import definitions
+from linked_fleet_gateway.resources.action_offer import action_definitions
 
-_STOPS = frozenset(each.segment for each in definitions() if each.iri in (LF.Hold, LF.StopRobot, LF.StopAll))
+_STOPS = frozenset(each.segment for each in action_definitions() if each.iri in (LF.Hold, LF.StopRobot, LF.StopAll))
 URGENT = _STOPS | {"cancel"}
 """Last path segments of actions that stop robots."""
 

@@ -165,7 +165,7 @@ def _opened(connection: Connection, resource: Resource, kind: Kind) -> Subscript
     subscription = resource.subscription.subscription
     if subscription.creator != connection.caller.name:
         raise Conflict("Only who made this subscription can open it.")
-    if not subscription.kind.streams:
+    if not subscription.kind.is_stream:
         raise Conflict("This is a callback subscription: its messages go to its receiver alone.")
     if kind is Kind.EVENT_STREAM and is_binary(subscription.media_type):
         raise NotAcceptable("Binary messages cannot be sent as events; open a WebSocket.", offered=())

@@ -32,8 +32,8 @@ from linked_fleet_gateway.resources.binary_frames import FRAME_TYPES, layout_pat
 from linked_fleet_gateway.resources.renderings import message_types
 from linked_fleet_gateway.resources.resource import Resource
 from linked_fleet_gateway.resources.subscription import Delivery, DeliveryState, Depth, Kind, Record, Subscription
-from linked_fleet_gateway.resources.subscription_resource import Request as Wanted
-from linked_fleet_gateway.resources.subscription_resource import container_path, requested, subscription_path
+from linked_fleet_gateway.resources.subscription_resource import SubscriptionRequest as Wanted
+from linked_fleet_gateway.resources.subscription_resource import container_path, read_request, subscription_path
 from linked_fleet_gateway.subscriptions.network import Forbidden, callback_url
 from linked_fleet_gateway.subscriptions.service import Subscriptions
 from linked_fleet_gateway.subscriptions.store import StoreUnavailable, TooMany
@@ -130,7 +130,7 @@ async def post_subscription(request: Request, afforded: Subscribe) -> Response:
     check_acceptable(request)
     iri = request.base + container_path(owner)
     wanted = await convert_body(
-        request, lambda body: requested(parse_body(body, media_type, iri, request.base), iri, request.base)
+        request, lambda body: read_request(parse_body(body, media_type, iri, request.base), iri, request.base)
     )
     resource = request.tree().resolve(unquote(wanted.resource[len(request.base) :]))
     if not isinstance(resource, Resource):

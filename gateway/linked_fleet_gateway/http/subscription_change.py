@@ -22,8 +22,8 @@ from linked_fleet_gateway.identity.rights import Right
 from linked_fleet_gateway.rdf.sparql_update import Operation
 from linked_fleet_gateway.resources.affordance import ChangeSubscription
 from linked_fleet_gateway.resources.resource import Resource
-from linked_fleet_gateway.resources.subscription import Changeable, Depth, Record, Subscription
-from linked_fleet_gateway.resources.subscription_change import changed_options, managed_statements
+from linked_fleet_gateway.resources.subscription import ChangeableOptions, Depth, Record, Subscription
+from linked_fleet_gateway.resources.subscription_change import changed_options, managed_option_statements
 from linked_fleet_gateway.resources.subscription_resource import container_path, subscription_path
 from linked_fleet_gateway.subscriptions.service import Subscriptions
 
@@ -62,10 +62,10 @@ def _described(request: Request, record: Record) -> Resource | None:
 
 async def _options(
     request: Request, update: list[Operation], subscription: Subscription, present: Resource
-) -> Changeable:
+) -> ChangeableOptions:
     """Return the options after the update, checked for this resource."""
     iri, before = request.base + present.path, present.full_graph(request.base).triples
-    after = apply_patch(update, present, request.base, lambda described: managed_statements(described, iri))
+    after = apply_patch(update, present, request.base, lambda described: managed_option_statements(described, iri))
     offload: Offload = request.services.offload
     read = partial(changed_options, before, after, subscription, request.base)
     options = await offload.run(read, len(after), _SHORT_TRIPLES)
@@ -83,7 +83,7 @@ def _demand_depth(request: Request, subscription: Subscription, depth: Depth) ->
         raise InsufficientScope("Only its creator may have it cover the whole fleet.", scope=Right.SUBSCRIBE)
 
 
-def _in_type(request: Request, subscription: Subscription, options: Changeable) -> Changeable:
+def _in_type(request: Request, subscription: Subscription, options: ChangeableOptions) -> ChangeableOptions:
     """Return the options with a media type in which messages about the resource are available."""
     container = request.base + container_path(subscription.owner)
     resource = request.tree().resolve(subscription.resource)

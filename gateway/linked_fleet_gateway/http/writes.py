@@ -33,7 +33,7 @@ from linked_fleet_gateway.rdf.sparql_update import Operation, apply_update, pars
 from linked_fleet_gateway.rdf.validation import ground_statements, refuse_statements
 from linked_fleet_gateway.rdf.vocabulary import LDP, LF
 from linked_fleet_gateway.resources.affordance import FORM_TYPES, Control, PutSetting
-from linked_fleet_gateway.resources.body_values import Body, Setting, validated
+from linked_fleet_gateway.resources.body_values import Body, Setting, validate_body
 from linked_fleet_gateway.resources.paths import lease_path
 from linked_fleet_gateway.resources.resource import Resource
 
@@ -101,7 +101,9 @@ async def control_lease(request: Request, afforded: Control) -> Response:
     present = ground_statements(lease.full_graph(request.base)) if isinstance(lease, Resource) else frozenset()
 
     def read(content: bytes) -> Body:
-        return validated(parse_form(content, media_type, iri, request.base, form), LF.ControlLeaseInput, iri, present)
+        return validate_body(
+            parse_form(content, media_type, iri, request.base, form), LF.ControlLeaseInput, iri, present
+        )
 
     body = await convert_body(request, read)
     holder, duration_s = body.text(body.root, LF.holder), body.number(body.root, LF.leaseDuration)
@@ -134,13 +136,17 @@ async def _change(request: Request, setting: Setting) -> Callable[[Resource], st
         return lambda present: None
     if request.method == "PUT":
         triples = await _read_setting(request, setting)
-        return lambda present: setting.admit(triples, request.base, ground_statements(present.full_graph(request.base)))
+        return lambda present: setting.validate(
+            triples, request.base, ground_statements(present.full_graph(request.base))
+        )
     iri = request.base + setting.path
     update = await read_patch(request, iri)
 
     def patch(present: Resource) -> str:
-        after = apply_patch(update, present, request.base, lambda described: setting.managed(described, request.base))
-        return setting.admit(after, request.base, ground_statements(present.full_graph(request.base)))
+        after = apply_patch(
+            update, present, request.base, lambda described: setting.managed_statements(described, request.base)
+        )
+        return setting.validate(after, request.base, ground_statements(present.full_graph(request.base)))
 
     return patch
 

@@ -10,8 +10,8 @@ from linked_fleet_gateway.identity.rights import View
 class RobotsInView(Mapping[str, Robot]):
     """Visible robots by name. An invisible name is rejected before any lookup, so that timing reveals nothing."""
 
-    def __init__(self, robots: Mapping[str, Robot], sees: View) -> None:
-        self._robots, self._sees = robots, sees
+    def __init__(self, robots: Mapping[str, Robot], visible_robots: View) -> None:
+        self._robots, self._sees = robots, visible_robots
 
     def __getitem__(self, name: str) -> Robot:
         if not self._sees.includes(name):
@@ -30,8 +30,8 @@ class InvocationsInView:
     only.
     """
 
-    def __init__(self, invocations: Invocations, sees: View) -> None:
-        self._invocations, self._sees = invocations, sees
+    def __init__(self, invocations: Invocations, visible_robots: View) -> None:
+        self._invocations, self._sees = invocations, visible_robots
 
     def get(self, id: str) -> Invocation | None:
         found = self._invocations.get(id)

@@ -18,11 +18,17 @@ from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.rdf.graph import Graph, Node
 from linked_fleet_gateway.rdf.shapes import ACTIONS, add_closure, add_files, copy_shape, load_turtle
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HTTP, HYBRIT, LF, METHODS, RDF, RDFS, SH
-from linked_fleet_gateway.resources.annotations import poses
+from linked_fleet_gateway.resources.annotations import named_poses
 from linked_fleet_gateway.resources.joint_kinds import kind_of
 from linked_fleet_gateway.resources.joint_limits import JointLimits, limits_of
 from linked_fleet_gateway.resources.paths import joint_path, robot_path
-from linked_fleet_gateway.resources.shape_parameters import Scope, bounded, commandable, complete, moved_links
+from linked_fleet_gateway.resources.shape_parameters import (
+    Scope,
+    commandable_joints,
+    is_bounded,
+    moved_links,
+    shape_completer,
+)
 
 
 @dataclass(frozen=True)
@@ -50,11 +56,11 @@ class Definition:
 def add_kinds(files: Iterable[Path]) -> None:
     """Add the kinds of actions in these Turtle files to this process, in place of files added earlier."""
     if add_files(ACTIONS, files):
-        definitions.cache_clear()
+        action_definitions.cache_clear()
 
 
 @cache
-def definitions() -> tuple[Definition, ...]:
+def action_definitions() -> tuple[Definition, ...]:
     """Return all kinds, in the order of their files."""
     shapes = load_turtle(ACTIONS)
     kinds = [node for node, triples in shapes.items() if any(t.object == LF.ActionKind for t in triples)]
@@ -111,15 +117,15 @@ Condition = Callable[[Robot, Joint | None], bool]
 def _is_bounded(robot: Robot, joint: Joint | None) -> bool:
     """Return True for a joint that has limits and is in the agent's frames, which means that it takes commands."""
     listed = robot.description.joints if robot.description is not None else ()
-    return joint is not None and bounded(joint) and joint.name in listed
+    return joint is not None and is_bounded(joint) and joint.name in listed
 
 
 CONDITIONS: dict[NamedNode, Condition] = {
     LF.isBounded: _is_bounded,
     LF.isCommandable: lambda robot, joint: joint is not None and joint.commandable,
-    LF.hasCommandableJoint: lambda robot, joint: bool(commandable(robot)),
+    LF.hasCommandableJoint: lambda robot, joint: bool(commandable_joints(robot)),
     LF.hasMovedLink: lambda robot, joint: bool(moved_links(robot)),
-    LF.hasNamedPose: lambda robot, joint: bool(poses(robot)),
+    LF.hasNamedPose: lambda robot, joint: bool(named_poses(robot)),
 }
 
 
@@ -165,7 +171,7 @@ class Offer:
         return limits_of(self.joint, completions) if self.joint is not None and completions else None
 
     @property
-    def alike(self) -> object:
+    def template_key(self) -> object:
         """Key of the offers whose descriptions differ in the thing and in ``values`` alone; None if there are none."""
         definition, robot, joint = self.definition, self.robot, self.joint
         if definition.consumes is None:
@@ -201,7 +207,7 @@ class Offer:
         graph.add(iri, LF.dryRun, Literal(True))
         graph.add(iri, LF.invocations, NamedNode(iri.value + "/invocations"))
 
-    def consumes(self, graph: Graph, base: str) -> Node:
+    def describe_input(self, graph: Graph, base: str) -> Node:
         """Add the shape of the body, with the limits of this thing."""
         return self._consumes(graph, base, self.values[1:])
 
@@ -211,9 +217,9 @@ class Offer:
         if limits is not None:
             given = iter(numbers)
             stated = {each: tuple(islice(given, len(own))) for each, own in limits.numbers.items()}
-            limits = JointLimits(limits.dimension, limits.endless, stated)
+            limits = JointLimits(limits.dimension, limits.is_continuous, stated)
         scope = Scope(base, self.robot, limits)
-        return copy_shape(graph, load_turtle(ACTIONS), self.definition.consumes, complete(scope))
+        return copy_shape(graph, load_turtle(ACTIONS), self.definition.consumes, shape_completer(scope))
 
     def result_title(self) -> Literal:
         return Literal(f"What {self.name} produces")
@@ -254,4 +260,4 @@ def _offered(kind: NamedNode, robot: Robot, joint: Joint | None, segment: str | 
 
 
 def _named(segment: str | None) -> Iterable[Definition]:
-    return [each for each in definitions() if segment in (None, each.segment)]
+    return [each for each in action_definitions() if segment in (None, each.segment)]

@@ -18,7 +18,7 @@ from linked_fleet_gateway.resources.invocation import (
     describe_invocations,
     invocation_path,
 )
-from linked_fleet_gateway.resources.plain_json import with_json
+from linked_fleet_gateway.resources.plain_json import add_plain_json
 from linked_fleet_gateway.resources.resource import CONTAINER, DescriptionTemplate, Resource, blueprint_of
 from linked_fleet_gateway.resources.versioning import Source
 
@@ -57,9 +57,9 @@ def invocation_of(robot: Robot | None, invocation: Invocation, invocations: Invo
         describe,
         source=Source(lambda: _facts(invocation), has_ended=lambda: invocation.state.terminal),
         own_paths=(path + "/blueprint", *(() if invocation.state.terminal else (cancel_path(invocation),))),
-        affords=EndInvocation(invocation, keep=False),
+        affords=EndInvocation(invocation, keep_record=False),
     )
-    return with_json(resource, LF.InvocationShape, base)
+    return add_plain_json(resource, LF.InvocationShape, base)
 
 
 def _facts(invocation: Invocation) -> tuple[object, ...]:
@@ -77,7 +77,7 @@ def _facts(invocation: Invocation) -> tuple[object, ...]:
 
 def _action(offer: Offer, source: Source, base: str) -> Resource:
     own = (offer.path + "/produceshape", offer.path + "/invocations")
-    alike = offer.alike
+    alike = offer.template_key
     template = None
     if alike is not None:
         template = DescriptionTemplate(
@@ -140,7 +140,7 @@ def _in_invocation(whole: Resource, invocation: Invocation, rest: Sequence[str],
     if list(rest) == ["blueprint"]:
         return blueprint_of(whole, base, (LF.InvocationShape,))
     if list(rest) == ["actions", "cancel"] and not invocation.state.terminal:
-        path, cancelling = cancel_path(invocation), EndInvocation(invocation, keep=True)
+        path, cancelling = cancel_path(invocation), EndInvocation(invocation, keep_record=True)
         title = f"Cancel invocation {invocation.id}"
         return Resource(
             path, title, lambda graph: describe_cancel(graph, base, invocation), (), whole.source, affords=cancelling

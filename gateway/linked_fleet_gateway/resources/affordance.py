@@ -68,16 +68,16 @@ class EndInvocation(_Writes):
     """Stop an invocation: by DELETE, or by its action ``cancel``, which keeps the invocation."""
 
     invocation: Invocation
-    keep: bool
+    keep_record: bool
     body_types: ClassVar[tuple[str, ...]] = ()
 
     @property
     def methods(self) -> tuple[str, ...]:
-        return ("POST",) if self.keep else ("DELETE",)
+        return ("POST",) if self.keep_record else ("DELETE",)
 
     @property
     def needs(self) -> tuple[Right, ...]:
-        return (Right.STOP,) if self.keep else (Right.ACT,)
+        return (Right.STOP,) if self.keep_record else (Right.ACT,)
 
 
 @dataclass(frozen=True)

@@ -31,7 +31,7 @@ _BASE = "http://robot.invalid/r/"
 _LONGEST = 128
 
 
-def poses(robot: Robot) -> Mapping[str, Mapping[str, float]]:
+def named_poses(robot: Robot) -> Mapping[str, Mapping[str, float]]:
     """Return positions (rad or m) by joint, by title of the pose. Poses outside the robot's limits are omitted."""
     if robot.model is None:
         return {}
@@ -95,14 +95,14 @@ _OWN_TERMS = frozenset({DCTERMS.title, DCTERMS.identifier, DCTERMS.hasPart})
 BySubject = Mapping[Node, Sequence[Triple]]
 
 
-def annotate(graph: Graph, subject: NamedNode, said: Annotations, base: str) -> None:
+def annotate(graph: Graph, subject: NamedNode, annotations: Annotations, base: str) -> None:
     """Add the annotations about ``subject`` and the nodes that they describe; ``base`` is the robot's IRI."""
-    for layer in _layers(said, base):
-        for triple in about(layer, subject, base):
+    for layer in _layers(annotations, base):
+        for triple in connected_statements(layer, subject, base):
             graph.add(triple.subject, triple.predicate, triple.object)  # type: ignore[arg-type]
 
 
-def about(layer: BySubject, subject: NamedNode, base: str) -> list[Triple]:
+def connected_statements(layer: BySubject, subject: NamedNode, base: str) -> list[Triple]:
     """Return the triples about ``subject``, and about the blank nodes and external resources that these lead to.
 
     ``base`` is the IRI of a robot of the fleet.
@@ -124,12 +124,12 @@ def about(layer: BySubject, subject: NamedNode, base: str) -> list[Triple]:
     return found
 
 
-def of_agent(said: Annotations, base: str) -> BySubject:
+def agent_layer(annotations: Annotations, base: str) -> BySubject:
     """Return the agent's layer, which clients cannot change."""
-    return _layers(said, base)[0]
+    return _layers(annotations, base)[0]
 
 
-def beyond(layer: BySubject, lower: BySubject) -> dict[Node, list[Triple]]:
+def subtract_layer(layer: BySubject, lower: BySubject) -> dict[Node, list[Triple]]:
     """Return ``layer`` without the statements that ``lower`` has too; blank nodes are compared by content."""
     mine, theirs = _meanings(layer), _meanings(lower)
     said = {_key(triple, theirs) for triples in lower.values() for triple in triples}
@@ -167,7 +167,7 @@ def _meanings(layer: BySubject) -> dict[BlankNode, str]:
 def _layers(said: Annotations, base: str) -> tuple[BySubject, BySubject]:
     """Return the layer of the agent, and the statements of clients beyond it."""
     agents, clients = (statements_by_subject(_parsed(text, base)) for text in said)
-    return agents, beyond(clients, agents)
+    return agents, subtract_layer(clients, agents)
 
 
 def _parsed(turtle: str, base: str) -> Iterable[Triple]:
@@ -177,13 +177,13 @@ def _parsed(turtle: str, base: str) -> Iterable[Triple]:
         log.warning("annotations of %s are left out: %s", base, error)
         return
     for triple in triples:
-        if is_own(triple, base):
+        if is_reserved(triple, base):
             log.warning("annotation %s of %s is left out: the gateway alone states it", triple.predicate.value, base)
         else:
             yield triple
 
 
-def is_own(triple: Triple, base: str) -> bool:
+def is_reserved(triple: Triple, base: str) -> bool:
     """Return True for a reserved statement: a gateway's term or type, or another title for a resource that it names.
 
     ``base`` is the IRI of the robot, below which the gateway names everything.
@@ -211,9 +211,9 @@ def read_annotations(
     """
     path, constraint = robot_path(robot.name), f"{iri}/blueprint"
     subject = NamedNode(base + path)
-    said = about(statements_by_subject(triples), subject, subject.value)
+    said = connected_statements(statements_by_subject(triples), subject, subject.value)
     check_writable(said, constraint)
-    own = [triple.predicate.value for triple in said if is_own(triple, subject.value)]
+    own = [triple.predicate.value for triple in said if is_reserved(triple, subject.value)]
     if own:
         raise UnprocessableContent(
             f"Only the gateway says <{own[0][:200]}> of a robot; annotations speak in other vocabularies.",
@@ -225,8 +225,10 @@ def read_annotations(
         f"Annotations are about <{subject.value}>, and about blank nodes and resources outside the fleet that its"
         " statements lead to; nothing uses",
     )  # fmt: skip
-    mine = about(
-        beyond(statements_by_subject(said), of_agent(robot.annotations, subject.value)), subject, subject.value
+    mine = connected_statements(
+        subtract_layer(statements_by_subject(said), agent_layer(robot.annotations, subject.value)),
+        subject,
+        subject.value,
     )
     written = serialize(mine, format=RdfFormat.N_TRIPLES)
     assert written is not None  # nothing is written to a file
@@ -239,10 +241,10 @@ def read_annotations(
     return text
 
 
-def agents_part(described: Sequence[Triple], robot: Robot, base: str, iri: str) -> list[Triple]:
+def agent_statements(described: Sequence[Triple], robot: Robot, base: str, iri: str) -> list[Triple]:
     """Return the triples in the description of ``iri`` that clients do not own: its own and the agent's."""
     subject = NamedNode(base + robot_path(robot.name))
-    agents = set(about(of_agent(robot.annotations, subject.value), subject, subject.value))
+    agents = set(connected_statements(agent_layer(robot.annotations, subject.value), subject, subject.value))
     return [triple for triple in described if triple in agents or triple.subject == NamedNode(iri)]
 
 

@@ -73,7 +73,7 @@ _STATE_HEADER = {
 _TIMES = frozenset({"time", "monotonic_ns", "wall_ns"})
 
 
-def is_framed(item: Property) -> bool:
+def has_frames(item: Property) -> bool:
     """Return True if the property has binary frames."""
     return item.predicate == LF.jointState or (item.is_measured and item.shape in _PATHS)
 
@@ -88,9 +88,9 @@ def related_layouts(path: str, item: Property) -> tuple[str, ...]:
     return (layout_path(path),) if item.predicate == LF.jointState else ()
 
 
-def frames_of(robot: Robot, item: Property) -> dict[str, Callable[[], bytes]]:
+def frame_writers(robot: Robot, item: Property) -> dict[str, Callable[[], bytes]]:
     """Return the frames of a property by media type. Joint state raises WriteError before the first frame."""
-    if not is_framed(item):
+    if not has_frames(item):
         return {}
     whole = item.predicate == LF.jointState
     return dict.fromkeys(FRAME_TYPES, lambda: _state_frame(robot) if whole else value_frame(robot, *item.sample()))
@@ -122,20 +122,22 @@ class _Number(NamedTuple):
     unit: Term
 
 
-def resolve_layout(say: Describer, robot: Robot, owner: str, item: Property, rest: Sequence[str]) -> Resource | None:
+def resolve_layout(
+    describer: Describer, robot: Robot, owner: str, item: Property, rest: Sequence[str]
+) -> Resource | None:
     """Return the layout of the frames of a property, or its blueprint; ``rest`` are the segments below the property."""
-    if not is_framed(item) or robot.description is None or rest[:1] != ["layout"]:
+    if not has_frames(item) or robot.description is None or rest[:1] != ["layout"]:
         return None
     path = layout_path(f"{owner.rstrip('/')}/{item.segment}")
     layout = Resource(
         path,
         f"Layout of the frames of {item.title}",
-        lambda graph: _describe(graph, say, robot, owner, item),
+        lambda graph: _describe(graph, describer, robot, owner, item),
         source=Source(lambda: robot.description, robot=robot),
         own_paths=(path + "/blueprint",),
     )
     if rest[1:] == ["blueprint"]:
-        return blueprint_of(layout, say.base, (LF.FrameLayoutShape,))
+        return blueprint_of(layout, describer.base, (LF.FrameLayoutShape,))
     return None if rest[1:] else layout
 
 
@@ -147,7 +149,7 @@ def _describe(graph: Graph, say: Describer, robot: Robot, owner: str, item: Prop
     else:
         header, numbers = _VALUE_HEADER, list(_numbers(say, robot, owner, item, owner.rstrip("/") + "/"))
     start = header[-1].offset + 8
-    begin_layout(graph, about, f"the frames of {item.title}", start + 8 * len(numbers))
+    describe_layout(graph, about, f"the frames of {item.title}", start + 8 * len(numbers))
     for each in header:
         add_field(graph, iri, each)
     for offset, number in zip(count(start, 8), numbers, strict=False):
@@ -157,13 +159,13 @@ def _describe(graph: Graph, say: Describer, robot: Robot, owner: str, item: Prop
         graph.add(node, LF.valuePath, graph.collection(number.path))
 
 
-def begin_layout(graph: Graph, about: NamedNode, what: str, size: int) -> NamedNode:
+def describe_layout(graph: Graph, described: NamedNode, title: str, size: int) -> NamedNode:
     """Add a layout of binary frames of ``size`` bytes without its fields."""
-    iri = NamedNode(layout_path(about.value))
+    iri = NamedNode(layout_path(described.value))
     graph.a(iri, LF.FrameLayout)
-    graph.add(iri, DCTERMS.title, Literal(f"Layout of {what}"))
+    graph.add(iri, DCTERMS.title, Literal(f"Layout of {title}"))
     graph.add(iri, DCTERMS.format, *map(Literal, FRAME_TYPES))
-    graph.add(iri, RDFS.seeAlso, about)
+    graph.add(iri, RDFS.seeAlso, described)
     graph.add(iri, HYBRIT.blueprint, LF.FrameLayoutShape, NamedNode(iri.value + "/blueprint"))
     graph.add(iri, LF.byteOrder, Literal("little-endian"))
     graph.add(iri, LF.byteSize, integer(size))
@@ -228,6 +230,6 @@ def _numbers_of_state(say: Describer, robot: Robot) -> list[_Number]:
     for name in robot.description.joints:
         owner = joint_path(robot.name, name)
         # position, velocity and effort come first
-        measured = [item for item in joint_properties(robot, robot.model.joints[name]) if is_framed(item)]
+        measured = [item for item in joint_properties(robot, robot.model.joints[name]) if has_frames(item)]
         columns.append([each for item in measured for each in _numbers(say, robot, owner, item, base)])
     return found + [each for row in zip(*columns, strict=True) for each in row]

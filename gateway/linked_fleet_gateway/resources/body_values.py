@@ -26,7 +26,7 @@ from linked_fleet_gateway.rdf.validation import (
     unused_statements,
 )
 from linked_fleet_gateway.rdf.vocabulary import HYBRIT, LDP, LF, MATHS, PROV, RDF, ROS, SH, SOSA, SPATIAL, VOM
-from linked_fleet_gateway.resources.annotations import agents_part, read_annotations
+from linked_fleet_gateway.resources.annotations import agent_statements, read_annotations
 from linked_fleet_gateway.resources.invocation import ROOT
 from linked_fleet_gateway.resources.paths import robot_path
 
@@ -82,7 +82,7 @@ class Body:
         return value
 
 
-def own_part(triples: Sequence[Triple], root: Node) -> list[Triple]:
+def own_statements(triples: Sequence[Triple], root: Node) -> list[Triple]:
     """Return the triples about the root and about the blank nodes that it leads to."""
     by_subject = statements_by_subject(triples)
     found: list[Triple] = []
@@ -97,7 +97,7 @@ def own_part(triples: Sequence[Triple], root: Node) -> list[Triple]:
     return found
 
 
-def as_ntriples(body: Body) -> str:
+def input_ntriples(body: Body) -> str:
     """Return the triples about the root and the blank nodes below it, as N-Triples about ``_:input``.
 
     Empty if it is too long to store. Types of our own vocabularies are omitted: they follow from the position of a
@@ -105,7 +105,7 @@ def as_ntriples(body: Body) -> str:
     """
     root, name = body.root, str(ROOT)
     lines: list[str] = []
-    for triple in own_part(body.triples, root):
+    for triple in own_statements(body.triples, root):
         if not _is_type(triple):
             subject, predicate, value = triple
             # A term as a string is that of N-Triples.
@@ -134,18 +134,18 @@ class Setting:
     def path(self) -> str:
         return robot_path(self.robot.name) + self.name
 
-    def admit(self, triples: Sequence[Triple], base: str, present: frozenset[Triple] = frozenset()) -> str:
+    def validate(self, triples: Sequence[Triple], base: str, present: frozenset[Triple] = frozenset()) -> str:
         """Return the value to store in place of ``present``. Raises UnprocessableContent for an unusable body."""
         iri = base + self.path
         if self.shape is None or self.read is None:
             return read_annotations(triples, self.robot, base, iri, present)
-        return self.read(validated(triples, self.shape, iri, present))
+        return self.read(validate_body(triples, self.shape, iri, present))
 
-    def managed(self, described: Sequence[Triple], base: str) -> list[Triple]:
+    def managed_statements(self, described: Sequence[Triple], base: str) -> list[Triple]:
         """Return the statements of its description that clients cannot remove."""
         iri = base + self.path
         if self.shape is None:
-            return agents_part(described, self.robot, base, iri)
+            return agent_statements(described, self.robot, base, iri)
         return managed_statements(described, self.shape, iri)
 
 
@@ -156,7 +156,9 @@ def managed_statements(described: Sequence[Triple], shape: NamedNode, iri: str) 
     return [*unused_statements(described, NamedNode(iri), terms), *models]
 
 
-def validated(triples: Sequence[Triple], shape: NamedNode, iri: str, present: frozenset[Triple] = frozenset()) -> Body:
+def validate_body(
+    triples: Sequence[Triple], shape: NamedNode, iri: str, present: frozenset[Triple] = frozenset()
+) -> Body:
     """Validate a body for ``iri``, which ``present`` describes as it is.
 
     Raises UnprocessableContent if the blueprint's shape refuses it, or does not cover a part of it that is not
@@ -175,7 +177,7 @@ def validated(triples: Sequence[Triple], shape: NamedNode, iri: str, present: fr
     return Body(triples, focus)
 
 
-def settings(robot: Robot) -> dict[str, Setting]:
+def robot_settings(robot: Robot) -> dict[str, Setting]:
     found = (
         Setting(robot, "title", LF.TextInput, _title),
         Setting(robot, "annotations", removable=True),

@@ -48,7 +48,7 @@ class Describer:
         members: Mapping[str, Robot],
         links: Links,
         graph: Graph,
-        doing: Callable[[Robot], RobotActivity] = lambda robot: RobotActivity(),
+        activities: Callable[[Robot], RobotActivity] = lambda robot: RobotActivity(),
     ) -> Iterator[None]:
         """Describe the fleet, one robot in each step; ``links`` are predicate and path of its further resources."""
         root = self.iri("/")
@@ -68,7 +68,7 @@ class Describer:
             graph.add(iri, DCTERMS.title, Literal(robot.title))
             self.presence(graph, iri, robot)
             self._model_name(graph, iri, robot)
-            does = doing(robot)
+            does = activities(robot)
             graph.add(iri, LF.currentTask, *(self.iri(task) for task in does.tasks))
             if does.moved_ns is not None:
                 graph.add(iri, LF.lastMoved, timestamp(does.moved_ns, resolution_ns=_SECOND_NS))
@@ -168,10 +168,10 @@ class Describer:
         for name in (*parents, *link.child_joints):
             self._introduce_joint(graph, robot, robot.model.joints[name])
 
-    def property(self, robot: Robot, owner: str, item: Property, graph: Graph, seen: Measurement) -> None:
+    def property(self, robot: Robot, owner: str, item: Property, graph: Graph, measurement: Measurement) -> None:
         """Describe a property as a small document of its own (Figure 3)."""
         iri = self.iri(f"{owner.rstrip('/')}/{item.segment}")
-        self._property(graph, iri, self.iri(owner), item, seen)
+        self._property(graph, iri, self.iri(owner), item, measurement)
         self._presence_if_not_online(graph, iri, robot)
 
     # -- the pieces -------------------------------------------------------------------------------------------------

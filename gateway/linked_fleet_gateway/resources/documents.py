@@ -19,12 +19,12 @@ VOCABULARY = "/vocabulary"
 _DESCRIBES = (RDF.type, RDFS.label, RDFS.comment)
 
 
-def vocabulary(base: str) -> Resource:
+def vocabulary_resource(base: str) -> Resource:
     steps = partial(_vocabulary, base)
     return Resource(VOCABULARY, "Vocabulary", lambda graph: run_steps(steps(graph)), steps=steps, is_static=True)
 
 
-def context() -> Resource:
+def context_resource() -> Resource:
     content = json.dumps({"@context": PREFIXES}, indent=1).encode()
     document = {"application/ld+json": lambda: content}
     return Resource("/context", "JSON-LD context", None, (LDP.Resource,), documents=document)

@@ -73,8 +73,8 @@ def describe_invocation(
         graph.add(iri, LF.preemptedBy, NamedNode(base + invocation_path(others[invocation.preempted_by])))
     if robot is not None:
         graph.add(iri, SOSA.actsOnProperty, *_moved(base, robot, invocation.targets))
-        positions(graph, iri, LF.target, base, robot, invocation.targets)
-        positions(graph, iri, LF.result, base, robot, invocation.result)
+        describe_positions(graph, iri, LF.target, base, robot, invocation.targets)
+        describe_positions(graph, iri, LF.result, base, robot, invocation.result)
     for name, answer in sorted(answers.items()):
         node = graph.blank()
         graph.add(iri, LF.answer, node)
@@ -108,7 +108,7 @@ def describe_rehearsal(
         graph.add(iri, predicate, Literal(True) if free else LF.unknown)
     graph.add(iri, LF.preempts, *(NamedNode(base + invocation_path(each)) for each in preempts))
     if robot is not None:
-        positions(graph, iri, LF.target, base, robot, targets)
+        describe_positions(graph, iri, LF.target, base, robot, targets)
 
 
 def describe_cancel(graph: Graph, base: str, invocation: Invocation) -> None:
@@ -152,7 +152,7 @@ def _summarise(graph: Graph, base: str, robot: Robot | None, invocation: Invocat
         graph.add(member, PROV.wasAssociatedWith, client)
         graph.add(client, DCTERMS.title, Literal(invocation.client))
     if robot is not None:
-        positions(graph, member, LF.target, base, robot, invocation.targets)
+        describe_positions(graph, member, LF.target, base, robot, invocation.targets)
 
 
 def _moved(base: str, robot: Robot, joints: Iterable[str]) -> list[NamedNode]:
@@ -165,7 +165,7 @@ def _moved(base: str, robot: Robot, joints: Iterable[str]) -> list[NamedNode]:
     ]
 
 
-def positions(
+def describe_positions(
     graph: Graph, iri: Node, predicate: NamedNode, base: str, robot: Robot, values: Mapping[str, float]
 ) -> None:
     """Add joint positions with their units as values of ``predicate`` of ``iri``."""

@@ -13,7 +13,7 @@ from linked_fleet_gateway.rdf.vocabulary import LF, XSD
 from linked_fleet_gateway.resources.joint_kinds import kind_of
 
 _DIGITS = 6  # limits are rounded inwards to a millionth of the unit, so that the robot accepts what the shape accepts
-MOST_TURNS = 10  # most turns of a continuous joint in one motion
+MAX_TURNS = 10  # most turns of a continuous joint in one motion
 _FASTEST = {ANGULAR: 10.0, LINEAR: 10.0}  # rad/s or m/s, stated for a joint without a velocity limit
 
 
@@ -21,11 +21,11 @@ _FASTEST = {ANGULAR: 10.0, LINEAR: 10.0}  # rad/s or m/s, stated for a joint wit
 class JointLimits:
     """All that shapes state about one joint: the numbers of each completion in ``NUMBERS``, in the order of its units.
 
-    Shapes of two joints of a robot differ in these numbers alone if dimension and ``endless`` are equal.
+    Shapes of two joints of a robot differ in these numbers alone if dimension and ``is_continuous`` are equal.
     """
 
     dimension: Dimension
-    endless: bool
+    is_continuous: bool
     """True for a continuous joint."""
     numbers: Mapping[NamedNode, Sequence[Literal]]
 
@@ -36,7 +36,7 @@ def dimension_of(joint: Joint) -> Dimension:
     return dimension
 
 
-def bounds(joint: Joint, unit: Unit) -> tuple[float, float]:
+def position_bounds(joint: Joint, unit: Unit) -> tuple[float, float]:
     """Return the lowest and highest position in ``unit``; a continuous joint has 0 up to, excluding, one turn."""
     if joint.kind is JointKind.CONTINUOUS:
         return 0.0, round(math.tau / unit.si, _DIGITS)
@@ -58,27 +58,27 @@ def limits_of(joint: Joint, completions: Iterable[NamedNode]) -> JointLimits:
 
 def _positions(joint: Joint) -> list[Literal]:
     """Return the lowest and the highest position in each unit."""
-    return [number for unit in dimension_of(joint).accepted for number in ends_of(joint, unit)]
+    return [number for unit in dimension_of(joint).accepted for number in position_limits(joint, unit)]
 
 
-def ends_of(joint: Joint, unit: Unit) -> tuple[Literal, Literal]:
+def position_limits(joint: Joint, unit: Unit) -> tuple[Literal, Literal]:
     """Return the lowest and the highest position in one unit; a continuous joint excludes the highest."""
-    low, high = bounds(joint, unit)
-    return at_least(low), double(high) if joint.kind is JointKind.CONTINUOUS else at_most(high)
+    low, high = position_bounds(joint, unit)
+    return minimum_literal(low), double_literal(high) if joint.kind is JointKind.CONTINUOUS else maximum_literal(high)
 
 
 def _displacements(joint: Joint) -> list[Literal]:
     """Return the lowest and the highest displacement in each unit."""
     limits = joint.limits
     if joint.kind is JointKind.CONTINUOUS:
-        span = MOST_TURNS * math.tau
+        span = MAX_TURNS * math.tau
     else:
         assert limits.lower is not None and limits.upper is not None
         span = limits.upper - limits.lower
     found: list[Literal] = []
     for unit in dimension_of(joint).accepted:
         low, high = _inwards(-span / unit.si, span / unit.si)
-        found += (at_least(low), at_most(high))
+        found += (minimum_literal(low), maximum_literal(high))
     return found
 
 
@@ -86,7 +86,7 @@ def _speeds(joint: Joint) -> list[Literal]:
     """Return the highest speed in each unit."""
     dimension = dimension_of(joint)
     fastest = joint.limits.velocity or _FASTEST[dimension]
-    return [at_most(_inwards(0.0, fastest / unit.si)[1]) for unit in dimension.speeds]
+    return [maximum_literal(_inwards(0.0, fastest / unit.si)[1]) for unit in dimension.speeds]
 
 
 NUMBERS: dict[NamedNode, Callable[[Joint], Sequence[Literal]]] = {
@@ -97,17 +97,17 @@ NUMBERS: dict[NamedNode, Callable[[Joint], Sequence[Literal]]] = {
 """Completions that depend on the joint, and the numbers that they state about it."""
 
 
-def at_least(value: float) -> Literal:
+def minimum_literal(value: float) -> Literal:
     """Return ``value``, of ``_DIGITS`` decimal places, as the lowest conforming number."""
-    return double(-_reaching(-value))
+    return double_literal(-_reaching(-value))
 
 
-def at_most(value: float) -> Literal:
+def maximum_literal(value: float) -> Literal:
     """Return ``value``, of ``_DIGITS`` decimal places, as the highest conforming number."""
-    return double(_reaching(value))
+    return double_literal(_reaching(value))
 
 
-def double(value: float) -> Literal:
+def double_literal(value: float) -> Literal:
     """Return a limit as a double. With a decimal limit pySHACL would raise an exception on a NaN in the body."""
     return Literal(lexical(value), datatype=XSD.double)
 

@@ -50,7 +50,7 @@ class Value:
     form: "Form | None" = None
     terms: Mapping[str, Term] = field(default_factory=dict)
     """The terms of an enumeration by their JSON texts."""
-    unknown: bool = False
+    nullable: bool = False
     """True if it may be ``null``, which means ``lf:unknown``."""
 
     @property
@@ -59,7 +59,7 @@ class Value:
 
     def schema(self) -> Json:
         known = self.form.schema if self.form is not None else self.scalar
-        return {"oneOf": [known, {"type": "null"}]} if self.unknown else known
+        return {"oneOf": [known, {"type": "null"}]} if self.nullable else known
 
 
 @dataclass(frozen=True)
@@ -69,22 +69,22 @@ class Field:
     name: str
     path: tuple[NamedNode, ...]
     value: Value
-    least: int = 0
-    most: int | None = None
+    min_count: int = 0
+    max_count: int | None = None
     description: str = ""
 
     @property
-    def single(self) -> bool:
-        return self.most == 1
+    def is_single(self) -> bool:
+        return self.max_count == 1
 
     def schema(self) -> Json:
         one = self.value.schema()
-        if self.single:
+        if self.is_single:
             schema = dict(one)
         else:
             schema = {"type": "array", "items": one}
-            schema |= {"minItems": self.least} if self.least else {}
-            schema |= {} if self.most is None else {"maxItems": self.most}
+            schema |= {"minItems": self.min_count} if self.min_count else {}
+            schema |= {} if self.max_count is None else {"maxItems": self.max_count}
         return schema | ({"description": self.description} if self.description else {})
 
 
@@ -102,7 +102,7 @@ class Form:
     @cached_property
     def schema(self) -> Json:
         schema: Json = {"type": "object", "properties": {each.name: each.schema() for each in self.fields}}
-        required = [each.name for each in self.fields if each.least]
+        required = [each.name for each in self.fields if each.min_count]
         if required:
             schema["required"] = required
         if self.branches:
@@ -128,7 +128,7 @@ def form_of_input(offer: Offer, base: str) -> Form:
 def _form_of_input(offer: Offer, base: str, known: tuple[object, ...]) -> Form:
     """Return a form, cached by ``known``, the facts on which the shape depends."""
     graph = Graph()
-    node = offer.consumes(graph, base)
+    node = offer.describe_input(graph, base)
     return form_in(graph.triples, node)
 
 
@@ -185,7 +185,12 @@ class _Reader:
         elif value.form is not None and most == 1:
             for inner in value.form.fields:
                 yield Field(
-                    inner.name, (path, *inner.path), inner.value, min(least, inner.least), inner.most, inner.description
+                    inner.name,
+                    (path, *inner.path),
+                    inner.value,
+                    min(least, inner.min_count),
+                    inner.max_count,
+                    inner.description,
                 )
 
     def _value(self, node: Node) -> Value:

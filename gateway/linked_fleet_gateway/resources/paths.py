@@ -106,7 +106,7 @@ def is_below(path: str, root: str) -> bool:
     return path == root or path.startswith(root.rstrip("/") + "/")
 
 
-def part_of(segment: str, model: RobotModel) -> tuple[str | None, str | None]:
+def joint_or_link(segment: str, model: RobotModel) -> tuple[str | None, str | None]:
     """Return (joint, None) or (None, link) for a segment of ``model``. Raises ValueError if it is neither."""
     name = unescape(segment.removesuffix(_LINK_MARK), _in_robot)
     marked = segment.endswith(_LINK_MARK)

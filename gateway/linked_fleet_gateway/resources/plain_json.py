@@ -24,15 +24,15 @@ _MAX_DEPTH = 16
 _VALUES = 4  # JSON values for each permitted triple
 
 
-def with_json(resource: Resource, shape: NamedNode, base: str) -> Resource:
+def add_plain_json(resource: Resource, shape: NamedNode, base: str) -> Resource:
     """Return the resource with a plain JSON representation, if ``shape`` defines one."""
     if resource.describe is None or shape == LF.AnnotationsShape:
         return resource
-    write = partial(document, resource.describe, NamedNode(base + resource.path), shape)
+    write = partial(json_document, resource.describe, NamedNode(base + resource.path), shape)
     return resource.replace(documents={**resource.documents, JSON: write})
 
 
-def document(describe: Callable[[Graph], None], iri: NamedNode, shape: NamedNode) -> bytes:
+def json_document(describe: Callable[[Graph], None], iri: NamedNode, shape: NamedNode) -> bytes:
     """Return a description in JSON; ``null`` means unknown."""
     graph = Graph()
     describe(graph)
@@ -62,7 +62,7 @@ class _JsonWriter:
         told: Json = {}
         for field in form.fields:
             values = [self._value(field.value, each) for each in self._at(node, field.path)]
-            if not field.single:
+            if not field.is_single:
                 told[field.name] = values
             elif values:
                 told[field.name] = values[0]
@@ -82,7 +82,7 @@ class _JsonWriter:
             return (int(number) if value.scalar.get("type") == "integer" else number) if math.isfinite(number) else None
         if isinstance(term, Literal) and term.datatype == XSD.boolean:
             return term.value == "true"
-        return None if term == LF.unknown and value.unknown else term.value
+        return None if term == LF.unknown and value.nullable else term.value
 
 
 class _Number(str):
@@ -91,7 +91,7 @@ class _Number(str):
     __slots__ = ()
 
 
-def triples_of(body: bytes, form: Form, iri: str, most: int) -> list[Triple]:
+def parse_json_body(body: bytes, form: Form, iri: str, most: int) -> list[Triple]:
     """Convert a JSON body to triples about a blank node, not yet validated by the shape.
 
     Raises BadRequest for invalid JSON, PayloadTooLarge, UnprocessableContent for members without a name in the form.
@@ -145,7 +145,7 @@ class _JsonReader:
         self.triples.append(Triple(subject, predicate, value))
 
     def _values(self, field: Field, value: Any, where: str) -> Iterator[Term]:
-        if field.single:
+        if field.is_single:
             yield self._term(field.value, value, where)
             return
         if not isinstance(value, list):

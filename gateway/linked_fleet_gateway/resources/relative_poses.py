@@ -12,7 +12,7 @@ from linked_fleet_gateway.fleet.kinematics import compose, inverse
 from linked_fleet_gateway.fleet.model import Pose
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.resources.joint_kinds import POSE_RESOLUTION
-from linked_fleet_gateway.resources.paths import part_of, robot_name
+from linked_fleet_gateway.resources.paths import joint_or_link, robot_name
 
 _DECIMALS = round(-math.log10(POSE_RESOLUTION))
 
@@ -48,13 +48,15 @@ class _Place:
         return None if placement is None else compose(placement, self.pose)
 
 
-def relative_pose(of: str, frame: str, robots: Mapping[str, Robot], common: Mapping[str, Pose]) -> RelativePose:
-    """Return the pose of ``of`` in ``frame``, paths of a robot, a link or a thing in ``common``.
+def relative_pose(
+    thing: str, frame: str, robots: Mapping[str, Robot], common_poses: Mapping[str, Pose]
+) -> RelativePose:
+    """Return the pose of ``thing`` in ``frame``, paths of a robot, a link or a thing in ``common_poses``.
 
-    ``common``: poses of other things in the common frame, by path. Parts of one robot need no placement. The time is
-    that of the older frame. Raises LookupError naming an unknown path.
+    ``common_poses``: poses of other things in the common frame, by path. Parts of one robot need no placement. The time
+    is that of the older frame. Raises LookupError naming an unknown path.
     """
-    what, where = _place(of, robots, common), _place(frame, robots, common)
+    what, where = _place(thing, robots, common_poses), _place(frame, robots, common_poses)
     same = what.robot is not None and what.robot is where.robot
     poses = (what.pose, where.pose) if same else (what.in_common, where.in_common)
     frames = [each.robot.frame for each in (what, where) if each.robot is not None]
@@ -73,7 +75,7 @@ def _place(path: str, robots: Mapping[str, Robot], common: Mapping[str, Pose]) -
         robot = robots[robot_name(head)]
         if robot.model is None:
             raise LookupError(path)
-        link = part_of(part, robot.model)[1] if part else robot.model.root
+        link = joint_or_link(part, robot.model)[1] if part else robot.model.root
     except ValueError as error:
         raise LookupError(path) from error
     if link is None:
@@ -83,10 +85,10 @@ def _place(path: str, robots: Mapping[str, Robot], common: Mapping[str, Pose]) -
 
 def _rounded(pose: Pose) -> Pose:
     """Round to the resolution of link poses; smaller changes are noise and would change the ETag."""
-    x, y, z = map(rounded, pose.position_m)
-    a, b, c, w = map(rounded, pose.orientation_xyzw)
+    x, y, z = map(round_to_resolution, pose.position_m)
+    a, b, c, w = map(round_to_resolution, pose.orientation_xyzw)
     return Pose((x, y, z), (a, b, c, w))
 
 
-def rounded(value: float) -> float:
+def round_to_resolution(value: float) -> float:
     return round(value, _DECIMALS)

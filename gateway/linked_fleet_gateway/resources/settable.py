@@ -12,12 +12,12 @@ from linked_fleet_gateway.rdf.vocabulary import HYBRIT, LF, SH
 from linked_fleet_gateway.resources.action_offer import Offer
 from linked_fleet_gateway.resources.affordance import PutSetting, PutTarget
 from linked_fleet_gateway.resources.annotations import annotate
-from linked_fleet_gateway.resources.body_values import Setting, settings
+from linked_fleet_gateway.resources.body_values import Setting, robot_settings
 from linked_fleet_gateway.resources.joint_kinds import kind_of
 from linked_fleet_gateway.resources.joint_limits import limits_of
 from linked_fleet_gateway.resources.property import Measurement, Property
 from linked_fleet_gateway.resources.resource import DescriptionTemplate, Resource
-from linked_fleet_gateway.resources.shape_parameters import Scope, complete
+from linked_fleet_gateway.resources.shape_parameters import Scope, shape_completer
 
 ABSOLUTE = (LF.Rotate, LF.Translate)
 """The actions that move a joint to a target."""
@@ -25,7 +25,7 @@ ABSOLUTE = (LF.Rotate, LF.Translate)
 
 def setting_properties(robot: Robot) -> list[Property]:
     """Return the settings of a robot that clients may change."""
-    known = settings(robot)
+    known = robot_settings(robot)
 
     def title(graph: Graph, iri: NamedNode, _: Measurement) -> None:
         graph.add(iri, LF.value, Literal(robot.title))
@@ -107,7 +107,7 @@ def describe_target_input(
     limits = limits_of(offer.joint, (LF.jointPosition,))
     if ends is not None:
         limits = replace(limits, numbers={LF.jointPosition: ends})
-    complete(Scope(base, offer.robot, limits))(graph, scalar, LF.jointPosition)
+    shape_completer(Scope(base, offer.robot, limits))(graph, scalar, LF.jointPosition)
 
 
 def target_blueprint(blueprint: Resource, offer: Offer, base: str) -> Resource:
@@ -128,7 +128,7 @@ def target_blueprint(blueprint: Resource, offer: Offer, base: str) -> Resource:
     )
 
 
-def affordance(put: Setting | Offer | None) -> PutSetting | PutTarget | None:
+def put_affordance(put: Setting | Offer | None) -> PutSetting | PutTarget | None:
     if put is None:
         return None
     return PutSetting(put) if isinstance(put, Setting) else PutTarget(put)

@@ -12,9 +12,9 @@ from linked_fleet_gateway.fleet.model import Joint, JointKind
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.rdf.graph import ANGULAR, LINEAR, Graph, Node, Term, Unit, integer
 from linked_fleet_gateway.rdf.vocabulary import LF, NUMERIC, SH, VOM
-from linked_fleet_gateway.resources.annotations import poses
+from linked_fleet_gateway.resources.annotations import named_poses
 from linked_fleet_gateway.resources.joint_kinds import kind_of
-from linked_fleet_gateway.resources.joint_limits import JointLimits, dimension_of, ends_of
+from linked_fleet_gateway.resources.joint_limits import JointLimits, dimension_of, position_limits
 from linked_fleet_gateway.resources.paths import joint_path, lease_path, link_path
 
 _FAR = 1_000_000  # no joint position is beyond this, in any unit
@@ -40,22 +40,22 @@ class Scope:
         return NamedNode(self.base + joint_path(self.required_robot().name, joint))
 
 
-def complete(scope: Scope) -> Callable[[Graph, Node, NamedNode], None]:
+def shape_completer(scope: Scope) -> Callable[[Graph, Node, NamedNode], None]:
     """Return the function that completes a shape at each ``lf:completedBy``. It raises KeyError for an unknown one."""
     return lambda graph, node, completion: COMPLETIONS[completion](graph, node, scope)
 
 
-def bounded(joint: Joint) -> bool:
+def is_bounded(joint: Joint) -> bool:
     """Return True if the joint takes commands and has limits for its shape."""
     ends = joint.kind is JointKind.CONTINUOUS or None not in (joint.limits.lower, joint.limits.upper)
     return joint.commandable and ends and kind_of(joint).dimension is not None
 
 
-def commandable(robot: Robot) -> list[Joint]:
+def commandable_joints(robot: Robot) -> list[Joint]:
     """Return the joints that actions of the robot can name."""
     listed = robot.description.joints if robot.description is not None and robot.model is not None else ()
     joints = [robot.model.joints[name] for name in listed] if robot.model is not None else []
-    return [joint for joint in joints if bounded(joint)]
+    return [joint for joint in joints if is_bounded(joint)]
 
 
 # -- the completions ------------------------------------------------------------------------------------------------
@@ -70,7 +70,7 @@ def _joint_position(graph: Graph, node: Node, scope: Scope) -> None:
     units, numbers = limits.dimension.accepted, limits.numbers[LF.jointPosition]
     _value_and_unit(graph, node, units, "the absolute position to reach")
     branches = [
-        _branch(graph, unit, low, high, open_end=limits.endless)
+        _branch(graph, unit, low, high, open_end=limits.is_continuous)
         for unit, low, high in zip(units, numbers[::2], numbers[1::2], strict=True)
     ]
     graph.add(node, SH.or_, graph.collection(branches))
@@ -100,13 +100,13 @@ def _joint_speed(graph: Graph, node: Node, scope: Scope) -> None:
 
 
 def _joint_target(graph: Graph, node: Node, scope: Scope) -> None:
-    joints = commandable(scope.required_robot())
+    joints = commandable_joints(scope.required_robot())
     _which_joint(graph, node, [scope.joint_iri(joint.name) for joint in joints])
     _value_and_unit(graph, node, _units(joints), "the absolute position to reach")
     branches = []
     for joint in joints:
         for unit in dimension_of(joint).accepted:
-            branch = _branch(graph, unit, *ends_of(joint, unit), open_end=joint.kind is JointKind.CONTINUOUS)
+            branch = _branch(graph, unit, *position_limits(joint, unit), open_end=joint.kind is JointKind.CONTINUOUS)
             which = _path(graph, LF.ofJoint)
             graph.add(which, SH.hasValue, scope.joint_iri(joint.name))
             graph.add(branch, SH.property, which)
@@ -115,7 +115,7 @@ def _joint_target(graph: Graph, node: Node, scope: Scope) -> None:
 
 
 def _joint_expectation(graph: Graph, node: Node, scope: Scope) -> None:
-    joints = commandable(scope.required_robot())
+    joints = commandable_joints(scope.required_robot())
     _which_joint(graph, node, [scope.joint_iri(joint.name) for joint in joints])
     value, tolerance = _value_and_unit(graph, node, _units(joints), "where the joint must be"), _tolerance(graph, node)
     for each, low in ((value, -_FAR), (tolerance, 0)):
@@ -145,14 +145,14 @@ def _own_link(graph: Graph, node: Node, scope: Scope) -> None:
 
 
 def _own_pose(graph: Graph, node: Node, scope: Scope) -> None:
-    graph.add(node, SH.in_, graph.collection([Literal(name) for name in sorted(poses(scope.required_robot()))]))
+    graph.add(node, SH.in_, graph.collection([Literal(name) for name in sorted(named_poses(scope.required_robot()))]))
 
 
 def moved_links(robot: Robot) -> list[str]:
     """Return the links moved by joints that take commands."""
     if robot.model is None:
         return []
-    model, able = robot.model, {joint.name for joint in commandable(robot)}
+    model, able = robot.model, {joint.name for joint in commandable_joints(robot)}
     moved: set[str] = set()
     pending = [model.joints[name].child for name in able]
     while pending:

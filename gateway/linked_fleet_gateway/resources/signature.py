@@ -10,7 +10,7 @@ LEAST_BYTES, MOST_BYTES = 24, 64
 """Length of a secret in bytes, 192 to 512 bits."""
 
 
-def headers(secret: str, id: str, timestamp_s: int, body: bytes) -> dict[str, str]:
+def signature_headers(secret: str, id: str, timestamp_s: int, body: bytes) -> dict[str, str]:
     """Return the header fields that identify a delivery and, with a secret, prove its origin.
 
     ``id`` is the same in every attempt, ``timestamp_s`` (Unix) is that of the attempt. Both are chosen by the gateway:
@@ -20,11 +20,11 @@ def headers(secret: str, id: str, timestamp_s: int, body: bytes) -> dict[str, st
     if not secret:
         return identity
     signed = f"{id}.{timestamp_s}.".encode() + body
-    digest = hmac.new(key(secret), signed, hashlib.sha256).digest()
+    digest = hmac.new(decode_secret(secret), signed, hashlib.sha256).digest()
     return {**identity, "webhook-signature": f"v1,{base64.b64encode(digest).decode()}"}
 
 
-def key(secret: str) -> bytes:
+def decode_secret(secret: str) -> bytes:
     """Decode a secret such as ``whsec_MfKQ9r8GKYqrTwjUPD8ILPZIo2LaLaSw``.
 
     Raises ValueError, which explains the format.

@@ -15,7 +15,7 @@ class Kind(StrEnum):
     STREAM = "stream"
 
     @property
-    def streams(self) -> bool:
+    def is_stream(self) -> bool:
         """True if messages are sent on a connection that the client opens, which lives no longer than its gateway."""
         return self is not Kind.CALLBACK
 
@@ -41,7 +41,7 @@ class DeliveryState(StrEnum):
 
 
 @dataclass(frozen=True)
-class Changeable:
+class ChangeableOptions:
     """The options of a subscription that can be changed, as described in ``Subscription``."""
 
     media_type: str
@@ -50,7 +50,7 @@ class Changeable:
     deadband: float
     secret: str
 
-    def needs_full_state(self, before: "Changeable") -> bool:
+    def needs_full_state(self, before: "ChangeableOptions") -> bool:
         """Return True if changing ``before`` to these options requires sending the present state of everything
         again.
         """
@@ -59,7 +59,7 @@ class Changeable:
 
 @dataclass(frozen=True)
 class Subscription:
-    """A subscription as requested. PATCH changes the options in ``Changeable`` and nothing else."""
+    """A subscription as requested. PATCH changes the options in ``ChangeableOptions`` and nothing else."""
 
     id: str
     """A UUID."""
@@ -92,10 +92,10 @@ class Subscription:
     """Number of changes of its options."""
 
     @property
-    def options(self) -> Changeable:
-        return Changeable(self.media_type, self.depth, self.interval_s, self.deadband, self.secret)
+    def options(self) -> ChangeableOptions:
+        return ChangeableOptions(self.media_type, self.depth, self.interval_s, self.deadband, self.secret)
 
-    def having(self, options: Changeable, revision: int) -> "Subscription":
+    def with_options(self, options: ChangeableOptions, revision: int) -> "Subscription":
         """Return the subscription with the options after ``revision`` changes."""
         return replace(
             self,
@@ -140,6 +140,6 @@ class Record:
     holder: str
 
     @property
-    def lasts(self) -> bool:
+    def is_durable(self) -> bool:
         """True if it survives its gateway: callbacks, and streams that wait to be opened."""
-        return not self.subscription.kind.streams or self.delivery.state is DeliveryState.WAITING
+        return not self.subscription.kind.is_stream or self.delivery.state is DeliveryState.WAITING

@@ -10,21 +10,26 @@ from linked_fleet_gateway.base.errors import UnprocessableContent
 from linked_fleet_gateway.rdf.shapes import SUBSCRIPTIONS, load_turtle
 from linked_fleet_gateway.rdf.validation import Terms, refuse_statements, unused_statements
 from linked_fleet_gateway.rdf.vocabulary import HYBRIT, LF, RDF
-from linked_fleet_gateway.resources.subscription import Changeable, Subscription
-from linked_fleet_gateway.resources.subscription_resource import CALLBACKS, container_path, requested, subscription_path
+from linked_fleet_gateway.resources.subscription import ChangeableOptions, Subscription
+from linked_fleet_gateway.resources.subscription_resource import (
+    CALLBACKS,
+    container_path,
+    read_request,
+    subscription_path,
+)
 
 _FIXED = (RDF.type, HYBRIT.onResource, *CALLBACKS)
 """Predicates that identify the subscription."""
 
 
-def managed_statements(described: Sequence[Triple], iri: str) -> list[Triple]:
+def managed_option_statements(described: Sequence[Triple], iri: str) -> list[Triple]:
     """Return the statements of a description that only the gateway makes."""
     return [each for each in unused_statements(described, NamedNode(iri), _terms()) if each.predicate not in _FIXED]
 
 
 def changed_options(
     before: Sequence[Triple], after: Sequence[Triple], subscription: Subscription, base: str
-) -> Changeable:
+) -> ChangeableOptions:
     """Return the options in a description ``after`` an update.
 
     A removed option gets its default; ``media_type`` is then empty. A secret that is not mentioned is kept. Raises
@@ -33,7 +38,7 @@ def changed_options(
     container, iri = base + container_path(subscription.owner), NamedNode(base + subscription_path(subscription))
     _check_fixed(before, after, iri, subscription, container)
     refuse_statements(unused_statements(after, iri, _terms(), frozenset(before)), f"{iri.value}/blueprint")
-    wanted, kept = requested(after, container, base), subscription.options
+    wanted, kept = read_request(after, container, base), subscription.options
 
     def touched(predicate: NamedNode) -> bool:
         return _stated(before, iri, (predicate,)) != _stated(after, iri, (predicate,))
@@ -53,11 +58,11 @@ def _check_fixed(
     before: Sequence[Triple], after: Sequence[Triple], iri: NamedNode, subscription: Subscription, container: str
 ) -> None:
     """Raise UnprocessableContent, naming the predicates, if the update changes the identity of the subscription."""
-    fixed = _FIXED if not subscription.kind.streams else (*_FIXED, HYBRIT.mediaType)
+    fixed = _FIXED if not subscription.kind.is_stream else (*_FIXED, HYBRIT.mediaType)
     differs = _stated(before, iri, fixed) ^ _stated(after, iri, fixed)
     if differs:
         named = ", ".join(sorted({f"<{each.predicate.value}>" for each in differs}))
-        why = " A stream has one media type, by which it is opened." if subscription.kind.streams else ""
+        why = " A stream has one media type, by which it is opened." if subscription.kind.is_stream else ""
         raise UnprocessableContent(
             f"{named} of a subscription cannot be changed; make another one, and delete this one.{why}"
             " Nothing has changed.",

@@ -20,7 +20,7 @@ from linked_fleet_gateway.rdf.validation import (
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HTTP, HYBRIT, LDP, LF, METHODS, PREFIXES, RDF, RDFS, XSD
 from linked_fleet_gateway.resources.affordance import ChangeSubscription, ResumeSubscription, Subscribe
 from linked_fleet_gateway.resources.resource import CONTAINER, Resource, blueprint_of
-from linked_fleet_gateway.resources.signature import key
+from linked_fleet_gateway.resources.signature import decode_secret
 from linked_fleet_gateway.resources.subscription import DeliveryState, Depth, Kind, Record, Subscription
 from linked_fleet_gateway.shacl import (
     CompiledGraph,
@@ -70,7 +70,7 @@ _READ_TYPES = {HYBRIT.Subscription, *(each for types in _TYPES.values() for each
 
 
 @dataclass(frozen=True)
-class Request:
+class SubscriptionRequest:
     """A posted subscription; ``resource`` is an IRI of this fleet, "" stands for an omitted value."""
 
     resource: str
@@ -97,10 +97,10 @@ def resume_path(subscription: Subscription) -> str:
     return f"{subscription_path(subscription)}/actions/resume"
 
 
-def resumable(record: Record) -> bool:
+def is_resumable(record: Record) -> bool:
     """Return True for a callback that waits for a repetition or for consent, or is suspended."""
     waits = (DeliveryState.FAILING, DeliveryState.SUSPENDED, DeliveryState.AWAITING_CONSENT)
-    return not record.subscription.kind.streams and record.delivery.state in waits
+    return not record.subscription.kind.is_stream and record.delivery.state in waits
 
 
 def describe_subscription(graph: Graph, base: str, record: Record) -> None:
@@ -128,7 +128,7 @@ def describe_subscription(graph: Graph, base: str, record: Record) -> None:
     graph.add(iri, LF.failures, integer(delivery.failures))
     if delivery.reason:
         graph.add(iri, LF.reason, Literal(delivery.reason))
-    if resumable(record):
+    if is_resumable(record):
         graph.add(iri, HYBRIT.action, NamedNode(base + resume_path(subscription)))
 
 
@@ -182,7 +182,7 @@ def _decimal(value: float) -> Literal:
 # -- requests -------------------------------------------------------------------------------------------------------
 
 
-def requested(body: Sequence[Triple], container_iri: str, base: str) -> Request:
+def read_request(body: Sequence[Triple], container_iri: str, base: str) -> SubscriptionRequest:
     """Parse a posted subscription. Raises UnprocessableContent, with the report, if the shape refuses it."""
     focus = _focus(body, NamedNode(container_iri))
     about = _about(body, focus)
@@ -199,7 +199,7 @@ def requested(body: Sequence[Triple], container_iri: str, base: str) -> Request:
         )
     _check_secret(secret, container_iri)
     depths = {iri.value: depth for depth, iri in _DEPTHS.items()}
-    return Request(
+    return SubscriptionRequest(
         resource,
         stated.get(HYBRIT.callbackURL, "").strip(),  # xsd:anyURI collapses white space
         stated.get(HYBRIT.mediaType, ""),
@@ -274,7 +274,7 @@ def _check_secret(secret: str, container_iri: str) -> None:
     """Check that the secret can be decoded and has a valid length, which a pattern cannot express."""
     try:
         if secret:
-            key(secret)
+            decode_secret(secret)
     except ValueError as error:
         raise UnprocessableContent(f"lf:secret: {error}", constraint=container_iri) from None
 
@@ -295,7 +295,7 @@ def resolve_subscription(thing: Resource, rest: list[str], records: Sequence[Rec
         return None
     path, resume = subscription_path(record.subscription), resume_path(record.subscription)
     title = f"Subscription {record.subscription.id}"
-    if rest[1:] == ["actions", "resume"] and resumable(record):
+    if rest[1:] == ["actions", "resume"] and is_resumable(record):
         return Resource(
             resume,
             f"Resume {title}",
@@ -307,7 +307,7 @@ def resolve_subscription(thing: Resource, rest: list[str], records: Sequence[Rec
         path,
         title,
         lambda graph: describe_subscription(graph, base, record),
-        own_paths=(path + "/blueprint", *((resume,) if resumable(record) else ())),
+        own_paths=(path + "/blueprint", *((resume,) if is_resumable(record) else ())),
         affords=ChangeSubscription(record),
     )
     if rest[1:] == ["blueprint"]:

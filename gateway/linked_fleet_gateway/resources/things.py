@@ -13,16 +13,16 @@ from linked_fleet_gateway.rdf.vocabulary import LDP
 from linked_fleet_gateway.resources.action_offer import fleet_offers, joint_offers, robot_offers
 from linked_fleet_gateway.resources.affordance import Control
 from linked_fleet_gateway.resources.annotations import battery_charge
-from linked_fleet_gateway.resources.binary_frames import frames_of, is_framed, layout_path, related_layouts
+from linked_fleet_gateway.resources.binary_frames import frame_writers, has_frames, layout_path, related_layouts
 from linked_fleet_gateway.resources.branches import Branches, RequestView
 from linked_fleet_gateway.resources.describe import Describer, RobotActivity, last_frame, part_paths
 from linked_fleet_gateway.resources.invocation import describe_lease, invocation_path
 from linked_fleet_gateway.resources.paths import joint_path, lease_path, link_path, model_path, robot_path
-from linked_fleet_gateway.resources.plain_json import with_json
+from linked_fleet_gateway.resources.plain_json import add_plain_json
 from linked_fleet_gateway.resources.properties import joint_properties, link_properties
 from linked_fleet_gateway.resources.property import Measurement, Property, Sampler
 from linked_fleet_gateway.resources.resource import CONTAINER, Resource, blueprint_of, run_steps
-from linked_fleet_gateway.resources.settable import affordance
+from linked_fleet_gateway.resources.settable import put_affordance
 from linked_fleet_gateway.resources.subscription import Record
 from linked_fleet_gateway.resources.subscription_resource import resolve_subscription
 from linked_fleet_gateway.resources.versioning import Source, presence
@@ -157,11 +157,11 @@ class Things:
             samplers=(item.sample,) if item.is_measured else (),
             source=source,
             own_paths=(path + "/blueprint", *related_layouts(path, item), *self._branches.property_paths(path, item)),
-            documents=frames_of(robot, item),
-            layout_path=layout_path(path) if is_framed(item) else None,
-            affords=affordance(item.put),
+            documents=frame_writers(robot, item),
+            layout_path=layout_path(path) if has_frames(item) else None,
+            affords=put_affordance(item.put),
         )
-        return with_json(resource, item.shape, self._view.base)
+        return add_plain_json(resource, item.shape, self._view.base)
 
     def lease(self, robot: Robot) -> Resource:
         """Return the control lease of the robot."""
@@ -175,7 +175,7 @@ class Things:
             affords=Control(robot),
         )
 
-    def owned(self, thing: Resource, rest: list[str], shapes: tuple[NamedNode, ...]) -> Resource | None:
+    def owned_resource(self, thing: Resource, rest: list[str], shapes: tuple[NamedNode, ...]) -> Resource | None:
         """Return the resource at the segments ``rest`` below a thing: its subscriptions, blueprint or link set."""
         path = f"{thing.path.rstrip('/')}/{rest[0]}"
         if rest[0] == "subscriptions":

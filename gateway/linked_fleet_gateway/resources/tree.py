@@ -16,13 +16,13 @@ from linked_fleet_gateway.resources.action_offer import Offer, fleet_offers, joi
 from linked_fleet_gateway.resources.action_tree import invocation_of, resolve_action
 from linked_fleet_gateway.resources.binary_frames import resolve_layout
 from linked_fleet_gateway.resources.branches import NO_BRANCHES, Branches, Found, RequestView
-from linked_fleet_gateway.resources.documents import context, resolve_geometry, vocabulary
+from linked_fleet_gateway.resources.documents import context_resource, resolve_geometry, vocabulary_resource
 from linked_fleet_gateway.resources.joint_kinds import kind_of
 from linked_fleet_gateway.resources.paths import (
     is_below,
+    joint_or_link,
     joint_path,
     link_path,
-    part_of,
     reserved_at_root,
     reserved_in_robot,
     robot_name,
@@ -47,15 +47,17 @@ class Tree:
         invocations: Invocations,
         base: str,
         subscriptions: SubscriptionsByOwner = NO_SUBSCRIPTIONS,
-        sees: View = ALL,
+        visible_robots: View = ALL,
         branches: Branches = NO_BRANCHES,
-        secured: bool = False,
+        requires_authentication: bool = False,
     ) -> None:
-        self._robots: Mapping[str, Robot] = fleet.robots if sees.includes_all else RobotsInView(fleet.robots, sees)
-        self._invocations = InvocationsInView(invocations, sees)
+        self._robots: Mapping[str, Robot] = (
+            fleet.robots if visible_robots.includes_all else RobotsInView(fleet.robots, visible_robots)
+        )
+        self._invocations = InvocationsInView(invocations, visible_robots)
         self._base = base
         self._branches = branches
-        self._view = RequestView(base, self._robots, self._invocations, sees, secured)
+        self._view = RequestView(base, self._robots, self._invocations, visible_robots, requires_authentication)
         self._things = Things(self._view, branches, subscriptions)
 
     def resolve(self, path: str) -> Found:
@@ -70,7 +72,7 @@ class Tree:
         if reserved and (found := self._at_root(head)) is not None:
             return Redirect(found.path) if rest else found
         if head == "subscriptions":
-            return self._things.owned(self._things.fleet(), [head, *rest], ())
+            return self._things.owned_resource(self._things.fleet(), [head, *rest], ())
         if (branch := self._branches.fleet_branch(head)) is not None:
             return branch.resolve(self._view, rest)
         if head == "actions" and rest:
@@ -94,10 +96,10 @@ class Tree:
 
     def _at_root(self, segment: str) -> Resource | None:
         if segment == "vocabulary":
-            return vocabulary(self._base)
+            return vocabulary_resource(self._base)
         if segment == "context":
-            return context()
-        return self._things.owned(self._things.fleet(), [segment], (LF.FleetShape,))
+            return context_resource()
+        return self._things.owned_resource(self._things.fleet(), [segment], (LF.FleetShape,))
 
     # -- robot and its parts ----------------------------------------------------------------------------------------
 
@@ -108,7 +110,7 @@ class Tree:
                 return self._blueprint(robot, robot_path(robot.name), LF.RobotShape)
             if rest == [""] or rest[0] in _OF_THINGS:
                 thing = self._things.robot(robot)
-                return thing if rest == [""] else self._things.owned(thing, rest, (LF.RobotShape,))
+                return thing if rest == [""] else self._things.owned_resource(thing, rest, (LF.RobotShape,))
             if (branch := self._branches.robot_branch(robot, rest[0])) is not None:
                 return branch.resolve(self._view, robot, rest[1:])
             own = self._of_robot(robot, rest) or resolve_geometry(robot, rest, self._base)
@@ -118,7 +120,7 @@ class Tree:
         if robot.model is None:
             return None
         try:
-            joint, link = part_of(rest[0], robot.model)
+            joint, link = joint_or_link(rest[0], robot.model)
         except ValueError:
             return None
         if joint is not None:
@@ -149,7 +151,7 @@ class Tree:
             return self._blueprint(robot, path, kind_of(joint).shape)
         if not rest or rest[0] in _OF_THINGS:
             thing = self._things.joint(robot, joint)
-            return self._things.owned(thing, rest, (kind_of(joint).shape,)) if rest else thing
+            return self._things.owned_resource(thing, rest, (kind_of(joint).shape,)) if rest else thing
         return self._property(robot, path, joint_properties(robot, joint, rest[0]), rest)
 
     def _in_link(self, robot: Robot, link: Link, rest: list[str]) -> Found:
@@ -159,7 +161,7 @@ class Tree:
             return self._blueprint(robot, path, LF.LinkShape)
         if not rest or rest[0] in _OF_THINGS:
             thing = self._things.link(robot, link)
-            return self._things.owned(thing, rest, (LF.LinkShape,)) if rest else thing
+            return self._things.owned_resource(thing, rest, (LF.LinkShape,)) if rest else thing
         return self._property(robot, path, link_properties(robot, link, rest[0]), rest)
 
     def _blueprint(self, robot: Robot, path: str, shape: NamedNode) -> Resource:
@@ -208,7 +210,7 @@ class Tree:
         robot = self._robots[robot_name(head)]
         if robot.model is None:
             return self._open_below(root, robot)
-        joint, link = (None, None) if not part else part_of(part, robot.model)
+        joint, link = (None, None) if not part else joint_or_link(part, robot.model)
         parts = self._in_parts(root, robot, self._parts(robot, robot.model, joint, link))
         return chain(_while_described(robot, robot.model, parts), self._open_below(root, robot))
 

@@ -254,7 +254,7 @@ class Courier:
         """Return the header fields of a delivery: stable id, version, subject and signature."""
         subscription = self.subscription
         resource, own = subscription.base + entry.path, subscription.base + subscription_path(subscription)
-        identity = signature.headers(
+        identity = signature.signature_headers(
             subscription.secret, f"{subscription.id}.{entry.number}", int(time.time()), entry.body
         )
         links = f'<{resource}>; rel="self", <{own}>; rel="related"; title="subscription"'

@@ -15,7 +15,7 @@ from typing import Literal, cast
 
 import msgspec
 
-from linked_fleet_gateway.resources.subscription import Changeable, Delivery, DeliveryState, Record, Subscription
+from linked_fleet_gateway.resources.subscription import ChangeableOptions, Delivery, DeliveryState, Record, Subscription
 from linked_fleet_gateway.runtime.redis import Connection, StoreUnavailable
 from linked_fleet_gateway.subscriptions import redis_scripts as scripts
 from linked_fleet_gateway.subscriptions.redis_scripts import Keys
@@ -114,7 +114,7 @@ def write_spec(subscription: Subscription) -> tuple[str | bytes, ...]:
     return ("spec", msgspec.json.encode(replace(subscription, revision=0)))
 
 
-def write_options(options: Changeable) -> bytes:
+def write_options(options: ChangeableOptions) -> bytes:
     return msgspec.json.encode(options)
 
 
@@ -137,7 +137,9 @@ def read_record(fields: Mapping[bytes, bytes]) -> Record | None:
         return None
     subscription = msgspec.json.decode(fields[b"spec"], type=Subscription)
     if (options := fields.get(b"options")) is not None:
-        subscription = subscription.having(msgspec.json.decode(options, type=Changeable), int(fields[b"revision"]))
+        subscription = subscription.with_options(
+            msgspec.json.decode(options, type=ChangeableOptions), int(fields[b"revision"])
+        )
     delivery = Delivery(
         state=DeliveryState(fields[b"state"].decode()),
         last_ns=_number(fields[b"last_ns"]),

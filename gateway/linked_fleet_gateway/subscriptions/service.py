@@ -7,7 +7,7 @@ import uuid
 from contextlib import suppress
 from types import TracebackType
 
-from linked_fleet_gateway.resources.subscription import Changeable, Record, Subscription
+from linked_fleet_gateway.resources.subscription import ChangeableOptions, Record, Subscription
 from linked_fleet_gateway.runtime.background import end, finish, supervised
 from linked_fleet_gateway.subscriptions.broadcast import Ending
 from linked_fleet_gateway.subscriptions.callbacks import Callbacks, MayContinue
@@ -84,7 +84,7 @@ class Subscriptions:
         await self._drop(id)
         return record is not None
 
-    async def change(self, before: Subscription, options: Changeable) -> bool:
+    async def change(self, before: Subscription, options: ChangeableOptions) -> bool:
         """Change the options of a subscription at any gateway; return False if ``before`` is out of date."""
         if not await self._store.change(before, options):
             return False
@@ -140,7 +140,7 @@ class Subscriptions:
         count = 0
         async for record in self._store.adopt(run):
             count += 1
-            if record.subscription.kind.streams:
+            if record.subscription.kind.is_stream:
                 self.streams.adopt(record.subscription.id)
             else:
                 await self.callbacks.adopt(record)

@@ -15,7 +15,7 @@ from contextlib import aclosing, suppress
 from dataclasses import astuple, replace
 from typing import Self
 
-from linked_fleet_gateway.resources.subscription import Changeable, Delivery, Record, Subscription
+from linked_fleet_gateway.resources.subscription import ChangeableOptions, Delivery, Record, Subscription
 from linked_fleet_gateway.runtime.redis import AT_ONCE, UNHURRIED, Connection, StoreUnavailable
 from linked_fleet_gateway.subscriptions import redis_scripts as scripts
 from linked_fleet_gateway.subscriptions.records import (
@@ -97,8 +97,8 @@ class Store:
         if dead_run in living:
             return
         orphans = [record for record in found if record.holder not in living]
-        lasting = [record for record in orphans if record.lasts]
-        streams = {record.subscription.id: record.holder for record in orphans if not record.lasts}
+        lasting = [record for record in orphans if record.is_durable]
+        streams = {record.subscription.id: record.holder for record in orphans if not record.is_durable}
         rest = set(records)
         for first in range(0, len(lasting), _TAKEN_AT_ONCE):
             won = await self._take(lasting[first : first + _TAKEN_AT_ONCE], held)
@@ -129,10 +129,10 @@ class Store:
         callback is on disk and, where there are replicas, on one of them; if no replica confirms in time it is removed
         again and StoreUnavailable is raised.
         """
-        id, group = subscription.id, "" if subscription.kind.streams else _GROUP
+        id, group = subscription.id, "" if subscription.kind.is_stream else _GROUP
         keys = (self._keys.record(id), self._keys.queue(id), self._keys.gone(id))
         fields = (*write_spec(subscription), *write_delivery(delivery))
-        take = take and subscription.kind.streams
+        take = take and subscription.kind.is_stream
         for _ in range(_ATTEMPTS):
             await self._list(subscription, limit)
             committed, before = await self._redis.run(scripts.COMMIT, keys, self._run, group, int(take), *fields)
@@ -152,8 +152,8 @@ class Store:
         """Return the subscriptions of ``owner``, oldest first; streams only while the lease of their holder lasts."""
         ids = [id.decode() for id in await self._redis.one("SMEMBERS", self._keys.owner(owner))]
         records = [record for record in (await self._records(ids)).values() if record is not None]
-        living = await self._runs.living({record.holder for record in records if record.subscription.kind.streams})
-        shown = [one for one in records if not one.subscription.kind.streams or one.holder in living]
+        living = await self._runs.living({record.holder for record in records if record.subscription.kind.is_stream})
+        shown = [one for one in records if not one.subscription.kind.is_stream or one.holder in living]
         return sorted(shown, key=lambda record: (record.subscription.created_ns, record.subscription.id))
 
     async def remove(self, id: str, *, own: bool = False) -> Record | None:
@@ -166,7 +166,7 @@ class Store:
             await self._tell("removed", id, record.holder)
         return record
 
-    async def change(self, before: Subscription, options: Changeable) -> bool:
+    async def change(self, before: Subscription, options: ChangeableOptions) -> bool:
         """Replace the options of a subscription as it was read, whoever holds it, and tell every run.
 
         Returns False, without a change, if it is gone or has other options by now.
@@ -181,7 +181,7 @@ class Store:
     async def wake(self, id: str) -> Record | None:
         """Retry the deliveries of a callback at once, and tell its holder; a stream stays as it is."""
         record = await self.record(id)
-        if record is None or record.subscription.kind.streams:
+        if record is None or record.subscription.kind.is_stream:
             return record
         resumed = read_record(read_pairs(await self._redis.run(scripts.WAKE, (self._keys.record(id),))))
         if resumed is not None:
@@ -296,7 +296,7 @@ class Store:
         await self._let_go(id, held, other if taken else self._run)
         if taken:
             await self._tell("replaced", id, other)
-        elif subscription.kind.streams:
+        elif subscription.kind.is_stream:
             raise Lost(id)
 
     async def _let_go(self, id: str, held: SubscriptionLists, run: str) -> None:

@@ -83,7 +83,7 @@ class Streams:
         """
         id = subscription.id
         if (changed := self._changed.get(id)) is not None:
-            subscription = subscription.having(changed.options, changed.revision)
+            subscription = subscription.with_options(changed.options, changed.revision)
         sent = {subscription.resource: seen} if seen and subscription.depth is not Depth.SUBTREE else {}
         watcher = self._fan_out.watch(subscription, outlet, sent)
         if id in self._cancelled:
@@ -233,7 +233,7 @@ class Streams:
         if (watcher := self._open.get(id)) is not None:
             if not self.has_options(subscription):
                 options, revision = subscription.options, subscription.revision
-                self._fan_out.change(watcher, watcher.subscription.having(options, revision))
+                self._fan_out.change(watcher, watcher.subscription.with_options(options, revision))
         elif id in self._coming:
             self._changed[id] = subscription
 
@@ -293,7 +293,7 @@ class Streams:
             elif id in self._open:
                 self._unlisted.add(id)
         self._missed = missing
-        streams = {id for id, record in held.items() if record.subscription.kind.streams}
+        streams = {id for id, record in held.items() if record.subscription.kind.is_stream}
         strays = {id for id in streams if not self.serves(id) and id not in self._expiries}
         self._ended |= strays & self._strays  # present twice: commands under way have arrived by now
         self._strays = strays

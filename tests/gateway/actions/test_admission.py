@@ -10,7 +10,7 @@ from linked_fleet_gateway.base.errors import UnprocessableContent
 from linked_fleet_gateway.rdf.serialise import parse
 from linked_fleet_gateway.rdf.validation import ShaclValidator
 from linked_fleet_gateway.rdf.vocabulary import HYBRIT, SH, VOM
-from linked_fleet_gateway.resources.body_values import as_ntriples
+from linked_fleet_gateway.resources.body_values import input_ntriples
 from linked_fleet_gateway.shacl import Data, compile_shape
 from shacl_findings import pyshacl_finds
 
@@ -100,7 +100,7 @@ def test_other_vocabularies_are_kept_with_the_input(bench: Any) -> None:
     more = '; <http://example.org/why> [ <http://example.org/ticket> 17 ] ; rdfs:comment "to the left" .'
     body = bench.body(_ROTATE, _ONE.replace(" .", more))
     assert body.quantity(body.root) == 1
-    assert all(word in as_ntriples(body) for word in ("_:input", "ticket", "17", "to the left", "numericalValue"))
+    assert all(word in input_ntriples(body) for word in ("_:input", "ticket", "17", "to the left", "numericalValue"))
     assert bench.body(_ROTATE, _ONE.replace("<>", "[]")).root != NamedNode(bench.base + _ROTATE)
 
 
@@ -109,7 +109,7 @@ def test_an_input_may_have_the_name_of_one_of_its_predicates(bench: Any) -> None
     bench.robot(_elbow())
     body = bench.body(_ROTATE, _ONE.replace("<>", "vom:numericalValue"))
     assert body.quantity(body.root) == 1
-    assert f"_:input <{VOM.numericalValue.value}> " in as_ntriples(body)
+    assert f"_:input <{VOM.numericalValue.value}> " in input_ntriples(body)
 
 
 @pytest.mark.parametrize(

@@ -16,7 +16,7 @@ from linked_fleet_gateway.base.errors import UnprocessableContent
 from linked_fleet_gateway.rdf import shapes
 from linked_fleet_gateway.rdf.validation import ShaclValidator
 from linked_fleet_gateway.rdf.vocabulary import HYBRIT, LF
-from linked_fleet_gateway.resources.action_offer import definitions
+from linked_fleet_gateway.resources.action_offer import action_definitions
 from linked_fleet_gateway.resources.shape_parameters import COMPLETIONS
 
 _ROOT = Path(__file__).parents[3]
@@ -37,7 +37,7 @@ def _blocks(language: str) -> list[str]:
 
 
 def _forget() -> None:
-    for each in (shapes.load_turtle, shapes.load_turtle_file, definitions):
+    for each in (shapes.load_turtle, shapes.load_turtle_file, action_definitions):
         each.cache_clear()
 
 

@@ -13,7 +13,7 @@ from linked_fleet_gateway.app.extensions import BUILT_IN, install
 from linked_fleet_gateway.app.settings import GatewaySettings
 from linked_fleet_gateway.http.extension import Extension
 from linked_fleet_gateway.rdf import shapes
-from linked_fleet_gateway.resources.action_offer import definitions
+from linked_fleet_gateway.resources.action_offer import action_definitions
 from linked_fleet_gateway.shacl import Unsupported
 
 _SHAPES = Path(__file__).parents[3] / "shapes" / "linked_fleet_shapes"
@@ -26,7 +26,7 @@ def change(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Change]:
     folder = Path(shutil.copytree(_SHAPES, tmp_path / "linked_fleet_shapes"))
 
     def forget() -> None:
-        for each in (shapes.load_turtle, shapes.load_turtle_file, definitions, _check_all):
+        for each in (shapes.load_turtle, shapes.load_turtle_file, action_definitions, _check_all):
             each.cache_clear()
 
     def changed(name: str, old: str, new: str) -> None:

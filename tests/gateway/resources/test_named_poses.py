@@ -7,7 +7,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from linked_fleet_gateway.resources.annotations import poses
+from linked_fleet_gateway.resources.annotations import named_poses
 from properties import examples
 
 _JOINTS = {
@@ -34,7 +34,7 @@ def test_poses_are_positions_by_joint_in_si(bench: Any) -> None:
     several = [_target("elbow", "90", "DEG"), _target("lift", "20", "MilliM")]
     escaped = [_target("~70ose", "1", "RAD"), _target("~C3~A4~2F~7E", "-180", "DEG")]
     robot = bench.robot(_JOINTS, annotations=_named("up", *several) + _named("odd", *escaped))
-    assert poses(robot) == {
+    assert named_poses(robot) == {
         "up": {"elbow": pytest.approx(math.pi / 2), "lift": pytest.approx(0.02)},
         "odd": {"pose": 1.0, "ä/~": pytest.approx(-math.pi)},
     }
@@ -45,11 +45,11 @@ def test_clients_add_poses_and_take_none_away(bench: Any) -> None:
     robot = bench.robot(_JOINTS, annotations=_named("agents", _GOOD))
     relative = _named("clients", _GOOD).replace("<>", "<./>").replace("<elbow>", "<./elbow>")
     bench.fleet.configure("r", {"annotations": bench.prefixed(relative)})
-    assert poses(robot) == {"clients": {"elbow": 1.0}, "agents": {"elbow": 1.0}}
+    assert named_poses(robot) == {"clients": {"elbow": 1.0}, "agents": {"elbow": 1.0}}
     other = _named("agents", _GOOD.replace("numericalValue 1", "numericalValue 0.5")).replace("<elbow>", "<./elbow>")
     assert other.count("0.5") == 1
     bench.fleet.configure("r", {"annotations": bench.prefixed(other.replace("<>", "<./>"))})
-    assert poses(robot) == {"agents": {"elbow": 1.0}}
+    assert named_poses(robot) == {"agents": {"elbow": 1.0}}
 
 
 @pytest.mark.parametrize(
@@ -83,7 +83,7 @@ def test_clients_add_poses_and_take_none_away(bench: Any) -> None:
 def test_a_pose_that_cannot_be_taken_is_none(bench: Any, bad: str) -> None:
     """Alone or beside a valid target; the other poses stay."""
     annotations = _named("good", _GOOD) + _named("bad", bad) + _named("half", _GOOD, bad)
-    assert poses(bench.robot(_JOINTS, annotations=annotations)) == {"good": {"elbow": 1.0}}
+    assert named_poses(bench.robot(_JOINTS, annotations=annotations)) == {"good": {"elbow": 1.0}}
 
 
 @pytest.mark.parametrize(
@@ -103,14 +103,14 @@ def test_a_pose_that_cannot_be_taken_is_none(bench: Any, bad: str) -> None:
 )
 def test_annotations_that_name_no_pose(bench: Any, annotations: str) -> None:
     """Unparsable, untitled, about another, oversized or circular: no pose and no error."""
-    assert poses(bench.robot(_JOINTS, annotations=annotations)) == {}
+    assert named_poses(bench.robot(_JOINTS, annotations=annotations)) == {}
 
 
 def test_a_robot_without_description_has_no_poses(bench: Any) -> None:
     """Whatever clients call it."""
     robot = bench.robot(_JOINTS, annotations=_named("good", _GOOD))
     robot.reject_description("a test says so")
-    assert poses(robot) == {}
+    assert named_poses(robot) == {}
 
 
 @settings(
@@ -125,5 +125,5 @@ def test_no_annotation_is_an_error(bench: Any, data: st.DataObject) -> None:
     good = _named("good", _GOOD)
     start, end = sorted(data.draw(st.tuples(*[st.integers(0, len(good))] * 2)))
     annotations = good[:start] + data.draw(st.text(max_size=20)) + good[end:]
-    found = poses(bench.robot(_JOINTS, annotations=annotations))
+    found = named_poses(bench.robot(_JOINTS, annotations=annotations))
     assert all(math.isfinite(value) for targets in found.values() for value in targets.values())

@@ -6,9 +6,9 @@ from hypothesis import strategies as st
 
 from linked_fleet_gateway.fleet.model import RobotModel
 from linked_fleet_gateway.resources.paths import (
+    joint_or_link,
     joint_path,
     link_path,
-    part_of,
     reserved_at_root,
     reserved_in_robot,
     robot_name,
@@ -52,6 +52,6 @@ def test_joint_and_link_of_one_name_and_reserved_names_are_told_apart() -> None:
     for path, part in paths.items():
         segment = path.removeprefix("/r/")
         assert segment not in reserved_in_robot()
-        assert part_of(segment, model) == part
+        assert joint_or_link(segment, model) == part
     with pytest.raises(ValueError, match="neither"):
-        part_of("base~link", model)
+        joint_or_link("base~link", model)

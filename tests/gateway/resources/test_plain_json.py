@@ -5,7 +5,7 @@ import pytest
 from linked_fleet_gateway.base.errors import BadRequest, PayloadTooLarge
 from linked_fleet_gateway.rdf.vocabulary import LF
 from linked_fleet_gateway.resources.json_form import form_of
-from linked_fleet_gateway.resources.plain_json import triples_of
+from linked_fleet_gateway.resources.plain_json import parse_json_body
 
 IRI = "http://127.0.0.1:8000/arm/title"
 
@@ -24,11 +24,11 @@ IRI = "http://127.0.0.1:8000/arm/title"
 def test_json_that_no_text_or_tree_can_hold_is_malformed(body: bytes, message: str) -> None:
     """Each gets 400 with the reason; nothing of it reaches a log or a response that must be encoded."""
     with pytest.raises(BadRequest, match=message) as caught:
-        triples_of(body, form_of(LF.TextInput), IRI, 100)
+        parse_json_body(body, form_of(LF.TextInput), IRI, 100)
     caught.value.detail.encode()
 
 
 def test_json_of_too_many_triples_is_too_large() -> None:
     """413, as for RDF: no schema limits the total number."""
     with pytest.raises(PayloadTooLarge, match="more than 1 things"):
-        triples_of(b'{"holder": "x", "duration": 60}', form_of(LF.ControlLeaseInput), IRI, 1)
+        parse_json_body(b'{"holder": "x", "duration": 60}', form_of(LF.ControlLeaseInput), IRI, 1)

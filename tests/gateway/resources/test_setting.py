@@ -24,7 +24,7 @@ from linked_fleet_gateway.rdf.validation import ground_statements
 from linked_fleet_gateway.rdf.vocabulary import PREFIXES
 from linked_fleet_gateway.resources.annotations import MAX_ANNOTATIONS, annotate
 from linked_fleet_gateway.resources.body_values import Setting
-from linked_fleet_gateway.resources.body_values import settings as settings_of
+from linked_fleet_gateway.resources.body_values import robot_settings as settings_of
 from linked_fleet_gateway.resources.describe import Describer
 from linked_fleet_gateway.resources.property import Measurement, Property
 from linked_fleet_gateway.resources.settable import setting_properties
@@ -51,7 +51,7 @@ def _item(robot: Robot, name: str) -> Property:
 
 def _admit(name: str, turtle: str) -> str:
     setting = _setting(name)
-    return setting.admit(parse((_PREFIXES + turtle).encode(), "text/turtle", _BASE + setting.path), _BASE)
+    return setting.validate(parse((_PREFIXES + turtle).encode(), "text/turtle", _BASE + setting.path), _BASE)
 
 
 def _shown(annotations: str, base: str = _BASE) -> set[tuple[object, object]]:
@@ -174,7 +174,7 @@ def _robot_with(annotations: str) -> Robot:
 
 def _put(robot: Robot, turtle: str) -> str:
     setting = settings_of(robot)["annotations"]
-    return setting.admit(parse((_PREFIXES + turtle).encode(), "text/turtle", _BASE + setting.path), _BASE)
+    return setting.validate(parse((_PREFIXES + turtle).encode(), "text/turtle", _BASE + setting.path), _BASE)
 
 
 def _all(robot: Robot, clients: str) -> Graph:
@@ -287,7 +287,7 @@ def test_settings_accept_their_own_representation(name: str, media_type: str) ->
     describer.property(robot, "/r/", item, graph, Measurement())
     triples = parse(render(graph.triples, media_type, PREFIXES, base=iri), media_type, iri)
     present = ground_statements(graph)
-    found = item.put.admit(triples, _BASE, present)
+    found = item.put.validate(triples, _BASE, present)
     assert _without_labels(found) == _without_labels(robot.settings[name])
 
 

@@ -14,8 +14,8 @@ from linked_fleet_gateway.fleet.model import RobotModel
 from linked_fleet_gateway.rdf.graph import DEGREE, METRE, MILLIMETRE, RADIAN, UNITS
 from linked_fleet_gateway.rdf.shapes import load_turtle
 from linked_fleet_gateway.rdf.vocabulary import LF, XSD
-from linked_fleet_gateway.resources.joint_limits import MOST_TURNS, at_least, at_most, bounds
-from linked_fleet_gateway.resources.shape_parameters import COMPLETIONS, commandable, moved_links
+from linked_fleet_gateway.resources.joint_limits import MAX_TURNS, maximum_literal, minimum_literal, position_bounds
+from linked_fleet_gateway.resources.shape_parameters import COMPLETIONS, commandable_joints, moved_links
 
 _URDF = """<robot name="r"><link name="a"/><link name="b"/><joint name="j" type="{}"><parent link="a"/>
 <child link="b"/><axis xyz="0 0 1"/><limit lower="{!r}" upper="{!r}" velocity="2" effort="1"/></joint></robot>"""
@@ -44,10 +44,10 @@ def test_bounds_are_rounded_inwards(one: float, other: float, unit: Any) -> None
     low, high = sorted((one, other))
     kind = "revolute" if unit in (DEGREE, RADIAN) else "prismatic"
     joint = RobotModel.parse(_URDF.format(kind, low, high)).joints["j"]
-    stated = bounds(joint, unit)
+    stated = position_bounds(joint, unit)
     assert -1.1e-9 <= stated[0] - low / unit.si <= 1.1e-6
     assert -1.1e-9 <= high / unit.si - stated[1] <= 1.1e-6
-    limits = [float(each.value) for each in (at_least(stated[0]), at_most(stated[1]))]
+    limits = [float(each.value) for each in (minimum_literal(stated[0]), maximum_literal(stated[1]))]
     assert limits == pytest.approx(stated, rel=5e-15)
 
 
@@ -56,7 +56,7 @@ def test_bounds_are_rounded_inwards(one: float, other: float, unit: Any) -> None
 def test_a_limit_conforms_to_itself_as_every_type_of_number(millionths: int) -> None:
     """Validators compare exactly: 1.047 as a double is less than 1.047 as a decimal, and both must conform."""
     text = str(Decimal(millionths).scaleb(-6))
-    for limit, compare in ((at_least(float(text)), ge), (at_most(float(text)), le)):
+    for limit, compare in ((minimum_literal(float(text)), ge), (maximum_literal(float(text)), le)):
         assert limit.datatype == XSD.double
         for number in (Decimal(text), float(text), Decimal(limit.value), float(limit.value)):
             assert compare(number, float(limit.value)), (text, limit, number)
@@ -65,8 +65,8 @@ def test_a_limit_conforms_to_itself_as_every_type_of_number(millionths: int) -> 
 def test_bounds_of_a_joint_without_ends() -> None:
     """From 0 up to, but excluding, one turn."""
     joint = RobotModel.parse(_URDF.format("continuous", 0.0, 0.0)).joints["j"]
-    assert bounds(joint, DEGREE) == (0.0, 360.0)
-    assert bounds(joint, RADIAN) == (0.0, round(math.tau, 6))
+    assert position_bounds(joint, DEGREE) == (0.0, 360.0)
+    assert position_bounds(joint, RADIAN) == (0.0, round(math.tau, 6))
 
 
 def test_the_shape_admits_its_bounds_and_nothing_past_them(bench: Any) -> None:
@@ -116,8 +116,8 @@ def test_distances_span_the_range_of_the_joint(bench: Any) -> None:
         ("elbow/actions/rotateBy", "3", "RAD", True),
         ("elbow/actions/rotateBy", "-3", "RAD", True),
         ("elbow/actions/rotateBy", "3.000001", "RAD", False),
-        ("wheel/actions/rotateBy", str(360 * MOST_TURNS), "DEG", True),
-        ("wheel/actions/rotateBy", str(-360 * MOST_TURNS - 1), "DEG", False),
+        ("wheel/actions/rotateBy", str(360 * MAX_TURNS), "DEG", True),
+        ("wheel/actions/rotateBy", str(-360 * MAX_TURNS - 1), "DEG", False),
         ("lift/actions/translateBy", "-40", "MilliM", True),
         ("lift/actions/translateBy", "40.1", "MilliM", False),
     ):
@@ -147,9 +147,9 @@ def test_joints_that_take_commands(bench: Any) -> None:
     """Of the joints in the description: those that move by themselves, within known limits."""
     joints = {**_ELBOW, **_MIMIC, **_FREE, **_WHEEL, **_LIFT, "plate": ("fixed", ""), **_FLAP}
     robot = bench.robot(joints)
-    assert [joint.name for joint in commandable(robot)] == ["elbow", "wheel", "lift"]
+    assert [joint.name for joint in commandable_joints(robot)] == ["elbow", "wheel", "lift"]
     robot = bench.robot(joints, listed=["lift", "finger", "elbow"])
-    assert [joint.name for joint in commandable(robot)] == ["lift", "elbow"]
+    assert [joint.name for joint in commandable_joints(robot)] == ["lift", "elbow"]
 
 
 def test_links_that_move(bench: Any) -> None:

@@ -21,13 +21,13 @@ from linked_fleet_gateway.rdf.turtle import write
 from linked_fleet_gateway.rdf.vocabulary import HTTP, HYBRIT, LDP, METHODS, PREFIXES, RDF
 from linked_fleet_gateway.resources.subscription import Delivery, DeliveryState, Depth, Kind, Record, Subscription
 from linked_fleet_gateway.resources.subscription_resource import (
-    Request,
+    SubscriptionRequest,
     describe_request_shape,
     describe_resume,
     describe_subscription,
     describe_subscriptions,
     describe_version,
-    requested,
+    read_request,
     subscription_path,
 )
 from properties import examples
@@ -56,11 +56,11 @@ def _record(state: DeliveryState = DeliveryState.ACTIVE, **changes: object) -> R
     return Record(dataclasses.replace(_FIGURE_4, **changes), Delivery(state), "holder")  # type: ignore[arg-type]
 
 
-def _request(turtle: str, base: str = _BASE) -> Request:
-    return requested(parse((_PREFIXES + turtle).encode(), "text/turtle", _CONTAINER), _CONTAINER, base)
+def _request(turtle: str, base: str = _BASE) -> SubscriptionRequest:
+    return read_request(parse((_PREFIXES + turtle).encode(), "text/turtle", _CONTAINER), _CONTAINER, base)
 
 
-def _ask(more: str = "", callback: str = 'hybrit:callbackURL "http://www.example.org/receiver"') -> Request:
+def _ask(more: str = "", callback: str = 'hybrit:callbackURL "http://www.example.org/receiver"') -> SubscriptionRequest:
     return _request(f"<> a hybrit:Subscription ; hybrit:onResource <rotation> ; {callback} ; {more} .")
 
 
@@ -195,7 +195,7 @@ def test_versions_of_a_message() -> None:
 
 def test_a_minimal_request() -> None:
     """Options left open stay open: a stream of the resource and its properties."""
-    assert _request(f"<> a hybrit:Subscription ; hybrit:onResource <{_ROTATION}> .") == Request(_ROTATION)
+    assert _request(f"<> a hybrit:Subscription ; hybrit:onResource <{_ROTATION}> .") == SubscriptionRequest(_ROTATION)
 
 
 def test_every_option() -> None:
@@ -205,7 +205,7 @@ def test_every_option() -> None:
         lf:depth lf:wholeSubtree ; lf:minimumInterval 0.5 ; lf:deadband "1e-3"^^xsd:float ; lf:secret "{_SECRET}" ."""
     )
     callback = "https://www.example.org/receiver"
-    assert found == Request(_ROTATION, callback, "application/ld+json", Depth.SUBTREE, 0.5, 1e-3, _SECRET)
+    assert found == SubscriptionRequest(_ROTATION, callback, "application/ld+json", Depth.SUBTREE, 0.5, 1e-3, _SECRET)
 
 
 def test_json_ld() -> None:
@@ -213,14 +213,14 @@ def test_json_ld() -> None:
     text = """{"@id": "", "@type": "https://hybr-it-projekt.de/ns/hybr-it#Subscription",
         "https://hybr-it-projekt.de/ns/hybr-it#onResource": {"@id": "rotation"},
         "https://w3id.org/linked-fleet#minimumInterval": 2, "https://w3id.org/linked-fleet#deadband": 0.25}"""
-    found = requested(parse(text.encode(), "application/ld+json", _CONTAINER), _CONTAINER, _BASE)
-    assert found == Request(_ROTATION, interval_s=2.0, deadband=0.25)
+    found = read_request(parse(text.encode(), "application/ld+json", _CONTAINER), _CONTAINER, _BASE)
+    assert found == SubscriptionRequest(_ROTATION, interval_s=2.0, deadband=0.25)
 
 
 def test_figure_4_can_be_posted() -> None:
     """Including its container, with either spelling of callbackURL and any of the three kinds of node."""
     figure = _request(_GOLDEN)
-    assert figure == Request(_ROTATION, "http://www.example.org/receiver", "text/turtle")
+    assert figure == SubscriptionRequest(_ROTATION, "http://www.example.org/receiver", "text/turtle")
     for callback in ('callbackUrl "{}"', 'callbackURL "{}"', 'callbackURL "{}"^^xsd:anyURI', "callbackUrl <{}>"):
         found = _ask(callback="hybrit:" + callback.format(figure.callback))
         assert found.callback == figure.callback
@@ -234,8 +234,8 @@ def test_a_description_can_be_posted(kind: Kind) -> None:
     record = _record(DeliveryState.SUSPENDED, kind=kind, callback=callback, **options)
     graph = Graph()
     describe_subscriptions(graph, _BASE, "/baxter/right_s1", [record])
-    found = requested(graph.triples, _CONTAINER, _BASE)
-    assert found == Request(resource=_ROTATION, callback=callback, **options)  # type: ignore[arg-type]
+    found = read_request(graph.triples, _CONTAINER, _BASE)
+    assert found == SubscriptionRequest(resource=_ROTATION, callback=callback, **options)  # type: ignore[arg-type]
 
 
 @settings(max_examples=examples(30))
@@ -243,7 +243,7 @@ def test_a_description_can_be_posted(kind: Kind) -> None:
 def test_numbers_come_back_as_they_are(interval: float, deadband: float) -> None:
     """From a description as from a request."""
     _, graph = _described(_record(interval_s=interval, deadband=deadband))
-    found = requested(graph.triples, _CONTAINER, _BASE)
+    found = read_request(graph.triples, _CONTAINER, _BASE)
     assert (found.interval_s, found.deadband) == (interval, deadband)
     found = _ask(f"lf:minimumInterval {Decimal(interval):f} ; lf:deadband {deadband!r}")
     assert (found.interval_s, found.deadband) == (interval, deadband)
@@ -362,5 +362,5 @@ def test_the_rest_of_the_body_costs_nothing() -> None:
     body = f"<> a hybrit:Subscription ; hybrit:onResource <{_ROTATION}> ; lf:depth {values} . {others}"
     triples = parse((_PREFIXES + body).encode(), "text/turtle", _CONTAINER, max_triples=30_000)
     with pytest.raises(UnprocessableContent) as caught:
-        requested(triples, _CONTAINER, _BASE)
+        read_request(triples, _CONTAINER, _BASE)
     assert caught.value.report is not None and len(caught.value.report) < 250

@@ -8,8 +8,8 @@ from linked_fleet_gateway.base.errors import UnprocessableContent
 from linked_fleet_gateway.rdf.graph import Graph
 from linked_fleet_gateway.rdf.sparql_update import apply_update, parse_update
 from linked_fleet_gateway.rdf.vocabulary import PREFIXES
-from linked_fleet_gateway.resources.subscription import Changeable, Delivery, Depth, Kind, Record, Subscription
-from linked_fleet_gateway.resources.subscription_change import changed_options, managed_statements
+from linked_fleet_gateway.resources.subscription import ChangeableOptions, Delivery, Depth, Kind, Record, Subscription
+from linked_fleet_gateway.resources.subscription_change import changed_options, managed_option_statements
 from linked_fleet_gateway.resources.subscription_resource import describe_subscription, subscription_path
 
 _BASE = "http://example.org"
@@ -33,7 +33,7 @@ _IRI = _BASE + subscription_path(_CALLBACK)
 _PROLOGUE = "".join(f"PREFIX {prefix}: <{iri}> " for prefix, iri in PREFIXES.items())
 
 
-def _after(update: str, subscription: Subscription = _CALLBACK) -> Changeable:
+def _after(update: str, subscription: Subscription = _CALLBACK) -> ChangeableOptions:
     graph = Graph()
     describe_subscription(graph, _BASE, Record(subscription, Delivery(), "run"))
     after = apply_update(graph.triples, parse_update(_PROLOGUE + update, _IRI))
@@ -118,7 +118,8 @@ def test_managed_properties_are_not_in_the_shape_of_input() -> None:
     graph = Graph()
     describe_subscription(graph, _BASE, Record(_CALLBACK, Delivery(reason="Gone."), "run"))
     kept = {
-        each.predicate.value.rpartition("#")[2].rpartition("/")[2] for each in managed_statements(graph.triples, _IRI)
+        each.predicate.value.rpartition("#")[2].rpartition("/")[2]
+        for each in managed_option_statements(graph.triples, _IRI)
     }
     assert kept == {
         "identifier", "title", "seeAlso", "blueprint", "created", "signed", "deliveryState", "lastDelivery",

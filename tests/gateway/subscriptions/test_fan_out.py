@@ -172,7 +172,7 @@ class World:
         asyncio.get_running_loop().set_exception_handler(lambda _, context: self.failures.append(context))
         self.fleet, self.invocations = Fleet(), Invocations()
         self.fan_out = Clocked(
-            lambda base, sees: Tree(self.fleet, self.invocations, base, sees=sees), self.fleet.next_moved
+            lambda base, sees: Tree(self.fleet, self.invocations, base, visible_robots=sees), self.fleet.next_moved
         )
         self.fleet.frames.watched = self.fan_out.watched_robots
         self._sequence = itertools.count()

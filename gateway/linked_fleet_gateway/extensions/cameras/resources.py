@@ -27,7 +27,7 @@ from linked_fleet_gateway.rdf.graph import HERTZ, METRE, RADIAN, Graph, integer
 from linked_fleet_gateway.rdf.serialise import NoContentYet
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, LDP, QUDT, RDFS, SOSA
 from linked_fleet_gateway.rdf.vocabulary import LF as CORE
-from linked_fleet_gateway.resources.binary_frames import FRAME_TYPES, Field, add_field, begin_layout, layout_path
+from linked_fleet_gateway.resources.binary_frames import FRAME_TYPES, Field, add_field, describe_layout, layout_path
 from linked_fleet_gateway.resources.branches import RequestView, RobotBranch
 from linked_fleet_gateway.resources.describe import Describer
 from linked_fleet_gateway.resources.paths import link_path, robot_path
@@ -211,7 +211,7 @@ def _in_layout(view: RequestView, robot: Robot, camera: Camera, rest: Sequence[s
 
 def _describe_layout(graph: Graph, about: NamedNode, camera: Camera) -> None:
     count = camera.width * camera.height
-    iri = begin_layout(graph, about, f"the depths that {camera.name} sees", _DEPTHS.offset + 4 * count)
+    iri = describe_layout(graph, about, f"the depths that {camera.name} sees", _DEPTHS.offset + 4 * count)
     for each in _DEPTH_HEADER:
         add_field(graph, iri, each)
     graph.add(add_field(graph, iri, _DEPTHS, count), QUDT.unit, METRE.qudt)

@@ -10,7 +10,7 @@ from linked_fleet_gateway.extensions.foxglove.protocol import Channel, Parameter
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.identity.rights import Identity, Right
 from linked_fleet_gateway.resources.action_offer import fleet_offers, robot_offers
-from linked_fleet_gateway.resources.annotations import poses
+from linked_fleet_gateway.resources.annotations import named_poses
 from linked_fleet_gateway.resources.paths import robot_path
 from linked_fleet_gateway.subscriptions.live import Live
 
@@ -61,7 +61,7 @@ class Catalogue:
         found = []
         for robot in self._robots():
             if may_see(caller, robot.name):
-                said = {"title": robot.title, "presence": robot.presence, "namedPoses": sorted(poses(robot))}
+                said = {"title": robot.title, "presence": robot.presence, "namedPoses": sorted(named_poses(robot))}
                 found += [Parameter(topic(robot.name, what), value) for what, value in said.items()]
                 found.append(Parameter(topic(robot.name, SPEED), robot.speed_scale, "float64"))
         return {each.name: each for each in found}

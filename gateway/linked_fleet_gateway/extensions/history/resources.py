@@ -42,7 +42,7 @@ from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, RDFS
 from linked_fleet_gateway.resources.branches import FleetBranch, Found, PropertyBranch, RequestView, RobotBranch
 from linked_fleet_gateway.resources.describe import Describer
 from linked_fleet_gateway.resources.joint_kinds import kind_of
-from linked_fleet_gateway.resources.paths import joint_path, link_path, mesh_path, part_of, robot_path
+from linked_fleet_gateway.resources.paths import joint_or_link, joint_path, link_path, mesh_path, robot_path
 from linked_fleet_gateway.resources.property import Property
 from linked_fleet_gateway.resources.resource import Resource, blueprint_of
 from linked_fleet_gateway.resources.versioning import Source
@@ -149,7 +149,7 @@ def _of_property(history: History, view: RequestView, robot: Robot, owner: str, 
 def _series(joints: Joints, robot: Robot, owner: str, item: Property) -> Series | None:
     if owner == robot_path(robot.name):
         return base_series(item)
-    joint, link = part_of(owner.rpartition("/")[2], joints.model)
+    joint, link = joint_or_link(owner.rpartition("/")[2], joints.model)
     if joint is not None:
         return joint_series(joints, joint, item)
     assert link is not None

@@ -10,7 +10,7 @@ from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.rdf.graph import number
 from linked_fleet_gateway.rdf.vocabulary import LF as CORE
 from linked_fleet_gateway.resources.fleet_functions import Function, Term, path_of
-from linked_fleet_gateway.resources.relative_poses import relative_pose, rounded
+from linked_fleet_gateway.resources.relative_poses import relative_pose, round_to_resolution
 
 LF = CORE.extended("query poseIn distance example")
 
@@ -36,7 +36,7 @@ def functions_of(base: str, robots: Mapping[str, Robot], common: Mapping[str, Po
     def distance(*said: Term) -> Term | None:
         """Return the distance between the origins of two of these (m)."""
         pose = _seen(base, robots, common, said) if len(said) == 2 else None
-        return None if pose is None else number(rounded(math.hypot(*pose.position_m)))
+        return None if pose is None else number(round_to_resolution(math.hypot(*pose.position_m)))
 
     return {LF.poseIn: pose_in, LF.distance: distance}
 

@@ -18,8 +18,8 @@ from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.fleet.xml import Vector
 from linked_fleet_gateway.rdf.vocabulary import LF as CORE
 from linked_fleet_gateway.resources.fleet_functions import Function, Term, path_of
-from linked_fleet_gateway.resources.paths import part_of, robot_name
-from linked_fleet_gateway.resources.shape_parameters import commandable
+from linked_fleet_gateway.resources.paths import joint_or_link, robot_name
+from linked_fleet_gateway.resources.shape_parameters import commandable_joints
 
 if TYPE_CHECKING:
     from linked_fleet_gateway.extensions.reach import inverse_kinematics as solver
@@ -69,7 +69,7 @@ def _link(base: str, robots: Mapping[str, Robot], term: Term) -> tuple[Robot, st
     head, _, part = path_of(base, term)[1:].partition("/")
     try:
         robot = robots[robot_name(head)]
-        link = None if robot.model is None else part_of(part, robot.model)[1]
+        link = None if robot.model is None else joint_or_link(part, robot.model)[1]
     except (KeyError, ValueError):
         return None
     return None if link is None else (robot, link)
@@ -84,7 +84,7 @@ def _metres(term: Term) -> float | None:
 
 
 def _reaches(robot: Robot, link: str, place: Vector) -> bool | None:
-    description, frame, able = robot.description, robot.frame, commandable(robot)
+    description, frame, able = robot.description, robot.frame, commandable_joints(robot)
     if description is None or frame is None:
         return None
     movable = [joint.name for joint in able]

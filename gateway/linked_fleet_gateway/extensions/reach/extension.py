@@ -22,7 +22,7 @@ from linked_fleet_gateway.fleet.model import JointKind, ModelError
 from linked_fleet_gateway.http.extension import Core, Extension, Mount
 from linked_fleet_gateway.rdf.graph import Node
 from linked_fleet_gateway.rdf.vocabulary import MATHS
-from linked_fleet_gateway.resources.shape_parameters import commandable
+from linked_fleet_gateway.resources.shape_parameters import commandable_joints
 
 if TYPE_CHECKING:
     from linked_fleet_gateway.extensions.reach import inverse_kinematics as solver
@@ -75,7 +75,7 @@ def prepare_search(request: ActionRequest) -> Search:
     floating = description.base == "floating"
     said = body.text(root, LF.frame)
     in_frame: Literal["base", "world"] = "world" if said == "world" or (said is None and floating) else "base"
-    able = commandable(robot)
+    able = commandable_joints(robot)
     limits = {
         joint.name: (joint.limits.lower, joint.limits.upper)
         for joint in able

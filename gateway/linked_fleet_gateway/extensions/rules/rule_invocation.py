@@ -22,7 +22,7 @@ from linked_fleet_gateway.identity.rights import EVERYBODY, Identity, Right
 from linked_fleet_gateway.identity.service import Identities
 from linked_fleet_gateway.resources.action_offer import Offer
 from linked_fleet_gateway.resources.affordance import Invoke
-from linked_fleet_gateway.resources.body_values import Body, as_ntriples
+from linked_fleet_gateway.resources.body_values import Body, input_ntriples
 from linked_fleet_gateway.resources.paths import robot_of
 from linked_fleet_gateway.resources.resource import Resource
 from linked_fleet_gateway.resources.tree import Tree
@@ -66,7 +66,7 @@ async def invoke(
     # Cannot equal a client's key, whose characters are all visible.
     key, digest = f"\x1frule {rule.id} {number}", blake2b(repr(row).encode(), digest_size=16).hexdigest()
     asking = Caller(
-        rule.client, key=key, digest=digest, body=as_ntriples(body), sees=creator.visible_robots, rule=rule.id
+        rule.client, key=key, digest=digest, body=input_ntriples(body), sees=creator.visible_robots, rule=rule.id
     )
     return await actions.start(offer.path, plan, asking)
 

@@ -18,7 +18,7 @@ from linked_fleet_gateway.rdf.vocabulary import DCTERMS, LDP, RDFS, ROS, XHV
 from linked_fleet_gateway.rdf.vocabulary import LF as CORE
 from linked_fleet_gateway.resources.branches import FleetBranch, Found, RequestView, ThingDocument
 from linked_fleet_gateway.resources.joint_kinds import kind_of
-from linked_fleet_gateway.resources.paths import joint_path, link_path, part_of, robot_name, robot_path
+from linked_fleet_gateway.resources.paths import joint_or_link, joint_path, link_path, robot_name, robot_path
 from linked_fleet_gateway.resources.resource import Resource
 
 LF = CORE.extended("Directory things")
@@ -96,7 +96,7 @@ def _place(view: RequestView, path: str) -> Place | None:
             return (robot, None) if robot is not None and path.endswith("/") else None
         if robot.model is None:
             return None
-        joint, link = part_of(part, robot.model)
+        joint, link = joint_or_link(part, robot.model)
     except ValueError:
         return None
     return robot, (robot.model.joints[joint] if joint is not None else robot.model.links[link or ""])

@@ -36,7 +36,7 @@ from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.rdf.graph import METRE, Graph, Node
 from linked_fleet_gateway.rdf.validation import refuse_statements
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, HYDRA, LDP, RDF, RDFS
-from linked_fleet_gateway.resources.body_values import Body, validated
+from linked_fleet_gateway.resources.body_values import Body, validate_body
 from linked_fleet_gateway.resources.json_form import Field, Form, Value, form_of
 from linked_fleet_gateway.resources.paths import link_path, model_path, robot_path
 from linked_fleet_gateway.resources.relative_poses import RelativePose
@@ -181,7 +181,7 @@ def object_form() -> Form:
     """Return the form of an object in plain JSON: the members of its shape, and its kind."""
     kind = Value({"type": "string", "enum": list(_KINDS)}, terms=_KINDS)
     known = form_of(LF.SceneObjectInput).fields
-    return Form((*known, Field("kind", (RDF.type,), kind, most=1, description="an obstacle by default")))
+    return Form((*known, Field("kind", (RDF.type,), kind, max_count=1, description="an obstacle by default")))
 
 
 def read_object(
@@ -195,7 +195,7 @@ def read_object(
 
     Raises UnprocessableContent, which states the valid form.
     """
-    body = validated(triples, LF.SceneObjectInput, iri, described)
+    body = validate_body(triples, LF.SceneObjectInput, iri, described)
     frames = body.nodes(body.root, LF.inFrame)
     if any(each != NamedNode(world) for each in frames):
         raise UnprocessableContent(f"Objects stand in the frame of the world: lf:inFrame is <{world}>, or left out.")

@@ -20,7 +20,7 @@ from linked_fleet_gateway.resources.action_offer import Offer
 from linked_fleet_gateway.resources.affordance import Invoke, PutTarget
 from linked_fleet_gateway.resources.branches import NO_BRANCHES
 from linked_fleet_gateway.resources.json_form import form_of_input
-from linked_fleet_gateway.resources.plain_json import triples_of
+from linked_fleet_gateway.resources.plain_json import parse_json_body
 from linked_fleet_gateway.resources.resource import Resource
 from linked_fleet_gateway.resources.tree import Tree
 from wot import conforms, fits
@@ -57,7 +57,14 @@ FLEET = _fleet()
 
 
 def _tree(sees: View = ALL, *, secured: bool = False) -> Tree:
-    return Tree(FLEET, Invocations(), BASE, sees=sees, branches=NO_BRANCHES.with_branches(*BRANCHES), secured=secured)
+    return Tree(
+        FLEET,
+        Invocations(),
+        BASE,
+        visible_robots=sees,
+        branches=NO_BRANCHES.with_branches(*BRANCHES),
+        requires_authentication=secured,
+    )
 
 
 def _resource(path: str, tree: Tree | None = None) -> Resource:
@@ -161,7 +168,7 @@ def test_a_target_is_written_within_limits_and_read_as_it_is(
         assert fits(value, schema), number
         assert fits(value, _writable(schema)) == (number in written), number
         if number is not None:
-            body = triples_of(json.dumps(value["value"]).encode(), form_of_input(put.offer, BASE), BASE, 1000)
+            body = parse_json_body(json.dumps(value["value"]).encode(), form_of_input(put.offer, BASE), BASE, 1000)
             assert _admitted(put.offer, body) == (number in written), number
     assert not fits({"value": {"value": 0.1, "unit": UNIT.SEC.value}}, schema)
     assert fits({"value": {"value": 1, "unit": UNIT.DEG.value}}, _writable(schema)) == (unit == UNIT.RAD)
@@ -205,7 +212,7 @@ def test_the_guard_agrees_with_the_schema(body: dict, right: bool) -> None:
     invoke = _resource("/r/a~20turn/actions/rotate").affords
     assert isinstance(invoke, Invoke)
     assert fits(body, _td("/r/a~20turn")["actions"]["rotate"]["input"]) == right
-    triples = triples_of(json.dumps(body).encode(), form_of_input(invoke.offer, BASE), BASE, 1000)
+    triples = parse_json_body(json.dumps(body).encode(), form_of_input(invoke.offer, BASE), BASE, 1000)
     if right:
         admitted = admit(invoke.offer, triples, BASE)
         assert admitted.number(admitted.root, VOM.numericalValue) == body["value"]
@@ -231,7 +238,7 @@ def test_an_invalid_json_body_is_refused(body: bytes, error: type[Exception]) ->
     invoke = _resource("/r/a~20turn/actions/rotate").affords
     assert isinstance(invoke, Invoke)
     with pytest.raises(error):
-        triples_of(body, form_of_input(invoke.offer, BASE), BASE, 1000)
+        parse_json_body(body, form_of_input(invoke.offer, BASE), BASE, 1000)
 
 
 def test_things_exclude_invisible_robots() -> None:
