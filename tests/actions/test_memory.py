@@ -9,7 +9,7 @@ import pytest
 
 from linked_fleet_gateway.actions.replicated_invocations import ReplicatedInvocations
 from linked_fleet_gateway.actions.store import ActionStore
-from linked_fleet_gateway.app.application import new_live
+from linked_fleet_gateway.app.application import create_live
 from linked_fleet_gateway.app.settings import GatewaySettings
 from linked_fleet_gateway.fleet.invocations import Invocation, InvocationState
 from linked_fleet_gateway.runtime.redis import StoreUnavailable
@@ -50,7 +50,7 @@ async def _stop(*_: object) -> None: ...
 
 
 def _live() -> Live:
-    return new_live(GatewaySettings(), ZenohNetwork().gateway("g"))
+    return create_live(GatewaySettings(), ZenohNetwork().gateway("g"))
 
 
 def test_unsaved_invocations_are_bounded_and_open_ones_dropped_last(

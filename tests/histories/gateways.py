@@ -16,7 +16,7 @@ from linked_fleet_gateway.actions import lifecycle as lifecycle_module
 from linked_fleet_gateway.actions import service as actions_module
 from linked_fleet_gateway.actions.service import Actions
 from linked_fleet_gateway.actions.store import ActionStore
-from linked_fleet_gateway.app.application import new_live
+from linked_fleet_gateway.app.application import create_live
 from linked_fleet_gateway.app.settings import GatewaySettings
 from linked_fleet_gateway.extensions.rules.store import RuleStore
 from linked_fleet_gateway.extensions.world.service import ObjectStore
@@ -160,7 +160,7 @@ class Gateway:
         self.run = new_run()
         self.store = ActionStore(url, NAMESPACE, self.run)
         self.objects, self.rules = ObjectStore(url, NAMESPACE), RuleStore(url, NAMESPACE, self.run)
-        self.live = new_live(GatewaySettings(), ZenohNetwork().gateway(self.run))
+        self.live = create_live(GatewaySettings(), ZenohNetwork().gateway(self.run))
         self.live.link = LossyLink(robots, draws)  # type: ignore[assignment]
         self._robots, self._watched, self._fan_out = robots, watched, watched.watch()
         self._remembered = ActionStore(url, NAMESPACE, self.run)

@@ -11,7 +11,7 @@ from linked_fleet_agent.link import RobotLink
 from linked_fleet_agent.transport import Session
 from linked_fleet_agent.wire.keys import Keys
 from linked_fleet_agent.wire.messages import WIRE_VERSION, Accepted, Command, Move
-from linked_fleet_gateway.app.application import new_live
+from linked_fleet_gateway.app.application import create_live
 from linked_fleet_gateway.app.settings import GatewaySettings
 from linked_fleet_gateway.link.transport import Opener
 from linked_fleet_gateway.subscriptions.live import Live
@@ -77,7 +77,7 @@ class Gateway:
 
 @asynccontextmanager
 async def gateway(open_session: Opener, *flags: str) -> AsyncIterator[Gateway]:
-    live = new_live(GatewaySettings.read({}, flags), open_session)
+    live = create_live(GatewaySettings.read({}, flags), open_session)
     async with live:
         await live.join()
         yield Gateway(live)

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from linked_fleet_gateway.app.application import new_live
+from linked_fleet_gateway.app.application import create_live
 from linked_fleet_gateway.app.settings import GatewaySettings
 from linked_fleet_gateway.extensions.world import service as store_module
 from linked_fleet_gateway.extensions.world.scene import SceneObject, Sphere
@@ -36,7 +36,7 @@ def known(server: Backend) -> Open:
     @asynccontextmanager
     async def make() -> Any:
         store = ObjectStore(server.url, "fleet")
-        async with Objects(new_live(GatewaySettings(), ZenohNetwork().gateway("g")), store) as objects:
+        async with Objects(create_live(GatewaySettings(), ZenohNetwork().gateway("g")), store) as objects:
             yield Known(objects, store)
 
     return make

@@ -1,13 +1,13 @@
 """Listeners of the live fleet."""
 
-from linked_fleet_gateway.app.application import new_live
+from linked_fleet_gateway.app.application import create_live
 from linked_fleet_gateway.app.settings import GatewaySettings
 from linked_fleet_gateway.fleet.invocations import Invocation, InvocationState
 from virtual.zenoh_network import ZenohNetwork
 
 
 def test_listeners_hear_of_each_change_of_an_invocation_until_they_are_removed() -> None:
-    live = new_live(GatewaySettings(), ZenohNetwork().gateway("g"))
+    live = create_live(GatewaySettings(), ZenohNetwork().gateway("g"))
     heard: list[InvocationState] = []
 
     def hear(invocation: Invocation) -> None:

@@ -15,7 +15,7 @@ from typing import Any
 import linked_fleet_agent.transport
 from linked_fleet_agent.serving import make_agent, serve
 from linked_fleet_agent.settings import SettingsError, read_settings
-from linked_fleet_gateway.app.application import create_app, sockets_of
+from linked_fleet_gateway.app.application import create_app, create_sockets
 from linked_fleet_gateway.app.settings import GatewaySettings
 from linked_fleet_gateway.http.server import Server
 from linked_fleet_gateway.identity.roster import BadRoster
@@ -167,7 +167,7 @@ class VirtualProcess:
         network = self._world.network(settings.zenoh_connect or settings.listen_endpoints)
         try:
             app = create_app(settings, None, network.gateway(self.name))
-            server = Server(app, sockets_of(settings))
+            server = Server(app, create_sockets(settings))
             self._ending = lambda: server.begin_shutdown(signal.SIGTERM)
             async with app.router.lifespan_context(app):
                 self.lines.append(f"serving {settings.public_urls[0]}/\n")

@@ -13,7 +13,7 @@ from starlette.applications import Starlette
 from linked_fleet_gateway.actions.service import Actions
 from linked_fleet_gateway.actions.store import ActionStore
 from linked_fleet_gateway.app.extensions import ExtensionSettings, enabled_extensions, install, mount, representations
-from linked_fleet_gateway.app.metrics import MetricsCollector, Sampler, registry
+from linked_fleet_gateway.app.metrics import MetricsCollector, Sampler, create_registry
 from linked_fleet_gateway.app.settings import GatewaySettings
 from linked_fleet_gateway.http.connection_limits import Sockets, limit_to_file_descriptors
 from linked_fleet_gateway.http.endpoint import Endpoint
@@ -84,7 +84,7 @@ def _check(name: str, compiler: Compiler, shape: Node) -> None:
         raise Unsupported(f"linked_fleet_shapes/{name}: {shape} cannot be compiled: {error}") from error
 
 
-def new_live(settings: GatewaySettings, open_session: Opener) -> Live:
+def create_live(settings: GatewaySettings, open_session: Opener) -> Live:
     """Return the live fleet of a gateway with these settings, not yet joined."""
     return Live(
         settings.namespace,
@@ -94,7 +94,7 @@ def new_live(settings: GatewaySettings, open_session: Opener) -> Live:
     )
 
 
-def sockets_of(settings: GatewaySettings) -> Sockets:
+def create_sockets(settings: GatewaySettings) -> Sockets:
     """Return the limits of connections, bounded by the number of files that the process may open."""
     return Sockets(limit_to_file_descriptors(settings.sockets), settings.sockets_per_client)
 
@@ -111,7 +111,7 @@ def create_app(settings: GatewaySettings, tracing: Tracing | None = None, open_s
     @asynccontextmanager
     async def lifespan(_: Starlette) -> AsyncIterator[None]:
         async with AsyncExitStack() as stack:
-            live = await stack.enter_async_context(new_live(settings, open_session))
+            live = await stack.enter_async_context(create_live(settings, open_session))
             embedded = None if settings.redis_url else EmbeddedRedis(settings.state_path)
             url = settings.redis_url if embedded is None else (await stack.enter_async_context(embedded)).url
             run = new_run()
@@ -143,7 +143,7 @@ def create_app(settings: GatewaySettings, tracing: Tracing | None = None, open_s
             app.services = Services(
                 live, actions, subscriptions, audit, identities, embedded,
                 stop_priority=StopPriority(carriers), rates=rates,
-                representations=representations(mounts), registry=registry(numbers),
+                representations=representations(mounts), registry=create_registry(numbers),
                 schemes=[each.scheme for each in mounts if each.scheme is not None],
                 subprotocols={name: value for each in mounts for name, value in each.subprotocols.items()},
                 not_ready=[each.not_ready for each in mounts],

@@ -14,7 +14,7 @@ import uvloop
 
 from linked_fleet_agent.spans import TracingUnavailable
 from linked_fleet_agent.wire.trust import is_loopback, unauthenticated_endpoints
-from linked_fleet_gateway.app.application import create_app, sockets_of
+from linked_fleet_gateway.app.application import create_app, create_sockets
 from linked_fleet_gateway.app.settings import GatewaySettings, exposure_problems
 from linked_fleet_gateway.http.server import Server
 from linked_fleet_gateway.http.tls import Certificate
@@ -94,7 +94,7 @@ async def _serve(
     settings: GatewaySettings, listener: socket.socket, certificate: Certificate | None, tracing: Tracing | None
 ) -> int:
     app = create_app(settings, tracing)
-    server = Server(app, sockets_of(settings), certificate)
+    server = Server(app, create_sockets(settings), certificate)
     for number in (signal.SIGINT, signal.SIGTERM):
         asyncio.get_running_loop().add_signal_handler(number, server.begin_shutdown, number)
     async with app.router.lifespan_context(app), _followed(certificate):

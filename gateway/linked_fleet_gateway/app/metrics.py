@@ -75,7 +75,7 @@ class Sampler:
                     self.frame_lag.add((taken_ns - wall_ns) / 1e9)
 
 
-def registry(numbers: "MetricsCollector") -> CollectorRegistry:
+def create_registry(numbers: "MetricsCollector") -> CollectorRegistry:
     """Return a registry with the metrics of one gateway and of its process."""
     made = CollectorRegistry()
     made.register(numbers)

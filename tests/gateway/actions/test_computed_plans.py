@@ -15,7 +15,7 @@ from linked_fleet_gateway.actions.plan import (
 )
 from linked_fleet_gateway.actions.service import Actions
 from linked_fleet_gateway.actions.store import ActionStore
-from linked_fleet_gateway.app.application import new_live
+from linked_fleet_gateway.app.application import create_live
 from linked_fleet_gateway.app.settings import GatewaySettings
 from linked_fleet_gateway.fleet.events import Frames
 from linked_fleet_gateway.fleet.robot import Robot
@@ -35,7 +35,7 @@ def test_a_long_computation_does_not_make_a_motion_stale(seconds: int, monkeypat
         return Motion(robot, Move({"turn": 1.0}), {"turn": 1.0}, RobotTime(1, 17))
 
     async def computed() -> Motion:
-        live = new_live(GatewaySettings(), ZenohNetwork().gateway("g"))
+        live = create_live(GatewaySettings(), ZenohNetwork().gateway("g"))
         return await Actions(live, ActionStore("redis://127.0.0.1:1", "test", "run"), 1).compute(DeferredPlan(compute))
 
     robot = Robot("arm", lambda name, error: None, Frames())

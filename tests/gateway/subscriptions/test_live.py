@@ -4,7 +4,7 @@ import asyncio
 
 import pytest
 
-from linked_fleet_gateway.app.application import new_live
+from linked_fleet_gateway.app.application import create_live
 from linked_fleet_gateway.app.settings import GatewaySettings
 from linked_fleet_gateway.fleet.events import Appeared
 from linked_fleet_gateway.fleet.fleet import Change
@@ -18,7 +18,7 @@ pytestmark = pytest.mark.virtual
 
 @pytest.fixture
 def live() -> Live:
-    live = new_live(GatewaySettings(), ZenohNetwork().gateway("g"))
+    live = create_live(GatewaySettings(), ZenohNetwork().gateway("g"))
     for name in "abc":
         live.fleet.apply(Appeared(name, 1), 1)
     return live

@@ -12,7 +12,7 @@ from datetime import UTC, datetime
 
 from linked_fleet_agent.wire.trust import is_loopback, unauthenticated_endpoints
 from linked_fleet_gateway.app.doctor import certificates, libraries, machine, redis_server, zenoh_routers
-from linked_fleet_gateway.app.doctor.finding import Finding, lines, summary
+from linked_fleet_gateway.app.doctor.finding import Finding, format_findings, summary
 from linked_fleet_gateway.app.settings import GatewaySettings, exposure_problems
 
 _REDIS_S = 10.0
@@ -23,7 +23,7 @@ def main() -> int:
         print(f"usage: linked-fleet doctor [flags of the gateway]\n\n{(__doc__ or '').strip()}")
         return 0
     findings = asyncio.run(examine(os.environ, sys.argv[1:]))
-    print(lines(findings))
+    print(format_findings(findings))
     print(summary(findings))
     return int(any(each.is_fault for each in findings))
 
@@ -35,13 +35,13 @@ async def examine(environment: Mapping[str, str], arguments: Sequence[str]) -> l
     except ValueError as error:
         return [Finding("settings", str(error), "docs/SETTINGS.md has all settings")]
     wire = list(_wire(settings))
-    found = [*_exposure(settings), *_ports(settings), *_tls(settings), *wire, machine.this_machine()]
+    found = [*_exposure(settings), *_ports(settings), *_tls(settings), *wire, machine.check_machine()]
     found += await libraries.check_libraries()
     if settings.redis_url:
-        answers = redis_server.redis_server(settings.redis_url, settings.namespace)
+        answers = redis_server.check_redis(settings.redis_url, settings.namespace)
         found += await redis_server.collect_within(answers, _REDIS_S)
     else:
-        found.append(redis_server.embedded_server(settings.state_path))
+        found.append(redis_server.check_embedded_redis(settings.state_path))
     if settings.zenoh_connect and not any(each.is_fault for each in wire):
         found.append(await zenoh_routers.check_link(settings.zenoh_connect, settings.trust, settings.namespace))
     return found
@@ -65,19 +65,19 @@ def _exposure(settings: GatewaySettings) -> Iterator[Finding]:
 
 
 def _ports(settings: GatewaySettings) -> Iterator[Finding]:
-    http = machine.http_port(settings.host, settings.port, bool(settings.tls_cert))
+    http = machine.check_http_port(settings.host, settings.port, bool(settings.tls_cert))
     yield http
-    yield from machine.zenoh_ports(settings.listen_endpoints, "already" in http.sentence)
+    yield from machine.check_zenoh_ports(settings.listen_endpoints, "already" in http.sentence)
 
 
 def _tls(settings: GatewaySettings) -> Iterator[Finding]:
     now = datetime.now(UTC)
     if settings.tls_cert:
-        yield from certificates.http_certificate(
+        yield from certificates.check_http_certificate(
             str(settings.tls_cert), str(settings.tls_key), settings.public_urls, now
         )
     ca, certificate, key = (str(each or "") for each in (settings.zenoh_ca, settings.zenoh_cert, settings.zenoh_key))
-    yield from certificates.wire_certificates(ca, certificate, key, now)
+    yield from certificates.check_wire_certificates(ca, certificate, key, now)
 
 
 def _wire(settings: GatewaySettings) -> Iterator[Finding]:

@@ -14,14 +14,14 @@ from linked_fleet_gateway.app.doctor.finding import Finding
 _SOON = timedelta(days=21)
 
 
-def http_certificate(certificate: str, key: str, public_urls: Sequence[str], now: datetime) -> Iterator[Finding]:
+def check_http_certificate(certificate: str, key: str, public_urls: Sequence[str], now: datetime) -> Iterator[Finding]:
     """Check the gateway's certificate for HTTPS."""
     try:
         check_pair(certificate, key)
     except ValueError as error:
         yield Finding("tls", str(error), "give a certificate chain and its private key, both PEM, without a password")
         return
-    yield from validity_periods("tls", certificate, now)
+    yield from check_validity_periods("tls", certificate, now)
     hosts = {urlsplit(url).hostname or "" for url in public_urls}
     missing = sorted(host for host in hosts if not _names(certificate, host))
     if missing:
@@ -29,7 +29,7 @@ def http_certificate(certificate: str, key: str, public_urls: Sequence[str], now
         yield Finding("tls", f"{certificate} is not for {', '.join(missing)}", advice)
 
 
-def wire_certificates(authority: str, certificate: str, key: str, now: datetime) -> Iterator[Finding]:
+def check_wire_certificates(authority: str, certificate: str, key: str, now: datetime) -> Iterator[Finding]:
     """Check the three files that identify the gateway on Zenoh."""
     advice = "make them with deploy/certificates (deploy/README.md, Who is who on the wire)"
     try:
@@ -40,12 +40,12 @@ def wire_certificates(authority: str, certificate: str, key: str, now: datetime)
     if given is None:
         return
     for path in (authority, certificate):
-        yield from validity_periods("tls", path, now)
+        yield from check_validity_periods("tls", path, now)
     if not _signed(certificate, authority):
         yield Finding("tls", f"{certificate} is not signed by {authority}", advice)
 
 
-def validity_periods(subject: str, path: str, now: datetime) -> Iterator[Finding]:
+def check_validity_periods(subject: str, path: str, now: datetime) -> Iterator[Finding]:
     """Check the validity period of each certificate in a file. ``now`` has a time zone."""
     for each in _read(path):
         first, last = each.not_valid_before_utc, each.not_valid_after_utc
@@ -57,7 +57,7 @@ def validity_periods(subject: str, path: str, now: datetime) -> Iterator[Finding
             sentence = f"{path} is valid from {first:%Y-%m-%d %H:%M} UTC on, which is later than now"
             yield Finding(subject, sentence, advice)
         elif last - now < _SOON:
-            yield Finding(subject, f"{path} expires on {day}", "renew it", note=True)
+            yield Finding(subject, f"{path} expires on {day}", "renew it", is_note=True)
         else:
             yield Finding(subject, f"{path} is valid until {day}")
 

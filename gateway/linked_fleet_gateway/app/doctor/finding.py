@@ -13,14 +13,14 @@ class Finding:
     subject: str
     sentence: str
     advice: str = ""
-    note: bool = False
+    is_note: bool = False
 
     @property
     def is_fault(self) -> bool:
-        return bool(self.advice) and not self.note
+        return bool(self.advice) and not self.is_note
 
     def __str__(self) -> str:
-        level = "WRONG" if self.is_fault else "note" if self.note else "ok"
+        level = "WRONG" if self.is_fault else "note" if self.is_note else "ok"
         said = f"{self.sentence}; {self.advice}" if self.advice else self.sentence
         return f"{level:6}{self.subject:{_WIDTH}}{said}"
 
@@ -32,5 +32,5 @@ def summary(findings: Sequence[Finding]) -> str:
     return "1 thing is wrong" if wrong == 1 else f"{wrong} things are wrong"
 
 
-def lines(findings: Iterable[Finding]) -> str:
+def format_findings(findings: Iterable[Finding]) -> str:
     return "\n".join(str(each) for each in findings)

@@ -18,16 +18,16 @@ _ERROR = 5  # TIME_ERROR of adjtimex(2): the clock is not synchronised
 _TIMEX_BYTES = 1024  # struct timex has 208 bytes on 64 bits; all zeros queries without a change
 
 
-def this_machine() -> Finding:
+def check_machine() -> Finding:
     """Check that the clock is synchronised, on which times of values, certificates and lags of frames depend."""
     if not sys.platform.startswith("linux"):
         return Finding("clocks", "that of this machine is not checked: it has no adjtimex", note=True)
     state = ctypes.CDLL(None, use_errno=True).adjtimex(ctypes.create_string_buffer(_TIMEX_BYTES))
     if state == _ERROR:
         sentence = "nobody sets the clock of this machine, as far as its kernel knows"
-        return Finding("clocks", sentence, "have it set by NTP, on the host if this is a container", note=True)
+        return Finding("clocks", sentence, "have it set by NTP, on the host if this is a container", is_note=True)
     if state < 0:
-        return Finding("clocks", "the kernel does not say whether anybody sets the clock of this machine", note=True)
+        return Finding("clocks", "the kernel does not say whether anybody sets the clock of this machine", is_note=True)
     return Finding("clocks", "that of this machine is set by NTP")
 
 
@@ -36,7 +36,7 @@ _MOST_BYTES = 65_536
 _LOCATOR = re.compile(r"(tcp|tls|quic|udp)/\[?(.*?)\]?:(\d+)(?:[?#].*)?")
 
 
-def http_port(host: str, port: int, tls: bool) -> Finding:
+def check_http_port(host: str, port: int, tls: bool) -> Finding:
     """Check that the HTTP port is free or used by a gateway."""
     taken = _taken(host, port, socket.SOCK_STREAM)
     if not taken:
@@ -46,12 +46,12 @@ def http_port(host: str, port: int, tls: bool) -> Finding:
     return Finding("port", f"{host}:{port} cannot be listened on: {taken}", "choose another with --port and --host")
 
 
-def zenoh_ports(endpoints: Sequence[str], served: bool) -> Iterator[Finding]:
+def check_zenoh_ports(endpoints: Sequence[str], served: bool) -> Iterator[Finding]:
     """Check the ports on which a gateway listens for robots; ``served`` says that a gateway runs here already."""
     for endpoint in endpoints:
         match = _LOCATOR.fullmatch(endpoint)
         if match is None:
-            yield Finding("zenoh", f"{endpoint} is not checked: it is no address of TCP or UDP", note=True)
+            yield Finding("zenoh", f"{endpoint} is not checked: it is no address of TCP or UDP", is_note=True)
             continue
         protocol, host, port = match.groups()
         kind = socket.SOCK_STREAM if protocol in ("tcp", "tls") else socket.SOCK_DGRAM

@@ -16,7 +16,7 @@ _PASSWORD = re.compile(r"(?<=://)[^@/]*@")
 _MOST_APART_S = 1.0
 
 
-async def redis_server(url: str, namespace: str) -> AsyncIterator[Finding]:
+async def check_redis(url: str, namespace: str) -> AsyncIterator[Finding]:
     """Check the server at ``url`` without changing anything."""
     shown = _PASSWORD.sub("…@", url)
     try:
@@ -38,7 +38,7 @@ async def redis_server(url: str, namespace: str) -> AsyncIterator[Finding]:
         await connection.close()
 
 
-def embedded_server(folder: Path) -> Finding:
+def check_embedded_redis(folder: Path) -> Finding:
     """Check the folder of the embedded server, which is used without REDIS_URL."""
     existing = next(each for each in (folder, *folder.parents) if each.exists())
     if not (existing.is_dir() and os.access(existing, os.W_OK | os.X_OK)):
@@ -68,7 +68,7 @@ async def _durability(connection: Connection, shown: str) -> AsyncIterator[Findi
         yield Finding("redis", sentence, "set maxmemory-policy noeviction")
     if not told.get("aof_enabled"):
         sentence = f"{shown} keeps nothing of the last seconds when it ends (appendonly no)"
-        yield Finding("redis", sentence, "set appendonly yes and appendfsync always", note=True)
+        yield Finding("redis", sentence, "set appendonly yes and appendfsync always", is_note=True)
 
 
 def _advice(error: str) -> str:
@@ -79,13 +79,13 @@ def _advice(error: str) -> str:
     return "start it, or correct the address in REDIS_URL"
 
 
-async def collect_within(findings: AsyncIterator[Finding], at_most_s: float) -> list[Finding]:
+async def collect_within(findings: AsyncIterator[Finding], timeout_s: float) -> list[Finding]:
     """Return the findings of a check within a time limit."""
     found: list[Finding] = []
     try:
-        async with asyncio.timeout(at_most_s):
+        async with asyncio.timeout(timeout_s):
             async for each in findings:
                 found.append(each)
     except TimeoutError:
-        found.append(Finding("redis", f"it did not answer within {at_most_s:.0f} s", "look at the server's log"))
+        found.append(Finding("redis", f"it did not answer within {timeout_s:.0f} s", "look at the server's log"))
     return found

@@ -26,7 +26,7 @@ def check_endpoints(endpoints: Sequence[str], credentials: Credentials | None) -
     for endpoint in endpoints:
         match = _ENDPOINT.fullmatch(endpoint)
         if match is None:
-            yield Finding("zenoh", f"{endpoint} is not tried by itself: that is done for tcp/ and tls/", note=True)
+            yield Finding("zenoh", f"{endpoint} is not tried by itself: that is done for tcp/ and tls/", is_note=True)
             continue
         protocol, host, port = match.groups()
         if protocol == "tls" and credentials is None:

@@ -12,7 +12,7 @@ import msgspec
 import pytest
 from pyoxigraph import Literal, NamedNode, Triple
 
-from linked_fleet_gateway.app.application import new_live
+from linked_fleet_gateway.app.application import create_live
 from linked_fleet_gateway.app.extensions import BUILT_IN, install
 from linked_fleet_gateway.app.settings import GatewaySettings
 from linked_fleet_gateway.base.errors import BadRequest, FleetError
@@ -68,7 +68,7 @@ def asking() -> Iterator[Asking]:
     install(BUILT_IN)
 
     async def enter() -> tuple[Live, Queries]:
-        live = await new_live(GatewaySettings(), ZenohNetwork().gateway("queries")).__aenter__()
+        live = await create_live(GatewaySettings(), ZenohNetwork().gateway("queries")).__aenter__()
         return live, await Queries(live, limit_s=0.5).__aenter__()
 
     live, queries = loop.run(enter())

@@ -16,7 +16,7 @@ from rdflib import URIRef
 from browser import DCTERMS, LDP, Browser
 from linked_fleet_agent.wire.codec import encode_state
 from linked_fleet_agent.wire.messages import State
-from linked_fleet_gateway.app.application import new_live
+from linked_fleet_gateway.app.application import create_live
 from linked_fleet_gateway.app.settings import GatewaySettings
 from linked_fleet_gateway.extensions.history.recorder import History
 from linked_fleet_gateway.extensions.history.track import Excerpt, Joints, joints_of
@@ -71,7 +71,7 @@ class Bench(Recorder):
 
 @pytest.fixture
 def made(bench: Any, tmp_path: Path) -> Bench:
-    live = new_live(GatewaySettings(), ZenohNetwork().gateway("g"))
+    live = create_live(GatewaySettings(), ZenohNetwork().gateway("g"))
     live.fleet = bench.fleet
     return Bench(bench, live, tmp_path, MOST_WAITING + 2)
 

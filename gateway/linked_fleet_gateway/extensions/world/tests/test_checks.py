@@ -12,7 +12,7 @@ import pytest
 from linked_fleet_agent.wire.codec import encode_state, layout
 from linked_fleet_agent.wire.messages import Description, Mesh, Move, State
 from linked_fleet_gateway.actions.plan import TIME_TO_LIVE_NS, Motion, RobotTime, command_of
-from linked_fleet_gateway.app.application import new_live
+from linked_fleet_gateway.app.application import create_live
 from linked_fleet_gateway.app.settings import GatewaySettings
 from linked_fleet_gateway.extensions.world import checks
 from linked_fleet_gateway.extensions.world.checks import Checks
@@ -47,7 +47,7 @@ class Scene:
     """Robots with a mesh that they serve only when permitted, and the checks of their motions."""
 
     def __init__(self, folder: Path, idle_s: float = IDLE_S) -> None:
-        self.live = new_live(GatewaySettings(), ZenohNetwork().gateway("g"))
+        self.live = create_live(GatewaySettings(), ZenohNetwork().gateway("g"))
         self.live.meshes = Meshes(self._ask)
         self.objects: dict[str, SceneObject] = {}
         self.checks = Checks(self.live, self.objects, folder, idle_s=idle_s)

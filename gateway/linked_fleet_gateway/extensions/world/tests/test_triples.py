@@ -4,7 +4,7 @@ from pathlib import Path
 
 from pyoxigraph import Literal, NamedNode
 
-from linked_fleet_gateway.app.application import new_live
+from linked_fleet_gateway.app.application import create_live
 from linked_fleet_gateway.app.settings import GatewaySettings
 from linked_fleet_gateway.extensions.world.placement import LF
 from linked_fleet_gateway.extensions.world.scene import SceneObject, Sphere, encode
@@ -22,7 +22,7 @@ BASE = "http://fleet.test"
 
 def test_all_that_is_in_the_world_is_told_and_told_anew_when_it_changes(tmp_path: Path) -> None:
     settings = GatewaySettings()
-    live = new_live(settings, ZenohNetwork().gateway("g"))
+    live = create_live(settings, ZenohNetwork().gateway("g"))
     world = World(live, "unix:///nowhere", settings.namespace, tmp_path)
     view = RequestView(BASE, live.fleet.robots, InvocationsInView(Invocations(), ALL), ALL)
     where = Pose((0.0, 0.0, 1.0), (0.0, 0.0, 0.0, 1.0))
