@@ -140,7 +140,9 @@ class Link:
     etag: str | None = None
 
 
-def link_header(own: Sequence[Link], parts: Sequence[Link], linkset: str | None = None, limit: int = 4096) -> str:
+def link_header(
+    own_links: Sequence[Link], part_links: Sequence[Link], linkset: str | None = None, limit: int = 4096
+) -> str:
     """Return the field value, shorter than ``limit``: own links, then parts as they fit, then the link set if given.
 
     Room for the link set is reserved first, because it contains the links that do not fit.
@@ -149,7 +151,7 @@ def link_header(own: Sequence[Link], parts: Sequence[Link], linkset: str | None 
     last = [member for member in last if len(member) < limit]
     room = limit - sum(len(member) + 2 for member in last)
     members: list[str] = []
-    for link in [*own, *parts]:
+    for link in [*own_links, *part_links]:
         if len(link.target) + len(link.rel) + _LEAST_BYTES >= room:
             continue
         member = _member(link)

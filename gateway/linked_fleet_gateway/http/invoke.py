@@ -62,13 +62,13 @@ _KEY = re.compile(r'"([\x20\x21\x23-\x5b\x5d-\x7e]{1,255})"|([!-~]{1,255})')
 _TOKEN = re.compile(r"<(urn:uuid:[0-9a-f-]{36})>|(urn:uuid:[0-9a-f-]{36})")
 
 
-async def invoke(request: Request, afforded: Invoke) -> Response:
+async def invoke(request: Request, affordance: Invoke) -> Response:
     """Invoke an action.
 
     The response is 204 with Location, 201 with the invocation for Prefer: return=representation, or 202 for
     respond-async or wait.
     """
-    offer = afforded.offer
+    offer = affordance.offer
     _trace(offer, f"actions/{offer.definition.segment}")
     if not offer.takes_body:
         return await _halt(request, offer)
@@ -78,9 +78,9 @@ async def invoke(request: Request, afforded: Invoke) -> Response:
     return await _carry_out(request, offer, admitted, moment, prefer)
 
 
-async def put_target(request: Request, afforded: PutTarget) -> Response:
+async def put_target(request: Request, affordance: PutTarget) -> Response:
     """Set the target property of a joint: its ``lf:value`` is the input of the action (R0.5)."""
-    offer, moment = afforded.offer, robot_time(afforded.offer.robot)
+    offer, moment = affordance.offer, robot_time(affordance.offer.robot)
     iri = request.base + request.scope["path"]
     _trace(offer, iri.rpartition("/")[2])
     prefer = _prefer(request, offer)
@@ -91,14 +91,14 @@ async def put_target(request: Request, afforded: PutTarget) -> Response:
     return await _carry_out(request, offer, admitted, moment, prefer)
 
 
-async def end_invocation(request: Request, afforded: EndInvocation) -> Response:
+async def end_invocation(request: Request, affordance: EndInvocation) -> Response:
     """Cancel an invocation, or stop and remove it; also by others than its creator."""
     reject_dry_run(request)
     actions: Actions = request.services.actions
-    if afforded.keep_record:
-        await actions.lifecycle.cancel(afforded.invocation)
+    if affordance.keep_record:
+        await actions.lifecycle.cancel(affordance.invocation)
     else:
-        await actions.lifecycle.remove(afforded.invocation)
+        await actions.lifecycle.remove(affordance.invocation)
     return Response(status_code=204)
 
 

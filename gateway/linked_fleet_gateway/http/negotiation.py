@@ -71,13 +71,13 @@ def _media_range(member: str) -> MediaRange | None:
     return MediaRange(main, sub, tuple(named))
 
 
-def choose(header: str | None, offered: Sequence[str], also: tuple[str, str] | None = None) -> str | None:
+def choose(header: str | None, offered: Sequence[str], equivalent: tuple[str, str] | None = None) -> str | None:
     """Return the offered type that the client prefers, the first of equals; None if all are excluded.
 
-    ``also``: an offered type, and a type whose readers can read it.
+    ``equivalent``: an offered type, and a type whose readers can read it.
     """
     choice = _choice if header is None or len(header) <= _SHORT else _choice.__wrapped__
-    return choice(header, tuple(offered), also)
+    return choice(header, tuple(offered), equivalent)
 
 
 @lru_cache(maxsize=1024)
@@ -135,12 +135,12 @@ _LEVEL = 3
 GZIP = (b"content-encoding", b"gzip")
 
 
-def is_compressible(content: bytes, measured: bool, most: int = MOST_BYTES) -> bool:
-    """Return True if the content is worth compressing and has at most ``most`` bytes.
+def is_compressible(content: bytes, measured: bool, max_bytes: int = MOST_BYTES) -> bool:
+    """Return True if the content is worth compressing and has at most ``max_bytes`` bytes.
 
     ``measured``: it has values that change.
     """
-    return (LEAST_MEASURED_BYTES if measured else LEAST_BYTES) <= len(content) <= most
+    return (LEAST_MEASURED_BYTES if measured else LEAST_BYTES) <= len(content) <= max_bytes
 
 
 def compress(content: bytes) -> bytes:

@@ -93,9 +93,9 @@ def creation_responses(description: str) -> Json:
     return {"201": {"description": description, "headers": {"Location": component_ref("headers", "Location")}}}
 
 
-def segment_schema(found: Iterable[str]) -> Json:
+def segment_schema(segments: Iterable[str]) -> Json:
     """Return the schema of a path segment that is one of these names."""
-    listed = list(dict.fromkeys(found))
+    listed = list(dict.fromkeys(segments))
     return {"type": "string", "enum": listed} if 0 < len(listed) <= MOST_NAMES else {"type": "string", "minLength": 1}
 
 
@@ -116,8 +116,8 @@ def header_ref(name: str) -> Json:
     return component_ref("parameters", name)
 
 
-def parameter(name: str, where: str, schema: Json, description: str = "", required: bool = False) -> Json:
-    said: Json = {"name": name, "in": where, "required": required, "schema": schema}
+def parameter(name: str, location: str, schema: Json, description: str = "", required: bool = False) -> Json:
+    said: Json = {"name": name, "in": location, "required": required, "schema": schema}
     return said | ({"description": description} if description else {})
 
 

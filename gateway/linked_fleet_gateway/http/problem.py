@@ -58,7 +58,7 @@ def problem_body(
 ) -> tuple[bytes, str]:
     """Return body and content type. A client that accepts none of the types gets JSON (RFC 9110, 15.5.7)."""
     offered = (PROBLEM_JSON, *RDF_TYPES, *(() if html is None else (HTML,)))
-    media_type = choose(accept, offered, also=(PROBLEM_JSON, "application/json")) or PROBLEM_JSON
+    media_type = choose(accept, offered, equivalent=(PROBLEM_JSON, "application/json")) or PROBLEM_JSON
     if media_type == PROBLEM_JSON:
         return _json(error, instance), PROBLEM_JSON
     if media_type == HTML and html is not None:

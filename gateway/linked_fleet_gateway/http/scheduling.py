@@ -87,12 +87,12 @@ class Offload:
         self._place = asyncio.Semaphore(1)
         self._waiting = 0
 
-    async def run(self, work: Callable[[], T], size: int, short: int = SHORT_BYTES) -> T:
+    async def run(self, work: Callable[[], T], size: int, inline_bytes: int = SHORT_BYTES) -> T:
         """Run ``work`` on this many bytes, directly if they are few. Raises Busy if too many calls wait.
 
         ``work`` must not use anything that the event loop changes.
         """
-        if size <= short:
+        if size <= inline_bytes:
             return work()
         if self._waiting >= self._most_waiting:
             raise Busy(f"{self._most_waiting} long bodies are being read; ask again.")

@@ -124,9 +124,9 @@ async def subscribe_callback(request: Request, resource: Resource) -> Response:
     return await _create(request, subscription, media_type if media_type in RDF_TYPES else RDF_TYPES[0])
 
 
-async def post_subscription(request: Request, afforded: Subscribe) -> Response:
+async def post_subscription(request: Request, affordance: Subscribe) -> Response:
     """Create a callback, or a stream to be opened at its Location, by POST to a Subscriptions container."""
-    owner, media_type = afforded.owner, body_type(request)
+    owner, media_type = affordance.owner, body_type(request)
     check_acceptable(request)
     iri = request.base + container_path(owner)
     wanted = await convert_body(
@@ -156,10 +156,10 @@ def _from_body(request: Request, wanted: Wanted, resource: Resource, iri: str) -
         raise _unprocessable(str(error), iri) from error
 
 
-def resolve_media_type(resource: Resource, wanted: str, iri: str) -> str:
+def resolve_media_type(resource: Resource, requested: str, iri: str) -> str:
     """Return the requested media type, or the default. Raises UnprocessableContent for an unavailable one."""
     offered = message_types(resource)
-    media_type = wanted or offered[0]
+    media_type = requested or offered[0]
     if media_type not in offered:
         raise _unprocessable(f"Messages are to be had in {', '.join(offered)}, not in {media_type[:100]}.", iri)
     return media_type
@@ -184,16 +184,16 @@ async def _create(request: Request, subscription: Subscription, media_type: str 
     return created_response(request, shown, media_type)
 
 
-async def cancel_subscription(request: Request, afforded: ChangeSubscription) -> Response:
+async def cancel_subscription(request: Request, affordance: ChangeSubscription) -> Response:
     subscriptions: Subscriptions = request.services.subscriptions
-    return await _carried_out(subscriptions.cancel(afforded.record.subscription.id))
+    return await _carried_out(subscriptions.cancel(affordance.record.subscription.id))
 
 
-async def resume_subscription(request: Request, afforded: ResumeSubscription) -> Response:
+async def resume_subscription(request: Request, affordance: ResumeSubscription) -> Response:
     subscriptions: Subscriptions = request.services.subscriptions
-    if not subscriptions.callbacks.is_entitled(afforded.record.subscription):
+    if not subscriptions.callbacks.is_entitled(affordance.record.subscription):
         raise Conflict("The rights of its creator ended: it can only be deleted.")
-    return await _carried_out(subscriptions.resume(afforded.record.subscription.id))
+    return await _carried_out(subscriptions.resume(affordance.record.subscription.id))
 
 
 async def _carried_out(change: Awaitable[bool]) -> Response:
@@ -205,9 +205,9 @@ async def _carried_out(change: Awaitable[bool]) -> Response:
 
 
 def new_subscription(
-    connection: Connection, resource: Resource, kind: Kind, media_type: str, asked: SubscriptionOptions
+    connection: Connection, resource: Resource, kind: Kind, media_type: str, options: SubscriptionOptions
 ) -> Subscription:
-    require_subtree(connection, resource.path, asked.depth)
+    require_subtree(connection, resource.path, options.depth)
     check_channel(resource, kind, media_type)
     return Subscription(
         id=str(uuid.uuid4()),
@@ -218,9 +218,9 @@ def new_subscription(
         base=connection.base,
         client=connection.caller_name,
         created_ns=time.time_ns(),
-        depth=asked.depth,
-        interval_s=asked.interval_s,
-        deadband=asked.deadband,
+        depth=options.depth,
+        interval_s=options.interval_s,
+        deadband=options.deadband,
         creator=connection.caller.name,
         sees=connection.caller.visible_robots.patterns,
     )

@@ -30,18 +30,18 @@ from linked_fleet_gateway.subscriptions.service import Subscriptions
 _SHORT_TRIPLES = 50  # a description has twenty
 
 
-async def change_subscription(request: Request, afforded: ChangeSubscription) -> Response:
+async def change_subscription(request: Request, affordance: ChangeSubscription) -> Response:
     """Delete or change a subscription. The response is 204."""
     if request.method == "DELETE":
-        return await cancel_subscription(request, afforded)
+        return await cancel_subscription(request, affordance)
     reject_dry_run(request)
     subscriptions: Subscriptions = request.services.subscriptions
-    path = subscription_path(afforded.record.subscription)
+    path = subscription_path(affordance.record.subscription)
     update = await read_patch(request, request.base + path)
     while True:
         # Evaluated in each attempt, because another client may change it while the body is read.
         async with translate_store_errors():
-            record = await subscriptions.record(afforded.record.subscription.id)
+            record = await subscriptions.record(affordance.record.subscription.id)
         present = None if record is None else _described(request, record)
         if record is None or present is None:
             raise NotFound("The subscription has ended meanwhile.")

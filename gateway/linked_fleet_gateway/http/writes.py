@@ -83,11 +83,11 @@ def apply_patch(operations: Sequence[Operation], resource: Resource, base: str, 
 MAX_ANNOTATION_TRIPLES = 256
 
 
-async def control_lease(request: Request, afforded: Control) -> Response:
+async def control_lease(request: Request, affordance: Control) -> Response:
     """PUT takes or renews the lease and returns its ``Lock-Token``; DELETE releases it with that token."""
     shared = _shared(request)
     reject_dry_run(request)
-    robot, token = afforded.robot, lock_token(request)
+    robot, token = affordance.robot, lock_token(request)
     if request.method == "DELETE":
         if not token:
             raise BadRequest("Releasing control takes the Lock-Token that the lease came with.")
@@ -117,10 +117,10 @@ def _shared(request: Request) -> ReplicatedInvocations:
     return actions.lifecycle.replicated
 
 
-async def put_setting(request: Request, afforded: PutSetting) -> Response:
+async def put_setting(request: Request, affordance: PutSetting) -> Response:
     shared = _shared(request)
     reject_dry_run(request)
-    setting = afforded.setting
+    setting = affordance.setting
     change = await _change(request, setting)
     while True:
         # Evaluated in each attempt, because the value may change meanwhile, also at another gateway.

@@ -179,9 +179,9 @@ class _Reader:
 
 
 def unused_statements(
-    body: Sequence[Triple], focus: Node, terms: Terms, present: frozenset[Triple] = frozenset()
+    body: Sequence[Triple], focus: Node, terms: Terms, current: frozenset[Triple] = frozenset()
 ) -> list[Triple]:
-    """Return the triples that are neither about ``focus`` in these terms nor in ``present``."""
+    """Return the triples that are neither about ``focus`` in these terms nor in ``current``."""
     by_subject = statements_by_subject(body)
     used: set[int] = set()  # by identity, because hashing a triple takes longer than the rest of the loop
     pending, done = [(focus, terms)], set[tuple[Node, int]]()
@@ -201,7 +201,7 @@ def unused_statements(
             elif _is_implied(predicate, value, known, about, node == focus):
                 used.add(id(triple))
     left = [triple for triple in body if id(triple) not in used]
-    return [triple for triple in dict.fromkeys(left) if triple not in present]
+    return [triple for triple in dict.fromkeys(left) if triple not in current]
 
 
 def _is_implied(predicate: object, value: object, known: Terms, about: Sequence[Triple], first: bool) -> bool:

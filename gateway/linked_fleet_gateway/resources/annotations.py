@@ -202,11 +202,11 @@ _TERM = re.compile(r'"(?:[^"\\]++|\\.)*+"|<[^>]*>')
 
 
 def read_annotations(
-    triples: Sequence[Triple], robot: Robot, base: str, iri: str, present: frozenset[Triple] = frozenset()
+    triples: Sequence[Triple], robot: Robot, base: str, iri: str, current: frozenset[Triple] = frozenset()
 ) -> str:
     """Return the statements that are not the agent's, with IRIs relative to the fleet, valid under every base URL.
 
-    ``present`` describes the resource ``iri`` as it is. Raises UnprocessableContent for terms reserved for the gateway,
+    ``current`` describes the resource ``iri`` as it is. Raises UnprocessableContent for terms reserved for the gateway,
     and for statements that are not connected to the robot.
     """
     path, constraint = robot_path(robot.name), f"{iri}/blueprint"
@@ -219,7 +219,7 @@ def read_annotations(
             f"Only the gateway says <{own[0][:200]}> of a robot; annotations speak in other vocabularies.",
             constraint=constraint,
         )
-    heard = present.union(said)
+    heard = current.union(said)
     refuse_statements(
         [triple for triple in dict.fromkeys(triples) if triple not in heard], constraint,
         f"Annotations are about <{subject.value}>, and about blank nodes and resources outside the fleet that its"
@@ -241,11 +241,11 @@ def read_annotations(
     return text
 
 
-def agent_statements(described: Sequence[Triple], robot: Robot, base: str, iri: str) -> list[Triple]:
+def agent_statements(description: Sequence[Triple], robot: Robot, base: str, iri: str) -> list[Triple]:
     """Return the triples in the description of ``iri`` that clients do not own: its own and the agent's."""
     subject = NamedNode(base + robot_path(robot.name))
     agents = set(connected_statements(agent_layer(robot.annotations, subject.value), subject, subject.value))
-    return [triple for triple in described if triple in agents or triple.subject == NamedNode(iri)]
+    return [triple for triple in description if triple in agents or triple.subject == NamedNode(iri)]
 
 
 def _check_poses(text: str, robot: Robot, constraint: str) -> None:

@@ -96,12 +96,12 @@ def frame_writers(robot: Robot, item: Property) -> dict[str, Callable[[], bytes]
     return dict.fromkeys(FRAME_TYPES, lambda: _state_frame(robot) if whole else value_frame(robot, *item.sample()))
 
 
-def value_frame(robot: Robot, seen: Observation) -> bytes:
+def value_frame(robot: Robot, observation: Observation) -> bytes:
     """Return the frame of one observation: version, time, numbers; NaN is unknown."""
-    incarnation, frame, change = version_of(robot, (seen,))
-    wall_ns = -1 if seen.wall_ns is None else seen.wall_ns
+    incarnation, frame, change = version_of(robot, (observation,))
+    wall_ns = -1 if observation.wall_ns is None else observation.wall_ns
     header = _HEADER.pack(_MAGIC, _VERSION, change, incarnation, frame, wall_ns)
-    return header + struct.pack(f"<{len(seen.values)}d", *seen.values)
+    return header + struct.pack(f"<{len(observation.values)}d", *observation.values)
 
 
 def _state_frame(robot: Robot) -> bytes:
@@ -159,13 +159,13 @@ def _describe(graph: Graph, say: Describer, robot: Robot, owner: str, item: Prop
         graph.add(node, LF.valuePath, graph.collection(number.path))
 
 
-def describe_layout(graph: Graph, described: NamedNode, title: str, size: int) -> NamedNode:
+def describe_layout(graph: Graph, subject: NamedNode, title: str, size: int) -> NamedNode:
     """Add a layout of binary frames of ``size`` bytes without its fields."""
-    iri = NamedNode(layout_path(described.value))
+    iri = NamedNode(layout_path(subject.value))
     graph.a(iri, LF.FrameLayout)
     graph.add(iri, DCTERMS.title, Literal(f"Layout of {title}"))
     graph.add(iri, DCTERMS.format, *map(Literal, FRAME_TYPES))
-    graph.add(iri, RDFS.seeAlso, described)
+    graph.add(iri, RDFS.seeAlso, subject)
     graph.add(iri, HYBRIT.blueprint, LF.FrameLayoutShape, NamedNode(iri.value + "/blueprint"))
     graph.add(iri, LF.byteOrder, Literal("little-endian"))
     graph.add(iri, LF.byteSize, integer(size))

@@ -134,35 +134,35 @@ class Setting:
     def path(self) -> str:
         return robot_path(self.robot.name) + self.name
 
-    def validate(self, triples: Sequence[Triple], base: str, present: frozenset[Triple] = frozenset()) -> str:
-        """Return the value to store in place of ``present``. Raises UnprocessableContent for an unusable body."""
+    def validate(self, triples: Sequence[Triple], base: str, current: frozenset[Triple] = frozenset()) -> str:
+        """Return the value to store in place of ``current``. Raises UnprocessableContent for an unusable body."""
         iri = base + self.path
         if self.shape is None or self.read is None:
-            return read_annotations(triples, self.robot, base, iri, present)
-        return self.read(validate_body(triples, self.shape, iri, present))
+            return read_annotations(triples, self.robot, base, iri, current)
+        return self.read(validate_body(triples, self.shape, iri, current))
 
-    def managed_statements(self, described: Sequence[Triple], base: str) -> list[Triple]:
+    def managed_statements(self, description: Sequence[Triple], base: str) -> list[Triple]:
         """Return the statements of its description that clients cannot remove."""
         iri = base + self.path
         if self.shape is None:
-            return agent_statements(described, self.robot, base, iri)
-        return managed_statements(described, self.shape, iri)
+            return agent_statements(description, self.robot, base, iri)
+        return managed_statements(description, self.shape, iri)
 
 
-def managed_statements(described: Sequence[Triple], shape: NamedNode, iri: str) -> list[Triple]:
+def managed_statements(description: Sequence[Triple], shape: NamedNode, iri: str) -> list[Triple]:
     """Return the statements in a description of ``iri`` that the shape of a body does not cover."""
     _, terms = _validator(shape)
-    models = [each for each in described if each.predicate == RDF.type and each.object in COMMON_TYPES]
-    return [*unused_statements(described, NamedNode(iri), terms), *models]
+    models = [each for each in description if each.predicate == RDF.type and each.object in COMMON_TYPES]
+    return [*unused_statements(description, NamedNode(iri), terms), *models]
 
 
 def validate_body(
-    triples: Sequence[Triple], shape: NamedNode, iri: str, present: frozenset[Triple] = frozenset()
+    triples: Sequence[Triple], shape: NamedNode, iri: str, current: frozenset[Triple] = frozenset()
 ) -> Body:
-    """Validate a body for ``iri``, which ``present`` describes as it is.
+    """Validate a body for ``iri``, which ``current`` describes as it is.
 
     Raises UnprocessableContent if the blueprint's shape refuses it, or does not cover a part of it that is not
-    ``present``.
+    ``current``.
     """
     focus = find_root(triples, NamedNode(iri))
     validator, terms = _validator(shape)
@@ -173,7 +173,7 @@ def validate_body(
         raise UnprocessableContent(
             f"The body does not conform to the blueprint: {detail}", report=report, constraint=constraint
         )
-    refuse_statements(unused_statements(triples, focus, terms, present), constraint)
+    refuse_statements(unused_statements(triples, focus, terms, current), constraint)
     return Body(triples, focus)
 
 

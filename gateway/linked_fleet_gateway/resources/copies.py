@@ -27,8 +27,8 @@ _Key = tuple[object, ...]
 class Copies:
     """Cached texts by kind, datatypes of values, media type and base URL."""
 
-    def __init__(self, most: int = MAX_COPIES, max_characters: int = MAX_CHARACTERS) -> None:
-        self._most, self._max_characters = most, max_characters
+    def __init__(self, max_templates: int = MAX_COPIES, max_characters: int = MAX_CHARACTERS) -> None:
+        self._most, self._max_characters = max_templates, max_characters
         self._kept: dict[_Key, Template] = {}
         self._characters = 0
 

@@ -91,15 +91,15 @@ class _Number(str):
     __slots__ = ()
 
 
-def parse_json_body(body: bytes, form: Form, iri: str, most: int) -> list[Triple]:
+def parse_json_body(body: bytes, form: Form, iri: str, max_triples: int) -> list[Triple]:
     """Convert a JSON body to triples about a blank node, not yet validated by the shape.
 
     Raises BadRequest for invalid JSON, PayloadTooLarge, UnprocessableContent for members without a name in the form.
     """
-    given = _parsed(body, most)
+    given = _parsed(body, max_triples)
     if not isinstance(given, dict):
         raise UnprocessableContent("The body is a JSON object.", constraint=iri)
-    taker = _JsonReader(iri, most)
+    taker = _JsonReader(iri, max_triples)
     taker.object(form, given, "")
     return taker.triples
 

@@ -193,8 +193,8 @@ MAX_RENDERINGS = 4096
 class Renderings:
     """Bounded, oldest dropped first. A rendering is compiled again when the facts of its resource change."""
 
-    def __init__(self, most: int = MAX_RENDERINGS) -> None:
-        self._most = most
+    def __init__(self, max_renderings: int = MAX_RENDERINGS) -> None:
+        self._most = max_renderings
         self._kept: dict[tuple[str, str, str], tuple[object, Rendering]] = {}
 
     def rendering(self, resource: Resource, media_type: str, base: str) -> Rendering:

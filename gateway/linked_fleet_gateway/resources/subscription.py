@@ -50,11 +50,11 @@ class ChangeableOptions:
     deadband: float
     secret: str
 
-    def needs_full_state(self, before: "ChangeableOptions") -> bool:
-        """Return True if changing ``before`` to these options requires sending the present state of everything
+    def needs_full_state(self, previous: "ChangeableOptions") -> bool:
+        """Return True if changing ``previous`` to these options requires sending the present state of everything
         again.
         """
-        return (self.media_type, self.depth) != (before.media_type, before.depth)
+        return (self.media_type, self.depth) != (previous.media_type, previous.depth)
 
 
 @dataclass(frozen=True)

@@ -22,9 +22,9 @@ _FIXED = (RDF.type, HYBRIT.onResource, *CALLBACKS)
 """Predicates that identify the subscription."""
 
 
-def managed_option_statements(described: Sequence[Triple], iri: str) -> list[Triple]:
+def managed_option_statements(description: Sequence[Triple], iri: str) -> list[Triple]:
     """Return the statements of a description that only the gateway makes."""
-    return [each for each in unused_statements(described, NamedNode(iri), _terms()) if each.predicate not in _FIXED]
+    return [each for each in unused_statements(description, NamedNode(iri), _terms()) if each.predicate not in _FIXED]
 
 
 def changed_options(

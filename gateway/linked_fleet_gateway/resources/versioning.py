@@ -51,14 +51,14 @@ class Source:
     has_ended: Callable[[], bool] = bool
     """Returns True if the resource will never change again."""
 
-    def read(self, values: bool = True, before: Reading | None = None) -> Reading:
+    def read(self, values: bool = True, previous: Reading | None = None) -> Reading:
         """Return the present reading; without ``values`` only its facts.
 
-        ``before`` is the latest reading if only a frame has come since. Its facts hold: a frame changes none but the
+        ``previous`` is the latest reading if only a frame has come since. Its facts hold: a frame changes none but the
         time at which an offline robot was last seen.
         """
         robot = self.robot
-        facts = before.facts if before is not None and robot is not None and robot.online else self.facts()
+        facts = previous.facts if previous is not None and robot is not None and robot.online else self.facts()
         observations = self.sample() if values else ()
         if robot is not None:
             incarnation, frame, change = version_of(robot, observations)

@@ -92,7 +92,7 @@ def test_resources_without_a_template_are_not_copied() -> None:
 
 
 def test_few_are_kept() -> None:
-    few, short = Copies(most=2), Copies(max_characters=50_000)
+    few, short = Copies(max_templates=2), Copies(max_characters=50_000)
     for resource in _described():
         few.document(resource, "text/turtle", _BASE)
         short.document(resource, "text/turtle", _BASE)
