@@ -11,7 +11,7 @@ from linked_fleet_agent.wire.messages import Description, State
 from linked_fleet_gateway.actions.action_handlers import HANDLERS
 from linked_fleet_gateway.actions.admission import admit
 from linked_fleet_gateway.actions.plan import ActionRequest, Plan, robot_time
-from linked_fleet_gateway.app.extensions import BUILT_IN, install
+from linked_fleet_gateway.app.extensions import BUILT_IN, register_extensions
 from linked_fleet_gateway.extensions.reach.can_reach import LF
 from linked_fleet_gateway.extensions.reach.extension import reach
 from linked_fleet_gateway.fleet.events import Appeared, Described, Framed
@@ -27,13 +27,13 @@ from linked_fleet_gateway.resources.body_values import Body
 from linked_fleet_gateway.resources.resource import Resource
 from linked_fleet_gateway.resources.tree import Tree
 
-install(BUILT_IN)  # test cases are generated during collection
+register_extensions(BUILT_IN)  # test cases are generated during collection
 
 
 @pytest.fixture(autouse=True)
 def every_extension() -> None:
     """Install all extensions, since another test's gateway may have had fewer."""
-    install(BUILT_IN)
+    register_extensions(BUILT_IN)
 
 
 _PREFIXES = "".join(f"@prefix {prefix}: <{iri}> .\n" for prefix, iri in PREFIXES.items())

@@ -20,7 +20,7 @@ from linked_fleet_gateway.rdf.validation import (
     unused_statements,
 )
 from linked_fleet_gateway.rdf.vocabulary import HYBRIT, LF, MATHS, QUDT, RDF, ROS, SPATIAL, VOM
-from linked_fleet_gateway.resources.action_offer import Definition, Offer
+from linked_fleet_gateway.resources.action_offer import ActionDefinition, Offer
 from linked_fleet_gateway.resources.annotations import named_poses
 from linked_fleet_gateway.resources.body_values import Body, own_statements
 
@@ -87,7 +87,7 @@ def _bare(iri: str) -> str:
 
 @lru_cache(maxsize=1024)  # five robots have about three hundred actions
 def _validator(
-    definition: Definition,
+    definition: ActionDefinition,
     base: str,
     thing: str,
     robot: Robot | None,

@@ -12,7 +12,13 @@ from starlette.applications import Starlette
 
 from linked_fleet_gateway.actions.service import Actions
 from linked_fleet_gateway.actions.store import ActionStore
-from linked_fleet_gateway.app.extensions import ExtensionSettings, enabled_extensions, install, mount, representations
+from linked_fleet_gateway.app.extensions import (
+    ExtensionSettings,
+    create_representations,
+    enabled_extensions,
+    mount_extensions,
+    register_extensions,
+)
 from linked_fleet_gateway.app.metrics import MetricsCollector, Sampler, create_registry
 from linked_fleet_gateway.app.settings import GatewaySettings
 from linked_fleet_gateway.http.connection_limits import Sockets, limit_to_file_descriptors
@@ -105,7 +111,7 @@ def create_app(settings: GatewaySettings, tracing: Tracing | None = None, open_s
     Raises Unsupported for shapes that cannot be compiled.
     """
     extensions = enabled_extensions(settings.section(ExtensionSettings))
-    install(extensions)
+    register_extensions(extensions)
     check_shapes()
 
     @asynccontextmanager
@@ -126,7 +132,7 @@ def create_app(settings: GatewaySettings, tracing: Tracing | None = None, open_s
                 settings.public_urls, settings.state_path,
                 sections=[settings.section(each.settings) for each in extensions if each.settings],
             )  # fmt: skip
-            mounts = await mount(extensions, core, stack)
+            mounts = await mount_extensions(extensions, core, stack)
             await live.join()
             store = await stack.enter_async_context(Store(url, settings.namespace, run))
             network = stack.enter_context(closing(Network(settings.callback_allow, ports=settings.callback_ports)))
@@ -143,7 +149,7 @@ def create_app(settings: GatewaySettings, tracing: Tracing | None = None, open_s
             app.services = Services(
                 live, actions, subscriptions, audit, identities, embedded,
                 stop_priority=StopPriority(carriers), rates=rates,
-                representations=representations(mounts), registry=create_registry(numbers),
+                representations=create_representations(mounts), registry=create_registry(numbers),
                 schemes=[each.scheme for each in mounts if each.scheme is not None],
                 subprotocols={name: value for each in mounts for name, value in each.subprotocols.items()},
                 not_ready=[each.not_ready for each in mounts],

@@ -110,7 +110,7 @@ def _foreign(name: str) -> Extension:
     return kind()
 
 
-def install(extensions: Sequence[Extension]) -> None:
+def register_extensions(extensions: Sequence[Extension]) -> None:
     """Register in this process what the extensions add to the tree: segments, terms, shapes, kinds of actions."""
     for extension in (*BUILT_IN, *extensions):
         reserve(extension.at_root, extension.in_robot, extension.public)
@@ -137,7 +137,7 @@ def dependency_order(extensions: Sequence[Extension]) -> list[Extension]:
     return list(found.values())
 
 
-async def mount(extensions: Sequence[Extension], core: Core, stack: AsyncExitStack) -> list[Mount]:
+async def mount_extensions(extensions: Sequence[Extension], core: Core, stack: AsyncExitStack) -> list[Mount]:
     """Start the extensions in order and add them to the tree and the guards; ``stack`` ends them."""
     for extension in BUILT_IN:
         if names := missing_requirements(extension):
@@ -158,7 +158,7 @@ async def mount(extensions: Sequence[Extension], core: Core, stack: AsyncExitSta
     return mounts
 
 
-def representations(mounts: Sequence[Mount]) -> Representations:
+def create_representations(mounts: Sequence[Mount]) -> Representations:
     """Return the representations of the core and its extensions."""
     html = next((each.html for each in mounts if each.html is not None), None)
     return Representations(html, {name: value for each in mounts for name, value in each.formats.items()})

@@ -59,7 +59,7 @@ _ANYBODY = Authenticated(EVERYBODY)
 class Arrival:
     """The part of a request that does not depend on its resource; ``http/entrance.py`` fills it in."""
 
-    __slots__ = ("authenticated", "base", "counted", "cross_origin", "fields", "internal")
+    __slots__ = ("authenticated", "base", "cross_origin", "fields", "internal", "rate_counted")
 
     def __init__(self, fields: Mapping[bytes, bytes], *, internal: bool = False) -> None:
         self.fields = fields
@@ -68,7 +68,7 @@ class Arrival:
         """The public base URL used by the client, without a slash at its end."""
         self.cross_origin = False
         """True if the request comes from a page of another origin."""
-        self.counted = False
+        self.rate_counted = False
         """True once the request counts for the rate of its client."""
         self.authenticated = _ANYBODY
         """The caller. Without configured identities, everybody has all rights."""

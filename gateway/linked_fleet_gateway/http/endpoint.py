@@ -66,7 +66,7 @@ from linked_fleet_gateway.resources.affordance import (
 )
 from linked_fleet_gateway.resources.branches import Found
 from linked_fleet_gateway.resources.paths import owner_path, robot_of
-from linked_fleet_gateway.resources.resource import Redirect, Remote, Resource
+from linked_fleet_gateway.resources.resource import Redirect, RemoteMesh, Resource
 from linked_fleet_gateway.resources.subscription_resource import container_path
 from linked_fleet_gateway.resources.things import NO_SUBSCRIPTIONS, SubscriptionsByOwner
 from linked_fleet_gateway.subscriptions.service import Subscriptions
@@ -345,4 +345,4 @@ def problem_response(request: Connection, error: FleetError) -> Response:
     return Response(body, error.status, headers)
 
 
-_READERS: dict[type, Reader] = {Remote: read_mesh}
+_READERS: dict[type, Reader] = {RemoteMesh: read_mesh}

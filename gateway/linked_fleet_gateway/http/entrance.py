@@ -46,10 +46,10 @@ class RateLimiter:
     def wait_s(self, scope: Scope) -> float:
         """Return the seconds until the request is permitted; 0 if it is now, and then counted, once."""
         arrival = arrival_of(scope)
-        if arrival.counted or not self._rates.is_limited or is_urgent(scope) or scope["path"] in self._carriers:
+        if arrival.rate_counted or not self._rates.is_limited or is_urgent(scope) or scope["path"] in self._carriers:
             return 0.0
         wait_s = self._rates.take(bucket_key(scope))
-        arrival.counted = not wait_s
+        arrival.rate_counted = not wait_s
         return wait_s
 
     def check(self, scope: Scope) -> None:
@@ -70,7 +70,7 @@ async def await_turn(request: Request) -> None:
     await request.services.stop_priority.wait_for_turn()
 
 
-SUBSCRIPTIONS: Final = ("httpx",)
+SUBSCRIPTION_MODULES: Final = ("httpx",)
 
 
 class ModuleLoader:
@@ -100,7 +100,7 @@ def _needed(scope: Scope) -> tuple[tuple[str, ...], HtmlWriter | None]:
     path, method = scope["path"], scope["method"]
     if method in ("POST", "PATCH"):
         container = path if method == "POST" else path.rpartition("/")[0]
-        return (SUBSCRIPTIONS if container.endswith("/subscriptions") else ()), None
+        return (SUBSCRIPTION_MODULES if container.endswith("/subscriptions") else ()), None
     html = html_of(scope)
     page = b"text/html" in fields_of(scope).get(b"accept", b"")
     return (tuple(html.modules), html) if html is not None and page else ((), None)

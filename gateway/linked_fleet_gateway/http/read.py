@@ -35,7 +35,7 @@ from linked_fleet_gateway.rdf.vocabulary import LDP
 from linked_fleet_gateway.resources.body_values import own_statements
 from linked_fleet_gateway.resources.paths import robot_of
 from linked_fleet_gateway.resources.renderings import is_compilable
-from linked_fleet_gateway.resources.resource import CONTAINER, Remote, Resource, run_steps
+from linked_fleet_gateway.resources.resource import CONTAINER, RemoteMesh, Resource, run_steps
 
 _MINIMAL, _CONTAINMENT = LDP.PreferMinimalContainer.value, LDP.PreferContainment.value
 # A basic container has no membership triples other than containment, so omitting them changes nothing.
@@ -239,7 +239,7 @@ def _cached(request: Request, resource: Resource, representation: Representation
     return answer.reply(field(request, "if-none-match"), accepts_gzip(_accepted_codings(request)), plain)
 
 
-async def read_mesh(request: Request, resource: Resource, remote: Remote) -> Response:
+async def read_mesh(request: Request, resource: Resource, remote: RemoteMesh) -> Response:
     """Answer from the known size and digest, and query the robot only if the bytes are needed."""
     mesh = remote.mesh
     etag = f'"{mesh.sha256}"'

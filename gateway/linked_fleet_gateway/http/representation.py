@@ -18,7 +18,7 @@ from linked_fleet_gateway.http.negotiation import choose
 from linked_fleet_gateway.http.scheduling import Offload
 from linked_fleet_gateway.rdf.graph import Graph
 from linked_fleet_gateway.rdf.serialise import JSON, RDF_TYPES, WriteError
-from linked_fleet_gateway.rdf.templates import write
+from linked_fleet_gateway.rdf.templates import render_graph
 from linked_fleet_gateway.rdf.vocabulary import PREFIXES
 from linked_fleet_gateway.resources.copies import Copies
 from linked_fleet_gateway.resources.renderings import Rendering, Renderings, is_compilable
@@ -195,7 +195,7 @@ class Representations:
         graph = graph or resource.full_graph(base)
         if media_type == HTML and self.html is not None:
             return Representation(self.html.write_resource(resource, graph.triples, base, self.formats), media_type)
-        return Representation(write(graph, media_type, PREFIXES, base=base + resource.path), media_type)
+        return Representation(render_graph(graph, media_type, PREFIXES, base=base + resource.path), media_type)
 
     def _offered(self, resource: Resource) -> tuple[str, ...]:
         if resource.linkset_of is not None:

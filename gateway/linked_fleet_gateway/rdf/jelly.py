@@ -32,7 +32,7 @@ class _Terms(TermEncoder):  # type: ignore[misc]  # pyjelly comes without types
         return self.encode_literal(lex=term.value, language=term.language, datatype=datatype, literal=literal)
 
 
-def write(triples: Iterable[Triple]) -> bytes:
+def write_jelly(triples: Iterable[Triple]) -> bytes:
     """Return a delimited stream of triples, as in files and over HTTP; blank nodes keep their labels."""
     stream = TripleStream(encoder=_Terms(LookupPreset()), options=_OPTIONS)
     written = BytesIO()

@@ -19,7 +19,7 @@ _DOUBLE = re.compile(r"(-?[0-9]\.[0-9]+)E(-?[0-9]{1,2})")
 _SCHEME = re.compile(r"([^:/?#]+):(?!//)")
 
 
-def write(triples: Sequence[Triple], prefixes: Mapping[str, str]) -> str:
+def write_jsonld(triples: Sequence[Triple], prefixes: Mapping[str, str]) -> str:
     """Return one node object if there is one subject, else ``@graph``."""
     writer = _Writer(Outline(triples), Names(_unambiguous(prefixes, triples)))
     nodes = [writer.heading(subject) for subject in writer.outline.headings]

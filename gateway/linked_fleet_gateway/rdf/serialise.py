@@ -48,9 +48,9 @@ def render(triples: Sequence[Triple], media_type: str, prefixes: Mapping[str, st
     """
     match media_type:
         case "text/turtle":
-            return turtle.write(triples, prefixes, base).encode()
+            return turtle.write_turtle(triples, prefixes, base).encode()
         case "application/ld+json":
-            return jsonld.write(triples, prefixes).encode()
+            return jsonld.write_jsonld(triples, prefixes).encode()
         case "application/n-triples":
             return n_triples(triples)
         case "application/rdf+xml":
@@ -58,7 +58,7 @@ def render(triples: Sequence[Triple], media_type: str, prefixes: Mapping[str, st
         case "application/x-jelly-rdf":
             from linked_fleet_gateway.rdf import jelly
 
-            return jelly.write(_relabelled(triples))
+            return jelly.write_jelly(_relabelled(triples))
     raise ValueError(f"no writer for {media_type}; there are {', '.join(RDF_TYPES)}")
 
 

@@ -52,7 +52,7 @@ class Template(NamedTuple):
         return (self.text % tuple([values[place] for place in self.places])).encode()
 
 
-class Marks:
+class Markers:
     """Markers for values and names in one document: each ends with an index, and nothing else can equal it."""
 
     def __init__(self) -> None:
@@ -287,7 +287,7 @@ def _compile(graph: Graph, form: _Form, media_type: str, prefixes: Mapping[str, 
     return marks.template(document)
 
 
-class _MarksOfForm(Marks):
+class _MarksOfForm(Markers):
     """Markers for the values of a form, by their indices in it."""
 
     def __init__(self, form: _Form, root: str, folder: str) -> None:
@@ -326,6 +326,6 @@ class _MarksOfForm(Marks):
 _templates = Templates()
 
 
-def write(graph: Graph, media_type: str, prefixes: Mapping[str, str], *, base: str) -> bytes:
+def render_graph(graph: Graph, media_type: str, prefixes: Mapping[str, str], *, base: str) -> bytes:
     """Return the document by the templates of this process, as ``Templates.render``."""
     return _templates.render(graph, media_type, prefixes, base=base)

@@ -186,7 +186,7 @@ def _relative(iri: str, base: str, folder: str) -> str | None:
     return iri[len(folder) :] if path and _TAIL.fullmatch(iri, path.end()) else None
 
 
-def write(triples: Sequence[Triple], prefixes: Mapping[str, str], base: str) -> str:
+def write_turtle(triples: Sequence[Triple], prefixes: Mapping[str, str], base: str) -> str:
     """Return the document with exactly the ``@prefix`` and ``@base`` lines that it needs."""
     writer = _Writer(Outline(triples), Names(prefixes, base))
     blocks = [writer.block(subject) for subject in writer.outline.headings]

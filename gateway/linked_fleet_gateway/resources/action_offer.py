@@ -32,7 +32,7 @@ from linked_fleet_gateway.resources.shape_parameters import (
 
 
 @dataclass(frozen=True)
-class Definition:
+class ActionDefinition:
     """A kind of action.
 
     ``offered_by`` are classes of things, ``offered_if`` conditions on the robot, ``capability`` is required of the
@@ -60,14 +60,14 @@ def add_kinds(files: Iterable[Path]) -> None:
 
 
 @cache
-def action_definitions() -> tuple[Definition, ...]:
+def action_definitions() -> tuple[ActionDefinition, ...]:
     """Return all kinds, in the order of their files."""
     shapes = load_turtle(ACTIONS)
     kinds = [node for node, triples in shapes.items() if any(t.object == LF.ActionKind for t in triples)]
     return tuple(_read(kind) for kind in kinds if isinstance(kind, NamedNode))
 
 
-def _read(kind: NamedNode) -> Definition:
+def _read(kind: NamedNode) -> ActionDefinition:
     said: dict[NamedNode, list[NamedNode | Literal]] = {}
     for triple in load_turtle(ACTIONS)[kind]:
         said.setdefault(triple.predicate, []).append(triple.object)  # type: ignore[arg-type]
@@ -80,7 +80,7 @@ def _read(kind: NamedNode) -> Definition:
 
     assert RDF.type in said
     consumes = next(iter(named(HYBRIT.consumes)), None)
-    return Definition(
+    return ActionDefinition(
         iri=kind,
         segment=text(LF.segment),
         title=text(DCTERMS.title),
@@ -133,7 +133,7 @@ CONDITIONS: dict[NamedNode, Condition] = {
 class Offer:
     """One kind of action at the thing with the path ``thing``."""
 
-    definition: Definition
+    definition: ActionDefinition
     thing: str
     robot: Robot | None = None
     joint: Joint | None = None
@@ -253,11 +253,11 @@ def fleet_offers(segment: str | None = None) -> list[Offer]:
     return [Offer(each, "/") for each in _named(segment) if LF.Fleet in each.offered_by]
 
 
-def _offered(kind: NamedNode, robot: Robot, joint: Joint | None, segment: str | None) -> list[Definition]:
+def _offered(kind: NamedNode, robot: Robot, joint: Joint | None, segment: str | None) -> list[ActionDefinition]:
     able = robot.description.capabilities if robot.description is not None and robot.model is not None else ()
     kinds = [each for each in _named(segment) if kind in each.offered_by and each.capability in able]
     return [each for each in kinds if all(CONDITIONS[one](robot, joint) for one in each.offered_if)]
 
 
-def _named(segment: str | None) -> Iterable[Definition]:
+def _named(segment: str | None) -> Iterable[ActionDefinition]:
     return [each for each in action_definitions() if segment in (None, each.segment)]

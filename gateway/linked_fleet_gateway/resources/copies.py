@@ -12,7 +12,7 @@ from pyoxigraph import Literal
 
 from linked_fleet_gateway.rdf.graph import Graph
 from linked_fleet_gateway.rdf.serialise import TEXT_TYPES
-from linked_fleet_gateway.rdf.templates import Marks, Template, is_replaceable, write
+from linked_fleet_gateway.rdf.templates import Markers, Template, is_replaceable, render_graph
 from linked_fleet_gateway.rdf.vocabulary import PREFIXES
 from linked_fleet_gateway.resources.resource import DescriptionTemplate, Resource
 
@@ -62,11 +62,11 @@ def _compile(
     resource: Resource, kind: DescriptionTemplate, values: Sequence[Literal], media_type: str, base: str
 ) -> Template:
     """Return the text of one resource of the kind, with places for its values and for the path of its owner."""
-    marks = Marks()
+    marks = Markers()
     owner = "/" + marks.text(len(values))
     path = owner + resource.path[len(kind.owner.rstrip("/")) :]
     graph = Graph()
     marked = [marks.literal(index, literal) for index, literal in enumerate(values)]
     kind.describe(graph, owner + ("/" if kind.owner.endswith("/") else ""), marked)
     resource.add_interaction_model(graph, base, path)
-    return marks.template(write(graph, media_type, PREFIXES, base=base + path).decode())
+    return marks.template(render_graph(graph, media_type, PREFIXES, base=base + path).decode())

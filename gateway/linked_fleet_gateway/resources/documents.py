@@ -12,7 +12,7 @@ from linked_fleet_gateway.rdf import shapes
 from linked_fleet_gateway.rdf.graph import Graph, integer
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, LDP, LF, OWL, PREFIXES, RDF, RDFS
 from linked_fleet_gateway.resources.paths import mesh_path, model_path, robot_path
-from linked_fleet_gateway.resources.resource import Remote, Resource, blueprint_of, run_steps
+from linked_fleet_gateway.resources.resource import RemoteMesh, Resource, blueprint_of, run_steps
 from linked_fleet_gateway.resources.versioning import Source
 
 VOCABULARY = "/vocabulary"
@@ -97,7 +97,7 @@ def _mesh(robot: Robot, name: str) -> Resource | None:
         return None
     path = mesh_path(robot.name, name)
     types = (LDP.Resource, LDP.NonRDFSource)
-    return Resource(path, _title(mesh.uri), None, types, remote=Remote(robot, mesh), immutable=True)
+    return Resource(path, _title(mesh.uri), None, types, remote=RemoteMesh(robot, mesh), immutable=True)
 
 
 def _urdf(robot: Robot) -> bytes:

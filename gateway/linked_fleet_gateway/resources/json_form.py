@@ -143,7 +143,7 @@ def form_in(triples: Iterable[Triple], shape: Node) -> Form:
     return _Reader(triples).form(shape)
 
 
-def text_of(term: Term) -> str:
+def term_text(term: Term) -> str:
     return term.value
 
 
@@ -207,7 +207,7 @@ class _Reader:
                     scalar[name] = _number(text)
             for datatype in self._datatypes(each):
                 scalar |= _TYPES.get(datatype, {})
-            terms |= {text_of(term): term for term in self._listed(each)}
+            terms |= {term_text(term): term for term in self._listed(each)}
             unknown = unknown or any(self._one(other, SH.hasValue) == LF.unknown for other in self._alternatives(each))
             if self._one(each, SH.nodeKind) == SH.IRI:
                 scalar |= {"type": "string", "format": "uri"}

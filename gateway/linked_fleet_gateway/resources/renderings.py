@@ -18,7 +18,7 @@ from pyoxigraph import NamedNode
 from linked_fleet_gateway.fleet.observation import Observation
 from linked_fleet_gateway.rdf.graph import Graph, lexical, timestamp
 from linked_fleet_gateway.rdf.serialise import RDF_TYPES, TEXT_TYPES, WriteError
-from linked_fleet_gateway.rdf.templates import write
+from linked_fleet_gateway.rdf.templates import render_graph
 from linked_fleet_gateway.rdf.vocabulary import PREFIXES
 from linked_fleet_gateway.resources.property import Measurement
 from linked_fleet_gateway.resources.resource import Resource
@@ -122,7 +122,7 @@ class Rendering:
         if form.versions:
             iri = NamedNode(self._base + self._resource.path)
             describe_version(graph, iri, markers.version(0), markers.version(1) if form.versions == 2 else None)
-        body = write(graph, self._media_type, PREFIXES, base=self._base + self._resource.path)
+        body = render_graph(graph, self._media_type, PREFIXES, base=self._base + self._resource.path)
         return markers.template(body.decode())
 
 
@@ -227,4 +227,4 @@ def message_body(resource: Resource, media_type: str, base: str, version: str, p
         raise WriteError(f"there is no {media_type} of {resource.path} at present")
     graph = resource.full_graph(base)
     describe_version(graph, NamedNode(base + resource.path), version, previous)
-    return write(graph, media_type, PREFIXES, base=base + resource.path)
+    return render_graph(graph, media_type, PREFIXES, base=base + resource.path)

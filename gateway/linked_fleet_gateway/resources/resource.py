@@ -29,7 +29,7 @@ def run_steps(steps: Iterable[None]) -> None:
 
 
 @dataclass(frozen=True)
-class Remote:
+class RemoteMesh:
     """A mesh that must be fetched from ``robot``; its metadata are known."""
 
     robot: Robot

@@ -25,7 +25,7 @@ from linked_fleet_gateway.resources.resource import CONTAINER, Resource, bluepri
 from linked_fleet_gateway.resources.settable import put_affordance
 from linked_fleet_gateway.resources.subscription import Record
 from linked_fleet_gateway.resources.subscription_resource import resolve_subscription
-from linked_fleet_gateway.resources.versioning import Source, presence
+from linked_fleet_gateway.resources.versioning import Source, presence_facts
 
 SubscriptionsByOwner = Mapping[str, Sequence[Record]]
 """Subscriptions by the path of their owner, as far as they have been fetched."""
@@ -69,7 +69,7 @@ class Things:
 
     def _members(self) -> list[tuple[str, str, str, RobotActivity, tuple[str, int | None, str | None]]]:
         return [
-            (name, robot.title, robot.model.name if robot.model else "", self._activity(robot), presence(robot))
+            (name, robot.title, robot.model.name if robot.model else "", self._activity(robot), presence_facts(robot))
             for name, robot in self._view.robots.items()
         ]
 
@@ -144,7 +144,7 @@ class Things:
         """Return a property of the thing at the path ``owner``."""
         path = f"{owner.rstrip('/')}/{item.segment}"
         # A new description is no change of a value unless its model differs, which holds the constants.
-        source = Source(lambda: (presence(robot), robot.model, item.facts(), robot.settings), item.sample, robot)
+        source = Source(lambda: (presence_facts(robot), robot.model, item.facts(), robot.settings), item.sample, robot)
 
         def measured(graph: Graph, measurements: Sequence[Measurement]) -> None:
             self.describer.property(robot, owner, item, graph, measurements[0])
@@ -193,7 +193,9 @@ def _thing(robot: Robot, properties: Sequence[Property], also: Callable[[], obje
     sampler = (lambda: tuple(chain.from_iterable(sampler() for sampler in samplers))) if samplers else tuple
     facts = [each.facts for each in properties if each.facts is not tuple]
     return Source(
-        lambda: (presence(robot), robot.description, robot.settings, also(), [fact() for fact in facts]), sampler, robot
+        lambda: (presence_facts(robot), robot.description, robot.settings, also(), [fact() for fact in facts]),
+        sampler,
+        robot,
     )
 
 

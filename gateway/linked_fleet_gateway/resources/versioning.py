@@ -73,7 +73,7 @@ class Source:
         return self.sample is not tuple
 
 
-def presence(robot: Robot) -> tuple[str, int | None, str | None]:
+def presence_facts(robot: Robot) -> tuple[str, int | None, str | None]:
     """Return the presence facts that descriptions of a robot contain."""
     return robot.presence, None if robot.online else robot.last_seen_ns, robot.fault
 

@@ -5,7 +5,7 @@ from contextlib import AsyncExitStack, asynccontextmanager
 from types import SimpleNamespace
 from typing import Any, ClassVar, cast
 
-from linked_fleet_gateway.app.extensions import mount
+from linked_fleet_gateway.app.extensions import mount_extensions
 from linked_fleet_gateway.http.extension import Core, Extension, Mount
 
 
@@ -28,5 +28,5 @@ async def test_descriptions_include_operations_of_extensions_started_later() -> 
     live, actions = SimpleNamespace(add_branches=lambda *_: None), SimpleNamespace(handlers={})
     core = Core(*cast(Any, (live, actions, None, None, "", "", "", (), None)))
     async with AsyncExitStack() as stack:
-        await mount([_Describing(), _Gripper()], core, stack)
+        await mount_extensions([_Describing(), _Gripper()], core, stack)
         assert _Describing.found == ["acme.gripper:operations"]

@@ -9,7 +9,7 @@ from types import SimpleNamespace
 import pytest
 
 from linked_fleet_gateway.app.application import _check_all, check_shapes, create_app
-from linked_fleet_gateway.app.extensions import BUILT_IN, install
+from linked_fleet_gateway.app.extensions import BUILT_IN, register_extensions
 from linked_fleet_gateway.app.settings import GatewaySettings
 from linked_fleet_gateway.http.extension import Extension
 from linked_fleet_gateway.rdf import shapes
@@ -78,8 +78,8 @@ def test_a_shape_of_an_extension_that_cannot_be_compiled_is_refused_with_its_rea
         name, shapes = "gripper", (file,)
 
     try:
-        install([*BUILT_IN, Gripper()])
+        register_extensions([*BUILT_IN, Gripper()])
         with pytest.raises(Unsupported, match=re.escape("<http://e.example/Bad> cannot be compiled: sh:sparql")):
             check_shapes()
     finally:
-        install(BUILT_IN)
+        register_extensions(BUILT_IN)

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 from typing import cast
 
 from linked_fleet_gateway.extensions.pages.extension import Pages
-from linked_fleet_gateway.http.entrance import SUBSCRIPTIONS, ModuleLoader
+from linked_fleet_gateway.http.entrance import SUBSCRIPTION_MODULES, ModuleLoader
 from linked_fleet_gateway.http.representation import Representations
 from linked_fleet_gateway.http.request import Application, Gateway, Services
 
@@ -41,4 +41,8 @@ def test_a_page_waits_for_the_modules_of_pages() -> None:
 
 def test_a_subscription_waits_for_its_modules() -> None:
     there = ("POST", "/r/subscriptions", "*/*")
-    assert asked(("POST", "/r/actions/stop", "text/html"), there) == ["/r/actions/stop", *SUBSCRIPTIONS, there[1]]
+    assert asked(("POST", "/r/actions/stop", "text/html"), there) == [
+        "/r/actions/stop",
+        *SUBSCRIPTION_MODULES,
+        there[1],
+    ]

@@ -70,13 +70,13 @@ def test_others_run_between_the_steps(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_long_representations_are_written_in_a_thread(monkeypatch: pytest.MonkeyPatch) -> None:
     """In each media type; and a page, of whatever it is."""
     threads = list[int]()
-    write = representation.write
+    write = representation.render_graph
 
     def rendered(*arguments: object, **named: object) -> bytes:
         threads.append(threading.get_ident())
         return write(*arguments, **named)  # type: ignore[arg-type]
 
-    monkeypatch.setattr(representation, "write", rendered)
+    monkeypatch.setattr(representation, "render_graph", rendered)
     pages = _Pages()
     representations = Representations(cast(HtmlWriter, pages))
     short = Resource("/b", "", lambda graph: run_steps(_steps(graph)))

@@ -7,7 +7,7 @@ from pyoxigraph import Literal, NamedNode
 
 from linked_fleet_gateway.actions.action_handlers import HANDLERS
 from linked_fleet_gateway.extensions.reach.can_reach import LF
-from linked_fleet_gateway.rdf.turtle import write
+from linked_fleet_gateway.rdf.turtle import write_turtle
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HTTP, HYBRIT, METHODS, PREFIXES, RDF
 from linked_fleet_gateway.resources.action_offer import action_definitions, fleet_offers, joint_offers, robot_offers
 
@@ -130,7 +130,9 @@ def test_a_description_is_the_same_each_time(bench: Any) -> None:
     """An ETag stays valid as long as the description."""
     bench.robot(_JOINTS, annotations=_POSE)
     for path in ("/r/elbow/actions/rotate", "/r/actions/reach", "/r/actions/assumePose"):
-        first, second = (write(bench.described(path).triples, PREFIXES, base=bench.base + path) for _ in range(2))
+        first, second = (
+            write_turtle(bench.described(path).triples, PREFIXES, base=bench.base + path) for _ in range(2)
+        )
         assert first == second
         iri = NamedNode(bench.base + path)
         about = {(t.predicate, t.object) for t in bench.described(path).triples if t.subject == iri}

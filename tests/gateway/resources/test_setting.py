@@ -19,7 +19,7 @@ from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.http.body import BODY_TYPES
 from linked_fleet_gateway.rdf.graph import Graph
 from linked_fleet_gateway.rdf.serialise import parse, render
-from linked_fleet_gateway.rdf.turtle import write
+from linked_fleet_gateway.rdf.turtle import write_turtle
 from linked_fleet_gateway.rdf.validation import ground_statements
 from linked_fleet_gateway.rdf.vocabulary import PREFIXES
 from linked_fleet_gateway.resources.annotations import MAX_ANNOTATIONS, annotate
@@ -190,7 +190,7 @@ def test_annotations_of_clients_leave_those_of_the_agent() -> None:
     assert len(own) == 11
     mine = "<./> ex:colour 'red' ."
     assert len(_all(robot, _put(robot, mine)).triples) == 12
-    read = write(own, PREFIXES, "")
+    read = write_turtle(own, PREFIXES, "")
     remembered = _put(robot, read + mine)
     assert remembered.count("\n") == 1
     assert len(_all(robot, remembered).triples) == 12

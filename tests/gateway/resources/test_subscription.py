@@ -17,7 +17,7 @@ from linked_fleet_gateway.base.errors import UnprocessableContent
 from linked_fleet_gateway.rdf.graph import Graph
 from linked_fleet_gateway.rdf.serialise import parse
 from linked_fleet_gateway.rdf.shapes import load_turtle
-from linked_fleet_gateway.rdf.turtle import write
+from linked_fleet_gateway.rdf.turtle import write_turtle
 from linked_fleet_gateway.rdf.vocabulary import HTTP, HYBRIT, LDP, METHODS, PREFIXES, RDF
 from linked_fleet_gateway.resources.subscription import Delivery, DeliveryState, Depth, Kind, Record, Subscription
 from linked_fleet_gateway.resources.subscription_resource import (
@@ -78,7 +78,7 @@ def _described(record: Record) -> tuple[NamedNode, Graph]:
 
 
 def _rdflib(graph: Graph) -> rdflib.Graph:
-    return rdflib.Graph().parse(data=write(graph.triples, PREFIXES, ""), format="turtle")
+    return rdflib.Graph().parse(data=write_turtle(graph.triples, PREFIXES, ""), format="turtle")
 
 
 def _shapes() -> rdflib.Graph:
@@ -130,7 +130,7 @@ def test_the_delivery_state_is_described() -> None:
     assert not {LF.lastStatus, LF.reason} & {t.predicate for t in graph.triples}
     delivery = Delivery(DeliveryState.SUSPENDED, 1_500_000_001_000_000_000, 503, 12, "The receiver answers 503.")
     iri, graph = _described(Record(_FIGURE_4, delivery, ""))
-    text = write(graph.triples, PREFIXES, iri.value)
+    text = write_turtle(graph.triples, PREFIXES, iri.value)
     for part in (
         "lf:deliveryState lf:suspended",
         'lf:lastDelivery "2017-07-14T02:40:01.000Z"^^xsd:dateTime',
@@ -144,7 +144,7 @@ def test_the_delivery_state_is_described() -> None:
 def test_the_secret_is_never_shown() -> None:
     """Neither in the description, which only says that deliveries are signed, nor in the report of a refusal."""
     iri, graph = _described(_record(secret=_SECRET))
-    assert "whsec" not in write(graph.triples, PREFIXES, "")
+    assert "whsec" not in write_turtle(graph.triples, PREFIXES, "")
     assert Triple(iri, LF.signed, Literal(True)) in graph.triples
     error = _refusal(f'<> a hybrit:Subscription ; hybrit:onResource <x> ; lf:secret "{_SECRET}", "{_SECRET}!" .')
     assert "MfKQ9r8" not in f"{error}{error.report}"

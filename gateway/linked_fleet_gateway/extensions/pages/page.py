@@ -37,7 +37,7 @@ _TEMPLATES = Path(__file__).parent / "templates"
 def write(resource: Resource, triples: Sequence[Triple], base: str, formats: Formats = FORMATS) -> bytes:
     """Return the page of a resource; ``base`` is scheme and authority. Equal triples give equal bytes."""
     view = view_of(resource, triples, base, formats)
-    data = script_json(jsonld.write(triples, PREFIXES))
+    data = script_json(jsonld.write_jsonld(triples, PREFIXES))
     reader = Reader(resource.reader, resource.rights, resource.may_read_audit)
     return render(f"{view.kind}.html", view=view, data=data, places=view.places, reader=reader)
 
