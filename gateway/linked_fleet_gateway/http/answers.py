@@ -1,8 +1,9 @@
 """A cache of responses to GET: constant parts are assembled once, values and entity tags are new each time.
 
-Responses are cached by path, Accept, base URL and the caller's view. They come from ``read`` and belong to resources of
-a robot, or to such that never change. A response is valid while nothing but frames has changed the robot, and while the
-facts of the resource are equal. Requests with fields that ask for more than a representation bypass the cache.
+Responses are cached by path, Accept, base URL and the caller's view. They come from ``read_resource`` and belong to
+resources of a robot, or to such that never change. A response is valid while nothing but frames has changed the robot,
+and while the facts of the resource are equal. Requests with fields that ask for more than a representation bypass the
+cache.
 """
 
 import logging

@@ -33,7 +33,7 @@ class Sockets:
     def __len__(self) -> int:
         return len(self._client)
 
-    def open(self, connection: object, client: str) -> bool:
+    def register(self, connection: object, client: str) -> bool:
         """Register a connection, closing an idle one if necessary. Return False if there is no place."""
         full = len(self._client) >= self._most or self._of[client] >= self._most_of_one
         if full and not self._make_room(client):
@@ -50,7 +50,7 @@ class Sockets:
     def mark_busy(self, connection: object) -> None:
         self._idle.pop(connection, None)
 
-    def close(self, connection: object) -> None:
+    def unregister(self, connection: object) -> None:
         """Remove a closed connection; may be repeated."""
         self._idle.pop(connection, None)
         client = self._client.pop(connection, None)
@@ -63,7 +63,7 @@ class Sockets:
         crowded = self._of[client] >= self._most_of_one
         for connection, give_way in self._idle.items():
             if (not crowded or self._client[connection] == client) and give_way():
-                self.close(connection)
+                self.unregister(connection)
                 return True
         if not self._of[client]:
             del self._of[client]

@@ -145,7 +145,7 @@ class Entrance:
         if self._fronts:
             find_client(scope, self._fronts)
         try:
-            self._authorities.admit(scope)
+            self._authorities.check_authority(scope)
         except FleetError:
             return None
         if (identities is not None and not identify_static_token(identities, arrival)) or self._pace.wait_s(scope):
@@ -192,7 +192,7 @@ class Entrance:
         gateway = gateway_of(scope)
         services = gateway.services
         try:
-            self._authorities.admit(scope)
+            self._authorities.check_authority(scope)
         except FleetError as error:
             await send_problem(error, scope, send)
             return

@@ -129,7 +129,7 @@ class Authorities:
         self._origins = {"://".join(urlsplit(url)[:2]).lower() for url in self._bases.values()}
         self._pages = {page.lower() for page in allowed_origins}
 
-    def admit(self, scope: Scope) -> None:
+    def check_authority(self, scope: Scope) -> None:
         """Store the public URL used by the client, and whether a page of another origin sent the request.
 
         A target that is a whole URL becomes its path. Does nothing for a request that was admitted before. Raises

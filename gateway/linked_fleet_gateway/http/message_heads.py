@@ -37,7 +37,7 @@ class RequestLine(NamedTuple):
     target: bytes = b""
 
 
-def is_plain(data: bytes) -> bool:
+def is_parseable(data: bytes) -> bool:
     """Return True if the parser can get the bytes unchanged."""
     match = _REQUEST_LINE.match(data)
     if match is None:
@@ -82,7 +82,7 @@ class RequestLineReader:
 
     def read(self, data: bytes) -> bytes:
         """Return the bytes to parse, none while the line is incomplete. Raises HeadError."""
-        if not self._start and is_plain(data):
+        if not self._start and is_parseable(data):
             return data
         data = (self._start + data).lstrip(b"\r\n")  # RFC 9112, 2.2
         if b"\n" not in data:

@@ -81,7 +81,7 @@ class HttpProtocol(HttpToolsProtocol):
         super().connection_made(transport)
         self.writer = BoundedWriter(transport, self.stall_s)
         self._address = network_of(self.client[0]) if self.client else ""
-        if self._sockets.open(self, self._address):
+        if self._sockets.register(self, self._address):
             self._await_request()
         else:
             transport.write(TOO_MANY_CONNECTIONS)
@@ -92,7 +92,7 @@ class HttpProtocol(HttpToolsProtocol):
         self.writer.stop()
         self._unread.clear()
         self._deadline.close()
-        self._sockets.close(self)
+        self._sockets.unregister(self)
 
     def eof_received(self) -> bool | None:  # type: ignore[override]  # as asyncio has it
         """Answer earlier requests after the client has closed its side of the connection. True keeps our side open."""
@@ -283,7 +283,7 @@ class HttpProtocol(HttpToolsProtocol):
     def handle_websocket_upgrade(self) -> None:
         super().handle_websocket_upgrade()
         protocol = cast(WebSocketProtocol, self.transport.get_protocol())
-        protocol.on_lost = lambda: self._sockets.close(self)
+        protocol.on_lost = lambda: self._sockets.unregister(self)
 
     def _should_upgrade(self) -> bool:
         """Return True if the request opens a WebSocket. Any other Upgrade is ignored (RFC 9110, 7.8)."""

@@ -47,14 +47,14 @@ _AT_ONCE = 256
 
 
 @dataclass(frozen=True)
-class Part:
+class ContainerPart:
     """The shown triples: those about the container itself, and ``ldp:contains`` with descriptions of members."""
 
     minimal: bool
     containment: bool
 
 
-def preferred_part(request: Request, resource: Resource) -> Part | None:
+def preferred_part(request: Request, resource: Resource) -> ContainerPart | None:
     """Return the preferred part; None for all, without a known preference or with a contradictory one."""
     preferences = field(request, "prefer")
     if preferences is None or resource.interaction_model != CONTAINER or request.method not in ("GET", "HEAD"):
@@ -64,18 +64,18 @@ def preferred_part(request: Request, resource: Resource) -> Part | None:
     if prefer.return_ != "representation" or not (include or omit) or include & omit:
         return None
     wants = _CONTAINMENT in include or _MINIMAL not in include
-    part = Part(_MINIMAL not in omit, wants and _CONTAINMENT not in omit)
+    part = ContainerPart(_MINIMAL not in omit, wants and _CONTAINMENT not in omit)
     return part if part.minimal or part.containment else None
 
 
-def restrict_to_part(resource: Resource, part: Part, base: str) -> Resource:
+def restrict_to_part(resource: Resource, part: ContainerPart, base: str) -> Resource:
     """Return the container with this part of its description, which has an entity tag of its own."""
     assert resource.describe is not None
     steps = partial(_steps, resource, part, NamedNode(base + resource.path))
     return replace(resource, describe=lambda graph: run_steps(steps(graph)), steps=steps)
 
 
-def _steps(resource: Resource, part: Part, iri: NamedNode, graph: Graph) -> Iterator[None]:
+def _steps(resource: Resource, part: ContainerPart, iri: NamedNode, graph: Graph) -> Iterator[None]:
     assert resource.describe is not None
     whole = Graph()
     if resource.steps is None:
@@ -99,14 +99,17 @@ _NOTHING = "sandbox; default-src 'none'"
 _FOR_EVER = "public, max-age=31536000, immutable"
 
 
-def read(request: Request, resource: Resource) -> Response:
+def read_resource(request: Request, resource: Resource) -> Response:
     """Return the representation that the client prefers, or 304. Raises NotAcceptable."""
     representation = request.services.representations.negotiate(*_asked(request, resource))
     return _response(request, resource, representation, MOST_BYTES)
 
 
 async def read_interleaved(request: Request, resource: Resource) -> Response:
-    """Return the same as ``read``. Other requests get turns if it takes long, and long contents are compressed too."""
+    """Return the same as ``read_resource``.
+
+    Other requests get turns if it takes long, and long contents are compressed too.
+    """
     asked, threads = _asked(request, resource), request.services.writing_offload
     representation = await request.services.representations.negotiate_interleaved(*asked, threads)
     body, coded = representation.body, b""
@@ -124,7 +127,8 @@ def _asked(request: Request, resource: Resource) -> tuple[str | None, Resource, 
 
 
 def read_nowait(request: Request, resource: Resource) -> Reply | None:
-    """Return the response of ``read`` if it takes no more than some milliseconds and is cached for the next requests.
+    """Return the response of ``read_resource`` if it takes no more than some milliseconds and is cached for the next
+    requests.
 
     Raises NotAcceptable.
     """

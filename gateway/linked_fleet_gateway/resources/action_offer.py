@@ -23,7 +23,7 @@ from linked_fleet_gateway.resources.joint_kinds import kind_of
 from linked_fleet_gateway.resources.joint_limits import JointLimits, limits_of
 from linked_fleet_gateway.resources.paths import joint_path, robot_path
 from linked_fleet_gateway.resources.shape_parameters import (
-    Scope,
+    ShapeScope,
     commandable_joints,
     is_bounded,
     moved_links,
@@ -218,7 +218,7 @@ class Offer:
             given = iter(numbers)
             stated = {each: tuple(islice(given, len(own))) for each, own in limits.numbers.items()}
             limits = JointLimits(limits.dimension, limits.is_continuous, stated)
-        scope = Scope(base, self.robot, limits)
+        scope = ShapeScope(base, self.robot, limits)
         return copy_shape(graph, load_turtle(ACTIONS), self.definition.consumes, shape_completer(scope))
 
     def result_title(self) -> Literal:

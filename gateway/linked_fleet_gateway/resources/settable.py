@@ -17,7 +17,7 @@ from linked_fleet_gateway.resources.joint_kinds import kind_of
 from linked_fleet_gateway.resources.joint_limits import limits_of
 from linked_fleet_gateway.resources.property import Measurement, Property
 from linked_fleet_gateway.resources.resource import DescriptionTemplate, Resource
-from linked_fleet_gateway.resources.shape_parameters import Scope, shape_completer
+from linked_fleet_gateway.resources.shape_parameters import ShapeScope, shape_completer
 
 ABSOLUTE = (LF.Rotate, LF.Translate)
 """The actions that move a joint to a target."""
@@ -107,7 +107,7 @@ def describe_target_input(
     limits = limits_of(offer.joint, (LF.jointPosition,))
     if ends is not None:
         limits = replace(limits, numbers={LF.jointPosition: ends})
-    shape_completer(Scope(base, offer.robot, limits))(graph, scalar, LF.jointPosition)
+    shape_completer(ShapeScope(base, offer.robot, limits))(graph, scalar, LF.jointPosition)
 
 
 def target_blueprint(blueprint: Resource, offer: Offer, base: str) -> Resource:

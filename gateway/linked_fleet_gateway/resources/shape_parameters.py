@@ -21,7 +21,7 @@ _FAR = 1_000_000  # no joint position is beyond this, in any unit
 
 
 @dataclass(frozen=True)
-class Scope:
+class ShapeScope:
     """The owner of a shape: the fleet, a robot, or a joint with these limits."""
 
     base: str
@@ -40,7 +40,7 @@ class Scope:
         return NamedNode(self.base + joint_path(self.required_robot().name, joint))
 
 
-def shape_completer(scope: Scope) -> Callable[[Graph, Node, NamedNode], None]:
+def shape_completer(scope: ShapeScope) -> Callable[[Graph, Node, NamedNode], None]:
     """Return the function that completes a shape at each ``lf:completedBy``. It raises KeyError for an unknown one."""
     return lambda graph, node, completion: COMPLETIONS[completion](graph, node, scope)
 
@@ -61,11 +61,11 @@ def commandable_joints(robot: Robot) -> list[Joint]:
 # -- the completions ------------------------------------------------------------------------------------------------
 
 
-def _any_number(graph: Graph, node: Node, scope: Scope) -> None:
+def _any_number(graph: Graph, node: Node, scope: ShapeScope) -> None:
     graph.add(node, SH.or_, graph.collection([_with(graph, SH.datatype, datatype) for datatype in NUMERIC]))
 
 
-def _joint_position(graph: Graph, node: Node, scope: Scope) -> None:
+def _joint_position(graph: Graph, node: Node, scope: ShapeScope) -> None:
     limits = scope.required_limits()
     units, numbers = limits.dimension.accepted, limits.numbers[LF.jointPosition]
     _value_and_unit(graph, node, units, "the absolute position to reach")
@@ -76,7 +76,7 @@ def _joint_position(graph: Graph, node: Node, scope: Scope) -> None:
     graph.add(node, SH.or_, graph.collection(branches))
 
 
-def _joint_displacement(graph: Graph, node: Node, scope: Scope) -> None:
+def _joint_displacement(graph: Graph, node: Node, scope: ShapeScope) -> None:
     limits = scope.required_limits()
     units, numbers = limits.dimension.accepted, limits.numbers[LF.jointDisplacement]
     _value_and_unit(graph, node, units, "how far to go, from where the joint is")
@@ -86,7 +86,7 @@ def _joint_displacement(graph: Graph, node: Node, scope: Scope) -> None:
     graph.add(node, SH.or_, graph.collection(branches))
 
 
-def _joint_speed(graph: Graph, node: Node, scope: Scope) -> None:
+def _joint_speed(graph: Graph, node: Node, scope: ShapeScope) -> None:
     limits = scope.required_limits()
     units = limits.dimension.speeds
     _value_and_unit(graph, node, units, "the highest speed")
@@ -99,7 +99,7 @@ def _joint_speed(graph: Graph, node: Node, scope: Scope) -> None:
     graph.add(node, SH.or_, graph.collection(branches))
 
 
-def _joint_target(graph: Graph, node: Node, scope: Scope) -> None:
+def _joint_target(graph: Graph, node: Node, scope: ShapeScope) -> None:
     joints = commandable_joints(scope.required_robot())
     _which_joint(graph, node, [scope.joint_iri(joint.name) for joint in joints])
     _value_and_unit(graph, node, _units(joints), "the absolute position to reach")
@@ -114,7 +114,7 @@ def _joint_target(graph: Graph, node: Node, scope: Scope) -> None:
     graph.add(node, SH.or_, graph.collection(branches))
 
 
-def _joint_expectation(graph: Graph, node: Node, scope: Scope) -> None:
+def _joint_expectation(graph: Graph, node: Node, scope: ShapeScope) -> None:
     joints = commandable_joints(scope.required_robot())
     _which_joint(graph, node, [scope.joint_iri(joint.name) for joint in joints])
     value, tolerance = _value_and_unit(graph, node, _units(joints), "where the joint must be"), _tolerance(graph, node)
@@ -132,11 +132,11 @@ def _joint_expectation(graph: Graph, node: Node, scope: Scope) -> None:
     graph.add(node, SH.or_, graph.collection(branches))
 
 
-def _own_lease(graph: Graph, node: Node, scope: Scope) -> None:
+def _own_lease(graph: Graph, node: Node, scope: ShapeScope) -> None:
     graph.add(node, SH.in_, graph.collection([NamedNode(scope.base + lease_path(scope.required_robot().name))]))
 
 
-def _own_link(graph: Graph, node: Node, scope: Scope) -> None:
+def _own_link(graph: Graph, node: Node, scope: ShapeScope) -> None:
     robot = scope.required_robot()
     assert robot.model is not None
     model = robot.model
@@ -144,7 +144,7 @@ def _own_link(graph: Graph, node: Node, scope: Scope) -> None:
     graph.add(node, SH.in_, graph.collection(iris))
 
 
-def _own_pose(graph: Graph, node: Node, scope: Scope) -> None:
+def _own_pose(graph: Graph, node: Node, scope: ShapeScope) -> None:
     graph.add(node, SH.in_, graph.collection([Literal(name) for name in sorted(named_poses(scope.required_robot()))]))
 
 
@@ -163,7 +163,7 @@ def moved_links(robot: Robot) -> list[str]:
     return [link for link in model.links if link in moved]
 
 
-COMPLETIONS: dict[NamedNode, Callable[[Graph, Node, Scope], None]] = {
+COMPLETIONS: dict[NamedNode, Callable[[Graph, Node, ShapeScope], None]] = {
     LF.anyNumber: _any_number,
     LF.jointPosition: _joint_position,
     LF.jointDisplacement: _joint_displacement,

@@ -37,7 +37,7 @@ def ask(*hosts: str, kind: str = "http", more: tuple[tuple[bytes, bytes], ...] =
 
     async def answer() -> None:
         try:
-            Authorities(URLS).admit(scope)
+            Authorities(URLS).check_authority(scope)
         except FleetError as error:
             await send_problem(error, scope, send)
         else:
@@ -90,7 +90,7 @@ def test_a_refused_host_is_refused_again() -> None:
     }
     for _ in range(2):
         with pytest.raises(MisdirectedRequest):
-            Authorities(URLS).admit(scope)
+            Authorities(URLS).check_authority(scope)
 
 
 def test_websocket() -> None:

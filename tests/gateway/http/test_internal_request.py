@@ -41,7 +41,7 @@ class Outside:
         self.connection: Any = Request(scope) if kind == "http" else WebSocket(scope, _never, _nothing)
 
     async def _enter(self, scope: Scope, receive: Receive, send: Send) -> None:
-        Authorities((BASE,)).admit(scope)
+        Authorities((BASE,)).check_authority(scope)
         await self.gateway.endpoint(scope, receive, send)
 
     def ask(self, method: str, target: str, **more: Any) -> Reply:

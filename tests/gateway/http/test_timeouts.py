@@ -234,26 +234,26 @@ async def test_an_answer_that_is_still_read_keeps_its_place() -> None:
 def test_places() -> None:
     """The limit of one client does not affect others, and closing twice frees one place."""
     sockets, gone = Sockets(3, 2), list[str]()
-    assert sockets.open("a1", "a")
-    assert sockets.open("a2", "a")
-    assert not sockets.open("a3", "a")
-    assert sockets.open("b1", "b")
-    assert not sockets.open("c1", "c")
+    assert sockets.register("a1", "a")
+    assert sockets.register("a2", "a")
+    assert not sockets.register("a3", "a")
+    assert sockets.register("b1", "b")
+    assert not sockets.register("c1", "c")
     sockets.mark_idle("b1", lambda: False)
-    assert not sockets.open("c1", "c")
+    assert not sockets.register("c1", "c")
     sockets.mark_busy("b1")
     sockets.mark_idle("b1", lambda: not gone.append("b1"))  # type: ignore[func-returns-value]
-    assert not sockets.open("a3", "a")
-    assert sockets.open("c1", "c")
+    assert not sockets.register("a3", "a")
+    assert sockets.register("c1", "c")
     assert gone == ["b1"]
     sockets.mark_idle("a2", lambda: not gone.append("a2"))  # type: ignore[func-returns-value]
     sockets.mark_busy("a2")
-    assert not sockets.open("a3", "a")
-    sockets.close("a1")
-    sockets.close("a1")
+    assert not sockets.register("a3", "a")
+    sockets.unregister("a1")
+    sockets.unregister("a1")
     assert len(sockets) == 2
-    assert sockets.open("a3", "a")
-    assert not sockets.open("a4", "a")
+    assert sockets.register("a3", "a")
+    assert not sockets.register("a4", "a")
 
 
 async def test_a_crowd_of_requests_at_once_waits_outside_and_is_answered() -> None:

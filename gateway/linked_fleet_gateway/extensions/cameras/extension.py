@@ -20,7 +20,7 @@ from linked_fleet_gateway.http.fields import field
 from linked_fleet_gateway.http.negotiation import choose
 from linked_fleet_gateway.http.operations import last_segment, rdf_get_operation, resource_path_items, segment_schema
 from linked_fleet_gateway.http.preconditions import await_preconditions
-from linked_fleet_gateway.http.read import READ_METHODS, method_headers, read, resource_headers
+from linked_fleet_gateway.http.read import READ_METHODS, method_headers, read_resource, resource_headers
 from linked_fleet_gateway.http.representation import not_modified
 from linked_fleet_gateway.http.request import Request
 from linked_fleet_gateway.resources.branches import RequestView
@@ -58,7 +58,7 @@ async def read_camera(pictures: Pictures, request: Request, resource: Resource, 
     if media_type is not None:
         return await _picture(pictures, request, resource, source, media_type)
     await await_preconditions(request, resource)
-    return read(request, resource)
+    return read_resource(request, resource)
 
 
 async def _picture(

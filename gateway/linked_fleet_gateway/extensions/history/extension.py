@@ -38,7 +38,7 @@ from linked_fleet_gateway.http.operations import (
     segment_schema,
 )
 from linked_fleet_gateway.http.preconditions import check_preconditions
-from linked_fleet_gateway.http.read import read
+from linked_fleet_gateway.http.read import read_resource
 from linked_fleet_gateway.http.request import Request
 from linked_fleet_gateway.resources.branches import RequestView
 from linked_fleet_gateway.resources.json_form import Json
@@ -56,7 +56,7 @@ async def read_history(request: Request, found: Resource, past: RecordedHistory)
 
     def work(resource: Resource) -> Response:
         check_preconditions(request, resource)
-        return read(request, resource)
+        return read_resource(request, resource)
 
     shown = past.select_page(parse_span(request.query_params.multi_items()))
     async with past.history.workers:

@@ -25,7 +25,7 @@ from linked_fleet_gateway.http.body import body_type, read_body
 from linked_fleet_gateway.http.entrance import await_turn
 from linked_fleet_gateway.http.extension import Core, Extension, Mount
 from linked_fleet_gateway.http.hosted import AsgiResponse
-from linked_fleet_gateway.http.read import read
+from linked_fleet_gateway.http.read import read_resource
 from linked_fleet_gateway.http.request import Request
 from linked_fleet_gateway.http.scheduling import Offload
 from linked_fleet_gateway.http.streams import wants_events
@@ -132,7 +132,7 @@ async def read_endpoint(request: Request, resource: Resource, endpoint: PostMess
         )
         answer.headers["allow"] = "POST, DELETE"
         return answer
-    return read(request, resource)
+    return read_resource(request, resource)
 
 
 async def post_message(sdk: Sdk, request: Request, affords: PostMessage) -> ASGIApp:

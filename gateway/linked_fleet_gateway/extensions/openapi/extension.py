@@ -28,7 +28,7 @@ from linked_fleet_gateway.http.operations import (
     write_operation,
 )
 from linked_fleet_gateway.http.preconditions import await_preconditions
-from linked_fleet_gateway.http.read import read
+from linked_fleet_gateway.http.read import read_resource
 from linked_fleet_gateway.http.request import Request
 from linked_fleet_gateway.rdf.serialise import JSON
 from linked_fleet_gateway.rdf.vocabulary import LDP
@@ -167,6 +167,6 @@ async def _read(documents: Documents, request: Request, resource: Resource, of: 
     """Return the description for the caller, or 304. Raises NotAcceptable and PreconditionFailed."""
     body = await documents.document(of.view)
     made = replace(resource, documents={media_type: lambda: body for media_type in (TYPE, JSON)})
-    response = read(request, made)
+    response = read_resource(request, made)
     await await_preconditions(request, made)
     return response

@@ -34,7 +34,7 @@ from linked_fleet_gateway.http.negotiation import choose, parse_content_type
 from linked_fleet_gateway.http.operations import RDF_CONTENT, parameter, path_item, write_operation
 from linked_fleet_gateway.http.preconditions import await_preconditions
 from linked_fleet_gateway.http.problem import PROBLEM_JSON, problem
-from linked_fleet_gateway.http.read import read as read_resource
+from linked_fleet_gateway.http.read import read_resource as read_resource
 from linked_fleet_gateway.http.request import Request
 from linked_fleet_gateway.http.scheduling import Offload
 from linked_fleet_gateway.rdf.serialise import JSON, RDF_TYPES

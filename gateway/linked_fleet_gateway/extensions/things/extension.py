@@ -27,7 +27,7 @@ from linked_fleet_gateway.http.operations import (
     parameter,
     path_item,
 )
-from linked_fleet_gateway.http.read import read
+from linked_fleet_gateway.http.read import read_resource
 from linked_fleet_gateway.http.representation import etag, not_modified
 from linked_fleet_gateway.http.request import Request
 from linked_fleet_gateway.rdf.serialise import JSON
@@ -58,7 +58,7 @@ async def read_listing(request: Request, resource: Resource, listing: Listing) -
     things = listing.things()
     if media_type not in TYPES:
         describe = partial(describe_page, listing.view, things, offset, min(limit or MOST_LISTED, MOST_LISTED))
-        return read(request, replace(resource, describe=describe, remote=None, query=request.url.query))
+        return read_resource(request, replace(resource, describe=describe, remote=None, query=request.url.query))
     links = [Link(iri.value, "type") for iri in resource.interaction_model]
     headers = {"vary": "Accept", "cache-control": "no-cache", "x-content-type-options": "nosniff"}
     content = {"content-type": media_type, "allow": "GET, HEAD, OPTIONS"}

@@ -44,7 +44,7 @@ from linked_fleet_gateway.http.operations import (
     write_operation,
 )
 from linked_fleet_gateway.http.preconditions import resolve_under_preconditions
-from linked_fleet_gateway.http.read import read
+from linked_fleet_gateway.http.read import read_resource
 from linked_fleet_gateway.http.request import Request
 from linked_fleet_gateway.http.scheduling import Offload
 from linked_fleet_gateway.http.writes import apply_patch, read_patch
@@ -128,7 +128,9 @@ async def read_pose(world: World, request: Request, resource: Resource, asked: P
     query = request.query_params
     if unknown := [name for name in query if name not in ("of", "in", "as")]:
         raise BadRequest(f"{unknown[0][:50]!r} is not a parameter of a pose; the parameters are of and in, both IRIs.")
-    return read(request, _posed(world, request, resource, asked) if "of" in query or "in" in query else resource)
+    return read_resource(
+        request, _posed(world, request, resource, asked) if "of" in query or "in" in query else resource
+    )
 
 
 def _posed(world: World, request: Request, resource: Resource, asked: PoseQuery) -> Resource:
