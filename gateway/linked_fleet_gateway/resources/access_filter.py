@@ -11,15 +11,15 @@ class RobotsInView(Mapping[str, Robot]):
     """Visible robots by name. An invisible name is rejected before any lookup, so that timing reveals nothing."""
 
     def __init__(self, robots: Mapping[str, Robot], visible_robots: View) -> None:
-        self._robots, self._sees = robots, visible_robots
+        self._robots, self._visible_robots = robots, visible_robots
 
     def __getitem__(self, name: str) -> Robot:
-        if not self._sees.includes(name):
+        if not self._visible_robots.includes(name):
             raise KeyError(name)
         return self._robots[name]
 
     def __iter__(self) -> Iterator[str]:
-        return (name for name in self._robots if self._sees.includes(name))
+        return (name for name in self._robots if self._visible_robots.includes(name))
 
     def __len__(self) -> int:
         return sum(1 for _ in self)
@@ -31,7 +31,7 @@ class InvocationsInView:
     """
 
     def __init__(self, invocations: Invocations, visible_robots: View) -> None:
-        self._invocations, self._sees = invocations, visible_robots
+        self._invocations, self._visible_robots = invocations, visible_robots
 
     def get(self, id: str) -> Invocation | None:
         found = self._invocations.get(id)
@@ -45,20 +45,22 @@ class InvocationsInView:
 
     def last_motion_ns(self, robot: str) -> int | None:
         """Return the end of the robot's last accepted motion (wall ns); None if none is stored."""
-        return self._invocations.last_motion_ns(robot) if self._sees.includes(robot) else None
+        return self._invocations.last_motion_ns(robot) if self._visible_robots.includes(robot) else None
 
     def answers(self, invocation: Invocation) -> dict[str, str]:
         """Return the answers of the visible robots to an invocation of the fleet."""
-        if self._sees.includes_all:
+        if self._visible_robots.includes_all:
             return invocation.robots
-        return {robot: answer for robot, answer in invocation.robots.items() if self._sees.includes(robot)}
+        return {robot: answer for robot, answer in invocation.robots.items() if self._visible_robots.includes(robot)}
 
     def _seen(self, invocations: list[Invocation]) -> list[Invocation]:
-        return invocations if self._sees.includes_all else [each for each in invocations if self._shows(each)]
+        return invocations if self._visible_robots.includes_all else [each for each in invocations if self._shows(each)]
 
     def _shows(self, invocation: Invocation) -> bool:
-        if self._sees.includes_all:
+        if self._visible_robots.includes_all:
             return True
         if invocation.robot != FLEET:
-            return self._sees.includes(invocation.robot)
-        return invocation.client == self._sees.name or all(map(self._sees.includes, invocation.robots))
+            return self._visible_robots.includes(invocation.robot)
+        return invocation.client == self._visible_robots.name or all(
+            map(self._visible_robots.includes, invocation.robots)
+        )

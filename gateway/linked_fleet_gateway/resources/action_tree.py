@@ -77,11 +77,11 @@ def _facts(invocation: Invocation) -> tuple[object, ...]:
 
 def _action(offer: Offer, source: Source, base: str) -> Resource:
     own = (offer.path + "/produceshape", offer.path + "/invocations")
-    alike = offer.template_key
+    template_key = offer.template_key
     template = None
-    if alike is not None:
+    if template_key is not None:
         template = DescriptionTemplate(
-            alike,
+            template_key,
             offer.thing,
             lambda graph, thing, values: offer.describe_at(graph, base, thing, values),
             lambda: offer.values,

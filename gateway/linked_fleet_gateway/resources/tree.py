@@ -39,7 +39,7 @@ _OF_THINGS = ("subscriptions", "blueprint", "linkset")
 
 
 class Tree:
-    """Resolves paths for what ``sees`` shows of the live fleet, for descriptions under one base URL."""
+    """Resolves paths to resources of ``visible_robots``, for descriptions under one base URL."""
 
     def __init__(
         self,
