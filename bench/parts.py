@@ -194,7 +194,7 @@ async def _client_ms(server: Server, seconds: float) -> float:
     connection, took, end = Connection(server.url, "news"), list[float](), time.monotonic() + seconds
     while time.monotonic() < end:
         begin = time.perf_counter()
-        await connection.run(scripts.HELD, ("lease",))
+        await connection.run_script(scripts.HELD, ("lease",))
         took.append((time.perf_counter() - begin) * 1e3)
     await connection.close()
     return median(took)

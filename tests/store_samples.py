@@ -131,7 +131,7 @@ def crash_after(store: Store, commands: int) -> None:
 
         return checked
 
-    redis.one, redis.all = dying(redis.one), dying(redis.all)  # type: ignore[method-assign]
+    redis.execute, redis.execute_all = dying(redis.execute), dying(redis.execute_all)  # type: ignore[method-assign]
 
 
 def count_trips(store: Store) -> Callable[[], int]:

@@ -147,7 +147,7 @@ def test_a_setting_removed_during_an_outage_is_no_longer_set(tmp_path: Path) -> 
         async def settings(self, robot: str) -> dict[str, str]:
             if self.away:
                 self.away = False
-                self._redis.outages += 1
+                self._redis.outage_count += 1
                 raise StoreUnavailable("cut off")
             return await super().settings(robot)
 

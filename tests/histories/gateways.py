@@ -22,7 +22,7 @@ from linked_fleet_gateway.extensions.rules.store import RuleStore
 from linked_fleet_gateway.extensions.world.service import ObjectStore
 from linked_fleet_gateway.resources.resource import Resource
 from linked_fleet_gateway.resources.versioning import Source
-from linked_fleet_gateway.runtime.background import end
+from linked_fleet_gateway.runtime.background import cancel_tasks
 from linked_fleet_gateway.subscriptions import callbacks as callbacks_module
 from linked_fleet_gateway.subscriptions import courier as courier_module
 from linked_fleet_gateway.subscriptions import service as subscriptions_module
@@ -193,7 +193,7 @@ class Gateway:
             robot.leave(self.live)
         self._watched.forget(self._fan_out)
         while alive := [task for task in self._tasks if not task.done()]:  # an ending task may start another one
-            await end(alive)
+            await cancel_tasks(alive)
         for store in (self.store, self._remembered, self._subscribed):
             await store._redis.close()
         await self.objects.close()

@@ -14,7 +14,7 @@ from histories.registers import Objects, RegisterClients, Rules, Settings
 from histories.requests import MotionClients
 from histories.robots import Toy
 from histories.workload import Clients, another
-from linked_fleet_gateway.runtime.background import end
+from linked_fleet_gateway.runtime.background import cancel_tasks
 
 GATEWAYS = 3
 _USES = 60  # of each key
@@ -47,7 +47,7 @@ class InProcess:
     async def __aexit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        await end(self._running)
+        await cancel_tasks(self._running)
         for gateway in self.gateways:
             await gateway.kill()
 

@@ -22,7 +22,7 @@ from histories.workload import Clients, another
 from linked_fleet_agent.link import RobotLink
 from linked_fleet_agent.wire.keys import Keys as ZenohKeys
 from linked_fleet_agent.zenoh_session import open_session
-from linked_fleet_gateway.runtime.background import end
+from linked_fleet_gateway.runtime.background import cancel_tasks
 from running import eventually, free_port
 
 GATEWAYS = 2
@@ -78,7 +78,7 @@ class Processes:
 
     def _run(self, doing: Any, stack: AsyncExitStack) -> None:
         task = asyncio.create_task(doing)
-        stack.push_async_callback(end, [task])
+        stack.push_async_callback(cancel_tasks, [task])
 
     async def _started(self, number: int, port: int | None = None) -> HttpGateway:
         shared = ("--zenoh-connect", self._hub.endpoint, "--redis-url", self._environment.url(number))

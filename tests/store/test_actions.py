@@ -67,7 +67,7 @@ async def test_ended_invocations_expire_and_open_ones_last_until_their_deadline(
     assert {one.id for one in await a.load()} == {over.id, still.id}
 
     async def forgotten() -> bool:
-        return await a.read("r", over.id) is None and not await a._redis.one("EXISTS", KEYS.repeat("r", "k"))
+        return await a.read("r", over.id) is None and not await a._redis.execute("EXISTS", KEYS.repeat("r", "k"))
 
     await until(forgotten, "what is over is forgotten, and its key")
     assert await a.load() == [still]
@@ -76,7 +76,7 @@ async def test_ended_invocations_expire_and_open_ones_last_until_their_deadline(
     await a.open(later)
 
     async def empty() -> bool:
-        return not await a.load() and not await a._redis.one("ZCARD", KEYS.robots)
+        return not await a.load() and not await a._redis.execute("ZCARD", KEYS.robots)
 
     await until(empty, "all is forgotten, the names of the robots too")
     assert server.lasting_keys() == [KEYS.news]
@@ -93,7 +93,7 @@ async def test_records_of_other_versions_are_kept(a: ActionStore, caplog: pytest
     one, strange = an_invocation(), an_invocation()
     await a.open(one)
     await a.open(strange)
-    await a._redis.one("HSET", KEYS.invocations("r")[0], strange.id, '{"id":7}')
+    await a._redis.execute("HSET", KEYS.invocations("r")[0], strange.id, '{"id":7}')
     with caplog.at_level(logging.WARNING):
         assert await a.load() == [one]
         assert await a.read("r", strange.id) is None

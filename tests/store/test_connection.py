@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from linked_fleet_gateway.runtime.redis import BadUrl, Connection, StoreUnavailable
+from linked_fleet_gateway.runtime.redis import Connection, InvalidUrl, StoreUnavailable
 from redis_backends import Backend, opened
 from store_samples import closing, served
 
@@ -24,7 +24,7 @@ async def test_writes_during_a_disconnection_raise(connection: Connection) -> No
 
     async def ask(*command: str | int) -> bool:
         try:
-            await connection.one(*command)
+            await connection.execute(*command)
         except StoreUnavailable:
             return False
         return True
@@ -40,42 +40,42 @@ async def test_writes_during_a_disconnection_raise(connection: Connection) -> No
                 await asyncio.sleep(0)
         cut += (await asyncio.gather(*tasks)).count(False)
     assert cut
-    await served(lambda: connection.one("PING"))
+    await served(lambda: connection.execute("PING"))
 
 
 async def test_many_commands_are_answered_in_their_order(connection: Connection) -> None:
-    assert await connection.all([("RPUSH", "a", "x")] * 600) == list(range(1, 601))
+    assert await connection.execute_all([("RPUSH", "a", "x")] * 600) == list(range(1, 601))
 
 
 async def test_a_cancelled_command_leaves_no_answer_to_the_next(connection: Connection) -> None:
-    await connection.one("SET", "other", "right")
+    await connection.execute("SET", "other", "right")
     for turns in range(_AT_ONCE):
-        cancelled = asyncio.create_task(connection.one("SET", "key", "wrong", "GET"))
+        cancelled = asyncio.create_task(connection.execute("SET", "key", "wrong", "GET"))
         for _ in range(turns):
             await asyncio.sleep(0)
         cancelled.cancel()
         with contextlib.suppress(asyncio.CancelledError):
             await cancelled
-        assert await connection.one("GET", "other") == b"right"
+        assert await connection.execute("GET", "other") == b"right"
 
 
 async def test_a_refused_command_does_not_displace_the_answers_of_others(connection: Connection) -> None:
     with pytest.raises(StoreUnavailable, match="WRONGTYPE"):
-        await connection.all([("SET", "{a}1", "text"), ("HGETALL", "{a}1"), ("GET", "{a}1")])
-    assert await connection.all([("GET", "{a}1"), ("HSET", "{a}2", "name", "value"), ("HGETALL", "{a}2")]) == [
+        await connection.execute_all([("SET", "{a}1", "text"), ("HGETALL", "{a}1"), ("GET", "{a}1")])
+    assert await connection.execute_all([("GET", "{a}1"), ("HSET", "{a}2", "name", "value"), ("HGETALL", "{a}2")]) == [
         b"text", 1, {b"name": b"value"},
     ]  # fmt: skip
 
 
 async def test_following_begins_at_the_first_contact_without_gaps(connection: Connection, server: Backend) -> None:
     async with closing(Connection(server.url, "another")) as writer:
-        await writer.one("XADD", "news", "*", "n", "before")
-        await connection.one("PING")
+        await writer.execute("XADD", "news", "*", "n", "before")
+        await connection.execute("PING")
         for number in range(150):
-            await writer.one("XADD", "news", "*", "n", number)
-        found = [each[b"n"] for _ in range(2) for each in await connection.follow()]
+            await writer.execute("XADD", "news", "*", "n", number)
+        found = [each[b"n"] for _ in range(2) for each in await connection.read_new_entries()]
         assert found == [str(number).encode() for number in range(150)]
-        assert await connection.follow() == []
+        assert await connection.read_new_entries() == []
 
 
 @pytest.mark.parametrize("server", ["memory", "valkey"], indirect=True)
@@ -83,14 +83,14 @@ async def test_a_server_that_may_lose_data_is_warned_of_once(
     server: Backend, connection: Connection, caplog: pytest.LogCaptureFixture
 ) -> None:
     async with closing(Connection(server.url, "another")) as operator:
-        await operator.one("CONFIG", "SET", "appendfsync", "everysec")
+        await operator.execute("CONFIG", "SET", "appendfsync", "everysec")
         try:
             with caplog.at_level(logging.WARNING):
-                await asyncio.gather(*(connection.one("PING") for _ in range(10)))
-                await operator.one("CLIENT", "KILL", "TYPE", "normal", "SKIPME", "yes")
-                await served(lambda: connection.one("PING"))
+                await asyncio.gather(*(connection.execute("PING") for _ in range(10)))
+                await operator.execute("CLIENT", "KILL", "TYPE", "normal", "SKIPME", "yes")
+                await served(lambda: connection.execute("PING"))
         finally:
-            await operator.one("CONFIG", "SET", "appendfsync", "always")
+            await operator.execute("CONFIG", "SET", "appendfsync", "always")
     assert [record.getMessage() for record in caplog.records] == [
         "Redis may lose what was accepted, its settings are appendfsync everysec"
     ]
@@ -100,5 +100,5 @@ async def test_a_server_that_may_lose_data_is_warned_of_once(
     "url", ["http://localhost", "localhost:6379", "", "redis+cluster://", "redis+cluster://a:b@", "redis://a:port"]
 )
 def test_a_url_that_means_nothing_is_refused(url: str) -> None:
-    with pytest.raises(BadUrl, match=r"REDIS_URL: .*\w"):
+    with pytest.raises(InvalidUrl, match=r"REDIS_URL: .*\w"):
         Connection(url, "news")

@@ -60,7 +60,7 @@ def started(state_dir: Path) -> tuple[int, tuple[str, ...]]:
 
     async def run() -> tuple[int, tuple[str, ...]]:
         async with EmbeddedRedis(state_dir) as server:
-            return keys(server), server.set_aside
+            return keys(server), server.damaged_copies
 
     return asyncio.run(run())
 
@@ -125,7 +125,7 @@ async def test_data_stay_where_no_server_starts_at_all(
     with caplog.at_level(logging.ERROR):
         monkeypatch.setattr(embedded, "_configuration", lambda *paths: [*sound(*paths), "--maxmemory", "nonsense"])
         async with EmbeddedRedis(state_dir) as server:
-            assert server.set_aside == () and content(state_dir / damage.DATA) == before
+            assert server.damaged_copies == () and content(state_dir / damage.DATA) == before
             monkeypatch.setattr(embedded, "_configuration", sound)
             await until(lambda: keys(server) == 100)
     (record,) = caplog.records
@@ -142,5 +142,5 @@ async def test_a_server_that_is_ended_while_it_starts_does_not_cost_the_data(
     monkeypatch.setattr(embedded, "_program", lambda: str(program))
     before = content(state_dir / damage.DATA)
     async with EmbeddedRedis(state_dir) as server:
-        assert server.set_aside == ()
+        assert server.damaged_copies == ()
     assert content(state_dir / damage.DATA) == before

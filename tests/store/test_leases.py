@@ -140,7 +140,7 @@ async def test_an_expired_lease_is_anybody_s_and_its_token_worth_nothing(a: Acti
 
 async def test_redis_does_not_know_a_token(a: ActionStore) -> None:
     _, token = await a.take("r", "Ada", 60)
-    fields = await a._redis.one("HGETALL", Keys().lease("r"))
+    fields = await a._redis.execute("HGETALL", Keys().lease("r"))
     assert token.removeprefix("urn:uuid:").encode() not in b" ".join(fields.values())
 
 
@@ -264,16 +264,16 @@ async def test_a_listener_ends_when_it_is_told_to_even_as_news_come(a: ActionSto
 
 
 async def test_news_during_an_outage_is_delivered_later(a: ActionStore, b: ActionStore, heard: Listener) -> None:
-    tell = a._redis.all
+    tell = a._redis.execute_all
 
     async def away(*_: object) -> Any:
         raise StoreUnavailable
 
-    a._redis.all = away  # type: ignore[method-assign]
+    a._redis.execute_all = away  # type: ignore[method-assign]
     one = an_invocation()
     await a.open(one)
     lease, token = await a.take("r", "Ada", 60)  # its token is not lost
     assert await b.read("r", one.id) == one
-    a._redis.all = tell  # type: ignore[method-assign]
+    a._redis.execute_all = tell  # type: ignore[method-assign]
     await a.check("r", token)
     assert await heard.next(2) == [News("invocation", "r", one.id), News("lease", "r", lease.id)]

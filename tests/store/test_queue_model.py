@@ -296,11 +296,11 @@ class CallbackQueue(RuleBasedStateMachine):
             self.taken(one, entry, outgoing, delivery, [], queued)
 
     async def length(self, id: str) -> int:
-        return int(await self.observer._redis.one("XLEN", Keys().queue(id)))
+        return int(await self.observer._redis.execute("XLEN", Keys().queue(id)))
 
     async def last_entry(self, id: str) -> Entry:
         script = "return redis.call('XREVRANGE', KEYS[1], '+', '-', 'COUNT', 1)[1]"
-        return read_entry(*await self.observer._redis.run(script, (Keys().queue(id),)))
+        return read_entry(*await self.observer._redis.run_script(script, (Keys().queue(id),)))
 
     @rule(which=WHICH, steps=st.integers(0, 12))
     def interrupted_adoption(self, which: int, steps: int) -> None:

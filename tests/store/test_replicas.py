@@ -141,13 +141,13 @@ async def test_a_subscription_that_vanishes_before_it_is_confirmed_is_not_accept
     server: ReplicatedMemory | Replicated, a: Store
 ) -> None:
     """A failover to a replica that did not have it yet causes this."""
-    one, ask = a_subscription(), a._redis.run_replicated
+    one, ask = a_subscription(), a._redis.run_replicated_script
 
     async def late(script: str, key: str, *arguments: str) -> Any:
-        await a._redis.one("DEL", key)
+        await a._redis.execute("DEL", key)
         return await ask(script, key, *arguments)
 
-    a._redis.run_replicated = late  # type: ignore[method-assign]
+    a._redis.run_replicated_script = late  # type: ignore[method-assign]
     with pytest.raises(StoreUnavailable, match="was gone before a replica had it"):
         await a.add(one, Delivery(), LIMIT)
     assert await a.record(one.id) is None
@@ -160,7 +160,7 @@ async def test_a_replica_that_is_gone_is_not_waited_for(server: ReplicatedMemory
     server.lose()
     try:
         one = a_subscription()
-        a._redis.run_replicated = None  # type: ignore[assignment,method-assign]
+        a._redis.run_replicated_script = None  # type: ignore[assignment,method-assign]
         await a.add(one, Delivery(), LIMIT)
         assert await held(a) == [one]
     finally:
@@ -202,7 +202,7 @@ def served_by(node: Server, key: str) -> bool:
 # Last: afterwards a replica is the master.
 @pytest.mark.parametrize("server", REAL[1:], indirect=True)
 async def test_a_confirmation_is_not_asked_of_a_server_that_is_master_no_longer(server: Replicated, a: Store) -> None:
-    one, ask = a_subscription(), a._redis.run_replicated
+    one, ask = a_subscription(), a._redis.run_replicated_script
 
     def fail_over(key: str) -> None:
         pairs = zip(server.nodes, server.replicas, strict=True)
@@ -214,7 +214,7 @@ async def test_a_confirmation_is_not_asked_of_a_server_that_is_master_no_longer(
         fail_over(key)
         return await ask(script, key, *arguments)
 
-    a._redis.run_replicated = late  # type: ignore[method-assign]
+    a._redis.run_replicated_script = late  # type: ignore[method-assign]
     with pytest.raises(StoreUnavailable, match="MovedError"):
         await a.add(one, Delivery(), LIMIT)
     assert await a.record(one.id) is None

@@ -50,7 +50,7 @@ async def test_a_rule_and_its_revision_are_of_one_moment(
     """Otherwise a write based on that revision would undo an unseen change: commands may be served separately."""
     rule = a_rule(title="1")
     await b.write(rule, 0, 9)
-    run_one, revisions = a._redis.one, count(1)
+    run_one, revisions = a._redis.execute, count(1)
 
     async def one(*command: str | bytes | int) -> Any:
         answer = await run_one(*command)
@@ -58,11 +58,11 @@ async def test_a_rule_and_its_revision_are_of_one_moment(
         await b.write(replace(rule, title=str(revision + 1)), revision, 9)
         return answer
 
-    async def apart(commands: Sequence[tuple[str | bytes | int, ...]], at_once: int = 1) -> list[Any]:
+    async def apart(commands: Sequence[tuple[str | bytes | int, ...]], batch_size: int = 1) -> list[Any]:
         return [await one(*command) for command in commands]
 
-    monkeypatch.setattr(a._redis, "one", one)
-    monkeypatch.setattr(a._redis, "all", apart)
+    monkeypatch.setattr(a._redis, "execute", one)
+    monkeypatch.setattr(a._redis, "execute_all", apart)
     known = await a.read(rule.id)
     assert known is not None
     assert known.rule.title == str(known.revision)

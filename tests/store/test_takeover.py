@@ -114,16 +114,16 @@ async def test_a_run_goes_on_renewing_its_lease_while_it_adopts(a: Store, b: Sto
 
 async def test_an_add_whose_first_steps_others_cleared_away_is_whole_in_the_end(a: Store, b: Store) -> None:
     """A gateway so slow that it counts as dead while it adds."""
-    one, commit = a_subscription(), a._redis.run
+    one, commit = a_subscription(), a._redis.run_script
 
     async def late(script: str, keys: tuple[str, ...], *arguments: Any) -> Any:
         if len(keys) == 3:
-            a._redis.run = commit  # type: ignore[method-assign]
+            a._redis.run_script = commit  # type: ignore[method-assign]
             assert await adopted(b, "a") == []
             assert await b.dead_runs() == []
         return await commit(script, keys, *arguments)
 
-    a._redis.run = late  # type: ignore[method-assign]
+    a._redis.run_script = late  # type: ignore[method-assign]
     await a.add(one, Delivery(), LIMIT)
     assert await listed(b) == await held(a) == [one]
     assert await b.dead_runs() == ["a"]
@@ -213,7 +213,7 @@ async def test_a_stream_that_is_taken_back_as_the_other_strikes_it_out_is_listed
     a: Store, b: Store, stream: Subscription
 ) -> None:
     await b.add(stream, Delivery(), LIMIT)
-    let_go, commit, striking_out = a._let_go, b._redis.run, list[Any]()
+    let_go, commit, striking_out = a._let_go, b._redis.run_script, list[Any]()
 
     async def later(*arguments: Any) -> None:
         striking_out.append(arguments)
@@ -223,7 +223,7 @@ async def test_a_stream_that_is_taken_back_as_the_other_strikes_it_out_is_listed
             await let_go(*striking_out.pop())
         return await commit(script, keys, *arguments)
 
-    a._let_go, b._redis.run = later, late  # type: ignore[method-assign]
+    a._let_go, b._redis.run_script = later, late  # type: ignore[method-assign]
     await a.add(stream, Delivery(), LIMIT)
     await b.add(stream, Delivery(), LIMIT)
     assert await held(b) == [stream]

@@ -408,7 +408,7 @@ async def test_a_command_that_comes_very_late_brings_nothing_back(url: str, ther
         await at.requests(1)
         await at.until(lambda record: record.delivery.last_status == 204, "delivered")
         redis, lost = at.store._redis, list[tuple[Any, ...]]()
-        run_script = redis.run
+        run_script = redis.run_script
 
         async def lose(script: str, *arguments: Any) -> Any:
             if script == scripts.ADVANCE and not lost:
@@ -416,7 +416,7 @@ async def test_a_command_that_comes_very_late_brings_nothing_back(url: str, ther
                 raise StoreUnavailable("the connection was lost")
             return await run_script(script, *arguments)
 
-        redis.run = lose  # type: ignore[method-assign]
+        redis.run_script = lose  # type: ignore[method-assign]
         at.toy.become(1)
         await at.requests(2)
         at.toy.become(2)

@@ -20,8 +20,8 @@ from linked_fleet_gateway.app.settings import GatewaySettings
 from linked_fleet_gateway.http.server import Server
 from linked_fleet_gateway.identity.roster import BadRoster
 from linked_fleet_gateway.link.transport import LinkError, Session
-from linked_fleet_gateway.runtime.log import formatter
-from linked_fleet_gateway.runtime.redis import BadUrl
+from linked_fleet_gateway.runtime.log import create_formatter
+from linked_fleet_gateway.runtime.redis import InvalidUrl
 from virtual.confined import Confined, confined
 from virtual.loop import VirtualLoop, current
 from virtual.played_session import PlayedSession
@@ -156,7 +156,7 @@ class VirtualProcess:
     async def _gateway(self, words: list[str]) -> int:
         try:
             settings = GatewaySettings.read({}, words)
-            self._logging.setFormatter(formatter(settings.log_format))
+            self._logging.setFormatter(create_formatter(settings.log_format))
             if not settings.redis_url:
                 words = [*words, "--redis-url", self._world.embedded(settings.state_path).url]
                 settings = GatewaySettings.read({}, words)
@@ -172,7 +172,7 @@ class VirtualProcess:
             async with app.router.lifespan_context(app):
                 self.lines.append(f"serving {settings.public_urls[0]}/\n")
                 await server.serve(sockets=[listener])
-        except (LinkError, BadUrl, BadRoster) as error:
+        except (LinkError, InvalidUrl, BadRoster) as error:
             self.lines.append(f"gateway: {error}\n")
             return 1
         return 0

@@ -26,7 +26,7 @@ def server(loop: VirtualLoop) -> RedisServer:
 async def connected(server: RedisServer) -> AsyncIterator[Connection]:
     connection = Connection(server.url, "news")
     try:
-        await connection.one("PING")
+        await connection.execute("PING")
         yield connection
     finally:
         await connection.close()
@@ -46,12 +46,14 @@ def on(loop: VirtualLoop, server: RedisServer, scenario: Callable[[Connection], 
 
 def test_a_blocking_read_ends_with_the_first_entry_or_at_its_timeout(loop: VirtualLoop, server: RedisServer) -> None:
     async def nothing(connection: Connection) -> None:
-        assert await connection.follow() == []
+        assert await connection.read_new_entries() == []
 
     async def something(connection: Connection) -> None:
         async with connected(server) as other:
-            loop.call_later(0.25, lambda: writing.append(loop.create_task(other.one("XADD", "news", "*", "a", "b"))))
-            assert await connection.follow() == [{b"a": b"b"}]
+            loop.call_later(
+                0.25, lambda: writing.append(loop.create_task(other.execute("XADD", "news", "*", "a", "b")))
+            )
+            assert await connection.read_new_entries() == [{b"a": b"b"}]
             await writing[0]
 
     writing: list[Awaitable[object]] = []
@@ -61,12 +63,12 @@ def test_a_blocking_read_ends_with_the_first_entry_or_at_its_timeout(loop: Virtu
 
 def test_keys_expire_by_the_wall_clock_that_scripts_see(loop: VirtualLoop, server: RedisServer) -> None:
     async def scenario(connection: Connection) -> None:
-        await connection.one("SET", "short", "x", "PX", 500)
-        await connection.one("SET", "long", "x", "EX", 3600)
-        await connection.one("SET", "for good", "x")
-        assert int((await connection.run("return redis.call('TIME')", ()))[0]) == int(time.time())
+        await connection.execute("SET", "short", "x", "PX", 500)
+        await connection.execute("SET", "long", "x", "EX", 3600)
+        await connection.execute("SET", "for good", "x")
+        assert int((await connection.run_script("return redis.call('TIME')", ()))[0]) == int(time.time())
         loop.clock.step_wall(1.0)
-        assert await connection.one("MGET", "short", "long") == [None, b"x"]
+        assert await connection.execute("MGET", "short", "long") == [None, b"x"]
         assert (server.keys("* *"), server.keys(lasting=True)) == (["for good"], ["for good"])
         assert server.keys() == ["for good", "long"]
 
@@ -75,28 +77,30 @@ def test_keys_expire_by_the_wall_clock_that_scripts_see(loop: VirtualLoop, serve
 
 def test_a_script_has_the_functions_and_errors_of_valkey(loop: VirtualLoop, server: RedisServer) -> None:
     async def scenario(connection: Connection) -> None:
-        assert await connection.run("return redis.sha1hex('')", ()) == b"da39a3ee5e6b4b0d3255bfef95601890afd80709"
-        assert await connection.run("return type(redis.pcall('INFO', 'replication'))", ()) == b"string"
-        await connection.one("SET", "text", "x")
+        assert (
+            await connection.run_script("return redis.sha1hex('')", ()) == b"da39a3ee5e6b4b0d3255bfef95601890afd80709"
+        )
+        assert await connection.run_script("return type(redis.pcall('INFO', 'replication'))", ()) == b"string"
+        await connection.execute("SET", "text", "x")
         with pytest.raises(StoreUnavailable, match="WRONGTYPE"):
-            await connection.run("return redis.call('HGETALL', KEYS[1])", ("text",))
+            await connection.run_script("return redis.call('HGETALL', KEYS[1])", ("text",))
 
     on(loop, server, scenario)
 
 
 def test_a_server_that_is_down_refuses_and_has_its_data_when_it_is_back(loop: VirtualLoop, server: RedisServer) -> None:
     async def scenario(connection: Connection) -> None:
-        await connection.one("SET", "a", 1)
+        await connection.execute("SET", "a", 1)
         server.unreachable()
         for _ in range(2):
             with pytest.raises(StoreUnavailable):
-                await connection.one("GET", "a")
+                await connection.execute("GET", "a")
         server.reachable()
-        assert await connection.one("GET", "a") == b"1"
+        assert await connection.execute("GET", "a") == b"1"
         server.lose_everything()
         with pytest.raises(StoreUnavailable):
-            await connection.one("GET", "a")
-        assert await connection.one("GET", "a") is None
+            await connection.execute("GET", "a")
+        assert await connection.execute("GET", "a") is None
 
     assert on(loop, server, scenario) < 0.001
 
@@ -105,11 +109,11 @@ def test_a_server_that_hangs_times_out_and_runs_what_it_had_received(loop: Virtu
     async def scenario(connection: Connection) -> None:
         server.hang()
         with pytest.raises(StoreUnavailable, match="Timeout"):
-            await connection.one("SET", "a", 1)
+            await connection.execute("SET", "a", 1)
         assert server.keys() == []
         server.release()
         assert server.keys() == ["a"]
-        assert await connection.one("GET", "a") == b"1"
+        assert await connection.execute("GET", "a") == b"1"
 
     assert on(loop, server, scenario) == pytest.approx(2.0)
 
@@ -117,10 +121,10 @@ def test_a_server_that_hangs_times_out_and_runs_what_it_had_received(loop: Virtu
 def test_an_answer_can_be_lost_although_the_command_ran(loop: VirtualLoop, server: RedisServer) -> None:
     async def scenario(connection: Connection) -> None:
         server.fail_after_executing(containing="mine")
-        await connection.one("INCR", "other")
+        await connection.execute("INCR", "other")
         with pytest.raises(StoreUnavailable):
-            await connection.one("INCR", "mine")
-        assert await connection.one("MGET", "mine", "other") == [b"1", b"1"]
+            await connection.execute("INCR", "mine")
+        assert await connection.execute("MGET", "mine", "other") == [b"1", b"1"]
 
     on(loop, server, scenario)
 
@@ -128,8 +132,8 @@ def test_an_answer_can_be_lost_although_the_command_ran(loop: VirtualLoop, serve
 def test_slow_commands_run_in_order(loop: VirtualLoop, server: RedisServer) -> None:
     async def scenario(connection: Connection) -> None:
         server.latency_s = 0.125
-        assert await connection.all([("RPUSH", "a", number) for number in range(3)]) == [1, 2, 3]
-        assert await connection.one("LRANGE", "a", 0, -1) == [b"0", b"1", b"2"]
+        assert await connection.execute_all([("RPUSH", "a", number) for number in range(3)]) == [1, 2, 3]
+        assert await connection.execute("LRANGE", "a", 0, -1) == [b"0", b"1", b"2"]
 
     assert on(loop, server, scenario) == pytest.approx(0.25)
 
@@ -143,7 +147,7 @@ def test_a_replica_confirms_at_once_or_never(
     server.replicas, server.lagging = replicas, lagging
 
     async def scenario(connection: Connection) -> None:
-        assert await connection.run_replicated("return redis.call('SET', KEYS[1], 1)", "a") == (b"OK", confirmed)
+        assert await connection.run_replicated_script("return redis.call('SET', KEYS[1], 1)", "a") == (b"OK", confirmed)
 
     assert on(loop, server, scenario) == pytest.approx(within_s, abs=0.001)
 
@@ -152,9 +156,9 @@ def test_an_error_answers_everything(loop: VirtualLoop, server: RedisServer) -> 
     async def scenario(connection: Connection) -> None:
         server.error = "LOADING Valkey is loading the dataset in memory"
         with pytest.raises(StoreUnavailable, match="loading"):
-            await connection.one("GET", "a")
+            await connection.execute("GET", "a")
         server.error = ""
-        assert await connection.one("GET", "a") is None
+        assert await connection.execute("GET", "a") is None
 
     on(loop, server, scenario)
 
@@ -162,7 +166,7 @@ def test_an_error_answers_everything(loop: VirtualLoop, server: RedisServer) -> 
 def test_its_wall_clock_is_stepped_by_itself(loop: VirtualLoop, server: RedisServer) -> None:
     async def scenario(connection: Connection) -> None:
         server.step_wall(3600)
-        assert int((await connection.run("return redis.call('TIME')", ()))[0]) == pytest.approx(
+        assert int((await connection.run_script("return redis.call('TIME')", ()))[0]) == pytest.approx(
             time.time() + 3600, abs=1
         )
 

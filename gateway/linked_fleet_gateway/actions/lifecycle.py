@@ -18,8 +18,8 @@ from linked_fleet_gateway.actions.store import ActionStore
 from linked_fleet_gateway.base.errors import AgentTimeout, Conflict
 from linked_fleet_gateway.fleet.invocations import FLEET, Invocation, InvocationState
 from linked_fleet_gateway.resources.invocation import invocation_path
-from linked_fleet_gateway.runtime.background import end, supervised
-from linked_fleet_gateway.runtime.metrics import Commands
+from linked_fleet_gateway.runtime.background import cancel_tasks, supervised
+from linked_fleet_gateway.runtime.metrics import CommandMetrics
 from linked_fleet_gateway.subscriptions.live import Live
 
 log = logging.getLogger(__name__)
@@ -78,7 +78,7 @@ class Lifecycle:
         self._live, self._store = live, store
         self.waiters = Waiters()
         self.replicated = ReplicatedInvocations(live, store, self.stop_one, self.waiters.wake)
-        self.commands = Commands()
+        self.commands = CommandMetrics()
         self._tasks: list[asyncio.Task[None]] = []
         live.on_progress, live.on_lost = self._progressed, self._lost
 
@@ -90,7 +90,7 @@ class Lifecycle:
     async def __aexit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        await end(self._tasks)
+        await cancel_tasks(self._tasks)
         await self.replicated.__aexit__(kind, error, trace)
 
     # -- states -----------------------------------------------------------------------------------------------------

@@ -17,9 +17,9 @@ from linked_fleet_gateway.fleet.invocations import Invocation
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.resources.invocation import invocation_path
 from linked_fleet_gateway.resources.paths import lease_path
-from linked_fleet_gateway.runtime.background import end, finish, supervised
+from linked_fleet_gateway.runtime.background import await_last_step, cancel_tasks, supervised
 from linked_fleet_gateway.runtime.redis import GATHER_S
-from linked_fleet_gateway.runtime.replica import Replica, follow
+from linked_fleet_gateway.runtime.replica import Replica, follow_changes
 from linked_fleet_gateway.subscriptions.live import Live
 
 log = logging.getLogger(__name__)
@@ -55,7 +55,7 @@ class ReplicatedInvocations:
 
     async def __aenter__(self) -> Self:
         self._tasks = [
-            await follow("invocations, leases and settings", log, self._load, self._hear, self._store.news),
+            await follow_changes("invocations, leases and settings", log, self._load, self._hear, self._store.news),
             supervised(self._save, "save invocations", log, "invocations are not saved", GATHER_S),
             supervised(self._look, "look at leases", log, "leases are not up to date", 0.0),
             supervised(self._watch, "watch leases", log, "motions may outlive their leases", 0.0),
@@ -65,9 +65,9 @@ class ReplicatedInvocations:
     async def __aexit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        await end([*self._tasks, *self._fetching, *self._stopping.values()])
+        await cancel_tasks([*self._tasks, *self._fetching, *self._stopping.values()])
         if self._unsaved:
-            await finish(self._save(), log, "the last invocations could not be saved")
+            await await_last_step(self._save(), log, "the last invocations could not be saved")
         for id in self._unsaved:
             log.warning("what became of invocation %s could not be remembered", id)
 

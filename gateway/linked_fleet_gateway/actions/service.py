@@ -32,7 +32,7 @@ from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.identity.rights import ALL, View
 from linked_fleet_gateway.link.fleet_link import NoAnswer
 from linked_fleet_gateway.resources.action_offer import Offer
-from linked_fleet_gateway.runtime.background import end, supervised
+from linked_fleet_gateway.runtime.background import cancel_tasks, supervised
 from linked_fleet_gateway.subscriptions.live import Live
 
 log = logging.getLogger(__name__)
@@ -93,7 +93,7 @@ class Actions:
     async def __aexit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        await end(self._tasks)
+        await cancel_tasks(self._tasks)
         await self.lifecycle.__aexit__(kind, error, trace)
 
     def add_guard(self, guard: MotionGuard) -> None:

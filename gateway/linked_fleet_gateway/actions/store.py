@@ -19,8 +19,14 @@ from linked_fleet_gateway.actions import redis_scripts as scripts
 from linked_fleet_gateway.actions.redis_scripts import Keys, hashed, robot_of, tag
 from linked_fleet_gateway.fleet.invocation import Lease
 from linked_fleet_gateway.fleet.invocations import MAX_TERMINAL, Invocation
-from linked_fleet_gateway.runtime.background import end, finish, supervised
-from linked_fleet_gateway.runtime.redis import GATHER_S, Connection, StoreUnavailable, evaluation, raise_cancellation
+from linked_fleet_gateway.runtime.background import await_last_step, cancel_tasks, supervised
+from linked_fleet_gateway.runtime.redis import (
+    GATHER_S,
+    Connection,
+    StoreUnavailable,
+    eval_command,
+    raise_pending_cancellation,
+)
 from linked_fleet_gateway.runtime.redis_exchange import Command
 
 __all__ = ["KEPT_S", "ActionStore", "Full", "KeyReused", "Lease", "LeaseHeld", "LeaseOver", "News", "StoreUnavailable"]
@@ -90,8 +96,8 @@ class ActionStore:
         return self
 
     async def __aexit__(self, *_: object) -> None:
-        await end(self._tasks)
-        await finish(self._tell_rest(), _log, "other gateways have not been told everything", _LAST_S)
+        await cancel_tasks(self._tasks)
+        await await_last_step(self._tell_rest(), _log, "other gateways have not been told everything", _LAST_S)
         await self._redis.close()
 
     # Invocations
@@ -111,7 +117,7 @@ class ActionStore:
         robot = invocation.robot
         await self._note(robot)
         proof = scripts.ANYBODY if unasked else _secret(token)
-        answer = await self._redis.one(*self._opening(invocation, proof, key, digest, full))
+        answer = await self._redis.execute(*self._opening(invocation, proof, key, digest, full))
         said, *rest = _granted(robot, answer, invocation.lease)
         if said == b"reused":
             raise KeyReused(key)
@@ -124,7 +130,7 @@ class ActionStore:
 
     async def check(self, robot: str, token: str, lease: str = "") -> None:
         """Check the lease like ``open``. Raises LeaseHeld, LeaseOver."""
-        answer = await self._redis.run(scripts.CHECK, (self._keys.lease(robot),), _secret(token), lease)
+        answer = await self._redis.run_script(scripts.CHECK, (self._keys.lease(robot),), _secret(token), lease)
         _granted(robot, answer, lease)
 
     async def save(self, invocation: Invocation) -> bool:
@@ -142,9 +148,9 @@ class ActionStore:
             await self._note(robot)
         commands = [self._opening(each, scripts.ANYBODY) for each in opened]
         commands += [
-            evaluation(scripts.SAVE, self._keys.invocations(each.robot), *self._written(each)) for each in invocations
+            eval_command(scripts.SAVE, self._keys.invocations(each.robot), *self._written(each)) for each in invocations
         ]
-        answers = (await self._redis.all(commands))[len(opened) :]
+        answers = (await self._redis.execute_all(commands))[len(opened) :]
         for each, saved in zip(invocations, answers, strict=True):
             if saved:
                 self._tell("invocation", each.robot, each.id)
@@ -152,24 +158,24 @@ class ActionStore:
 
     async def delete(self, invocation: Invocation) -> bool:
         """Delete an invocation; return False if there was none. Its idempotency key stays used."""
-        deleted = await self._redis.run(scripts.DELETE, self._keys.invocations(invocation.robot), invocation.id)
+        deleted = await self._redis.run_script(scripts.DELETE, self._keys.invocations(invocation.robot), invocation.id)
         if deleted:
             self._tell("deleted", invocation.robot, invocation.id)
         return bool(deleted)
 
     async def read(self, robot: str, id: str) -> Invocation | None:
-        body = await self._redis.run(scripts.READ, self._keys.invocations(robot), id)
+        body = await self._redis.run_script(scripts.READ, self._keys.invocations(robot), id)
         return None if body is None else _read(robot, body)
 
     async def load(self) -> list[Invocation]:
         """Return all stored invocations of all robots, oldest first."""
         found: list[Invocation] = []
-        for name in await self._redis.one("ZRANGE", self._keys.robots, 0, -1):
+        for name in await self._redis.execute("ZRANGE", self._keys.robots, 0, -1):
             robot = robot_of(name.decode())
-            bodies = await self._redis.run(scripts.LOAD, self._keys.invocations(robot))
+            bodies = await self._redis.run_script(scripts.LOAD, self._keys.invocations(robot))
             found += [one for one in (_read(robot, body) for body in bodies) if one is not None]
             if not bodies:
-                await self._redis.run(scripts.RETIRE, (self._keys.robots,), name, self._day() - 1)
+                await self._redis.run_script(scripts.RETIRE, (self._keys.robots,), name, self._day() - 1)
         return sorted(found, key=lambda invocation: invocation.created_ns)
 
     # Leases
@@ -182,14 +188,14 @@ class ActionStore:
         """
         id, new_token = str(uuid.uuid4()), uuid.uuid4().urn
         arguments = (_secret(token), id, _secret(new_token), holder, _ms(duration_s))
-        answer = await self._redis.run(scripts.TAKE, (self._keys.lease(robot),), *arguments)
+        answer = await self._redis.run_script(scripts.TAKE, (self._keys.lease(robot),), *arguments)
         lease = _lease(robot, _granted(robot, answer)[1:])
         self._tell("lease", robot, lease.id)
         return lease, new_token if lease.id == id else token
 
     async def release(self, robot: str, token: str) -> bool:
         """Release a lease; return False if there is none. Raises LeaseHeld if the token is wrong."""
-        answer = await self._redis.run(scripts.RELEASE, (self._keys.lease(robot),), _secret(token))
+        answer = await self._redis.run_script(scripts.RELEASE, (self._keys.lease(robot),), _secret(token))
         said, *lease = _granted(robot, answer)
         if said == b"free":
             return False
@@ -197,14 +203,14 @@ class ActionStore:
         return True
 
     async def lease(self, robot: str) -> Lease | None:
-        said, *lease = await self._redis.run(scripts.HELD, (self._keys.lease(robot),))
+        said, *lease = await self._redis.run_script(scripts.HELD, (self._keys.lease(robot),))
         return None if said == b"free" else _lease(robot, lease)
 
     # Settings
 
     async def settings(self, robot: str) -> dict[str, str]:
         """Return the settings of a robot by name."""
-        return _settings(await self._redis.one("HGETALL", self._keys.settings(robot)))
+        return _settings(await self._redis.execute("HGETALL", self._keys.settings(robot)))
 
     async def set_setting(self, robot: str, name: str, present: str | None, value: str | None) -> bool:
         """Replace the value ``present`` of a setting by ``value``; None stands for no value.
@@ -213,15 +219,17 @@ class ActionStore:
         """
         keys = (self._keys.settings(robot), self._keys.configured)
         there = "" if present is None else f"={present}"
-        done = await self._redis.run(scripts.SET, keys, tag(robot), name, there, *(() if value is None else (value,)))
+        done = await self._redis.run_script(
+            scripts.SET, keys, tag(robot), name, there, *(() if value is None else (value,))
+        )
         if done:
             self._tell("settings", robot, name)
         return bool(done)
 
     async def all_settings(self) -> dict[str, dict[str, str]]:
         """Return the settings of all robots, by robot and name."""
-        robots = [robot_of(name.decode()) for name in await self._redis.one("SMEMBERS", self._keys.configured)]
-        answers = await self._redis.all([("HGETALL", self._keys.settings(robot)) for robot in robots])
+        robots = [robot_of(name.decode()) for name in await self._redis.execute("SMEMBERS", self._keys.configured)]
+        answers = await self._redis.execute_all([("HGETALL", self._keys.settings(robot)) for robot in robots])
         return {robot: _settings(fields) for robot, fields in zip(robots, answers, strict=True) if fields}
 
     # News
@@ -231,7 +239,7 @@ class ActionStore:
 
         None follows each outage that any method met: changes may be missing, so everything must be read again.
         """
-        async with aclosing(self._redis.news()) as news:
+        async with aclosing(self._redis.stream_entries()) as news:
             async for fields in news:
                 if fields is None:
                     yield None
@@ -249,7 +257,7 @@ class ActionStore:
 
     async def _tell_others(self) -> None:
         await self._to_tell.wait()
-        raise_cancellation()
+        raise_pending_cancellation()
         self._to_tell.clear()
         await self._tell_rest()
 
@@ -257,7 +265,7 @@ class ActionStore:
         telling, self._untold = self._untold, []
         try:
             parts = range(0, len(telling), _TOGETHER)
-            await self._redis.all([self._entry(telling[first : first + _TOGETHER]) for first in parts])
+            await self._redis.execute_all([self._entry(telling[first : first + _TOGETHER]) for first in parts])
         except BaseException:  # cancelled as well
             self._untold = [*telling, *self._untold][-_NEWS:]
             self._to_tell.set()
@@ -281,13 +289,13 @@ class ActionStore:
             once = digest, _ms(self._kept_s)
             keys += (self._keys.repeat(robot, key),)
         rules, written = (proof, invocation.lease), self._written(invocation)
-        return evaluation(scripts.OPEN, keys, *rules, *written, MAX_TERMINAL, int(full), *once)
+        return eval_command(scripts.OPEN, keys, *rules, *written, MAX_TERMINAL, int(full), *once)
 
     async def _note(self, robot: str) -> None:
         """Announce a robot, once a day and after an outage: ``load`` finds only robots in this set."""
-        noted = self._day(), self._redis.outages
+        noted = self._day(), self._redis.outage_count
         if self._noted.get(robot) != noted:
-            await self._redis.one("ZADD", self._keys.robots, "GT", noted[0], tag(robot))
+            await self._redis.execute("ZADD", self._keys.robots, "GT", noted[0], tag(robot))
             self._noted[robot] = noted
 
     def _day(self) -> int:

@@ -36,9 +36,9 @@ from linked_fleet_gateway.rdf.shapes import ACTIONS, BLUEPRINTS, SUBSCRIPTIONS, 
 from linked_fleet_gateway.rdf.vocabulary import LF, RDF, SH
 from linked_fleet_gateway.resources.action_offer import CONDITIONS, action_definitions
 from linked_fleet_gateway.resources.shape_parameters import COMPLETIONS
-from linked_fleet_gateway.runtime.audit_log import Audit
+from linked_fleet_gateway.runtime.audit_log import AuditLog
 from linked_fleet_gateway.runtime.embedded_redis import EmbeddedRedis
-from linked_fleet_gateway.runtime.metrics import Requests
+from linked_fleet_gateway.runtime.metrics import RequestMetrics
 from linked_fleet_gateway.runtime.tracing import Tracing
 from linked_fleet_gateway.shacl import Compiler, Unsupported
 from linked_fleet_gateway.subscriptions.live import Live
@@ -121,7 +121,7 @@ def create_app(settings: GatewaySettings, tracing: Tracing | None = None, open_s
             embedded = None if settings.redis_url else EmbeddedRedis(settings.state_path)
             url = settings.redis_url if embedded is None else (await stack.enter_async_context(embedded)).url
             run = new_run()
-            audit = await stack.enter_async_context(Audit(url, settings.namespace))
+            audit = await stack.enter_async_context(AuditLog(url, settings.namespace))
             identities = None
             if settings.identities:
                 identities = await stack.enter_async_context(Identities(settings.identities))
@@ -157,7 +157,7 @@ def create_app(settings: GatewaySettings, tracing: Tracing | None = None, open_s
             app.endpoint = Endpoint(mounts)
             yield
 
-    requests, rates = Requests(), TokenBuckets(settings.requests_per_client)
+    requests, rates = RequestMetrics(), TokenBuckets(settings.requests_per_client)
     carriers = [f"/{segment}" for each in extensions for segment in each.carriers]
     app = Gateway(
         Entrance(

@@ -20,8 +20,8 @@ from linked_fleet_gateway.http.server import Server
 from linked_fleet_gateway.http.tls import Certificate
 from linked_fleet_gateway.identity.roster import BadRoster
 from linked_fleet_gateway.link.transport import LinkError
-from linked_fleet_gateway.runtime.log import configure
-from linked_fleet_gateway.runtime.redis import BadUrl
+from linked_fleet_gateway.runtime.log import configure_logging
+from linked_fleet_gateway.runtime.redis import InvalidUrl
 from linked_fleet_gateway.runtime.tracing import Tracing, open_tracing
 from linked_fleet_gateway.shacl import Unsupported
 
@@ -41,7 +41,7 @@ def main() -> int:
     logging.getLogger("uvicorn.error").addFilter(_is_news)
     try:
         settings = GatewaySettings.read(os.environ, sys.argv[1:])
-        configure(settings.log_format)
+        configure_logging(settings.log_format)
         _refuse_exposure(settings)
         certificate = _certificate(settings)
         tracing = open_tracing(os.environ, settings.gateway_name)
@@ -56,7 +56,7 @@ def main() -> int:
     sys.setswitchinterval(_SWITCH_S)
     try:
         return uvloop.run(_serve(settings, listener, certificate, tracing))
-    except (LinkError, BadUrl, BadRoster, Unsupported) as error:
+    except (LinkError, InvalidUrl, BadRoster, Unsupported) as error:
         print(f"gateway: {error}", file=sys.stderr)
         return 1
     finally:

@@ -18,9 +18,9 @@ from prometheus_client.registry import Collector
 
 from linked_fleet_gateway.actions.service import Actions
 from linked_fleet_gateway.fleet.fleet import Fleet
-from linked_fleet_gateway.runtime.background import end, supervised, time_sliced
+from linked_fleet_gateway.runtime.background import cancel_tasks, supervised, time_sliced
 from linked_fleet_gateway.runtime.embedded_redis import EmbeddedRedis
-from linked_fleet_gateway.runtime.metrics import PREFIX, Histogram, Requests, counter, gauge, gauges, histogram
+from linked_fleet_gateway.runtime.metrics import PREFIX, Histogram, RequestMetrics, counter, gauge, gauges, histogram
 from linked_fleet_gateway.subscriptions.live import Live
 from linked_fleet_gateway.subscriptions.service import Subscriptions
 
@@ -50,7 +50,7 @@ class Sampler:
     async def __aexit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        await end(self._tasks)
+        await cancel_tasks(self._tasks)
 
     async def _sample(self) -> None:
         for _ in range(_ROUND):
@@ -90,7 +90,7 @@ class MetricsCollector(Collector):
     live: Live
     subscriptions: Subscriptions
     actions: Actions
-    requests: Requests
+    requests: RequestMetrics
     sampler: Sampler
     embedded: EmbeddedRedis | None
     extensions: Sequence[Callable[[], Iterable[Metric]]] = ()
@@ -102,7 +102,7 @@ class MetricsCollector(Collector):
         yield from self._of_commands()
         yield histogram("event_loop_lag_seconds", "How late timers of the event loop were.", self.sampler.loop_lag)
         yield gauge("redis_up", "Whether Redis answers.", self.subscriptions.store_is_available)
-        set_aside = len(self.embedded.set_aside) if self.embedded else 0
+        set_aside = len(self.embedded.damaged_copies) if self.embedded else 0
         yield gauge("redis_data_set_aside", "Folders of data that the embedded server could not load.", set_aside)
         for collect in self.extensions:
             yield from collect()
@@ -138,7 +138,7 @@ class MetricsCollector(Collector):
         family = CounterMetricFamily(
             PREFIX + "http_requests", "Answers by method and class of status.", labels=("method", "status")
         )
-        for (method, status), count in dict(self.requests.answered).items():
+        for (method, status), count in dict(self.requests.responses).items():
             family.add_metric((method, status), count)
         yield family
         latency = HistogramMetricFamily(
@@ -158,7 +158,7 @@ class MetricsCollector(Collector):
         yield counter(
             "messages_conflated", "Changes that a newer one replaced before they were sent.", fan_out.conflated
         )
-        yield counter("deliveries", "Callbacks that receivers took.", callbacks.deliveries.taken)
+        yield counter("deliveries", "Callbacks that receivers took.", callbacks.deliveries.successful)
         yield counter("delivery_failures", "Attempts at which a receiver took nothing.", callbacks.deliveries.failed)
         yield gauge("callbacks_suspended", "Callbacks that wait for somebody to resume them.", callbacks.suspended)
 
@@ -172,7 +172,7 @@ class MetricsCollector(Collector):
         yield family
         yield histogram(
             "command_acceptance_seconds", "From a request to the acceptance by the agent.",
-            self.actions.lifecycle.commands.acceptance,
+            self.actions.lifecycle.commands.acceptance_latency,
         )  # fmt: skip
         yield gauge("invocations_open", "Invocations known here that have not ended.", self.live.invocations.open_count)
 

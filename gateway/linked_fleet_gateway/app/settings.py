@@ -34,7 +34,7 @@ from linked_fleet_gateway.base.settings import (
     whole_number,
 )
 from linked_fleet_gateway.link.zenoh_session import trust
-from linked_fleet_gateway.runtime.log import FORMS
+from linked_fleet_gateway.runtime.log import LOG_FORMATS
 from linked_fleet_gateway.subscriptions.redis_scripts import Keys
 
 EXPOSURES = ("plain-http", "anonymous", "plain-zenoh")
@@ -179,7 +179,7 @@ class GatewaySettings(Section):
         "",
         "origins of other sites that may use the fleet with tokens, never with sessions; comma-separated",
     )
-    log_format: str = setting(choice(*FORMS), "text", "format of log lines: text or json")
+    log_format: str = setting(choice(*LOG_FORMATS), "text", "format of log lines: text or json")
     sections: tuple[Section, ...] = ()
     """Other sections that were read."""
 

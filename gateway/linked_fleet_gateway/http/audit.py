@@ -13,7 +13,7 @@ from linked_fleet_gateway.rdf.vocabulary import DCTERMS, LDP, LF, PROV, RDFS, XH
 from linked_fleet_gateway.resources.paths import AUDIT as PATH
 from linked_fleet_gateway.resources.paths import robot_of, robot_path
 from linked_fleet_gateway.resources.resource import CONTAINER, Resource, run_steps
-from linked_fleet_gateway.runtime.audit_log import PAGE, Audit, Entry
+from linked_fleet_gateway.runtime.audit_log import PAGE_SIZE, AuditEntry, AuditLog
 from linked_fleet_gateway.runtime.log import current_request
 from linked_fleet_gateway.runtime.redis import StoreUnavailable
 
@@ -25,7 +25,7 @@ def record_request(connection: Connection, event: str, status: int | None, locat
     """Record a request that was executed, or refused although its resource was found."""
     if status in _NOTHING_DONE:
         return
-    audit: Audit = connection.services.audit
+    audit: AuditLog = connection.services.audit
     asked, path = current_request(), connection.scope["path"][:_LONGEST]
     audit.record(
         connection.caller_name, event, path, robot_of(path) or "", "" if status is None else str(status),
@@ -36,9 +36,9 @@ def record_request(connection: Connection, event: str, status: int | None, locat
 async def audit_resource(connection: Connection) -> Resource:
     """Return a page of entries, newest first. Raises NotFound, StoreDown."""
     path: str = connection.scope["path"]
-    audit: Audit = connection.services.audit
+    audit: AuditLog = connection.services.audit
     try:
-        entries = await audit.page(path.removeprefix(PATH).removeprefix("/"))
+        entries = await audit.read_page(path.removeprefix(PATH).removeprefix("/"))
     except ValueError as error:
         raise NotFound(f"There is no such page: {error}.") from error
     except StoreUnavailable as error:
@@ -66,12 +66,12 @@ def add_audit_link(connection: Connection, resource: Resource) -> Resource:
     return resource if of is None or of.path != "/" else replace(resource, linkset_of=add_audit_link(connection, of))
 
 
-def _steps(base: str, path: str, entries: list[tuple[str, Entry]], graph: Graph) -> Iterator[None]:
+def _steps(base: str, path: str, entries: list[tuple[str, AuditEntry]], graph: Graph) -> Iterator[None]:
     iri = NamedNode(base + path)
     graph.a(iri, LF.Audit, LDP.BasicContainer, LDP.Container)
     graph.add(iri, DCTERMS.title, Literal("Audit"))
     graph.add(iri, RDFS.seeAlso, NamedNode(base + "/"))
-    if len(entries) == PAGE:
+    if len(entries) == PAGE_SIZE:
         graph.add(iri, XHV.next, NamedNode(f"{base}{PATH}/{entries[-1][0]}"))
     for id, entry in entries:
         one = NamedNode(f"{base}{PATH}#{id}")
@@ -80,7 +80,7 @@ def _steps(base: str, path: str, entries: list[tuple[str, Entry]], graph: Graph)
         yield
 
 
-def _describe_entry(graph: Graph, base: str, iri: NamedNode, entry: Entry) -> None:
+def _describe_entry(graph: Graph, base: str, iri: NamedNode, entry: AuditEntry) -> None:
     graph.a(iri, PROV.Activity)
     graph.add(iri, DCTERMS.title, Literal(f"{entry.what} {entry.target}"))
     graph.add(iri, DCTERMS.created, timestamp(entry.at_ns))

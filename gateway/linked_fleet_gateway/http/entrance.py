@@ -29,8 +29,8 @@ from linked_fleet_gateway.http.html import HtmlWriter
 from linked_fleet_gateway.http.operator_endpoints import PAGES
 from linked_fleet_gateway.http.request import Request, gateway_of, html_of
 from linked_fleet_gateway.http.scheduling import TokenBuckets, bucket_key, is_urgent
-from linked_fleet_gateway.runtime.log import RequestContext, begin_request, request_id
-from linked_fleet_gateway.runtime.metrics import Requests
+from linked_fleet_gateway.runtime.log import RequestContext, begin_request, choose_request_id
+from linked_fleet_gateway.runtime.metrics import RequestMetrics
 from linked_fleet_gateway.runtime.tracing import Tracing
 
 
@@ -119,7 +119,7 @@ class Entrance:
     def __init__(
         self,
         authorities: Authorities,
-        requests: Requests,
+        requests: RequestMetrics,
         rates: TokenBuckets,
         *,
         fronts: Sequence[Network] = (),
@@ -153,7 +153,7 @@ class Entrance:
         reply = gateway.endpoint.reply_nowait(scope)
         if reply is None:
             return None
-        reply.extra_fields.append((_ID_FIELD, request_id(arrival.fields.get(_ID_FIELD)).encode()))
+        reply.extra_fields.append((_ID_FIELD, choose_request_id(arrival.fields.get(_ID_FIELD)).encode()))
         self._requests.add(scope["method"], reply.status, time.monotonic() - begun_s)
         return reply
 
@@ -164,7 +164,9 @@ class Entrance:
         if self._tracing is not None and page is None and scope.get("method") in _TRACED:
             path = scope["raw_path"].decode("latin-1")[:_LONGEST_PATH]
             parents = Headers(scope=scope).getlist("traceparent")
-            context.trace = self._tracing.begin(scope["method"], scope["scheme"], path, parents, context.id)
+            context.trace = self._tracing.start_request_span(
+                scope["method"], scope["scheme"], path, parents, context.id
+            )
         answer = partial(self._answer, scope, context, page is None, send)
         try:
             if page is None:
@@ -179,9 +181,9 @@ class Entrance:
 
     async def _answer(self, scope: Scope, context: RequestContext, counted: bool, send: Send, message: Message) -> None:
         if message["type"] in _STARTS:
-            context.answered = True
+            context.response_started = True
             if counted:
-                took_s = time.monotonic() - context.begun_s
+                took_s = time.monotonic() - context.started_s
                 self._requests.add(scope.get("method", "GET"), message.get("status", 101), took_s)
             if context.trace is not None:
                 context.trace.set_status(message["status"])

@@ -20,7 +20,7 @@ from linked_fleet_gateway.http.websocket import WebSocketHandler
 from linked_fleet_gateway.identity.service import Identities
 from linked_fleet_gateway.resources.branches import Branch, RequestView
 from linked_fleet_gateway.resources.resource import Resource
-from linked_fleet_gateway.runtime.audit_log import Audit
+from linked_fleet_gateway.runtime.audit_log import AuditLog
 from linked_fleet_gateway.subscriptions.live import Live
 
 Reader = Callable[[Request, Resource, Any], Awaitable[ASGIApp]]
@@ -42,7 +42,7 @@ class Core:
 
     live: Live
     actions: Actions
-    audit: Audit
+    audit: AuditLog
     identities: Identities | None
     redis_url: str
     namespace: str

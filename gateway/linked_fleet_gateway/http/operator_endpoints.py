@@ -46,7 +46,7 @@ async def ready(request: Request) -> Response:
 
 def store_warning(embedded: EmbeddedRedis | None) -> str:
     """Return a sentence about data that the embedded server could not load; empty if there is none."""
-    return "" if embedded is None else damage_warning(embedded.set_aside)
+    return "" if embedded is None else damage_warning(embedded.damaged_copies)
 
 
 def _missing(gateway: Gateway) -> Iterator[str]:

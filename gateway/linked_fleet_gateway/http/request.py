@@ -25,7 +25,7 @@ from linked_fleet_gateway.identity.service import Identities
 from linked_fleet_gateway.resources.paths import robot_of
 from linked_fleet_gateway.resources.things import NO_SUBSCRIPTIONS, SubscriptionsByOwner
 from linked_fleet_gateway.resources.tree import Tree
-from linked_fleet_gateway.runtime.audit_log import Audit
+from linked_fleet_gateway.runtime.audit_log import AuditLog
 from linked_fleet_gateway.runtime.embedded_redis import EmbeddedRedis
 from linked_fleet_gateway.subscriptions.live import Live
 from linked_fleet_gateway.subscriptions.service import Subscriptions
@@ -51,7 +51,7 @@ class Services:
     live: Live
     actions: Actions
     subscriptions: Subscriptions
-    audit: Audit
+    audit: AuditLog
     identities: Identities | None
     embedded: EmbeddedRedis | None
     offload: Offload = field(default_factory=Offload)

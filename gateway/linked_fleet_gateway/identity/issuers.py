@@ -14,7 +14,7 @@ from urllib.parse import urlsplit
 
 from linked_fleet_gateway.base.lazy_imports import LazyModule
 from linked_fleet_gateway.identity.roster import Issuer
-from linked_fleet_gateway.runtime.background import end
+from linked_fleet_gateway.runtime.background import cancel_tasks
 
 if TYPE_CHECKING:
     import httpx
@@ -109,7 +109,7 @@ class IssuerKeys:
 
     async def aclose(self) -> None:
         if self._refreshing is not None:
-            await end([self._refreshing])
+            await cancel_tasks([self._refreshing])
 
     @property
     def _stale(self) -> bool:

@@ -14,7 +14,7 @@ from typing import Self
 from linked_fleet_gateway.identity.issuers import BadToken, IssuerKeys, Web, claimed_issuer, expiry_ns, verify_token
 from linked_fleet_gateway.identity.rights import Credential, Identity, Right, View
 from linked_fleet_gateway.identity.roster import BadRoster, Issuer, Roster, read_roster
-from linked_fleet_gateway.runtime.background import end, supervised
+from linked_fleet_gateway.runtime.background import cancel_tasks, supervised
 
 log = logging.getLogger(__name__)
 
@@ -57,7 +57,7 @@ class Identities:
     async def __aexit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        await end([self._looking] if self._looking is not None else [])
+        await cancel_tasks([self._looking] if self._looking is not None else [])
         for keys in self._keys.values():
             await keys.aclose()
         await self.web.aclose()

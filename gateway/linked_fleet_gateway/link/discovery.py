@@ -15,7 +15,7 @@ from linked_fleet_agent.wire.messages import Description
 from linked_fleet_gateway.fleet.answers import read_description
 from linked_fleet_gateway.fleet.events import Appeared, Described, DescriptionRejected, Event, Vanished
 from linked_fleet_gateway.fleet.presence import Bounds, DescriptionQueue, Presence, PresenceCheck, Token
-from linked_fleet_gateway.runtime.background import end
+from linked_fleet_gateway.runtime.background import cancel_tasks
 
 _log = logging.getLogger(__name__)
 
@@ -87,7 +87,7 @@ class Discovery:
             self._timer.cancel()
         for leaving in self._leaving.values():
             leaving.cancel()
-        await end(self._tasks)
+        await cancel_tasks(self._tasks)
 
     def apply_token(self, token: Token, present: bool) -> list[Event]:
         """Apply a change of one token. A token that is declared again at once has not gone."""

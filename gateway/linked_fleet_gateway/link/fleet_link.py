@@ -158,7 +158,7 @@ class FleetLink:
 
         reply: Reply | None = None
         about = {"robot": robot, "command": command.id} | ({} if command.rehearsal else {"invocation": command.id})
-        with child_span("send command", asks=True, **about) as span:
+        with child_span("send command", is_client=True, **about) as span:
             traceparent = None if span is None else span.traceparent
             try:
                 key = self._keys.robot(robot, "command")
@@ -223,7 +223,7 @@ class FleetLink:
             return again
 
         about = {"command": stop.id} | ({} if stop.rehearsal else {"invocation": stop.command or stop.id})
-        with child_span("send stop", asks=True, **about, **({} if only is None else {"robot": only})) as span:
+        with child_span("send stop", is_client=True, **about, **({} if only is None else {"robot": only})) as span:
             traceparent = None if span is None else span.traceparent
             timer = asyncio.get_running_loop().call_later(ASK_AGAIN_S, begin_again, traceparent, 0.0)
             try:

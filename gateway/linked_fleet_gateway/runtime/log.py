@@ -16,18 +16,18 @@ from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from typing import Literal, get_args
 
-from linked_fleet_gateway.runtime.tracing import NO_STEP, Step, Trace
+from linked_fleet_gateway.runtime.tracing import NO_SPAN, ChildSpan, Trace
 
 _ID = re.compile(rb"[A-Za-z0-9._-]{1,64}")
 
 
 @dataclass
 class RequestContext:
-    """A request in progress; ``begun_s`` is monotonic, ``trace`` is set if requests are traced."""
+    """A request in progress; ``started_s`` is monotonic, ``trace`` is set if requests are traced."""
 
     id: str
-    begun_s: float = field(default_factory=lambda: time.monotonic())
-    answered: bool = False
+    started_s: float = field(default_factory=lambda: time.monotonic())
+    response_started: bool = False
     trace: Trace | None = None
 
 
@@ -36,12 +36,12 @@ _asked: ContextVar[RequestContext | None] = ContextVar("asked", default=None)
 
 def begin_request(proposed: bytes | None) -> RequestContext:
     """Start a request. A valid proposed id is kept."""
-    asked = RequestContext(request_id(proposed))
+    asked = RequestContext(choose_request_id(proposed))
     _asked.set(asked)
     return asked
 
 
-def request_id(proposed: bytes | None) -> str:
+def choose_request_id(proposed: bytes | None) -> str:
     """Return the proposed id of a request if it is valid, else a new one."""
     if proposed and _ID.fullmatch(proposed):
         return proposed.decode("ascii")
@@ -51,20 +51,20 @@ def request_id(proposed: bytes | None) -> str:
 def current_request() -> RequestContext | None:
     """Return the current request; None outside of one."""
     asked = _asked.get()
-    return None if asked is None or asked.answered else asked
+    return None if asked is None or asked.response_started else asked
 
 
-def child_span(name: str, *, asks: bool = False, **attributes: str) -> AbstractContextManager[Step | None]:
+def child_span(name: str, *, is_client: bool = False, **attributes: str) -> AbstractContextManager[ChildSpan | None]:
     """Return a span within that of the current request; without one, a context manager that yields None.
 
-    ``asks`` marks a call to another process, whose attributes are then set on the whole request too.
+    ``is_client`` marks a call to another process, whose attributes are then set on the whole request too.
     """
     trace = current_trace()
     if trace is None:
-        return NO_STEP
-    if asks:
+        return NO_SPAN
+    if is_client:
         trace.set_attributes(attributes)
-    return trace.step(name, asks, attributes)
+    return trace.start_child_span(name, is_client, attributes)
 
 
 def current_trace() -> Trace | None:
@@ -73,8 +73,8 @@ def current_trace() -> Trace | None:
     return None if asked is None else asked.trace
 
 
-Form = Literal["text", "json"]
-FORMS: tuple[str, ...] = get_args(Form)
+LogFormat = Literal["text", "json"]
+LOG_FORMATS: tuple[str, ...] = get_args(LogFormat)
 _FIELDS = ("robot", "subscription", "who", "what", "target", "outcome", "result")
 _TEXT = "%(asctime)s %(levelname)s %(name)s: %(message)s"
 # Names come from the network: they must not start a new line or control a terminal.
@@ -83,17 +83,17 @@ _VISIBLE = {code: f"\\x{code:02x}" for code in (*range(0x20), *range(0x7F, 0xA0)
 }
 
 
-def configure(form: str) -> None:
+def configure_logging(form: str) -> None:
     """Write all log records to standard error in this form."""
     # What no format shows is not looked up (Python's logging HOWTO, "Optimization").
     logging.logThreads = logging.logProcesses = logging.logMultiprocessing = False
     logging._srcfile = None
     handler = logging.StreamHandler()
-    handler.setFormatter(formatter(form))
+    handler.setFormatter(create_formatter(form))
     logging.basicConfig(level=logging.INFO, handlers=[handler])
 
 
-def formatter(form: str) -> logging.Formatter:
+def create_formatter(form: str) -> logging.Formatter:
     return JsonFormatter() if form == "json" else TextFormatter(_TEXT)
 
 

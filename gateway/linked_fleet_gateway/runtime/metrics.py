@@ -39,16 +39,16 @@ class Histogram:
 
 
 @dataclass
-class Requests:
+class RequestMetrics:
     """Requests by method and status class, and the time to the start of the response by method (streams never end)."""
 
-    answered: Counter[tuple[str, str]] = field(default_factory=Counter)
+    responses: Counter[tuple[str, str]] = field(default_factory=Counter)
     latency: dict[str, Histogram] = field(default_factory=dict)
 
     def add(self, method: str, status: int, duration_s: float) -> None:
         if method not in _METHODS:
             method = "other"
-        self.answered[method, _CLASSES[status // 100]] += 1
+        self.responses[method, _CLASSES[status // 100]] += 1
         latency = self.latency.get(method)
         if latency is None:
             latency = self.latency[method] = Histogram()
@@ -56,11 +56,11 @@ class Requests:
 
 
 @dataclass
-class Commands:
+class CommandMetrics:
     """Replies of agents to commands and stops, by outcome and refusal code."""
 
     outcomes: Counter[tuple[str, str]] = field(default_factory=Counter)
-    acceptance: Histogram = field(default_factory=Histogram)
+    acceptance_latency: Histogram = field(default_factory=Histogram)
 
     def count_reply(self, robot: str, reply: Reply | None) -> None:
         """Count a reply; None means no reply. Acceptances are timed from the start of the current request."""
@@ -69,7 +69,7 @@ class Commands:
             outcome, code = "refused", reply.code
         self.outcomes[outcome, code] += 1
         if isinstance(reply, Accepted) and (asked := current_request()) is not None:
-            self.acceptance.add(time.monotonic() - asked.begun_s)
+            self.acceptance_latency.add(time.monotonic() - asked.started_s)
         level = logging.DEBUG if outcome == "accepted" else logging.INFO
         if log.isEnabledFor(level):
             said = f"{outcome} ({code})" if code else outcome
@@ -77,10 +77,10 @@ class Commands:
 
 
 @dataclass
-class Deliveries:
+class DeliveryMetrics:
     """Deliveries to callbacks: successful ones, and failed attempts."""
 
-    taken: int = 0
+    successful: int = 0
     failed: int = 0
 
 

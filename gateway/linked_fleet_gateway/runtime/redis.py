@@ -22,9 +22,9 @@ _log = logging.getLogger(__name__)
 _ANSWER_S = 2.0  # for a command and for connecting; redis-py repeats a lost connection attempt after a second
 _TOTAL_S = 3.0  # for one command in total, including its wait for a slot and the discovery of cluster nodes
 _TURNS = 64  # concurrent commands; redis-py refuses more than its 100 connections
-AT_ONCE = 256
+BATCH_SIZE = 256
 """Commands in one pipeline: about 25 ms of redis-py's time, in which nothing else runs."""
-UNHURRIED = 32
+BACKGROUND_BATCH_SIZE = 32
 """Commands in one pipeline of periodic work that nobody waits for."""
 # concurrent waits for replicas, counted separately: a replica that hangs must not block the renewal of leases
 _WAITS = 16
@@ -56,7 +56,7 @@ class StoreUnavailable(Exception):  # noqa: N818 -- a state of the server, not a
     """
 
 
-class BadUrl(ValueError):  # noqa: N818 -- named like the one above
+class InvalidUrl(ValueError):  # noqa: N818 -- named like the one above
     """The URL of the server is invalid. One line for people."""
 
 
@@ -71,7 +71,7 @@ class Connection:
         try:
             self._client = _client(url)  # Any: redis-py leaves raw commands untyped
         except ValueError as error:
-            raise BadUrl(f"REDIS_URL: {error}") from error
+            raise InvalidUrl(f"REDIS_URL: {error}") from error
         self._server = _exchange(self._client)
         self._stream = stream
         self._position: str | None = None
@@ -81,7 +81,7 @@ class Connection:
         self._open = False
         self._opening = asyncio.Lock()
         self._failed_s = float("-inf")
-        self.outages = 0
+        self.outage_count = 0
 
     @property
     def since_outage_s(self) -> float:
@@ -96,33 +96,33 @@ class Connection:
 
     async def _failed(self, error: Exception) -> StoreUnavailable:
         self._failed_s = time.monotonic()
-        self.outages += 1
+        self.outage_count += 1
         self._open = False
         await _disconnect(self._client)
         return StoreUnavailable(f"{type(error).__name__}: {error}")
 
-    async def one(self, *command: str | bytes | int) -> Any:
+    async def execute(self, *command: str | bytes | int) -> Any:
         """Send one command and return its answer. Raises StoreUnavailable."""
         async with self._contact() as bound, self._turns:
             self._bound_answer(bound)
             return await self._execute(*command)
 
-    async def all(self, commands: Sequence[Command], at_once: int = AT_ONCE) -> list[Any]:
+    async def execute_all(self, commands: Sequence[Command], batch_size: int = BATCH_SIZE) -> list[Any]:
         """Send commands for any slots in pipelines and return their answers. Raises StoreUnavailable.
 
         Only commands for the same slot keep their order. Long lists are sent in parts, between which others are served.
         """
         answers: list[Any] = []
-        for first in range(0, len(commands), at_once):
+        for first in range(0, len(commands), batch_size):
             async with self._contact() as bound, self._turns:
                 self._bound_answer(bound)
-                part = commands[first : first + at_once]
+                part = commands[first : first + batch_size]
                 answers += _checked(await (self._server.send if self._server else self._scattered)(part))
         return answers
 
-    async def run(self, script: str, keys: tuple[str, ...], *arguments: str | bytes | int) -> Any:
+    async def run_script(self, script: str, keys: tuple[str, ...], *arguments: str | bytes | int) -> Any:
         """Run a script, whose keys share one slot, and return its answer. Raises StoreUnavailable."""
-        return await self.one(*evaluation(script, keys, *arguments))
+        return await self.execute(*eval_command(script, keys, *arguments))
 
     async def keys_on_other_masters(self, key: str, others: Sequence[str]) -> list[str]:
         """Return one of ``others`` for each master that has any of them and not ``key``. Raises StoreUnavailable."""
@@ -133,7 +133,7 @@ class Connection:
             masters = {str(self._client.get_node_from_key(other)): other for other in (*others, key)}
             return [other for other in masters.values() if other != key]
 
-    async def run_replicated(self, script: str, key: str, *arguments: str) -> tuple[Any, bool]:
+    async def run_replicated_script(self, script: str, key: str, *arguments: str) -> tuple[Any, bool]:
         """Run a script that writes to ``key``. Return its answer, and True if a replica has this and all earlier
         writes.
 
@@ -147,12 +147,12 @@ class Connection:
             answer, replicas = _checked(await sent)
             return answer, replicas > 0
 
-    async def follow(self) -> list[dict[bytes, bytes]]:
+    async def read_new_entries(self) -> list[dict[bytes, bytes]]:
         """Return the entries of the stream since the last call, waiting up to a second. Raises StoreUnavailable.
 
         After news, the next call first collects further entries for ``GATHER_S``.
         """
-        raise_cancellation()
+        raise_pending_cancellation()
         await asyncio.sleep(self._rested_s - time.monotonic())
         async with self._contact() as bound:  # takes no slot, because it waits most of the time
             self._bound_answer(bound)
@@ -165,7 +165,7 @@ class Connection:
             self._rested_s = time.monotonic() + GATHER_S
         return [fields for _, fields in entries]
 
-    async def news(self) -> AsyncGenerator[dict[bytes, bytes] | None, None]:
+    async def stream_entries(self) -> AsyncGenerator[dict[bytes, bytes] | None, None]:
         """Yield each entry of the stream from the first contact on. Outages are waited out.
 
         None is yielded after outages that any method met, including those before the first call.
@@ -173,11 +173,11 @@ class Connection:
         seen = 0
         while True:
             try:
-                told = await self.follow()
+                told = await self.read_new_entries()
             except StoreUnavailable:  # not logged, because the lease renewal reports the same outage
                 await asyncio.sleep(BACKOFF_S)
                 continue
-            lost, seen = self.outages > seen, self.outages
+            lost, seen = self.outage_count > seen, self.outage_count
             if lost:
                 yield None
             for fields in told:
@@ -258,7 +258,7 @@ class Connection:
             _log.warning("Redis may lose what was accepted, its settings are %s", " and ".join(wrong))
 
 
-def evaluation(script: str, keys: tuple[str, ...], *arguments: str | bytes | int) -> Command:
+def eval_command(script: str, keys: tuple[str, ...], *arguments: str | bytes | int) -> Command:
     """Return the command that runs a script."""
     return "EVAL", _encoded(script), len(keys), *keys, *arguments
 
@@ -324,7 +324,7 @@ async def _disconnect(client: Any) -> None:
             await node.disconnect_free_connections()
 
 
-def raise_cancellation() -> None:
+def raise_pending_cancellation() -> None:
     """Raise a pending cancellation.
 
     redis-py sends with ``asyncio.wait_for``, which before Python 3.12 loses a cancellation that arrives when sending

@@ -31,17 +31,17 @@ class Connection(Protocol):
 class Exchange:
     """Connections to one server; each exchange has one of them to itself.
 
-    ``connect`` returns a new connection, ``forms`` are functions that convert answers by the name of their command, and
-    ``refusal`` is the class of the server's errors.
+    ``connect`` returns a new connection, ``response_callbacks`` are functions that convert answers by the name of their
+    command, and ``response_error`` is the class of the server's errors.
     """
 
     def __init__(
         self,
         connect: Callable[[], Connection],
-        forms: Mapping[str, Callable[[Any], Any]],
-        refusal: type[Exception],
+        response_callbacks: Mapping[str, Callable[[Any], Any]],
+        response_error: type[Exception],
     ) -> None:
-        self._connect, self._forms, self._refusal = connect, forms, refusal
+        self._connect, self._response_callbacks, self._response_error = connect, response_callbacks, response_error
         self._connections: list[Connection] = []
         self._idle: list[Connection] = []
 
@@ -58,7 +58,7 @@ class Exchange:
                 await connection.disconnect(nowait=True)
             if not connection.is_connected:
                 await connection.connect()
-            await connection.send_packed_command(packed(commands))
+            await connection.send_packed_command(pack_commands(commands))
             return [await self._answer(connection, str(command[0])) for command in commands]
         except BaseException:  # also cancellation: the next user would read answers to these commands
             await connection.disconnect(nowait=True)
@@ -74,13 +74,13 @@ class Exchange:
     async def _answer(self, connection: Connection, name: str) -> Any:
         try:
             answer = await connection.read_response()
-        except self._refusal as error:
+        except self._response_error as error:
             return error
-        form = self._forms.get(name)
+        form = self._response_callbacks.get(name)
         return answer if form is None else form(answer)
 
 
-def packed(commands: Iterable[Command]) -> bytes:
+def pack_commands(commands: Iterable[Command]) -> bytes:
     """Return the bytes of commands (RESP 2). Raises UnicodeEncodeError for a text that is no Unicode."""
     parts = list[bytes]()
     for command in commands:

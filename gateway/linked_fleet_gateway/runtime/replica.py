@@ -55,7 +55,7 @@ class Replica(Generic[_T]):
         return done
 
 
-async def follow(
+async def follow_changes(
     what: str,
     log: Logger,
     load: Callable[[], Awaitable[None]],

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from opentelemetry.trace import Span, Tracer
 
 
-class Step:
+class ChildSpan:
     """A span within that of a request, as a context manager; an exception that leaves it sets its error status."""
 
     def __init__(self, span: "Span") -> None:
@@ -72,17 +72,17 @@ class Trace:
         """Set attributes of the request's subject, with the prefix ``linked_fleet.``."""
         self._span.set_attributes({f"linked_fleet.{name}": value for name, value in attributes.items()})
 
-    def step(self, name: str, asks: bool, attributes: Mapping[str, str]) -> Step:
-        """Start a child span; ``asks`` marks a call to another process."""
+    def start_child_span(self, name: str, is_client: bool, attributes: Mapping[str, str]) -> ChildSpan:
+        """Start a child span; ``is_client`` marks a call to another process."""
         from opentelemetry.trace import SpanKind, set_span_in_context
 
         span = self._tracer.start_span(
             name,
             set_span_in_context(self._span),
-            SpanKind.CLIENT if asks else SpanKind.INTERNAL,
+            SpanKind.CLIENT if is_client else SpanKind.INTERNAL,
             {f"linked_fleet.{key}": value for key, value in attributes.items()},
         )
-        return Step(span)
+        return ChildSpan(span)
 
     def set_status(self, status: int) -> None:
         from opentelemetry.trace import Status, StatusCode
@@ -102,7 +102,7 @@ class Tracing:
     def __init__(self, provider: "TracerProvider") -> None:
         self._provider, self._tracer = provider, provider.get_tracer(__name__)
 
-    def begin(self, method: str, scheme: str, path: str, parents: list[str], request_id: str) -> Trace:
+    def start_request_span(self, method: str, scheme: str, path: str, parents: list[str], request_id: str) -> Trace:
         """Start a span; ``parents`` are the ``traceparent`` fields of the request, of which several are all ignored."""
         from opentelemetry.trace import SpanKind
 
@@ -126,4 +126,4 @@ def open_tracing(environment: Mapping[str, str], instance: str) -> Tracing | Non
     return None if provider is None else Tracing(provider)
 
 
-NO_STEP: AbstractContextManager[None] = nullcontext()
+NO_SPAN: AbstractContextManager[None] = nullcontext()

@@ -8,7 +8,7 @@ from functools import cache
 from linked_fleet_gateway.identity.rights import View
 from linked_fleet_gateway.resources.paths import robot_of
 from linked_fleet_gateway.resources.subscription import Delivery, DeliveryState, Kind, Record, Subscription
-from linked_fleet_gateway.runtime.metrics import Deliveries
+from linked_fleet_gateway.runtime.metrics import DeliveryMetrics
 from linked_fleet_gateway.subscriptions.courier import Courier
 from linked_fleet_gateway.subscriptions.delivery_pace import Handshakes
 from linked_fleet_gateway.subscriptions.fan_out import FanOut
@@ -40,7 +40,7 @@ class Callbacks:
         self._store, self._run, self._fan_out, self._network = store, run, fan_out, network
         self._limit, self._consent = limit, consent
         self._couriers: dict[str, Courier] = {}
-        self.deliveries = Deliveries()
+        self.deliveries = DeliveryMetrics()
         self._refused: set[str] = set()
         self._handshakes = Handshakes()
 

@@ -18,8 +18,8 @@ from linked_fleet_gateway.resources import signature
 from linked_fleet_gateway.resources.binary_frames import FRAME_TYPES, layout_path
 from linked_fleet_gateway.resources.subscription import DeliveryState, Record, Subscription
 from linked_fleet_gateway.resources.subscription_resource import subscription_path
-from linked_fleet_gateway.runtime.background import end
-from linked_fleet_gateway.runtime.metrics import Deliveries
+from linked_fleet_gateway.runtime.background import cancel_tasks
+from linked_fleet_gateway.runtime.metrics import DeliveryMetrics
 from linked_fleet_gateway.subscriptions.broadcast import Ending, Message
 from linked_fleet_gateway.subscriptions.delivery_pace import SUSPEND_AFTER, delay_s
 from linked_fleet_gateway.subscriptions.fan_out import FanOut
@@ -44,14 +44,14 @@ class Courier:
         receiver: Receiver,
         *,
         consent: bool,
-        deliveries: Deliveries | None = None,
+        deliveries: DeliveryMetrics | None = None,
     ) -> None:
         self.subscription = record.subscription
         self.delivery = record.delivery
         self._store, self._fan_out, self._receiver = store, fan_out, receiver
         self._about = {"subscription": record.subscription.id}
         self._consent_needed = consent
-        self._deliveries = deliveries or Deliveries()
+        self._deliveries = deliveries or DeliveryMetrics()
         self._message: Message | None = None
         self._rendered_for = 0
         self._watcher: Watcher | None = None
@@ -90,7 +90,7 @@ class Courier:
     async def suspend(self, reason: str) -> None:
         """Stop deliveries until somebody resumes the subscription."""
         if self._task is not None:
-            await end([self._task])
+            await cancel_tasks([self._task])
         self.start_suspended(reason)
 
     def start_suspended(self, reason: str) -> None:
@@ -102,7 +102,7 @@ class Courier:
 
     async def stop(self) -> None:
         if self._task is not None:
-            await end([self._task])
+            await cancel_tasks([self._task])
         await self._receiver.aclose()
 
     # -- as an outlet of the fan-out ----------------------------------------------------------------------------------
@@ -217,7 +217,7 @@ class Courier:
                 await self._failed(DeliveryState.AWAITING_CONSENT, Outcome(Verdict.RETRY, None, None, str(error)))
                 continue
             if outcome.verdict is Verdict.DELIVERED:
-                self._deliveries.taken += 1
+                self._deliveries.successful += 1
                 self._not_before_s = time.monotonic() + self.delivery.allowed_interval_s
                 self._became(DeliveryState.ACTIVE, outcome.status)
                 return

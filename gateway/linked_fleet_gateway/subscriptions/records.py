@@ -190,21 +190,21 @@ class Runs:
     async def renew(self) -> None:
         self._renewals += 1
         await self._say(f"{self._renewals} {self._lease_s}")
-        await self._redis.one("SADD", self._keys.runs, self._run)
+        await self._redis.execute("SADD", self._keys.runs, self._run)
 
     async def leave(self) -> None:
         await self._say(_LEFT)
         await self.retire(self._run)
 
     async def _say(self, what: str | bytes) -> None:
-        await self._redis.one("SET", self._keys.lease(self._run), what, "PX", round(self._lease_s * 1000))
+        await self._redis.execute("SET", self._keys.lease(self._run), what, "PX", round(self._lease_s * 1000))
 
     async def dead(self) -> list[str]:
         """Return the runs without a lease.
 
         None for half a lease after an outage, in which living runs could not renew theirs.
         """
-        runs = {run.decode() for run in await self._redis.one("SMEMBERS", self._keys.runs)} - {self._run}
+        runs = {run.decode() for run in await self._redis.execute("SMEMBERS", self._keys.runs)} - {self._run}
         self._heard = {run: heard for run, heard in self._heard.items() if run in runs}
         dead = runs - await self.living(runs)
         return sorted(dead) if self._redis.since_outage_s > self._lease_s / 2 else []
@@ -212,7 +212,7 @@ class Runs:
     async def living(self, runs: Iterable[str]) -> set[str]:
         """Return those of ``runs`` that have renewed their lease recently; a run without a known lease has not."""
         asked = list(runs)
-        leases = await self._redis.one("MGET", *map(self._keys.lease, asked)) if asked else ()
+        leases = await self._redis.execute("MGET", *map(self._keys.lease, asked)) if asked else ()
         now_s = time.monotonic()
         return {run for run, lease in zip(asked, leases, strict=True) if self._lives(run, lease, now_s)}
 
@@ -225,24 +225,24 @@ class Runs:
     async def retire(self, run: str) -> None:
         """Forget a dead run that holds nothing."""
         keys = (self._keys.runs, self._keys.held(run), self._keys.lease(run))
-        await self._redis.run(scripts.RETIRE, keys, run, _LEFT)
+        await self._redis.run_script(scripts.RETIRE, keys, run, _LEFT)
 
     async def held(self, run: str) -> dict[str, SubscriptionLists]:
         """Return what a run holds, has begun to add or has not finished removing, by id."""
-        held = await self._redis.one("HGETALL", self._keys.held(run))
+        held = await self._redis.execute("HGETALL", self._keys.held(run))
         return {id.decode(): read_held(text) for id, text in held.items()}
 
     async def hold(self, held: Mapping[str, SubscriptionLists], run: str) -> None:
         """Record what ``run`` is about to hold, by id; not empty."""
         # The hash before the set: a run that is in the set and holds something is never retired.
         fields = (part for id, one in held.items() for part in (id, write_held(one)))
-        await self._redis.one("HSET", self._keys.held(run), *fields)
-        await self._redis.one("SADD", self._keys.runs, run)
+        await self._redis.execute("HSET", self._keys.held(run), *fields)
+        await self._redis.execute("SADD", self._keys.runs, run)
 
     async def drop(self, ids: Collection[str], run: str) -> None:
         """Remove ``ids`` from what ``run`` holds."""
         if ids:
-            await self._redis.one("HDEL", self._keys.held(run), *ids)
+            await self._redis.execute("HDEL", self._keys.held(run), *ids)
 
 
 async def wait_for_replicas(redis: Connection, keys: Keys, run: str, subscription: Subscription) -> None:
@@ -253,10 +253,10 @@ async def wait_for_replicas(redis: Connection, keys: Keys, run: str, subscriptio
     id = subscription.id
     lists = (keys.held(run), keys.owner(subscription.owner), keys.client(subscription.client))
     others = await redis.keys_on_other_masters(keys.record(id), lists)
-    online = await redis.all([("EVAL", scripts.REPLICAS, 1, key) for key in others])
+    online = await redis.execute_all([("EVAL", scripts.REPLICAS, 1, key) for key in others])
     replicated = [key for key, is_so in zip(others, online, strict=True) if is_so]
     for key, member in [(keys.record(id), "holder"), *((key, id) for key in replicated)]:
-        found, confirmed = await redis.run_replicated(scripts.REPEAT, key, member)
+        found, confirmed = await redis.run_replicated_script(scripts.REPEAT, key, member)
         if not found:  # a failover lost it, or it has been removed already
             raise StoreUnavailable(f"subscription {id} was gone before a replica had it")
         if not confirmed:

@@ -8,7 +8,7 @@ from contextlib import suppress
 from types import TracebackType
 
 from linked_fleet_gateway.resources.subscription import ChangeableOptions, Record, Subscription
-from linked_fleet_gateway.runtime.background import end, finish, supervised
+from linked_fleet_gateway.runtime.background import await_last_step, cancel_tasks, supervised
 from linked_fleet_gateway.subscriptions.broadcast import Ending
 from linked_fleet_gateway.subscriptions.callbacks import Callbacks, MayContinue
 from linked_fleet_gateway.subscriptions.fan_out import FanOut
@@ -60,9 +60,9 @@ class Subscriptions:
     async def __aexit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        await end(self._tasks)
+        await cancel_tasks(self._tasks)
         await asyncio.gather(self.streams.aclose(), self.callbacks.aclose())
-        await finish(self._store.leave(), log, "the store could not be told that this gateway ends")
+        await await_last_step(self._store.leave(), log, "the store could not be told that this gateway ends")
 
     @property
     def store_is_available(self) -> bool:

@@ -16,7 +16,7 @@ from dataclasses import astuple, replace
 from typing import Self
 
 from linked_fleet_gateway.resources.subscription import ChangeableOptions, Delivery, Record, Subscription
-from linked_fleet_gateway.runtime.redis import AT_ONCE, UNHURRIED, Connection, StoreUnavailable
+from linked_fleet_gateway.runtime.redis import BACKGROUND_BATCH_SIZE, BATCH_SIZE, Connection, StoreUnavailable
 from linked_fleet_gateway.subscriptions import redis_scripts as scripts
 from linked_fleet_gateway.subscriptions.records import (
     Backlog,
@@ -115,7 +115,7 @@ class Store:
     async def held(self) -> list[Record]:
         """Return what this run holds now; incomplete additions and removals are cleaned up."""
         held = await self._runs.held(self._run)
-        records = await self._records(held, UNHURRIED)
+        records = await self._records(held, BACKGROUND_BATCH_SIZE)
         await self._reclaim({id: held[id] for id, record in records.items() if record is None}, self._run)
         return [record for record in records.values() if record is not None and record.holder == self._run]
 
@@ -135,7 +135,7 @@ class Store:
         take = take and subscription.kind.is_stream
         for _ in range(_ATTEMPTS):
             await self._list(subscription, limit)
-            committed, before = await self._redis.run(scripts.COMMIT, keys, self._run, group, int(take), *fields)
+            committed, before = await self._redis.run_script(scripts.COMMIT, keys, self._run, group, int(take), *fields)
             if committed == scripts.TO_BE_CONFIRMED:
                 await self._confirm(subscription)
             if committed and before.decode() not in ("", self._run):
@@ -150,7 +150,7 @@ class Store:
 
     async def of(self, owner: str) -> list[Record]:
         """Return the subscriptions of ``owner``, oldest first; streams only while the lease of their holder lasts."""
-        ids = [id.decode() for id in await self._redis.one("SMEMBERS", self._keys.owner(owner))]
+        ids = [id.decode() for id in await self._redis.execute("SMEMBERS", self._keys.owner(owner))]
         records = [record for record in (await self._records(ids)).values() if record is not None]
         living = await self._runs.living({record.holder for record in records if record.subscription.kind.is_stream})
         shown = [one for one in records if not one.subscription.kind.is_stream or one.holder in living]
@@ -173,7 +173,7 @@ class Store:
         """
         keys = self._keys.record(before.id), self._keys.sent(before.id)
         anew = options.needs_full_state(before.options)
-        holder = await self._redis.run(scripts.CHANGE, keys, before.revision, write_options(options), int(anew))
+        holder = await self._redis.run_script(scripts.CHANGE, keys, before.revision, write_options(options), int(anew))
         if holder is not None:
             await self._tell("changed", before.id, holder.decode())
         return holder is not None
@@ -183,7 +183,7 @@ class Store:
         record = await self.record(id)
         if record is None or record.subscription.kind.is_stream:
             return record
-        resumed = read_record(read_pairs(await self._redis.run(scripts.WAKE, (self._keys.record(id),))))
+        resumed = read_record(read_pairs(await self._redis.run_script(scripts.WAKE, (self._keys.record(id),))))
         if resumed is not None:
             await self._tell("resumed", id, resumed.holder)
         return resumed
@@ -191,17 +191,17 @@ class Store:
     async def note(self, id: str, delivery: Delivery, subscription: Subscription | None = None) -> None:
         """Write the state of deliveries, and optionally of the subscription; Lost if this run does not hold it."""
         fields = (*(() if subscription is None else write_spec(subscription)), *write_delivery(delivery))
-        if not await self._redis.run(scripts.NOTE, (self._keys.record(id),), self._run, *fields):
+        if not await self._redis.run_script(scripts.NOTE, (self._keys.record(id),), self._run, *fields):
             raise Lost(id)
 
     async def note_all(self, deliveries: Mapping[str, Delivery]) -> set[str]:
         """Do ``note`` for many at once; return the ids that this run does not hold, which stay unchanged."""
-        answers = await self._redis.all(
+        answers = await self._redis.execute_all(
             [
                 ("EVAL", scripts.NOTE, 1, self._keys.record(id), self._run, *write_delivery(delivery))
                 for id, delivery in deliveries.items()
             ],
-            UNHURRIED,
+            BACKGROUND_BATCH_SIZE,
         )
         return {id for id, noted in zip(deliveries, answers, strict=True) if not noted}
 
@@ -209,7 +209,7 @@ class Store:
 
     async def backlog(self, id: str) -> Backlog:
         """Return the pending deliveries, whoever queued them; Lost if this run does not hold the subscription."""
-        found = await self._redis.run(scripts.BACKLOG, self._queue(id), self._run, _GROUP)
+        found = await self._redis.run_script(scripts.BACKLOG, self._queue(id), self._run, _GROUP)
         if found is None:
             raise Lost(id)
         entries, sent, number = found
@@ -231,7 +231,7 @@ class Store:
         parts = () if outgoing is None else (*astuple(outgoing), wanted)
         entry = "" if done is None else done.entry_id
         arguments = (self._run, _GROUP, entry, len(fields), *fields, len(forget), *forget, *parts)
-        queued = await self._redis.run(scripts.ADVANCE, self._queue(id), *arguments)
+        queued = await self._redis.run_script(scripts.ADVANCE, self._queue(id), *arguments)
         if queued is None:
             raise Lost(id)
         if outgoing is None or not queued:
@@ -243,26 +243,26 @@ class Store:
 
     async def news(self) -> AsyncIterator[News]:
         """Yield the changes by other gateways since the first contact; outages are waited out, none is missed."""
-        async with aclosing(self._redis.news()) as news:
+        async with aclosing(self._redis.stream_entries()) as news:
             async for fields in news:
                 if fields is not None:
                     yield read_news(fields)
 
     async def _tell(self, what: What, id: str, holder: str) -> None:
         fields = write_news(News(what, id, holder))
-        await self._redis.one("XADD", self._keys.news, "MAXLEN", "~", _NEWS, "*", *fields)
+        await self._redis.execute("XADD", self._keys.news, "MAXLEN", "~", _NEWS, "*", *fields)
 
     # Steps
 
     def _queue(self, id: str) -> tuple[str, str, str]:
         return self._keys.record(id), self._keys.queue(id), self._keys.sent(id)
 
-    async def _records(self, ids: Iterable[str], at_once: int = AT_ONCE) -> dict[str, Record | None]:
+    async def _records(self, ids: Iterable[str], at_once: int = BATCH_SIZE) -> dict[str, Record | None]:
         """Return the records of the ids, without those written by another version that this one cannot read."""
         asked, records = list(ids), dict[str, Record | None]()
         for first in range(0, len(asked), at_once):  # in parts, so that other requests are served in between
             part = asked[first : first + at_once]
-            answers = await self._redis.all([("HGETALL", self._keys.record(id)) for id in part], at_once)
+            answers = await self._redis.execute_all([("HGETALL", self._keys.record(id)) for id in part], at_once)
             for id, fields in zip(part, answers, strict=True):
                 try:
                     records[id] = read_record(fields)
@@ -273,10 +273,10 @@ class Store:
     async def _list(self, subscription: Subscription, limit: int) -> None:
         id, client = subscription.id, subscription.client
         await self._runs.hold({id: SubscriptionLists(subscription.owner, client)}, self._run)
-        if not await self._redis.run(scripts.COUNT, (self._keys.client(client),), id, limit):
+        if not await self._redis.run_script(scripts.COUNT, (self._keys.client(client),), id, limit):
             await self._runs.drop([id], self._run)
             raise TooMany(f"{client} has {limit} subscriptions already")
-        await self._redis.one("SADD", self._keys.owner(subscription.owner), id)
+        await self._redis.execute("SADD", self._keys.owner(subscription.owner), id)
 
     async def _confirm(self, subscription: Subscription) -> None:
         """Wait until replicas have a callback; otherwise remove it and raise StoreUnavailable."""
@@ -312,7 +312,7 @@ class Store:
         takes = [
             ("EVAL", scripts.TAKE, 1, self._keys.record(id), record.holder, self._run) for id, record in asked.items()
         ]
-        answers = dict(zip(asked, await self._redis.all(takes), strict=True))
+        answers = dict(zip(asked, await self._redis.execute_all(takes), strict=True))
         mine = self._run.encode()
         await self._runs.drop([id for id, (_, holder) in answers.items() if holder != mine], self._run)
         return [replace(asked[id], holder=self._run) for id, (won, _) in answers.items() if won]
@@ -323,7 +323,7 @@ class Store:
             ("EVAL", scripts.REMOVE, 4, *self._queue(id), self._keys.gone(id), _GONE_MS, holder)
             for id, holder in holders.items()
         ]
-        answers = await self._redis.all(removes)
+        answers = await self._redis.execute_all(removes)
         records = {id: read_record(read_pairs(fields)) for id, fields in zip(holders, answers, strict=True)}
         removed = {id: record for id, record in records.items() if record is not None}
         listed = {id: SubscriptionLists(one.subscription.owner, one.subscription.client) for id, one in removed.items()}
@@ -333,16 +333,16 @@ class Store:
     async def _reclaim(self, held: Mapping[str, SubscriptionLists], run: str) -> set[str]:
         """Delete what was listed but never accepted, or removed incompletely; return the ids that have a record."""
         reclaims = [("EVAL", scripts.RECLAIM, 2, self._keys.record(id), self._keys.gone(id), _GONE_MS) for id in held]
-        answers = dict(zip(held, await self._redis.all(reclaims), strict=True))
+        answers = dict(zip(held, await self._redis.execute_all(reclaims), strict=True))
         await self._clear({id: held[id] for id, gone in answers.items() if gone}, dict.fromkeys(held, run))
         return {id for id, gone in answers.items() if not gone}
 
     async def _clear(self, listed: Mapping[str, SubscriptionLists], runs: Mapping[str, str]) -> None:
         """Remove ids without a record from all lists; from the run's list last, through which the others are found."""
         keys = self._keys
-        await self._redis.all(
+        await self._redis.execute_all(
             [("SREM", keys.owner(held.owner), id) for id, held in listed.items()]
             + [("SREM", keys.client(held.client), id) for id, held in listed.items()]
         )
-        await self._redis.all([("HDEL", keys.held(runs[id]), id) for id in listed])
-        await self._redis.all([("EVAL", scripts.CLEARED, 1, keys.gone(id)) for id in listed])
+        await self._redis.execute_all([("HDEL", keys.held(runs[id]), id) for id in listed])
+        await self._redis.execute_all([("EVAL", scripts.CLEARED, 1, keys.gone(id)) for id in listed])

@@ -12,7 +12,7 @@ from contextlib import suppress
 from dataclasses import replace
 
 from linked_fleet_gateway.resources.subscription import Delivery, DeliveryState, Depth, Kind, Record, Subscription
-from linked_fleet_gateway.runtime.background import end
+from linked_fleet_gateway.runtime.background import cancel_tasks
 from linked_fleet_gateway.subscriptions.broadcast import Ending, Outlet
 from linked_fleet_gateway.subscriptions.fan_out import FanOut
 from linked_fleet_gateway.subscriptions.store import Lost, Store, StoreUnavailable, TooMany
@@ -133,7 +133,7 @@ class Streams:
             timer.cancel()
         if self._background:
             await asyncio.wait(self._background, timeout=_LAST_S)
-        await end(self._background)
+        await cancel_tasks(self._background)
 
     # -- between connections ------------------------------------------------------------------------------------------
 

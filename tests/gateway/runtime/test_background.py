@@ -8,7 +8,14 @@ from contextlib import asynccontextmanager
 
 import pytest
 
-from linked_fleet_gateway.runtime.background import FINISH_S, MOST_S, RETRY_S, end, finish, supervised
+from linked_fleet_gateway.runtime.background import (
+    FINISH_S,
+    MAX_RETRY_S,
+    RETRY_S,
+    await_last_step,
+    cancel_tasks,
+    supervised,
+)
 from linked_fleet_gateway.runtime.redis import BACKOFF_S, StoreUnavailable
 from virtual.loop import on_virtual_time
 
@@ -36,7 +43,7 @@ class Work:
 async def doing(work: Work, pause_s: float) -> AsyncIterator[asyncio.Task[None]]:
     task = supervised(work, "work", log, "work is not done", pause_s)
     yield task
-    await end([task])
+    await cancel_tasks([task])
 
 
 def test_work_that_fails_is_done_again_after_a_pause_and_each_error_is_one_line(
@@ -63,7 +70,7 @@ def test_the_pause_grows_while_work_fails_and_begins_anew_when_it_succeeds() -> 
             await asyncio.sleep(60.0)
 
     on_virtual_time(test)
-    assert work.pauses_s[:10] == [0.5, 1.0, 2.0, 4.0, 8.0, MOST_S, MOST_S, 0.1, RETRY_S, 0.1]
+    assert work.pauses_s[:10] == [0.5, 1.0, 2.0, 4.0, 8.0, MAX_RETRY_S, MAX_RETRY_S, 0.1, RETRY_S, 0.1]
 
 
 def test_a_long_pause_is_as_long_after_an_error() -> None:
@@ -80,9 +87,9 @@ def test_a_long_pause_is_as_long_after_an_error() -> None:
 def test_a_last_step_is_waited_for_as_long_as_redis_may_take(caplog: pytest.LogCaptureFixture) -> None:
     async def test() -> None:
         begun_s = time.monotonic()
-        await finish(asyncio.sleep(0.5), log, "a step was not taken")
-        await finish(Work(StoreUnavailable("away"))(), log, "it could not be said")
-        await finish(asyncio.sleep(3600), log, "it hangs")
+        await await_last_step(asyncio.sleep(0.5), log, "a step was not taken")
+        await await_last_step(Work(StoreUnavailable("away"))(), log, "it could not be said")
+        await await_last_step(asyncio.sleep(3600), log, "it hangs")
         assert time.monotonic() - begun_s == pytest.approx(0.5 + FINISH_S)
 
     with caplog.at_level(logging.INFO):

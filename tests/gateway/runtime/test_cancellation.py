@@ -4,7 +4,7 @@ import asyncio
 
 import pytest
 
-from linked_fleet_gateway.runtime.background import end
+from linked_fleet_gateway.runtime.background import cancel_tasks
 
 
 class _Stubborn:
@@ -28,15 +28,15 @@ async def test_a_swallowed_cancellation_is_repeated() -> None:
     tasks = [_Stubborn(swallows).task for swallows in range(3)]
     await asyncio.sleep(0)
     async with asyncio.timeout(20):
-        await end(tasks)
+        await cancel_tasks(tasks)
     assert all(task.cancelled() for task in tasks)
-    await end(tasks)  # nothing to do
+    await cancel_tasks(tasks)  # nothing to do
 
 
 async def test_ending_tasks_can_be_cancelled() -> None:
     stubborn = _Stubborn(float("inf"))
     await asyncio.sleep(0)
-    ending = asyncio.create_task(end([stubborn.task]))
+    ending = asyncio.create_task(cancel_tasks([stubborn.task]))
     await asyncio.sleep(0)
     ending.cancel()
     with pytest.raises(asyncio.CancelledError):

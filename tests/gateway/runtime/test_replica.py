@@ -7,9 +7,9 @@ from typing import Any
 
 import pytest
 
-from linked_fleet_gateway.runtime.background import end
+from linked_fleet_gateway.runtime.background import cancel_tasks
 from linked_fleet_gateway.runtime.redis import StoreUnavailable
-from linked_fleet_gateway.runtime.replica import Replica, follow
+from linked_fleet_gateway.runtime.replica import Replica, follow_changes
 from virtual.loop import on_virtual_time
 
 log = logging.getLogger("tests.replica")
@@ -58,9 +58,9 @@ class Shared:
 
 def following(shared: Shared, test: Callable[[], Coroutine[Any, Any, None]]) -> None:
     async def run() -> None:
-        task = await follow("values", log, shared.replica.load, shared.replica.refresh, shared.news)
+        task = await follow_changes("values", log, shared.replica.load, shared.replica.refresh, shared.news)
         await test()
-        await end([task])
+        await cancel_tasks([task])
 
     on_virtual_time(run)
 

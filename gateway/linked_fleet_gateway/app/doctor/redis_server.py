@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from linked_fleet_gateway.app.doctor.finding import Finding
-from linked_fleet_gateway.runtime.redis import BadUrl, Connection, StoreUnavailable
+from linked_fleet_gateway.runtime.redis import Connection, InvalidUrl, StoreUnavailable
 from linked_fleet_gateway.subscriptions.redis_scripts import Keys
 
 _PASSWORD = re.compile(r"(?<=://)[^@/]*@")
@@ -21,12 +21,12 @@ async def check_redis(url: str, namespace: str) -> AsyncIterator[Finding]:
     shown = _PASSWORD.sub("…@", url)
     try:
         connection = Connection(url, Keys(namespace).news)
-    except BadUrl as error:
+    except InvalidUrl as error:
         yield Finding("redis", str(error), "write redis://HOST:PORT, rediss://, unix:// or redis+cluster://")
         return
     try:
         asked_s = time.time()
-        told = await connection.one("TIME")
+        told = await connection.execute("TIME")
         answered_s = time.time()
         yield Finding("redis", f"{shown} answers within {(answered_s - asked_s) * 1000:.0f} ms")
         yield _clock(told, asked_s, answered_s)
@@ -60,7 +60,7 @@ def _clock(told: Any, asked_s: float, answered_s: float) -> Finding:
 
 async def _durability(connection: Connection, shown: str) -> AsyncIterator[Finding]:
     """Check settings that could lose accepted data."""
-    told = await connection.one("INFO")
+    told = await connection.execute("INFO")
     if not isinstance(told, dict) or "maxmemory_policy" not in told:
         return  # a cluster answers for each node
     if told["maxmemory_policy"] != "noeviction":

@@ -24,7 +24,7 @@ from linked_fleet_gateway.extensions.cameras.resources import MAX_RATE_HZ, Robot
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.link.fleet_link import NoAnswer
 from linked_fleet_gateway.resources.resource import Resource
-from linked_fleet_gateway.runtime.background import end, supervised
+from linked_fleet_gateway.runtime.background import cancel_tasks, supervised
 from linked_fleet_gateway.subscriptions.live import Live
 from linked_fleet_gateway.subscriptions.watcher import Watcher
 
@@ -72,7 +72,7 @@ class Pictures:
     async def __aexit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        await end([each.task for each in self._followed.values() if each.task is not None])
+        await cancel_tasks([each.task for each in self._followed.values() if each.task is not None])
         for asking in self._under_way.values():
             asking.cancel()
 

@@ -20,7 +20,7 @@ from linked_fleet_gateway.extensions.foxglove.protocol import (
 )
 from linked_fleet_gateway.http.internal_request import Reply, ReplyTooLong, ask
 from linked_fleet_gateway.http.websocket import ConnectionEnded, SubprotocolConnection
-from linked_fleet_gateway.runtime.background import end, time_sliced
+from linked_fleet_gateway.runtime.background import cancel_tasks, time_sliced
 
 MOST_CALLS = 8
 """Calls of one client in progress, not counting the same number of calls that stop."""
@@ -54,7 +54,7 @@ class Session:
             while True:
                 await self._take(await self.conversation.receive())
         finally:
-            await end([telling, *self._calls])
+            await cancel_tasks([telling, *self._calls])
 
     async def _say(self, op: str, **said: object) -> None:
         await self.conversation.send(protocol.text(op, **said))

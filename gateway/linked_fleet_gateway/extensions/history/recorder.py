@@ -14,7 +14,7 @@ from linked_fleet_gateway.extensions.history.track import Track, joints_of
 from linked_fleet_gateway.fleet.events import Latest
 from linked_fleet_gateway.fleet.fleet import Fleet
 from linked_fleet_gateway.fleet.robot import Robot
-from linked_fleet_gateway.runtime.background import end, supervised, time_sliced
+from linked_fleet_gateway.runtime.background import cancel_tasks, supervised, time_sliced
 
 log = logging.getLogger(__name__)
 
@@ -51,7 +51,7 @@ class History:
     async def __aexit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        await end(self._tasks)
+        await cancel_tasks(self._tasks)
 
     @property
     def samples(self) -> int:

@@ -36,7 +36,7 @@ from linked_fleet_gateway.rdf.serialise import JSON
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, RDFS
 from linked_fleet_gateway.resources.branches import FleetBranch, Found, RequestView
 from linked_fleet_gateway.resources.resource import Redirect, Resource
-from linked_fleet_gateway.runtime.background import end
+from linked_fleet_gateway.runtime.background import cancel_tasks
 
 PATH, _TITLE = "/mcp", "Model Context Protocol"
 
@@ -104,7 +104,7 @@ class Sdk:
 
     async def end(self) -> None:
         self.ending.set()
-        await end([] if self._running is None else [self._running])
+        await cancel_tasks([] if self._running is None else [self._running])
 
     async def _run(self) -> Any:
         server = await asyncio.to_thread(import_module, _SERVER)  # takes one or two seconds

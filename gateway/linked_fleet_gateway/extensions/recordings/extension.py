@@ -26,7 +26,7 @@ from linked_fleet_gateway.resources.branches import Found, RequestView, RobotBra
 from linked_fleet_gateway.resources.paths import robot_path
 from linked_fleet_gateway.resources.resource import CONTAINER, Resource
 from linked_fleet_gateway.resources.versioning import Source
-from linked_fleet_gateway.runtime.background import end, supervised
+from linked_fleet_gateway.runtime.background import cancel_tasks, supervised
 from linked_fleet_gateway.subscriptions.live import Live
 
 log = logging.getLogger(__name__)
@@ -80,7 +80,7 @@ class Recorder:
         self._live.add_invocation_listener(self.record_outcome)
         yield RobotBranch(SEGMENT, NamedNode(TERMS + SEGMENT), self._resolve, lambda robot: bool(self._of(robot.name)))
         self._live.remove_invocation_listener(self.record_outcome)
-        await end([writing])
+        await cancel_tasks([writing])
 
     def _of(self, robot: str) -> dict[str, Path]:
         return self._files.get(_folder_name(robot), {})

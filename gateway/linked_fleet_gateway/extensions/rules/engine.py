@@ -27,7 +27,7 @@ from linked_fleet_gateway.extensions.rules.store import Changed, Lost, RuleStore
 from linked_fleet_gateway.identity.rights import Identity, View
 from linked_fleet_gateway.resources.invocation import invocation_path
 from linked_fleet_gateway.resources.paths import robot_of
-from linked_fleet_gateway.runtime.background import end, supervised
+from linked_fleet_gateway.runtime.background import cancel_tasks, supervised
 from linked_fleet_gateway.subscriptions.live import Live
 
 log = logging.getLogger(__name__)
@@ -98,7 +98,7 @@ class Engine:
             failed = f"rule {id} could not be evaluated"
             self._tasks[id] = supervised(partial(self._serve, id), f"rule {id}", log, failed)
         ending = [self._tasks.pop(id) for id in self._tasks.keys() - ids]
-        await end(ending)
+        await cancel_tasks(ending)
         self._due = {id: event for id, event in self._due.items() if id in ids}
         if not ids:
             self._seen = None

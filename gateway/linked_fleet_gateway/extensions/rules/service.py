@@ -20,9 +20,9 @@ from linked_fleet_gateway.extensions.rules.store import Changed, RuleStore, Stor
 from linked_fleet_gateway.identity.rights import Identity
 from linked_fleet_gateway.resources.affordance import Invoke
 from linked_fleet_gateway.resources.resource import Resource
-from linked_fleet_gateway.runtime.audit_log import Audit
-from linked_fleet_gateway.runtime.background import end, finish, supervised
-from linked_fleet_gateway.runtime.replica import Replica, follow
+from linked_fleet_gateway.runtime.audit_log import AuditLog
+from linked_fleet_gateway.runtime.background import await_last_step, cancel_tasks, supervised
+from linked_fleet_gateway.runtime.replica import Replica, follow_changes
 from linked_fleet_gateway.subscriptions.live import Live
 
 log = logging.getLogger(__name__)
@@ -47,7 +47,7 @@ class Rules:
         select: Select,
         check: Check,
         creator_of: Callable[[Rule], Identity],
-        audit: Audit,
+        audit: AuditLog,
         limit: int,
         bases: Sequence[str] = (),
     ) -> None:
@@ -72,7 +72,7 @@ class Rules:
 
     async def __aenter__(self) -> Self:
         self._tasks = [
-            await follow("rules", log, self._replica.load, self._replica.refresh, self._store.news),
+            await follow_changes("rules", log, self._replica.load, self._replica.refresh, self._store.news),
             supervised(self._keep, "serve rules", log, "rules are not served", 0.0),
         ]
         return self
@@ -80,10 +80,10 @@ class Rules:
     async def __aexit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        await end([*self._tasks, *self._writing])
+        await cancel_tasks([*self._tasks, *self._writing])
         self._changes.close()
         await self._engine.set_rules(set())
-        await finish(self._store.leave(), log, "the lease of the rules could not be released")
+        await await_last_step(self._store.leave(), log, "the lease of the rules could not be released")
         await self._store.close()
 
     @property

@@ -67,7 +67,7 @@ class RuleStore:
         """Add a rule (``revision`` 0), or replace that revision. Raises Full, FleetFull, Changed."""
         keys = (self._keys.records, self._keys.revisions, self._keys.rules_of_client(rule.client))
         body = msgspec.json.encode(rule)
-        said = await self._redis.run(scripts.WRITE, keys, rule.id, body, revision, limit, MOST)
+        said = await self._redis.run_script(scripts.WRITE, keys, rule.id, body, revision, limit, MOST)
         if said == b"full":
             raise Full(rule.client)
         if said == b"crowded":
@@ -80,7 +80,7 @@ class RuleStore:
         """Remove a rule. Return False if there was none. Raises Changed if ``revision`` is given and differs."""
         keys = (self._keys.records, self._keys.revisions, self._keys.rules_of_client(rule.client))
         arguments = (rule.id,) if revision is None else (rule.id, revision)
-        removed = await self._redis.run(scripts.REMOVE, keys + self._keys.keys_of_rule(rule.id), *arguments)
+        removed = await self._redis.run_script(scripts.REMOVE, keys + self._keys.keys_of_rule(rule.id), *arguments)
         if removed == b"changed":
             raise Changed(rule.id)
         await self._tell(rule.id)
@@ -88,7 +88,7 @@ class RuleStore:
 
     async def load(self) -> dict[str, RuleRecord]:
         """Return all rules by id."""
-        ids = [id.decode() for id in await self._redis.one("HKEYS", self._keys.records)]
+        ids = [id.decode() for id in await self._redis.execute("HKEYS", self._keys.records)]
         found = [await self.read(id) for id in ids]
         return {each.rule.id: each for each in found if each is not None}
 
@@ -96,7 +96,7 @@ class RuleStore:
         """Return one rule; None also if another version wrote it in an unreadable form."""
         _, counts, firings = self._keys.keys_of_rule(id)
         keys = (self._keys.records, self._keys.revisions, counts, firings)
-        body, revision, said, fired = await self._redis.run(scripts.READ, keys, id)
+        body, revision, said, fired = await self._redis.run_script(scripts.READ, keys, id)
         if body is None or revision is None:
             return None
         try:
@@ -120,21 +120,21 @@ class RuleStore:
 
     async def serve(self) -> bool:
         """Take or renew the lease, unless another run has it. Return True if this run serves."""
-        server = await self._redis.run(scripts.SERVE, (self._keys.server,), self._run, round(LEASE_S * 1000))
+        server = await self._redis.run_script(scripts.SERVE, (self._keys.server,), self._run, round(LEASE_S * 1000))
         return bool(server == self._run.encode())
 
     async def leave(self) -> None:
-        await self._redis.run(scripts.LEAVE, (self._keys.server,), self._run)
+        await self._redis.run_script(scripts.LEAVE, (self._keys.server,), self._run)
 
     async def online_robots(self) -> set[str]:
         """Return the robots that were online at the last evaluation."""
-        return {name.decode() for name in await self._redis.one("SMEMBERS", self._keys.seen)}
+        return {name.decode() for name in await self._redis.execute("SMEMBERS", self._keys.seen)}
 
     async def update_online_robots(self, came: Collection[str], left: Collection[str]) -> None:
         if came:
-            await self._redis.one("SADD", self._keys.seen, *came)
+            await self._redis.execute("SADD", self._keys.seen, *came)
         if left:
-            await self._redis.one("SREM", self._keys.seen, *left)
+            await self._redis.execute("SREM", self._keys.seen, *left)
 
     async def rows_held(self, known: RuleRecord) -> set[str] | None:
         """Return the keys of the rows that held at the last evaluation; None without one since the rule was written."""
@@ -161,26 +161,26 @@ class RuleStore:
     async def finish(self, rule: Rule, number: int, firing: Firing) -> None:
         """Store the result of a claimed firing."""
         text = firing.state.value.encode() + b" " + msgspec.json.encode(firing)
-        await self._redis.run(scripts.FINISH, (self._keys.keys_of_rule(rule.id)[2],), number, text)
+        await self._redis.run_script(scripts.FINISH, (self._keys.keys_of_rule(rule.id)[2],), number, text)
         await self._tell(rule.id)
 
     async def store_fault(self, known: RuleRecord) -> None:
         """Store the reason why a rule is not evaluated; an empty ``fault`` and ``suspended`` clear it."""
         keys = (self._keys.server, self._keys.revisions, self._keys.keys_of_rule(known.rule.id)[1])
         arguments = (self._run, known.rule.id, known.revision, known.fault, known.suspended)
-        _checked(await self._redis.run(scripts.COMPLAIN, keys, *arguments), known)
+        _checked(await self._redis.run_script(scripts.COMPLAIN, keys, *arguments), known)
         await self._tell(known.rule.id)
 
     async def _run_while_serving(self, script: str, known: RuleRecord, *arguments: str | bytes | int) -> Any:
         keys = (self._keys.server, self._keys.revisions, *self._keys.keys_of_rule(known.rule.id))
-        answer = await self._redis.run(script, keys, self._run, known.rule.id, known.revision, *arguments)
+        answer = await self._redis.run_script(script, keys, self._run, known.rule.id, known.revision, *arguments)
         return _checked(answer, known)
 
     # News
 
     async def news(self) -> AsyncGenerator[str | None, None]:
         """Yield ids of rules changed by another run; None after an outage, when all must be read again."""
-        async with aclosing(self._redis.news()) as news:
+        async with aclosing(self._redis.stream_entries()) as news:
             async for fields in news:
                 if fields is None:
                     yield None
@@ -188,7 +188,7 @@ class RuleStore:
                     yield fields[b"id"].decode()
 
     async def _tell(self, id: str) -> None:
-        await self._redis.one("XADD", self._keys.news, "MAXLEN", "~", _NEWS, "*", "id", id, "run", self._run)
+        await self._redis.execute("XADD", self._keys.news, "MAXLEN", "~", _NEWS, "*", "id", id, "run", self._run)
 
 
 def _checked(answer: Any, known: RuleRecord) -> Any:

@@ -25,7 +25,7 @@ from linked_fleet_gateway.extensions.sessions.sealed_cookie import (
 from linked_fleet_gateway.identity.rights import Credential, Identity
 from linked_fleet_gateway.identity.roster import BadRoster
 from linked_fleet_gateway.identity.service import Identities
-from linked_fleet_gateway.runtime.background import end, supervised
+from linked_fleet_gateway.runtime.background import cancel_tasks, supervised
 from linked_fleet_gateway.runtime.redis import Connection, StoreUnavailable
 
 log = logging.getLogger(__name__)
@@ -55,8 +55,8 @@ class SessionKey:
         """Return the key. Raises StoreUnavailable if it was never read."""
         async with self._turn:
             if not self._key:
-                await self._redis.one("SET", self._name, secrets.token_bytes(KEY_BYTES), "NX")
-                found: bytes | None = await self._redis.one("GET", self._name)
+                await self._redis.execute("SET", self._name, secrets.token_bytes(KEY_BYTES), "NX")
+                found: bytes | None = await self._redis.execute("GET", self._name)
                 if found is None or len(found) != KEY_BYTES:
                     raise StoreUnavailable("the key of sessions is not in Redis")
                 self._key = found
@@ -117,7 +117,7 @@ class EndedSessions:
         await self._tell()
         while True:
             after = f"({self._seen}" if self._seen else "-"
-            found = await self._redis.one("XRANGE", self._key, after, "+", "COUNT", _AT_ONCE)
+            found = await self._redis.execute("XRANGE", self._key, after, "+", "COUNT", _AT_ONCE)
             for _, said in found:
                 self._ends_ns[said[b"id"].decode()] = int(said[b"ends_ns"])
             self._seen = found[-1][0].decode() if found else self._seen or "0-0"
@@ -128,7 +128,7 @@ class EndedSessions:
         while self._untold:
             one = self._untold[0]
             said = ("id", one.id, "ends_ns", one.ends_ns)
-            await self._redis.one("XADD", self._key, "MAXLEN", "~", KEPT, "*", *said)
+            await self._redis.execute("XADD", self._key, "MAXLEN", "~", KEPT, "*", *said)
             if self._untold and self._untold[0] is one:  # concurrent calls send too
                 self._untold.popleft()
 
@@ -165,7 +165,7 @@ class Sessions:
     async def __aexit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        await end([self._hearing] if self._hearing is not None else [])
+        await cancel_tasks([self._hearing] if self._hearing is not None else [])
         await self.key.aclose()
         await self._ended.aclose()
 

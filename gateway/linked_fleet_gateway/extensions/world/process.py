@@ -31,7 +31,7 @@ from linked_fleet_gateway.extensions.world.placement import placement_of
 from linked_fleet_gateway.extensions.world.scene import MAX_OBJECTS, SceneObject
 from linked_fleet_gateway.fleet.geometry import file_name, meshes_of
 from linked_fleet_gateway.fleet.robot import Robot
-from linked_fleet_gateway.runtime.background import end, supervised
+from linked_fleet_gateway.runtime.background import cancel_tasks, supervised
 from linked_fleet_gateway.runtime.worker import IDLE_S, Worker
 from linked_fleet_gateway.subscriptions.live import Live
 
@@ -150,7 +150,7 @@ class Preparation:
         self._tasks = [supervised(self._look, "prepare robots", _log, failed, _LOOK_S)]
 
     async def close(self) -> None:
-        await end([*self._tasks, *self._under_way.values()])
+        await cancel_tasks([*self._tasks, *self._under_way.values()])
 
     def key(self, robot: Robot) -> str:
         """Return a key that is equal for robots with equal geometry."""

@@ -26,9 +26,9 @@ from linked_fleet_gateway.fleet.kinematics import ORIGIN
 from linked_fleet_gateway.fleet.model import Pose
 from linked_fleet_gateway.rdf.graph import Graph
 from linked_fleet_gateway.resources.branches import FleetBranch, Found, RequestView
-from linked_fleet_gateway.runtime.background import end
+from linked_fleet_gateway.runtime.background import cancel_tasks
 from linked_fleet_gateway.runtime.redis import Connection, StoreUnavailable
-from linked_fleet_gateway.runtime.replica import Replica, follow
+from linked_fleet_gateway.runtime.replica import Replica, follow_changes
 from linked_fleet_gateway.subscriptions.live import Live
 
 MAX_BYTES = 32 * 2**20  # of all objects, which each gateway holds in memory
@@ -81,17 +81,17 @@ class ObjectStore:
         await self._redis.close()
 
     async def load(self) -> dict[str, bytes]:
-        found = await self._redis.one("HGETALL", self._objects)
+        found = await self._redis.execute("HGETALL", self._objects)
         return {id.decode(): body for id, body in found.items()}
 
     async def read(self, id: str) -> bytes | None:
-        body: bytes | None = await self._redis.one("HGET", self._objects, id)
+        body: bytes | None = await self._redis.execute("HGET", self._objects, id)
         return body
 
     async def change(self, id: str, present: str, body: bytes | None) -> None:
         """Replace the body with the digest ``present`` by ``body``, or remove it for None. Raises Changed, Full."""
         put = () if body is None else (body, MAX_OBJECTS, MAX_BYTES)
-        said = await self._redis.run(_CHANGE, (self._objects, self._news), id, present, _NEWS, *put)
+        said = await self._redis.run_script(_CHANGE, (self._objects, self._news), id, present, _NEWS, *put)
         if said == b"changed":
             raise Changed(id)
         if said == b"full":
@@ -99,7 +99,7 @@ class ObjectStore:
 
     async def news(self) -> AsyncGenerator[str | None, None]:
         """Yield ids of changed objects; None after an outage, when all must be read again."""
-        async with aclosing(self._redis.news()) as news:
+        async with aclosing(self._redis.stream_entries()) as news:
             async for fields in news:
                 yield None if fields is None else fields[b"id"].decode()
 
@@ -121,13 +121,15 @@ class Objects:
 
     async def __aenter__(self) -> Self:
         replica = self._replica
-        self._tasks = [await follow("the objects of the world", log, replica.load, replica.refresh, self._store.news)]
+        self._tasks = [
+            await follow_changes("the objects of the world", log, replica.load, replica.refresh, self._store.news)
+        ]
         return self
 
     async def __aexit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        await end(self._tasks)
+        await cancel_tasks(self._tasks)
         await self._store.close()
 
     async def add(self, thing: SceneObject) -> str:
