@@ -30,14 +30,14 @@ class Slow(ActionStore):
         self._held = held
         self.answered, self.handed_over = asyncio.Event(), asyncio.Event()
 
-    async def read(self, robot: str, id: str) -> Invocation | None:
-        found = await super().read(robot, id)
-        await self._hold("read")
+    async def read_invocation(self, robot: str, id: str) -> Invocation | None:
+        found = await super().read_invocation(robot, id)
+        await self._hold("read_invocation")
         return found
 
-    async def settings(self, robot: str) -> dict[str, str]:
-        found = await super().settings(robot)
-        await self._hold("settings")
+    async def read_settings(self, robot: str) -> dict[str, str]:
+        found = await super().read_settings(robot)
+        await self._hold("read_settings")
         return found
 
     async def _hold(self, method: str) -> None:
@@ -64,7 +64,7 @@ def test_unsaved_invocations_are_bounded_and_open_ones_dropped_last(
     ]
     with caplog.at_level(logging.WARNING):
         for one in made:
-            memory.record(one)
+            memory.save_stop(one)
     assert set(memory._unsaved) == {one.id for one in made} - {"1", "2"}
     assert memory._unasked == set(memory._unsaved)
     assert len([each for each in caplog.records if "given up" in each.message]) == 1
@@ -77,14 +77,14 @@ def test_a_stop_that_ends_before_it_is_recorded_is_remembered(tmp_path: Path) ->
     async def scenario(url: str) -> None:
         store, other = (ActionStore(url, "n", run) for run in ("one", "other"))
         async with store, other, ReplicatedInvocations(_live(), store, _stop, lambda _: None) as memory:
-            await other.load()
-            memory.begun(stopped)
+            await other.load_invocations()
+            memory.mark_own(stopped)
             stopped.state = InvocationState.SUCCEEDED
-            memory.settle(stopped)
-            memory.record(stopped)
+            memory.store_end(stopped)
+            memory.save_stop(stopped)
             async with asyncio.timeout(PATIENCE_S):
                 async for news in other.news():
-                    if (found := await other.read(news.robot, news.id)) is not None and found.is_final:
+                    if (found := await other.read_invocation(news.robot, news.id)) is not None and found.is_final:
                         break
 
     with single(tmp_path) as servers:
@@ -98,19 +98,19 @@ def test_an_end_before_the_reply_is_stored_with_the_facts_of_the_reply(tmp_path:
     async def scenario(url: str) -> None:
         store, other = (ActionStore(url, "n", run) for run in ("one", "other"))
         async with store, other, ReplicatedInvocations(_live(), store, _stop, lambda _: None) as memory:
-            await other.load()
+            await other.load_invocations()
             for each in (moved, later):
-                await store.open(each)
-                memory.begun(each)
+                await store.create(each)
+                memory.mark_own(each)
             async with asyncio.timeout(PATIENCE_S):
-                with memory.asking(moved):
+                with memory.defer_end(moved):
                     moved.state = later.state = InvocationState.SUCCEEDED
-                    memory.settle(moved)
-                    memory.settle(later)
-                    while not (found := await other.read("r", "k")) or not found.is_final:  # noqa: ASYNC110 - in Redis
+                    memory.store_end(moved)
+                    memory.store_end(later)
+                    while not (found := await other.read_invocation("r", "k")) or not found.is_final:  # noqa: ASYNC110 - in Redis
                         await asyncio.sleep(0.01)
                 moved.duration_s = 0.5
-                while not (found := await other.read("r", "i")) or not found.is_final:  # noqa: ASYNC110 - in Redis
+                while not (found := await other.read_invocation("r", "i")) or not found.is_final:  # noqa: ASYNC110 - in Redis
                     await asyncio.sleep(0.01)
         assert found.duration_s == 0.5
 
@@ -124,8 +124,11 @@ def test_an_invocation_deleted_during_a_read_stays_deleted(tmp_path: Path) -> No
 
     async def scenario(url: str) -> None:
         live = _live()
-        async with Slow(url, "read") as store, ReplicatedInvocations(live, store, _stop, lambda _: None) as memory:
-            await store.open(invocation)
+        async with (
+            Slow(url, "read_invocation") as store,
+            ReplicatedInvocations(live, store, _stop, lambda _: None) as memory,
+        ):
+            await store.create(invocation)
             reading = asyncio.create_task(memory.fetch("r", "i"))
             await store.answered.wait()
             await store.delete(invocation)
@@ -144,12 +147,12 @@ def test_a_setting_removed_during_an_outage_is_no_longer_set(tmp_path: Path) -> 
 
         away = False
 
-        async def settings(self, robot: str) -> dict[str, str]:
+        async def read_settings(self, robot: str) -> dict[str, str]:
             if self.away:
                 self.away = False
                 self._redis.outage_count += 1
                 raise StoreUnavailable("cut off")
-            return await super().settings(robot)
+            return await super().read_settings(robot)
 
     async def scenario(url: str) -> None:
         live = _live()
@@ -170,7 +173,10 @@ def test_a_setting_removed_during_an_outage_is_no_longer_set(tmp_path: Path) -> 
 def test_a_late_read_does_not_replace_a_newer_setting(tmp_path: Path) -> None:
     async def scenario(url: str) -> None:
         live = _live()
-        async with Slow(url, "settings") as store, ReplicatedInvocations(live, store, _stop, lambda _: None) as memory:
+        async with (
+            Slow(url, "read_settings") as store,
+            ReplicatedInvocations(live, store, _stop, lambda _: None) as memory,
+        ):
             await store.set_setting("r", "title", None, "old")
             first = asyncio.create_task(memory._settings.refresh("r"))
             await store.answered.wait()

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from histories.gateways import Gateway
 from histories.history import History
 from histories.keys import Keys
-from linked_fleet_gateway.actions.store import LeaseHeld, LeaseOver
+from linked_fleet_gateway.actions.store import LeaseHeld, LeaseNotHeld
 
 _MODEL = "lease"
 _DURATIONS_S = (0.03, 0.1, 0.4)
@@ -42,7 +42,7 @@ class LeaseClients:
             client, _MODEL, robot, "take", label=label, token=owned.label, for_=round(duration_s * 1e9)
         )
         try:
-            lease, token = await gateway.store.take(robot, label, duration_s, owned.token)
+            lease, token = await gateway.store.take_lease(robot, label, duration_s, owned.token)
         except LeaseHeld as held:
             called.answered(is_="held", label=held.lease.holder)
             return
@@ -61,10 +61,10 @@ class LeaseClients:
         owned = self._token(client, robot)
         asked = self._history.asks(client, _MODEL, robot, do, token=owned.label)
         try:
-            await gateway.store.check(robot, owned.token, owned.id if tied else "")
+            await gateway.store.check_lease(robot, owned.token, owned.id if tied else "")
         except LeaseHeld as held:
             asked.answered(is_="held", label=held.lease.holder)
-        except LeaseOver:
+        except LeaseNotHeld:
             asked.answered(is_="free")
         else:
             asked.answered(is_="tied" if tied else "allowed")
@@ -73,7 +73,7 @@ class LeaseClients:
         owned = self._token(client, robot)
         called = self._history.calls(client, _MODEL, robot, "release", token=owned.label)
         try:
-            released = await gateway.store.release(robot, owned.token)
+            released = await gateway.store.release_lease(robot, owned.token)
         except LeaseHeld as held:
             called.answered(is_="held", label=held.lease.holder)
         else:
@@ -81,7 +81,7 @@ class LeaseClients:
 
     async def _look(self, client: int, gateway: Gateway, robot: str, draws: random.Random) -> None:
         asked = self._history.asks(client, _MODEL, robot, "look")
-        lease = await gateway.store.lease(robot)
+        lease = await gateway.store.read_lease(robot)
         asked.answered(is_="free") if lease is None else asked.answered(is_="held", label=lease.holder)
 
     async def settle(self, gateway: Gateway) -> None:

@@ -39,7 +39,7 @@ class Settings:
         return label
 
     async def read(self, gateway: Gateway, key: str) -> str | None:
-        return (await gateway.store.settings(_ROBOT)).get(key)
+        return (await gateway.store.read_settings(_ROBOT)).get(key)
 
     async def swap(self, gateway: Gateway, key: str, expect: str | None, value: str | None) -> bool:
         return await gateway.store.set_setting(_ROBOT, key, expect, value)

@@ -34,7 +34,9 @@ class MotionClients:
         motion = self._motion(key, gateway)
         called = self._history.calls(client, _MODEL, key, "begin", digest=digest)
         try:
-            began = await gateway.actions.start("/toy/elbow/actions/rotate", motion, Caller(key=key, digest=digest))
+            began = await gateway.actions.start(
+                "/toy/elbow/actions/rotate", motion, Caller(idempotency_key=key, request_digest=digest)
+            )
         except KeyReused:
             called.answered(is_="reused")
         except Busy:

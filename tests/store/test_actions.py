@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 
 from linked_fleet_gateway.actions.redis_scripts import Keys
-from linked_fleet_gateway.actions.store import KEPT_S, ActionStore
+from linked_fleet_gateway.actions.store import RETENTION_S, ActionStore
 from linked_fleet_gateway.fleet.invocations import InvocationState
 from redis_backends import Backend, opened
 from store_samples import an_invocation, ended, until
@@ -17,7 +17,7 @@ KEYS = Keys()
 
 @pytest.fixture
 def kept_s() -> float:
-    return KEPT_S
+    return RETENTION_S
 
 
 @pytest.fixture
@@ -34,27 +34,27 @@ async def test_an_invocation_is_read_as_it_was_written_by_whichever_gateway(a: A
     whole = an_invocation(
         client="später\0", body='<a> <b> "c" .\n', duration_s=0.25, preempts=("x",), facts={"residual_m": 1e-9}
     )
-    assert await b.load() == []
-    assert await a.open(whole) is None
-    assert await b.read("r", whole.id) == whole
-    assert await b.read("r", "none") is await b.read("x", whole.id) is None
+    assert await b.load_invocations() == []
+    assert await a.create(whole) is None
+    assert await b.read_invocation("r", whole.id) == whole
+    assert await b.read_invocation("r", "none") is await b.read_invocation("x", whole.id) is None
     running = replace(whole, state=InvocationState.RUNNING, progress=0.5)
     assert await b.save(running)
-    assert await a.read("r", whole.id) == running
-    assert await a.load() == [running]
+    assert await a.read_invocation("r", whole.id) == running
+    assert await a.load_invocations() == [running]
 
 
 async def test_what_was_not_opened_is_opened_when_it_is_saved_whoever_has_the_lease(
     a: ActionStore, b: ActionStore
 ) -> None:
     """Only that: an invocation that was deleted meanwhile stays away. It may be repeated, with a later state."""
-    await b.take("r", "Ada", 60)
+    await b.take_lease("r", "Ada", 60)
     stop, deleted, of_other = an_invocation(), an_invocation(), an_invocation(robot="x")
     assert await a.save_all([stop, deleted, of_other], {stop.id, of_other.id}) == [True, False, True]
     over = ended(stop)
     assert await a.save_all([over], {stop.id}) == [True]
-    assert await b.read("r", stop.id) == over and await b.read("r", deleted.id) is None
-    assert {one.id for one in await b.load()} == {stop.id, of_other.id}
+    assert await b.read_invocation("r", stop.id) == over and await b.read_invocation("r", deleted.id) is None
+    assert {one.id for one in await b.load_invocations()} == {stop.id, of_other.id}
 
 
 @pytest.mark.parametrize("kept_s", [0.3])
@@ -62,39 +62,43 @@ async def test_ended_invocations_expire_and_open_ones_last_until_their_deadline(
     server: Backend, a: ActionStore
 ) -> None:
     over, still, later = ended(an_invocation()), an_invocation(), an_invocation(robot="x", deadline_ns=0)
-    await a.open(over, key="k", digest="d")
-    await a.open(still)
-    assert {one.id for one in await a.load()} == {over.id, still.id}
+    await a.create(over, idempotency_key="k", request_digest="d")
+    await a.create(still)
+    assert {one.id for one in await a.load_invocations()} == {over.id, still.id}
 
     async def forgotten() -> bool:
-        return await a.read("r", over.id) is None and not await a._redis.execute("EXISTS", KEYS.repeat("r", "k"))
+        return await a.read_invocation("r", over.id) is None and not await a._redis.execute(
+            "EXISTS", KEYS.idempotency_key("r", "k")
+        )
 
     await until(forgotten, "what is over is forgotten, and its key")
-    assert await a.load() == [still]
-    assert await a.open(ended(an_invocation()), key="k", digest="e") is None  # the key is free again
+    assert await a.load_invocations() == [still]
+    assert (
+        await a.create(ended(an_invocation()), idempotency_key="k", request_digest="e") is None
+    )  # the key is free again
     await a.save(ended(still))
-    await a.open(later)
+    await a.create(later)
 
     async def empty() -> bool:
-        return not await a.load() and not await a._redis.execute("ZCARD", KEYS.robots)
+        return not await a.load_invocations() and not await a._redis.execute("ZCARD", KEYS.robots)
 
     await until(empty, "all is forgotten, the names of the robots too")
     assert server.lasting_keys() == [KEYS.news]
 
 
 async def test_keys_of_an_abandoned_robot_expire(server: Backend, a: ActionStore) -> None:
-    await a.open(ended(an_invocation()), key="k", digest="d")
-    await a.open(an_invocation())
-    await a.take("r", "Ada", 60)
+    await a.create(ended(an_invocation()), idempotency_key="k", request_digest="d")
+    await a.create(an_invocation())
+    await a.take_lease("r", "Ada", 60)
     assert {*server.lasting_keys()} <= {KEYS.news, KEYS.robots}
 
 
 async def test_records_of_other_versions_are_kept(a: ActionStore, caplog: pytest.LogCaptureFixture) -> None:
     one, strange = an_invocation(), an_invocation()
-    await a.open(one)
-    await a.open(strange)
+    await a.create(one)
+    await a.create(strange)
     await a._redis.execute("HSET", KEYS.invocations("r")[0], strange.id, '{"id":7}')
     with caplog.at_level(logging.WARNING):
-        assert await a.load() == [one]
-        assert await a.read("r", strange.id) is None
+        assert await a.load_invocations() == [one]
+        assert await a.read_invocation("r", strange.id) is None
     assert len(caplog.records) == caplog.text.count("is left alone") == 2

@@ -16,11 +16,11 @@ from linked_fleet_gateway.actions import store as store_module
 from linked_fleet_gateway.actions.redis_scripts import Keys
 from linked_fleet_gateway.actions.store import (
     ActionStore,
-    Full,
     KeyReused,
     Lease,
     LeaseHeld,
-    LeaseOver,
+    LeaseNotHeld,
+    MotionLimitReached,
     StoreUnavailable,
 )
 from linked_fleet_gateway.fleet.invocations import FLEET, Invocation, InvocationState
@@ -61,7 +61,7 @@ class Robot:
         if self.control is not None and token != self.control.token:
             return LeaseHeld
         if tied and (self.control is None or self.control.lease.id != tied):
-            return LeaseOver
+            return LeaseNotHeld
         return None
 
     def put(self, one: Invocation) -> None:
@@ -120,17 +120,22 @@ class Invocations(RuleBasedStateMachine):
         known, token = self.robots[robot], self.token(robot, token)
         lease = known.control.lease.id if tied == "held" and known.control is not None else tied
         one = self.new(robot, state, lease)
-        ask = lambda: self.stores[which].open(  # noqa: E731
-            one, token=token, key=key, digest=digest, unasked=unasked, full=not full
+        ask = lambda: self.stores[which].create(  # noqa: E731
+            one,
+            lease_token=token,
+            idempotency_key=key,
+            request_digest=digest,
+            ignore_lease=unasked,
+            limit_reached=not full,
         )
         refusal = known.refusal(token, lease)
         with nullcontext() if refusal is None else pytest.raises(refusal):
-            self.run(self.stores[which].check(robot, token, lease))
+            self.run(self.stores[which].check_lease(robot, token, lease))
         refusal = None if unasked else refusal
         if refusal is None and key in known.keys and known.keys[key][1] != digest:
             refusal = KeyReused
         if refusal is None and key not in known.keys and not full:
-            refusal = Full
+            refusal = MotionLimitReached
         if refusal is not None:
             with pytest.raises(refusal):
                 self.run(ask())
@@ -150,7 +155,7 @@ class Invocations(RuleBasedStateMachine):
         robot, id = named
         if (one := self.robots[robot].invocations.get(id)) is not None:
             asked = replace(one, state=InvocationState.ACCEPTED, expired=False, progress=0.0)
-            assert self.run(self.stores[which].open(asked, unasked=True)) is None
+            assert self.run(self.stores[which].create(asked, ignore_lease=True)) is None
 
     @rule(
         target=ids, robot=ROBOTS, key=st.sampled_from(["k", OTHER]), digests=st.lists(DIGESTS, min_size=2, max_size=4)
@@ -159,7 +164,7 @@ class Invocations(RuleBasedStateMachine):
         """One request with a key is executed, repetitions get that invocation, and different requests are refused."""
         known, asked = self.robots[robot], [self.new(robot, InvocationState.ACCEPTED, "") for _ in digests]
         work = [
-            self.stores[number % 2].open(one, unasked=True, key=key, digest=digest)
+            self.stores[number % 2].create(one, ignore_lease=True, idempotency_key=key, request_digest=digest)
             for number, (one, digest) in enumerate(zip(asked, digests, strict=True))
         ]
         answers = self.run(_all(work))
@@ -218,9 +223,9 @@ class Invocations(RuleBasedStateMachine):
         known, token = self.robots[robot], self.token(robot, token)
         if known.refusal(token, "") is not None:
             with pytest.raises(LeaseHeld):
-                self.run(self.stores[which].take(robot, "Ada", duration_s, token))
+                self.run(self.stores[which].take_lease(robot, "Ada", duration_s, token))
             return
-        lease, given = self.run(self.stores[which].take(robot, "Ada", duration_s, token))
+        lease, given = self.run(self.stores[which].take_lease(robot, "Ada", duration_s, token))
         if known.control is not None:
             assert (lease.id, given) == (known.control.lease.id, known.control.token)
         else:
@@ -232,9 +237,9 @@ class Invocations(RuleBasedStateMachine):
         known, token = self.robots[robot], self.token(robot, token)
         if known.refusal(token, "") is not None:
             with pytest.raises(LeaseHeld):
-                self.run(self.stores[which].release(robot, token))
+                self.run(self.stores[which].release_lease(robot, token))
         else:
-            assert self.run(self.stores[which].release(robot, token)) is (known.control is not None)
+            assert self.run(self.stores[which].release_lease(robot, token)) is (known.control is not None)
             known.control = None
 
     # -- time and faults, which only the server in memory has at hand -------------------------------------------------
@@ -257,7 +262,7 @@ class Invocations(RuleBasedStateMachine):
         for begun_s in range(0, passing_s, 2) if watched else ():
             self.server.pass_time(min(_LOOK_S, passing_s - begun_s))
             for robot in self.robots:
-                self.run(self.stores[0].lease(robot))
+                self.run(self.stores[0].read_lease(robot))
         if not watched:
             self.server.pass_time(passing_s)
         for known in self.robots.values():
@@ -281,19 +286,19 @@ class Invocations(RuleBasedStateMachine):
         self.server.kill()
         for store in self.stores:
             with suppress(StoreUnavailable):
-                self.run(store.load())
+                self.run(store.load_invocations())
         self.server.start()
         for store in self.stores:
-            self.run(served(store.load))
+            self.run(served(store.load_invocations))
 
     # -- what must hold -----------------------------------------------------------------------------------------------
 
     @invariant()
     def redis_knows_what_the_model_knows(self) -> None:
         all_known = [one for known in self.robots.values() for one in known.invocations.values()]
-        assert self.run(self.stores[1].load()) == sorted(all_known, key=lambda one: one.created_ns)
+        assert self.run(self.stores[1].load_invocations()) == sorted(all_known, key=lambda one: one.created_ns)
         for robot, known in self.robots.items():
-            lease = self.run(self.stores[0].lease(robot))
+            lease = self.run(self.stores[0].read_lease(robot))
             if known.control is None:
                 assert lease is None
             else:

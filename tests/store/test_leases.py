@@ -47,7 +47,7 @@ class Listener:
 @asynccontextmanager
 async def listening(store: ActionStore) -> Any:
     listener = Listener(store)
-    await store.load()  # the first contact
+    await store.load_invocations()  # the first contact
     task = asyncio.create_task(listener.listen())
     try:
         yield listener
@@ -66,80 +66,84 @@ def heard(server: Backend, b: ActionStore) -> Iterator[Listener]:
 
 
 async def test_only_the_holder_of_the_token_acts_on_a_leased_robot(a: ActionStore, b: ActionStore) -> None:
-    lease, token = await a.take("r", "Ada", 60)
+    lease, token = await a.take_lease("r", "Ada", 60)
     assert (lease.robot, lease.holder, lease.duration_s) == ("r", "Ada", 60)
     assert lease.expires_ns - lease.taken_ns == 60 * 10**9
     assert token.startswith("urn:uuid:") and lease.id not in token
-    assert await b.lease("r") == lease
+    assert await b.read_lease("r") == lease
     for wrong in ("", "urn:uuid:0", lease.id):
         refused = an_invocation()
         with pytest.raises(LeaseHeld, match="Ada has the lease of r") as caught:
-            await b.open(refused, token=wrong, key="k", digest="d")
+            await b.create(refused, lease_token=wrong, idempotency_key="k", request_digest="d")
         assert caught.value.lease == lease
         with pytest.raises(LeaseHeld):
-            await b.check("r", wrong)
-        assert await b.read("r", refused.id) is None
-    await b.check("r", token)
-    assert await b.open(an_invocation(), token=token, key="k", digest="d") is None
-    assert await b.open(an_invocation(), unasked=True) is None  # whoever has the lease
-    assert await b.open(an_invocation(robot="x"), token=token) is None  # free for all
-    assert await b.open(an_invocation(robot=FLEET)) is None
+            await b.check_lease("r", wrong)
+        assert await b.read_invocation("r", refused.id) is None
+    await b.check_lease("r", token)
+    assert await b.create(an_invocation(), lease_token=token, idempotency_key="k", request_digest="d") is None
+    assert await b.create(an_invocation(), ignore_lease=True) is None  # whoever has the lease
+    assert await b.create(an_invocation(robot="x"), lease_token=token) is None  # free for all
+    assert await b.create(an_invocation(robot=FLEET)) is None
 
 
 async def test_one_of_many_clients_gets_the_lease(a: ActionStore, b: ActionStore) -> None:
     taken = await asyncio.gather(
-        *((a, b)[number % 2].take("r", str(number), 60) for number in range(20)), return_exceptions=True
+        *((a, b)[number % 2].take_lease("r", str(number), 60) for number in range(20)), return_exceptions=True
     )
     (won,) = [one for one in taken if isinstance(one, tuple)]
     assert [one.lease for one in taken if isinstance(one, LeaseHeld)] == [won[0]] * 19
 
 
 async def test_a_renewal_is_the_same_lease_for_longer(a: ActionStore, b: ActionStore) -> None:
-    lease, token = await a.take("r", "Ada", 60)
-    renewed, same = await b.take("r", "Ada, or so she says", 120, token)
+    lease, token = await a.take_lease("r", "Ada", 60)
+    renewed, same = await b.take_lease("r", "Ada, or so she says", 120, token)
     assert same == token
     assert renewed == replace(lease, duration_s=120, expires_ns=renewed.expires_ns)
     assert renewed.expires_ns >= lease.expires_ns + 60 * 10**9
     with pytest.raises(LeaseHeld):
-        await b.take("r", "Ben", 60, "urn:uuid:guessed")
-    assert await a.lease("r") == renewed
+        await b.take_lease("r", "Ben", 60, "urn:uuid:guessed")
+    assert await a.read_lease("r") == renewed
 
 
 async def test_a_read_lease_has_its_remaining_time(a: ActionStore, b: ActionStore) -> None:
-    lease, token = await a.take("r", "Ada", 60)
+    lease, token = await a.take_lease("r", "Ada", 60)
     assert lease.left_s == pytest.approx(60, abs=5)
 
     async def less() -> bool:
-        looked = await b.lease("r")
+        looked = await b.read_lease("r")
         return looked is not None and 0 < looked.left_s < lease.left_s
 
     await until(less, "time passes")
-    renewed, _ = await b.take("r", "Ada", 120, token)
+    renewed, _ = await b.take_lease("r", "Ada", 120, token)
     assert renewed.left_s > lease.left_s
 
 
 async def test_an_expired_lease_is_anybody_s_and_its_token_worth_nothing(a: ActionStore, b: ActionStore) -> None:
-    lease, token = await a.take("r", "Ada", 0.05)
+    lease, token = await a.take_lease("r", "Ada", 0.05)
 
     async def is_free() -> bool:
-        return await b.lease("r") is None
+        return await b.read_lease("r") is None
 
     await until(is_free, "the lease expires")
-    await b.open(an_invocation())
-    taken, other = await b.take("r", "Ben", 60)
-    assert (taken.holder, await a.lease("r")) == ("Ben", taken)
+    await b.create(an_invocation())
+    taken, other = await b.take_lease("r", "Ben", 60)
+    assert (taken.holder, await a.read_lease("r")) == ("Ben", taken)
     assert len({lease.id, taken.id}) == len({token, other}) == 2
-    for act in (a.take("r", "Ada", 60, token), a.release("r", token), a.open(an_invocation(), token=token)):
+    for act in (
+        a.take_lease("r", "Ada", 60, token),
+        a.release_lease("r", token),
+        a.create(an_invocation(), lease_token=token),
+    ):
         with pytest.raises(LeaseHeld):
             await act
-    assert await b.release("r", other)
-    assert not await b.release("r", other)
-    again, fresh = await a.take("r", "Ada", 60, token)  # free, but an old token is invalid
+    assert await b.release_lease("r", other)
+    assert not await b.release_lease("r", other)
+    again, fresh = await a.take_lease("r", "Ada", 60, token)  # free, but an old token is invalid
     assert again.id != lease.id and fresh != token
 
 
 async def test_redis_does_not_know_a_token(a: ActionStore) -> None:
-    _, token = await a.take("r", "Ada", 60)
+    _, token = await a.take_lease("r", "Ada", 60)
     fields = await a._redis.execute("HGETALL", Keys().lease("r"))
     assert token.removeprefix("urn:uuid:").encode() not in b" ".join(fields.values())
 
@@ -153,15 +157,15 @@ async def test_settings_are_kept_by_robot_until_they_are_taken_back(
     await a.set_setting("r", "title", None, "Später\r\n{}")
     await b.set_setting("r", "scale", None, "0.5")
     await a.set_setting(FLEET, "title", None, "")
-    assert await b.settings("r") == {"title": "Später\r\n{}", "scale": "0.5"}
-    assert await a.settings("x") == {}
-    assert await b.all_settings() == {"r": await a.settings("r"), FLEET: {"title": ""}}
+    assert await b.read_settings("r") == {"title": "Später\r\n{}", "scale": "0.5"}
+    assert await a.read_settings("x") == {}
+    assert await b.read_all_settings() == {"r": await a.read_settings("r"), FLEET: {"title": ""}}
     await b.set_setting("r", "title", "Später\r\n{}", None)
-    assert await a.settings("r") == {"scale": "0.5"}
+    assert await a.read_settings("r") == {"scale": "0.5"}
     assert await b.set_setting("r", "scale", "0.5", None)
     assert await b.set_setting("r", "scale", None, None)
     await b.set_setting(FLEET, "title", "", None)
-    assert await a.all_settings() == {}
+    assert await a.read_all_settings() == {}
     assert {*server.lasting_keys()} <= {Keys().news}
 
 
@@ -173,7 +177,7 @@ async def test_a_setting_takes_the_place_of_what_was_there_and_of_nothing_else(
         assert not await a.set_setting("r", "title", present, "late")
         assert not await a.set_setting("r", "title", present, None)
     assert not await a.set_setting("r", "scale", "first", "late")
-    assert await b.settings("r") == {"title": "first"}
+    assert await b.read_settings("r") == {"title": "first"}
     assert await a.set_setting("r", "title", "first", "second")
     assert await heard.next(2) == [News("settings", "r", "title")] * 2
 
@@ -184,21 +188,26 @@ async def test_a_setting_takes_the_place_of_what_was_there_and_of_nothing_else(
 async def test_keys_of_robots_with_unusual_names_are_distinct(a: ActionStore, b: ActionStore, heard: Listener) -> None:
     made = {robot: an_invocation(robot=robot, client=robot) for robot in (*HOSTILE, FLEET, "r")}
     for robot, one in made.items():
-        assert await a.open(one, key="k", digest=robot) is None
-        lease, _ = await a.take(robot, robot, 60)
-        found = await b.lease(robot)
+        assert await a.create(one, idempotency_key="k", request_digest=robot) is None
+        lease, _ = await a.take_lease(robot, robot, 60)
+        found = await b.read_lease(robot)
         assert found is not None and found.id == lease.id
         assert (found.robot, found.holder) == (robot, robot)
         await a.set_setting(robot, robot, None, robot)
         told = [("invocation", robot, one.id), ("lease", robot, lease.id), ("settings", robot, robot)]
         assert await heard.next(3) == [News(*each) for each in told]
-    assert {one.robot: one for one in await b.load()} == made
-    assert await b.all_settings() == {robot: {robot: robot} for robot in made}
+    assert {one.robot: one for one in await b.load_invocations()} == made
+    assert await b.read_all_settings() == {robot: {robot: robot} for robot in made}
 
 
 @pytest.mark.parametrize("robot", ["a" * 129, "\udcff"])
 async def test_invalid_names_are_refused(robot: str, a: ActionStore) -> None:
-    for act in (a.open(an_invocation(robot=robot)), a.lease(robot), a.settings(robot), a.read(robot, "i")):
+    for act in (
+        a.create(an_invocation(robot=robot)),
+        a.read_lease(robot),
+        a.read_settings(robot),
+        a.read_invocation(robot, "i"),
+    ):
         with pytest.raises(ValueError, match=r"a name has|surrogates not allowed"):
             await act
 
@@ -209,14 +218,14 @@ async def test_invalid_names_are_refused(robot: str, a: ActionStore) -> None:
 async def test_news_reaches_other_gateways_only(a: ActionStore, b: ActionStore, heard: Listener) -> None:
     async with listening(a) as heard_by_a:
         one = an_invocation()
-        await a.open(one, key="k", digest="d")
-        assert await a.open(an_invocation(), key="k", digest="d") == one.id  # nothing new
+        await a.create(one, idempotency_key="k", request_digest="d")
+        assert await a.create(an_invocation(), idempotency_key="k", request_digest="d") == one.id  # nothing new
         await a.save(replace(one, duration_s=30.0))
         await a.save(ended(one))
         assert not await a.save(replace(ended(one), reason="another"))  # too late, nothing is written
-        lease, token = await a.take("r", "Ada", 60)
-        await a.take("r", "Ada", 60, token)
-        await a.release("r", token)
+        lease, token = await a.take_lease("r", "Ada", 60)
+        await a.take_lease("r", "Ada", 60, token)
+        await a.release_lease("r", token)
         await a.set_setting("r", "title", None, "R")
         await a.delete(one)
         await a.delete(one)
@@ -237,7 +246,7 @@ async def test_after_an_outage_a_listener_is_told_to_read_anew_and_hears_the_res
     assert await heard.next(1) == [News("settings", "r", "first")]
     server.kill()
     with pytest.raises(StoreUnavailable):
-        await b.load()
+        await b.load_invocations()
     server.start()
     await served(lambda: a.set_setting("r", "second", None, "2"))
     assert await heard.next(2) == [None, News("settings", "r", "second")]
@@ -248,9 +257,9 @@ async def test_a_follower_that_starts_in_an_outage_gets_the_news(
 ) -> None:
     server.kill()
     with pytest.raises(StoreUnavailable):
-        await a.load()
+        await a.load_invocations()
     server.start()
-    await served(a.load)
+    await served(a.load_invocations)
     async with listening(a) as heard_by_a:
         await served(lambda: b.set_setting("r", "title", None, "R"))
         assert await heard_by_a.next(2) == [None, News("settings", "r", "title")]
@@ -271,9 +280,9 @@ async def test_news_during_an_outage_is_delivered_later(a: ActionStore, b: Actio
 
     a._redis.execute_all = away  # type: ignore[method-assign]
     one = an_invocation()
-    await a.open(one)
-    lease, token = await a.take("r", "Ada", 60)  # its token is not lost
-    assert await b.read("r", one.id) == one
+    await a.create(one)
+    lease, token = await a.take_lease("r", "Ada", 60)  # its token is not lost
+    assert await b.read_invocation("r", one.id) == one
     a._redis.execute_all = tell  # type: ignore[method-assign]
-    await a.check("r", token)
+    await a.check_lease("r", token)
     assert await heard.next(2) == [News("invocation", "r", one.id), News("lease", "r", lease.id)]

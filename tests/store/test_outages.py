@@ -40,9 +40,10 @@ def actions(url: str, stack: AsyncExitStack) -> tuple[Call, ...]:
     stack.push_async_exit(a)
     one = an_invocation()
     return (
-        lambda: a.open(one), lambda: a.check("r", "t"), lambda: a.save(one), lambda: a.delete(one), a.load,
-        lambda: a.read("r", one.id), lambda: a.take("r", "Ada", 60), lambda: a.release("r", "t"), a.all_settings,
-        lambda: a.lease("r"), lambda: a.settings("r"), lambda: a.set_setting("r", "title", None, "R"),
+        lambda: a.create(one), lambda: a.check_lease("r", "t"), lambda: a.save(one), lambda: a.delete(one),
+        a.load_invocations, lambda: a.read_invocation("r", one.id), lambda: a.take_lease("r", "Ada", 60), lambda:
+        a.release_lease("r", "t"), a.read_all_settings, lambda: a.read_lease("r"), lambda: a.read_settings("r"), lambda:
+        a.set_setting("r", "title", None, "R"),
     )  # fmt: skip
 
 
@@ -135,22 +136,25 @@ async def test_actions_that_were_accepted_survive_kill_9_of_the_server(server: B
     async with ActionStore(server.url, "fleet", "a") as a:
         made = [an_invocation(created_ns=number) for number in range(20)]
         for one in made:
-            await a.open(one, key=one.id, digest="d")
+            await a.create(one, idempotency_key=one.id, request_digest="d")
         made[0] = ended(made[0])
         await a.save(made[0])
-        lease, token = await a.take("r", "Ada", 600)
+        lease, token = await a.take_lease("r", "Ada", 600)
         await a.set_setting("r", "title", None, "R")
         server.kill()
         with pytest.raises(StoreUnavailable):
-            await a.load()
+            await a.load_invocations()
         server.start()
-        await served(a.load)
-        assert await a.load() == made
-        held = await a.lease("r")  # which may have stood still meanwhile
+        await served(a.load_invocations)
+        assert await a.load_invocations() == made
+        held = await a.read_lease("r")  # which may have stood still meanwhile
         assert held is not None and held.expires_ns >= lease.expires_ns
         assert replace(held, expires_ns=lease.expires_ns) == lease
-        assert await a.all_settings() == {"r": {"title": "R"}}
-        assert await a.open(an_invocation(), token=token, key=made[5].id, digest="d") == made[5].id
+        assert await a.read_all_settings() == {"r": {"title": "R"}}
+        assert (
+            await a.create(an_invocation(), lease_token=token, idempotency_key=made[5].id, request_digest="d")
+            == made[5].id
+        )
 
 
 @pytest.mark.parametrize("server", ["memory"], indirect=True)
@@ -176,7 +180,7 @@ async def test_a_step_of_which_the_answer_was_lost_may_be_repeated(server: Memor
     async with Store(server.url, "fleet", "a") as a, ActionStore(server.url, "fleet", "a") as b:
         for step in (
             lambda: a.add(subscription, Delivery(), 1),
-            lambda: b.open(invocation, key="k", digest="d"),
+            lambda: b.create(invocation, idempotency_key="k", request_digest="d"),
             lambda: b.save(ended(invocation)),
             lambda: a.remove(subscription.id),
         ):
@@ -186,7 +190,7 @@ async def test_a_step_of_which_the_answer_was_lost_may_be_repeated(server: Memor
                     await step()
             server.redis.fail_after_executing(0)
             await step()
-        assert await b.load() == [ended(invocation)]
+        assert await b.load_invocations() == [ended(invocation)]
         assert await held(a) == []
         await a.leave()
     assert not [key for key in server.lasting_keys() if "subscription" in key or "client" in key]

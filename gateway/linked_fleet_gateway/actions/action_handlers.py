@@ -18,14 +18,14 @@ _SETTLING = 2e-4  # rad or m: a joint at its limit may be measured this far beyo
 # -- joint ----------------------------------------------------------------------------------------------------------
 
 
-def to_position(request: ActionRequest) -> Motion:
+def move_to_position(request: ActionRequest) -> Motion:
     """Handle ``rotate`` and ``translate``."""
     joint = request.required_joint()
     target = _near(request, joint, request.body.quantity(request.body.root))
-    return motion_to(request, Move({joint.name: target}, _speeds(request, joint)), {joint.name: target})
+    return build_motion(request, Move({joint.name: target}, _speeds(request, joint)), {joint.name: target})
 
 
-def by_distance(request: ActionRequest) -> Motion:
+def move_by_distance(request: ActionRequest) -> Motion:
     """Handle ``rotateBy`` and ``translateBy`` from the present position.
 
     Raises Conflict if it would leave the limits.
@@ -37,10 +37,10 @@ def by_distance(request: ActionRequest) -> Motion:
         if low is None or high is None or not low - _SETTLING <= target <= high + _SETTLING:
             raise Conflict(f"{joint.name} would end at {target:.6g}, outside its limits {low} to {high} (SI units).")
         target = min(max(target, low), high)
-    return motion_to(request, Move({joint.name: target}, _speeds(request, joint)), {joint.name: target})
+    return build_motion(request, Move({joint.name: target}, _speeds(request, joint)), {joint.name: target})
 
 
-def hold(request: ActionRequest) -> Halt:
+def hold_joint(request: ActionRequest) -> Halt:
     return Halt((request.required_robot().name,), (request.required_joint().name,))
 
 
@@ -52,10 +52,10 @@ def move_joints(request: ActionRequest) -> Motion:
     targets = {
         name: _near(request, joints[name], value) for name, value in _targets(request, request.body.root).items()
     }
-    return motion_to(request, Move(targets), targets)
+    return build_motion(request, Move(targets), targets)
 
 
-def follow(request: ActionRequest) -> Motion:
+def follow_trajectory(request: ActionRequest) -> Motion:
     """Handle ``followTrajectory``: waypoints in temporal order, all with the same joints."""
     body = request.body
     waypoints = sorted(
@@ -78,7 +78,7 @@ def follow(request: ActionRequest) -> Motion:
             )
         before = {name: _near(request, known[name], targets[name], before.get(name)) for name in joints}
         rows.append(tuple(before[name] for name in joints))
-    return motion_to(request, Follow(tuple(joints), times, tuple(rows)), before)
+    return build_motion(request, Follow(tuple(joints), times, tuple(rows)), before)
 
 
 def assume_pose(request: ActionRequest) -> Motion:
@@ -89,10 +89,10 @@ def assume_pose(request: ActionRequest) -> Motion:
         joint: _near(request, joints[joint], value)
         for joint, value in named_poses(request.required_robot())[name].items()
     }
-    return motion_to(request, Move(targets), targets)
+    return build_motion(request, Move(targets), targets)
 
 
-def stop(request: ActionRequest) -> Halt:
+def stop_robot(request: ActionRequest) -> Halt:
     return Halt((request.required_robot().name,))
 
 
@@ -106,7 +106,7 @@ def stop_all(request: ActionRequest) -> Halt:
 # -- pieces ---------------------------------------------------------------------------------------------------------
 
 
-def motion_to(request: ActionRequest, motion: Move | Follow, targets: Mapping[str, float]) -> Motion:
+def build_motion(request: ActionRequest, motion: Move | Follow, targets: Mapping[str, float]) -> Motion:
     """Return the motion with the optional members that every body may have."""
     body, robot = request.body, request.required_robot()
     scale = body.number(body.root, LF.speedScale)
@@ -166,14 +166,14 @@ def _present(request: ActionRequest, joint: Joint) -> float:
 Handler = Callable[[ActionRequest], Plan]
 
 HANDLERS: dict[NamedNode, Handler] = {
-    LF.Rotate: to_position,
-    LF.Translate: to_position,
-    LF.RotateBy: by_distance,
-    LF.TranslateBy: by_distance,
-    LF.Hold: hold,
+    LF.Rotate: move_to_position,
+    LF.Translate: move_to_position,
+    LF.RotateBy: move_by_distance,
+    LF.TranslateBy: move_by_distance,
+    LF.Hold: hold_joint,
     LF.MoveJoints: move_joints,
-    LF.FollowTrajectory: follow,
+    LF.FollowTrajectory: follow_trajectory,
     LF.AssumePose: assume_pose,
-    LF.StopRobot: stop,
+    LF.StopRobot: stop_robot,
     LF.StopAll: stop_all,
 }

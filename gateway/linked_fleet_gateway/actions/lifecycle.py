@@ -12,7 +12,7 @@ from types import TracebackType
 from typing import Self
 
 from linked_fleet_agent.wire.messages import WIRE_VERSION, Accepted, Progress, Refused, Reply, Stop
-from linked_fleet_gateway.actions.refusals import store_errors
+from linked_fleet_gateway.actions.refusals import translate_store_errors
 from linked_fleet_gateway.actions.replicated_invocations import ReplicatedInvocations
 from linked_fleet_gateway.actions.store import ActionStore
 from linked_fleet_gateway.base.errors import AgentTimeout, Conflict
@@ -39,18 +39,20 @@ class Waiters:
             event.set()
         self._events.clear()
 
-    async def until_or_shutdown(
-        self, invocation: Invocation, holds: Callable[[Invocation], bool], timeout_s: float
+    async def wait_until_or_shutdown(
+        self, invocation: Invocation, condition: Callable[[Invocation], bool], timeout_s: float
     ) -> bool:
-        """Wait like ``until``, or until the gateway ends. Return True if the condition holds then."""
-        await self.until(invocation, lambda one: self._shutting_down or holds(one), timeout_s)
-        return holds(invocation)
+        """Wait like ``wait_until``, or until the gateway ends. Return True if the condition holds then."""
+        await self.wait_until(invocation, lambda one: self._shutting_down or condition(one), timeout_s)
+        return condition(invocation)
 
-    async def until(self, invocation: Invocation, holds: Callable[[Invocation], bool], timeout_s: float) -> bool:
+    async def wait_until(
+        self, invocation: Invocation, condition: Callable[[Invocation], bool], timeout_s: float
+    ) -> bool:
         """Wait until the condition holds. Return False after ``timeout_s``."""
         try:
             async with asyncio.timeout(timeout_s):
-                while not holds(invocation):
+                while not condition(invocation):
                     await self._events.setdefault(invocation.id, asyncio.Event()).wait()
         except TimeoutError:
             return False
@@ -63,7 +65,7 @@ class Waiters:
 
 
 ANSWER_TIMEOUT_S = 2.0
-SETTLING_S = 15.0
+REPORT_TIMEOUT_S = 15.0
 """Time after the answer, or after a report of progress, in which an invocation must be reported again."""
 _LAST_WORD_S = 1.0  # the end of a motion may arrive after the answer to a stop
 _EXPIRY_INTERVAL_S = 1.0
@@ -77,13 +79,13 @@ class Lifecycle:
     def __init__(self, live: Live, store: ActionStore) -> None:
         self._live, self._store = live, store
         self.waiters = Waiters()
-        self.replicated = ReplicatedInvocations(live, store, self.stop_one, self.waiters.wake)
-        self.commands = CommandMetrics()
+        self.replicated_state = ReplicatedInvocations(live, store, self.stop_motion, self.waiters.wake)
+        self.command_metrics = CommandMetrics()
         self._tasks: list[asyncio.Task[None]] = []
         live.on_progress, live.on_lost = self._progressed, self._lost
 
     async def __aenter__(self) -> Self:
-        await self.replicated.__aenter__()
+        await self.replicated_state.__aenter__()
         self._tasks = [supervised(self._expire, "expire invocations", log, "what is late stays open", 0.0)]
         return self
 
@@ -91,13 +93,13 @@ class Lifecycle:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         await cancel_tasks(self._tasks)
-        await self.replicated.__aexit__(kind, error, trace)
+        await self.replicated_state.__aexit__(kind, error, trace)
 
     # -- states -----------------------------------------------------------------------------------------------------
 
-    def begin(self, invocation: Invocation) -> Invocation:
+    def register(self, invocation: Invocation) -> Invocation:
         """Register an invocation, unless a repeated request has registered it meanwhile. Return the registered one."""
-        self.replicated.begun(invocation)
+        self.replicated_state.mark_own(invocation)
         known = self._live.invocations.get(invocation.id)
         if known is None:
             self._live.invocations.add(invocation)
@@ -105,17 +107,17 @@ class Lifecycle:
         self._announce(known or invocation)
         return known or invocation
 
-    def accept(self, invocation: Invocation, accepted: Accepted) -> None:
+    def record_acceptance(self, invocation: Invocation, accepted: Accepted) -> None:
         """Record that the agent has accepted the command, with the duration that it expects."""
         invocation.duration_s = accepted.duration_s
         invocation.preempts = accepted.preempts
         if not invocation.state.terminal:
-            patience_s = accepted.duration_s * _PATIENCE + SETTLING_S
+            patience_s = accepted.duration_s * _PATIENCE + REPORT_TIMEOUT_S
             invocation.deadline_ns = max(invocation.deadline_ns, invocation.created_ns + int(patience_s * 1e9))
-        self.replicated.save(invocation)
+        self.replicated_state.save(invocation)
         self._announce(invocation)
 
-    def refuse(self, invocation: Invocation, reply: Refused) -> None:
+    def record_refusal(self, invocation: Invocation, reply: Refused) -> None:
         """Record that the agent has refused the command."""
         invocation.refused = reply.code
         self.fail(invocation, reply.reason)
@@ -130,10 +132,10 @@ class Lifecycle:
         if invocation.state is InvocationState.ACCEPTED:
             invocation.state = InvocationState.UNKNOWN
             invocation.reason = "the agent gave no answer; progress or the deadline will settle it"
-            self.replicated.save(invocation)
+            self.replicated_state.save(invocation)
             self._announce(invocation)
 
-    def accept_of_fleet(self, invocation: Invocation, online: Iterable[str], replies: dict[str, Reply]) -> None:
+    def record_fleet_replies(self, invocation: Invocation, online: Iterable[str], replies: dict[str, Reply]) -> None:
         """Record the replies of robots to a stop of the fleet; a robot without reply stays unknown."""
         for name in (*online, *(name for name in replies if name not in invocation.robots)):
             reply = replies.get(name)
@@ -155,7 +157,7 @@ class Lifecycle:
             self._announce(invocation)
 
     def _settle(self, invocation: Invocation) -> None:
-        self.replicated.settle(invocation)
+        self.replicated_state.store_end(invocation)
         self._announce(invocation)
 
     def _announce(self, invocation: Invocation) -> None:
@@ -170,23 +172,23 @@ class Lifecycle:
             raise Conflict(f"The invocation has ended already: it {invocation.state}.")
         if invocation.robot == FLEET:
             raise Conflict("Stopping cannot be cancelled; a new motion of a robot ends it.")
-        if await self.stop_one(invocation, reason) is None:
+        if await self.stop_motion(invocation, reason) is None:
             raise AgentTimeout(f"The agent of {invocation.robot} gave no answer; whether it stops is unknown.")
 
-    async def remove(self, invocation: Invocation) -> None:
+    async def delete(self, invocation: Invocation) -> None:
         """Stop an invocation if it is not over, and delete it."""
         if not invocation.state.terminal:
             await self.cancel(invocation, "its invocation is deleted")
             await self._ended(invocation, ANSWER_TIMEOUT_S)
-        async with store_errors():
+        async with translate_store_errors():
             await self._store.delete(invocation)
-        self.replicated.forget(invocation.id)
+        self.replicated_state.forget(invocation.id)
 
     async def _ended(self, invocation: Invocation, timeout_s: float) -> bool:
         """Wait until the invocation has ended. Return False after ``timeout_s``."""
-        return await self.waiters.until(invocation, lambda one: one.state.terminal, timeout_s)
+        return await self.waiters.wait_until(invocation, lambda one: one.state.terminal, timeout_s)
 
-    async def stop_one(self, invocation: Invocation, reason: str) -> Reply | None:
+    async def stop_motion(self, invocation: Invocation, reason: str) -> Reply | None:
         """Stop the motion of an invocation. Return the agent's reply, if any.
 
         An agent that does not know the motion will never start it; an end that has just happened is reported.
@@ -194,7 +196,7 @@ class Lifecycle:
         stop = Stop(version=WIRE_VERSION, id=str(uuid.uuid4()), command=invocation.id, reason=reason)
         replies = await self._live.link.stop((invocation.robot,), stop, ANSWER_TIMEOUT_S)
         reply = replies.get(invocation.robot)
-        self.commands.count_reply(invocation.robot, reply)
+        self.command_metrics.count_reply(invocation.robot, reply)
         unknown = isinstance(reply, Accepted) and invocation.id not in reply.preempts
         if unknown and invocation.stops is None and not await self._ended(invocation, _LAST_WORD_S):
             self.fail(invocation, "the agent knows no such motion")
@@ -205,7 +207,7 @@ class Lifecycle:
     def _progressed(self, robot: str, progress: Progress) -> None:
         invocation = self._live.invocations.get(progress.id)
         if invocation is None:
-            self.replicated.fetch_soon(robot, progress)
+            self.replicated_state.fetch_soon(robot, progress)
             return
         before, guessed = invocation.state, invocation.expired
         if self._live.invocations.apply(robot, progress) is None:
@@ -214,9 +216,9 @@ class Lifecycle:
             self._settle(invocation)
             return
         # A motion that the robot reports as running is not over, however long it takes.
-        invocation.deadline_ns = max(invocation.deadline_ns, time.time_ns() + int(SETTLING_S * 1e9))
+        invocation.deadline_ns = max(invocation.deadline_ns, time.time_ns() + int(REPORT_TIMEOUT_S * 1e9))
         if guessed:
-            self.replicated.save(invocation)
+            self.replicated_state.save(invocation)
             self._announce(invocation)
         elif invocation.state is not before:
             self._announce(invocation)
@@ -234,7 +236,7 @@ class Lifecycle:
         for robot in self._live.fleet.robots.values():
             for invocation in invocations.fail_earlier_runs(robot.name, robot.incarnation or 0, now_ns):
                 self._settle(invocation)
-        for invocation in sorted(invocations.overdue(now_ns), key=self.replicated.owns, reverse=True):
-            if await self.replicated.is_late(invocation):
+        for invocation in sorted(invocations.overdue(now_ns), key=self.replicated_state.is_own, reverse=True):
+            if await self.replicated_state.is_late(invocation):
                 invocations.expire(invocation, now_ns)
                 self._settle(invocation)

@@ -30,18 +30,18 @@ class RobotTime:
 class Motion:
     """A planned motion.
 
-    ``targets`` are the final positions (rad or m), ``scale`` the share of the robot's speed, ``expects`` required
-    positions at the start. A ``tied`` motion stops when the lease ends. ``facts`` are further values to report, by name
-    (SI). ``computing_ns`` is the time that the plan took.
+    ``targets`` are the final positions (rad or m), ``speed_scale`` the share of the robot's speed, ``expectations``
+    required positions at the start. A motion that is ``tied_to_lease`` stops when the lease ends. ``facts`` are further
+    values to report, by name (SI). ``computing_ns`` is the time that the plan took.
     """
 
     robot: Robot
     motion: Move | Follow
     targets: Mapping[str, float]
     requested_at: RobotTime
-    scale: float = 1.0
-    expects: Mapping[str, Expectation] = field(default_factory=dict)
-    tied: bool = False
+    speed_scale: float = 1.0
+    expectations: Mapping[str, Expectation] = field(default_factory=dict)
+    tied_to_lease: bool = False
     facts: Mapping[str, float] = field(default_factory=dict)
     computing_ns: int = 0
 
@@ -65,12 +65,12 @@ Plan = Motion | Halt | DeferredPlan
 
 
 TIME_TO_LIVE_NS = 2_000_000_000
-MOST_TIME_TO_LIVE_NS = 60_000_000_000
+MAX_TIME_TO_LIVE_NS = 60_000_000_000
 """The longest that a command can have (PROTOCOL.md of the wire)."""
 _FRAME_NS = 1_000_000_000  # a stop that is further ahead of the latest frame was another run's, by another clock
 
 
-def command_of(id: str, motion: Motion, waited_ns: int = 0, *, rehearsal: bool = False) -> Command:
+def build_command(id: str, motion: Motion, waited_ns: int = 0, *, rehearsal: bool = False) -> Command:
     """Return the command, with the time of the request, whatever time has passed since.
 
     The time that the plan took does not count, nor ``waited_ns``, the time spent in collision checks.
@@ -80,30 +80,30 @@ def command_of(id: str, motion: Motion, waited_ns: int = 0, *, rehearsal: bool =
         id=id,
         incarnation=motion.requested_at.incarnation,
         seen_ns=motion.requested_at.seen_ns,
-        time_to_live_ns=min(TIME_TO_LIVE_NS + motion.computing_ns + waited_ns, MOST_TIME_TO_LIVE_NS),
+        time_to_live_ns=min(TIME_TO_LIVE_NS + motion.computing_ns + waited_ns, MAX_TIME_TO_LIVE_NS),
         motion=motion.motion,
-        scale=motion.scale,
-        expects=dict(motion.expects),
+        scale=motion.speed_scale,
+        expects=dict(motion.expectations),
         rehearsal=rehearsal,
     )
 
 
 @dataclass(frozen=True)
 class Caller:
-    """A caller. ``name`` is displayed; ``token`` is that of the control lease.
+    """A caller. ``name`` is displayed; ``lease_token`` proves that it has the control lease.
 
-    ``key`` is an idempotency key, for the request with ``digest``. ``body`` is the validated body as N-Triples.
-    ``stops`` are the robots that it may stop, ``sees`` those that it may know of. ``rule`` is the rule that acts for
-    its creator, or empty.
+    ``idempotency_key`` belongs to the request with ``request_digest``. ``body`` is the validated body as N-Triples.
+    ``stoppable_robots`` are the robots that it may stop, ``visible_robots`` those that it may know of. ``rule`` is the
+    rule that acts for its creator, or empty.
     """
 
     name: str = ""
-    token: str = ""
-    key: str = ""
-    digest: str = ""
+    lease_token: str = ""
+    idempotency_key: str = ""
+    request_digest: str = ""
     body: str = ""
-    stops: View = ALL
-    sees: View = ALL
+    stoppable_robots: View = ALL
+    visible_robots: View = ALL
     rule: str = ""
 
 

@@ -20,12 +20,12 @@ _FLEET_TAG = "@fleet"  # no robot has it, because escaped names do not contain t
 _SETTINGS_TAG = "@settings"
 
 
-def tag(robot: str) -> str:
+def robot_tag(robot: str) -> str:
     """Return the part of a key for a robot or the fleet. Raises ValueError for an invalid name."""
     return _FLEET_TAG if robot == FLEET else escape(robot)
 
 
-def robot_of(tag: str) -> str:
+def robot_from_tag(tag: str) -> str:
     """Invert ``tag``. Raises ValueError for other texts."""
     return FLEET if tag == _FLEET_TAG else unescape(tag)
 
@@ -53,9 +53,9 @@ class Keys:
         begin = self._of(robot, "")
         return begin + "invocations", begin + "forgotten", begin + "over"
 
-    def repeat(self, robot: str, key: str) -> str:
+    def idempotency_key(self, robot: str, key: str) -> str:
         """Hash of the request that used an idempotency key, which may be any text."""
-        return self._of(robot, f"key:{hashed(key)}")
+        return self._of(robot, f"key:{text_hash(key)}")
 
     def lease(self, robot: str) -> str:
         """Hash of the lease of a robot, which expires with the lease."""
@@ -63,10 +63,10 @@ class Keys:
 
     def settings(self, robot: str) -> str:
         """Hash of the settings of a robot by name."""
-        return f"{self.namespace}:actions:{{{_SETTINGS_TAG}}}:{tag(robot)}"
+        return f"{self.namespace}:actions:{{{_SETTINGS_TAG}}}:{robot_tag(robot)}"
 
     @property
-    def configured(self) -> str:
+    def robots_with_settings(self) -> str:
         """Set of the tags of robots with settings."""
         return f"{self.namespace}:actions:{{{_SETTINGS_TAG}}}"
 
@@ -76,10 +76,10 @@ class Keys:
         return f"{self.namespace}:actions:news"
 
     def _of(self, robot: str, part: str) -> str:
-        return f"{self.namespace}:actions:{{{tag(robot)}}}:{part}"
+        return f"{self.namespace}:actions:{{{robot_tag(robot)}}}:{part}"
 
 
-def hashed(text: str) -> str:
+def text_hash(text: str) -> str:
     """Return a hash of any text; secrets and long texts are in Redis in this form only."""
     return hashlib.sha256(text.encode(errors="surrogatepass")).hexdigest()
 

@@ -13,7 +13,7 @@ from datetime import UTC, datetime
 from typing import cast
 
 from linked_fleet_agent.wire.messages import RefusalCode, Refused
-from linked_fleet_gateway.actions.store import KeyReused, LeaseHeld, LeaseOver, StoreUnavailable
+from linked_fleet_gateway.actions.store import KeyReused, LeaseHeld, LeaseNotHeld, StoreUnavailable
 from linked_fleet_gateway.base.errors import (
     AgentTimeout,
     Changed,
@@ -30,13 +30,13 @@ from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.resources.invocation import invocation_path
 
 
-def lease_of(robot: Robot) -> str:
+def required_lease_id(robot: Robot) -> str:
     if robot.lease is None:
         raise Conflict(f"Nobody has the control lease of {robot.name}; take it, and the motion can be tied to it.")
     return robot.lease.id
 
 
-def refusal(robot: Robot, reply: Refused) -> Conflict:
+def agent_refusal(robot: Robot, reply: Refused) -> Conflict:
     if reply.code == "expectation":
         return Changed(f"The precondition does not hold: {reply.reason}")
     return RefusedByAgent(f"The agent of {robot.name} refused ({reply.code}): {reply.reason}")
@@ -47,7 +47,7 @@ def raise_first_refusal(robot: Robot, invocation: Invocation) -> None:
     if (guarded := MotionRefused.type_for_code(invocation.refused)) is not None:
         raise guarded(f"The motion was not begun: {invocation.reason}.", reason=invocation.reason)
     if invocation.refused:
-        raise refusal(robot, Refused(invocation.id, cast(RefusalCode, invocation.refused), invocation.reason))
+        raise agent_refusal(robot, Refused(invocation.id, cast(RefusalCode, invocation.refused), invocation.reason))
     if not invocation.accepted and not invocation.state.terminal:
         raise agent_timeout(invocation, "not to the first request with this Idempotency-Key either")
     if not invocation.accepted:
@@ -57,15 +57,15 @@ def raise_first_refusal(robot: Robot, invocation: Invocation) -> None:
         )
 
 
-def agent_timeout(invocation: Invocation, why: str) -> AgentTimeout:
+def agent_timeout(invocation: Invocation, reason: str) -> AgentTimeout:
     return AgentTimeout(
-        f"The agent of {invocation.robot} gave no answer: {why}. The invocation stays until that is settled.",
+        f"The agent of {invocation.robot} gave no answer: {reason}. The invocation stays until that is settled.",
         headers={"location": invocation_path(invocation)},
     )
 
 
 @asynccontextmanager
-async def store_errors() -> AsyncIterator[None]:
+async def translate_store_errors() -> AsyncIterator[None]:
     """Translate errors of the store into HTTP errors."""
     try:
         yield
@@ -77,7 +77,7 @@ async def store_errors() -> AsyncIterator[None]:
             holder=lease.holder,
             expires=until,
         ) from error
-    except LeaseOver as error:
+    except LeaseNotHeld as error:
         raise Conflict("The control lease is not held any more; take it, and the motion can be tied to it.") from error
     except KeyReused as error:
         raise KeyReusedError(
@@ -87,26 +87,26 @@ async def store_errors() -> AsyncIterator[None]:
         raise StoreDown(f"Redis is away: {error}. Stopping is possible nevertheless.") from error
 
 
-class Quota:
-    """Allows ``most`` running motions per client. Those of other gateways count as soon as they are known here."""
+class MotionQuota:
+    """Allows ``limit`` running motions per client. Those of other gateways count as soon as they are known here."""
 
-    def __init__(self, invocations: Invocations, most: int) -> None:
-        self._invocations, self._most = invocations, most
+    def __init__(self, invocations: Invocations, limit: int) -> None:
+        self._invocations, self._limit = invocations, limit
         self._beginning: Counter[str] = Counter()
 
-    def is_full(self, client: str) -> bool:
-        return self._invocations.motions_by(client) + self._beginning[client] >= self._most
+    def is_exhausted(self, client: str) -> bool:
+        return self._invocations.motions_by(client) + self._beginning[client] >= self._limit
 
-    def refusal(self, client: str) -> TooManyInvocations:
+    def limit_error(self, client: str) -> TooManyInvocations:
         return TooManyInvocations(
-            f"{client or 'The client'} has as many motions that have not ended as it may have, {self._most}. "
+            f"{client or 'The client'} has as many motions that have not ended as it may have, {self._limit}. "
             "Wait until some have ended, cancel them, or move several joints by one motion."
         )
 
     @contextmanager
-    def beginning(self, client: str) -> Iterator[bool]:
+    def count_start(self, client: str) -> Iterator[bool]:
         """Count a motion that is being started, and yield True if the client has reached its limit."""
-        full = self.is_full(client)
+        full = self.is_exhausted(client)
         self._beginning[client] += 1
         try:
             yield full
@@ -117,7 +117,7 @@ class Quota:
 
 
 TICK_S = 0.25
-HELD_S = 2.0
+STALL_S = 2.0
 """Duration of a stall after which robots may have given up this gateway and hold."""
 CATCH_UP_S = 0.25
 """Time in which messages buffered during a stall are read."""
@@ -139,7 +139,7 @@ class StallDetector:
         self._tick()
         return time.monotonic() - self._resumed_s < CATCH_UP_S
 
-    def waited_ns(self, began_ns: int) -> int:
+    def elapsed_ns(self, began_ns: int) -> int:
         """Return the time since ``began_ns`` (monotonic), or 0 if this process was stalled in it.
 
         So a motion is not late by the time that a check or a plan takes, and is late after a stall.
@@ -149,6 +149,6 @@ class StallDetector:
 
     def _tick(self) -> None:
         now_s = time.monotonic()
-        if now_s - self._ticked_s > HELD_S:
+        if now_s - self._ticked_s > STALL_S:
             self._resumed_s = now_s
         self._ticked_s = now_s

@@ -10,7 +10,7 @@ from types import TracebackType
 from typing import Self
 
 from linked_fleet_agent.wire.messages import Progress
-from linked_fleet_gateway.actions.refusals import store_errors
+from linked_fleet_gateway.actions.refusals import translate_store_errors
 from linked_fleet_gateway.actions.store import ActionStore, News, StoreUnavailable
 from linked_fleet_gateway.fleet.invocation import Lease
 from linked_fleet_gateway.fleet.invocations import Invocation
@@ -31,14 +31,16 @@ _MAX_FETCHES = 100
 _MAX_UNSAVED = 10_000
 _MAX_FORGOTTEN = 1000  # deletions remembered, because older reads may still arrive
 
-StopOne = Callable[[Invocation, str], Awaitable[object]]
+StopMotion = Callable[[Invocation, str], Awaitable[object]]
 
 
 class ReplicatedInvocations:
     """The local copy, which all reads use; an async context manager."""
 
-    def __init__(self, live: Live, store: ActionStore, stop: StopOne, changed: Callable[[Invocation], None]) -> None:
-        self._live, self._store, self._stop, self._changed = live, store, stop, changed
+    def __init__(
+        self, live: Live, store: ActionStore, stop: StopMotion, on_change: Callable[[Invocation], None]
+    ) -> None:
+        self._live, self._store, self._stop, self._on_change = live, store, stop, on_change
         self._unsaved: dict[str, Invocation] = {}
         self._unasked: set[str] = set()  # created without the store's permission and not yet stored
         self._to_save = asyncio.Event()
@@ -46,7 +48,7 @@ class ReplicatedInvocations:
         self._asked: set[str] = set()
         self._forgotten: dict[str, None] = {}  # oldest first
         self._dropped = False
-        self._settings = Replica(store.all_settings, store.settings, self._configure)
+        self._settings = Replica(store.read_all_settings, store.read_settings, self._configure)
         self._ends_s: dict[str, float] = {}  # monotonic ends of leases by robot, as last known
         self._fetching: set[asyncio.Task[None]] = set()
         self._stopping: dict[str, asyncio.Task[None]] = {}
@@ -73,12 +75,12 @@ class ReplicatedInvocations:
 
     # -- invocations ------------------------------------------------------------------------------------------------
 
-    def begun(self, invocation: Invocation) -> None:
+    def mark_own(self, invocation: Invocation) -> None:
         """Mark an invocation as this gateway's own until it has ended."""
         self._own.add(invocation.id)
 
     @contextmanager
-    def asking(self, invocation: Invocation) -> Iterator[None]:
+    def defer_end(self, invocation: Invocation) -> Iterator[None]:
         """Hold back the end of an invocation while its agent is asked to start it.
 
         An end is written once, and would lack what only the agent's reply contains.
@@ -91,7 +93,7 @@ class ReplicatedInvocations:
             if invocation.state.terminal:
                 self.save(invocation)
 
-    def settle(self, invocation: Invocation) -> None:
+    def store_end(self, invocation: Invocation) -> None:
         """Store the end of an invocation. The gateway that started it writes first, because it knows most."""
         if invocation.id in self._own:
             self._own.discard(invocation.id)
@@ -104,20 +106,20 @@ class ReplicatedInvocations:
         while True:
             await asyncio.sleep(_FIRST_WORD_S)
             with suppress(StoreUnavailable):
-                found = await self._store.read(invocation.robot, invocation.id)
+                found = await self._store.read_invocation(invocation.robot, invocation.id)
                 break
         if found is not None and not found.is_final:
             if self._live.invocations.get(invocation.id) is invocation:
                 self._put(found)
             self.save(invocation)
 
-    def owns(self, invocation: Invocation) -> bool:
+    def is_own(self, invocation: Invocation) -> bool:
         """Return True if this gateway started it and has not seen its end."""
         return invocation.id in self._own
 
     async def is_late(self, invocation: Invocation) -> bool:
         """Return True if an open one is past its deadline at all gateways. Raises StoreUnavailable."""
-        if not self.owns(invocation):
+        if not self.is_own(invocation):
             await self.fetch(invocation.robot, invocation.id)
         return not invocation.state.terminal and time.time_ns() > invocation.deadline_ns
 
@@ -140,7 +142,7 @@ class ReplicatedInvocations:
             log.warning("more than %d invocations could not be remembered; the oldest are given up", _MAX_UNSAVED)
         self._dropped = True
 
-    def record(self, invocation: Invocation) -> None:
+    def save_stop(self, invocation: Invocation) -> None:
         """Store an invocation that needed no permission, which is a stop."""
         self._unasked.add(invocation.id)
         self.save(invocation)
@@ -156,11 +158,11 @@ class ReplicatedInvocations:
         invocation = self._live.invocations.remove(id)
         if invocation is not None:
             self._live.mark_invocation_changed(invocation)
-            self._changed(invocation)
+            self._on_change(invocation)
 
     async def fetch(self, robot: str, id: str) -> Invocation | None:
         """Read an invocation of another gateway. Raises StoreUnavailable."""
-        found = await self._store.read(robot, id)
+        found = await self._store.read_invocation(robot, id)
         if found is not None:
             self._put(found)
         return self._live.invocations.get(id)
@@ -194,42 +196,42 @@ class ReplicatedInvocations:
         self._live.mark_invocation_changed(invocation)
         if invocation.state.terminal:
             self._own.discard(invocation.id)
-        self._changed(invocation)
+        self._on_change(invocation)
 
     # -- leases and settings ----------------------------------------------------------------------------------------
 
-    async def take(self, robot: Robot, holder: str, duration_s: float, token: str) -> tuple[Lease, str]:
+    async def take_lease(self, robot: Robot, holder: str, duration_s: float, token: str) -> tuple[Lease, str]:
         """Take or renew control of a robot. Return the lease and its secret token. Raises Controlled, StoreDown."""
-        asked_s = time.monotonic()
-        async with store_errors():
-            lease, proof = await self._store.take(robot.name, holder, duration_s, token)
-        self.control(robot.name, lease, asked_s)
+        read_at_s = time.monotonic()
+        async with translate_store_errors():
+            lease, proof = await self._store.take_lease(robot.name, holder, duration_s, token)
+        self.update_lease(robot.name, lease, read_at_s)
         return lease, proof
 
-    async def release(self, robot: Robot, token: str) -> bool:
+    async def release_lease(self, robot: Robot, token: str) -> bool:
         """Release control. Return False if nobody has it. Raises Controlled, StoreDown."""
-        async with store_errors():
-            released = await self._store.release(robot.name, token)
-        self.control(robot.name, None)
+        async with translate_store_errors():
+            released = await self._store.release_lease(robot.name, token)
+        self.update_lease(robot.name, None)
         return released
 
-    async def configure(self, robot: Robot, name: str, value: str | None, token: str) -> bool:
+    async def set_setting(self, robot: Robot, name: str, value: str | None, token: str) -> bool:
         """Replace the known value of a setting for all gateways, or remove it for None. Raises Controlled, StoreDown.
 
         Returns False, without a change, if another gateway has changed it; its value is then known.
         """
         present = self._live.fleet.settings.get(robot.name, {}).get(name)
-        async with store_errors():
-            await self._store.check(robot.name, token)
+        async with translate_store_errors():
+            await self._store.check_lease(robot.name, token)
             step = self._store.set_setting(robot.name, name, present, value)
             return await self._settings.write(robot.name, step)
 
-    def control(self, robot: str, lease: Lease | None, asked_s: float = 0.0) -> None:
-        """Record the lease of a robot, read from the store at ``asked_s`` (monotonic)."""
+    def update_lease(self, robot: str, lease: Lease | None, read_at_s: float = 0.0) -> None:
+        """Record the lease of a robot, read from the store at ``read_at_s`` (monotonic)."""
         if lease is None:
             self._ends_s.pop(robot, None)
         else:
-            self._ends_s[robot] = asked_s + lease.left_s
+            self._ends_s[robot] = read_at_s + lease.left_s
         if self._live.fleet.control(robot, lease):
             self._live.fan_out.mark_changed(lease_path(robot))
 
@@ -240,18 +242,18 @@ class ReplicatedInvocations:
     # -- tasks ------------------------------------------------------------------------------------------------------
 
     async def _load(self) -> None:
-        for invocation in await self._store.load():
+        for invocation in await self._store.load_invocations():
             self._put(invocation)
         await self._settings.load()
         for robot in {*self._live.fleet.robots, *self._live.fleet.leases}:
             await self._look_at(robot)
 
     async def _hear(self, news: News) -> None:
-        if news.what == "invocation":
+        if news.kind == "invocation":
             await self.fetch(news.robot, news.id)
-        elif news.what == "deleted":
+        elif news.kind == "deleted":
             self.forget(news.id)
-        elif news.what == "lease":
+        elif news.kind == "lease":
             await self._look_at(news.robot)
         else:
             await self._settings.refresh(news.robot)
@@ -291,17 +293,17 @@ class ReplicatedInvocations:
         """Read a lease, again if it was taken or released meanwhile, because the answer may be outdated."""
         while True:
             asked_s, before = time.monotonic(), self._live.fleet.leases.get(robot)
-            lease = await self._store.lease(robot)
+            lease = await self._store.read_lease(robot)
             if self._live.fleet.leases.get(robot) is before:
                 break
-        self.control(robot, lease, asked_s)
+        self.update_lease(robot, lease, asked_s)
 
     async def _watch(self) -> None:
         """Stop motions tied to an ended lease, even during an outage of Redis, when nobody can renew."""
         await asyncio.sleep(_WATCH_S)
         now_s = time.monotonic()
         for robot in [robot for robot, ends_s in self._ends_s.items() if now_s > ends_s + _WATCH_S]:
-            self.control(robot, None)
+            self.update_lease(robot, None)
         robots = list(self._live.fleet.robots)
         for invocation in [one for robot in robots for one in self._live.invocations.open_of_robot(robot) if one.lease]:
             lease = self._live.fleet.leases.get(invocation.robot)

@@ -13,19 +13,19 @@ from pyoxigraph import NamedNode
 
 from linked_fleet_agent.wire.messages import WIRE_VERSION, Accepted, Command, Refused, Reply, Stop
 from linked_fleet_gateway.actions.action_handlers import HANDLERS, Handler
-from linked_fleet_gateway.actions.lifecycle import ANSWER_TIMEOUT_S, SETTLING_S, Lifecycle
-from linked_fleet_gateway.actions.plan import ActionRequest, Caller, DeferredPlan, Halt, Motion, Plan, command_of
+from linked_fleet_gateway.actions.lifecycle import ANSWER_TIMEOUT_S, REPORT_TIMEOUT_S, Lifecycle
+from linked_fleet_gateway.actions.plan import ActionRequest, Caller, DeferredPlan, Halt, Motion, Plan, build_command
 from linked_fleet_gateway.actions.refusals import (
     TICK_S,
-    Quota,
+    MotionQuota,
     StallDetector,
+    agent_refusal,
     agent_timeout,
-    lease_of,
     raise_first_refusal,
-    refusal,
-    store_errors,
+    required_lease_id,
+    translate_store_errors,
 )
-from linked_fleet_gateway.actions.store import ActionStore, Full, StoreUnavailable
+from linked_fleet_gateway.actions.store import ActionStore, MotionLimitReached, StoreUnavailable
 from linked_fleet_gateway.base.errors import AgentTimeout, Busy, Conflict, FleetError, MotionRefused
 from linked_fleet_gateway.fleet.invocations import FLEET, Invocation, InvocationState
 from linked_fleet_gateway.fleet.robot import Robot
@@ -37,22 +37,22 @@ from linked_fleet_gateway.subscriptions.live import Live
 
 log = logging.getLogger(__name__)
 
-MOST_PLANS = 16  # of at most 100 ms each
+MAX_WAITING_PLANS = 16  # of at most 100 ms each
 
 
 class MotionGuard(Protocol):
-    """Checks motions for collisions and similar; ``sees`` limits what its errors may reveal."""
+    """Checks motions for collisions and similar; ``visible_robots`` limits what its errors may reveal."""
 
-    finding: NamedNode
+    finding_predicate: NamedNode
     """Predicate of rehearsals: true if the path was found free, ``lf:unknown`` if it could not be checked."""
 
-    async def ready(self, robot: Robot, sees: View) -> None:
+    async def wait_until_ready(self, robot: Robot, visible_robots: View) -> None:
         """Wait until motions of a robot can be checked. Raises MotionRefused if that takes too long."""
 
-    async def free(self, motion: Motion, sees: View, own: str) -> bool:
+    async def check_path(self, motion: Motion, visible_robots: View, own_id: str) -> bool:
         """Check the path of a motion. Return False if the robot has no placement. Raises MotionRefused.
 
-        Other running motions are considered, except the invocation with the id ``own``.
+        Other running motions are considered, except the invocation with the id ``own_id``.
         """
 
 
@@ -71,12 +71,12 @@ class Rehearsal:
 class Actions:
     """Executes plans and keeps their invocations; an async context manager."""
 
-    def __init__(self, live: Live, store: ActionStore, most_motions: int) -> None:
+    def __init__(self, live: Live, store: ActionStore, max_motions: int) -> None:
         self._live, self._store = live, store
         self._guards: list[MotionGuard] = []
         self.handlers: dict[NamedNode, Handler] = dict(HANDLERS)
         """The handler of each kind of action."""
-        self._quota = Quota(live.invocations, most_motions)
+        self._quota = MotionQuota(live.invocations, max_motions)
         self.lifecycle = Lifecycle(live, store)
         self._tasks: list[asyncio.Task[None]] = []
         self._stalls = StallDetector()
@@ -119,31 +119,31 @@ class Actions:
             action=action,
             targets=dict(motion.targets),
             created_ns=now_ns,
-            deadline_ns=now_ns + int((ANSWER_TIMEOUT_S + SETTLING_S) * 1e9),
+            deadline_ns=now_ns + int((ANSWER_TIMEOUT_S + REPORT_TIMEOUT_S) * 1e9),
             client=caller.name,
             body=caller.body,
             facts=dict(motion.facts),
-            lease=lease_of(robot) if motion.tied else "",
+            lease=required_lease_id(robot) if motion.tied_to_lease else "",
             incarnation=motion.requested_at.incarnation,
         )
-        with self._quota.beginning(caller.name) as full:
-            async with store_errors():
+        with self._quota.count_start(caller.name) as full:
+            async with translate_store_errors():
                 try:
                     first = await self._open(invocation, caller, full)
                 except StoreUnavailable:  # perhaps after it was executed
                     first = await self._open(invocation, caller, full)
                 if first is not None:
                     return await self._first(robot, first)
-            invocation = self.lifecycle.begin(invocation)
+            invocation = self.lifecycle.register(invocation)
         lease = robot.lease
         waited_ns += await self._check(invocation, motion, caller)
         if robot.lease != lease:
             await self._check_lease(invocation, caller)
-        reply = await self._send(invocation, command_of(invocation.id, motion, waited_ns))
+        reply = await self._send(invocation, build_command(invocation.id, motion, waited_ns))
         if isinstance(reply, Refused):
-            self.lifecycle.refuse(invocation, reply)
-            raise refusal(robot, reply)
-        self.lifecycle.accept(invocation, reply)
+            self.lifecycle.record_refusal(invocation, reply)
+            raise agent_refusal(robot, reply)
+        self.lifecycle.record_acceptance(invocation, reply)
         return invocation
 
     async def _ready(self, motion: Motion, caller: Caller) -> int:
@@ -154,8 +154,8 @@ class Actions:
         """
         began_ns = time.monotonic_ns()
         for guard in self._guards:
-            await guard.ready(motion.robot, caller.sees)
-        return self._stalls.waited_ns(began_ns)
+            await guard.wait_until_ready(motion.robot, caller.visible_robots)
+        return self._stalls.elapsed_ns(began_ns)
 
     async def _check(self, invocation: Invocation, motion: Motion, caller: Caller) -> int:
         """Check a motion that others can see already: of two concurrent ones, at least one sees the other.
@@ -172,7 +172,7 @@ class Actions:
         except Exception:  # of whatever kind: others have seen the motion, and it must not stay accepted
             self.lifecycle.fail(invocation, "it could not be checked")
             raise
-        return self._stalls.waited_ns(began_ns)
+        return self._stalls.elapsed_ns(began_ns)
 
     async def _check_lease(self, invocation: Invocation, caller: Caller) -> None:
         """Check again if the caller may move the robot, because its lease has changed during the check of the motion.
@@ -180,27 +180,34 @@ class Actions:
         Raises as ``start``.
         """
         try:
-            async with store_errors():
-                await self._store.check(invocation.robot, caller.token, invocation.lease)
+            async with translate_store_errors():
+                await self._store.check_lease(invocation.robot, caller.lease_token, invocation.lease)
         except FleetError:
             self.lifecycle.fail(invocation, "control of the robot changed while the motion was checked")
             raise
 
     async def _findings(self, motion: Motion, caller: Caller, own: str) -> dict[NamedNode, bool]:
         """Return whether each guard found the path free. Raises MotionRefused."""
-        return {guard.finding: await guard.free(motion, caller.sees, own) for guard in self._guards}
+        return {
+            guard.finding_predicate: await guard.check_path(motion, caller.visible_robots, own)
+            for guard in self._guards
+        }
 
     async def _open(self, invocation: Invocation, caller: Caller, full: bool) -> str | None:
         try:
-            return await self._store.open(
-                invocation, token=caller.token, key=caller.key, digest=caller.digest, full=full
+            return await self._store.create(
+                invocation,
+                lease_token=caller.lease_token,
+                idempotency_key=caller.idempotency_key,
+                request_digest=caller.request_digest,
+                limit_reached=full,
             )
-        except Full as error:
-            raise self._quota.refusal(caller.name) from error
+        except MotionLimitReached as error:
+            raise self._quota.limit_error(caller.name) from error
 
-    def plan(self, asked: ActionRequest, offer: Offer) -> Plan:
+    def plan(self, request: ActionRequest, offer: Offer) -> Plan:
         """Let the handler of an offered action create its plan. Raises the handler's errors."""
-        return self.handlers[offer.definition.iri](asked)
+        return self.handlers[offer.definition.iri](request)
 
     async def compute(self, plan: DeferredPlan) -> Motion:
         """Compute a plan in a thread; one at a time, so that clients share the processor.
@@ -208,53 +215,55 @@ class Actions:
         The motion does not become stale by the time of its computation: the first one loads libraries, which takes
         seconds on a busy machine. Raises Busy if so many wait that the plan would be stale.
         """
-        if self._planning >= MOST_PLANS:
-            raise Busy(f"{MOST_PLANS} plans are being made; ask again.")
+        if self._planning >= MAX_WAITING_PLANS:
+            raise Busy(f"{MAX_WAITING_PLANS} plans are being made; ask again.")
         self._planning += 1
         try:
             async with self._computing:
                 began_ns = time.monotonic_ns()
                 motion = await asyncio.to_thread(plan.compute)
-                return replace(motion, computing_ns=self._stalls.waited_ns(began_ns))
+                return replace(motion, computing_ns=self._stalls.elapsed_ns(began_ns))
         finally:
             self._planning -= 1
 
     async def rehearse(self, motion: Motion, caller: Caller) -> Rehearsal:
         """Return the effect that ``start`` would have. Raises the same errors."""
         robot, waited_ns = motion.robot, await self._ready(motion, caller)
-        if self._quota.is_full(caller.name):
-            raise self._quota.refusal(caller.name)
-        async with store_errors():
-            await self._store.check(robot.name, caller.token, lease_of(robot) if motion.tied else "")
+        if self._quota.is_exhausted(caller.name):
+            raise self._quota.limit_error(caller.name)
+        async with translate_store_errors():
+            await self._store.check_lease(
+                robot.name, caller.lease_token, required_lease_id(robot) if motion.tied_to_lease else ""
+            )
         began_ns = time.monotonic_ns()
         findings = await self._findings(motion, caller, "")
-        waited_ns += self._stalls.waited_ns(began_ns)
+        waited_ns += self._stalls.elapsed_ns(began_ns)
         try:
-            command = command_of(str(uuid.uuid4()), motion, waited_ns, rehearsal=True)
+            command = build_command(str(uuid.uuid4()), motion, waited_ns, rehearsal=True)
             reply = await self._live.link.command(robot.name, command, ANSWER_TIMEOUT_S)
         except NoAnswer as error:
             raise AgentTimeout(f"The agent of {robot.name} gave no answer: {error}.") from error
         if isinstance(reply, Refused):
-            raise refusal(robot, reply)
+            raise agent_refusal(robot, reply)
         return Rehearsal(reply.duration_s, reply.preempts, findings)
 
     async def _send(self, invocation: Invocation, command: Command) -> Reply:
         try:
-            with self.lifecycle.replicated.asking(invocation):
+            with self.lifecycle.replicated_state.defer_end(invocation):
                 reply = await self._live.link.command(invocation.robot, command, ANSWER_TIMEOUT_S)
         except NoAnswer as error:
-            self.lifecycle.commands.count_reply(invocation.robot, None)
+            self.lifecycle.command_metrics.count_reply(invocation.robot, None)
             self.lifecycle.mark_unknown(invocation)
             raise agent_timeout(invocation, str(error)) from error
-        self.lifecycle.commands.count_reply(invocation.robot, reply)
+        self.lifecycle.command_metrics.count_reply(invocation.robot, reply)
         return reply
 
     async def _first(self, robot: Robot, id: str) -> Invocation:
         """Return the invocation of an earlier request with the same key, once it was answered."""
-        invocation = await self.lifecycle.replicated.fetch(robot.name, id)
+        invocation = await self.lifecycle.replicated_state.fetch(robot.name, id)
         if invocation is None:
             raise Conflict("The first request with this Idempotency-Key has been answered, and its invocation deleted.")
-        await self.lifecycle.waiters.until(invocation, _is_answered, ANSWER_TIMEOUT_S)
+        await self.lifecycle.waiters.wait_until(invocation, _is_answered, ANSWER_TIMEOUT_S)
         raise_first_refusal(robot, invocation)
         return invocation
 
@@ -266,7 +275,7 @@ class Actions:
         Raises AgentTimeout if a single robot does not answer.
         """
         fleet, now_ns = self._live.fleet.robots, time.time_ns()
-        robot, asked = FLEET if halt.robots is None else halt.robots[0], self._reached(halt, caller.stops)
+        robot, asked = FLEET if halt.robots is None else halt.robots[0], self._reached(halt, caller.stoppable_robots)
         of_fleet = fleet if asked is None else asked
         online = [name for name in of_fleet if fleet[name].online] if halt.robots is None else []
         invocation = Invocation(
@@ -275,7 +284,7 @@ class Actions:
             action=action,
             targets={},
             created_ns=now_ns,
-            deadline_ns=now_ns + int(SETTLING_S * 1e9),
+            deadline_ns=now_ns + int(REPORT_TIMEOUT_S * 1e9),
             client=caller.name,
             robots=dict.fromkeys(online, InvocationState.ACCEPTED.value),
             stops=halt.joints,
@@ -284,25 +293,25 @@ class Actions:
         try:
             if not halt.joints and not caller.rule:
                 self.on_stop(asked)
-            self.lifecycle.begin(invocation)
+            self.lifecycle.register(invocation)
         except Exception:  # of an extension, for example: the stop is sent nevertheless
             log.exception("invocation %s: the stop is sent before others could hear of it", invocation.id)
         stop = Stop(version=WIRE_VERSION, id=invocation.id, joints=halt.joints, reason="stopped")
         replies = await self._live.halt(asked, stop, ANSWER_TIMEOUT_S)
         for name in {*(halt.robots or online), *replies}:
-            self.lifecycle.commands.count_reply(name, replies.get(name))
-        self.lifecycle.replicated.record(invocation)
+            self.lifecycle.command_metrics.count_reply(name, replies.get(name))
+        self.lifecycle.replicated_state.save_stop(invocation)
         if robot == FLEET:
-            self.lifecycle.accept_of_fleet(invocation, online, replies)
+            self.lifecycle.record_fleet_replies(invocation, online, replies)
             return invocation
         reply = replies.get(robot)
         if reply is None:
             self.lifecycle.mark_unknown(invocation)
             raise agent_timeout(invocation, "it did not say that it stops")
         if isinstance(reply, Refused):
-            self.lifecycle.refuse(invocation, reply)
-            raise refusal(fleet[robot], reply)
-        self.lifecycle.accept(invocation, reply)
+            self.lifecycle.record_refusal(invocation, reply)
+            raise agent_refusal(fleet[robot], reply)
+        self.lifecycle.record_acceptance(invocation, reply)
         return invocation
 
     def _reached(self, halt: Halt, stops: View) -> tuple[str, ...] | None:
@@ -311,10 +320,10 @@ class Actions:
             return halt.robots
         return tuple(name for name in self._live.fleet.robots if stops.includes(name))
 
-    async def rehearse_halt(self, halt: Halt, stops: View = ALL) -> Rehearsal:
+    async def rehearse_halt(self, halt: Halt, stoppable_robots: View = ALL) -> Rehearsal:
         """Return the invocations that ``halt`` would end."""
         stop = Stop(version=WIRE_VERSION, id=str(uuid.uuid4()), joints=halt.joints, rehearsal=True)
-        replies = await self._live.link.stop(self._reached(halt, stops), stop, ANSWER_TIMEOUT_S)
+        replies = await self._live.link.stop(self._reached(halt, stoppable_robots), stop, ANSWER_TIMEOUT_S)
         accepted = [reply for reply in replies.values() if isinstance(reply, Accepted)]
         if halt.robots is not None and not accepted:
             raise AgentTimeout(f"The agent of {halt.robots[0]} gave no answer.")

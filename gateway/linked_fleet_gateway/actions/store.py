@@ -16,7 +16,7 @@ from typing import Literal, Self, cast, get_args
 import msgspec
 
 from linked_fleet_gateway.actions import redis_scripts as scripts
-from linked_fleet_gateway.actions.redis_scripts import Keys, hashed, robot_of, tag
+from linked_fleet_gateway.actions.redis_scripts import Keys, robot_from_tag, robot_tag, text_hash
 from linked_fleet_gateway.fleet.invocation import Lease
 from linked_fleet_gateway.fleet.invocations import MAX_TERMINAL, Invocation
 from linked_fleet_gateway.runtime.background import await_last_step, cancel_tasks, supervised
@@ -29,16 +29,26 @@ from linked_fleet_gateway.runtime.redis import (
 )
 from linked_fleet_gateway.runtime.redis_exchange import Command
 
-__all__ = ["KEPT_S", "ActionStore", "Full", "KeyReused", "Lease", "LeaseHeld", "LeaseOver", "News", "StoreUnavailable"]
+__all__ = [
+    "RETENTION_S",
+    "ActionStore",
+    "KeyReused",
+    "Lease",
+    "LeaseHeld",
+    "LeaseNotHeld",
+    "MotionLimitReached",
+    "News",
+    "StoreUnavailable",
+]
 _log = logging.getLogger(__name__)
 
-KEPT_S = 86_400.0  # for an ended invocation, and for a used idempotency key
+RETENTION_S = 86_400.0  # for an ended invocation, and for a used idempotency key
 _NEWS = 10_000  # entries kept, approximately; also the limit of unsent changes
 _TOGETHER = 16  # changes in one entry
 _LAST_S = 0.5  # to send the rest when this gateway ends
 _MS = 1_000_000  # nanoseconds
 
-What = Literal["invocation", "deleted", "lease", "settings"]
+NewsKind = Literal["invocation", "deleted", "lease", "settings"]
 _CHANGES = msgspec.json.Decoder(list[tuple[str, str, str]])
 
 
@@ -46,7 +56,7 @@ _CHANGES = msgspec.json.Decoder(list[tuple[str, str, str]])
 class News:
     """A change by another run; ``id`` is that of the invocation, the lease, or the name of the setting."""
 
-    what: What
+    kind: NewsKind
     robot: str = ""
     id: str = ""
 
@@ -59,11 +69,11 @@ class LeaseHeld(Exception):  # noqa: N818
         self.lease = lease
 
 
-class LeaseOver(Exception):  # noqa: N818
+class LeaseNotHeld(Exception):  # noqa: N818
     """The lease that an invocation is tied to is not held now."""
 
 
-class Full(Exception):  # noqa: N818
+class MotionLimitReached(Exception):  # noqa: N818
     """The client has reached its limit of running invocations."""
 
 
@@ -79,10 +89,10 @@ class ActionStore:
     invalid URL, namespace or robot name.
     """
 
-    def __init__(self, url: str, namespace: str, run: str, kept_s: float = KEPT_S) -> None:
+    def __init__(self, url: str, namespace: str, run: str, retention_s: float = RETENTION_S) -> None:
         self._keys = Keys(namespace)
         self._run = run
-        self._kept_s = kept_s
+        self._retention_s = retention_s
         self._redis = Connection(url, self._keys.news)
         self._untold: list[News] = []
         """In the order of the changes."""
@@ -102,34 +112,36 @@ class ActionStore:
 
     # Invocations
 
-    async def open(
-        self, invocation: Invocation, *, token: str = "", key: str = "", digest: str = "", unasked: bool = False,
-        full: bool = False,
+    async def create(
+        self, invocation: Invocation, *, lease_token: str = "", idempotency_key: str = "", request_digest: str = "",
+        ignore_lease: bool = False, limit_reached: bool = False,
     ) -> str | None:  # fmt: skip
         """Store a new invocation, or return the id of the earlier one that the same request has created.
 
-        Raises LeaseHeld unless ``token`` is that of the lease, if any; LeaseOver if the invocation is tied to a lease
-        that is not held. ``key`` is an idempotency key and ``digest`` identifies its request: raises KeyReused if the
-        key was used with another one within a day. ``unasked`` ignores leases. ``full`` says that the client has
-        reached its limit: raises Full, unless the request is a repeated one. May be repeated with the same invocation
-        after StoreUnavailable.
+        Raises LeaseHeld unless ``lease_token`` is that of the lease, if any; LeaseNotHeld if the invocation is tied to
+        a lease that is not held. ``request_digest`` identifies the request of ``idempotency_key``: raises KeyReused if
+        the key was used with another one within a day. ``ignore_lease`` admits any caller. ``limit_reached`` says that
+        the client has reached its limit: raises Full, unless the request is a repeated one. May be repeated with the
+        same invocation after StoreUnavailable.
         """
         robot = invocation.robot
         await self._note(robot)
-        proof = scripts.ANYBODY if unasked else _secret(token)
-        answer = await self._redis.execute(*self._opening(invocation, proof, key, digest, full))
+        proof = scripts.ANYBODY if ignore_lease else _secret(lease_token)
+        answer = await self._redis.execute(
+            *self._opening(invocation, proof, idempotency_key, request_digest, limit_reached)
+        )
         said, *rest = _granted(robot, answer, invocation.lease)
         if said == b"reused":
-            raise KeyReused(key)
+            raise KeyReused(idempotency_key)
         if said == b"full":
-            raise Full(invocation.client)
+            raise MotionLimitReached(invocation.client)
         if said == b"repeated":
             return rest[0].decode()
         self._tell("invocation", robot, invocation.id)
         return None
 
-    async def check(self, robot: str, token: str, lease: str = "") -> None:
-        """Check the lease like ``open``. Raises LeaseHeld, LeaseOver."""
+    async def check_lease(self, robot: str, token: str, lease: str = "") -> None:
+        """Check the lease like ``create``. Raises LeaseHeld, LeaseNotHeld."""
         answer = await self._redis.run_script(scripts.CHECK, (self._keys.lease(robot),), _secret(token), lease)
         _granted(robot, answer, lease)
 
@@ -141,9 +153,9 @@ class ActionStore:
         """
         return (await self.save_all([invocation]))[0]
 
-    async def save_all(self, invocations: Sequence[Invocation], unopened: Collection[str] = ()) -> list[bool]:
-        """Do ``save`` for many invocations; those with ids in ``unopened`` are opened first, whoever has a lease."""
-        opened = [each for each in invocations if each.id in unopened]
+    async def save_all(self, invocations: Sequence[Invocation], new_ids: Collection[str] = ()) -> list[bool]:
+        """Do ``save`` for many invocations; those with ids in ``new_ids`` are opened first, whoever has a lease."""
+        opened = [each for each in invocations if each.id in new_ids]
         for robot in {each.robot for each in opened}:
             await self._note(robot)
         commands = [self._opening(each, scripts.ANYBODY) for each in opened]
@@ -163,15 +175,15 @@ class ActionStore:
             self._tell("deleted", invocation.robot, invocation.id)
         return bool(deleted)
 
-    async def read(self, robot: str, id: str) -> Invocation | None:
+    async def read_invocation(self, robot: str, id: str) -> Invocation | None:
         body = await self._redis.run_script(scripts.READ, self._keys.invocations(robot), id)
         return None if body is None else _read(robot, body)
 
-    async def load(self) -> list[Invocation]:
+    async def load_invocations(self) -> list[Invocation]:
         """Return all stored invocations of all robots, oldest first."""
         found: list[Invocation] = []
         for name in await self._redis.execute("ZRANGE", self._keys.robots, 0, -1):
-            robot = robot_of(name.decode())
+            robot = robot_from_tag(name.decode())
             bodies = await self._redis.run_script(scripts.LOAD, self._keys.invocations(robot))
             found += [one for one in (_read(robot, body) for body in bodies) if one is not None]
             if not bodies:
@@ -180,7 +192,7 @@ class ActionStore:
 
     # Leases
 
-    async def take(self, robot: str, holder: str, duration_s: float, token: str = "") -> tuple[Lease, str]:
+    async def take_lease(self, robot: str, holder: str, duration_s: float, token: str = "") -> tuple[Lease, str]:
         """Take the lease of a robot, or renew it with its token. Return the lease and its token.
 
         A free lease is taken with a new token, whatever token was given. Raises LeaseHeld. After StoreUnavailable a
@@ -193,7 +205,7 @@ class ActionStore:
         self._tell("lease", robot, lease.id)
         return lease, new_token if lease.id == id else token
 
-    async def release(self, robot: str, token: str) -> bool:
+    async def release_lease(self, robot: str, token: str) -> bool:
         """Release a lease; return False if there is none. Raises LeaseHeld if the token is wrong."""
         answer = await self._redis.run_script(scripts.RELEASE, (self._keys.lease(robot),), _secret(token))
         said, *lease = _granted(robot, answer)
@@ -202,13 +214,13 @@ class ActionStore:
         self._tell("lease", robot, _lease(robot, lease).id)
         return True
 
-    async def lease(self, robot: str) -> Lease | None:
+    async def read_lease(self, robot: str) -> Lease | None:
         said, *lease = await self._redis.run_script(scripts.HELD, (self._keys.lease(robot),))
         return None if said == b"free" else _lease(robot, lease)
 
     # Settings
 
-    async def settings(self, robot: str) -> dict[str, str]:
+    async def read_settings(self, robot: str) -> dict[str, str]:
         """Return the settings of a robot by name."""
         return _settings(await self._redis.execute("HGETALL", self._keys.settings(robot)))
 
@@ -217,18 +229,21 @@ class ActionStore:
 
         Returns False, without a change, if the present value differs.
         """
-        keys = (self._keys.settings(robot), self._keys.configured)
+        keys = (self._keys.settings(robot), self._keys.robots_with_settings)
         there = "" if present is None else f"={present}"
         done = await self._redis.run_script(
-            scripts.SET, keys, tag(robot), name, there, *(() if value is None else (value,))
+            scripts.SET, keys, robot_tag(robot), name, there, *(() if value is None else (value,))
         )
         if done:
             self._tell("settings", robot, name)
         return bool(done)
 
-    async def all_settings(self) -> dict[str, dict[str, str]]:
+    async def read_all_settings(self) -> dict[str, dict[str, str]]:
         """Return the settings of all robots, by robot and name."""
-        robots = [robot_of(name.decode()) for name in await self._redis.execute("SMEMBERS", self._keys.configured)]
+        robots = [
+            robot_from_tag(name.decode())
+            for name in await self._redis.execute("SMEMBERS", self._keys.robots_with_settings)
+        ]
         answers = await self._redis.execute_all([("HGETALL", self._keys.settings(robot)) for robot in robots])
         return {robot: _settings(fields) for robot, fields in zip(robots, answers, strict=True) if fields}
 
@@ -247,10 +262,10 @@ class ActionStore:
                 if fields.get(b"run") == self._run.encode():
                     continue
                 for what, robot, id in _CHANGES.decode(fields.get(b"news", b"[]")):
-                    if what in get_args(What):  # ignores those of later versions
-                        yield News(cast(What, what), robot, id)
+                    if what in get_args(NewsKind):  # ignores those of later versions
+                        yield News(cast(NewsKind, what), robot, id)
 
-    def _tell(self, what: What, robot: str, id: str) -> None:
+    def _tell(self, what: NewsKind, robot: str, id: str) -> None:
         """Notify the other gateways as soon as possible; the change itself does not depend on it."""
         self._untold.append(News(what, robot, id))
         self._to_tell.set()
@@ -273,7 +288,7 @@ class ActionStore:
 
     def _entry(self, changes: Sequence[News]) -> tuple[str | bytes | int, ...]:
         """Return one entry for many changes, because redis-py takes time for each field, at both ends."""
-        news = msgspec.json.encode([(each.what, each.robot, each.id) for each in changes])
+        news = msgspec.json.encode([(each.kind, each.robot, each.id) for each in changes])
         return ("XADD", self._keys.news, "MAXLEN", "~", _NEWS, "*", "run", self._run, "news", news)
 
     # Steps
@@ -286,36 +301,36 @@ class ActionStore:
         keys: tuple[str, ...] = (*self._keys.invocations(robot), self._keys.lease(robot))
         once: tuple[str | int, ...] = ()
         if key:
-            once = digest, _ms(self._kept_s)
-            keys += (self._keys.repeat(robot, key),)
+            once = digest, _ms(self._retention_s)
+            keys += (self._keys.idempotency_key(robot, key),)
         rules, written = (proof, invocation.lease), self._written(invocation)
         return eval_command(scripts.OPEN, keys, *rules, *written, MAX_TERMINAL, int(full), *once)
 
     async def _note(self, robot: str) -> None:
-        """Announce a robot, once a day and after an outage: ``load`` finds only robots in this set."""
+        """Announce a robot, once a day and after an outage: ``load_invocations`` finds only robots in this set."""
         noted = self._day(), self._redis.outage_count
         if self._noted.get(robot) != noted:
-            await self._redis.execute("ZADD", self._keys.robots, "GT", noted[0], tag(robot))
+            await self._redis.execute("ZADD", self._keys.robots, "GT", noted[0], robot_tag(robot))
             self._noted[robot] = noted
 
     def _day(self) -> int:
         """Return the number of the day. A robot is announced once a day and not removed before the next day is over."""
-        return int(time.time() / self._kept_s)
+        return int(time.time() / self._retention_s)
 
     def _written(self, invocation: Invocation) -> tuple[str | bytes | int, ...]:
         """Return id, body, milliseconds to keep it, 1 if it is over for good, and creation in microseconds."""
         over = invocation.is_final
         left_s = 0.0 if over else max(0.0, (invocation.deadline_ns - time.time_ns()) / 1e9)
-        body, kept_ms = msgspec.json.encode(invocation), _ms(left_s + self._kept_s)
+        body, kept_ms = msgspec.json.encode(invocation), _ms(left_s + self._retention_s)
         return invocation.id, body, kept_ms, int(over), invocation.created_ns // 1000
 
 
 def _granted(robot: str, answer: list[bytes], lease: str = "") -> list[bytes]:
-    """Return a script's answer. Raises LeaseHeld, LeaseOver for refusals."""
+    """Return a script's answer. Raises LeaseHeld, LeaseNotHeld for refusals."""
     if answer[0] == b"held":
         raise LeaseHeld(_lease(robot, answer[1:]))
     if answer[0] == b"over":
-        raise LeaseOver(lease)
+        raise LeaseNotHeld(lease)
     return answer
 
 
@@ -340,7 +355,7 @@ def _settings(fields: dict[bytes, bytes]) -> dict[str, str]:
 
 def _secret(token: str) -> str:
     """Return the stored form of a token; empty for none, which matches no lease."""
-    return hashed(token) if token else ""
+    return text_hash(token) if token else ""
 
 
 def _ms(duration_s: float) -> int:

@@ -167,12 +167,12 @@ class MetricsCollector(Collector):
             PREFIX + "commands", "Commands and stops by what the agent said.", labels=("outcome", "code")
         )
         none = {("accepted", ""): 0, ("silent", ""): 0}  # a rate needs an initial value
-        for labels, count in (none | dict(self.actions.lifecycle.commands.outcomes)).items():
+        for labels, count in (none | dict(self.actions.lifecycle.command_metrics.outcomes)).items():
             family.add_metric(labels, count)
         yield family
         yield histogram(
             "command_acceptance_seconds", "From a request to the acceptance by the agent.",
-            self.actions.lifecycle.commands.acceptance_latency,
+            self.actions.lifecycle.command_metrics.acceptance_latency,
         )  # fmt: skip
         yield gauge("invocations_open", "Invocations known here that have not ended.", self.live.invocations.open_count)
 

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 from pyoxigraph import NamedNode, Triple
 from starlette.responses import Response
 
-from linked_fleet_gateway.actions.admission import admit
+from linked_fleet_gateway.actions.admission import validate_body
 from linked_fleet_gateway.actions.plan import ActionRequest, Caller, DeferredPlan, Halt, Motion, RobotTime, robot_time
 from linked_fleet_gateway.actions.service import Actions, Rehearsal
 from linked_fleet_gateway.base.errors import (
@@ -98,14 +98,19 @@ async def end_invocation(request: Request, affordance: EndInvocation) -> Respons
     if affordance.keep_record:
         await actions.lifecycle.cancel(affordance.invocation)
     else:
-        await actions.lifecycle.remove(affordance.invocation)
+        await actions.lifecycle.delete(affordance.invocation)
     return Response(status_code=204)
 
 
 def action_caller(request: Request, body: str = "", digest: str = "") -> Caller:
     """Return the caller. Raises BadRequest for a malformed Idempotency-Key or Lock-Token."""
     return Caller(
-        request.caller_name, lock_token(request), _key(request), digest, body, sees=request.caller.visible_robots
+        request.caller_name,
+        lock_token(request),
+        _key(request),
+        digest,
+        body,
+        visible_robots=request.caller.visible_robots,
     )
 
 
@@ -190,7 +195,7 @@ def _read_target(
 
 def _admitted(offer: Offer, content: bytes, triples: Sequence[Triple], base: str) -> _Admitted:
     with child_span("guard"):
-        body = admit(offer, triples, base)
+        body = validate_body(offer, triples, base)
     return _Admitted(content, body, input_ntriples(body))
 
 
@@ -217,7 +222,7 @@ async def _halt(request: Request, offer: Offer) -> Response:
     if prefer.dry_run:
         return _rehearsal(request, offer, plan, await actions.rehearse_halt(plan, stops))
     with _located(request.base):
-        invocation = await actions.halt(offer.path, plan, Caller(request.caller_name, stops=stops))
+        invocation = await actions.halt(offer.path, plan, Caller(request.caller_name, stoppable_robots=stops))
     with suppress(NotAcceptable):
         return await _answer(request, invocation, prefer)
     return await _answer(request, invocation, replace(prefer, return_=None))
@@ -312,7 +317,7 @@ def _show(request: Request, path: str) -> Representation:
 async def _outcome(actions: Actions, invocation: Invocation, prefer: Prefer) -> tuple[int, list[str]]:
     """Return status and applied preferences; 202 if the motion may still be running."""
     if prefer.wait_s is not None:
-        ended = await actions.lifecycle.waiters.until_or_shutdown(
+        ended = await actions.lifecycle.waiters.wait_until_or_shutdown(
             invocation, lambda one: one.state.terminal, prefer.wait_s
         )
         return 204 if ended else 202, [f"wait={prefer.wait_s:g}"]

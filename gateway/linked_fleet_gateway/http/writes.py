@@ -91,7 +91,7 @@ async def control_lease(request: Request, affordance: Control) -> Response:
     if request.method == "DELETE":
         if not token:
             raise BadRequest("Releasing control takes the Lock-Token that the lease came with.")
-        if not await shared.release(robot, token):
+        if not await shared.release_lease(robot, token):
             raise NotFound("Nobody has control at present.")
         return Response(status_code=204)
     iri = request.base + lease_path(robot.name)
@@ -108,13 +108,13 @@ async def control_lease(request: Request, affordance: Control) -> Response:
     body = await convert_body(request, read)
     holder, duration_s = body.text(body.root, LF.holder), body.number(body.root, LF.leaseDuration)
     assert holder is not None and duration_s is not None
-    _, proof = await shared.take(robot, holder, duration_s, token)
+    _, proof = await shared.take_lease(robot, holder, duration_s, token)
     return Response(status_code=204, headers={"lock-token": f"<{proof}>", "cache-control": "no-store"})
 
 
 def _shared(request: Request) -> ReplicatedInvocations:
     actions: Actions = request.services.actions
-    return actions.lifecycle.replicated
+    return actions.lifecycle.replicated_state
 
 
 async def put_setting(request: Request, affordance: PutSetting) -> Response:
@@ -126,7 +126,7 @@ async def put_setting(request: Request, affordance: PutSetting) -> Response:
         # Evaluated in each attempt, because the value may change meanwhile, also at another gateway.
         present = await resolve_under_preconditions(request, lambda: request.tree().resolve(setting.path))
         assert present is not None  # no robot is forgotten while its settings are written
-        if await shared.configure(setting.robot, setting.name, change(present), lock_token(request)):
+        if await shared.set_setting(setting.robot, setting.name, change(present), lock_token(request)):
             return Response(status_code=204)
 
 

@@ -125,9 +125,9 @@ def test_joints_move_together_each_in_its_unit(bench: Any) -> None:
         "wheel": pytest.approx(2 * math.pi),
     }
     assert plan.motion == Move(plan.targets)
-    assert plan.scale == 0.25
-    assert plan.expects == {"lift": Expectation(pytest.approx(0.01), pytest.approx(0.002))}
-    assert not plan.tied
+    assert plan.speed_scale == 0.25
+    assert plan.expectations == {"lift": Expectation(pytest.approx(0.01), pytest.approx(0.002))}
+    assert not plan.tied_to_lease
 
 
 def test_the_robots_own_share_of_speed_bounds_the_clients(bench: Any) -> None:
@@ -135,14 +135,16 @@ def test_the_robots_own_share_of_speed_bounds_the_clients(bench: Any) -> None:
     robot = bench.robot(_ELBOW)
     bench.fleet.configure("r", {"maximumSpeedScale": "0.5"})
     for said, scale in (("", 0.5), ("; lf:speedScale 0.9", 0.5), ("; lf:speedScale 0.1", 0.1)):
-        assert bench.plan("/r/actions/moveJoints", f"<> {_target('elbow', 1)} {said} .").scale == scale
+        assert bench.plan("/r/actions/moveJoints", f"<> {_target('elbow', 1)} {said} .").speed_scale == scale
     assert robot.speed_scale == 0.5
 
 
 def test_a_motion_may_be_tied_to_the_lease_of_the_robot(bench: Any) -> None:
     """lf:tiedTo may only name the lease of this robot."""
     bench.robot(_ELBOW)
-    assert bench.plan("/r/elbow/actions/rotate", f"<> vom:numericalValue 1 ; {_RAD} ; lf:tiedTo </r/lease> .").tied
+    assert bench.plan(
+        "/r/elbow/actions/rotate", f"<> vom:numericalValue 1 ; {_RAD} ; lf:tiedTo </r/lease> ."
+    ).tied_to_lease
     with pytest.raises(UnprocessableContent, match="tiedTo"):
         bench.plan("/r/elbow/actions/rotate", f"<> vom:numericalValue 1 ; {_RAD} ; lf:tiedTo </s/lease> .")
 

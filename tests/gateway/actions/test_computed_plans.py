@@ -6,12 +6,12 @@ import pytest
 
 from linked_fleet_agent.wire.messages import Move
 from linked_fleet_gateway.actions.plan import (
-    MOST_TIME_TO_LIVE_NS,
+    MAX_TIME_TO_LIVE_NS,
     TIME_TO_LIVE_NS,
     DeferredPlan,
     Motion,
     RobotTime,
-    command_of,
+    build_command,
 )
 from linked_fleet_gateway.actions.service import Actions
 from linked_fleet_gateway.actions.store import ActionStore
@@ -40,6 +40,6 @@ def test_a_long_computation_does_not_make_a_motion_stale(seconds: int, monkeypat
 
     robot = Robot("arm", lambda name, error: None, Frames())
     monkeypatch.setattr("time.monotonic_ns", lambda: now_ns)
-    command = command_of("id", asyncio.run(computed()))
+    command = build_command("id", asyncio.run(computed()))
     assert command.seen_ns == 17
-    assert command.time_to_live_ns == min(TIME_TO_LIVE_NS + seconds * _SECOND_NS, MOST_TIME_TO_LIVE_NS)
+    assert command.time_to_live_ns == min(TIME_TO_LIVE_NS + seconds * _SECOND_NS, MAX_TIME_TO_LIVE_NS)

@@ -97,9 +97,9 @@ def test_the_new_action_is_planned(bench: Any, extended: None) -> None:
     bench.robot(_JOINTS)
     for joint in ("elbow", "lift"):
         plan = bench.plan(f"/r/{joint}/actions/centre", _body())
-        assert (plan.motion, plan.targets, plan.scale) == (Move({joint: 0.5}), {joint: 0.5}, 0.5)
+        assert (plan.motion, plan.targets, plan.speed_scale) == (Move({joint: 0.5}), {joint: 0.5}, 0.5)
     bench.fleet.configure("r", {"maximumSpeedScale": "0.25"})
-    assert bench.plan("/r/elbow/actions/centre", _body()).scale == 0.25
+    assert bench.plan("/r/elbow/actions/centre", _body()).speed_scale == 0.25
 
 
 @pytest.mark.parametrize("scale", ["", "0", "1.1", '"0.5"', "0.5, 0.6", "true"])

@@ -1,7 +1,7 @@
 """Open motions counted by client, including those that are just beginning."""
 
 from linked_fleet_agent.wire.messages import WIRE_VERSION, Progress
-from linked_fleet_gateway.actions.refusals import Quota
+from linked_fleet_gateway.actions.refusals import MotionQuota
 from linked_fleet_gateway.fleet.invocations import Invocation, Invocations, InvocationState
 
 
@@ -15,26 +15,26 @@ def _running(id: str) -> Progress:
 
 def test_motions_count_while_they_are_open_and_halts_never() -> None:
     known = Invocations()
-    quota = Quota(known, 2)
+    quota = MotionQuota(known, 2)
     known.add(_one("a"))
     known.add(_one("halt", stops=()))
     known.add(_one("of another", client="bob"))
-    assert not quota.is_full("ada")
+    assert not quota.is_exhausted("ada")
     second = _one("b")
     known.add(second)
-    assert quota.is_full("ada") and not quota.is_full("bob")
+    assert quota.is_exhausted("ada") and not quota.is_exhausted("bob")
     second.state = InvocationState.SUCCEEDED
-    assert not quota.is_full("ada")
+    assert not quota.is_exhausted("ada")
     second.state, second.expired = InvocationState.FAILED, True  # a guess
     assert known.apply("r", _running("b")) is second
-    assert quota.is_full("ada")
+    assert quota.is_exhausted("ada")
     known.remove("a")
-    assert not quota.is_full("ada")
+    assert not quota.is_exhausted("ada")
 
 
 def test_concurrent_starts_do_not_exceed_the_quota() -> None:
-    quota = Quota(Invocations(), 2)
-    with quota.beginning("ada") as first, quota.beginning("ada") as second, quota.beginning("ada") as third:
+    quota = MotionQuota(Invocations(), 2)
+    with quota.count_start("ada") as first, quota.count_start("ada") as second, quota.count_start("ada") as third:
         assert (first, second, third) == (False, False, True)
-        assert not quota.is_full("bob")
-    assert not quota.is_full("ada")
+        assert not quota.is_exhausted("bob")
+    assert not quota.is_exhausted("ada")

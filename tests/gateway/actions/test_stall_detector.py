@@ -3,7 +3,7 @@
 import pytest
 
 from linked_fleet_gateway.actions import refusals
-from linked_fleet_gateway.actions.refusals import CATCH_UP_S, HELD_S, StallDetector
+from linked_fleet_gateway.actions.refusals import CATCH_UP_S, STALL_S, StallDetector
 
 
 def test_a_stall_counts_for_a_while_after_its_end(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -12,7 +12,7 @@ def test_a_stall_counts_for_a_while_after_its_end(monkeypatch: pytest.MonkeyPatc
     one = StallDetector()
     for pause_s, held in (
         (0.3, False),
-        (HELD_S + 0.1, True),
+        (STALL_S + 0.1, True),
         (CATCH_UP_S / 2, True),
         (CATCH_UP_S, False),
         (0.3, False),
@@ -21,7 +21,7 @@ def test_a_stall_counts_for_a_while_after_its_end(monkeypatch: pytest.MonkeyPatc
         assert one.stalled_recently() is held, pause_s
 
 
-@pytest.mark.parametrize(("pause_s", "counts"), [(HELD_S - 0.1, True), (HELD_S + 0.1, False)])
+@pytest.mark.parametrize(("pause_s", "counts"), [(STALL_S - 0.1, True), (STALL_S + 0.1, False)])
 def test_time_with_a_stall_in_it_does_not_count(pause_s: float, counts: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     """Not even long after the stall; and what begins after it counts again."""
     now_s = 100.0
@@ -35,11 +35,11 @@ def test_time_with_a_stall_in_it_does_not_count(pause_s: float, counts: bool, mo
         one.stalled_recently()
 
     run(1.0)
-    assert one.waited_ns(began_ns) == 1_000_000_000
+    assert one.elapsed_ns(began_ns) == 1_000_000_000
     run(pause_s)
     for _ in range(20):
         run(0.25)
-    assert one.waited_ns(began_ns) == (round((6.0 + pause_s) * 1e9) if counts else 0)
+    assert one.elapsed_ns(began_ns) == (round((6.0 + pause_s) * 1e9) if counts else 0)
     later_ns = round(now_s * 1e9)
     run(0.5)
-    assert one.waited_ns(later_ns) == 500_000_000
+    assert one.elapsed_ns(later_ns) == 500_000_000

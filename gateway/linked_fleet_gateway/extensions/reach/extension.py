@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Literal
 from pyoxigraph import NamedNode
 
 from linked_fleet_agent.wire.messages import Move
-from linked_fleet_gateway.actions.action_handlers import motion_to
+from linked_fleet_gateway.actions.action_handlers import build_motion
 from linked_fleet_gateway.actions.plan import ActionRequest, DeferredPlan, Motion
 from linked_fleet_gateway.base.errors import Conflict, Members, Offline, UnprocessableContent
 from linked_fleet_gateway.base.lazy_imports import LazyModule
@@ -51,7 +51,7 @@ Search = Callable[[], tuple[Mapping[str, float], Mapping[str, float]]]
 
 def reach(request: ActionRequest) -> DeferredPlan:
     """Bring a link to a pose. The search takes milliseconds, so it runs in a worker."""
-    plain, search = motion_to(request, Move({"": 0.0}), {}), prepare_search(request)
+    plain, search = build_motion(request, Move({"": 0.0}), {}), prepare_search(request)
 
     def compute() -> Motion:
         targets, facts = search()

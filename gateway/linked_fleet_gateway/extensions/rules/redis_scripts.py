@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from linked_fleet_gateway.actions.redis_scripts import hashed
+from linked_fleet_gateway.actions.redis_scripts import text_hash
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class Keys:
 
     def rules_of_client(self, client: str) -> str:
         """Set of the ids of the client's rules."""
-        return self._key(f"client:{hashed(client)}")
+        return self._key(f"client:{text_hash(client)}")
 
     def keys_of_rule(self, id: str) -> tuple[str, str, str]:
         """Set of the keys of rows that hold, hash of counts, hash of firings by number."""

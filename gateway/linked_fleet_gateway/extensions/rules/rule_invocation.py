@@ -10,7 +10,7 @@ from urllib.parse import unquote
 
 from pyoxigraph import NamedNode
 
-from linked_fleet_gateway.actions.admission import admit
+from linked_fleet_gateway.actions.admission import validate_body
 from linked_fleet_gateway.actions.plan import ActionRequest, Caller, DeferredPlan, Halt, Motion, RobotTime
 from linked_fleet_gateway.actions.service import Actions
 from linked_fleet_gateway.base.errors import InsufficientScope, UnprocessableContent
@@ -55,9 +55,9 @@ async def invoke(
     if not offer.takes_body:
         halt = actions.plan(ActionRequest(rule.base, Body((), action), offer.robot, offer.joint), offer)
         assert isinstance(halt, Halt)
-        asking = Caller(rule.client, stops=creator.view_for(Right.STOP), rule=rule.id)
+        asking = Caller(rule.client, stoppable_robots=creator.view_for(Right.STOP), rule=rule.id)
         return await actions.halt(offer.path, halt, asking)
-    body = admit(offer, fill(rule.body, row, action), rule.base)
+    body = validate_body(offer, fill(rule.body, row, action), rule.base)
     moment = None if offer.robot is None else moments.get(offer.robot.name)
     plan = actions.plan(ActionRequest(rule.base, body, offer.robot, offer.joint, moment), offer)
     if isinstance(plan, DeferredPlan):
@@ -66,7 +66,12 @@ async def invoke(
     # Cannot equal a client's key, whose characters are all visible.
     key, digest = f"\x1frule {rule.id} {number}", blake2b(repr(row).encode(), digest_size=16).hexdigest()
     asking = Caller(
-        rule.client, key=key, digest=digest, body=input_ntriples(body), sees=creator.visible_robots, rule=rule.id
+        rule.client,
+        idempotency_key=key,
+        request_digest=digest,
+        body=input_ntriples(body),
+        visible_robots=creator.visible_robots,
+        rule=rule.id,
     )
     return await actions.start(offer.path, plan, asking)
 

@@ -117,7 +117,7 @@ class Checks:
     motion or a new robot the process ends, and the next motion waits until it has been started again.
     """
 
-    finding = LF.collisionFree
+    finding_predicate = LF.collisionFree
 
     def __init__(
         self,
@@ -148,7 +148,7 @@ class Checks:
         """True if the shapes of all placed robots are prepared, as far as available."""
         return self._preparation.is_complete()
 
-    async def ready(self, robot: Robot, sees: View) -> None:
+    async def wait_until_ready(self, robot: Robot, visible_robots: View) -> None:
         """Wait for the shapes of the robot and of everything around it. Raises Unchecked, Busy."""
         if placement_of(robot) is None:
             return
@@ -164,7 +164,7 @@ class Checks:
         finally:
             self._early -= 1
 
-    async def free(self, motion: Motion, sees: View, own: str) -> bool:
+    async def check_path(self, motion: Motion, visible_robots: View, own_id: str) -> bool:
         """Check a motion.
 
         Return False if the robot has no placement. Raises Collides; Unchecked, also if too many wait.
@@ -177,7 +177,7 @@ class Checks:
         try:
             async with asyncio.timeout(_TIMEOUT_S):
                 with self._checker.in_use():  # between the preparation and the check too
-                    await self._check(motion, sees, own)
+                    await self._check(motion, visible_robots, own_id)
         except TimeoutError as error:
             raise Unchecked("The check of the motion took too long; try again.") from error
         finally:

@@ -11,7 +11,7 @@ import pytest
 
 from linked_fleet_agent.wire.codec import encode_state, layout
 from linked_fleet_agent.wire.messages import Description, Mesh, Move, State
-from linked_fleet_gateway.actions.plan import TIME_TO_LIVE_NS, Motion, RobotTime, command_of
+from linked_fleet_gateway.actions.plan import TIME_TO_LIVE_NS, Motion, RobotTime, build_command
 from linked_fleet_gateway.app.application import create_live
 from linked_fleet_gateway.app.settings import GatewaySettings
 from linked_fleet_gateway.extensions.world import checks
@@ -97,7 +97,7 @@ class Scene:
         await self.worker.process.wait()
 
     async def is_free(self, robot: Robot) -> bool:
-        return await self.checks.free(Motion(robot, Move({"turn": 1.0}), {"turn": 1.0}, RobotTime(1, 1)), ALL, "")
+        return await self.checks.check_path(Motion(robot, Move({"turn": 1.0}), {"turn": 1.0}, RobotTime(1, 1)), ALL, "")
 
 
 @asynccontextmanager
@@ -112,7 +112,7 @@ async def scene_in(folder: Path, idle_s: float = IDLE_S) -> AsyncIterator[Scene]
 async def test_a_motion_waits_for_the_shapes_of_its_robot(tmp_path: Path) -> None:
     async with scene_in(tmp_path) as scene:
         robot = scene.robot("early")
-        waiting = asyncio.create_task(scene.checks.ready(robot, ALL))
+        waiting = asyncio.create_task(scene.checks.wait_until_ready(robot, ALL))
         await scene.asked["early"].wait()
         assert not waiting.done() and not scene.checks.prepared
         scene.let["early"].set()
@@ -127,11 +127,11 @@ async def test_a_motion_waits_for_shapes_until_the_limit_and_is_refused(
     async with scene_in(tmp_path) as scene:
         robot = scene.robot("early")
         with pytest.raises(Unchecked) as refused:
-            await scene.checks.ready(robot, ALL)
+            await scene.checks.wait_until_ready(robot, ALL)
         assert (refused.value.status, refused.value.headers["Retry-After"]) == (503, "2")
         monkeypatch.setattr(checks, "EARLY_S", PATIENCE_S)
         scene.let["early"].set()  # what was begun has continued
-        await scene.checks.ready(robot, ALL)
+        await scene.checks.wait_until_ready(robot, ALL)
         assert await scene.is_free(robot)
 
 
@@ -152,14 +152,14 @@ async def test_a_robot_that_joins_far_away_makes_its_own_motions_wait_alone(tmp_
     async with scene_in(tmp_path) as scene:
         here, _ = scene.robot("here", let=True), scene.robot("there", x=30.0)
         await scene.asked["there"].wait()
-        await scene.checks.ready(here, ALL)
+        await scene.checks.wait_until_ready(here, ALL)
         assert await scene.is_free(here) and not scene.checks.prepared
 
 
 async def test_a_robot_that_could_be_met_is_waited_for(tmp_path: Path) -> None:
     async with scene_in(tmp_path) as scene:
         here, _ = scene.robot("here", let=True), scene.robot("beside", x=1.0)
-        waiting = asyncio.create_task(scene.checks.ready(here, ALL))
+        waiting = asyncio.create_task(scene.checks.wait_until_ready(here, ALL))
         await scene.asked["beside"].wait()
         assert not waiting.done()
         scene.let["beside"].set()
@@ -170,7 +170,7 @@ async def test_a_robot_without_usable_shapes_is_refused_and_delays_nobody(tmp_pa
     async with scene_in(tmp_path) as scene:
         robot = scene.robot("mute", let=True)
         scene.silent.add("mute")
-        await scene.checks.ready(robot, ALL)
+        await scene.checks.wait_until_ready(robot, ALL)
         assert scene.checks.prepared
         with pytest.raises(Unchecked):
             await scene.is_free(robot)
@@ -178,58 +178,58 @@ async def test_a_robot_without_usable_shapes_is_refused_and_delays_nobody(tmp_pa
 
 async def test_another_gateway_finds_the_shapes_on_disk_and_asks_no_robot(tmp_path: Path) -> None:
     async with scene_in(tmp_path) as scene:
-        await scene.checks.ready(scene.robot("arm", let=True), ALL)
+        await scene.checks.wait_until_ready(scene.robot("arm", let=True), ALL)
     async with scene_in(tmp_path) as scene:
         robot = scene.robot("arm")
-        await scene.checks.ready(robot, ALL)
+        await scene.checks.wait_until_ready(robot, ALL)
         assert await scene.is_free(robot) and not scene.asked["arm"].is_set()
 
 
 async def test_shapes_are_prepared_again_when_the_process_that_has_them_is_gone(tmp_path: Path) -> None:
     async with scene_in(tmp_path) as scene:
         robot = scene.robot("arm", let=True)
-        await scene.checks.ready(robot, ALL)
+        await scene.checks.wait_until_ready(robot, ALL)
         process = scene.worker.process
         process.kill()
         await process.wait()
         assert not scene.checks.prepared
-        await scene.checks.ready(robot, ALL)
+        await scene.checks.wait_until_ready(robot, ALL)
         assert await scene.is_free(robot)
 
 
 async def test_the_process_ends_when_idle_and_the_next_motion_starts_it_again(tmp_path: Path) -> None:
     async with scene_in(tmp_path, idle_s=0.0) as scene:
         robot = scene.robot("arm", let=True)
-        await scene.checks.ready(robot, ALL)
+        await scene.checks.wait_until_ready(robot, ALL)
         scene.asked["arm"].clear()
         for _ in range(2):
             await scene.idle()
             await scene.checks._preparation._look()
             assert scene.checks.prepared and not scene.worker.running, "nothing but a motion needs it"
-            await scene.checks.ready(robot, ALL)
+            await scene.checks.wait_until_ready(robot, ALL)
             assert await scene.is_free(robot)
         assert not scene.asked["arm"].is_set(), "its shapes are on disk"
 
 
 async def test_a_robot_that_is_placed_after_the_process_became_idle_is_prepared_at_once(tmp_path: Path) -> None:
     async with scene_in(tmp_path, idle_s=0.0) as scene:
-        await scene.checks.ready(scene.robot("first", let=True), ALL)
+        await scene.checks.wait_until_ready(scene.robot("first", let=True), ALL)
         await scene.idle()
         second = scene.robot("second", x=1.0)
         assert not scene.checks.prepared
         await scene.asked["second"].wait()
         scene.let["second"].set()
-        await scene.checks.ready(second, ALL)
+        await scene.checks.wait_until_ready(second, ALL)
         assert scene.checks.prepared and await scene.is_free(second)
 
 
 async def test_a_process_that_dies_after_it_was_idle_has_nothing_prepared(tmp_path: Path) -> None:
     async with scene_in(tmp_path, idle_s=0.0) as scene:
         robot = scene.robot("arm", let=True)
-        await scene.checks.ready(robot, ALL)
+        await scene.checks.wait_until_ready(robot, ALL)
         await scene.idle()
         with scene.worker.in_use():
-            await scene.checks.ready(robot, ALL)
+            await scene.checks.wait_until_ready(robot, ALL)
             process = scene.worker.process
             process.kill()
             await process.wait()
@@ -240,5 +240,5 @@ def test_waiting_for_a_check_does_not_make_a_motion_late_but_a_stop_overrides_it
     """A command is dated to its request: a robot that was stopped afterwards refuses it."""
 
     robot = Scene(tmp_path).robot("arm")
-    command = command_of("id", Motion(robot, Move({"turn": 1.0}), {"turn": 1.0}, RobotTime(1, 17)), 3_000)
+    command = build_command("id", Motion(robot, Move({"turn": 1.0}), {"turn": 1.0}, RobotTime(1, 17)), 3_000)
     assert (command.seen_ns, command.time_to_live_ns) == (17, TIME_TO_LIVE_NS + 3_000)
