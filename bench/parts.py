@@ -65,7 +65,7 @@ class _Sink:
         return True
 
     def write(self, message: Message) -> None:
-        self.send(message.framed(frame_bytes))
+        self.send(message.frame_with(frame_bytes))
 
     def end(self, ending: Ending) -> None:
         raise AssertionError(ending)
@@ -94,7 +94,7 @@ async def _rendered_us(robots: int) -> float:
                 id=path, owner="/", resource=path, kind=Kind.WEBSOCKET, media_type="text/turtle", base=_BASE,
                 client="bench", created_ns=0,
             )  # fmt: skip
-            fan_out.watch(subscription, _Sink()).ready()
+            fan_out.watch(subscription, _Sink()).schedule_send()
     epoch_ns, found = time.monotonic_ns(), list[float]()
     for _ in range(_ROUNDS):
         for each in crowd:

@@ -12,7 +12,7 @@ from linked_fleet_gateway.extensions.rules.rule import Rule
 from linked_fleet_gateway.fleet.invocations import Invocation, InvocationState
 from linked_fleet_gateway.resources.subscription import Kind, Record, Subscription
 from linked_fleet_gateway.runtime.redis import StoreUnavailable
-from linked_fleet_gateway.subscriptions.store import Outgoing, Store
+from linked_fleet_gateway.subscriptions.store import OutgoingMessage, SubscriptionStore
 from running import PATIENCE_S
 
 T = TypeVar("T")
@@ -20,7 +20,7 @@ LIMIT = 1000
 LEASE_S = 600.0
 """Lease of the gateways in tests: it lapses when a test passes time, not while a busy machine is slow."""
 HOSTILE = 'x"}\r\nFLUSHALL\r\n\0 running später'
-OUTGOING = Outgoing("/baxter/right_s1/rotation", "v1", "text/turtle", b"\xff\r\n\x00")
+OUTGOING = OutgoingMessage("/baxter/right_s1/rotation", "v1", "text/turtle", b"\xff\r\n\x00")
 _created_ns = iter(range(10**18, 2 * 10**18))
 
 
@@ -70,22 +70,22 @@ def a_rule(**fields: Any) -> Rule:
     return Rule(**{**given, **fields})
 
 
-async def adopted(store: Store, run: str) -> list[Subscription]:
-    records = [record async for record in store.adopt(run)]
+async def adopted(store: SubscriptionStore, run: str) -> list[Subscription]:
+    records = [record async for record in store.take_over(run)]
     assert {record.holder for record in records} <= {store._run}
     return [record.subscription for record in records]
 
 
-async def held(store: Store) -> list[Subscription]:
-    return [record.subscription for record in await store.held()]
+async def held(store: SubscriptionStore) -> list[Subscription]:
+    return [record.subscription for record in await store.held_records()]
 
 
-async def listed(store: Store, owner: str = "/baxter/right_s1") -> list[Subscription]:
-    return [record.subscription for record in await store.of(owner)]
+async def listed(store: SubscriptionStore, owner: str = "/baxter/right_s1") -> list[Subscription]:
+    return [record.subscription for record in await store.records_of_owner(owner)]
 
 
-async def known(store: Store, id: str) -> Record:
-    record = await store.record(id)
+async def known(store: SubscriptionStore, id: str) -> Record:
+    record = await store.get_record(id)
     assert record is not None
     return record
 
@@ -118,7 +118,7 @@ class CrashedError(Exception):
     """Stands for the end of a gateway between two of its commands."""
 
 
-def crash_after(store: Store, commands: int) -> None:
+def crash_after(store: SubscriptionStore, commands: int) -> None:
     """Let the store crash after so many commands."""
     left = iter(range(commands))
     redis = store._redis
@@ -134,7 +134,7 @@ def crash_after(store: Store, commands: int) -> None:
     redis.execute, redis.execute_all = dying(redis.execute), dying(redis.execute_all)  # type: ignore[method-assign]
 
 
-def count_trips(store: Store) -> Callable[[], int]:
+def count_trips(store: SubscriptionStore) -> Callable[[], int]:
     """Return a function that counts the round trips to a server from now on."""
     trips = 0
     contact = store._redis._contact

@@ -48,7 +48,7 @@ class CallbackClients:
         )  # fmt: skip
         # "Not created" becomes true eventually: the gateway, if it lives, removes what it may have stored.
         removing = self._history.calls(client, _MODEL, id, "delete")
-        await gateway.subscriptions.callbacks.accept(subscription)
+        await gateway.subscriptions.callbacks.create(subscription)
         removing.never_was()
         called.answered(is_="there")
         self._accepted.add(id)
@@ -56,7 +56,7 @@ class CallbackClients:
     async def _list(self, client: int, gateway: Gateway, owner: str) -> None:
         """Each subscription is recorded separately, because a list is not of a single moment."""
         asked = {id: self._history.asks(client, _MODEL, id, "list") for id in self._ids[owner]}
-        listed = {record.subscription.id for record in await gateway.subscriptions.of(owner)}
+        listed = {record.subscription.id for record in await gateway.subscriptions.records_of_owner(owner)}
         self._answer(asked, listed)
 
     @staticmethod

@@ -28,9 +28,9 @@ from linked_fleet_gateway.subscriptions import courier as courier_module
 from linked_fleet_gateway.subscriptions import service as subscriptions_module
 from linked_fleet_gateway.subscriptions.fan_out import FanOut
 from linked_fleet_gateway.subscriptions.network import Network
-from linked_fleet_gateway.subscriptions.receiver import Outcome, Verdict
-from linked_fleet_gateway.subscriptions.service import Subscriptions, new_run
-from linked_fleet_gateway.subscriptions.store import Store
+from linked_fleet_gateway.subscriptions.receiver import DeliveryOutcome, Verdict
+from linked_fleet_gateway.subscriptions.service import Subscriptions, new_run_name
+from linked_fleet_gateway.subscriptions.store import SubscriptionStore
 from virtual.zenoh_network import ZenohNetwork
 
 NAMESPACE = "histories"
@@ -49,7 +49,7 @@ def hurried() -> Iterator[None]:
         patch.object(subscriptions_module, "KEEP_S", 0.1),
         patch.object(subscriptions_module, "RECONCILE_S", 0.5),
         patch.object(courier_module, "_STORE_PAUSE_S", 0.02),
-        patch.object(courier_module, "delay_s", lambda failures, draw: 0.01),
+        patch.object(courier_module, "backoff_s", lambda failures, draw: 0.01),
         patch.object(courier_module, "SUSPEND_AFTER", _LIMIT),
     ):
         yield
@@ -106,10 +106,10 @@ class Deliveries:
         """Rank of the last new message, by subscription."""
         self._numbers: dict[str, int] = {}
 
-    def take(self, subscription: str, headers: Mapping[str, str]) -> Outcome:
+    def take(self, subscription: str, headers: Mapping[str, str]) -> DeliveryOutcome:
         draw = self._draws.random()
         if draw < _REFUSED:
-            return Outcome(Verdict.RETRY, 503, None, "busy")
+            return DeliveryOutcome(Verdict.RETRY, 503, None, "busy")
         path = headers["Link"].partition(">")[0].removeprefix("<http://fleet.example")
         number, version = int(headers["Linked-Fleet-Delivery"]), headers["Linked-Fleet-Version"]
         rank, now_ns = self._watched.rank(path, version), self._history.now_ns()
@@ -117,9 +117,15 @@ class Deliveries:
         if number > self._numbers.get(subscription, 0):
             self._numbers[subscription], self.last[subscription] = number, rank
         lost = draw < _REFUSED + _ANSWER_LOST
-        return Outcome(Verdict.RETRY, None, None, "lost") if lost else Outcome(Verdict.DELIVERED, 204, None, "")
+        return (
+            DeliveryOutcome(Verdict.RETRY, None, None, "lost")
+            if lost
+            else DeliveryOutcome(Verdict.DELIVERED, 204, None, "")
+        )
 
-    def receiver(self, network: Network, url: str, *, ssl_context: ssl.SSLContext, handshakes: object) -> "_Receiver":
+    def receiver(
+        self, network: Network, url: str, *, ssl_context: ssl.SSLContext, consent_throttle: object
+    ) -> "_Receiver":
         return _Receiver(self, url.rpartition("/")[2])
 
 
@@ -129,7 +135,7 @@ class _Receiver:
     def __init__(self, deliveries: Deliveries, subscription: str) -> None:
         self._deliveries, self._subscription = deliveries, subscription
 
-    async def deliver(self, body: bytes, content_type: str, headers: Mapping[str, str], **_: Any) -> Outcome:
+    async def deliver(self, body: bytes, content_type: str, headers: Mapping[str, str], **_: Any) -> DeliveryOutcome:
         await asyncio.sleep(0)
         outcome = self._deliveries.take(self._subscription, headers)
         await asyncio.sleep(0)
@@ -157,7 +163,7 @@ class Gateway:
     """One run, from ``start`` until it is killed; its parts are the product's own."""
 
     def __init__(self, url: str, watched: Watched, robots: Mapping[str, Toy], draws: random.Random) -> None:
-        self.run = new_run()
+        self.run = new_run_name()
         self.store = ActionStore(url, NAMESPACE, self.run)
         self.objects, self.rules = ObjectStore(url, NAMESPACE), RuleStore(url, NAMESPACE, self.run)
         self.live = create_live(GatewaySettings(), ZenohNetwork().gateway(self.run))
@@ -166,9 +172,9 @@ class Gateway:
         self._remembered = ActionStore(url, NAMESPACE, self.run)
         self.actions = Actions(self.live, self._remembered, _LIMIT)
         self._network = Network()
-        self._subscribed = Store(url, NAMESPACE, self.run, LEASE_S)
+        self._subscribed = SubscriptionStore(url, NAMESPACE, self.run, LEASE_S)
         self.subscriptions = Subscriptions(
-            self._subscribed, self.run, self._fan_out, self._network, consent=False, limit=_LIMIT
+            self._subscribed, self.run, self._fan_out, self._network, consent_required=False, limit=_LIMIT
         )
         self._tasks: WeakSet[asyncio.Task[Any]] = WeakSet()
         self._context = copy_context()

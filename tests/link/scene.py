@@ -79,7 +79,7 @@ class Gateway:
 async def gateway(open_session: Opener, *flags: str) -> AsyncIterator[Gateway]:
     live = create_live(GatewaySettings.read({}, flags), open_session)
     async with live:
-        await live.join()
+        await live.admit_robots()
         yield Gateway(live)
 
 

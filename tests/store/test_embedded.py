@@ -22,7 +22,7 @@ from redis.retry import Retry
 
 from linked_fleet_gateway.runtime import embedded_redis as embedded
 from linked_fleet_gateway.runtime.embedded_redis import EmbeddedRedis
-from linked_fleet_gateway.subscriptions.store import Store
+from linked_fleet_gateway.subscriptions.store import SubscriptionStore
 from running import PATIENCE_S, process
 
 pytestmark = [pytest.mark.processes, pytest.mark.usefixtures("patient")]
@@ -87,8 +87,8 @@ def at_once(monkeypatch: pytest.MonkeyPatch) -> None:
 async def test_the_embedded_server_keeps_its_data(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     state_dir = tmp_path / "a folder" / "of ours #1"
     with caplog.at_level(logging.WARNING):
-        async with EmbeddedRedis(state_dir) as server, Store(server.url, "fleet", "a") as store:
-            await store.renew()
+        async with EmbeddedRedis(state_dir) as server, SubscriptionStore(server.url, "fleet", "a") as store:
+            await store.renew_lease()
             write(server, "kept")
             number = pid(server)
             assert os.getsid(number) != os.getsid(0), "Ctrl-C would end it before us"

@@ -16,7 +16,7 @@ from linked_fleet_gateway.extensions.sessions.service import EndedSessions, Sess
 from linked_fleet_gateway.extensions.world.service import ObjectStore
 from linked_fleet_gateway.resources.subscription import Delivery
 from linked_fleet_gateway.runtime.redis import StoreUnavailable
-from linked_fleet_gateway.subscriptions.store import LEASE_S, Store
+from linked_fleet_gateway.subscriptions.store import LEASE_S, SubscriptionStore
 from redis_backends import Backend, Memory
 from store_samples import LIMIT, OUTGOING, a_rule, a_subscription, an_invocation, ended, held, listed, served
 
@@ -24,14 +24,17 @@ Call = Callable[[], Awaitable[object]]
 
 
 def subscriptions(url: str, stack: AsyncExitStack) -> tuple[Call, ...]:
-    a = Store(url, "fleet", "a")
+    a = SubscriptionStore(url, "fleet", "a")
     stack.push_async_exit(a)
     one = a_subscription()
     return (
-        a.renew, a.leave, a.dead_runs, a.held, lambda: a.of("/"), lambda: a.add(one, Delivery(), 1),
-        lambda: a.record(one.id), lambda: a.remove(one.id), lambda: a.wake(one.id), lambda: a.note(one.id, Delivery()),
-        lambda: a.note_all({one.id: Delivery()}), lambda: a.backlog(one.id), lambda: anext(a.adopt("b")),
-        lambda: a.advance(one.id, None, OUTGOING, Delivery()),
+        a.renew_lease, a.announce_end, a.dead_runs, a.held_records, lambda: a.records_of_owner("/"),
+        lambda: a.add(one, Delivery(), 1),
+        lambda: a.get_record(one.id), lambda: a.remove(one.id), lambda: a.resume(one.id),
+        lambda: a.store_delivery_state(one.id, Delivery()),
+        lambda: a.store_delivery_states({one.id: Delivery()}), lambda: a.read_backlog(one.id),
+        lambda: anext(a.take_over("b")),
+        lambda: a.advance_queue(one.id, None, OUTGOING, Delivery()),
     )  # fmt: skip
 
 
@@ -118,18 +121,18 @@ async def test_a_server_that_does_not_serve_now_is_away(server: Memory, store: A
 
 
 async def test_subscriptions_that_were_accepted_survive_kill_9_of_the_server(server: Backend) -> None:
-    async with Store(server.url, "fleet", "a") as a:
+    async with SubscriptionStore(server.url, "fleet", "a") as a:
         made = [a_subscription() for _ in range(20)]
         for one in made:
             await a.add(one, Delivery(), LIMIT)
-        entry = await a.advance(made[0].id, None, OUTGOING, Delivery())
+        entry = await a.advance_queue(made[0].id, None, OUTGOING, Delivery())
         server.kill()
         with pytest.raises(StoreUnavailable):
-            await a.record(made[0].id)
+            await a.get_record(made[0].id)
         server.start()
-        await served(a.renew)
+        await served(a.renew_lease)
         assert await listed(a) == made
-        assert (await a.backlog(made[0].id)).entries == [entry]
+        assert (await a.read_backlog(made[0].id)).entries == [entry]
 
 
 async def test_actions_that_were_accepted_survive_kill_9_of_the_server(server: Backend) -> None:
@@ -159,8 +162,8 @@ async def test_actions_that_were_accepted_survive_kill_9_of_the_server(server: B
 
 @pytest.mark.parametrize("server", ["memory"], indirect=True)
 async def test_nobody_is_dead_for_half_a_lease_after_an_outage_in_which_nobody_could_renew(server: Memory) -> None:
-    async with Store(server.url, "fleet", "a") as a, Store(server.url, "fleet", "b") as b:
-        await b.renew()
+    async with SubscriptionStore(server.url, "fleet", "a") as a, SubscriptionStore(server.url, "fleet", "b") as b:
+        await b.renew_lease()
         server.kill()
         await asyncio.sleep(2 * LEASE_S)
         with pytest.raises(StoreUnavailable):
@@ -177,7 +180,7 @@ async def test_nobody_is_dead_for_half_a_lease_after_an_outage_in_which_nobody_c
 async def test_a_step_of_which_the_answer_was_lost_may_be_repeated(server: Memory) -> None:
     """Whatever the step was, it was executed, and repeating it changes nothing."""
     subscription, invocation = a_subscription(), an_invocation()
-    async with Store(server.url, "fleet", "a") as a, ActionStore(server.url, "fleet", "a") as b:
+    async with SubscriptionStore(server.url, "fleet", "a") as a, ActionStore(server.url, "fleet", "a") as b:
         for step in (
             lambda: a.add(subscription, Delivery(), 1),
             lambda: b.create(invocation, idempotency_key="k", request_digest="d"),
@@ -192,5 +195,5 @@ async def test_a_step_of_which_the_answer_was_lost_may_be_repeated(server: Memor
             await step()
         assert await b.load_invocations() == [ended(invocation)]
         assert await held(a) == []
-        await a.leave()
+        await a.announce_end()
     assert not [key for key in server.lasting_keys() if "subscription" in key or "client" in key]

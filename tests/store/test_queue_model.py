@@ -16,7 +16,14 @@ from hypothesis.stateful import Bundle, RuleBasedStateMachine, initialize, invar
 from linked_fleet_gateway.resources.subscription import Delivery, DeliveryState, Kind, Subscription
 from linked_fleet_gateway.subscriptions.records import read_entry
 from linked_fleet_gateway.subscriptions.redis_scripts import Keys
-from linked_fleet_gateway.subscriptions.store import Backlog, Entry, Lost, Outgoing, Store, StoreUnavailable
+from linked_fleet_gateway.subscriptions.store import (
+    Backlog,
+    OutgoingMessage,
+    QueueEntry,
+    StoreUnavailable,
+    SubscriptionNotHeld,
+    SubscriptionStore,
+)
 from redis_backends import Backend, Memory, hold_to
 from store_samples import LEASE_S, LIMIT, CrashedError, a_subscription, adopted, crash_after, held, listed
 
@@ -35,7 +42,7 @@ class Kept:
     delivery: Delivery
     number: int = 0
     anew: int = 0
-    queue: list[Entry] = field(default_factory=list)
+    queue: list[QueueEntry] = field(default_factory=list)
     sent: dict[str, str] = field(default_factory=dict)
 
     @property
@@ -59,14 +66,14 @@ class CallbackQueue(RuleBasedStateMachine):
         super().__init__()
         server.empty()
         self.server, self.run = server, server.run
-        self.observer = Store(server.url, "fleet", "observer", LEASE_S)
-        self.living: list[Store] = []
+        self.observer = SubscriptionStore(server.url, "fleet", "observer", LEASE_S)
+        self.living: list[SubscriptionStore] = []
         self.dead: set[str] = set()
         self.leased: set[str] = set()
         self.kept: dict[str, Kept] = {}
         self.count = 0
 
-    def gateway(self, which: int) -> Store:
+    def gateway(self, which: int) -> SubscriptionStore:
         return self.living[which % len(self.living)]
 
     def teardown(self) -> None:
@@ -75,7 +82,7 @@ class CallbackQueue(RuleBasedStateMachine):
         for id in self.kept:
             self.run(self.living[0].remove(id))
         for store in self.living:
-            self.run(store.leave())
+            self.run(store.announce_end())
         left = set(self.server.lasting_keys()) - {Keys().news}
         for store in (*self.living, self.observer):
             self.run(store.__aexit__())
@@ -92,10 +99,10 @@ class CallbackQueue(RuleBasedStateMachine):
     @rule()
     def start(self) -> None:
         self.count += 1
-        self.living.append(Store(self.server.url, "fleet", f"run-{self.count}", LEASE_S))
-        self.run(self.living[-1].renew())
+        self.living.append(SubscriptionStore(self.server.url, "fleet", f"run-{self.count}", LEASE_S))
+        self.run(self.living[-1].renew_lease())
 
-    def die(self, store: Store) -> None:
+    def die(self, store: SubscriptionStore) -> None:
         self.run(store.__aexit__())
         self.living.remove(store)
         self.dead.add(store._run)
@@ -107,7 +114,7 @@ class CallbackQueue(RuleBasedStateMachine):
     def end(self, which: int, leaves: bool) -> None:
         store = self.gateway(which)
         if leaves:
-            self.run(store.leave())
+            self.run(store.announce_end())
         self.die(store)
         self.leased -= {store._run} if leaves else set()
 
@@ -115,7 +122,7 @@ class CallbackQueue(RuleBasedStateMachine):
         self.server.pass_time(LEASE_S + 1)
         self.leased.clear()
         for store in self.living:
-            self.run(store.renew())
+            self.run(store.renew_lease())
 
     @rule(which=WHICH, other=WHICH)
     def take_over(self, which: int, other: int) -> None:
@@ -162,7 +169,7 @@ class CallbackQueue(RuleBasedStateMachine):
     @rule(id=ids, which=WHICH, own=st.booleans())
     def remove(self, id: str, which: int, own: bool) -> None:
         store, one = self.gateway(which), self.kept.get(id)
-        removed = self.run(store.remove(id, own=own))
+        removed = self.run(store.remove(id, only_if_held=own))
         if one is None or (own and one.holder != store._run):
             assert removed is None
         else:
@@ -173,7 +180,7 @@ class CallbackQueue(RuleBasedStateMachine):
     def note(self, id: str, which: int, last_ns: int) -> None:
         store, one = self.gateway(which), self.kept.get(id)
         state = WAITING if one is None else one.delivery
-        lost = self.run(store.note_all({id: replace(state, last_ns=last_ns)}))
+        lost = self.run(store.store_delivery_states({id: replace(state, last_ns=last_ns)}))
         if one is None or one.holder != store._run:
             assert lost == {id}
         else:
@@ -194,11 +201,11 @@ class CallbackQueue(RuleBasedStateMachine):
         entry, outgoing, delivery = self.step(one, path, done, late)
         number = None if wanted is None or one is None else one.number + 1 + wanted
         if one is None or one.holder != store._run:
-            for work in (store.advance(id, entry, outgoing, delivery, forget, number), store.backlog(id)):
-                with pytest.raises(Lost):
+            for work in (store.advance_queue(id, entry, outgoing, delivery, forget, number), store.read_backlog(id)):
+                with pytest.raises(SubscriptionNotHeld):
                     self.run(work)
         elif not one.streams:
-            queued = self.run(store.advance(id, entry, outgoing, delivery, forget, number))
+            queued = self.run(store.advance_queue(id, entry, outgoing, delivery, forget, number))
             if wanted == 1 and outgoing is not None:
                 assert queued is None  # another number, so nothing is done
             else:
@@ -211,7 +218,7 @@ class CallbackQueue(RuleBasedStateMachine):
         read = a_subscription(id=id) if one is None else one.subscription
         before = replace(read, revision=read.revision - late)
         options = replace(before.options, media_type=media_type, interval_s=before.interval_s + 1)
-        assert self.run(store.change(before, options)) is (one is not None and not late)
+        assert self.run(store.change_options(before, options)) is (one is not None and not late)
         if one is not None and not late:
             one.subscription = read.with_options(options, read.revision + 1)
             if options.needs_full_state(read.options):
@@ -220,17 +227,19 @@ class CallbackQueue(RuleBasedStateMachine):
 
     def step(
         self, one: Kept | None, path: str | None, done: int | None, late: int = 0
-    ) -> tuple[Any, Outgoing | None, Delivery]:
+    ) -> tuple[Any, OutgoingMessage | None, Delivery]:
         number, revision = (one.number, one.subscription.revision) if one is not None else (0, 0)
         queue = one.queue if one is not None else []
         entry = queue[done % len(queue)] if queue and done is not None else None
         body = b"%d" % number * 3
-        outgoing = None if path is None else Outgoing(path, f"v{number}", "text/turtle", body, max(0, revision - late))
+        outgoing = (
+            None if path is None else OutgoingMessage(path, f"v{number}", "text/turtle", body, max(0, revision - late))
+        )
         return entry, outgoing, Delivery(last_status=200 + (done or 0))
 
     def taken(
-        self, one: Kept, entry: Entry | None, outgoing: Outgoing | None, delivery: Delivery, forget: list[str],
-        queued: Entry | None,
+        self, one: Kept, entry: QueueEntry | None, outgoing: OutgoingMessage | None, delivery: Delivery,
+        forget: list[str], queued: QueueEntry | None,
     ) -> None:  # fmt: skip
         """Record an executed step in the model."""
         one.delivery = delivery
@@ -241,7 +250,7 @@ class CallbackQueue(RuleBasedStateMachine):
             assert queued is not None
             one.number += 1
             said = outgoing.path, outgoing.version, outgoing.media_type, outgoing.body
-            assert queued == Entry(queued.entry_id, one.number, *said)
+            assert queued == QueueEntry(queued.entry_id, one.number, *said)
             one.queue.append(queued)
             if outgoing.revision >= one.anew:
                 one.sent[outgoing.path] = outgoing.version
@@ -251,7 +260,7 @@ class CallbackQueue(RuleBasedStateMachine):
     # -- what goes wrong in the middle --------------------------------------------------------------------------------
 
     def interrupted(
-        self, store: Store, steps: int, crashes: bool, work: Callable[[], Coroutine[Any, Any, object]]
+        self, store: SubscriptionStore, steps: int, crashes: bool, work: Callable[[], Coroutine[Any, Any, object]]
     ) -> None:
         """Begin an operation, and crash after so many commands or get no answer to the last of them."""
         if crashes or not isinstance(self.server, Memory):
@@ -270,7 +279,7 @@ class CallbackQueue(RuleBasedStateMachine):
         """Accepted or not, and invisible if not."""
         store, one = self.gateway(which), a_subscription(owner=OWNER)
         self.interrupted(store, steps, crashes, lambda: store.add(one, Delivery(), LIMIT))
-        if self.run(self.observer.record(one.id)) is not None:
+        if self.run(self.observer.get_record(one.id)) is not None:
             self.kept[one.id] = Kept(one, store._run, Delivery())
         return one.id
 
@@ -278,7 +287,7 @@ class CallbackQueue(RuleBasedStateMachine):
     def interrupted_remove(self, id: str, which: int, steps: int, crashes: bool) -> None:
         store = self.gateway(which)
         self.interrupted(store, steps, crashes, lambda: store.remove(id))
-        if self.run(self.observer.record(id)) is None:
+        if self.run(self.observer.get_record(id)) is None:
             self.kept.pop(id, None)
 
     @rule(id=ids, which=WHICH, steps=st.integers(0, 1), crashes=st.booleans(), path=PATHS, done=st.none() | WHICH)
@@ -288,8 +297,8 @@ class CallbackQueue(RuleBasedStateMachine):
         if one is None or one.holder != store._run or one.streams:
             return
         entry, outgoing, delivery = self.step(one, path, done)
-        self.interrupted(store, steps, crashes, lambda: store.advance(id, entry, outgoing, delivery))
-        record = self.run(self.observer.record(id))
+        self.interrupted(store, steps, crashes, lambda: store.advance_queue(id, entry, outgoing, delivery))
+        record = self.run(self.observer.get_record(id))
         assert record is not None
         if record.delivery != one.delivery or self.run(self.length(id)) > len(one.queue):
             queued = self.run(self.last_entry(id))
@@ -298,7 +307,7 @@ class CallbackQueue(RuleBasedStateMachine):
     async def length(self, id: str) -> int:
         return int(await self.observer._redis.execute("XLEN", Keys().queue(id)))
 
-    async def last_entry(self, id: str) -> Entry:
+    async def last_entry(self, id: str) -> QueueEntry:
         script = "return redis.call('XREVRANGE', KEYS[1], '+', '-', 'COUNT', 1)[1]"
         return read_entry(*await self.observer._redis.run_script(script, (Keys().queue(id),)))
 
@@ -314,7 +323,7 @@ class CallbackQueue(RuleBasedStateMachine):
 
         self.interrupted(store, steps, True, adopt)
         for id, one in [*self.kept.items()]:
-            record = self.run(self.observer.record(id))
+            record = self.run(self.observer.get_record(id))
             if record is None:
                 assert one.holder in before and not one.lasts
                 del self.kept[id]
@@ -331,11 +340,11 @@ class CallbackQueue(RuleBasedStateMachine):
         shown = [one.subscription for one in self.kept.values() if not one.streams or one.holder in leased]
         assert self.run(listed(self.observer, OWNER)) == shown
         for id, one in self.kept.items():
-            record = self.run(self.observer.record(id))
+            record = self.run(self.observer.get_record(id))
             assert record is not None
             assert (record.subscription, record.holder, record.delivery) == (one.subscription, one.holder, one.delivery)
             if one.holder in living and not one.streams:
-                assert self.run(living[one.holder].backlog(id)) == Backlog(one.queue, one.sent, one.number)
+                assert self.run(living[one.holder].read_backlog(id)) == Backlog(one.queue, one.sent, one.number)
         for run, store in living.items():
             mine = sorted(one.subscription.id for one in self.kept.values() if one.holder == run)
             assert sorted(one.id for one in self.run(held(store))) == mine

@@ -8,7 +8,7 @@ import pytest
 
 from linked_fleet_gateway.resources.subscription import Delivery, Kind
 from linked_fleet_gateway.subscriptions.redis_scripts import Keys
-from linked_fleet_gateway.subscriptions.store import Store, StoreUnavailable
+from linked_fleet_gateway.subscriptions.store import StoreUnavailable, SubscriptionStore
 from redis_backends import Memory, Real, opened
 from redis_servers import Server, Servers, cluster_replicated, single_replicated
 from running import eventually
@@ -85,12 +85,12 @@ def server(request: pytest.FixtureRequest) -> Iterator[ReplicatedMemory | Replic
 
 
 @pytest.fixture
-def a(server: ReplicatedMemory | Replicated) -> Iterator[Store]:
-    yield from opened(server, Store(server.url, "fleet", "a"))
+def a(server: ReplicatedMemory | Replicated) -> Iterator[SubscriptionStore]:
+    yield from opened(server, SubscriptionStore(server.url, "fleet", "a"))
 
 
 @pytest.mark.parametrize("server", REAL, indirect=True)
-async def test_accepted_callbacks_are_on_a_replica(server: Replicated, a: Store) -> None:
+async def test_accepted_callbacks_are_on_a_replica(server: Replicated, a: SubscriptionStore) -> None:
     for _ in range(30):
         one = a_subscription()
         await a.add(one, Delivery(), LIMIT)
@@ -98,7 +98,9 @@ async def test_accepted_callbacks_are_on_a_replica(server: Replicated, a: Store)
         assert server.has(KEYS.queue(one.id))
 
 
-async def test_an_unconfirmed_callback_is_refused_and_removed(server: ReplicatedMemory | Replicated, a: Store) -> None:
+async def test_an_unconfirmed_callback_is_refused_and_removed(
+    server: ReplicatedMemory | Replicated, a: SubscriptionStore
+) -> None:
     before = [a_subscription() for _ in range(9)]  # connections whose earlier writes are confirmed
     await asyncio.gather(*(a.add(one, Delivery(), LIMIT) for one in before))
     server.pause()
@@ -109,13 +111,13 @@ async def test_an_unconfirmed_callback_is_refused_and_removed(server: Replicated
         for one, result in zip(refused, results, strict=True):
             assert str(result) == f"no replica of Redis confirmed subscription {one.id} in time"
         stream = a_subscription(kind=Kind.WEBSOCKET)
-        await a.renew()
+        await a.renew_lease()
         await a.add(stream, Delivery(), LIMIT)
         assert await listed(a) == [*before, stream]
         assert {one.id for one in await held(a)} == {stream.id, *(one.id for one in before)}
         for one in (stream, *before):
             await a.remove(one.id)
-        await a.leave()
+        await a.announce_end()
         assert server.lasting_keys() == []
     finally:
         server.resume()
@@ -127,7 +129,7 @@ async def test_an_unconfirmed_callback_is_refused_and_removed(server: Replicated
         assert not any(server.has(KEYS.record(each.id)) for each in refused)
 
 
-async def until_added(store: Store, subscription: Any) -> None:
+async def until_added(store: SubscriptionStore, subscription: Any) -> None:
     """The replicas may still be reading what arrived while they were stopped."""
     for _ in range(20):
         try:
@@ -138,7 +140,7 @@ async def until_added(store: Store, subscription: Any) -> None:
 
 
 async def test_a_subscription_that_vanishes_before_it_is_confirmed_is_not_accepted(
-    server: ReplicatedMemory | Replicated, a: Store
+    server: ReplicatedMemory | Replicated, a: SubscriptionStore
 ) -> None:
     """A failover to a replica that did not have it yet causes this."""
     one, ask = a_subscription(), a._redis.run_replicated_script
@@ -150,13 +152,15 @@ async def test_a_subscription_that_vanishes_before_it_is_confirmed_is_not_accept
     a._redis.run_replicated_script = late  # type: ignore[method-assign]
     with pytest.raises(StoreUnavailable, match="was gone before a replica had it"):
         await a.add(one, Delivery(), LIMIT)
-    assert await a.record(one.id) is None
+    assert await a.get_record(one.id) is None
     assert await held(a) == []  # and deletes what it lists
-    await a.leave()
+    await a.announce_end()
     assert {*server.lasting_keys()} <= {KEYS.queue(one.id)}
 
 
-async def test_a_replica_that_is_gone_is_not_waited_for(server: ReplicatedMemory | Replicated, a: Store) -> None:
+async def test_a_replica_that_is_gone_is_not_waited_for(
+    server: ReplicatedMemory | Replicated, a: SubscriptionStore
+) -> None:
     server.lose()
     try:
         one = a_subscription()
@@ -168,7 +172,9 @@ async def test_a_replica_that_is_gone_is_not_waited_for(server: ReplicatedMemory
 
 
 @pytest.mark.parametrize("server", REAL[1:], indirect=True)
-async def test_the_lists_in_which_a_callback_is_found_are_with_replicas_too(server: Replicated, a: Store) -> None:
+async def test_the_lists_in_which_a_callback_is_found_are_with_replicas_too(
+    server: Replicated, a: SubscriptionStore
+) -> None:
     """The replica of one list's master is stopped or gone; that of the record works."""
 
     def of(key: str) -> int:
@@ -183,7 +189,7 @@ async def test_the_lists_in_which_a_callback_is_found_are_with_replicas_too(serv
         try:
             with pytest.raises(StoreUnavailable, match="no replica of Redis confirmed"):
                 await a.add(others[0], Delivery(), LIMIT)
-            assert await a.record(others[0].id) is None
+            assert await a.get_record(others[0].id) is None
         finally:
             replica.resume()
         replica.kill()
@@ -201,7 +207,9 @@ def served_by(node: Server, key: str) -> bool:
 
 # Last: afterwards a replica is the master.
 @pytest.mark.parametrize("server", REAL[1:], indirect=True)
-async def test_a_confirmation_is_not_asked_of_a_server_that_is_master_no_longer(server: Replicated, a: Store) -> None:
+async def test_a_confirmation_is_not_asked_of_a_server_that_is_master_no_longer(
+    server: Replicated, a: SubscriptionStore
+) -> None:
     one, ask = a_subscription(), a._redis.run_replicated_script
 
     def fail_over(key: str) -> None:
@@ -217,5 +225,5 @@ async def test_a_confirmation_is_not_asked_of_a_server_that_is_master_no_longer(
     a._redis.run_replicated_script = late  # type: ignore[method-assign]
     with pytest.raises(StoreUnavailable, match="MovedError"):
         await a.add(one, Delivery(), LIMIT)
-    assert await a.record(one.id) is None
-    assert await a.held() == await a.of(OWNER) == []
+    assert await a.get_record(one.id) is None
+    assert await a.held_records() == await a.records_of_owner(OWNER) == []

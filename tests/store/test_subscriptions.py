@@ -8,7 +8,13 @@ import pytest
 
 from linked_fleet_gateway.resources.subscription import Delivery, DeliveryState, Depth, Kind
 from linked_fleet_gateway.subscriptions.redis_scripts import Keys
-from linked_fleet_gateway.subscriptions.store import Backlog, Lost, News, Store, TooMany
+from linked_fleet_gateway.subscriptions.store import (
+    Backlog,
+    News,
+    SubscriptionLimitReached,
+    SubscriptionNotHeld,
+    SubscriptionStore,
+)
 from redis_backends import Backend, opened
 from store_samples import (
     LIMIT,
@@ -28,19 +34,19 @@ NEWS = Keys().news
 
 
 @pytest.fixture
-def a(server: Backend) -> Iterator[Store]:
-    yield from opened(server, Store(server.url, "fleet", "a"))
+def a(server: Backend) -> Iterator[SubscriptionStore]:
+    yield from opened(server, SubscriptionStore(server.url, "fleet", "a"))
 
 
 @pytest.fixture
-def b(server: Backend) -> Iterator[Store]:
-    yield from opened(server, Store(server.url, "fleet", "b"))
+def b(server: Backend) -> Iterator[SubscriptionStore]:
+    yield from opened(server, SubscriptionStore(server.url, "fleet", "b"))
 
 
 # Records and lists
 
 
-async def test_a_subscription_is_read_as_it_was_accepted(a: Store, b: Store) -> None:
+async def test_a_subscription_is_read_as_it_was_accepted(a: SubscriptionStore, b: SubscriptionStore) -> None:
     whole = a_subscription(
         depth=Depth.SUBTREE, interval_s=0.25, deadband=1e-3, callback="https://x/", secret="whsec_YQ"
     )
@@ -48,33 +54,35 @@ async def test_a_subscription_is_read_as_it_was_accepted(a: Store, b: Store) -> 
     await a.add(whole, delivery, LIMIT)
     record = await known(b, whole.id)
     assert (record.subscription, record.delivery, record.holder) == (whole, delivery, "a")
-    assert await b.record("none") is None
-    await a.note(whole.id, Delivery())
-    assert [one.delivery for one in await b.of(whole.owner)] == [Delivery()]
+    assert await b.get_record("none") is None
+    await a.store_delivery_state(whole.id, Delivery())
+    assert [one.delivery for one in await b.records_of_owner(whole.owner)] == [Delivery()]
 
 
-async def test_a_container_lists_its_own_of_all_gateways_oldest_first(a: Store, b: Store) -> None:
-    await a.renew()
+async def test_a_container_lists_its_own_of_all_gateways_oldest_first(
+    a: SubscriptionStore, b: SubscriptionStore
+) -> None:
+    await a.renew_lease()
     made = [a_subscription(kind=kind) for kind in Kind]
     for number, one in enumerate(reversed(made)):
         await (a, b)[number % 2].add(one, Delivery(), LIMIT)
-    await b.renew()
+    await b.renew_lease()
     await a.add(a_subscription(owner="/"), Delivery(), LIMIT)
     assert await listed(a) == made
     assert await listed(a, "/baxter") == []
 
 
-async def test_a_long_container_is_listed_in_few_steps(a: Store) -> None:
+async def test_a_long_container_is_listed_in_few_steps(a: SubscriptionStore) -> None:
     made = [a_subscription(kind=list(Kind)[number % 4]) for number in range(300)]
     await asyncio.gather(*(a.add(one, Delivery(), LIMIT) for one in made))
-    await a.renew()  # streams are listed while the lease lasts
+    await a.renew_lease()  # streams are listed while the lease lasts
     trips = count_trips(a)
     assert await listed(a) == made
     assert trips() == 2 + 2  # parts of 256
 
 
 async def test_a_client_has_no_more_than_its_limit_and_a_refusal_stores_nothing(
-    server: Backend, a: Store, b: Store
+    server: Backend, a: SubscriptionStore, b: SubscriptionStore
 ) -> None:
     asked = [a_subscription() for _ in range(20)]
     results = await asyncio.gather(
@@ -82,40 +90,44 @@ async def test_a_client_has_no_more_than_its_limit_and_a_refusal_stores_nothing(
     )
     accepted = [one for one, result in zip(asked, results, strict=True) if result is None]
     assert len(accepted) == 5
-    assert {type(result) for result in results} == {type(None), TooMany}, results
-    assert len(await listed(a)) == len(await a.held()) + len(await b.held()) == 5
+    assert {type(result) for result in results} == {type(None), SubscriptionLimitReached}, results
+    assert len(await listed(a)) == len(await a.held_records()) + len(await b.held_records()) == 5
     await b.add(a_subscription(client="192.0.2.8"), Delivery(), 5)  # another client is counted separately
     await a.remove(accepted[0].id)
     await a.add(a_subscription(), Delivery(), 5)
     for one in await listed(a):
         await a.remove(one.id)
-    await a.leave()
-    await b.leave()
+    await a.announce_end()
+    await b.announce_end()
     assert server.lasting_keys() == [NEWS]
 
 
-async def test_adding_again_changes_nothing_but_what_is_said(a: Store) -> None:
+async def test_adding_again_changes_nothing_but_what_is_said(a: SubscriptionStore) -> None:
     one = a_subscription()
     await a.add(one, Delivery(), 1)
-    first = await a.advance(one.id, None, OUTGOING, Delivery())
+    first = await a.advance_queue(one.id, None, OUTGOING, Delivery())
     await a.add(one, Delivery(failures=1), 1)
     assert (await known(a, one.id)).delivery.failures == 1
-    assert (await a.backlog(one.id)).entries == [first]
-    second = await a.advance(one.id, first, OUTGOING, Delivery())
+    assert (await a.read_backlog(one.id)).entries == [first]
+    second = await a.advance_queue(one.id, first, OUTGOING, Delivery())
     assert second is not None and second.number == 2
 
 
-async def test_nothing_written_late_brings_a_removed_subscription_back(server: Backend, a: Store) -> None:
+async def test_nothing_written_late_brings_a_removed_subscription_back(server: Backend, a: SubscriptionStore) -> None:
     one = a_subscription()
     await a.add(one, Delivery(), LIMIT)
     removed = await a.remove(one.id)
     assert removed is not None and removed.subscription == one
-    assert await a.remove(one.id) is await a.wake(one.id) is None
-    assert await a.note_all({one.id: Delivery(), "other": Delivery()}) == {one.id, "other"}
-    for late in (a.note(one.id, Delivery()), a.advance(one.id, None, OUTGOING, Delivery()), a.backlog(one.id)):
-        with pytest.raises(Lost):
+    assert await a.remove(one.id) is await a.resume(one.id) is None
+    assert await a.store_delivery_states({one.id: Delivery(), "other": Delivery()}) == {one.id, "other"}
+    for late in (
+        a.store_delivery_state(one.id, Delivery()),
+        a.advance_queue(one.id, None, OUTGOING, Delivery()),
+        a.read_backlog(one.id),
+    ):
+        with pytest.raises(SubscriptionNotHeld):
             await late
-    await a.leave()
+    await a.announce_end()
     assert server.lasting_keys() == []
 
 
@@ -124,13 +136,13 @@ async def test_nothing_written_late_brings_a_removed_subscription_back(server: B
 
 @pytest.mark.parametrize("commands", range(5))
 async def test_an_incomplete_addition_is_invisible_and_reclaimed(
-    commands: int, server: Backend, a: Store, b: Store
+    commands: int, server: Backend, a: SubscriptionStore, b: SubscriptionStore
 ) -> None:
     one = a_subscription()
     crash_after(a, commands)
     with pytest.raises(CrashedError):
         await a.add(one, Delivery(), LIMIT)
-    assert await b.record(one.id) is None
+    assert await b.get_record(one.id) is None
     assert await listed(b) == []
     for run in ["a", *await b.dead_runs()]:
         assert await adopted(b, run) == []
@@ -140,73 +152,73 @@ async def test_an_incomplete_addition_is_invisible_and_reclaimed(
 
 @pytest.mark.parametrize("commands", range(1, 4))
 async def test_an_incomplete_removal_is_reclaimed_by_its_holder(
-    commands: int, server: Backend, a: Store, b: Store
+    commands: int, server: Backend, a: SubscriptionStore, b: SubscriptionStore
 ) -> None:
     one = a_subscription()
     await a.add(one, Delivery(), LIMIT)
     crash_after(b, commands)
     with pytest.raises(CrashedError):
         await b.remove(one.id)
-    assert await a.record(one.id) is None
+    assert await a.get_record(one.id) is None
     assert await held(a) == []
-    await a.leave()
+    await a.announce_end()
     assert server.lasting_keys() == []
 
 
 # Deliveries; their order and numbers are in ``test_queue_model.py``
 
 
-async def test_ten_thousand_resources_may_be_no_more_at_once(a: Store) -> None:
+async def test_ten_thousand_resources_may_be_no_more_at_once(a: SubscriptionStore) -> None:
     one = a_subscription()
     await a.add(one, Delivery(), LIMIT)
-    entry = await a.advance(one.id, None, OUTGOING, Delivery())
-    await a.advance(one.id, entry, None, Delivery(), [OUTGOING.path, *(f"/{n}" for n in range(10_000))])
-    assert await a.backlog(one.id) == Backlog([], {}, 1)
+    entry = await a.advance_queue(one.id, None, OUTGOING, Delivery())
+    await a.advance_queue(one.id, entry, None, Delivery(), [OUTGOING.path, *(f"/{n}" for n in range(10_000))])
+    assert await a.read_backlog(one.id) == Backlog([], {}, 1)
 
 
-async def test_noting_many_returns_the_lost_ones(a: Store, b: Store) -> None:
+async def test_noting_many_returns_the_lost_ones(a: SubscriptionStore, b: SubscriptionStore) -> None:
     mine, others, gone = (a_subscription() for _ in range(3))
     await a.add(mine, Delivery(), LIMIT)
     await b.add(others, Delivery(), LIMIT)
     noted = {one.id: Delivery(last_ns=7) for one in (gone, mine, others)}
-    assert await a.note_all(noted) == {gone.id, others.id}
-    assert await a.note_all({}) == set()
-    assert [record.delivery.last_ns for record in await a.of(mine.owner)] == [7, None]
+    assert await a.store_delivery_states(noted) == {gone.id, others.id}
+    assert await a.store_delivery_states({}) == set()
+    assert [record.delivery.last_ns for record in await a.records_of_owner(mine.owner)] == [7, None]
 
 
 # News
 
 
 @pytest.fixture
-def news(server: Backend, a: Store) -> Iterator[AsyncIterator[News]]:
+def news(server: Backend, a: SubscriptionStore) -> Iterator[AsyncIterator[News]]:
     yield from opened(server, aclosing(a.news()))
 
 
 async def test_a_holder_gets_news_after_an_outage(
-    server: Backend, a: Store, b: Store, news: AsyncIterator[News]
+    server: Backend, a: SubscriptionStore, b: SubscriptionStore, news: AsyncIterator[News]
 ) -> None:
     mine, resumed, removed, later = (a_subscription() for _ in range(4))
-    await a.renew()
+    await a.renew_lease()
     for one in (mine, resumed, removed, later):
         await a.add(one, Delivery(DeliveryState.SUSPENDED, failures=8, reason="Gone.", consented=True), LIMIT)
     await a.remove(mine.id)
-    record = await b.wake(resumed.id)
+    record = await b.resume(resumed.id)
     assert record is not None and record.delivery == Delivery(consented=True)
     await b.remove(removed.id)
-    await a.wake(later.id)
+    await a.resume(later.id)
     assert await anext(news) == News("resumed", resumed.id, "a")
     assert await anext(news) == News("removed", removed.id, "a")
     assert await anext(news) == News("resumed", later.id, "a")
     waiting = asyncio.ensure_future(anext(news))
     server.kill()
     server.start()
-    await served(b.renew)
+    await served(b.renew_lease)
     await b.remove(later.id)
     assert await waiting == News("removed", later.id, "a")
 
 
-async def test_a_stream_is_not_woken(a: Store) -> None:
+async def test_a_stream_is_not_woken(a: SubscriptionStore) -> None:
     one, waiting = a_subscription(kind=Kind.STREAM), Delivery(DeliveryState.WAITING)
     await a.add(one, waiting, LIMIT)
-    record = await a.wake(one.id)
+    record = await a.resume(one.id)
     assert record is not None and record.delivery == waiting

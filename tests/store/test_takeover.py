@@ -10,7 +10,12 @@ import pytest
 
 from linked_fleet_gateway.resources.subscription import Delivery, DeliveryState, Kind, Record, Subscription
 from linked_fleet_gateway.subscriptions.redis_scripts import Keys
-from linked_fleet_gateway.subscriptions.store import Lost, News, Store, TooMany
+from linked_fleet_gateway.subscriptions.store import (
+    News,
+    SubscriptionLimitReached,
+    SubscriptionNotHeld,
+    SubscriptionStore,
+)
 from redis_backends import Backend, opened
 from store_samples import (
     LEASE_S,
@@ -29,18 +34,18 @@ NEWS = Keys().news
 
 
 @pytest.fixture
-def a(server: Backend) -> Iterator[Store]:
-    yield from opened(server, Store(server.url, "fleet", "a", LEASE_S))
+def a(server: Backend) -> Iterator[SubscriptionStore]:
+    yield from opened(server, SubscriptionStore(server.url, "fleet", "a", LEASE_S))
 
 
 @pytest.fixture
-def b(server: Backend) -> Iterator[Store]:
-    yield from opened(server, Store(server.url, "fleet", "b", LEASE_S))
+def b(server: Backend) -> Iterator[SubscriptionStore]:
+    yield from opened(server, SubscriptionStore(server.url, "fleet", "b", LEASE_S))
 
 
 @pytest.fixture
-def c(server: Backend) -> Iterator[Store]:
-    yield from opened(server, Store(server.url, "fleet", "c", LEASE_S))
+def c(server: Backend) -> Iterator[SubscriptionStore]:
+    yield from opened(server, SubscriptionStore(server.url, "fleet", "c", LEASE_S))
 
 
 @pytest.fixture
@@ -48,16 +53,18 @@ def stream() -> Subscription:
     return a_subscription(kind=Kind.STREAM)
 
 
-async def ids_held(store: Store) -> set[str]:
+async def ids_held(store: SubscriptionStore) -> set[str]:
     """Return the ids in the list of a run, including those that other runs hold."""
-    return set(await store._runs.held(store._run))
+    return set(await store._runs.held_subscriptions(store._run))
 
 
 # Adoption
 
 
 @pytest.mark.parametrize("commands", range(14))
-async def test_adoption_survives_the_death_of_the_adopter(commands: int, a: Store, b: Store, c: Store) -> None:
+async def test_adoption_survives_the_death_of_the_adopter(
+    commands: int, a: SubscriptionStore, b: SubscriptionStore, c: SubscriptionStore
+) -> None:
     first, stream, last = a_subscription(), a_subscription(kind=Kind.WEBSOCKET), a_subscription()
     for one in (first, stream, last):
         await a.add(one, Delivery(), LIMIT)
@@ -69,19 +76,21 @@ async def test_adoption_survives_the_death_of_the_adopter(commands: int, a: Stor
             await adopted(c, run)
     assert await listed(c) == [first, last]
     assert {one.id for one in await held(c)} == {first.id, last.id}
-    assert await c.record(stream.id) is None
+    assert await c.get_record(stream.id) is None
 
 
-async def test_many_are_adopted_in_few_steps_each_given_as_soon_as_it_is_won(a: Store, b: Store, c: Store) -> None:
+async def test_many_are_adopted_in_few_steps_each_given_as_soon_as_it_is_won(
+    a: SubscriptionStore, b: SubscriptionStore, c: SubscriptionStore
+) -> None:
     made = [a_subscription() for _ in range(200)]
     streams = [a_subscription(kind=Kind.WEBSOCKET) for _ in range(100)]
     await asyncio.gather(*(a.add(one, Delivery(), LIMIT) for one in (*streams, *made)))
-    await b.renew()
-    await c.renew()
-    async with aclosing(b.adopt("a")) as adopting:
+    await b.renew_lease()
+    await c.renew_lease()
+    async with aclosing(b.take_over("a")) as adopting:
         assert (await anext(adopting)).holder == "b"
-        assert len(await b.held()) < len(made)
-        assert await c.record(streams[0].id) is not None
+        assert len(await b.held_records()) < len(made)
+        assert await c.get_record(streams[0].id) is not None
     kept = await held(b)
     trips = count_trips(c)
     won = await adopted(c, "a")
@@ -89,10 +98,12 @@ async def test_many_are_adopted_in_few_steps_each_given_as_soon_as_it_is_won(a: 
     assert sorted(one.id for one in (*kept, *won)) == sorted(one.id for one in made)
     assert await c.dead_runs() == []
     assert await listed(c) == made
-    assert await c.record(streams[0].id) is None
+    assert await c.get_record(streams[0].id) is None
 
 
-async def test_a_run_goes_on_renewing_its_lease_while_it_adopts(a: Store, b: Store, c: Store) -> None:
+async def test_a_run_goes_on_renewing_its_lease_while_it_adopts(
+    a: SubscriptionStore, b: SubscriptionStore, c: SubscriptionStore
+) -> None:
     for _ in range(20):  # more at once wait for a busy server longer than the store does
         await asyncio.gather(*(a.add(a_subscription(), Delivery(), LIMIT) for _ in range(20)))
     renewals, adopting = 0, True
@@ -100,11 +111,11 @@ async def test_a_run_goes_on_renewing_its_lease_while_it_adopts(a: Store, b: Sto
     async def renew() -> None:
         nonlocal renewals
         while adopting:
-            await b.renew()
+            await b.renew_lease()
             renewals += 1
 
     renewing = asyncio.create_task(renew())
-    before = [renewals async for _ in b.adopt("a")]
+    before = [renewals async for _ in b.take_over("a")]
     adopting = False
     await renewing
     assert len(before) == 400
@@ -112,7 +123,9 @@ async def test_a_run_goes_on_renewing_its_lease_while_it_adopts(a: Store, b: Sto
     assert await c.dead_runs() == []
 
 
-async def test_an_add_whose_first_steps_others_cleared_away_is_whole_in_the_end(a: Store, b: Store) -> None:
+async def test_an_add_whose_first_steps_others_cleared_away_is_whole_in_the_end(
+    a: SubscriptionStore, b: SubscriptionStore
+) -> None:
     """A gateway so slow that it counts as dead while it adds."""
     one, commit = a_subscription(), a._redis.run_script
 
@@ -130,23 +143,27 @@ async def test_an_add_whose_first_steps_others_cleared_away_is_whole_in_the_end(
     assert await adopted(b, "a") == [one]
 
 
-async def test_subscriptions_of_an_ended_gateway_are_adopted_at_once(a: Store, b: Store) -> None:
+async def test_subscriptions_of_an_ended_gateway_are_adopted_at_once(
+    a: SubscriptionStore, b: SubscriptionStore
+) -> None:
     one = a_subscription()
-    await a.renew()
+    await a.renew_lease()
     await a.add(one, Delivery(), LIMIT)
     assert await b.dead_runs() == []
-    await a.leave()
+    await a.announce_end()
     assert await b.dead_runs() == ["a"]
     assert await adopted(b, "a") == [one]
     assert await b.dead_runs() == []
 
 
-def test_streams_vanish_with_the_lease_of_their_gateway_and_callbacks_stay(server: Backend, a: Store, b: Store) -> None:
+def test_streams_vanish_with_the_lease_of_their_gateway_and_callbacks_stay(
+    server: Backend, a: SubscriptionStore, b: SubscriptionStore
+) -> None:
     stream, callback = a_subscription(kind=Kind.EVENT_STREAM), a_subscription()
 
     async def begin() -> None:
-        await b.renew()
-        await a.renew()
+        await b.renew_lease()
+        await a.renew_lease()
         for one in (stream, callback):
             await a.add(one, Delivery(), LIMIT)
         assert await listed(b) == [stream, callback]
@@ -154,12 +171,12 @@ def test_streams_vanish_with_the_lease_of_their_gateway_and_callbacks_stay(serve
         assert await adopted(b, "a") == []
 
     async def take_over() -> None:
-        await b.renew()
+        await b.renew_lease()
         assert await b.dead_runs() == ["a"]
         assert await listed(b) == [callback]
         assert await adopted(b, "a") == [callback]
-        assert await b.record(stream.id) is None
-        await a.renew()  # it was not dead: its stream is registered again
+        assert await b.get_record(stream.id) is None
+        await a.renew_lease()  # it was not dead: its stream is registered again
         assert await held(a) == []
         await a.add(stream, Delivery(), LIMIT)
         assert await listed(b) == [stream, callback]
@@ -173,36 +190,38 @@ def test_streams_vanish_with_the_lease_of_their_gateway_and_callbacks_stay(serve
 
 
 async def test_adding_a_stream_takes_it_over_and_tells_its_holder(
-    server: Backend, a: Store, b: Store, c: Store, stream: Subscription
+    server: Backend, a: SubscriptionStore, b: SubscriptionStore, c: SubscriptionStore, stream: Subscription
 ) -> None:
     async with aclosing(a.news()) as news:
         for one in (a, b, c):
-            await one.renew()
+            await one.renew_lease()
         await a.add(stream, Delivery(DeliveryState.WAITING), 1)
         opened, delivery = replace(stream, kind=Kind.WEBSOCKET), Delivery(last_ns=5)
         await b.add(opened, delivery, 1)
         there = [Record(opened, delivery, "b")]
-        assert await c.of(stream.owner) == there
+        assert await c.records_of_owner(stream.owner) == there
         assert (await ids_held(a), await ids_held(b)) == (set(), {stream.id})
         assert await anext(news) == News("replaced", stream.id, "a")
         # Whatever the first does when its connection closes leaves the stream with the other.
-        with pytest.raises(Lost):
-            await a.add(stream, Delivery(DeliveryState.WAITING), 1, take=False)
-        assert await a.note_all({stream.id: Delivery()}) == {stream.id}
-        assert await a.remove(stream.id, own=True) is None
+        with pytest.raises(SubscriptionNotHeld):
+            await a.add(stream, Delivery(DeliveryState.WAITING), 1, take_over=False)
+        assert await a.store_delivery_states({stream.id: Delivery()}) == {stream.id}
+        assert await a.remove(stream.id, only_if_held=True) is None
         assert await held(a) == []
-        await a.leave()
+        await a.announce_end()
         assert await c.dead_runs() == []
         assert await adopted(c, "a") == []
-        assert await c.of(stream.owner) == await b.held() == there
-        await b.leave()
-        assert await c.of(stream.owner) == []
+        assert await c.records_of_owner(stream.owner) == await b.held_records() == there
+        await b.announce_end()
+        assert await c.records_of_owner(stream.owner) == []
         assert await adopted(c, "b") == []
-        await c.leave()
+        await c.announce_end()
         assert server.lasting_keys() == [NEWS]
 
 
-async def test_a_stream_may_go_there_and_back_at_once(a: Store, b: Store, stream: Subscription) -> None:
+async def test_a_stream_may_go_there_and_back_at_once(
+    a: SubscriptionStore, b: SubscriptionStore, stream: Subscription
+) -> None:
     for _ in range(20):
         await asyncio.gather(*(one.add(stream, Delivery(), LIMIT) for one in (a, b, a, b, a, b)))
         holder = (await known(a, stream.id)).holder
@@ -210,7 +229,7 @@ async def test_a_stream_may_go_there_and_back_at_once(a: Store, b: Store, stream
 
 
 async def test_a_stream_that_is_taken_back_as_the_other_strikes_it_out_is_listed(
-    a: Store, b: Store, stream: Subscription
+    a: SubscriptionStore, b: SubscriptionStore, stream: Subscription
 ) -> None:
     await b.add(stream, Delivery(), LIMIT)
     let_go, commit, striking_out = a._let_go, b._redis.run_script, list[Any]()
@@ -232,25 +251,30 @@ async def test_a_stream_that_is_taken_back_as_the_other_strikes_it_out_is_listed
 
 @pytest.mark.parametrize("commands", range(13))
 async def test_a_crash_while_a_stream_goes_over_leaves_it_with_one_or_the_other(
-    commands: int, server: Backend, a: Store, b: Store, c: Store, stream: Subscription
+    commands: int,
+    server: Backend,
+    a: SubscriptionStore,
+    b: SubscriptionStore,
+    c: SubscriptionStore,
+    stream: Subscription,
 ) -> None:
     await a.add(stream, Delivery(), LIMIT)
-    await a.renew()
+    await a.renew_lease()
     crash_after(b, commands)
     with suppress(CrashedError):
         await b.add(stream, Delivery(), LIMIT)
     record = await known(c, stream.id)
     for run in {"b", *await c.dead_runs()}:
         assert await adopted(c, run) == []
-    assert await c.of(stream.owner) == await a.held() == [record][: record.holder == "a"]
-    await a.leave()
+    assert await c.records_of_owner(stream.owner) == await a.held_records() == [record][: record.holder == "a"]
+    await a.announce_end()
     for run in await c.dead_runs():
         assert await adopted(c, run) == []
     assert {*server.lasting_keys()} <= {NEWS}
 
 
 async def test_a_stream_that_is_opened_again_is_not_cleared_away_with_the_gateway_that_had_it(
-    a: Store, b: Store, c: Store, stream: Subscription
+    a: SubscriptionStore, b: SubscriptionStore, c: SubscriptionStore, stream: Subscription
 ) -> None:
     await a.add(stream, Delivery(), LIMIT)
     read = c._records
@@ -258,7 +282,7 @@ async def test_a_stream_that_is_opened_again_is_not_cleared_away_with_the_gatewa
     async def late(ids: Any) -> Any:
         records = await read(ids)
         c._records = read  # type: ignore[method-assign]
-        await b.renew()
+        await b.renew_lease()
         await b.add(stream, Delivery(), LIMIT)
         return records
 
@@ -268,7 +292,7 @@ async def test_a_stream_that_is_opened_again_is_not_cleared_away_with_the_gatewa
 
 
 async def test_a_stream_that_is_opened_while_its_holder_removes_it_is_whole(
-    a: Store, b: Store, stream: Subscription
+    a: SubscriptionStore, b: SubscriptionStore, stream: Subscription
 ) -> None:
     await a.add(stream, Delivery(), LIMIT)
     clear, adding = a._clear, []
@@ -282,24 +306,24 @@ async def test_a_stream_that_is_opened_while_its_holder_removes_it_is_whole(
     a._clear = late  # type: ignore[method-assign]
     await a.remove(stream.id)
     await asyncio.gather(*adding)
-    await b.renew()
+    await b.renew_lease()
     assert await listed(a) == await held(b) == [stream]
 
 
 async def test_a_stream_that_waits_goes_to_the_gateway_that_adopts_it(
-    server: Backend, a: Store, b: Store, stream: Subscription
+    server: Backend, a: SubscriptionStore, b: SubscriptionStore, stream: Subscription
 ) -> None:
     """It is listed there, counts for its client as before, and vanishes when it is removed."""
     waiting = Delivery(DeliveryState.WAITING, last_ns=7)
-    await b.renew()
-    await a.renew()
+    await b.renew_lease()
+    await a.renew_lease()
     await a.add(stream, waiting, 1)
-    await a.leave()
+    await a.announce_end()
     assert await adopted(b, "a") == [stream]
-    assert await b.of(stream.owner) == await b.held() == [Record(stream, waiting, "b")]
+    assert await b.records_of_owner(stream.owner) == await b.held_records() == [Record(stream, waiting, "b")]
     assert (await ids_held(a), await ids_held(b)) == (set(), {stream.id})
-    with pytest.raises(TooMany):
+    with pytest.raises(SubscriptionLimitReached):
         await b.add(a_subscription(), Delivery(), 1)
-    await b.remove(stream.id, own=True)
-    await b.leave()
+    await b.remove(stream.id, only_if_held=True)
+    await b.announce_end()
     assert {*server.lasting_keys()} <= {NEWS}

@@ -25,7 +25,7 @@ from linked_fleet_gateway.subscriptions.delivery_pace import SUSPEND_AFTER
 from linked_fleet_gateway.subscriptions.fan_out import FanOut
 from linked_fleet_gateway.subscriptions.network import Address, Network
 from linked_fleet_gateway.subscriptions.receiver import Receiver
-from linked_fleet_gateway.subscriptions.store import Outgoing, Store, StoreUnavailable
+from linked_fleet_gateway.subscriptions.store import OutgoingMessage, StoreUnavailable, SubscriptionStore
 from receivers import Answer, Seen, consents, receiving, retry_after
 from receivers import Receiver as CallbackReceiver
 from redis_servers import single
@@ -76,7 +76,7 @@ class Work:
 
     toy: Toy
     courier: Courier
-    store: Store
+    store: SubscriptionStore
     receiver: CallbackReceiver
     id: str
 
@@ -90,7 +90,7 @@ class Work:
         """Return the record once it satisfies the probe."""
         deadline = time.monotonic() + PATIENCE_S
         while True:
-            record = await self.store.record(self.id)
+            record = await self.store.get_record(self.id)
             assert record is not None
             if probe(record):
                 return record
@@ -123,7 +123,7 @@ def at_once(monkeypatch: pytest.MonkeyPatch) -> list[int]:
         asked.append(failures)
         return 0.0
 
-    monkeypatch.setattr(courier_module, "delay_s", delay_s)
+    monkeypatch.setattr(courier_module, "backoff_s", delay_s)
     return asked
 
 
@@ -151,11 +151,11 @@ async def work(
     )
     toy, delivery = Toy(), delivery or Delivery()
     network = network or Network(LOOPBACK, lookup=lambda *_: ["127.0.0.1"])
-    async with Store(url, namespace or uuid.uuid4().hex, "a") as store:
+    async with SubscriptionStore(url, namespace or uuid.uuid4().hex, "a") as store:
         await store.add(subscription, delivery, 10)
         with closing(network):
             sender = Receiver(network, subscription.callback, ssl_context=PLAIN)
-            courier = Courier(Record(subscription, delivery, "a"), store, toy.fan_out, sender, consent=True)
+            courier = Courier(Record(subscription, delivery, "a"), store, toy.fan_out, sender, consent_required=True)
             courier.start()
             try:
                 yield Work(toy, courier, store, receiver, subscription.id)
@@ -167,7 +167,7 @@ async def work(
 def another(at: Work, record: Record) -> Courier:
     """Return a courier for the same store, fleet and receiver."""
     sender = Receiver(Network(LOOPBACK, lookup=lambda *_: ["127.0.0.1"]), at.receiver.url(), ssl_context=PLAIN)
-    return Courier(record, at.store, at.toy.fan_out, sender, consent=True)
+    return Courier(record, at.store, at.toy.fan_out, sender, consent_required=True)
 
 
 def numbers(log: list[Seen]) -> list[int]:
@@ -191,12 +191,12 @@ async def test_repeated_failures_suspend_a_callback_until_it_is_resumed(
         assert len({(seen.headers["webhook-id"], seen.body) for seen in log}) == 1
         at.toy.become(1)
         at.toy.become(2)
-        at.courier.wake()
+        at.courier.resume()
         await at.requests(2 * SUSPEND_AFTER)
         await at.in_state(DeliveryState.SUSPENDED)
         assert at_once == 2 * list(range(1, SUSPEND_AFTER))
         there.default = Answer()
-        at.courier.wake()
+        at.courier.resume()
         log = (await at.requests(2 * SUSPEND_AFTER + 2))[2 * SUSPEND_AFTER :]
         assert numbers(log) == [1, 2]
         assert log[1].headers["linked-fleet-version"] == at.toy.version
@@ -219,7 +219,7 @@ async def test_a_suspended_callback_is_not_tried_after_takeover(url: str, there:
         # resumed only in the store: for a courier that begins later, as after a takeover
         late = another(at, Record(at.courier.subscription, at.courier.delivery, "a"))
         assert there.log() == []
-        await at.store.wake(at.id)
+        await at.store.resume(at.id)
         late.start()
         await at.requests(1)
         await late.stop()
@@ -233,7 +233,7 @@ async def test_retry_after_counts_when_it_is_longer_than_the_backoff(
         record = await at.until(lambda record: record.delivery.failures == 2, "the second failure")
         assert record.delivery.last_status == 503
         assert len(there.log()) == 2
-        at.courier.wake()  # nothing else makes it continue
+        at.courier.resume()  # nothing else makes it continue
         assert numbers(await at.requests(3)) == [1, 1, 1]
 
 
@@ -256,7 +256,7 @@ async def test_nothing_is_delivered_before_the_receiver_consents(
         assert [seen.method for seen in there.log()] == 3 * ["OPTIONS"]
         assert all(seen.headers["webhook-request-origin"] == "fleet.example" for seen in there.log())
         there.consent = consents("fleet.example")
-        at.courier.wake()
+        at.courier.resume()
         (first,) = await at.requests(1, "POST")
         # not the value at the time of the request for consent
         assert first.headers["linked-fleet-version"] == at.toy.version
@@ -300,7 +300,7 @@ async def test_the_rate_that_is_allowed_becomes_an_interval(url: str, there: Cal
         assert record.delivery.consented
         for fact in range(1, 50):
             at.toy.become(fact)
-            await at.store.record(at.id)  # enough time for a courier that must not wait
+            await at.store.get_record(at.id)  # enough time for a courier that must not wait
         log = await at.requests(3, "POST")
         assert numbers(log) == [1, 2, 3]  # the second waits meanwhile, the third is the state after that
         assert log[-1].headers["linked-fleet-version"] == at.toy.version
@@ -318,9 +318,9 @@ async def test_the_rate_that_is_allowed_is_kept_when_a_delivery_is_repeated(
             assert record.delivery.allowed_interval_s == 60.0
             for fact in range(1, 50):
                 at.toy.become(fact)
-                await at.store.record(at.id)  # enough time for a courier that must not wait
+                await at.store.get_record(at.id)  # enough time for a courier that must not wait
             assert numbers(there.log(method="POST")) == failures * [1]
-            at.courier.wake()  # nothing else makes it continue
+            at.courier.resume()  # nothing else makes it continue
         assert numbers(await at.requests(3, "POST")) == [1, 1, 1]
 
 
@@ -330,17 +330,17 @@ async def test_a_courier_that_lost_its_subscription_in_a_pause_stops(url: str, t
     outside, namespace = Outside(), uuid.uuid4().hex
     async with (
         work(url, there, network=outside, namespace=namespace, loses=True) as at,
-        Store(url, namespace, "b") as other,
+        SubscriptionStore(url, namespace, "b") as other,
     ):
         await at.requests(1, "POST")
         await at.until(lambda record: record.delivery.last_status == 204, "the first delivery")
         at.toy.become(1)
-        while not (await at.store.backlog(at.id)).entries:  # noqa: ASYNC110 - another process knows it
+        while not (await at.store.read_backlog(at.id)).entries:  # noqa: ASYNC110 - another process knows it
             await asyncio.sleep(0.01)
-        (record,) = [record async for record in other.adopt("a")]
+        (record,) = [record async for record in other.take_over("a")]
         sender = Receiver(outside, there.url(), ssl_context=PLAIN)
         hasty = replace(record, delivery=replace(record.delivery, allowed_interval_s=0.0))
-        taker = Courier(hasty, other, at.toy.fan_out, sender, consent=True)
+        taker = Courier(hasty, other, at.toy.fan_out, sender, consent_required=True)
         taker.start()
         await at.requests(2, "POST")
         at.toy.become(2)
@@ -355,11 +355,11 @@ async def test_a_courier_that_lost_its_subscription_does_not_repeat(url: str, th
     """A gateway that was suspended for longer than its lease sends no older number after a higher one."""
     there.script(Answer(), retry_after(5))
     namespace = uuid.uuid4().hex
-    async with work(url, there, namespace=namespace, loses=True) as at, Store(url, namespace, "b") as other:
+    async with work(url, there, namespace=namespace, loses=True) as at, SubscriptionStore(url, namespace, "b") as other:
         await at.requests(1)
         at.toy.become(1)
         await at.until(lambda record: record.delivery.failures == 1, "the failure")
-        (record,) = [record async for record in other.adopt("a")]
+        (record,) = [record async for record in other.take_over("a")]
         taker = another(replace(at, store=other), record)
         taker.start()
         await at.requests(3)
@@ -393,7 +393,9 @@ async def test_entries_queued_by_a_late_command_are_delivered_in_order(url: str,
     async with work(url, there) as at:
         await at.requests(1)
         await at.until(lambda record: record.delivery.last_status == 204, "delivered")
-        await at.store.advance(at.id, None, Outgoing(PATH, "late", "text/turtle", b"late"), at.courier.delivery)
+        await at.store.advance_queue(
+            at.id, None, OutgoingMessage(PATH, "late", "text/turtle", b"late"), at.courier.delivery
+        )
         at.toy.become(1)
         log = await at.requests(3)
         assert numbers(log) == [1, 2, 3]
@@ -435,7 +437,7 @@ async def test_another_courier_goes_on_where_one_stopped(url: str, there: Callba
         at.toy.become(1)
         await at.requests(2)
         at.toy.become(2)
-        record = await at.store.record(at.id)
+        record = await at.store.get_record(at.id)
         assert record is not None
         next_one = another(at, record)
         next_one.start()
@@ -489,10 +491,10 @@ def verify(seen: Seen, secret: str) -> None:
 async def change(at: Work, **options: Any) -> None:
     """Change options like a PATCH through another gateway, and deliver the news of it."""
     before = at.courier.subscription
-    assert await at.store.change(before, replace(before.options, **options))
-    record = await at.store.record(at.id)
+    assert await at.store.change_options(before, replace(before.options, **options))
+    record = await at.store.get_record(at.id)
     assert record is not None
-    at.courier.change(record.subscription)
+    at.courier.change_options(record.subscription)
 
 
 async def test_another_media_type_begins_with_the_present_state_after_what_is_queued(
@@ -526,7 +528,7 @@ async def test_a_change_while_consent_is_awaited_holds_for_the_first_delivery(
         await at.in_state(DeliveryState.AWAITING_CONSENT)
         await change(at, media_type="application/n-triples", secret=SECRET)
         there.consent = consents()
-        at.courier.wake()
+        at.courier.resume()
         (seen,) = await at.requests(1, "POST")
         assert seen.headers["content-type"] == "application/n-triples"
         verify(seen, SECRET)

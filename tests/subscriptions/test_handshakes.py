@@ -6,7 +6,7 @@ from collections.abc import Awaitable, Callable, Sequence
 import pytest
 
 from linked_fleet_gateway.subscriptions import delivery_pace as handshakes_module
-from linked_fleet_gateway.subscriptions.delivery_pace import Handshakes
+from linked_fleet_gateway.subscriptions.delivery_pace import ConsentThrottle
 
 HOUR_S = 3600.0
 
@@ -25,7 +25,7 @@ class Clock:
         await asyncio.sleep(0)
 
 
-async def ask(handshakes: Handshakes, clock: Clock, addresses: Sequence[str], granted: bool) -> float:
+async def ask(handshakes: ConsentThrottle, clock: Clock, addresses: Sequence[str], granted: bool) -> float:
     """Return the time at which the request was made."""
     async with handshakes.turn(addresses) as turn:
         asked_s = clock()
@@ -33,10 +33,10 @@ async def ask(handshakes: Handshakes, clock: Clock, addresses: Sequence[str], gr
         return asked_s
 
 
-def times(test: Callable[[Handshakes, Clock], Awaitable[list[float]]]) -> list[float]:
+def times(test: Callable[[ConsentThrottle, Clock], Awaitable[list[float]]]) -> list[float]:
     async def run() -> list[float]:
         clock = Clock()
-        return await test(Handshakes(clock, clock.sleep), clock)
+        return await test(ConsentThrottle(clock, clock.sleep), clock)
 
     return asyncio.run(run())
 
@@ -44,7 +44,7 @@ def times(test: Callable[[Handshakes, Clock], Awaitable[list[float]]]) -> list[f
 def test_a_destination_that_refuses_is_asked_ever_less_often() -> None:
     """A thousand subscriptions to one refusing host cost it fewer than seventy requests in an hour."""
 
-    async def test(handshakes: Handshakes, clock: Clock) -> list[float]:
+    async def test(handshakes: ConsentThrottle, clock: Clock) -> list[float]:
         return await asyncio.gather(*(ask(handshakes, clock, ["8.8.8.8"], False) for _ in range(1000)))
 
     asked = times(test)
@@ -54,7 +54,7 @@ def test_a_destination_that_refuses_is_asked_ever_less_often() -> None:
 
 
 def test_a_destination_that_consents_is_asked_without_pause() -> None:
-    async def test(handshakes: Handshakes, clock: Clock) -> list[float]:
+    async def test(handshakes: ConsentThrottle, clock: Clock) -> list[float]:
         refused = [await ask(handshakes, clock, ["8.8.8.8"], False)]
         return refused + await asyncio.gather(*(ask(handshakes, clock, ["8.8.8.8"], True) for _ in range(100)))
 
@@ -62,7 +62,7 @@ def test_a_destination_that_consents_is_asked_without_pause() -> None:
 
 
 def test_destinations_do_not_wait_for_each_other() -> None:
-    async def test(handshakes: Handshakes, clock: Clock) -> list[float]:
+    async def test(handshakes: ConsentThrottle, clock: Clock) -> list[float]:
         asked = [await ask(handshakes, clock, ["8.8.8.8"], False)]
         return [*asked, await ask(handshakes, clock, ["1.1.1.1"], False)]
 
@@ -72,7 +72,7 @@ def test_destinations_do_not_wait_for_each_other() -> None:
 def test_a_name_with_several_addresses_waits_for_each_of_them() -> None:
     """Names that share an address share its limit, whatever other addresses they have."""
 
-    async def test(handshakes: Handshakes, clock: Clock) -> list[float]:
+    async def test(handshakes: ConsentThrottle, clock: Clock) -> list[float]:
         names = [["8.8.8.8", "1.1.1.1"], ["1.1.1.1", "9.9.9.9"], ["8.8.8.8", "9.9.9.9"]]
         return [await ask(handshakes, clock, name, False) for name in names]
 
@@ -80,7 +80,7 @@ def test_a_name_with_several_addresses_waits_for_each_of_them() -> None:
 
 
 def test_a_network_of_ipv6_addresses_is_one_destination() -> None:
-    async def test(handshakes: Handshakes, clock: Clock) -> list[float]:
+    async def test(handshakes: ConsentThrottle, clock: Clock) -> list[float]:
         addresses = ("2001:db8::1", "2001:db8::ffff:1", "2001:db8:0:1::1")
         return [await ask(handshakes, clock, [each], False) for each in addresses]
 
@@ -90,7 +90,7 @@ def test_a_network_of_ipv6_addresses_is_one_destination() -> None:
 def test_an_interrupted_request_counts_as_one() -> None:
     """A destination stays usable after the pause if a request is cancelled."""
 
-    async def test(handshakes: Handshakes, clock: Clock) -> list[float]:
+    async def test(handshakes: ConsentThrottle, clock: Clock) -> list[float]:
         begun = asyncio.Event()
 
         async def hang() -> None:
@@ -110,7 +110,7 @@ def test_an_interrupted_request_counts_as_one() -> None:
 def test_destinations_are_forgotten_beyond_a_number(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(handshakes_module, "MAX_DESTINATIONS", 2)
 
-    async def test(handshakes: Handshakes, clock: Clock) -> list[float]:
+    async def test(handshakes: ConsentThrottle, clock: Clock) -> list[float]:
         for address in ("1.0.0.1", "1.0.0.2", "1.0.0.3"):
             await ask(handshakes, clock, [address], False)
         assert len(handshakes._destinations) == 2

@@ -16,11 +16,11 @@ from hypothesis import strategies as st
 
 from linked_fleet_gateway.subscriptions.network import (
     Address,
-    Forbidden,
+    ForbiddenHost,
     Lookup,
     Network,
-    Unresolvable,
-    callback_url,
+    UnresolvableHost,
+    check_callback_url,
     is_public,
     system_lookup,
 )
@@ -51,7 +51,7 @@ def resolve(network: Network, host: str = "receiver.example") -> list[Address]:
 
 @pytest.mark.parametrize("address", INSIDE)
 def test_non_public_addresses_are_forbidden(address: str) -> None:
-    with pytest.raises(Forbidden, match="LINKED_FLEET_CALLBACK_ALLOW") as refused:
+    with pytest.raises(ForbiddenHost, match="LINKED_FLEET_CALLBACK_ALLOW") as refused:
         resolve(Network(lookup=answering(address)))
     assert address not in str(refused.value)
 
@@ -88,7 +88,7 @@ def test_the_system_resolver_is_asked_for_addresses_of_tcp(monkeypatch: pytest.M
 
 @pytest.mark.parametrize("address", INSIDE)
 def test_an_address_in_the_url_is_judged_like_that_of_a_name(address: str) -> None:
-    with pytest.raises(Forbidden):
+    with pytest.raises(ForbiddenHost):
         resolve(Network(), host=address)
 
 
@@ -100,12 +100,12 @@ def test_ports_of_other_services_are_forbidden(port: int) -> None:
         with closing(network):
             return asyncio.run(network.resolve("receiver.example", port))
 
-    with pytest.raises(Forbidden, match=f"port {port} .* allows 80, 443, 8080, 8443 .LINKED_FLEET_CALLBACK_PORTS"):
+    with pytest.raises(ForbiddenHost, match=f"port {port} .* allows 80, 443, 8080, 8443 .LINKED_FLEET_CALLBACK_PORTS"):
         at_port(Network(lookup=answering("8.8.8.8")), port)
-    with pytest.raises(Forbidden, match="allows 443, 9000-9001, 9100-9199 "):
+    with pytest.raises(ForbiddenHost, match="allows 443, 9000-9001, 9100-9199 "):
         several = (range(443, 444), range(9000, 9002), range(9100, 9200))
         at_port(Network(lookup=answering("8.8.8.8"), ports=several), port)
-    with pytest.raises(Forbidden, match="allows none "):
+    with pytest.raises(ForbiddenHost, match="allows none "):
         at_port(Network(lookup=answering("8.8.8.8"), ports=()), port)
     assert at_port(Network(lookup=answering("8.8.8.8"), ports=(range(1, 9000),)), port) == [Address("8.8.8.8", False)]
     assert at_port(Network(LOOPBACK, lookup=answering("127.0.0.1")), port) == [Address("127.0.0.1", True)]
@@ -145,13 +145,13 @@ def test_no_ipv6_address_with_an_ipv4_address_in_it_is_public(inner: ipaddress.I
 
 @pytest.mark.parametrize("host", ["2130706433", "0x7f.1", "0x7f000001", "0177.0.0.1", "127.1", "0", "localhost"])
 def test_the_system_resolver_sees_through_numeric_tricks_and_loopback_stays_forbidden(host: str) -> None:
-    with pytest.raises(Forbidden):
+    with pytest.raises(ForbiddenHost):
         resolve(Network(), host=host)
 
 
 @pytest.mark.parametrize("host", ["localhost.", "127.0.0.1."])
 def test_a_trailing_dot_opens_nothing(host: str) -> None:
-    with pytest.raises((Forbidden, Unresolvable)):  # which of the two depends on the system's resolver
+    with pytest.raises((ForbiddenHost, UnresolvableHost)):  # which of the two depends on the system's resolver
         resolve(Network(), host=host)
 
 
@@ -161,14 +161,14 @@ def test_the_system_resolver_finds_loopback_where_it_is_allowed() -> None:
 
 @pytest.mark.parametrize("host", ["", "a..b", "x" * 64 + ".example", "nul\0.example", "bücher.example"])
 def test_a_host_without_addresses_is_unresolvable(host: str) -> None:
-    with pytest.raises(Unresolvable, match="cannot be resolved"):
+    with pytest.raises(UnresolvableHost, match="cannot be resolved"):
         resolve(Network(), host=host)
 
 
 def test_no_answer_and_nonsense_permit_nothing() -> None:
-    with pytest.raises(Unresolvable, match="has no address"):
+    with pytest.raises(UnresolvableHost, match="has no address"):
         resolve(Network(lookup=answering()))
-    with pytest.raises(Forbidden):
+    with pytest.raises(ForbiddenHost):
         resolve(Network(lookup=answering("receiver.example")))
 
 
@@ -183,7 +183,7 @@ def test_a_dead_resolver_ends_in_time_and_holds_up_no_addresses() -> None:
         network = Network(LOOPBACK, lookup=stalled, timeout_s=0.02)
         many = [network.resolve(f"r{n}.example", 80) for n in range(30)]
         outcomes = await asyncio.gather(*many, return_exceptions=True)
-        assert all(isinstance(outcome, Unresolvable) and "in time" in str(outcome) for outcome in outcomes)
+        assert all(isinstance(outcome, UnresolvableHost) and "in time" in str(outcome) for outcome in outcomes)
         assert await network.resolve("127.0.0.1", 80) == [Address("127.0.0.1", True)]
         network.close()
 
@@ -285,19 +285,19 @@ REFUSED = [
 
 @pytest.mark.parametrize("url", URLS)
 def test_a_usable_callback_url_stays_as_it_is(url: str) -> None:
-    assert callback_url(url) == url
+    assert check_callback_url(url) == url
 
 
 @pytest.mark.parametrize(("url", "right"), REFUSED)
 def test_other_urls_are_refused_with_the_valid_form(url: str, right: str) -> None:
     with pytest.raises(ValueError, match=right):
-        callback_url(url)
+        check_callback_url(url)
 
 
 @given(st.sampled_from(["http://", "https://"]), st.text(st.sampled_from("aZ09._-:[]@%/?#\\f2\t é"), max_size=30))
 def test_accepted_urls_mean_the_same_to_the_http_client(scheme: str, rest: str) -> None:
     try:
-        url = callback_url(scheme + rest)
+        url = check_callback_url(scheme + rest)
     except ValueError:
         return
     parsed = httpx.URL(url)

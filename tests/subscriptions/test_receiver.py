@@ -9,8 +9,8 @@ from typing import TypeVar
 
 import pytest
 
-from linked_fleet_gateway.subscriptions.network import Forbidden, Lookup, Network, system_lookup
-from linked_fleet_gateway.subscriptions.receiver import Consent, NoConsent, Outcome, Receiver, Verdict
+from linked_fleet_gateway.subscriptions.network import ForbiddenHost, Lookup, Network, system_lookup
+from linked_fleet_gateway.subscriptions.receiver import ConsentResponse, DeliveryOutcome, NoConsent, Receiver, Verdict
 from receivers import Answer, consents, receiving, redirect, retry_after
 from receivers import Receiver as CallbackReceiver
 from running import free_port
@@ -44,23 +44,23 @@ def using(
     return asyncio.run(run())
 
 
-async def deliver(receiver: Receiver) -> Outcome:
+async def deliver(receiver: Receiver) -> DeliveryOutcome:
     return await receiver.deliver(b"<> a <#x> .", "text/turtle", {"webhook-id": "7"}, allowed_only=False)
 
 
-async def deliver_allowed(receiver: Receiver) -> Outcome:
+async def deliver_allowed(receiver: Receiver) -> DeliveryOutcome:
     return await receiver.deliver(b"<> a <#x> .", "text/turtle", {"webhook-id": "7"}, allowed_only=True)
 
 
-def times(count: int) -> Callable[[Receiver], Awaitable[list[Outcome]]]:
-    async def repeat(receiver: Receiver) -> list[Outcome]:
+def times(count: int) -> Callable[[Receiver], Awaitable[list[DeliveryOutcome]]]:
+    async def repeat(receiver: Receiver) -> list[DeliveryOutcome]:
         return [await deliver(receiver) for _ in range(count)]
 
     return repeat
 
 
-async def ask(receiver: Receiver) -> Consent:
-    return await receiver.consent(ORIGIN)
+async def ask(receiver: Receiver) -> ConsentResponse:
+    return await receiver.request_consent(ORIGIN)
 
 
 @pytest.fixture
@@ -71,7 +71,7 @@ def there() -> Iterator[CallbackReceiver]:
 
 def test_a_delivery_arrives_as_it_was_sent(there: CallbackReceiver) -> None:
     outcome = using(there.url("/a%20b/../c?d=%2F&e"), deliver)
-    assert outcome == Outcome(Verdict.DELIVERED, 204, None, "")
+    assert outcome == DeliveryOutcome(Verdict.DELIVERED, 204, None, "")
     (seen,) = there.log()
     assert (seen.method, seen.body) == ("POST", b"<> a <#x> .")
     assert seen.path == "/c?d=%2F&e"
@@ -100,7 +100,7 @@ def test_410_means_no_more(there: CallbackReceiver) -> None:
 def test_every_other_status_is_tried_again(there: CallbackReceiver, status: int) -> None:
     there.default = Answer(status, body=b"secret of the receiver")
     outcome = using(there.url(), deliver)
-    assert outcome == Outcome(Verdict.RETRY, status, None, f"The receiver answered with status {status}.")
+    assert outcome == DeliveryOutcome(Verdict.RETRY, status, None, f"The receiver answered with status {status}.")
 
 
 def test_retry_after_is_passed_on(there: CallbackReceiver) -> None:
@@ -155,7 +155,7 @@ def test_a_body_of_a_few_kilobytes_keeps_the_connection(there: CallbackReceiver)
 def test_a_receiver_that_stalls_is_tried_again(there: CallbackReceiver) -> None:
     there.default = Answer(stalls=True)
     outcome = using(there.url(), deliver, timeout_s=0.05)
-    assert outcome == Outcome(Verdict.RETRY, None, None, "The receiver did not answer in time.")
+    assert outcome == DeliveryOutcome(Verdict.RETRY, None, None, "The receiver did not answer in time.")
 
 
 def test_a_status_stands_although_the_body_stalls(there: CallbackReceiver) -> None:
@@ -166,7 +166,7 @@ def test_a_status_stands_although_the_body_stalls(there: CallbackReceiver) -> No
 def test_deliveries_that_were_cancelled_leave_room_for_the_next(there: CallbackReceiver) -> None:
     there.script(*[Answer(stalls=True)] * 3, *[Answer(200, stalls_in_body=True)] * 3)
 
-    async def run(receiver: Receiver) -> Outcome:
+    async def run(receiver: Receiver) -> DeliveryOutcome:
         for count in range(1, 7):
             stuck = asyncio.create_task(deliver(receiver))
             while len(there.log()) < count:  # noqa: ASYNC110 - the receiver runs beside the loop
@@ -194,7 +194,9 @@ def test_deliveries_that_were_cancelled_leave_room_for_the_next(there: CallbackR
 def test_an_answer_that_is_no_http_is_tried_again(there: CallbackReceiver, raw: bytes) -> None:
     there.script(Answer(raw=raw))
     outcome = using(there.url(), deliver)
-    assert outcome == Outcome(Verdict.RETRY, None, None, "The connection broke before there was a valid answer.")
+    assert outcome == DeliveryOutcome(
+        Verdict.RETRY, None, None, "The connection broke before there was a valid answer."
+    )
 
 
 def test_a_receiver_that_hangs_up_is_tried_again(there: CallbackReceiver) -> None:
@@ -210,7 +212,7 @@ def test_a_body_cut_short_does_not_undo_a_delivery(there: CallbackReceiver) -> N
 def test_an_absent_receiver_is_retried_without_naming_ports() -> None:
     port = free_port()
     outcome = using(f"http://127.0.0.1:{port}/", deliver)
-    assert outcome == Outcome(Verdict.RETRY, None, None, "No connection: nobody listens there.")
+    assert outcome == DeliveryOutcome(Verdict.RETRY, None, None, "No connection: nobody listens there.")
 
 
 def test_a_connection_that_is_never_accepted_ends_in_time() -> None:
@@ -299,7 +301,7 @@ def test_a_receiver_is_trusted_when_all_its_addresses_are_allowed() -> None:
         assert (
             using("http://a.example/", Receiver.needs_no_consent, lookup=lambda *_, found=addresses: found) is trusted
         )
-    with pytest.raises(Forbidden):
+    with pytest.raises(ForbiddenHost):
         using("http://a.example/", Receiver.needs_no_consent, lookup=lambda *_: ["10.0.0.1"])
 
 
@@ -313,7 +315,7 @@ def test_an_unusable_url_makes_no_receiver() -> None:
 
 def test_consent_is_asked_for_by_options_with_our_origin(there: CallbackReceiver) -> None:
     there.consent = consents(rate="120")
-    assert using(there.url(), ask) == Consent(granted=True, interval_s=0.5, status=200, reason="")
+    assert using(there.url(), ask) == ConsentResponse(granted=True, interval_s=0.5, status=200, reason="")
     (seen,) = there.log()
     assert (seen.method, seen.headers["webhook-request-origin"], seen.body) == ("OPTIONS", ORIGIN, b"")
 

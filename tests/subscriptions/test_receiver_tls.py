@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from linked_fleet_gateway.subscriptions.network import Network
-from linked_fleet_gateway.subscriptions.receiver import Outcome, Receiver, Verdict
+from linked_fleet_gateway.subscriptions.receiver import DeliveryOutcome, Receiver, Verdict
 from receivers import receiving
 
 pytestmark = pytest.mark.processes
@@ -41,10 +41,10 @@ def server(certificate: Path) -> ssl.SSLContext:
     return context
 
 
-def delivered(url: str, context: ssl.SSLContext) -> Outcome:
+def delivered(url: str, context: ssl.SSLContext) -> DeliveryOutcome:
     """Deliver to a URL whose host has a loopback address."""
 
-    async def run() -> Outcome:
+    async def run() -> DeliveryOutcome:
         with closing(Network((IPv4Network("127.0.0.0/8"),), lookup=lambda *_: ["127.0.0.1"])) as network:
             receiver = Receiver(network, url, ssl_context=context)
             try:

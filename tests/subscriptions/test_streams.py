@@ -25,7 +25,7 @@ from linked_fleet_gateway.subscriptions.broadcast import Ending, Message
 from linked_fleet_gateway.subscriptions.fan_out import FanOut
 from linked_fleet_gateway.subscriptions.network import Network
 from linked_fleet_gateway.subscriptions.service import Subscriptions
-from linked_fleet_gateway.subscriptions.store import News, Store, StoreUnavailable, TooMany
+from linked_fleet_gateway.subscriptions.store import News, StoreUnavailable, SubscriptionLimitReached, SubscriptionStore
 from linked_fleet_gateway.subscriptions.streams import Streams
 from linked_fleet_gateway.subscriptions.watcher import Watcher
 from redis_servers import Servers, single
@@ -90,7 +90,7 @@ class Toy:
         self.fan_out.mark_moved("r")
 
 
-class Cut(Store):
+class Cut(SubscriptionStore):
     """A store whose answers are lost after execution, while ``cut`` is set."""
 
     cut = False
@@ -113,21 +113,21 @@ class Gateway:
         opened, outlet = replace(subscription, kind=kind), Outlet()
         await self.streams.register(opened)
         watcher = self.streams.open(opened, outlet, None)
-        watcher.ready()
+        watcher.schedule_send()
         await until(lambda: bool(outlet.messages), "the first message")
         return watcher, outlet
 
     async def listed(self) -> set[str]:
-        return {record.subscription.id for record in await self.store.of(OWNER)}
+        return {record.subscription.id for record in await self.store.records_of_owner(OWNER)}
 
     async def state(self, subscription: Subscription) -> DeliveryState | None:
-        record = await self.store.record(subscription.id)
+        record = await self.store.get_record(subscription.id)
         return None if record is None else record.delivery.state
 
     async def keep(self) -> bool:
         """Do a gateway's periodic work; return True if nothing is left, not even a partial list."""
-        await self.streams.catch_up()
-        await self.streams.reconcile({record.subscription.id: record for record in await self.store.held()})
+        await self.streams.store_missed_changes()
+        await self.streams.reconcile({record.subscription.id: record for record in await self.store.held_records()})
         return not await self.listed() and not self.streams._background and not self.streams._expiries
 
     async def emptied(self) -> None:
@@ -139,13 +139,13 @@ class Gateway:
         await until(empty, "an empty container")
         mine = [stream() for _ in range(LIMIT)]
         for each in mine:
-            await self.streams.offer(each)
-        with pytest.raises(TooMany):
-            await self.streams.offer(stream())
+            await self.streams.add_unopened(each)
+        with pytest.raises(SubscriptionLimitReached):
+            await self.streams.add_unopened(stream())
         assert await self.listed() == {each.id for each in mine}
         for each in mine:
             await self.store.remove(each.id)
-            self.streams.drop(each.id, Ending.CANCELLED)
+            self.streams.end_stream(each.id, Ending.CANCELLED)
         assert not self.streams._coming
         assert not self.streams._unlisted
         assert not self.streams._expiries
@@ -193,7 +193,7 @@ async def gateways(servers: Servers, count: int = 1) -> AsyncIterator[list[Gatew
         for _ in range(count):
             run = uuid.uuid4().hex
             found.append(Gateway(Cut(servers.url, namespace, run, lease_s=PATIENCE_S), run))
-            await found[-1].store.renew()
+            await found[-1].store.renew_lease()
         yield found
     finally:
         for each in found:
@@ -208,7 +208,7 @@ async def test_a_stream_that_is_reopened_stays(servers: Servers, soon: None) -> 
     """No wait between its connections ends it later: it is still open when later waits have expired."""
     async with gateways(servers) as (at,):
         posted = stream()
-        await at.streams.offer(posted)
+        await at.streams.add_unopened(posted)
         for kind in (Kind.WEBSOCKET, Kind.EVENT_STREAM, Kind.WEBSOCKET):
             watcher, _ = await at.connect(posted, kind)
             at.streams.close(replace(posted, kind=kind), watcher, reopenable=True)
@@ -222,13 +222,13 @@ async def test_a_stream_that_is_reopened_stays(servers: Servers, soon: None) -> 
             await until(waiting, "a stream that waits")
         _, outlet = await at.connect(posted)
         control = stream()
-        await at.streams.offer(control)
+        await at.streams.add_unopened(control)
 
         async def over() -> bool:
             return await at.listed() == {posted.id}
 
         await until(over, "the end of one that nobody opens")
-        await at.streams.catch_up()
+        await at.streams.store_missed_changes()
         assert await at.listed() == {posted.id}
         assert outlet.ending is None
         count = len(outlet.messages)
@@ -240,7 +240,7 @@ async def test_a_stream_that_is_not_reopened_is_removed(servers: Servers, soon: 
     async with gateways(servers) as (at,):
         never, once = stream(), stream()
         for each in (never, once):
-            await at.streams.offer(each)
+            await at.streams.add_unopened(each)
         watcher, _ = await at.connect(once)
         at.streams.close(replace(once, kind=Kind.WEBSOCKET), watcher, reopenable=True)
         await at.emptied()
@@ -250,7 +250,7 @@ async def test_a_wait_at_the_gateway_before_does_not_end_it(servers: Servers, so
     """A stream is created at one gateway and opened at another. The first does not know that, and its wait expires."""
     async with gateways(servers, 2) as (one, other):
         posted = stream()
-        await one.streams.offer(posted)
+        await one.streams.add_unopened(posted)
         _, outlet = await other.connect(posted)
         await until(lambda: not one.streams._expiries, "the end of the wait")
         await until(lambda: not one.streams._background, "what is done then")
@@ -261,16 +261,16 @@ async def test_a_wait_at_the_gateway_before_does_not_end_it(servers: Servers, so
 async def test_a_late_close_does_not_affect_the_new_connection(servers: Servers, soon: None) -> None:
     async with gateways(servers, 2) as (one, other):
         posted = stream()
-        await one.streams.offer(posted)
+        await one.streams.add_unopened(posted)
         watcher, _ = await one.connect(posted)
         _, outlet = await other.connect(posted)
         one.streams.close(replace(posted, kind=Kind.WEBSOCKET), watcher, reopenable=True)
         await until(lambda: not one.streams._background, "what is done then")
-        record = await one.store.record(posted.id)
+        record = await one.store.get_record(posted.id)
         assert record is not None
         assert record.delivery.state is DeliveryState.ACTIVE
-        assert {each.subscription.id for each in await other.store.held()} == {posted.id}
-        assert await one.store.held() == []
+        assert {each.subscription.id for each in await other.store.held_records()} == {posted.id}
+        assert await one.store.held_records() == []
         assert (outlet.ending, one.streams._expiries) == (None, {})
 
 
@@ -280,7 +280,7 @@ async def test_a_late_close_does_not_affect_the_new_connection(servers: Servers,
 async def test_a_client_that_goes_before_its_stream_is_open_leaves_nothing(servers: Servers, soon: None) -> None:
     async with gateways(servers) as (at,):
         posted = stream()
-        await at.streams.offer(posted)
+        await at.streams.add_unopened(posted)
         for each, reopenable in ((stream(Kind.WEBSOCKET), False), (replace(posted, kind=Kind.WEBSOCKET), True)):
             await at.streams.register(each)
             assert each.id in at.streams._coming
@@ -293,7 +293,7 @@ async def test_a_client_with_too_many_leaves_nothing(servers: Servers) -> None:
         mine = [stream(Kind.WEBSOCKET) for _ in range(LIMIT)]
         watchers = [(await at.connect(each))[0] for each in mine]
         for kind in (Kind.WEBSOCKET, Kind.EVENT_STREAM):
-            with pytest.raises(TooMany):
+            with pytest.raises(SubscriptionLimitReached):
                 await at.streams.register(stream(kind))
         assert await at.listed() == {each.id for each in mine}
         for each, watcher in zip(mine, watchers, strict=True):
@@ -306,7 +306,7 @@ async def test_a_cancelled_registration_leaves_nothing(servers: Servers, soon: N
     async with gateways(servers) as (at,):
         for steps in range(0, 60, 6):
             posted = stream()
-            await at.streams.offer(posted)
+            await at.streams.add_unopened(posted)
             for each in (stream(Kind.WEBSOCKET), replace(posted, kind=Kind.WEBSOCKET)):
                 task = asyncio.create_task(at.streams.register(each))
                 for _ in range(steps):
@@ -324,9 +324,9 @@ async def test_an_answer_of_the_store_that_is_lost_leaves_nothing(servers: Serve
     async with gateways(servers) as (at,):
         at.store.cut = True
         with pytest.raises(StoreUnavailable):
-            await at.streams.offer(stream())
+            await at.streams.add_unopened(stream())
         at.store.cut = False
-        await at.streams.catch_up()
+        await at.streams.store_missed_changes()
         await at.emptied()
 
 
@@ -340,7 +340,7 @@ async def test_a_stream_that_is_opened_while_answers_are_lost_is_listed_later_an
         await at.streams.register(gone)
         at.streams.close(gone, None, reopenable=False)
         at.store.cut = False
-        await at.streams.catch_up()
+        await at.streams.store_missed_changes()
         await until(lambda: not at.streams._background, "what is done when a client goes")
         assert await at.listed() == {one.id}
         assert outlet.ending is None
@@ -352,7 +352,7 @@ async def test_a_posted_stream_that_is_opened_again_after_an_outage_stays_listed
     """Its end could not be stored; when it is opened again there is nothing to store any more."""
     async with gateways(servers) as (at,):
         posted = stream()
-        await at.streams.offer(posted)
+        await at.streams.add_unopened(posted)
         watcher, _ = await at.connect(posted)
         for node in servers.nodes:
             node.pause()
@@ -361,24 +361,24 @@ async def test_a_posted_stream_that_is_opened_again_after_an_outage_stays_listed
         for node in servers.nodes:
             node.resume()
         _, outlet = await at.connect(posted)
-        await at.streams.catch_up()
+        await at.streams.store_missed_changes()
         assert await at.listed() == {posted.id}
         assert outlet.ending is None
-        await at.store.note(posted.id, Delivery())  # it is held here
+        await at.store.store_delivery_state(posted.id, Delivery())  # it is held here
 
 
 async def test_a_stream_deleted_while_opening_ends(servers: Servers, soon: None) -> None:
     async with gateways(servers) as (at,):
         posted, outlet = stream(), Outlet()
-        await at.streams.offer(posted)
+        await at.streams.add_unopened(posted)
         opened = replace(posted, kind=Kind.WEBSOCKET)
         await at.streams.register(opened)
         await at.store.remove(posted.id)
-        at.streams.drop(posted.id, Ending.CANCELLED)
+        at.streams.end_stream(posted.id, Ending.CANCELLED)
         watcher = at.streams.open(opened, outlet, None)
         assert outlet.ending is Ending.CANCELLED
         at.streams.close(opened, watcher, reopenable=True)
-        await at.streams.catch_up()
+        await at.streams.store_missed_changes()
         await at.emptied()
 
 
@@ -386,28 +386,28 @@ async def test_leftovers_of_a_late_command_are_reconciled(servers: Servers) -> N
     """A command that was given up is executed after the end was stored: reconciling finds the leftover."""
     async with gateways(servers) as (at,):
         posted = stream()
-        await at.streams.offer(posted)
+        await at.streams.add_unopened(posted)
         _, outlet = await at.connect(one := stream(Kind.WEBSOCKET))
         await at.store.add(stray := stream(Kind.WEBSOCKET), Delivery(), LIMIT)
         for _ in range(2):
             assert await at.listed() == {posted.id, one.id, stray.id}
             await at.keep()
-        await at.streams.catch_up()
+        await at.streams.store_missed_changes()
         assert await at.listed() == {posted.id, one.id}
         assert outlet.ending is None
 
 
 async def test_a_stream_deleted_during_its_close_stays_deleted(servers: Servers) -> None:
     async with gateways(servers) as (at,):
-        posted, note = stream(), at.store.note
-        await at.streams.offer(posted)
+        posted, note = stream(), at.store.store_delivery_state
+        await at.streams.add_unopened(posted)
         watcher, _ = await at.connect(posted)
 
         async def noted_and_deleted(*arguments: Any) -> None:
             await note(*arguments)
             assert await at.store.remove(posted.id) is not None
 
-        at.store.note = noted_and_deleted  # type: ignore[method-assign]
+        at.store.store_delivery_state = noted_and_deleted  # type: ignore[method-assign]
         at.streams.close(replace(posted, kind=Kind.WEBSOCKET), watcher, reopenable=True)
         await until(lambda: not at.streams._background, "what is done then")
         assert await at.listed() == set()
@@ -417,7 +417,7 @@ async def test_a_stream_deleted_elsewhere_at_its_close_stays_deleted(servers: Se
     """Through another gateway, unknown to this one."""
     async with gateways(servers) as (at,):
         posted = stream()
-        await at.streams.offer(posted)
+        await at.streams.add_unopened(posted)
         watcher, _ = await at.connect(posted)
         await at.store.remove(posted.id)
         at.streams.close(replace(posted, kind=Kind.WEBSOCKET), watcher, reopenable=True)
@@ -430,19 +430,19 @@ async def test_a_stream_deleted_elsewhere_at_its_close_stays_deleted(servers: Se
 
 async def change(one: Gateway, subscription: Subscription, at: Gateway, **options: Any) -> None:
     """Change through ``one``, after which the gateway ``at`` gets the news."""
-    record = await one.store.record(subscription.id)
+    record = await one.store.get_record(subscription.id)
     assert record is not None
-    assert await one.store.change(record.subscription, replace(record.subscription.options, **options))
-    changed = await at.store.record(subscription.id)
+    assert await one.store.change_options(record.subscription, replace(record.subscription.options, **options))
+    changed = await at.store.get_record(subscription.id)
     assert changed is not None
-    at.streams.change(changed.subscription)
+    at.streams.change_options(changed.subscription)
 
 
 async def test_an_open_stream_goes_by_other_options_and_so_does_it_when_it_is_opened_again(servers: Servers) -> None:
     """On the same connection, without an end or a repetition; the next gateway gets them from its record."""
     async with gateways(servers, 2) as (one, other):
         posted = stream()
-        await one.streams.offer(posted)
+        await one.streams.add_unopened(posted)
         watcher, outlet = await one.connect(posted)
         await change(other, posted, one, interval_s=3600.0)
         one.toy.move()
@@ -453,7 +453,7 @@ async def test_an_open_stream_goes_by_other_options_and_so_does_it_when_it_is_op
         await change(other, posted, one, deadband=50.0)
         one.streams.close(replace(posted, kind=Kind.WEBSOCKET), watcher, reopenable=True)
         await until(lambda: not one.streams._background, "what is done then")
-        record = await other.store.record(posted.id)
+        record = await other.store.get_record(posted.id)
         assert record is not None
         assert (record.subscription.deadband, record.subscription.kind) == (50.0, Kind.STREAM)
         watcher, _ = await other.connect(record.subscription)
@@ -463,7 +463,7 @@ async def test_an_open_stream_goes_by_other_options_and_so_does_it_when_it_is_op
 async def test_a_stream_that_is_changed_while_it_is_being_opened_has_the_new_options(servers: Servers) -> None:
     async with gateways(servers) as (at,):
         posted = stream()
-        await at.streams.offer(posted)
+        await at.streams.add_unopened(posted)
         opened, outlet = replace(posted, kind=Kind.WEBSOCKET), Outlet()
         await at.streams.register(opened)
         await change(at, posted, at, interval_s=3600.0)
@@ -487,14 +487,14 @@ async def test_a_change_of_which_no_news_came_is_found_in_a_comparison(
     async with gateways(servers, 2) as (one, other):
         one.store.news = untold  # type: ignore[method-assign]
         network = Network(())
-        service = Subscriptions(one.store, one.run, one.toy.fan_out, network, consent=False, limit=LIMIT)
+        service = Subscriptions(one.store, one.run, one.toy.fan_out, network, consent_required=False, limit=LIMIT)
         one.streams = service.streams
         with closing(network):
             async with service:
                 watcher, _ = await one.connect(stream())
                 subscription = watcher.subscription
-                assert await other.store.change(subscription, replace(subscription.options, deadband=2.0))
+                assert await other.store.change_options(subscription, replace(subscription.options, deadband=2.0))
                 await until(lambda: watcher.subscription.deadband == 2.0, "the comparison")
-                assert await service.change(watcher.subscription, replace(subscription.options, deadband=3.0))
+                assert await service.change_options(watcher.subscription, replace(subscription.options, deadband=3.0))
                 assert watcher.subscription.deadband == 3.0
-                assert not await service.change(subscription, replace(subscription.options, deadband=4.0))
+                assert not await service.change_options(subscription, replace(subscription.options, deadband=4.0))

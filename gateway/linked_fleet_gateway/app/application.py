@@ -43,8 +43,8 @@ from linked_fleet_gateway.runtime.tracing import Tracing
 from linked_fleet_gateway.shacl import Compiler, Unsupported
 from linked_fleet_gateway.subscriptions.live import Live
 from linked_fleet_gateway.subscriptions.network import Network
-from linked_fleet_gateway.subscriptions.service import Subscriptions, new_run
-from linked_fleet_gateway.subscriptions.store import Store
+from linked_fleet_gateway.subscriptions.service import Subscriptions, new_run_name
+from linked_fleet_gateway.subscriptions.store import SubscriptionStore
 
 
 def check_shapes() -> None:
@@ -120,7 +120,7 @@ def create_app(settings: GatewaySettings, tracing: Tracing | None = None, open_s
             live = await stack.enter_async_context(create_live(settings, open_session))
             embedded = None if settings.redis_url else EmbeddedRedis(settings.state_path)
             url = settings.redis_url if embedded is None else (await stack.enter_async_context(embedded)).url
-            run = new_run()
+            run = new_run_name()
             audit = await stack.enter_async_context(AuditLog(url, settings.namespace))
             identities = None
             if settings.identities:
@@ -133,13 +133,13 @@ def create_app(settings: GatewaySettings, tracing: Tracing | None = None, open_s
                 sections=[settings.section(each.settings) for each in extensions if each.settings],
             )  # fmt: skip
             mounts = await mount_extensions(extensions, core, stack)
-            await live.join()
-            store = await stack.enter_async_context(Store(url, settings.namespace, run))
+            await live.admit_robots()
+            store = await stack.enter_async_context(SubscriptionStore(url, settings.namespace, run))
             network = stack.enter_context(closing(Network(settings.callback_allow, ports=settings.callback_ports)))
             subscriptions = Subscriptions(
                 store, run, live.fan_out, network,
-                consent=settings.callback_consent, limit=settings.subscriptions_per_client,
-                may_continue=identities.may_continue if identities else lambda *_: True,
+                consent_required=settings.callback_consent, limit=settings.subscriptions_per_client,
+                check_entitlement=identities.may_continue if identities else lambda *_: True,
             )  # fmt: skip
             await stack.enter_async_context(subscriptions)
             sampler = await stack.enter_async_context(Sampler(live.fleet))

@@ -126,7 +126,7 @@ class MetricsCollector(Collector):
             ],
         )  # fmt: skip
         malformed = _sum(fleet.malformed_counts) + _sum(self.live.link.malformed_counts)
-        yield counter("frames_taken", "State frames taken.", self.live.frames)
+        yield counter("frames_taken", "State frames taken.", self.live.accepted_frames)
         yield counter("frames_dropped", "State frames that were late, or of no present run.", _sum(fleet.dropped))
         yield counter("messages_malformed", "Messages of robots, of any kind, refused as ill-formed.", malformed)
         yield histogram(
@@ -150,17 +150,21 @@ class MetricsCollector(Collector):
 
     def _of_subscriptions(self) -> Iterator[Metric]:
         fan_out, callbacks = self.live.fan_out, self.subscriptions.callbacks
-        kinds = {"callback": callbacks.served, "websocket": 0, "event-stream": 0, "stream": 0}
-        kinds |= self.subscriptions.streams.kinds()
+        kinds = {"callback": callbacks.served_count, "websocket": 0, "event-stream": 0, "stream": 0}
+        kinds |= self.subscriptions.streams.count_by_kind()
         yield gauges("subscribers", "Subscribers served here, by kind.", "kind", kinds.items())
-        yield counter("messages_rendered", "Messages rendered, each for all who take it.", fan_out.renders)
-        yield counter("messages_sent", "Messages handed to a subscriber.", fan_out.messages)
+        yield counter("messages_rendered", "Messages rendered, each for all who take it.", fan_out.messages_rendered)
+        yield counter("messages_sent", "Messages handed to a subscriber.", fan_out.messages_sent)
         yield counter(
-            "messages_conflated", "Changes that a newer one replaced before they were sent.", fan_out.conflated
+            "messages_conflated", "Changes that a newer one replaced before they were sent.", fan_out.messages_conflated
         )
-        yield counter("deliveries", "Callbacks that receivers took.", callbacks.deliveries.successful)
-        yield counter("delivery_failures", "Attempts at which a receiver took nothing.", callbacks.deliveries.failed)
-        yield gauge("callbacks_suspended", "Callbacks that wait for somebody to resume them.", callbacks.suspended)
+        yield counter("deliveries", "Callbacks that receivers took.", callbacks.delivery_metrics.successful)
+        yield counter(
+            "delivery_failures", "Attempts at which a receiver took nothing.", callbacks.delivery_metrics.failed
+        )
+        yield gauge(
+            "callbacks_suspended", "Callbacks that wait for somebody to resume them.", callbacks.suspended_count
+        )
 
     def _of_commands(self) -> Iterator[Metric]:
         family = CounterMetricFamily(

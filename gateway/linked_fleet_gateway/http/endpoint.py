@@ -296,9 +296,9 @@ async def _subscriptions_shown(connection: Connection, path: str) -> Subscriptio
     subscriptions: Subscriptions = connection.services.subscriptions
     async with translate_store_errors():
         if not rest:
-            return {owner: visible_subscriptions(connection, await subscriptions.of(owner), owner)}
+            return {owner: visible_subscriptions(connection, await subscriptions.records_of_owner(owner), owner)}
         id = _uuid(rest.partition("/")[0])
-        record = None if id is None else await subscriptions.record(id)
+        record = None if id is None else await subscriptions.get_record(id)
         if record is None or record.subscription.owner != owner:
             return NO_SUBSCRIPTIONS
         return {owner: visible_subscriptions(connection, [record], owner)}

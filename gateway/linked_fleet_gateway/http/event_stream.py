@@ -60,7 +60,7 @@ class EventStreamOutlet:
         self._beat: asyncio.TimerHandle | None = None
 
     def write(self, message: Message) -> None:
-        self.send(message.framed(self.framing))
+        self.send(message.frame_with(self.framing))
 
     def end(self, ending: Ending) -> None:
         """End the stream. The final block stops an EventSource from reconnecting, except after a shutdown.
@@ -119,10 +119,10 @@ async def serve_event_stream(
 def _follow(http: HttpProtocol, outlet: EventStreamOutlet, feed: Feed, heartbeat_s: float) -> None:
     if outlet.ended.is_set() or http.transport.is_closing():
         return
-    http.on_drained = feed.ready
+    http.on_drained = feed.schedule_send
     http.writer.begin_stream()
     outlet.send_keepalive(heartbeat_s)
-    feed.ready()
+    feed.schedule_send()
 
 
 async def _listen(receive: Receive, outlet: EventStreamOutlet) -> None:

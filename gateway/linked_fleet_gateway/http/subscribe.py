@@ -34,9 +34,9 @@ from linked_fleet_gateway.resources.resource import Resource
 from linked_fleet_gateway.resources.subscription import Delivery, DeliveryState, Depth, Kind, Record, Subscription
 from linked_fleet_gateway.resources.subscription_resource import SubscriptionRequest as Wanted
 from linked_fleet_gateway.resources.subscription_resource import container_path, read_request, subscription_path
-from linked_fleet_gateway.subscriptions.network import Forbidden, callback_url
+from linked_fleet_gateway.subscriptions.network import ForbiddenHost, check_callback_url
 from linked_fleet_gateway.subscriptions.service import Subscriptions
-from linked_fleet_gateway.subscriptions.store import StoreUnavailable, TooMany
+from linked_fleet_gateway.subscriptions.store import StoreUnavailable, SubscriptionLimitReached
 
 OPTIONS = ("depth", "interval", "deadband", "last-event-id")
 MAX_INTERVAL_S = 86_400.0
@@ -112,7 +112,7 @@ async def subscribe_callback(request: Request, resource: Resource) -> Response:
     if len(callbacks) != 1:
         raise BadRequest("A callback subscription needs one Callback field with the URL of its receiver.")
     try:
-        url = callback_url(callbacks[0].strip().removeprefix("<").removesuffix(">"))
+        url = check_callback_url(callbacks[0].strip().removeprefix("<").removesuffix(">"))
     except ValueError as error:
         raise BadRequest(str(error)) from error
     media_type = choose(field(request, "accept"), offered)
@@ -151,7 +151,7 @@ def _from_body(request: Request, wanted: Wanted, resource: Resource, iri: str) -
     if not wanted.callback:
         return subscription
     try:
-        return replace(subscription, callback=callback_url(wanted.callback), secret=wanted.secret)
+        return replace(subscription, callback=check_callback_url(wanted.callback), secret=wanted.secret)
     except ValueError as error:
         raise _unprocessable(str(error), iri) from error
 
@@ -172,11 +172,11 @@ async def _create(request: Request, subscription: Subscription, media_type: str 
     async with translate_store_errors():
         try:
             if subscription.kind is Kind.CALLBACK:
-                record = await subscriptions.callbacks.accept(subscription)
+                record = await subscriptions.callbacks.create(subscription)
             else:
                 record = Record(subscription, Delivery(DeliveryState.WAITING), "")
-                await subscriptions.streams.offer(subscription)
-        except Forbidden as error:
+                await subscriptions.streams.add_unopened(subscription)
+        except ForbiddenHost as error:
             raise _unprocessable(str(error), iri) from error
     path = subscription_path(subscription)
     shown = request.tree({subscription.owner: [record]}).resolve(path)
@@ -252,7 +252,7 @@ async def translate_store_errors() -> AsyncIterator[None]:
     """Translate errors of the store into problems."""
     try:
         yield
-    except TooMany as error:
+    except SubscriptionLimitReached as error:
         raise TooManySubscriptions(f"{error}. Delete some of them, or wait until streams have ended.") from error
     except StoreUnavailable as error:
         raise StoreDown("The server that remembers subscriptions is away; try again in a moment.") from error

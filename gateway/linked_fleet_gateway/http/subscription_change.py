@@ -41,7 +41,7 @@ async def change_subscription(request: Request, affordance: ChangeSubscription) 
     while True:
         # Evaluated in each attempt, because another client may change it while the body is read.
         async with translate_store_errors():
-            record = await subscriptions.record(affordance.record.subscription.id)
+            record = await subscriptions.get_record(affordance.record.subscription.id)
         present = None if record is None else _described(request, record)
         if record is None or present is None:
             raise NotFound("The subscription has ended meanwhile.")
@@ -50,7 +50,7 @@ async def change_subscription(request: Request, affordance: ChangeSubscription) 
         if options == record.subscription.options:
             return Response(status_code=204)
         async with translate_store_errors():
-            if await subscriptions.change(record.subscription, options):
+            if await subscriptions.change_options(record.subscription, options):
                 return Response(status_code=204)
 
 

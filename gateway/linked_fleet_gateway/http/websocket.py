@@ -67,7 +67,7 @@ class WebSocketOutlet:
         self.send, self.writable = protocol.writer.send, protocol.writer.writable
 
     def write(self, message: Message) -> None:
-        self.send(message.framed(frame_bytes))
+        self.send(message.frame_with(frame_bytes))
 
     def end(self, ending: Ending) -> None:
         self._protocol.close(_CODES[ending], ending.value)
@@ -87,10 +87,10 @@ async def serve_websocket(
         return
     try:
         feed = await start(WebSocketOutlet(protocol))
-        protocol.on_drained = feed.ready
+        protocol.on_drained = feed.schedule_send
         if protocol.is_open:
             protocol.writer.begin_stream()
-        feed.ready()
+        feed.schedule_send()
         while (await websocket.receive())["type"] != "websocket.disconnect":
             pass
     finally:

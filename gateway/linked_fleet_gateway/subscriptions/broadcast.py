@@ -33,7 +33,7 @@ class Message(Struct):
     body: bytes
     _frames: dict["Framing", bytes] = field(default_factory=dict)
 
-    def framed(self, framing: "Framing") -> bytes:
+    def frame_with(self, framing: "Framing") -> bytes:
         """Return the bytes that ``framing`` makes of this message, made once for all recipients."""
         frame = self._frames.get(framing)
         if frame is None:
@@ -80,7 +80,7 @@ class Stream(Outlet, Protocol):
 class Feed(Protocol):
     """The interface of the fan-out to an outlet."""
 
-    def ready(self) -> None:
+    def schedule_send(self) -> None:
         """Announce that the outlet can take messages, at first and whenever it has become writable again."""
 
 
@@ -112,14 +112,14 @@ class WatchedResource(Protocol):
     def message(self, media_type: str, base: str) -> Message:
         """Return the message about the present reading; WriteError if the syntax cannot express it."""
 
-    def gather(self) -> None:
+    def join_broadcasts(self) -> None:
         """Let subscribers that have caught up join a broadcast."""
 
 
 class SendCounter(Protocol):
     """The interface of the fan-out to whatever sends messages."""
 
-    messages: int
+    messages_sent: int
     """Messages handed to subscribers so far."""
 
 
@@ -141,8 +141,8 @@ class Broadcast(Generic[M]):
         refresh: Callable[[], None],
     ) -> None:
         """``refresh`` reads the resource again if it is marked as changed."""
-        self.running = False
-        self.last_ns: int | None = None
+        self.scheduled = False
+        self.last_sent_ns: int | None = None
         """Wall-clock time at which the last pass ended."""
         self._fan_out, self._topic, self._refresh = fan_out, topic, refresh
         self._media_type, self._base, self._framing = media_type, base, framing
@@ -155,7 +155,7 @@ class Broadcast(Generic[M]):
         self._frame = b""
         self._news = False
 
-    def admit(self, watcher: M, send: _Send, reading: Reading) -> bool:
+    def admit_member(self, watcher: M, send: _Send, reading: Reading) -> bool:
         """Admit a watcher that was last sent ``reading``, if the members have that reading or get it in this pass."""
         if not self.members:
             self._reading, self._pass = reading, []
@@ -164,10 +164,10 @@ class Broadcast(Generic[M]):
         self.members[watcher] = send
         return True
 
-    def dismiss(self, watcher: M) -> None:
+    def remove_member(self, watcher: M) -> None:
         del self.members[watcher]
 
-    def release(self, watcher: M) -> Reading:
+    def release_member(self, watcher: M) -> Reading:
         """Remove a member whose outlet stays open, and return the reading it was sent.
 
         It gets nothing more of this pass.
@@ -198,7 +198,7 @@ class Broadcast(Generic[M]):
         except WriteError as error:
             _log.warning("%d subscriptions of %s get no message: %s", len(self.members), self._topic.path, error)
             return False
-        self._frame = message.framed(self._framing)
+        self._frame = message.frame_with(self._framing)
         self._before, self._reading = self._reading, self._topic.reading
         self._pass, self._sends, self._served = list(self.members), list(self.members.values()), 0
         return True
@@ -209,14 +209,14 @@ class Broadcast(Generic[M]):
         sent = [send(frame) for send in self._sends[first : first + _SHARE]]
         self._served += len(sent)
         count = sum(sent)
-        self._fan_out.messages += count
+        self._fan_out.messages_sent += count
         if count < len(sent):
             self._dismiss_full(compress(self._pass[first:], map(not_, sent)))
         if self._served < len(self._pass):
             return True
         self._pass, self._sends = [], []
-        self.last_ns = time.time_ns()
-        self._topic.gather()
+        self.last_sent_ns = time.time_ns()
+        self._topic.join_broadcasts()
         return self._news
 
     def _dismiss_full(self, full: Iterable[M]) -> None:

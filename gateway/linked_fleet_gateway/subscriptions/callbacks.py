@@ -10,58 +10,59 @@ from linked_fleet_gateway.resources.paths import robot_of
 from linked_fleet_gateway.resources.subscription import Delivery, DeliveryState, Kind, Record, Subscription
 from linked_fleet_gateway.runtime.metrics import DeliveryMetrics
 from linked_fleet_gateway.subscriptions.courier import Courier
-from linked_fleet_gateway.subscriptions.delivery_pace import Handshakes
+from linked_fleet_gateway.subscriptions.delivery_pace import ConsentThrottle
 from linked_fleet_gateway.subscriptions.fan_out import FanOut
-from linked_fleet_gateway.subscriptions.network import Network, Unresolvable
+from linked_fleet_gateway.subscriptions.network import Network, UnresolvableHost
 from linked_fleet_gateway.subscriptions.receiver import Receiver
-from linked_fleet_gateway.subscriptions.store import Store, StoreUnavailable
+from linked_fleet_gateway.subscriptions.store import StoreUnavailable, SubscriptionStore
 
-MayContinue = Callable[[str, str | None, View], bool]
+EntitlementCheck = Callable[[str, str | None, View], bool]
 UNENTITLED = "the rights of its creator ended"
 
 
 class Callbacks:
-    """``limit``: subscriptions per client. ``consent``: whether receivers must consent to deliveries.
+    """``limit``: subscriptions per client. ``consent_required``: whether receivers must consent to deliveries.
 
-    ``may_continue``: returns whether the creator may still subscribe to the robot and still sees what it saw.
+    ``check_entitlement``: returns whether the creator may still subscribe to the robot and still sees what it saw.
     """
 
     def __init__(
         self,
-        store: Store,
+        store: SubscriptionStore,
         run: str,
         fan_out: FanOut,
         network: Network,
         limit: int,
-        consent: bool,
-        may_continue: MayContinue = lambda *_: True,
+        consent_required: bool,
+        check_entitlement: EntitlementCheck = lambda *_: True,
     ) -> None:
-        self._may_continue = may_continue
+        self._check_entitlement = check_entitlement
         self._store, self._run, self._fan_out, self._network = store, run, fan_out, network
-        self._limit, self._consent = limit, consent
+        self._limit, self._consent_required = limit, consent_required
         self._couriers: dict[str, Courier] = {}
-        self.deliveries = DeliveryMetrics()
+        self.delivery_metrics = DeliveryMetrics()
         self._refused: set[str] = set()
-        self._handshakes = Handshakes()
+        self._consent_throttle = ConsentThrottle()
 
     @property
-    def served(self) -> int:
+    def served_count(self) -> int:
         return len(self._couriers)
 
     @property
-    def suspended(self) -> int:
+    def suspended_count(self) -> int:
         """Number of served callbacks that are suspended until somebody resumes them."""
         return sum(each.delivery.state is DeliveryState.SUSPENDED for each in list(self._couriers.values()))
 
-    async def accept(self, subscription: Subscription) -> Record:
+    async def create(self, subscription: Subscription) -> Record:
         """Create a callback subscription; it is in the store when this returns.
 
-        Raises Forbidden if the receiver has no address that may be reached, TooMany, StoreUnavailable.
+        Raises ForbiddenHost if the receiver has no address that may be reached, SubscriptionLimitReached,
+        StoreUnavailable.
         """
         receiver = self._receiver(subscription)
         try:
-            trusted = not self._consent or await receiver.needs_no_consent()
-        except Unresolvable:
+            trusted = not self._consent_required or await receiver.needs_no_consent()
+        except UnresolvableHost:
             trusted = False  # the name may resolve later; until then the subscription reports the problem
         finally:
             await receiver.aclose()
@@ -79,14 +80,14 @@ class Callbacks:
     async def aclose(self) -> None:
         await asyncio.gather(*(courier.stop() for courier in self._couriers.values()))
 
-    def wake_courier(self, id: str) -> None:
+    def resume(self, id: str) -> None:
         """Wake the courier of a callback that was resumed."""
         if (courier := self._couriers.get(id)) is not None:
-            courier.wake()
+            courier.resume()
 
     def is_entitled(self, subscription: Subscription) -> bool:
         """Return True if the creator may still have this subscription."""
-        return self._may_continue(subscription.creator, robot_of(subscription.resource), subscription.view)
+        return self._check_entitlement(subscription.creator, robot_of(subscription.resource), subscription.view)
 
     async def suspend_unentitled(self) -> None:
         """Suspend every callback whose creator has lost the right to it, even one that was resumed."""
@@ -103,26 +104,26 @@ class Callbacks:
         courier = self._couriers.get(subscription.id)
         return courier is None or courier.subscription.options == subscription.options
 
-    def change(self, subscription: Subscription) -> None:
+    def change_options(self, subscription: Subscription) -> None:
         """Apply the options of the stored record to a callback that is served here."""
         if not self.has_options(subscription):
-            self._couriers[subscription.id].change(subscription)
+            self._couriers[subscription.id].change_options(subscription)
 
-    async def drop(self, id: str) -> None:
+    async def stop_serving(self, id: str) -> None:
         """Stop serving a callback, if it is served here."""
         if (courier := self._couriers.pop(id, None)) is not None:
             await courier.stop()
 
-    async def catch_up(self) -> None:
+    async def remove_refused(self) -> None:
         """Remove subscriptions from the store that were refused while the store was unavailable."""
         for id in list(self._refused):
             await self._store.remove(id)
             self._refused.discard(id)
 
-    async def adopt(self, record: Record) -> None:
+    async def take_over(self, record: Record) -> None:
         """Serve a callback of a dead gateway."""
         # This gateway may have served it before it was taken for dead; what it knows from then is out of date.
-        await self.drop(record.subscription.id)
+        await self.stop_serving(record.subscription.id)
         self._serve(record)
 
     async def reconcile(self, held: dict[str, Record]) -> None:
@@ -130,19 +131,24 @@ class Callbacks:
         for id, record in held.items():
             courier = self._couriers.get(id)
             if record.subscription.kind is Kind.CALLBACK and (courier is None or not courier.running):
-                await self.drop(id)
+                await self.stop_serving(id)
                 self._serve(record)
         for id in [id for id in self._couriers if id not in held]:
-            found = await self._store.record(id)  # it may be newer than ``held``
+            found = await self._store.get_record(id)  # it may be newer than ``held``
             if found is None or found.holder != self._run:
-                await self.drop(id)
+                await self.stop_serving(id)
 
     def _serve(self, record: Record) -> None:
         if record.subscription.id in self._couriers:
             return
         receiver = self._receiver(record.subscription)
         courier = Courier(
-            record, self._store, self._fan_out, receiver, consent=self._consent, deliveries=self.deliveries
+            record,
+            self._store,
+            self._fan_out,
+            receiver,
+            consent_required=self._consent_required,
+            metrics=self.delivery_metrics,
         )
         self._couriers[record.subscription.id] = courier
         if self.is_entitled(record.subscription) or record.delivery.state is DeliveryState.SUSPENDED:
@@ -151,7 +157,9 @@ class Callbacks:
             courier.start_suspended(UNENTITLED)
 
     def _receiver(self, subscription: Subscription) -> Receiver:
-        return Receiver(self._network, subscription.callback, ssl_context=_tls(), handshakes=self._handshakes)
+        return Receiver(
+            self._network, subscription.callback, ssl_context=_tls(), consent_throttle=self._consent_throttle
+        )
 
 
 @cache

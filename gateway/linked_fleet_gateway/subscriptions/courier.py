@@ -21,11 +21,18 @@ from linked_fleet_gateway.resources.subscription_resource import subscription_pa
 from linked_fleet_gateway.runtime.background import cancel_tasks
 from linked_fleet_gateway.runtime.metrics import DeliveryMetrics
 from linked_fleet_gateway.subscriptions.broadcast import Ending, Message
-from linked_fleet_gateway.subscriptions.delivery_pace import SUSPEND_AFTER, delay_s
+from linked_fleet_gateway.subscriptions.delivery_pace import SUSPEND_AFTER, backoff_s
 from linked_fleet_gateway.subscriptions.fan_out import FanOut
-from linked_fleet_gateway.subscriptions.network import Forbidden, Unresolvable
-from linked_fleet_gateway.subscriptions.receiver import NoConsent, Outcome, Receiver, Verdict
-from linked_fleet_gateway.subscriptions.store import Backlog, Entry, Lost, Outgoing, Store, StoreUnavailable
+from linked_fleet_gateway.subscriptions.network import ForbiddenHost, UnresolvableHost
+from linked_fleet_gateway.subscriptions.receiver import DeliveryOutcome, NoConsent, Receiver, Verdict
+from linked_fleet_gateway.subscriptions.store import (
+    Backlog,
+    OutgoingMessage,
+    QueueEntry,
+    StoreUnavailable,
+    SubscriptionNotHeld,
+    SubscriptionStore,
+)
 from linked_fleet_gateway.subscriptions.watcher import Watcher
 
 log = logging.getLogger(__name__)
@@ -39,19 +46,19 @@ class Courier:
     def __init__(
         self,
         record: Record,
-        store: Store,
+        store: SubscriptionStore,
         fan_out: FanOut,
         receiver: Receiver,
         *,
-        consent: bool,
-        deliveries: DeliveryMetrics | None = None,
+        consent_required: bool,
+        metrics: DeliveryMetrics | None = None,
     ) -> None:
         self.subscription = record.subscription
         self.delivery = record.delivery
         self._store, self._fan_out, self._receiver = store, fan_out, receiver
         self._about = {"subscription": record.subscription.id}
-        self._consent_needed = consent
-        self._deliveries = deliveries or DeliveryMetrics()
+        self._consent_required = consent_required
+        self._metrics = metrics or DeliveryMetrics()
         self._message: Message | None = None
         self._rendered_for = 0
         self._watcher: Watcher | None = None
@@ -71,19 +78,19 @@ class Courier:
     def running(self) -> bool:
         return self._task is not None and not self._task.done()
 
-    def wake(self) -> None:
+    def resume(self) -> None:
         """Try again at once, because the subscription was resumed."""
         self.delivery = replace(self.delivery, state=DeliveryState.ACTIVE, failures=0, reason="")
         self._woken.set()
 
-    def change(self, subscription: Subscription) -> None:
+    def change_options(self, subscription: Subscription) -> None:
         """Apply other options.
 
         Queued messages go out unchanged, signed with the secret that is valid at each attempt.
         """
         before, self.subscription = self.subscription.options, subscription
         if self._watcher is not None:
-            self._fan_out.change(self._watcher, subscription)
+            self._fan_out.change_options(self._watcher, subscription)
         else:
             self._anew = self._anew or subscription.options.needs_full_state(before)
 
@@ -125,7 +132,7 @@ class Courier:
             if note:
                 await self._note()
             await self._serve()
-        except Lost:
+        except SubscriptionNotHeld:
             log.info(
                 "callback %s is served by another gateway now, or deleted", self.subscription.id, extra=self._about
             )
@@ -136,7 +143,7 @@ class Courier:
     async def _serve(self) -> None:
         id = self.subscription.id
         if self.delivery.state is DeliveryState.SUSPENDED:
-            record = await self._insist(lambda: self._store.record(id))
+            record = await self._insist(lambda: self._store.get_record(id))
             # If it was resumed while it changed hands, the gateway that held it before was told.
             if record is not None and record.delivery.state is DeliveryState.SUSPENDED:
                 await self._sleep(None)
@@ -144,16 +151,16 @@ class Courier:
         await self._bring_all(backlog.entries)
         await self._agreed()  # before watching, so that the first message is the present state
         # Options that changed since the backlog was read may invalidate its list of sent versions.
-        sent, self._anew = {} if self._anew else backlog.sent, False
-        watcher = self._watcher = self._fan_out.watch(self.subscription, self, sent, patient=True)
+        sent, self._anew = {} if self._anew else backlog.last_versions, False
+        watcher = self._watcher = self._fan_out.watch(self.subscription, self, sent, wait_if_absent=True)
         try:
             while True:
                 self._idle = True
-                watcher.ready()
+                watcher.schedule_send()
                 await self._news.wait()
-                left = tuple(watcher.left)
+                left = tuple(watcher.left_paths)
                 await self._relay(left)
-                watcher.left.difference_update(left)
+                watcher.left_paths.difference_update(left)
         finally:
             self._watcher = None
             watcher.close()
@@ -166,14 +173,14 @@ class Courier:
         message, self._message, self._idle = self._message, None, False
         self._news.clear()
         assert message is not None
-        outgoing = Outgoing(message.path, message.version, message.media_type, message.body, self._rendered_for)
+        outgoing = OutgoingMessage(message.path, message.version, message.media_type, message.body, self._rendered_for)
         queued = False
         while not queued:
             entries = await self._queue(outgoing, left)
             queued = (outgoing.path, outgoing.version) in [(entry.path, entry.version) for entry in entries]
             await self._bring_all(entries)
 
-    async def _queue(self, outgoing: Outgoing, left: tuple[str, ...]) -> list[Entry]:
+    async def _queue(self, outgoing: OutgoingMessage, left: tuple[str, ...]) -> list[QueueEntry]:
         """Queue a message and return its entry, or the entries in the queue if it could not be added.
 
         After an outage it is unknown whether the command was lost or is still to come. The command names the number of
@@ -182,7 +189,7 @@ class Courier:
         """
         try:
             number = self._number + 1
-            entry = await self._store.advance(self.subscription.id, None, outgoing, self.delivery, left, number)
+            entry = await self._store.advance_queue(self.subscription.id, None, outgoing, self.delivery, left, number)
         except StoreUnavailable:
             await asyncio.sleep(_STORE_PAUSE_S)
             entry = None
@@ -192,50 +199,52 @@ class Courier:
         return [entry]
 
     async def _backlog(self) -> Backlog:
-        backlog = await self._insist(lambda: self._store.backlog(self.subscription.id))
-        self._number = backlog.number
+        backlog = await self._insist(lambda: self._store.read_backlog(self.subscription.id))
+        self._number = backlog.last_number
         return backlog
 
-    async def _bring_all(self, entries: list[Entry]) -> None:
+    async def _bring_all(self, entries: list[QueueEntry]) -> None:
         for entry in entries:
             await self._bring(entry)
             await self._done(entry)
 
-    async def _done(self, entry: Entry) -> None:
-        await self._insist(lambda: self._store.advance(self.subscription.id, entry, None, self.delivery))
+    async def _done(self, entry: QueueEntry) -> None:
+        await self._insist(lambda: self._store.advance_queue(self.subscription.id, entry, None, self.delivery))
 
-    async def _bring(self, entry: Entry) -> None:
+    async def _bring(self, entry: QueueEntry) -> None:
         """Send an entry until the receiver has accepted it."""
         while True:
             pause_s = self._not_before_s - time.monotonic()
             if pause_s > 0:
                 await asyncio.sleep(pause_s)
-                await self._note()  # raises Lost if another gateway has taken the subscription over
+                await self._note()  # raises SubscriptionNotHeld if another gateway has taken the subscription over
             try:
                 outcome = await self._attempt(entry)
             except NoConsent as error:  # the address has changed since it was trusted
-                await self._failed(DeliveryState.AWAITING_CONSENT, Outcome(Verdict.RETRY, None, None, str(error)))
+                await self._failed(
+                    DeliveryState.AWAITING_CONSENT, DeliveryOutcome(Verdict.RETRY, None, None, str(error))
+                )
                 continue
             if outcome.verdict is Verdict.DELIVERED:
-                self._deliveries.successful += 1
+                self._metrics.successful += 1
                 self._not_before_s = time.monotonic() + self.delivery.allowed_interval_s
                 self._became(DeliveryState.ACTIVE, outcome.status)
                 return
             await self._failed(DeliveryState.FAILING, outcome)
 
-    async def _attempt(self, entry: Entry) -> Outcome:
+    async def _attempt(self, entry: QueueEntry) -> DeliveryOutcome:
         trusted = await self._agreed()
         content_type = entry.media_type + ("; charset=utf-8" if entry.media_type.startswith("text/") else "")
         return await self._receiver.deliver(entry.body, content_type, self._headers(entry), allowed_only=trusted)
 
     async def _agreed(self) -> bool:
         """Wait until deliveries are permitted; return True if only addresses that need no consent may be used."""
-        while self._consent_needed and not self.delivery.consented:
+        while self._consent_required and not self.delivery.consented:
             status, verdict, state = None, Verdict.RETRY, DeliveryState.AWAITING_CONSENT
             try:
                 if await self._receiver.needs_no_consent():
                     return True
-                consent = await self._receiver.consent(self._origin)
+                consent = await self._receiver.request_consent(self._origin)
                 if consent.granted:
                     self.delivery = replace(
                         self.delivery, consented=True, allowed_interval_s=consent.interval_s, failures=0
@@ -245,12 +254,12 @@ class Courier:
                     return False
                 status, reason = consent.status, consent.reason
                 verdict = Verdict.REFUSED if consent.refused else Verdict.RETRY
-            except (Forbidden, Unresolvable) as error:
+            except (ForbiddenHost, UnresolvableHost) as error:
                 state, reason = DeliveryState.FAILING, str(error)
-            await self._failed(state, Outcome(verdict, status, None, reason))
+            await self._failed(state, DeliveryOutcome(verdict, status, None, reason))
         return False
 
-    def _headers(self, entry: Entry) -> dict[str, str]:
+    def _headers(self, entry: QueueEntry) -> dict[str, str]:
         """Return the header fields of a delivery: stable id, version, subject and signature."""
         subscription = self.subscription
         resource, own = subscription.base + entry.path, subscription.base + subscription_path(subscription)
@@ -280,9 +289,9 @@ class Courier:
             self.delivery, state=state, last_ns=time.time_ns(), last_status=status, failures=failures, reason=reason
         )
 
-    async def _failed(self, state: DeliveryState, outcome: Outcome) -> None:
+    async def _failed(self, state: DeliveryState, outcome: DeliveryOutcome) -> None:
         """Record a failure, then wait: for a back-off period, or until somebody resumes the subscription."""
-        self._deliveries.failed += 1
+        self._metrics.failed += 1
         failures = self.delivery.failures + 1
         over = outcome.verdict in (Verdict.GONE, Verdict.REFUSED) or failures >= SUSPEND_AFTER
         self._became(DeliveryState.SUSPENDED if over else state, outcome.status, failures, outcome.reason)
@@ -292,9 +301,9 @@ class Courier:
             log.info("callback %s is suspended: %s", self.subscription.id, outcome.reason, extra=self._about)
             await self._sleep(None)
         else:
-            pause_s = delay_s(failures, random.random())  # noqa: S311 (jitter is no secret)
+            pause_s = backoff_s(failures, random.random())  # noqa: S311 (jitter is no secret)
             await self._sleep(max(pause_s, outcome.retry_after_s or 0.0, self.delivery.allowed_interval_s))
-        await self._note()  # raises Lost if another gateway has taken the subscription over
+        await self._note()  # raises SubscriptionNotHeld if another gateway has taken the subscription over
 
     async def _sleep(self, pause_s: float | None) -> None:
         """Wait until the pause is over or the courier is resumed."""
@@ -304,7 +313,7 @@ class Courier:
         self._woken.clear()
 
     async def _note(self) -> None:
-        await self._insist(lambda: self._store.note(self.subscription.id, self.delivery))
+        await self._insist(lambda: self._store.store_delivery_state(self.subscription.id, self.delivery))
 
     async def _insist(self, call: Callable[[], Awaitable[_T]]) -> _T:
         """Repeat a call until the store is available."""

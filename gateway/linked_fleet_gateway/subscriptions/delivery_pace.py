@@ -16,23 +16,23 @@ from email.utils import parsedate_to_datetime
 
 from linked_fleet_gateway.base.addresses import network_of
 
-BASE_S = 0.5
-LONGEST_S = 300.0
+FIRST_DELAY_S = 0.5
+MAX_DELAY_S = 300.0
 SUSPEND_AFTER = 12
 """Failed attempts in a row, within about a quarter of an hour, after which the subscription is suspended."""
-LONGEST_WAIT_S = 3600.0
+MAX_RETRY_AFTER_S = 3600.0
 """Limit of a receiver's Retry-After."""
 _LONGEST_FIELD = 64
 
 
-def delay_s(failures: int, draw: float) -> float:
+def backoff_s(failures: int, draw: float) -> float:
     """Return the seconds until the next attempt after ``failures`` (≥ 1) in a row; ``draw`` is random in [0, 1).
 
     Half of the delay is fixed (equal jitter): an attempt never follows at once, yet the attempts of many subscriptions
     to one failed receiver are spread.
     """
     doublings = min(max(failures, 1) - 1, 16)  # a large exponent would overflow a float; the cap is reached long before
-    ceiling = min(LONGEST_S, BASE_S * 2.0**doublings)
+    ceiling = min(MAX_DELAY_S, FIRST_DELAY_S * 2.0**doublings)
     return ceiling / 2 * (1 + draw)
 
 
@@ -42,9 +42,9 @@ def retry_after_s(field: str | None, now_s: float) -> float | None:
         return None
     text = field.strip()
     if text.isdigit():
-        return min(float(text), LONGEST_WAIT_S)
+        return min(float(text), MAX_RETRY_AFTER_S)
     moment_s = _http_date_s(text)
-    return None if moment_s is None else min(max(moment_s - now_s, 0.0), LONGEST_WAIT_S)
+    return None if moment_s is None else min(max(moment_s - now_s, 0.0), MAX_RETRY_AFTER_S)
 
 
 def _http_date_s(text: str) -> float | None:
@@ -59,7 +59,7 @@ def _http_date_s(text: str) -> float | None:
 
 
 FIRST_PAUSE_S = 1.0
-LONGEST_PAUSE_S = 60.0
+MAX_PAUSE_S = 60.0
 """Longest pause between two requests to a destination that does not consent; reached after seven refusals in a row."""
 MAX_DESTINATIONS = 10_000
 """Above this number, the destinations unused for longest are forgotten."""
@@ -79,7 +79,7 @@ class _Destination:
         self.free_s = 0.0
 
 
-class Handshakes:
+class ConsentThrottle:
     """Requests to each destination, one at a time and in the order of arrival.
 
     After a request that was not granted the next one waits: 1 s at first, twice as long after each further one, 60 s at
@@ -123,7 +123,7 @@ class Handshakes:
     def _record(self, destination: _Destination, granted: bool) -> None:
         destination.refusals = 0 if granted else destination.refusals + 1
         pause_s = FIRST_PAUSE_S * 2.0 ** min(destination.refusals - 1, 16) if destination.refusals else 0.0
-        destination.free_s = self._clock_s() + min(pause_s, LONGEST_PAUSE_S)
+        destination.free_s = self._clock_s() + min(pause_s, MAX_PAUSE_S)
 
     def _forget(self) -> None:
         while len(self._destinations) > MAX_DESTINATIONS:

@@ -53,39 +53,44 @@ class FanOut:
         self._turns = Turns(self._work)
         self.listeners: dict[Callable[[str | None], None], None] = {}
         """Called at every change: with the robot's name for a frame, with None for anything else."""
-        self.renders = self.messages = self.conflated = 0
+        self.messages_rendered = self.messages_sent = self.messages_conflated = 0
         # Called for each watcher; extensions use them, for example to request pictures from a camera.
-        self.on_watch: Callable[[Watcher], None] = lambda watcher: None
-        self.on_forget: Callable[[Watcher], None] = lambda watcher: None
+        self.on_watcher_added: Callable[[Watcher], None] = lambda watcher: None
+        self.on_watcher_removed: Callable[[Watcher], None] = lambda watcher: None
 
     def watch(
-        self, subscription: Subscription, outlet: Outlet, sent: dict[str, str] | None = None, *, patient: bool = False
+        self,
+        subscription: Subscription,
+        outlet: Outlet,
+        known_versions: dict[str, str] | None = None,
+        *,
+        wait_if_absent: bool = False,
     ) -> Watcher:
-        """Add a watcher; nothing is written before its ``ready()``.
+        """Add a watcher; nothing is written before its ``schedule_send()``.
 
-        ``sent``: versions by path that the subscriber has already (from which it resumes). If the resource does not
-        exist the outlet is ended, unless the watcher is ``patient``: it then waits for the resource, and again whenever
-        it is gone.
+        ``known_versions``: versions by path that the subscriber has already (from which it resumes). If the resource
+        does not exist the outlet is ended, unless ``wait_if_absent``: the watcher then waits for the resource, and
+        again whenever it is gone.
         """
-        watcher = Watcher(self, subscription, outlet, dict(sent or {}), patient)
+        watcher = Watcher(self, subscription, outlet, dict(known_versions or {}), wait_if_absent)
         self._begin(watcher)
         return watcher
 
     def _begin(self, watcher: Watcher) -> None:
-        if watcher.subtree:
+        if watcher.watches_subtree:
             self._subtrees[watcher] = None
             self._scan_soon(watcher)
         else:
             self._find(watcher)
-        self.on_watch(watcher)
+        self.on_watcher_added(watcher)
 
-    def change(self, watcher: Watcher, subscription: Subscription) -> None:
+    def change_options(self, watcher: Watcher, subscription: Subscription) -> None:
         """Apply other options; another depth or media type starts anew from the present state of everything."""
         if subscription.options.needs_full_state(watcher.subscription.options):
-            watcher.leave_all(subscription)
+            watcher.restart(subscription)
             self._begin(watcher)
         else:
-            watcher.change(subscription)
+            watcher.change_options(subscription)
 
     @property
     def watched_robots(self) -> KeysView[str | None]:
@@ -158,14 +163,14 @@ class FanOut:
     def call_later(self, delay_s: float, call: Callable[[], None]) -> Timer:
         return asyncio.get_running_loop().call_later(delay_s, call)
 
-    def run(self, sender: Watcher | Broadcast[Watcher]) -> None:
+    def schedule(self, sender: Watcher | Broadcast[Watcher]) -> None:
         """Schedule a sender, whose ``step`` is then called in its turn."""
-        if not sender.running:
-            sender.running = True
+        if not sender.scheduled:
+            sender.scheduled = True
             self._runnable.append(sender)
             self._turns.schedule()
 
-    def broadcast(self, topic: Topic[Watcher], subscription: Subscription, stream: Stream) -> Broadcast[Watcher]:
+    def get_broadcast(self, topic: Topic[Watcher], subscription: Subscription, stream: Stream) -> Broadcast[Watcher]:
         key = (subscription.media_type, subscription.base, stream.framing)
         broadcast = topic.broadcasts.get(key)
         if broadcast is None:
@@ -177,10 +182,10 @@ class FanOut:
             self._read(topic)
 
     def unwatch(self, watcher: Watcher, path: str) -> None:
-        topic = watcher.leave(path)
+        topic = watcher.remove_topic(path)
         if not topic.watchers:
             places = self._topics[topic.path]
-            del places[topic.values, topic.sees]
+            del places[topic.with_values, topic.view]
             if not places:
                 del self._topics[topic.path]
             self._dirty.pop(topic, None)
@@ -190,7 +195,7 @@ class FanOut:
                 del self._of_robot[robot_of(topic.path)]
 
     def remove_watcher(self, watcher: Watcher) -> None:
-        self.on_forget(watcher)
+        self.on_watcher_removed(watcher)
         self._subtrees.pop(watcher, None)
         self._absent.pop(watcher, None)
         self._scans.pop(watcher, None)
@@ -219,9 +224,9 @@ class FanOut:
             while self._runnable and self._prepare(ready, begin + TURN_S * 3 / 4):
                 while ready and time.perf_counter() - begin < TURN_S:
                     sender = ready.popleft()
-                    sender.running = False
+                    sender.scheduled = False
                     if sender.step():
-                        self.run(sender)
+                        self.schedule(sender)
         finally:
             self._runnable.extendleft(reversed(ready))
         return bool(robot or self._dirty or self._scans or self._runnable)
@@ -237,7 +242,7 @@ class FanOut:
             try:
                 prepared = sender.prepare()
             finally:
-                sender.running = prepared  # after an error it can be scheduled again
+                sender.scheduled = prepared  # after an error it can be scheduled again
             if prepared:
                 ready.append(sender)
         return len(ready) > before
@@ -252,10 +257,10 @@ class FanOut:
         """Tell the watchers of a resource that it has changed."""
         for broadcast in topic.broadcasts.values():
             if broadcast.members:
-                self.conflated += broadcast.mark_changed()
-                self.run(broadcast)
-        for watcher in list(topic.apart):
-            self.conflated += watcher.has_pending_message(topic.path)
+                self.messages_conflated += broadcast.mark_changed()
+                self.schedule(broadcast)
+        for watcher in list(topic.single_watchers):
+            self.messages_conflated += watcher.has_pending_message(topic.path)
             watcher.mark_changed(topic)
 
     def _renew(self, topic: Topic[Watcher]) -> bool:
@@ -263,7 +268,7 @@ class FanOut:
         watcher = next(iter(topic.watchers))
         resource = self._resolve(topic.path, watcher.subscription)
         if resource is not None:
-            topic.replace(resource)
+            topic.replace_resource(resource)
             return True
         for watcher in list(topic.watchers):
             self.unwatch(watcher, topic.path)
@@ -291,8 +296,8 @@ class FanOut:
         return topic
 
     def _join(self, watcher: Watcher, resource: Resource, values: bool) -> None:
-        watcher.join(self._topic(resource.path, values, resource, watcher.subscription.view))
-        watcher.ready()
+        watcher.add_topic(self._topic(resource.path, values, resource, watcher.subscription.view))
+        watcher.schedule_send()
 
     def _find(self, watcher: Watcher) -> None:
         """Join the single resource of a watcher, or wait for it."""
@@ -309,9 +314,9 @@ class FanOut:
     def _lose(self, watcher: Watcher) -> None:
         """Handle a resource that does not exist: wait for it if it may come, else end the watcher."""
         subscription = watcher.subscription
-        if not watcher.patient and not self._tree_of(subscription).may_appear(subscription.resource):
+        if not watcher.wait_if_absent and not self._tree_of(subscription).may_appear(subscription.resource):
             watcher.end(Ending.GONE)
-        elif not watcher.subtree:  # subtrees are scanned again anyway
+        elif not watcher.watches_subtree:  # subtrees are scanned again anyway
             self._absent[watcher] = None
 
     # -- subtrees ---------------------------------------------------------------------------------------------------

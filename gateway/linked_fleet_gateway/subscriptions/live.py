@@ -69,7 +69,7 @@ class Live:
         self.meshes = Meshes(self.link.mesh)
 
     @property
-    def frames(self) -> int:
+    def accepted_frames(self) -> int:
         """Number of frames accepted."""
         return self._judged + self.fleet.frames.taken
 
@@ -113,7 +113,7 @@ class Live:
             if check is not None:
                 self.link.verify_presence(check)
 
-    async def join(self) -> None:
+    async def admit_robots(self) -> None:
         """Let robots join. Robots report recently ended actions at once, so register listeners before this call."""
         await self.link.join()
         with suppress(TimeoutError):
@@ -142,9 +142,9 @@ class Live:
         self.meshes.close()
         await self.link.__aexit__(kind, error, trace)
 
-    def tree(self, base: str, sees: View = ALL, subscriptions: SubscriptionsByOwner = NO_SUBSCRIPTIONS) -> Tree:
-        """Return the present resource tree under one base URL as seen by ``sees``; ``subscriptions``: those to show."""
-        return Tree(self.fleet, self.invocations, base, subscriptions, sees, self._branches, self._secured)
+    def tree(self, base: str, view: View = ALL, subscriptions: SubscriptionsByOwner = NO_SUBSCRIPTIONS) -> Tree:
+        """Return the present resource tree under one base URL as seen by ``view``; ``subscriptions``: those to show."""
+        return Tree(self.fleet, self.invocations, base, subscriptions, view, self._branches, self._secured)
 
     @property
     def branches(self) -> Branches:
@@ -155,30 +155,30 @@ class Live:
         """Add branches to the tree, such as those of extensions."""
         self._branches = self._branches.with_branches(*branches)
 
-    def add_listener(self, hear: Callable[[str | None], None]) -> None:
-        """Call ``hear`` at every change of any robot, watched or not.
+    def add_listener(self, listener: Callable[[str | None], None]) -> None:
+        """Call ``listener`` at every change of any robot, watched or not.
 
         It is given the robot's name for a frame, even if no value changed, and None for anything else.
         """
-        self.fan_out.listeners[hear] = None
+        self.fan_out.listeners[listener] = None
         self.fleet.frames.has_listeners = True
 
-    def remove_listener(self, hear: Callable[[str | None], None]) -> None:
+    def remove_listener(self, listener: Callable[[str | None], None]) -> None:
         """Remove a listener; does nothing if it is not registered."""
-        self.fan_out.listeners.pop(hear, None)
+        self.fan_out.listeners.pop(listener, None)
         self.fleet.frames.has_listeners = bool(self.fan_out.listeners)
 
-    def add_invocation_listener(self, hear: Callable[[Invocation], None]) -> None:
-        """Call ``hear`` whenever a field of an invocation changes, and once more when it is forgotten.
+    def add_invocation_listener(self, listener: Callable[[Invocation], None]) -> None:
+        """Call ``listener`` whenever a field of an invocation changes, and once more when it is forgotten.
 
         It is always given the same object, whose fields change. Invocations of other gateways are included, and at the
         start those that Redis has kept, most of which ended long ago.
         """
-        self._invocation_listeners[hear] = None
+        self._invocation_listeners[listener] = None
 
-    def remove_invocation_listener(self, hear: Callable[[Invocation], None]) -> None:
+    def remove_invocation_listener(self, listener: Callable[[Invocation], None]) -> None:
         """Remove a listener; does nothing if it is not registered."""
-        self._invocation_listeners.pop(hear, None)
+        self._invocation_listeners.pop(listener, None)
 
     async def halt(self, robots: Collection[str] | None, stop: Stop, timeout_s: float) -> dict[str, Reply]:
         """Stop robots, and note when they stopped, so that later requests are not taken for earlier ones."""

@@ -22,7 +22,7 @@ Lookup = Callable[[str, int], Iterable[str]]
 May block.
 """
 
-LONGEST_URL = 2048
+MAX_URL_LENGTH = 2048
 DEFAULT_PORTS = (range(80, 81), range(443, 444), range(8080, 8081), range(8443, 8444))
 """Ports of public receivers unless configured otherwise: those of HTTP and their usual alternatives."""
 _RESOLVERS = 8
@@ -46,11 +46,11 @@ _CLOSED_V6 = tuple(
 )
 
 
-class Forbidden(Exception):
+class ForbiddenHost(Exception):
     """None of the host's addresses may be reached. The text contains no address, because it may be internal."""
 
 
-class Unresolvable(Exception):
+class UnresolvableHost(Exception):
     """The host has no address, or none could be found in time."""
 
 
@@ -95,7 +95,7 @@ class Network:
     async def resolve(self, host: str, port: int) -> list[Address]:
         """Return the permitted addresses of a host, in the resolver's order, without duplicates and never empty.
 
-        ``host`` is a name or an address as in a URL, without brackets. Raises Forbidden and Unresolvable.
+        ``host`` is a name or an address as in a URL, without brackets. Raises ForbiddenHost and UnresolvableHost.
         """
         found = await self._addresses(host, port)
         judged = (self._judge(text) for text in found)
@@ -106,16 +106,16 @@ class Network:
             return permitted
         if reachable:
             ports = ", ".join(f"{each[0]}-{each[-1]}" if len(each) > 1 else str(each[0]) for each in self._ports)
-            raise Forbidden(
+            raise ForbiddenHost(
                 f"Callbacks may not reach port {port} of a public address; the operator allows {ports or 'none'} "
                 "(LINKED_FLEET_CALLBACK_PORTS)."
             )
         if found:
-            raise Forbidden(
+            raise ForbiddenHost(
                 "The callback's host has no address that may be reached: loopback, private, link-local and other "
                 "special addresses must be in a network that the operator allows (LINKED_FLEET_CALLBACK_ALLOW)."
             )
-        raise Unresolvable("The callback's host has no address.")
+        raise UnresolvableHost("The callback's host has no address.")
 
     def close(self) -> None:
         """Close the threads without waiting for look-ups in progress."""
@@ -129,9 +129,9 @@ class Network:
                 loop = asyncio.get_running_loop()
                 return list(await loop.run_in_executor(self._threads, self._lookup, host, port))
         except TimeoutError as error:
-            raise Unresolvable("The callback's host was not resolved in time.") from error
+            raise UnresolvableHost("The callback's host was not resolved in time.") from error
         except (OSError, ValueError) as error:
-            raise Unresolvable("The callback's host cannot be resolved.") from error
+            raise UnresolvableHost("The callback's host cannot be resolved.") from error
 
     def _judge(self, text: str) -> Address | None:
         ip = _literal(text)
@@ -169,13 +169,13 @@ _LONGEST_NAME = 253
 _FOUR_NUMBERS = re.compile(r"\d+\.\d+\.\d+\.\d+")
 
 
-def callback_url(text: str) -> str:
+def check_callback_url(text: str) -> str:
     """Return the text if callbacks can be sent to this URL; raises ValueError with a sentence that says why not.
 
     Checks syntax only: whether the host may be reached is known when the connection is made.
     """
-    if len(text) > LONGEST_URL:
-        raise ValueError(f"The callback URL has {len(text)} characters; at most {LONGEST_URL} are taken.")
+    if len(text) > MAX_URL_LENGTH:
+        raise ValueError(f"The callback URL has {len(text)} characters; at most {MAX_URL_LENGTH} are taken.")
     if foreign := _FOREIGN.search(text):
         raise ValueError(
             f"The callback URL has {foreign[0]!r} at position {foreign.start() + 1}; write what is not ASCII in a name "

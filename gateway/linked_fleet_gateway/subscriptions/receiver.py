@@ -17,8 +17,14 @@ from functools import cache
 from typing import TYPE_CHECKING
 
 from linked_fleet_gateway.base.lazy_imports import LazyModule
-from linked_fleet_gateway.subscriptions.delivery_pace import Handshakes, retry_after_s
-from linked_fleet_gateway.subscriptions.network import Address, Forbidden, Network, Unresolvable, callback_url
+from linked_fleet_gateway.subscriptions.delivery_pace import ConsentThrottle, retry_after_s
+from linked_fleet_gateway.subscriptions.network import (
+    Address,
+    ForbiddenHost,
+    Network,
+    UnresolvableHost,
+    check_callback_url,
+)
 
 if TYPE_CHECKING:
     import httpx
@@ -26,9 +32,9 @@ else:
     httpx = LazyModule("httpx")
 
 TIMEOUT_S = 10.0
-MOST_READ_BYTES = 4096
+MAX_READ_BYTES = 4096
 """Bytes of a response body that are read and ignored. A body that ends within them leaves the connection usable."""
-MOST_ADDRESSES = 4
+MAX_ADDRESSES = 4
 """Addresses tried for one request, so that a name with a thousand addresses does not cause a thousand connections."""
 _KEEP_ALIVE_S = 4.0
 """Below the 5 s after which common servers close idle connections, so that requests seldom hit a closing one."""
@@ -54,7 +60,7 @@ class Verdict(StrEnum):
 
 
 @dataclass(frozen=True)
-class Outcome:
+class DeliveryOutcome:
     """The outcome of one attempt. ``status``: None without a response; ``reason``: a sentence, empty if delivered."""
 
     verdict: Verdict
@@ -64,7 +70,7 @@ class Outcome:
 
 
 @dataclass(frozen=True)
-class Consent:
+class ConsentResponse:
     """The response to a request for consent.
 
     ``refused``: the receiver responded without consenting; False if it did not respond or asked for a retry.
@@ -82,7 +88,7 @@ class Receiver:
     """Sends to one URL. Each request resolves the host anew and connects to an address judged in that look-up.
 
     Raises ValueError for a URL that ``callback_url`` rejects. Share the ``ssl_context``, because creating one takes 20
-    ms, and ``handshakes``, or consent requests are limited for this receiver alone.
+    ms, and ``consent_throttle``, or consent requests are limited for this receiver alone.
     """
 
     def __init__(
@@ -91,13 +97,13 @@ class Receiver:
         url: str,
         *,
         ssl_context: ssl.SSLContext,
-        handshakes: Handshakes | None = None,
+        consent_throttle: ConsentThrottle | None = None,
         timeout_s: float = TIMEOUT_S,
         connect_timeout_s: float = 3.0,
     ) -> None:
         self._network = network
-        self._handshakes = handshakes or Handshakes()
-        self._url = httpx.URL(callback_url(url))
+        self._consent_throttle = consent_throttle or ConsentThrottle()
+        self._url = httpx.URL(check_callback_url(url))
         self._timeout_s = timeout_s
         # the pool identifies connections by address and port, not by the name that TLS verified: one pool per URL
         self._pool = httpx.AsyncHTTPTransport(
@@ -116,7 +122,7 @@ class Receiver:
 
     async def deliver(
         self, body: bytes, content_type: str, headers: Mapping[str, str], *, allowed_only: bool
-    ) -> Outcome:
+    ) -> DeliveryOutcome:
         """POST a message; failures are outcomes.
 
         ``allowed_only``: only addresses in the allowed networks are used. Raises NoConsent if there is no such address.
@@ -124,19 +130,19 @@ class Receiver:
         fields = {**headers, "Content-Type": content_type}
         try:
             response = await self._request("POST", fields, body, lambda address: address.allowed or not allowed_only)
-        except (TimeoutError, httpx.TransportError, Forbidden, Unresolvable) as error:
-            return Outcome(Verdict.RETRY, None, None, self._why(error))
+        except (TimeoutError, httpx.TransportError, ForbiddenHost, UnresolvableHost) as error:
+            return DeliveryOutcome(Verdict.RETRY, None, None, self._why(error))
         return _outcome(response)
 
-    async def consent(self, origin: str) -> Consent:
+    async def request_consent(self, origin: str) -> ConsentResponse:
         """Ask whether deliveries from ``origin``, a DNS name, are welcome (CloudEvents HTTP Web Hooks 1.0.2, 4).
 
         Each later delivery must carry ``WebHook-Request-Origin`` with the same value, which is up to the caller. Waits
-        until ``handshakes`` permits a request to this destination.
+        until ``consent_throttle`` permits a request to this destination.
         """
         try:
-            asked = (await self._addresses())[:MOST_ADDRESSES]
-            async with self._handshakes.turn(address.ip for address in asked) as turn:
+            asked = (await self._addresses())[:MAX_ADDRESSES]
+            async with self._consent_throttle.turn(address.ip for address in asked) as turn:
                 fields = {"WebHook-Request-Origin": origin}
                 response = await self._request("OPTIONS", fields, b"", lambda address: address in asked)
                 consent = _consent(response, origin)
@@ -144,12 +150,12 @@ class Receiver:
                 return consent
         except NoConsent:
             reason = "The callback's host changed its address while it was waited for."
-            return Consent(granted=False, interval_s=0.0, status=None, reason=reason)
-        except (TimeoutError, httpx.TransportError, Forbidden, Unresolvable) as error:
-            return Consent(granted=False, interval_s=0.0, status=None, reason=self._why(error))
+            return ConsentResponse(granted=False, interval_s=0.0, status=None, reason=reason)
+        except (TimeoutError, httpx.TransportError, ForbiddenHost, UnresolvableHost) as error:
+            return ConsentResponse(granted=False, interval_s=0.0, status=None, reason=self._why(error))
 
     async def needs_no_consent(self) -> bool:
-        """Return True if all permitted addresses are in allowed networks. Raises Forbidden and Unresolvable."""
+        """Return True if all permitted addresses are in allowed networks. Raises ForbiddenHost and UnresolvableHost."""
         return all(address.allowed for address in await self._addresses())
 
     @property
@@ -164,7 +170,8 @@ class Receiver:
     ) -> "httpx.Response":
         """Return the response of a permitted address, with its body closed.
 
-        Raises TimeoutError, httpx.TransportError, Forbidden, Unresolvable, and NoConsent if no address is permitted.
+        Raises TimeoutError, httpx.TransportError, ForbiddenHost, UnresolvableHost, and NoConsent if no address is
+        permitted.
         """
         response = None
         try:
@@ -187,7 +194,7 @@ class Receiver:
         self, addresses: list[Address], method: str, fields: Mapping[str, str], body: bytes
     ) -> "httpx.Response":
         # the address with the open connection first, regardless of the resolver's order
-        inclined = sorted(addresses, key=lambda address: address.ip != self._connected)[:MOST_ADDRESSES]
+        inclined = sorted(addresses, key=lambda address: address.ip != self._connected)[:MAX_ADDRESSES]
         for address in inclined[:-1]:
             try:
                 return await self._send(address, method, fields, body)
@@ -209,7 +216,7 @@ class Receiver:
     def _why(self, error: Exception) -> str:
         """Return a sentence without addresses, ports or error texts, which would reveal the internal network."""
         match error:
-            case Forbidden() | Unresolvable():
+            case ForbiddenHost() | UnresolvableHost():
                 return str(error)
             case httpx.ConnectError() if self._url.scheme == "https":
                 return "No connection: nobody listens there, or its certificate is not valid for this host."
@@ -230,32 +237,34 @@ async def _drain(response: "httpx.Response") -> None:
     read = 0
     async for chunk in response.aiter_raw():
         read += len(chunk)
-        if read > MOST_READ_BYTES:
+        if read > MAX_READ_BYTES:
             return
 
 
-def _outcome(response: "httpx.Response") -> Outcome:
+def _outcome(response: "httpx.Response") -> DeliveryOutcome:
     status = response.status_code
     if response.is_success:
-        return Outcome(Verdict.DELIVERED, status, None, "")
+        return DeliveryOutcome(Verdict.DELIVERED, status, None, "")
     if status == httpx.codes.GONE:
-        return Outcome(Verdict.GONE, status, None, "The receiver is gone for good (410).")
+        return DeliveryOutcome(Verdict.GONE, status, None, "The receiver is gone for good (410).")
     reason = f"The receiver answered with status {status}"
     reason += ", and redirects are not followed." if response.is_redirect else "."
-    return Outcome(Verdict.RETRY, status, retry_after_s(response.headers.get("Retry-After"), time.time()), reason)
+    return DeliveryOutcome(
+        Verdict.RETRY, status, retry_after_s(response.headers.get("Retry-After"), time.time()), reason
+    )
 
 
-def _consent(response: "httpx.Response", origin: str) -> Consent:
+def _consent(response: "httpx.Response", origin: str) -> ConsentResponse:
     status = response.status_code
     if not response.is_success:
         later = response.is_server_error or status in _TRY_AGAIN
         reason = f"The receiver answered the request for consent with status {status}."
-        return Consent(False, 0.0, status, reason, refused=not later)
+        return ConsentResponse(False, 0.0, status, reason, refused=not later)
     allowed = response.headers.get("WebHook-Allowed-Origin", "").strip()
     if allowed != "*" and allowed.lower() != origin.lower():
         reason = f"The receiver sent no WebHook-Allowed-Origin of {origin} or *."
-        return Consent(False, 0.0, status, reason, refused=True)
-    return Consent(True, _interval_s(response.headers.get("WebHook-Allowed-Rate", "")), status, "")
+        return ConsentResponse(False, 0.0, status, reason, refused=True)
+    return ConsentResponse(True, _interval_s(response.headers.get("WebHook-Allowed-Rate", "")), status, "")
 
 
 def _interval_s(rate: str) -> float:

@@ -20,19 +20,19 @@ from linked_fleet_gateway.runtime.redis import Connection, StoreUnavailable
 from linked_fleet_gateway.subscriptions import redis_scripts as scripts
 from linked_fleet_gateway.subscriptions.redis_scripts import Keys
 
-What = Literal["removed", "resumed", "replaced", "changed"]
+NewsKind = Literal["removed", "resumed", "replaced", "changed"]
 
 
-class TooMany(Exception):  # noqa: N818
+class SubscriptionLimitReached(Exception):  # noqa: N818
     """The client has reached its limit of subscriptions; nothing was stored."""
 
 
-class Lost(Exception):  # noqa: N818
+class SubscriptionNotHeld(Exception):  # noqa: N818
     """The subscription is gone, or another gateway run holds it now."""
 
 
 @dataclass(frozen=True)
-class Outgoing:
+class OutgoingMessage:
     """A representation to be delivered, rendered for the ``revision`` of its subscription."""
 
     path: str
@@ -43,7 +43,7 @@ class Outgoing:
 
 
 @dataclass(frozen=True)
-class Entry:
+class QueueEntry:
     """A representation in the queue of a callback. ``number`` counts its deliveries from 1 without gaps."""
 
     entry_id: str
@@ -58,13 +58,13 @@ class Entry:
 class Backlog:
     """The undelivered entries, oldest first, with the state of the queue.
 
-    ``sent``: the version of each resource that was queued last, by path. ``number``: that of the last entry, delivered
-    or not.
+    ``last_versions``: the version of each resource that was queued last, by path. ``last_number``: that of the last
+    entry, delivered or not.
     """
 
-    entries: list[Entry]
-    sent: dict[str, str]
-    number: int = 0
+    entries: list[QueueEntry]
+    last_versions: dict[str, str]
+    last_number: int = 0
 
 
 @dataclass(frozen=True)
@@ -75,7 +75,7 @@ class News:
     ``replaced``: a stream is open there now, unless ``holder`` has taken it back since; its record says who has it.
     """
 
-    what: What
+    kind: NewsKind
     id: str
     holder: str
 
@@ -88,21 +88,21 @@ class SubscriptionLists:
     client: str
 
 
-def write_held(held: SubscriptionLists) -> bytes:
+def write_lists(held: SubscriptionLists) -> bytes:
     return msgspec.json.encode(held)
 
 
-def read_held(text: bytes) -> SubscriptionLists:
+def read_lists(text: bytes) -> SubscriptionLists:
     """Parse the output of ``write_held``. Raises ValueError for anything else."""
     return msgspec.json.decode(text, type=SubscriptionLists)
 
 
 def write_news(news: News) -> tuple[str, ...]:
-    return ("what", news.what, "id", news.id, "holder", news.holder)
+    return ("what", news.kind, "id", news.id, "holder", news.holder)
 
 
 def read_news(fields: Mapping[bytes, bytes]) -> News:
-    what = cast(What, fields[b"what"].decode())
+    what = cast(NewsKind, fields[b"what"].decode())
     return News(what, fields[b"id"].decode(), fields[b"holder"].decode())
 
 
@@ -152,9 +152,9 @@ def read_record(fields: Mapping[bytes, bytes]) -> Record | None:
     return Record(subscription, delivery, fields[b"holder"].decode())
 
 
-def read_entry(entry_id: bytes, pairs: list[bytes]) -> Entry:
+def read_entry(entry_id: bytes, pairs: list[bytes]) -> QueueEntry:
     fields = read_pairs(pairs)
-    return Entry(
+    return QueueEntry(
         entry_id.decode(),
         int(fields[b"number"]),
         fields[b"path"].decode(),
@@ -187,29 +187,29 @@ class Runs:
         self._renewals = 0
         self._heard: dict[str, tuple[bytes, float]] = {}  # lease value of each other run, and when it was first seen
 
-    async def renew(self) -> None:
+    async def renew_lease(self) -> None:
         self._renewals += 1
         await self._say(f"{self._renewals} {self._lease_s}")
         await self._redis.execute("SADD", self._keys.runs, self._run)
 
-    async def leave(self) -> None:
+    async def announce_end(self) -> None:
         await self._say(_LEFT)
-        await self.retire(self._run)
+        await self.remove_run(self._run)
 
     async def _say(self, what: str | bytes) -> None:
         await self._redis.execute("SET", self._keys.lease(self._run), what, "PX", round(self._lease_s * 1000))
 
-    async def dead(self) -> list[str]:
+    async def dead_runs(self) -> list[str]:
         """Return the runs without a lease.
 
         None for half a lease after an outage, in which living runs could not renew theirs.
         """
         runs = {run.decode() for run in await self._redis.execute("SMEMBERS", self._keys.runs)} - {self._run}
         self._heard = {run: heard for run, heard in self._heard.items() if run in runs}
-        dead = runs - await self.living(runs)
+        dead = runs - await self.living_runs(runs)
         return sorted(dead) if self._redis.since_outage_s > self._lease_s / 2 else []
 
-    async def living(self, runs: Iterable[str]) -> set[str]:
+    async def living_runs(self, runs: Iterable[str]) -> set[str]:
         """Return those of ``runs`` that have renewed their lease recently; a run without a known lease has not."""
         asked = list(runs)
         leases = await self._redis.execute("MGET", *map(self._keys.lease, asked)) if asked else ()
@@ -222,24 +222,24 @@ class Runs:
         said, since_s = self._heard.get(run, (_LEFT, now_s))
         return said != _LEFT and now_s - since_s < float(said.partition(b" ")[2])
 
-    async def retire(self, run: str) -> None:
+    async def remove_run(self, run: str) -> None:
         """Forget a dead run that holds nothing."""
         keys = (self._keys.runs, self._keys.held(run), self._keys.lease(run))
         await self._redis.run_script(scripts.RETIRE, keys, run, _LEFT)
 
-    async def held(self, run: str) -> dict[str, SubscriptionLists]:
+    async def held_subscriptions(self, run: str) -> dict[str, SubscriptionLists]:
         """Return what a run holds, has begun to add or has not finished removing, by id."""
         held = await self._redis.execute("HGETALL", self._keys.held(run))
-        return {id.decode(): read_held(text) for id, text in held.items()}
+        return {id.decode(): read_lists(text) for id, text in held.items()}
 
-    async def hold(self, held: Mapping[str, SubscriptionLists], run: str) -> None:
+    async def add_held(self, held: Mapping[str, SubscriptionLists], run: str) -> None:
         """Record what ``run`` is about to hold, by id; not empty."""
         # The hash before the set: a run that is in the set and holds something is never retired.
-        fields = (part for id, one in held.items() for part in (id, write_held(one)))
+        fields = (part for id, one in held.items() for part in (id, write_lists(one)))
         await self._redis.execute("HSET", self._keys.held(run), *fields)
         await self._redis.execute("SADD", self._keys.runs, run)
 
-    async def drop(self, ids: Collection[str], run: str) -> None:
+    async def remove_held(self, ids: Collection[str], run: str) -> None:
         """Remove ``ids`` from what ``run`` holds."""
         if ids:
             await self._redis.execute("HDEL", self._keys.held(run), *ids)

@@ -10,10 +10,10 @@ from types import TracebackType
 from linked_fleet_gateway.resources.subscription import ChangeableOptions, Record, Subscription
 from linked_fleet_gateway.runtime.background import await_last_step, cancel_tasks, supervised
 from linked_fleet_gateway.subscriptions.broadcast import Ending
-from linked_fleet_gateway.subscriptions.callbacks import Callbacks, MayContinue
+from linked_fleet_gateway.subscriptions.callbacks import Callbacks, EntitlementCheck
 from linked_fleet_gateway.subscriptions.fan_out import FanOut
 from linked_fleet_gateway.subscriptions.network import Network
-from linked_fleet_gateway.subscriptions.store import LEASE_S, News, Store, StoreUnavailable
+from linked_fleet_gateway.subscriptions.store import LEASE_S, News, StoreUnavailable, SubscriptionStore
 from linked_fleet_gateway.subscriptions.streams import Streams
 
 log = logging.getLogger(__name__)
@@ -27,23 +27,23 @@ RECONCILE_S = 10.0
 class Subscriptions:
     """An async context manager.
 
-    ``limit``: subscriptions per client address; ``consent``: whether receivers must consent.
+    ``limit``: subscriptions per client address; ``consent_required``: whether receivers must consent.
     """
 
     def __init__(
         self,
-        store: Store,
+        store: SubscriptionStore,
         run: str,
         fan_out: FanOut,
         network: Network,
         *,
-        consent: bool,
+        consent_required: bool,
         limit: int,
-        may_continue: MayContinue = lambda *_: True,
+        check_entitlement: EntitlementCheck = lambda *_: True,
     ) -> None:
         self._store, self._run = store, run
         self.streams = Streams(store, run, fan_out, limit)
-        self.callbacks = Callbacks(store, run, fan_out, network, limit, consent, may_continue)
+        self.callbacks = Callbacks(store, run, fan_out, network, limit, consent_required, check_entitlement)
         self._refreshing = asyncio.Lock()
         self._tasks: list[asyncio.Task[None]] = []
         self._renewed_s = float("-inf")
@@ -62,20 +62,20 @@ class Subscriptions:
     ) -> None:
         await cancel_tasks(self._tasks)
         await asyncio.gather(self.streams.aclose(), self.callbacks.aclose())
-        await await_last_step(self._store.leave(), log, "the store could not be told that this gateway ends")
+        await await_last_step(self._store.announce_end(), log, "the store could not be told that this gateway ends")
 
     @property
     def store_is_available(self) -> bool:
         """True if the lease of this gateway was renewed recently."""
         return time.monotonic() - self._renewed_s < LEASE_S
 
-    async def of(self, owner: str) -> list[Record]:
+    async def records_of_owner(self, owner: str) -> list[Record]:
         """Return all subscriptions of a thing, at all gateways. Raises StoreUnavailable."""
-        return [self.streams.with_last_message_time(record) for record in await self._store.of(owner)]
+        return [self.streams.with_last_message_time(record) for record in await self._store.records_of_owner(owner)]
 
-    async def record(self, id: str) -> Record | None:
+    async def get_record(self, id: str) -> Record | None:
         """Return one subscription, at whichever gateway it is. Raises StoreUnavailable."""
-        record = await self._store.record(id)
+        record = await self._store.get_record(id)
         return None if record is None else self.streams.with_last_message_time(record)
 
     async def cancel(self, id: str) -> bool:
@@ -84,9 +84,9 @@ class Subscriptions:
         await self._drop(id)
         return record is not None
 
-    async def change(self, before: Subscription, options: ChangeableOptions) -> bool:
+    async def change_options(self, before: Subscription, options: ChangeableOptions) -> bool:
         """Change the options of a subscription at any gateway; return False if ``before`` is out of date."""
-        if not await self._store.change(before, options):
+        if not await self._store.change_options(before, options):
             return False
         with suppress(StoreUnavailable):  # the change is stored; its news arrives when the store is available again
             await self._refresh(before.id)
@@ -94,27 +94,27 @@ class Subscriptions:
 
     async def resume(self, id: str) -> bool:
         """Retry a callback at once, at whichever gateway holds it; return False if there is none."""
-        return await self._store.wake(id) is not None
+        return await self._store.resume(id) is not None
 
     async def _drop(self, id: str) -> None:
-        self.streams.drop(id, Ending.CANCELLED)
-        await self.callbacks.drop(id)
+        self.streams.end_stream(id, Ending.CANCELLED)
+        await self.callbacks.stop_serving(id)
 
     # -- with the other gateways --------------------------------------------------------------------------------------
 
     async def _hear(self) -> None:
         async for news in self._store.news():
-            if news.holder == self._run or news.what == "changed":
+            if news.holder == self._run or news.kind == "changed":
                 await self._heed(news)
 
     async def _heed(self, news: News) -> None:
-        match news.what:
+        match news.kind:
             case "removed":
                 await self._drop(news.id)
             case "replaced":
                 await self.streams.end_replaced(news.id)
             case "resumed":
-                self.callbacks.wake_courier(news.id)
+                self.callbacks.resume(news.id)
             case "changed":
                 with suppress(StoreUnavailable):  # ``_keep`` compares later
                     await self._refresh(news.id)
@@ -123,35 +123,35 @@ class Subscriptions:
         """Apply the stored record to what is served here. Serialized, so that an older record never wins."""
         async with self._refreshing:
             if self.streams.serves(id) or self.callbacks.serves(id):
-                record = await self._store.record(id)
+                record = await self._store.get_record(id)
                 if record is not None:
-                    self.streams.change(record.subscription)
-                    self.callbacks.change(record.subscription)
+                    self.streams.change_options(record.subscription)
+                    self.callbacks.change_options(record.subscription)
 
     async def _renew(self) -> None:
         """Renew the lease, apart from the other work, which may take over a thousand callbacks."""
         try:
-            await self._store.renew()
+            await self._store.renew_lease()
             self._renewed_s = time.monotonic()
         except StoreUnavailable:
             self._renewed_s = float("-inf")
 
     async def _take_over(self, run: str) -> None:
         count = 0
-        async for record in self._store.adopt(run):
+        async for record in self._store.take_over(run):
             count += 1
             if record.subscription.kind.is_stream:
-                self.streams.adopt(record.subscription.id)
+                self.streams.take_over(record.subscription.id)
             else:
-                await self.callbacks.adopt(record)
+                await self.callbacks.take_over(record)
         if count:
             log.info("took %d subscriptions over from gateway run %s", count, run)
 
     async def _keep(self) -> None:
         try:
             await self.callbacks.suspend_unentitled()
-            await self.callbacks.catch_up()
-            await self.streams.catch_up()
+            await self.callbacks.remove_refused()
+            await self.streams.store_missed_changes()
             for run in await self._store.dead_runs():
                 await self._take_over(run)
             if time.monotonic() >= self._note_s:
@@ -168,7 +168,7 @@ class Subscriptions:
 
     async def _compare(self) -> None:
         """Serve what the store assigns to this run."""
-        held = {record.subscription.id: record for record in await self._store.held()}
+        held = {record.subscription.id: record for record in await self._store.held_records()}
         await self.callbacks.reconcile(held)
         await self.streams.reconcile(held)
         for id, record in held.items():
@@ -176,6 +176,6 @@ class Subscriptions:
                 await self._refresh(id)  # it may have changed while this run took it over
 
 
-def new_run() -> str:
+def new_run_name() -> str:
     """Return a new name for one run of a gateway."""
     return uuid.uuid4().hex

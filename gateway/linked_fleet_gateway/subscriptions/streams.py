@@ -15,7 +15,12 @@ from linked_fleet_gateway.resources.subscription import Delivery, DeliveryState,
 from linked_fleet_gateway.runtime.background import cancel_tasks
 from linked_fleet_gateway.subscriptions.broadcast import Ending, Outlet
 from linked_fleet_gateway.subscriptions.fan_out import FanOut
-from linked_fleet_gateway.subscriptions.store import Lost, Store, StoreUnavailable, TooMany
+from linked_fleet_gateway.subscriptions.store import (
+    StoreUnavailable,
+    SubscriptionLimitReached,
+    SubscriptionNotHeld,
+    SubscriptionStore,
+)
 from linked_fleet_gateway.subscriptions.watcher import Watcher
 
 log = logging.getLogger(__name__)
@@ -28,7 +33,7 @@ _LAST_S = 1.0  # limit for reporting closed streams to the store when this gatew
 class Streams:
     """``limit``: subscriptions per client."""
 
-    def __init__(self, store: Store, run: str, fan_out: FanOut, limit: int) -> None:
+    def __init__(self, store: SubscriptionStore, run: str, fan_out: FanOut, limit: int) -> None:
         self._store, self._run, self._fan_out, self._limit = store, run, fan_out, limit
         self._open: dict[str, Watcher] = {}
         self._coming: set[str] = set()
@@ -43,14 +48,14 @@ class Streams:
         self._noted: dict[str, int | None] = {}
         self._background: set[asyncio.Task[None]] = set()
 
-    def kinds(self) -> Counter[str]:
+    def count_by_kind(self) -> Counter[str]:
         """Return the number of open streams by kind."""
         return Counter(watcher.subscription.kind.value for watcher in list(self._open.values()))
 
     # -- connections --------------------------------------------------------------------------------------------------
 
     async def register(self, subscription: Subscription) -> None:
-        """List a stream before it is opened; TooMany if the client has too many subscriptions."""
+        """List a stream before it is opened; SubscriptionLimitReached if the client has too many subscriptions."""
         id = subscription.id
         waited = id in self._expiries
         self._coming.add(id)
@@ -72,19 +77,19 @@ class Streams:
         except StoreUnavailable:
             mine = [each for each in self._open.values() if each.subscription.client == subscription.client]
             if len(mine) >= self._limit:
-                raise TooMany(f"{subscription.client} has {len(mine)} subscriptions already") from None
+                raise SubscriptionLimitReached(f"{subscription.client} has {len(mine)} subscriptions already") from None
             self._unlisted.add(subscription.id)
 
-    def open(self, subscription: Subscription, outlet: Outlet, seen: str | None) -> Watcher:
-        """Open a registered stream; ``seen`` is the version that the subscriber saw last.
+    def open(self, subscription: Subscription, outlet: Outlet, last_version: str | None) -> Watcher:
+        """Open a registered stream; ``last_version`` is the version that the subscriber saw last.
 
-        It ends at once if the resource no longer exists. For a subtree, ``seen`` is the version of any one of its
-        resources and says nothing about the others: all of them are sent again.
+        It ends at once if the resource no longer exists. For a subtree, ``last_version`` is the version of any one of
+        its resources and says nothing about the others: all of them are sent again.
         """
         id = subscription.id
         if (changed := self._changed.get(id)) is not None:
             subscription = subscription.with_options(changed.options, changed.revision)
-        sent = {subscription.resource: seen} if seen and subscription.depth is not Depth.SUBTREE else {}
+        sent = {subscription.resource: last_version} if last_version and subscription.depth is not Depth.SUBTREE else {}
         watcher = self._fan_out.watch(subscription, outlet, sent)
         if id in self._cancelled:
             watcher.end(Ending.CANCELLED)
@@ -117,7 +122,7 @@ class Streams:
     def revoke(self, id: str) -> None:
         """End a stream for good whose client has lost the right to it; does nothing if it has ended."""
         if id in self._open:
-            self.drop(id, Ending.UNENTITLED)
+            self.end_stream(id, Ending.UNENTITLED)
             self._later(lambda: self._forget(id))
 
     def end_all(self) -> None:
@@ -137,18 +142,21 @@ class Streams:
 
     # -- between connections ------------------------------------------------------------------------------------------
 
-    async def offer(self, subscription: Subscription) -> None:
-        """Store a stream that nobody has opened yet, for a while. Raises TooMany and StoreUnavailable."""
+    async def add_unopened(self, subscription: Subscription) -> None:
+        """Store a stream that nobody has opened yet, for a while.
+
+        Raises SubscriptionLimitReached, StoreUnavailable.
+        """
         try:
             await self._store.add(subscription, Delivery(DeliveryState.WAITING), self._limit)
-        except TooMany:
+        except SubscriptionLimitReached:
             raise
         except BaseException:
             self._ended.add(subscription.id)  # it may be stored, although its client is told that it is not
             raise
         self._expire(subscription.id)
 
-    def adopt(self, id: str) -> None:
+    def take_over(self, id: str) -> None:
         """Keep a stream of a dead gateway until its client opens it here."""
         if not self.serves(id):
             self._expire(id)
@@ -160,12 +168,14 @@ class Streams:
         waiting = Delivery(DeliveryState.WAITING, last_ns)
         try:
             if id in self._unlisted:
-                await self._store.add(unopened, waiting, self._limit, take=False)
+                await self._store.add(unopened, waiting, self._limit, take_over=False)
             else:
-                await self._store.note(id, waiting, unopened)  # a stream that was deleted just now must not come back
-        except Lost:
+                await self._store.store_delivery_state(
+                    id, waiting, unopened
+                )  # a stream that was deleted just now must not come back
+        except SubscriptionNotHeld:
             return  # it was opened through another gateway, or deleted
-        except (StoreUnavailable, TooMany):
+        except (StoreUnavailable, SubscriptionLimitReached):
             await self._forget(id)
             return
         if self.serves(id):
@@ -205,14 +215,14 @@ class Streams:
 
     async def _strike_out(self, id: str) -> None:
         """Remove an ended stream from the store. Raises StoreUnavailable."""
-        await self._store.remove(id, own=True)  # another gateway may have it by now
+        await self._store.remove(id, only_if_held=True)  # another gateway may have it by now
         self._ended.discard(id)
         if self.serves(id):
             self._unlisted.add(id)  # opened again meanwhile: list it again
 
     # -- what others do -----------------------------------------------------------------------------------------------
 
-    def drop(self, id: str, ending: Ending) -> None:
+    def end_stream(self, id: str, ending: Ending) -> None:
         """End a stream that is open here; the store is already up to date."""
         self._noted.pop(id, None)
         self._unlisted.discard(id)
@@ -227,21 +237,21 @@ class Streams:
         watcher = self._open.get(subscription.id)
         return watcher is None or watcher.subscription.options == subscription.options
 
-    def change(self, subscription: Subscription) -> None:
+    def change_options(self, subscription: Subscription) -> None:
         """Apply the options of the stored record to a stream of this gateway."""
         id = subscription.id
         if (watcher := self._open.get(id)) is not None:
             if not self.has_options(subscription):
                 options, revision = subscription.options, subscription.revision
-                self._fan_out.change(watcher, watcher.subscription.with_options(options, revision))
+                self._fan_out.change_options(watcher, watcher.subscription.with_options(options, revision))
         elif id in self._coming:
             self._changed[id] = subscription
 
     async def end_replaced(self, id: str) -> None:
         """End a stream that was opened through another gateway, unless it has come back since."""
-        found = await self._store.record(id)
+        found = await self._store.get_record(id)
         if found is not None and found.holder != self._run:
-            self.drop(id, Ending.REPLACED)
+            self.end_stream(id, Ending.REPLACED)
 
     def with_last_message_time(self, record: Record) -> Record:
         """Add the time of the last message, which this gateway knows better than the store."""
@@ -252,7 +262,7 @@ class Streams:
 
     # -- what the store is told ---------------------------------------------------------------------------------------
 
-    async def catch_up(self) -> None:
+    async def store_missed_changes(self) -> None:
         """Store the streams that began and ended while the store was unavailable."""
         for id in list(self._ended):
             if id in self._ended:  # not opened again meanwhile
@@ -261,8 +271,8 @@ class Streams:
             if (watcher := self._open.get(id)) is not None:
                 try:
                     await self._store.add(watcher.subscription, Delivery(last_ns=watcher.last_sent_ns), self._limit)
-                except TooMany:
-                    self.drop(id, Ending.CANCELLED)
+                except SubscriptionLimitReached:
+                    self.end_stream(id, Ending.CANCELLED)
                 else:
                     if not self.serves(id) and id not in self._expiries:  # closed meanwhile
                         self._ended.add(id)
@@ -276,7 +286,7 @@ class Streams:
             for id, each in self._open.items()
             if id not in self._unlisted and each.last_sent_ns != self._noted.get(id)
         }
-        lost = await self._store.note_all({id: Delivery(last_ns=last_ns) for id, last_ns in moved.items()})
+        lost = await self._store.store_delivery_states({id: Delivery(last_ns=last_ns) for id, last_ns in moved.items()})
         self._noted.update((id, last_ns) for id, last_ns in moved.items() if id in self._open and id not in lost)
 
     async def reconcile(self, held: dict[str, Record]) -> None:
@@ -287,9 +297,9 @@ class Streams:
         """
         missing = {id for id in self._open if id not in held and id not in self._unlisted}
         for id in missing & self._missed:  # missing twice: news of its end would have arrived by now
-            found = await self._store.record(id)
+            found = await self._store.get_record(id)
             if found is not None and found.holder != self._run:
-                self.drop(id, Ending.REPLACED)
+                self.end_stream(id, Ending.REPLACED)
             elif id in self._open:
                 self._unlisted.add(id)
         self._missed = missing

@@ -18,7 +18,7 @@ class Resolver(Protocol):
 class Renderer(Protocol):
     """The interface of the fan-out to a watched resource."""
 
-    renders: int
+    messages_rendered: int
     """Messages rendered so far."""
 
     def tree(self, base: str, view: View) -> Resolver:
@@ -26,27 +26,27 @@ class Renderer(Protocol):
 
 
 class Topic(Generic[M]):
-    """A resource with at least one subscriber, for the subscribers of the view ``sees``.
+    """A resource with at least one subscriber, for the subscribers with one ``view``.
 
-    ``values``: whether a change of measured values counts.
+    ``with_values``: whether a change of measured values counts.
     """
 
-    def __init__(self, renderer: Renderer, path: str, values: bool, resource: Resource, sees: View = ALL) -> None:
-        self.path, self.values, self.sees = path, values, sees
+    def __init__(self, renderer: Renderer, path: str, with_values: bool, resource: Resource, view: View = ALL) -> None:
+        self.path, self.with_values, self.view = path, with_values, view
         self._renderer = renderer
         self.watchers: dict[M, None] = {}
-        self.apart: dict[M, None] = {}
+        self.single_watchers: dict[M, None] = {}
         """The watchers that are in no broadcast."""
         self.broadcasts: dict[tuple[str, str, Framing], Broadcast[M]] = {}
         """Broadcasts by media type, base URL and framing."""
-        self.previous: str | None = None
+        self.previous_version: str | None = None
         self._resource = resource
-        self.measured = values and resource.source.is_measured
+        self.measured = with_values and resource.source.is_measured
         """True if a frame can change this resource."""
         self._resources: dict[str, Resource] = {}
         self._messages: dict[tuple[str, str], Message] = {}
         self._renderings: dict[tuple[str, str], Rendering] = {}
-        self.reading: Reading = resource.source.read(values)
+        self.reading: Reading = resource.source.read(with_values)
         self._compared: tuple[Reading | None, bool] = (None, True)
 
     @property
@@ -54,23 +54,23 @@ class Topic(Generic[M]):
         """True if the resource will not change any more."""
         return self._resource.source.has_ended()
 
-    def replace(self, resource: Resource) -> None:
+    def replace_resource(self, resource: Resource) -> None:
         """Replace the resource, because its robot was described anew."""
         self._resource = resource
-        self.measured = self.values and resource.source.is_measured
+        self.measured = self.with_values and resource.source.is_measured
         self._resources.clear()
         self._renderings.clear()
 
     def refresh(self, after_frame: bool = False) -> bool:
         """Read the resource again; return True if it changed. ``after_frame``: nothing but a frame has come since."""
         before = self.reading
-        reading = self._resource.source.read(self.values, before if after_frame else None)
+        reading = self._resource.source.read(self.with_values, before if after_frame else None)
         if reading.equals(before):
             return False
         if reading.facts != before.facts:
             self._renderings.clear()
         self._compared = (before, True)
-        self.previous, self.reading = before.version, reading
+        self.previous_version, self.reading = before.version, reading
         self._messages.clear()
         return True
 
@@ -82,16 +82,16 @@ class Topic(Generic[M]):
             self._compared = (sent, sent is None or not self.reading.equals(sent))
         return self._compared[1]
 
-    def gather(self) -> None:
+    def join_broadcasts(self) -> None:
         """Let subscribers that have caught up join a broadcast."""
-        for watcher in list(self.apart):
+        for watcher in list(self.single_watchers):
             watcher.join_broadcast(self.path)
 
     def message(self, media_type: str, base: str) -> Message:
         """Return the message about the present reading; WriteError if the syntax cannot express it."""
         message = self._messages.get((media_type, base))
         if message is None:
-            self._renderer.renders += 1
+            self._renderer.messages_rendered += 1
             body = self._body(media_type, base)
             message = self._messages[media_type, base] = Message(self.path, self.reading.version, media_type, body)
         return message
@@ -100,14 +100,14 @@ class Topic(Generic[M]):
         rendering = self._renderings.get((media_type, base))
         if rendering is None:
             resource = self._under(base)
-            if not (self.values and is_compilable(resource, media_type)):
-                return message_body(resource, media_type, base, self.reading.version, self.previous)
+            if not (self.with_values and is_compilable(resource, media_type)):
+                return message_body(resource, media_type, base, self.reading.version, self.previous_version)
             rendering = self._renderings[media_type, base] = Rendering(resource, media_type, base)
-        return rendering.render_observations(self.reading.observations, Versions(self.reading.version, self.previous))
+        return rendering.render_observations(self.reading.observations, Versions(self.reading.version, self.previous_version))
 
     def _under(self, base: str) -> Resource:
         resource = self._resources.get(base)
         if resource is None:
-            found = self._renderer.tree(base, self.sees).resolve(self.path)
+            found = self._renderer.tree(base, self.view).resolve(self.path)
             resource = self._resources[base] = found if isinstance(found, Resource) else self._resource
         return resource

@@ -18,7 +18,7 @@ class Timer(Protocol):
     def cancel(self) -> None: ...
 
 
-class Schedule(SendCounter, Protocol):
+class Scheduler(SendCounter, Protocol):
     """The interface of the fan-out to a watcher."""
 
     def refresh(self, topic: "Topic[Watcher]") -> None:
@@ -27,12 +27,14 @@ class Schedule(SendCounter, Protocol):
     def now_s(self) -> float:
         """Return the monotonic time."""
 
-    def run(self, watcher: "Watcher") -> None:
+    def schedule(self, watcher: "Watcher") -> None:
         """Schedule the watcher, whose ``step`` is then called in its turn."""
 
     def call_later(self, delay_s: float, call: Callable[[], None]) -> Timer: ...
 
-    def broadcast(self, topic: "Topic[Watcher]", subscription: Subscription, stream: Stream) -> "Broadcast[Watcher]":
+    def get_broadcast(
+        self, topic: "Topic[Watcher]", subscription: Subscription, stream: Stream
+    ) -> "Broadcast[Watcher]":
         """Return the broadcast for everybody who wants the same representation of a resource."""
 
     def unwatch(self, watcher: "Watcher", path: str) -> None:
@@ -45,23 +47,28 @@ class Watcher:
     """Remembers which resources have news, never the news: memory is bounded by the number of watched resources.
 
     The policy (PROTOCOL.md, "Messages"): between two messages about a resource its values are conflated, and the last
-    one always goes out. ``sent``: versions by path that the subscriber is known to have.
+    one always goes out. ``known_versions``: versions by path that the subscriber is known to have.
 
     A watcher of one resource on a stream, without interval and deadband, shares a ``Broadcast`` with others while its
     outlet has room, and then has nothing to do itself.
     """
 
     def __init__(
-        self, schedule: Schedule, subscription: Subscription, outlet: Outlet, sent: dict[str, str], patient: bool
+        self,
+        scheduler: Scheduler,
+        subscription: Subscription,
+        outlet: Outlet,
+        known_versions: dict[str, str],
+        wait_if_absent: bool,
     ) -> None:
         self.subscription = subscription
-        self.patient = patient
-        self.left: set[str] = set()
+        self.wait_if_absent = wait_if_absent
+        self.left_paths: set[str] = set()
         """Paths that a patient watcher no longer watches."""
         self.topics: dict[str, Topic[Watcher]] = {}
-        self.running = False
-        self._schedule, self._outlet = schedule, outlet
-        self._known = sent
+        self.scheduled = False
+        self._scheduler, self._outlet = scheduler, outlet
+        self._known = known_versions
         self._sent: dict[str, Reading] = {}
         self._pending: dict[str, None] = {}
         self._round: dict[str, None] = {}
@@ -70,41 +77,41 @@ class Watcher:
         self._broadcast: Broadcast[Watcher] | None = None
         self._stream = self._in_step()
         self._timer: Timer | None = None
-        self._whole = not self.subtree
+        self._whole = not self.watches_subtree
 
     def _in_step(self) -> Stream | None:
         """Return the outlet if this subscriber may share a broadcast, else None."""
         wanted = self.subscription
-        all_wanted = wanted.interval_s <= 0 and wanted.deadband <= 0 and not self.subtree
+        all_wanted = wanted.interval_s <= 0 and wanted.deadband <= 0 and not self.watches_subtree
         return self._outlet if all_wanted and isinstance(self._outlet, Stream) else None
 
     @property
-    def subtree(self) -> bool:
+    def watches_subtree(self) -> bool:
         return self.subscription.depth is Depth.SUBTREE
 
     @property
     def last_sent_ns(self) -> int | None:
         """Time at which the last message was sent."""
-        together = self._broadcast.last_ns if self._broadcast is not None else None
+        together = self._broadcast.last_sent_ns if self._broadcast is not None else None
         return max(filter(None, (self._last_ns, together)), default=None)
 
-    def join(self, topic: "Topic[Watcher]") -> None:
+    def add_topic(self, topic: "Topic[Watcher]") -> None:
         """Watch one more resource; its present state is news unless the subscriber has it."""
         self.topics[topic.path] = topic
-        self.left.discard(topic.path)
-        topic.watchers[self] = topic.apart[self] = None
+        self.left_paths.discard(topic.path)
+        topic.watchers[self] = topic.single_watchers[self] = None
         known = self._known.pop(topic.path, None)
         if known == topic.reading.version:
             self._sent[topic.path] = topic.reading
         else:
             self._pending[topic.path] = None
 
-    def leave(self, path: str) -> "Topic[Watcher]":
+    def remove_topic(self, path: str) -> "Topic[Watcher]":
         topic = self.topics.pop(path)
-        if self.patient:
-            self.left.add(path)
+        if self.wait_if_absent:
+            self.left_paths.add(path)
         self._fall_out(topic)
-        del topic.watchers[self], topic.apart[self]
+        del topic.watchers[self], topic.single_watchers[self]
         self._pending.pop(path, None)
         self._round.pop(path, None)
         self._sent.pop(path, None)
@@ -118,17 +125,17 @@ class Watcher:
         """Note the change of a resource; if it is news to this subscriber, it is sent as soon as permitted."""
         if not self.has_pending_message(topic.path) and (self.subscription.deadband <= 0 or self._is_news(topic)):
             self._pending[topic.path] = None
-            self.ready()
+            self.schedule_send()
 
-    def ready(self) -> None:
+    def schedule_send(self) -> None:
         """Schedule this watcher if it has something to send and no timer runs."""
         if (self._round or self._pending) and self._timer is None:
-            self._schedule.run(self)
+            self._scheduler.schedule(self)
 
     def finish_scan(self) -> None:
         """Note that a subtree has been scanned: with an interval, the first round waits for this."""
         self._whole = True
-        self.ready()
+        self.schedule_send()
 
     def prepare(self) -> bool:
         """Return True if it may send now; messages are rendered while sending, mostly already for others."""
@@ -144,12 +151,12 @@ class Watcher:
             return False
         path = next(iter(self._round))
         topic = self.topics[path]
-        self._schedule.refresh(topic)  # and leave it if it is gone
+        self._scheduler.refresh(topic)  # and leave it if it is gone
         self._round.pop(path, None)
         if path in self.topics and self._is_news(topic):  # it may have returned to the old value
             self._send(topic)
         if not self._round and self.subscription.interval_s > 0:
-            self._next_s = self._schedule.now_s() + self.subscription.interval_s
+            self._next_s = self._scheduler.now_s() + self.subscription.interval_s
         if path in self.topics:  # an ended resource is left with its last message
             self.join_broadcast(path)
         return bool(self._round or self._pending)
@@ -158,10 +165,10 @@ class Watcher:
         """Join a broadcast if nothing is pending and its members were sent the same last."""
         topic, sent = self.topics[path], self._sent.get(path)
         if self._stream is not None and sent is not None and not self.has_pending_message(topic.path):
-            broadcast = self._schedule.broadcast(topic, self.subscription, self._stream)
-            if broadcast.admit(self, self._stream.send, sent):
+            broadcast = self._scheduler.get_broadcast(topic, self.subscription, self._stream)
+            if broadcast.admit_member(self, self._stream.send, sent):
                 self._broadcast = broadcast
-                del topic.apart[self], self._sent[topic.path]
+                del topic.single_watchers[self], self._sent[topic.path]
 
     def leave_broadcast(self, path: str, sent: Reading) -> None:
         """Leave the broadcast, because the outlet had no room for a message; ``sent``: the reading sent before."""
@@ -172,40 +179,40 @@ class Watcher:
     def _fall_out(self, topic: "Topic[Watcher]") -> None:
         if self._broadcast is not None:
             self._last_ns = self.last_sent_ns
-            self._broadcast.dismiss(self)
+            self._broadcast.remove_member(self)
             self._broadcast = None
-            topic.apart[self] = None
+            topic.single_watchers[self] = None
 
     def _begin_round(self) -> bool:
         if not self._pending or (self.subscription.interval_s > 0 and not self._whole):
             return False
-        if self._next_s and (wait_s := self._next_s - self._schedule.now_s()) > 0:
-            self._timer = self._schedule.call_later(wait_s, self._due)
+        if self._next_s and (wait_s := self._next_s - self._scheduler.now_s()) > 0:
+            self._timer = self._scheduler.call_later(wait_s, self._due)
             return False
         self._round, self._pending = self._pending, {}
         return True
 
-    def change(self, subscription: Subscription) -> None:
+    def change_options(self, subscription: Subscription) -> None:
         """Apply another interval and deadband. A running interval keeps its start; a first one starts now."""
         self._step_out()
         self._set(subscription)
         for topic in self.topics.values():
             if not self.has_pending_message(topic.path) and self._is_news(topic):
                 self._pending[topic.path] = None
-        self.ready()
+        self.schedule_send()
 
-    def leave_all(self, subscription: Subscription) -> None:
+    def restart(self, subscription: Subscription) -> None:
         """Replace the subscription, and forget all watched resources and sent versions; they are joined anew."""
         self._step_out()
-        self._schedule.remove_watcher(self)
+        self._scheduler.remove_watcher(self)
         self._known = {}
         self._set(subscription)
-        self._whole = not self.subtree
+        self._whole = not self.watches_subtree
 
     def _set(self, subscription: Subscription) -> None:
         before, self.subscription = self.subscription, subscription
         self._cancel_timer()
-        begun_s = self._next_s - before.interval_s if self._next_s else self._schedule.now_s()
+        begun_s = self._next_s - before.interval_s if self._next_s else self._scheduler.now_s()
         waits = subscription.interval_s > 0 and self.last_sent_ns is not None
         self._next_s = begun_s + subscription.interval_s if waits else 0.0
         self._stream = self._in_step()
@@ -216,9 +223,9 @@ class Watcher:
             return
         (topic,) = self.topics.values()  # a member of a broadcast watches one resource
         self._last_ns = self.last_sent_ns
-        self._sent[topic.path] = self._broadcast.release(self)
+        self._sent[topic.path] = self._broadcast.release_member(self)
         self._broadcast = None
-        topic.apart[self] = None
+        topic.single_watchers[self] = None
 
     def end(self, ending: Ending) -> None:
         self.close()
@@ -227,7 +234,7 @@ class Watcher:
     def close(self) -> None:
         """Stop watching; the outlet is closed elsewhere."""
         self._cancel_timer()
-        self._schedule.remove_watcher(self)
+        self._scheduler.remove_watcher(self)
 
     def _cancel_timer(self) -> None:
         if self._timer is not None:
@@ -245,10 +252,10 @@ class Watcher:
             return
         self._sent[topic.path] = topic.reading
         self._last_ns = time.time_ns()
-        self._schedule.messages += 1
+        self._scheduler.messages_sent += 1
         self._outlet.write(message)
-        if self.subtree and topic.ended:
-            self._schedule.unwatch(self, topic.path)
+        if self.watches_subtree and topic.ended:
+            self._scheduler.unwatch(self, topic.path)
 
     def _is_news(self, topic: "Topic[Watcher]") -> bool:
         sent, reading, deadband = self._sent.get(topic.path), topic.reading, self.subscription.deadband
@@ -258,4 +265,4 @@ class Watcher:
 
     def _due(self) -> None:
         self._timer = None
-        self.ready()
+        self.schedule_send()

@@ -74,12 +74,12 @@ def test_framing(body: bytes, data: str) -> None:
     """9.2.5: nothing in a body breaks out of its event; its line ends come back as line feeds."""
     source = EventSource()
     message = Message("/a", "7", "text/turtle", body)
-    source.feed(message.framed(event_bytes).decode())
-    size, _, rest = message.framed(chunk_bytes).partition(b"\r\n")
-    assert (rest[: int(size, 16)], rest[int(size, 16) :]) == (message.framed(event_bytes), b"\r\n")
+    source.feed(message.frame_with(event_bytes).decode())
+    size, _, rest = message.frame_with(chunk_bytes).partition(b"\r\n")
+    assert (rest[: int(size, 16)], rest[int(size, 16) :]) == (message.frame_with(event_bytes), b"\r\n")
     assert source.events == [("7", data)]
     assert source.last_event_id == "7"
-    assert message.framed(event_bytes) is message.framed(event_bytes)
+    assert message.frame_with(event_bytes) is message.frame_with(event_bytes)
 
 
 async def test_stream_as_an_event_source_reads_it() -> None:

@@ -120,7 +120,7 @@ async def test_framed_once_for_all() -> None:
         for one in clients:
             await one.close()
     assert len(written) == 5
-    assert all(data is TURTLE.framed(frame_bytes) for data in written)
+    assert all(data is TURTLE.frame_with(frame_bytes) for data in written)
 
 
 async def test_ping_is_answered_while_the_application_is_busy() -> None:
@@ -191,7 +191,7 @@ async def test_invalid_client_frames_close_the_connection(sent: bytes, code: int
     async with serving(app, ws=Impatient) as (_, port):
         reader, writer = await connect(port, handshake())
         await reader.readuntil(b"\r\n\r\n")
-        await reader.readexactly(len(TURTLE.framed(frame_bytes)))
+        await reader.readexactly(len(TURTLE.frame_with(frame_bytes)))
         writer.write(sent)
         head = await reader.readexactly(2)
         if head[0] == 0x8A:  # the pong

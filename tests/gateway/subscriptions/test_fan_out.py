@@ -146,7 +146,7 @@ class InStep(Outlet):
 
     def write(self, message: Message) -> None:
         assert self.room
-        self.send(message.framed(self.framing))
+        self.send(message.frame_with(self.framing))
 
 
 @pytest.fixture(autouse=True, params=[Outlet, InStep], ids=["alone", "in step"])
@@ -229,14 +229,14 @@ def to(path: str, **more: object) -> Subscription:
 
 def watch(world: World, path: str, sent: dict[str, str] | None = None, patient: bool = False, **more: object) -> Outlet:
     outlet = world.outlet()
-    outlet.watcher = world.fan_out.watch(to(path, **more), outlet, sent, patient=patient)
+    outlet.watcher = world.fan_out.watch(to(path, **more), outlet, sent, wait_if_absent=patient)
     return outlet
 
 
 async def begin(world: World, path: str, **more: object) -> Outlet:
     """Return an outlet that is ready and has got the present state."""
     outlet = watch(world, path, **more)
-    outlet.watcher.ready()
+    outlet.watcher.schedule_send()
     await world.settle()
     return outlet
 
@@ -246,7 +246,7 @@ async def test_every_change_is_a_message_when_there_is_room() -> None:
     world = await World().up()
     outlet = watch(world, _ROTATION)
     assert not outlet.messages, "nothing is written before somebody is ready"
-    outlet.watcher.ready()
+    outlet.watcher.schedule_send()
     await world.settle()
     await world.move(0.0, 0.1, 0.1, 0.100004, 0.099996, 0.1, 0.2)
     assert outlet.versions[1:] == ["1-3", "1-8"]
@@ -257,13 +257,13 @@ async def test_a_full_outlet_gets_the_latest_and_sees_the_gap() -> None:
     """Values are conflated while there is no room, nobody else waits, and the last one goes out."""
     world = await World().up()
     slow, fast = watch(world, _ROTATION), watch(world, _ROTATION)
-    slow.watcher.ready(), fast.watcher.ready()
+    slow.watcher.schedule_send(), fast.watcher.schedule_send()
     await world.settle()
     slow.room = False
     await world.move(0.1, 0.2, 0.3)
     assert (len(slow.messages), len(fast.messages)) == (1, 4)
     slow.room = True
-    slow.watcher.ready()
+    slow.watcher.schedule_send()
     await world.settle()
     assert slow.messages[-1] is fast.messages[-1], "rendered once"
     assert len(slow.messages) == 2
@@ -276,7 +276,7 @@ async def test_a_value_that_returned_to_the_sent_one_is_no_news() -> None:
     outlet.room = False
     await world.move(0.1, 0.0)
     outlet.room = True
-    outlet.watcher.ready()
+    outlet.watcher.schedule_send()
     await world.settle()
     assert len(outlet.messages) == 1
     await world.move(0.3)
@@ -321,7 +321,7 @@ async def test_the_deadband_counts_from_the_sent_value() -> None:
     """A slow drift is news once it adds up; a subscriber without deadband gets each step."""
     world = await World().up()
     rough, fine = watch(world, _ROTATION, deadband=0.25), watch(world, _ROTATION)
-    rough.watcher.ready(), fine.watcher.ready()
+    rough.watcher.schedule_send(), fine.watcher.schedule_send()
     await world.settle()
     await world.move(0.125, 0.1875, 0.25, 0.375, 0.0)
     assert len(fine.messages) == 6
@@ -391,7 +391,7 @@ async def test_resuming() -> None:
     same, later = watch(world, _ROTATION, {_ROTATION: version}), watch(world, _ROTATION, {_ROTATION: "1-1000"})
     old, foreign = watch(world, _ROTATION, {_ROTATION: "0-9"}), watch(world, _ROTATION, {_ROTATION: "cancelled"})
     for each in (same, later, old, foreign):
-        each.watcher.ready()
+        each.watcher.schedule_send()
     await world.settle()
     assert [len(each.messages) for each in (same, later, old, foreign)] == [0, 1, 1, 1]
     await world.move(0.1)
@@ -405,7 +405,7 @@ async def test_depths_of_a_joint() -> None:
     this, properties = (watch(world, _JOINT, depth=depth) for depth in (Depth.THIS, Depth.PROPERTIES))
     subtree = watch(world, _JOINT, depth=Depth.SUBTREE)
     for each in (this, properties, subtree):
-        each.watcher.ready()
+        each.watcher.schedule_send()
     await world.settle()
     assert (this.take(), properties.take()) == ([_JOINT], [_JOINT])
     first = subtree.take()
@@ -459,7 +459,7 @@ async def test_the_end_of_an_invocation_holds_back_nothing_of_its_round() -> Non
     await world.settle()
     await world.move(0.5)
     outlet.room = True
-    outlet.watcher.ready()
+    outlet.watcher.schedule_send()
     await world.settle()
     paths = outlet.take()
     assert paths[0] == path
@@ -470,13 +470,13 @@ async def test_a_removed_resource_ends_watchers_except_patient_ones() -> None:
     """GONE without a resource; a patient watcher, such as a callback, continues when it is back."""
     world = await World().up()
     stream, callback = watch(world, _ROTATION), watch(world, _ROTATION, patient=True)
-    stream.watcher.ready(), callback.watcher.ready()
+    stream.watcher.schedule_send(), callback.watcher.schedule_send()
     await world.settle()
     await world.apply(Described(described(urdf=_OTHER, joints=("wrist",))))
     assert (stream.ending, callback.ending) == (Ending.GONE, None)
     assert watch(world, _ROTATION).ending is Ending.GONE
     early = watch(world, _ROTATION, patient=True)
-    early.watcher.ready()
+    early.watcher.schedule_send()
     await world.apply(Described(described()), world.frame(0.5))
     assert b"0.5" in callback.messages[-1].body
     assert b"0.5" in early.messages[-1].body
@@ -495,7 +495,7 @@ async def test_a_description_may_change_while_a_subtree_is_scanned(
         _turns_of(monkeypatch, 4)
         world = await World().up()
         outlet = watch(world, "/", depth=Depth.SUBTREE)
-        outlet.watcher.ready()
+        outlet.watcher.schedule_send()
         for turn in range(turns + 3):
             if turn == turns:
                 world.tell(without)
@@ -512,7 +512,7 @@ async def test_a_resource_is_gone_when_the_message_about_it_is_due(path: str, de
     """A new description may come between the change of a resource and the turn of its watcher."""
     world = await World().up()
     outlet = watch(world, path, depth=depth, patient=True)
-    outlet.watcher.ready()
+    outlet.watcher.schedule_send()
     await world.settle()
     outlet.room = False
     await world.move(0.5)
@@ -523,7 +523,7 @@ async def test_a_resource_is_gone_when_the_message_about_it_is_due(path: str, de
         pass
     assert not [each for each in outlet.take() if "elbow" in each]
     await world.apply(Described(described()), world.frame(0.7))
-    outlet.watcher.ready()
+    outlet.watcher.schedule_send()
     await world.settle()
     assert _ROTATION in outlet.take()
 
@@ -541,7 +541,7 @@ async def test_a_robot_that_says_nothing_usable_for_a_while_ends_nobody() -> Non
     world = await World().up()
     outlets = [watch(world, _ROTATION), watch(world, _JOINT, depth=Depth.SUBTREE)]
     for outlet in outlets:
-        outlet.watcher.ready()
+        outlet.watcher.schedule_send()
     await world.settle()
     await world.apply(DescriptionRejected("r", 1, "it does not answer"))
     assert [outlet.ending for outlet in outlets] == [None, None]
@@ -592,7 +592,7 @@ async def test_the_interval_lies_between_rounds_of_a_subtree() -> None:
     outlet.room = False
     await world.move(0.2)
     outlet.room = True
-    outlet.watcher.ready()
+    outlet.watcher.schedule_send()
     await world.settle()
     rest = outlet.take()
     assert len({first, *rest}) == 1 + len(rest) > 1
@@ -624,7 +624,7 @@ async def test_readers_with_room_have_the_latest_message_beside_slow_ones(
             case 0:
                 here.extend(watch(world, _ROTATION) for _ in range(dice.choice((1, 40))))
                 for outlet in here:
-                    outlet.watcher.ready()
+                    outlet.watcher.schedule_send()
             case 1 if here:
                 outlet = here.pop(dice.randrange(len(here)))
                 outlet.watcher.end(Ending.CANCELLED)
@@ -633,7 +633,7 @@ async def test_readers_with_room_have_the_latest_message_beside_slow_ones(
                 outlet = dice.choice(here)
                 outlet.room = not outlet.room
                 if outlet.room:
-                    outlet.watcher.ready()
+                    outlet.watcher.schedule_send()
             case _:
                 for change in world.fleet.apply(world.frame(step / 10), 1):
                     world.fan_out.mark_moved(change.robot)
@@ -641,7 +641,7 @@ async def test_readers_with_room_have_the_latest_message_beside_slow_ones(
             await asyncio.sleep(0)
     for outlet in here:
         outlet.room = True
-        outlet.watcher.ready()
+        outlet.watcher.schedule_send()
     await world.move(1000.0)
     for outlet in here:
         assert b'"1000.0"' in outlet.messages[-1].body
@@ -655,7 +655,7 @@ async def test_news_in_the_middle_of_a_message_to_many_comes_after_it(monkeypatc
     world = await World().up()
     outlets = [watch(world, _ROTATION) for _ in range(300)]
     for outlet in outlets:
-        outlet.watcher.ready()
+        outlet.watcher.schedule_send()
     await world.settle()
     for outlet in outlets:
         outlet.take()
@@ -677,7 +677,7 @@ async def test_last_message_is_noted_for_each(monkeypatch: pytest.MonkeyPatch) -
     monkeypatch.setattr(fan_out.time, "time_ns", lambda: next(times))
     slow, fast = watch(world, _ROTATION), watch(world, _ROTATION)
     assert fast.watcher.last_sent_ns is None
-    slow.watcher.ready(), fast.watcher.ready()
+    slow.watcher.schedule_send(), fast.watcher.schedule_send()
     await world.settle()
     before = slow.watcher.last_sent_ns
     slow.room = False
@@ -720,7 +720,7 @@ async def test_unwatched_resources_cost_nothing() -> None:
     outlets = [watch(world, path) for path in (_ROTATION, _JOINT, _ROBOT, "/")]
     outlets.append(watch(world, _ROBOT, depth=Depth.SUBTREE))
     for outlet in outlets:
-        outlet.watcher.ready()
+        outlet.watcher.schedule_send()
     await world.settle()
     for outlet in outlets:
         outlet.watcher.close()
@@ -735,7 +735,7 @@ async def test_unwatched_resources_cost_nothing() -> None:
 
 def _change(world: World, outlet: Outlet, **options: object) -> None:
     watcher = outlet.watcher  # type: ignore[attr-defined]
-    world.fan_out.change(watcher, dataclasses.replace(watcher.subscription, **options))
+    world.fan_out.change_options(watcher, dataclasses.replace(watcher.subscription, **options))
 
 
 async def test_another_interval_counts_from_the_message_before() -> None:
@@ -762,7 +762,7 @@ async def test_another_interval_counts_from_the_message_before() -> None:
 async def test_a_new_interval_counts_from_the_change_of_options() -> None:
     world = await World().up()
     outlet, other = watch(world, _ROTATION), watch(world, _ROTATION)
-    outlet.watcher.ready(), other.watcher.ready()
+    outlet.watcher.schedule_send(), other.watcher.schedule_send()
     await world.settle()
     await world.move(0.1)
     _change(world, outlet, interval_s=3.0)
@@ -786,7 +786,7 @@ async def test_a_changed_deadband_is_compared_with_the_sent_value() -> None:
     await world.move(0.6)
     _change(world, outlet, deadband=0.5)
     outlet.room = True
-    outlet.watcher.ready()
+    outlet.watcher.schedule_send()
     await world.settle()
     assert outlet.frames[1:] == [2]
     await world.move(0.9)
@@ -825,7 +825,7 @@ async def test_a_change_in_the_middle_of_a_message_to_many_loses_and_repeats_not
     world = await World().up()
     outlets = [watch(world, _ROTATION) for _ in range(120)]
     for outlet in outlets:
-        outlet.watcher.ready()
+        outlet.watcher.schedule_send()
     await world.settle()
     for outlet in outlets:
         outlet.take()
@@ -853,7 +853,7 @@ def _watch_something(world: World, dice: random.Random) -> Outlet:
     depths = [Depth.PROPERTIES] if path == _ROTATION else list(Depth)
     more = {"interval_s": dice.choice((0.0, 0.0, 2.0)), "deadband": dice.choice((0.0, 0.0, 0.3))}
     outlet = watch(world, path, patient=dice.random() < 0.5, depth=dice.choice(depths), **more)
-    outlet.watcher.ready()
+    outlet.watcher.schedule_send()
     return outlet
 
 
@@ -881,7 +881,7 @@ async def test_whatever_comes_between_the_last_state_comes_last(seed: int, monke
             case 2 if here:
                 for outlet in dice.sample(here, dice.randrange(len(here)) + 1):
                     outlet.room = not outlet.room
-                    outlet.watcher.ready()
+                    outlet.watcher.schedule_send()
             case 3 if here:
                 outlet = dice.choice(here)
                 changed = dice.choice(({"interval_s": 2.0}, {"deadband": 0.2}, {"media_type": "text/turtle"}, {}))
@@ -901,7 +901,7 @@ async def test_whatever_comes_between_the_last_state_comes_last(seed: int, monke
     world.tell(world.frame(1000.0))
     for outlet in here:
         outlet.room = True
-        outlet.watcher.ready()
+        outlet.watcher.schedule_send()
     await world.settle()
     await world.advance(3.0)
     await world.advance(3.0)

@@ -66,7 +66,7 @@ class Pictures:
         self._room_of = defaultdict[str, asyncio.Semaphore](lambda: asyncio.Semaphore(_AT_ONCE_OF_A_ROBOT))
 
     async def __aenter__(self) -> Self:
-        self._live.fan_out.on_watch, self._live.fan_out.on_forget = self.follow, self.unfollow
+        self._live.fan_out.on_watcher_added, self._live.fan_out.on_watcher_removed = self.follow, self.unfollow
         return self
 
     async def __aexit__(
