@@ -43,10 +43,10 @@ LABEL org.opencontainers.image.version="0.1.0" \
       org.opencontainers.image.licenses="Apache-2.0" \
       org.opencontainers.image.source="https://w3id.org/linked-fleet"
 ENV PATH=/opt/linked-fleet/bin:$PATH PYTHONUNBUFFERED=1 PYTHONDONTWRITEBYTECODE=1
-COPY deploy/linked.py /usr/local/lib/linked-fleet/linked.py
+COPY deploy/agent_health.py /usr/local/lib/linked-fleet/agent_health.py
 USER 10001:10001
 WORKDIR /tmp
-HEALTHCHECK --interval=5s --timeout=5s --start-period=30s CMD ["python", "/usr/local/lib/linked-fleet/linked.py"]
+HEALTHCHECK --interval=5s --timeout=5s --start-period=30s CMD ["python", "/usr/local/lib/linked-fleet/agent_health.py"]
 ENTRYPOINT ["python", "-P", "-m", "linked_fleet_agent"]
 
 FROM run AS agent-sim

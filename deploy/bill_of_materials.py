@@ -13,7 +13,7 @@ from importlib.metadata import Distribution, distributions
 from pathlib import Path
 from typing import Any
 
-OURS = "linked-fleet"
+OWN_PACKAGES = "linked-fleet"
 _LICENCE_FILES = ("licen", "copying", "notice", "authors")
 
 
@@ -55,9 +55,9 @@ def npm_parts(face: Path) -> Iterator[Part]:
         yield Part("npm", name, package["version"], str(package.get("license", "unknown")), texts)
 
 
-def bill(parts: list[Part]) -> dict[str, Any]:
+def build_bill(parts: list[Part]) -> dict[str, Any]:
     """Return CycloneDX 1.6, without a time or serial number, so that the same parts give the same bytes."""
-    ours = [part for part in parts if part.name == OURS]
+    ours = [part for part in parts if part.name == OWN_PACKAGES]
     return {
         "bomFormat": "CycloneDX",
         "specVersion": "1.6",
@@ -68,7 +68,7 @@ def bill(parts: list[Part]) -> dict[str, Any]:
 
 
 def licences(parts: list[Part]) -> str:
-    third = [part for part in parts if part.name != OURS]
+    third = [part for part in parts if part.name != OWN_PACKAGES]
     listed = "\n".join(f"{part.name} {part.version}: {part.licence}" for part in third)
     texts = "\n".join(f"\n{'=' * 78}\n{part.name} {part.version}\n\n{text}" for part in third for text in part.texts)
     return f"Packages of third parties in this image, besides those of its base image.\n\n{listed}\n{texts}\n"
@@ -117,7 +117,7 @@ def main() -> int:
     folder = Path(sys.argv[1])
     parts = sorted([*python_parts(), *(npm_parts(Path(sys.argv[2])) if len(sys.argv) == 3 else ())])
     folder.mkdir(parents=True, exist_ok=True)
-    (folder / "sbom.cdx.json").write_text(json.dumps(bill(parts), indent=1) + "\n")
+    (folder / "sbom.cdx.json").write_text(json.dumps(build_bill(parts), indent=1) + "\n")
     (folder / "THIRD-PARTY-LICENCES.txt").write_text(licences(parts))
     return 0
 

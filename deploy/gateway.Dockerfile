@@ -54,11 +54,11 @@ ENV PATH=/opt/linked-fleet/bin:$PATH PYTHONUNBUFFERED=1 PYTHONDONTWRITEBYTECODE=
 # Pinocchio is linked with OpenMP.
 RUN apt-get update -qq && apt-get install -qqy --no-install-recommends libgomp1 >/dev/null && rm -rf /var/lib/apt/lists/* \
  && install -d -o 10001 -g 10001 /var/lib/linked-fleet
-COPY deploy/ready.py /usr/local/lib/linked-fleet/ready.py
+COPY deploy/gateway_health.py /usr/local/lib/linked-fleet/gateway_health.py
 COPY --from=built /opt/doc /usr/share/doc/linked-fleet
 COPY --from=built /opt/linked-fleet /opt/linked-fleet
 USER 10001:10001
 WORKDIR /tmp
 EXPOSE 8000
-HEALTHCHECK --interval=5s --timeout=5s --start-period=30s CMD ["python", "/usr/local/lib/linked-fleet/ready.py"]
+HEALTHCHECK --interval=5s --timeout=5s --start-period=30s CMD ["python", "/usr/local/lib/linked-fleet/gateway_health.py"]
 ENTRYPOINT ["python", "-P", "-m", "linked_fleet_gateway"]

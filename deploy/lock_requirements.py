@@ -84,7 +84,7 @@ def resolve_wheels(requirements: Iterable[str], machine: str) -> dict[str, tuple
     }
 
 
-def text(requirements: Iterable[str]) -> str:
+def render_requirements(requirements: Iterable[str]) -> str:
     """Return the file for these requirements, sorted by name."""
     hashes: defaultdict[tuple[str, str], set[str]] = defaultdict(set)
     for machine in MACHINES:
@@ -114,7 +114,7 @@ def lock_npm(folder: Path) -> int:
 
 def main() -> int:
     for name, requirements in requirements_by_file().items():
-        content = text(requirements)
+        content = render_requirements(requirements)
         (ROOT / "deploy" / name).write_text(content)
         print(f"deploy/{name}: {len(content.splitlines()) - 1} packages")
     for name in NPM_FOLDERS:

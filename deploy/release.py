@@ -57,7 +57,7 @@ def time_of_last_commit() -> str:
     return os.environ.get("SOURCE_DATE_EPOCH") or _run("git", "log", "-1", "--format=%ct").strip()
 
 
-def make(out: Path) -> None:
+def build_release(out: Path) -> None:
     """Build everything, check it, and replace an earlier release in ``out``."""
     epoch = time_of_last_commit()
     with tempfile.TemporaryDirectory() as folder:
@@ -67,11 +67,11 @@ def make(out: Path) -> None:
         for sdist in sorted(first.glob("*.tar.gz")):
             shutil.unpack_archive(sdist, folder)
             _build(Path(folder, sdist.name.removesuffix(".tar.gz")), second, epoch, umask=0o077)
-        compare(first, second)
+        compare_releases(first, second)
         for name in PROJECTS:
             (first / f"{_stem(name)}.cdx.json").write_text(bill_of_materials(name))
-        write_sums(first)
-        check(first)
+        write_checksums(first)
+        check_release(first)
         out.mkdir(parents=True, exist_ok=True)
         for earlier in (path for pattern in _OURS for path in out.glob(pattern)):
             earlier.unlink()
@@ -79,7 +79,7 @@ def make(out: Path) -> None:
             shutil.copyfile(path, out / path.name)
 
 
-def compare(first: Path, second: Path) -> None:
+def compare_releases(first: Path, second: Path) -> None:
     """Raise ReleaseError unless both folders contain the same files."""
     names = {path.name for folder in (first, second) for path in _files(folder)}
     differing = [name for name in sorted(names) if _digest(first / name) != _digest(second / name)]
@@ -102,12 +102,12 @@ def bill_of_materials(name: str) -> str:
     return text
 
 
-def write_sums(folder: Path) -> None:
+def write_checksums(folder: Path) -> None:
     """Write SHA256SUMS for ``sha256sum --check``."""
     (folder / SUMS).write_text("".join(f"{_digest(path)}  {path.name}\n" for path in _files(folder)))
 
 
-def check(folder: Path) -> None:
+def check_release(folder: Path) -> None:
     """Raise ReleaseError with all faults of the files of a release."""
     wrong = [*_missing(folder), *_wrong_sums(folder)]
     packages = [str(path) for path in _files(folder) if path.suffix in (".whl", ".gz")]
@@ -134,14 +134,14 @@ def publication_obstacles() -> Iterable[str]:
             yield f"{place} has {host} in the place of {meaning}"
 
 
-def version(name: str) -> str:
+def distribution_version(name: str) -> str:
     """Return the version of one of this project's distributions."""
     return str(_settings(name)["version"])
 
 
 def _stem(name: str) -> str:
     """Return the common beginning of a distribution's file names."""
-    return f"{name.replace('-', '_')}-{version(name)}"
+    return f"{name.replace('-', '_')}-{distribution_version(name)}"
 
 
 def _settings(name: str) -> dict[str, Any]:
@@ -151,7 +151,7 @@ def _settings(name: str) -> dict[str, Any]:
 
 def _missing(folder: Path) -> Iterable[str]:
     """Yield what is missing: both distributions must have the same version, and an sdist, a wheel and a bill."""
-    versions = {name: version(name) for name in PROJECTS}
+    versions = {name: distribution_version(name) for name in PROJECTS}
     if len(set(versions.values())) > 1:
         yield f"the distributions have different versions: {versions}"
     needed = re.findall(r"linked-fleet-agent\[\w+\]==([\d.\w]+)", " ".join(_settings("linked-fleet")["dependencies"]))
@@ -232,7 +232,7 @@ def main() -> int:
     arguments = parser.parse_args()
     folder = arguments.check or arguments.out
     try:
-        check(folder) if arguments.check else make(folder)
+        check_release(folder) if arguments.check else build_release(folder)
     except ReleaseError as error:
         print(f"release: {error}", file=sys.stderr)
         return 1

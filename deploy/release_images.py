@@ -22,7 +22,7 @@ IMAGES = {"gateway": "gateway.Dockerfile", "agent": "agent.Dockerfile", "agent-s
 """Names of the images, which are also the build targets."""
 PROCESSORS = {"amd64": "x86_64", "arm64": "aarch64"}
 """Architectures in image names, with their names in the kernel."""
-OF_THE_MACHINE = ("PYTHON_TAG", "PIP_INDEX_URL", "PIP_EXTRA_INDEX_URL", "NPM_CONFIG_REGISTRY")
+BUILD_ARGUMENTS = ("PYTHON_TAG", "PIP_INDEX_URL", "PIP_EXTRA_INDEX_URL", "NPM_CONFIG_REGISTRY")
 """Build arguments that select the sources of base images and packages."""
 _WITH_HEALTH_CHECKS = {"BUILDAH_FORMAT": "docker"}
 """Environment by which podman keeps the health checks of images, which its own format drops."""
@@ -30,14 +30,14 @@ _LONGEST_S = 3600
 _BINFMT = Path("/proc/sys/fs/binfmt_misc")
 
 
-def engine_command(given: str) -> list[str]:
-    """Return the words of the engine's command: ``given``, else docker or podman if it works; empty if neither does."""
-    if given:
-        return shlex.split(given)
+def engine_command(command: str) -> list[str]:
+    """Return the words of ``command``, else of docker or podman if it works; empty if neither does."""
+    if command:
+        return shlex.split(command)
     return next(([name] for name in ("docker", "podman") if shutil.which(name) and not _failure([name, "info"])), [])
 
 
-def obstacle(engine: list[str], processor: str, binfmt: Path = _BINFMT) -> str:
+def build_obstacle(engine: list[str], processor: str, binfmt: Path = _BINFMT) -> str:
     """Return why images for a processor cannot be built here; empty if they can."""
     if not engine:
         return "neither docker nor podman works here; name another: ENGINE=…"
@@ -51,10 +51,10 @@ def obstacle(engine: list[str], processor: str, binfmt: Path = _BINFMT) -> str:
     return ""
 
 
-def build(engine: list[str], image: str, processor: str, version: str) -> tuple[bool, str]:
+def build_image(engine: list[str], image: str, processor: str, version: str) -> tuple[bool, str]:
     """Build one image. Return True and its id, or False and the reason."""
     tag = f"linked-fleet/{image}:{version}-{processor}"
-    given = [word for name in OF_THE_MACHINE if name in os.environ for word in ("--build-arg", name)]
+    given = [word for name in BUILD_ARGUMENTS if name in os.environ for word in ("--build-arg", name)]
     command = [*engine, "build", "--platform", f"linux/{processor}", "--target", image,
                "-f", f"deploy/{IMAGES[image]}", "-t", tag, *given, "."]  # fmt: skip
     if said := _failure(command):
@@ -109,9 +109,9 @@ def main() -> int:
     version = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["version"]
     failed = missing = 0
     for processor in PROCESSORS:
-        reason = obstacle(engine, processor)
+        reason = build_obstacle(engine, processor)
         for image in IMAGES:
-            built, said = (False, reason) if reason else build(engine, image, processor, version)
+            built, said = (False, reason) if reason else build_image(engine, image, processor, version)
             failed += not (built or reason)
             missing += not built
             print(

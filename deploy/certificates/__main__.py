@@ -21,7 +21,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from authority import Authority, CertificateError
+from authority import CertificateAuthority, CertificateError
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "agents"))
 
@@ -55,7 +55,7 @@ def main() -> int:
     try:
         agents = [Agent.parse(text) for text in arguments.agent]
         access = router_access_control(Keys(arguments.namespace), {agent.name: agent.robots for agent in agents})
-        _make(Authority(arguments.folder), agents, arguments.router, arguments.gateway)
+        _make(CertificateAuthority(arguments.folder), agents, arguments.router, arguments.gateway)
         where = arguments.installed or arguments.folder.resolve()
         _write(arguments.folder / "access.json", access)
         _write(arguments.folder / "router.json5", _router(where, arguments.listen, arguments.connect, access))
@@ -94,8 +94,10 @@ def _items(text: str) -> tuple[str, ...]:
     return tuple(item.strip() for item in text.split(",") if item.strip())
 
 
-def _make(authority: Authority, agents: Sequence[Agent], routers: Sequence[str], gateways: Sequence[str]) -> None:
-    authority.establish()
+def _make(
+    authority: CertificateAuthority, agents: Sequence[Agent], routers: Sequence[str], gateways: Sequence[str]
+) -> None:
+    authority.create()
     authority.certify("router", ROUTER, routers)
     authority.certify("gateway", GATEWAY, gateways)
     for agent in agents:

@@ -16,12 +16,12 @@ class CertificateError(Exception):
 
 
 @dataclass(frozen=True)
-class Authority:
+class CertificateAuthority:
     """The authority in a folder; existing files are kept."""
 
     folder: Path
 
-    def establish(self) -> None:
+    def create(self) -> None:
         """Create the authority's own certificate."""
         certificate = self.folder / "ca.pem"
         if certificate.exists():
@@ -33,15 +33,15 @@ class Authority:
         _openssl(*words, "-key", str(key), *options, "-out", str(certificate))
         print(f"{certificate}: made, valid for {AUTHORITY_DAYS} days")
 
-    def certify(self, where: str, name: str, hosts: Sequence[str] = ()) -> None:
+    def certify(self, stem: str, name: str, hosts: Sequence[str] = ()) -> None:
         """Create a certificate for connecting and, for each of ``hosts``, for listening.
 
         An existing certificate is kept if it is valid for another month and has these hosts; its key is always kept.
         """
-        certificate = self.folder / f"{where}.pem"
+        certificate = self.folder / f"{stem}.pem"
         if certificate.exists() and _lasts(certificate) and all(_is_of(certificate, host) for host in hosts):
             return
-        key = self._key(where)
+        key = self._key(stem)
         with tempfile.TemporaryDirectory() as folder:
             request, extensions, made = (Path(folder) / each for each in ("request", "extensions", "made"))
             extensions.write_text(_extensions(hosts))

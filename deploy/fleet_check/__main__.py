@@ -11,7 +11,7 @@ import socket
 import sys
 import time
 
-from checks import CHECKS, Fleet, eventually
+from checks import CHECKS, Fleet, wait_for
 from front import Front
 from stack import Stack, StackError, compose_command
 from websockets.exceptions import WebSocketException
@@ -47,7 +47,7 @@ def main() -> int:
         return 2
     try:
         stack.up()
-        authority = eventually(lambda: _authority(stack), "the front's certificate authority")
+        authority = wait_for(lambda: _authority(stack), "the front's certificate authority")
         return _check(Fleet(stack, Front(DOMAIN, port, authority), receiver_port))
     except _FAILURES as error:
         print(f"FAILED  the fleet starts: {error}", flush=True)

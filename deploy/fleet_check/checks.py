@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from http.client import HTTPException
 from typing import TypeVar
 
-from front import Front, deliveries
+from front import Front, read_deliveries
 from rdflib import URIRef
-from reads import Reads, violation
+from reads import RepeatedReads, describe_violation
 from stack import Stack, StackError
 
 HYBRIT, LF = "https://hybr-it-projekt.de/ns/hybr-it#", "https://w3id.org/linked-fleet#"
@@ -39,7 +39,7 @@ class Fleet:
     invocation: str = ""
 
 
-def eventually(probe: Callable[[], T], what: str) -> T:
+def wait_for(probe: Callable[[], T], what: str) -> T:
     """Return the first true value of ``probe``; AssertionError naming ``what`` after two minutes."""
     deadline, last = time.monotonic() + _PATIENCE_S, "the condition is false"
     while time.monotonic() < deadline:
@@ -54,17 +54,17 @@ def eventually(probe: Callable[[], T], what: str) -> T:
 
 def fleet_over_https(fleet: Fleet) -> None:
     """five robots are online, over https with the fleet's own certificate authority"""
-    eventually(lambda: _online(fleet) >= set(ROBOTS), "five robots online")
+    wait_for(lambda: _online(fleet) >= set(ROBOTS), "five robots online")
 
 
 def links(fleet: Fleet) -> None:
     """links lead from the root to a robot, a joint, its value and its page"""
     front = fleet.front
-    robot = front.follow(front.root, LDP_CONTAINS, "/baxter/")
-    joint = front.follow(robot, HAS_PART, "/right_s1")
-    rotation = front.follow(joint, HYBRIT + "property", "/rotation")
-    assert b"numericalValue" in front.ask(rotation, Accept="text/turtle").body, f"{rotation} has no value"
-    page = front.ask(joint, Accept="text/html")
+    robot = front.follow_link(front.root, LDP_CONTAINS, "/baxter/")
+    joint = front.follow_link(robot, HAS_PART, "/right_s1")
+    rotation = front.follow_link(joint, HYBRIT + "property", "/rotation")
+    assert b"numericalValue" in front.request(rotation, Accept="text/turtle").body, f"{rotation} has no value"
+    page = front.request(joint, Accept="text/html")
     assert page.status == 200 and b"<html" in page.body, f"the page of {joint} answered {page.status}"
 
 
@@ -75,7 +75,7 @@ def http2(fleet: Fleet) -> None:
 
 def http3(fleet: Fleet) -> None:
     """HTTP/3 is advertised, and QUIC responds on the port"""
-    announced = fleet.front.ask(fleet.front.root).fields.get("alt-svc", "nothing")
+    announced = fleet.front.request(fleet.front.root).fields.get("alt-svc", "nothing")
     assert f'h3=":{fleet.front.port}"' in announced, f"Alt-Svc has {announced}"
     assert fleet.front.supports_quic(), "no QUIC packet came back"
 
@@ -83,26 +83,26 @@ def http3(fleet: Fleet) -> None:
 def private_endpoints(fleet: Fleet) -> None:
     """health and metrics are not public"""
     for path in ("health/ready", "metrics"):
-        assert fleet.front.ask(fleet.front.root + path).status == 404, path
+        assert fleet.front.request(fleet.front.root + path).status == 404, path
 
 
 def event_stream(fleet: Fleet) -> None:
     """a value is followed as an event stream"""
-    with fleet.front.events(fleet.front.root + _SWAYING) as stream:
+    with fleet.front.open_event_stream(fleet.front.root + _SWAYING) as stream:
         seen = [next(stream) for _ in range(3)]
     assert len(set(seen)) == 3, "the value does not change"
 
 
 def websocket(fleet: Fleet) -> None:
     """a value is followed on a WebSocket"""
-    with fleet.front.socket(fleet.front.root + _SWAYING) as socket:
+    with fleet.front.open_websocket(fleet.front.root + _SWAYING) as socket:
         seen = [socket.recv(timeout=20) for _ in range(3)]
     assert len(set(seen)) == 3, "the value does not change"
 
 
 def callback(fleet: Fleet) -> None:
     """a value is followed by callbacks"""
-    answer = fleet.front.ask(
+    answer = fleet.front.request(
         f"{fleet.front.root}{_SWAYING}?interval=0.5",
         Connection="Upgrade", Upgrade="callback", Callback="http://receiver:9000/",
     )  # fmt: skip
@@ -134,32 +134,32 @@ def shared_state(fleet: Fleet) -> None:
 def gateway_loss(fleet: Fleet) -> None:
     """a gateway is killed: reads are answered except one in progress, callbacks continue, robots move"""
     victim = fleet.stack.containers("gateway")[0]
-    reads = Reads(lambda: fleet.front.ask(fleet.front.root + _SWAYING).status)
+    reads = RepeatedReads(lambda: fleet.front.request(fleet.front.root + _SWAYING).status)
     fleet.stack.kill(victim)
     try:
         time.sleep(_LOAD_S)
-        wrong = violation(reads.end())
+        wrong = describe_violation(reads.stop())
         assert not wrong, wrong
         _more_callbacks(fleet)
         _rotate(fleet, 10)
     finally:
         fleet.stack.start(victim)
-    eventually(lambda: _ready(fleet) == 2, "both gateways ready")
+    wait_for(lambda: _ready(fleet) == 2, "both gateways ready")
 
 
 def router_restart(fleet: Fleet) -> None:
     """the router restarts: robots come back, and move"""
     fleet.stack.restart("router")
-    eventually(lambda: _online(fleet) >= set(ROBOTS) and _ready(fleet) == 2, "five robots online")
-    eventually(lambda: _rotate(fleet, 20), "a motion that succeeds")
+    wait_for(lambda: _online(fleet) >= set(ROBOTS) and _ready(fleet) == 2, "five robots online")
+    wait_for(lambda: _rotate(fleet, 20), "a motion that succeeds")
 
 
 def redis_restart(fleet: Fleet) -> None:
     """Redis restarts: subscription and invocation still exist, callbacks continue"""
     fleet.stack.restart("redis")
     for iri in (fleet.subscription, fleet.invocation):
-        eventually(lambda iri=iri: fleet.front.graph(iri), f"{iri} is there")  # type: ignore[misc]
-    eventually(lambda: _more_callbacks(fleet), "callbacks")
+        wait_for(lambda iri=iri: fleet.front.graph(iri), f"{iri} is there")  # type: ignore[misc]
+    wait_for(lambda: _more_callbacks(fleet), "callbacks")
 
 
 def agent_outage(fleet: Fleet) -> None:
@@ -167,20 +167,20 @@ def agent_outage(fleet: Fleet) -> None:
     container = fleet.stack.containers("panda")[0]
     fleet.stack.stop(container)
     try:
-        eventually(lambda: "panda" not in _online(fleet), "panda offline")
+        wait_for(lambda: "panda" not in _online(fleet), "panda offline")
         assert len(fleet.front.graph(fleet.front.root + "panda/")), "panda is not readable"
         assert set(ROBOTS) - {"panda"} <= _online(fleet), "other robots are offline too"
     finally:
         fleet.stack.start(container)
-    eventually(lambda: "panda" in _online(fleet), "panda online")
+    wait_for(lambda: "panda" in _online(fleet), "panda online")
 
 
 def scaling(fleet: Fleet) -> None:
     """one more gateway and two more robots, named after their containers, by --scale"""
     fleet.stack.scale("gateway", 3)
-    eventually(lambda: _ready(fleet) == 3, "three gateways ready")
+    wait_for(lambda: _ready(fleet) == 3, "three gateways ready")
     fleet.stack.scale("arm", 2)
-    eventually(lambda: len(_online(fleet) - set(ROBOTS)) == 2, "two more robots online")
+    wait_for(lambda: len(_online(fleet) - set(ROBOTS)) == 2, "two more robots online")
 
 
 CHECKS = (fleet_over_https, links, http2, http3, private_endpoints, event_stream, websocket, callback, motion,
@@ -212,7 +212,7 @@ def _ready(fleet: Fleet) -> int:
 
 def _rotate(fleet: Fleet, degrees: float) -> str:
     """Turn a joint, wait for the end, and return the IRI of the successful invocation."""
-    answer = fleet.front.ask(
+    answer = fleet.front.request(
         f"{fleet.front.root}baxter/right_s1/actions/rotate", "POST", _ANGLE % degrees, timeout_s=40,
         Content_Type="text/turtle", Prefer="wait=30, return=representation",
     )  # fmt: skip
@@ -225,5 +225,5 @@ def _rotate(fleet: Fleet, degrees: float) -> str:
 
 def _more_callbacks(fleet: Fleet) -> bool:
     """Wait for three more deliveries; AssertionError if they do not arrive."""
-    before = len(deliveries(fleet.receiver_port))
-    return eventually(lambda: len(deliveries(fleet.receiver_port)) >= before + 3, "three more callbacks")
+    before = len(read_deliveries(fleet.receiver_port))
+    return wait_for(lambda: len(read_deliveries(fleet.receiver_port)) >= before + 3, "three more callbacks")

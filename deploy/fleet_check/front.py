@@ -25,7 +25,7 @@ class TruncatedResponseError(http.client.HTTPException):
 
 
 @dataclass(frozen=True)
-class Answer:
+class Response:
     """The response to one request; ``body`` unchanged."""
 
     status: int
@@ -45,9 +45,9 @@ class Front:
         self._authority = authority
         self._tls = ssl.create_default_context(cadata=authority)
 
-    def ask(
+    def request(
         self, iri: str, method: str = "GET", body: str | None = None, timeout_s: float = _TIMEOUT_S, **fields: str
-    ) -> Answer:
+    ) -> Response:
         """Send one request on a connection of its own; ``Content_Type`` stands for Content-Type.
 
         Raises TruncatedResponseError.
@@ -55,22 +55,22 @@ class Front:
         with contextlib.closing(_Connection(self.domain, self.port, timeout_s, self._tls)) as connection:
             connection.request(method, self._target(iri), body, self._fields(fields))
             answer = connection.getresponse()
-            return Answer(answer.status, {k.lower(): v for k, v in answer.getheaders()}, _body(answer))
+            return Response(answer.status, {k.lower(): v for k, v in answer.getheaders()}, _body(answer))
 
     def graph(self, iri: str) -> Graph:
         """Return the description of a resource; AssertionError if it does not exist."""
-        answer = self.ask(iri, Accept="application/n-triples")
+        answer = self.request(iri, Accept="application/n-triples")
         assert answer.status == http.client.OK, f"GET {iri} answered {answer.status}: {answer.body[:300]!r}"
         return answer.graph(iri)
 
-    def follow(self, iri: str, predicate: str, ending: str) -> str:
+    def follow_link(self, iri: str, predicate: str, ending: str) -> str:
         """Return the only link by ``predicate`` whose IRI ends with ``ending``."""
         found = [str(o) for o in self.graph(iri).objects(None, URIRef(predicate)) if str(o).endswith(ending)]
         assert found, f"{iri} has no {predicate} that ends in {ending}"
         return found[0]
 
     @contextlib.contextmanager
-    def events(self, iri: str) -> Iterator[Iterator[str]]:
+    def open_event_stream(self, iri: str) -> Iterator[Iterator[str]]:
         """Yield the data of each event of an event stream."""
         with contextlib.closing(_Connection(self.domain, self.port, _TIMEOUT_S, self._tls)) as connection:
             connection.request("GET", self._target(iri), headers=self._fields({"Accept": "text/event-stream"}))
@@ -79,7 +79,7 @@ class Front:
             yield _events(answer)
 
     @contextlib.contextmanager
-    def socket(self, iri: str) -> Iterator[ClientConnection]:
+    def open_websocket(self, iri: str) -> Iterator[ClientConnection]:
         tcp = socket.create_connection((HERE, self.port), _TIMEOUT_S)
         url = f"wss://{self.domain}:{self.port}{self._target(iri)}"
         with connect(url, sock=tcp, ssl=self._tls, server_hostname=self.domain, open_timeout=_TIMEOUT_S) as websocket:
@@ -148,7 +148,7 @@ def _events(answer: http.client.HTTPResponse) -> Iterator[str]:
             data = []
 
 
-def deliveries(port: int) -> list[dict[str, str]]:
+def read_deliveries(port: int) -> list[dict[str, str]]:
     """Return the deliveries that the receiver has accepted so far."""
     with contextlib.closing(http.client.HTTPConnection(HERE, port, timeout=5)) as connection:
         connection.request("GET", "/")

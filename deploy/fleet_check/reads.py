@@ -6,11 +6,11 @@ from http.client import OK, HTTPException
 
 from front import TruncatedResponseError
 
-ANSWERED, BROKEN_OFF = "answered", "broken off"
+ANSWERED, TRUNCATED = "answered", "broken off"
 
 
-class Reads:
-    """A client that reads repeatedly until ``end`` is called; ``read`` returns the status code."""
+class RepeatedReads:
+    """A client that reads repeatedly until ``stop`` is called; ``read`` returns the status code."""
 
     def __init__(self, read: Callable[[], int]) -> None:
         self._read, self._over = read, threading.Event()
@@ -18,7 +18,7 @@ class Reads:
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()
 
-    def end(self) -> list[str]:
+    def stop(self) -> list[str]:
         """Return the outcome of each read, in order."""
         self._over.set()
         self._thread.join()
@@ -32,22 +32,22 @@ class Reads:
         try:
             status = self._read()
         except TruncatedResponseError:
-            return BROKEN_OFF
+            return TRUNCATED
         except (OSError, HTTPException) as error:
             return repr(error)
         return ANSWERED if status == OK else str(status)
 
 
-def violation(outcomes: Sequence[str]) -> str:
+def describe_violation(outcomes: Sequence[str]) -> str:
     """Describe the first violation of the promise about reads while one gateway ends; empty if there is none.
 
     The front repeats a read whose response has not begun, but cannot take back what it has forwarded: the one read in
     progress may break off in its body, and the next one must be answered.
     """
-    failed = [outcome for outcome in outcomes if outcome not in (ANSWERED, BROKEN_OFF)]
+    failed = [outcome for outcome in outcomes if outcome not in (ANSWERED, TRUNCATED)]
     if failed:
         return f"{len(failed)} of {len(outcomes)} reads failed, the first with {failed[0]}"
-    broken = [index for index, outcome in enumerate(outcomes) if outcome == BROKEN_OFF]
+    broken = [index for index, outcome in enumerate(outcomes) if outcome == TRUNCATED]
     if len(broken) > 1:
         return f"{len(broken)} of {len(outcomes)} reads broke off; one gateway answers one of them at a time"
     if not outcomes or outcomes[-1] != ANSWERED:

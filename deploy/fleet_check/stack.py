@@ -93,10 +93,10 @@ class Stack:
         return done.stdout or ""
 
 
-def compose_command(given: str) -> list[str]:
-    """Return the words of ``given``, else docker compose or podman-compose. StackError if neither exists."""
-    if given:
-        return shlex.split(given)
+def compose_command(command: str) -> list[str]:
+    """Return the words of ``command``, else docker compose or podman-compose. StackError if neither exists."""
+    if command:
+        return shlex.split(command)
     if shutil.which("docker") and _works("docker", "compose", "version") and _works("docker", "info"):
         return ["docker", "compose"]
     if shutil.which("podman-compose"):

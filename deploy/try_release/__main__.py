@@ -21,7 +21,7 @@ sys.path.insert(0, str(ROOT / "deploy"))
 from release_images import engine_command  # noqa: E402 (it is beside this folder)
 
 
-def command(engine: list[str], options: list[str], image: str, dist: Path, source: Path) -> list[str]:
+def container_command(engine: list[str], options: list[str], image: str, dist: Path, source: Path) -> list[str]:
     """Return the command that runs a newcomer's steps in a container, which is removed afterwards."""
     script = Path(__file__).with_name("newcomer.sh")
     mounts = {dist.resolve(): "/dist", source: "/source.tar", script: "/newcomer.sh"}
@@ -48,7 +48,7 @@ def main() -> int:
         subprocess.run(["git", "archive", "-o", source, "HEAD"], cwd=ROOT, check=True)  # noqa: S603, S607
         for image in arguments.images or IMAGES:
             print(f"{image}:", flush=True)
-            words = command(engine, shlex.split(arguments.options), image, arguments.dist, source)
+            words = container_command(engine, shlex.split(arguments.options), image, arguments.dist, source)
             failed += subprocess.run(words, timeout=_LONGEST_S, check=False).returncode != 0  # noqa: S603
     return 1 if failed else 0
 

@@ -63,24 +63,24 @@ def outcomes(reads: ModuleType, *answers: bytes) -> list[str]:
                 connection.close()
                 done.release()
 
-        user = reads.Reads(read)
+        user = reads.RepeatedReads(read)
         for _ in answers:
             done.acquire()
-        return user.end()[: len(answers)]
+        return user.stop()[: len(answers)]
 
 
 def test_truncated_responses_are_distinguished_from_failed_reads(reads: ModuleType) -> None:
     whole, broken = OK + b"body", OK + b"bo"
     bad = b"HTTP/1.1 502 Bad Gateway\r\nContent-Length: 0\r\n\r\n"
     first, second, third, fourth, last = outcomes(reads, whole, broken, bad, b"", whole)
-    assert (first, second, third, last) == (reads.ANSWERED, reads.BROKEN_OFF, "502", reads.ANSWERED)
+    assert (first, second, third, last) == (reads.ANSWERED, reads.TRUNCATED, "502", reads.ANSWERED)
     assert fourth.startswith("RemoteDisconnected"), "an answer that has not begun is the front's to repeat"
 
 
 def test_one_read_may_break_off_if_the_next_is_answered(reads: ModuleType) -> None:
-    answered, broken = reads.ANSWERED, reads.BROKEN_OFF
-    assert reads.violation([answered] * 100) == ""
-    assert reads.violation([*[answered] * 60, broken, *[answered] * 39]) == ""
+    answered, broken = reads.ANSWERED, reads.TRUNCATED
+    assert reads.describe_violation([answered] * 100) == ""
+    assert reads.describe_violation([*[answered] * 60, broken, *[answered] * 39]) == ""
 
 
 @pytest.mark.parametrize(
@@ -94,8 +94,8 @@ def test_one_read_may_break_off_if_the_next_is_answered(reads: ModuleType) -> No
     ],
 )
 def test_everything_else_is_a_failure(reads: ModuleType, ending: list[str], words: str) -> None:
-    assert reads.violation(["answered", "answered", *ending]).startswith(words)
+    assert reads.describe_violation(["answered", "answered", *ending]).startswith(words)
 
 
 def test_no_read_at_all_is_a_failure(reads: ModuleType) -> None:
-    assert reads.violation([])
+    assert reads.describe_violation([])

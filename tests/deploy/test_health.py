@@ -14,23 +14,27 @@ _CLOSING = _LINKED.replace(" 01 ", " 08 ")
 
 
 @pytest.fixture
-def linked() -> ModuleType:
-    path = Path(__file__).parents[2] / "deploy" / "linked.py"
-    spec = importlib.util.spec_from_file_location("linked", path)
+def agent_health() -> ModuleType:
+    path = Path(__file__).parents[2] / "deploy" / "agent_health.py"
+    spec = importlib.util.spec_from_file_location("agent_health", path)
     assert spec is not None and spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module
 
 
-def test_ports_of_endpoints(linked: ModuleType) -> None:
-    assert linked.ports("tcp/router:7447,tcp/[::1]:7448, tls/far.example:7449#iface=eth0") == {7447, 7448, 7449}
+def test_ports_of_endpoints(agent_health: ModuleType) -> None:
+    assert agent_health.parse_ports("tcp/router:7447,tcp/[::1]:7448, tls/far.example:7449#iface=eth0") == {
+        7447,
+        7448,
+        7449,
+    }
 
 
 @pytest.mark.parametrize(("rows", "healthy"), [(_LISTENING, False), (_LINKED, True), (_CLOSING, False), ("", False)])
-def test_an_agent_is_healthy_while_a_router_is_connected(linked: ModuleType, rows: str, healthy: bool) -> None:
-    assert linked.is_connected(_HEAD + rows, {7447}) is healthy
+def test_an_agent_is_healthy_while_a_router_is_connected(agent_health: ModuleType, rows: str, healthy: bool) -> None:
+    assert agent_health.is_connected(_HEAD + rows, {7447}) is healthy
 
 
-def test_a_connection_to_somewhere_else_is_none(linked: ModuleType) -> None:
-    assert not linked.is_connected(_HEAD + _LINKED, {7448})
+def test_a_connection_to_somewhere_else_is_none(agent_health: ModuleType) -> None:
+    assert not agent_health.is_connected(_HEAD + _LINKED, {7448})

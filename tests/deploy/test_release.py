@@ -75,11 +75,11 @@ def test_a_build_that_differs_is_told(built: Path, copied: Path, monkeypatch: py
     monkeypatch.syspath_prepend(str(ROOT / "deploy"))
     import release  # type: ignore[import-not-found]
 
-    release.compare(built, copied)
+    release.compare_releases(built, copied)
     _replace(copied / AGENT, "linked_fleet_agent/robot.py", b"pass\n")
     (copied / GATEWAY).unlink()
     with pytest.raises(release.ReleaseError, match=f"{GATEWAY}, {AGENT}"):
-        release.compare(built, copied)
+        release.compare_releases(built, copied)
 
 
 def test_sdists_hold_all_that_their_wheels_are_made_of_and_no_tests(built: Path) -> None:
@@ -188,7 +188,7 @@ def test_a_description_with_relative_links_is_refused(copied: Path, monkeypatch:
     _replace(copied / AGENT, record, re.sub(f"{name},.*", f"{name},sha256={digest},{len(text)}", listed).encode())
     _summed(copied)
     with pytest.raises(release.ReleaseError, match=r"lead nowhere on a package index: docs/TUTORIAL\.md"):
-        release.check(copied)
+        release.check_release(copied)
 
 
 def test_a_missing_file_is_refused(copied: Path) -> None:
@@ -242,11 +242,11 @@ def test_an_image_for_a_processor_whose_programs_do_not_run_here_is_told(
 
     own, other = platform.machine(), "aarch64" if platform.machine() == "x86_64" else "x86_64"
     names = {kernel: name for name, kernel in release_images.PROCESSORS.items()}
-    assert release_images.obstacle(["true"], names[own], tmp_path) == ""
-    assert f"runs no programs for {other}" in release_images.obstacle(["true"], names[other], tmp_path)
+    assert release_images.build_obstacle(["true"], names[own], tmp_path) == ""
+    assert f"runs no programs for {other}" in release_images.build_obstacle(["true"], names[other], tmp_path)
     (tmp_path / f"qemu-{other}").touch()
-    assert release_images.obstacle(["true"], names[other], tmp_path) == ""
-    assert "base image is not available" in release_images.obstacle(["false"], names[own], tmp_path)
+    assert release_images.build_obstacle(["true"], names[other], tmp_path) == ""
+    assert "base image is not available" in release_images.build_obstacle(["false"], names[own], tmp_path)
 
 
 def test_a_base_image_for_another_processor_does_not_count(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -260,8 +260,8 @@ def test_a_base_image_for_another_processor_does_not_count(tmp_path: Path, monke
     engine = tmp_path / "engine"
     engine.write_text(f'#!/bin/sh\ncase "$*" in *inspect*) echo {own} ;; *) echo "no such host" >&2; exit 1 ;; esac\n')
     engine.chmod(0o755)
-    assert release_images.obstacle([str(engine)], own, tmp_path) == ""
-    assert "base image is not available" in release_images.obstacle([str(engine)], other, tmp_path)
+    assert release_images.build_obstacle([str(engine)], own, tmp_path) == ""
+    assert "base image is not available" in release_images.build_obstacle([str(engine)], other, tmp_path)
 
 
 def test_without_an_engine_no_image_is_built_and_that_is_told(tmp_path: Path) -> None:

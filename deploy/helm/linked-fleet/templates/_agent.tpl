@@ -39,7 +39,7 @@ spec:
             {{- include "lf.env" (.agent.env | default dict) | nindent 12 }}
           # No liveness probe: an agent without a router holds its robots and connects again by itself.
           readinessProbe:
-            exec: {command: [python, /usr/local/lib/linked-fleet/linked.py]}
+            exec: {command: [python, /usr/local/lib/linked-fleet/agent_health.py]}
             periodSeconds: 10
             timeoutSeconds: 5
           volumeMounts:

@@ -8,7 +8,7 @@ from pathlib import Path
 _ESTABLISHED = "01"  # proc(5), /proc/net/tcp
 
 
-def ports(endpoints: str) -> set[int]:
+def parse_ports(endpoints: str) -> set[int]:
     """Return the ports of endpoints such as ``tcp/router:7447,tcp/[::1]:7448``."""
     return {int(port) for port in re.findall(r":(\d+)(?:[#?,]|\s*$)", endpoints)}
 
@@ -23,7 +23,7 @@ def is_connected(tables: str, wanted: set[int]) -> bool:
 def main() -> int:
     files = (Path("/proc/net/tcp"), Path("/proc/net/tcp6"))  # the latter is missing without IPv6
     tables = "".join(file.read_text() for file in files if file.exists())
-    return 0 if is_connected(tables, ports(os.environ.get("LINKED_FLEET_ZENOH_CONNECT", ""))) else 1
+    return 0 if is_connected(tables, parse_ports(os.environ.get("LINKED_FLEET_ZENOH_CONNECT", ""))) else 1
 
 
 if __name__ == "__main__":
