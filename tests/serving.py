@@ -123,7 +123,7 @@ class _Feed:
     def __init__(self, channel: Channel, outlet: Outlet) -> None:
         self.channel, self.outlet = channel, outlet
 
-    def ready(self) -> None:
+    def schedule_send(self) -> None:
         self.channel.readies[self.outlet] += 1
         if self.channel.readies[self.outlet] == 1:
             for message in self.channel.first:
