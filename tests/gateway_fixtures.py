@@ -9,7 +9,7 @@ from fake_robots import link, robot
 from linked_fleet_agent.wire.codec import encode_state, layout
 from linked_fleet_agent.wire.messages import Description, State
 from linked_fleet_gateway.actions.action_handlers import HANDLERS
-from linked_fleet_gateway.actions.admission import validate_body
+from linked_fleet_gateway.actions.admission import validate_action_body
 from linked_fleet_gateway.actions.plan import ActionRequest, Plan, robot_time
 from linked_fleet_gateway.app.extensions import BUILT_IN, register_extensions
 from linked_fleet_gateway.extensions.reach.can_reach import LF
@@ -121,7 +121,7 @@ class Bench:
     def body(self, path: str, turtle: str) -> Body:
         """Return the admitted body of the action at ``path``."""
         triples = parse(self.prefixed(turtle).encode(), "text/turtle", self.base + path)
-        return validate_body(self.offer(path), triples, self.base)
+        return validate_action_body(self.offer(path), triples, self.base)
 
     def plan(self, path: str, turtle: str = "") -> Plan:
         offer = self.offer(path)

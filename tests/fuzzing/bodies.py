@@ -17,7 +17,7 @@ from fuzzing.good import BODIES, JOINTS, TERMS, TURTLE_PREFIXES, able_arm
 from linked_fleet_agent.wire.codec import encode_state
 from linked_fleet_agent.wire.messages import State
 from linked_fleet_gateway.actions.action_handlers import HANDLERS
-from linked_fleet_gateway.actions.admission import validate_body
+from linked_fleet_gateway.actions.admission import validate_action_body
 from linked_fleet_gateway.actions.plan import ActionRequest, DeferredPlan, Motion, robot_time
 from linked_fleet_gateway.app.extensions import BUILT_IN, register_extensions
 from linked_fleet_gateway.base.errors import FleetError, UnprocessableContent
@@ -157,7 +157,7 @@ def _target(random: Random, afforded: PutTarget, triples: list[Triple], path: st
 def _plan(random: Random, offer: Offer, triples: list[Triple]) -> None:
     if random.random() < _COMPARED:
         _compare(offer, triples)
-    admitted = validate_body(offer, triples, BASE)
+    admitted = validate_action_body(offer, triples, BASE)
     plan = _HANDLERS[offer.definition.iri](
         ActionRequest(BASE, admitted, offer.robot, offer.joint, robot_time(offer.robot))
     )
@@ -172,7 +172,7 @@ def _compare(offer: Offer, triples: list[Triple]) -> None:
     shape = offer.describe_input(graph, BASE)
     slowly = bool(pyshacl_finds(graph.triples, shape, reachable_statements(triples, focus), focus))
     try:
-        validate_body(offer, triples, BASE)
+        validate_action_body(offer, triples, BASE)
         quickly = False
     except UnprocessableContent as error:
         if error.unused:

@@ -29,7 +29,7 @@ _OWN = (HYBRIT, LF, MATHS, QUDT, ROS, SPATIAL, VOM)
 _KNOWN = frozenset(term for each in _OWN for term in each.terms.values())
 
 
-def validate_body(offer: Offer, triples: Sequence[Triple], base: str) -> Body:
+def validate_action_body(offer: Offer, triples: Sequence[Triple], base: str) -> Body:
     """Validate a body and return its typed form.
 
     Raises UnprocessableContent with the validation report if the shape refuses it, or naming statements in our own

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 from pyoxigraph import NamedNode, Triple
 from starlette.responses import Response
 
-from linked_fleet_gateway.actions.admission import validate_body
+from linked_fleet_gateway.actions.admission import validate_action_body
 from linked_fleet_gateway.actions.plan import ActionRequest, Caller, DeferredPlan, Halt, Motion, RobotTime, robot_time
 from linked_fleet_gateway.actions.service import Actions, Rehearsal
 from linked_fleet_gateway.base.errors import (
@@ -195,7 +195,7 @@ def _read_target(
 
 def _admitted(offer: Offer, content: bytes, triples: Sequence[Triple], base: str) -> _Admitted:
     with child_span("guard"):
-        body = validate_body(offer, triples, base)
+        body = validate_action_body(offer, triples, base)
     return _Admitted(content, body, input_ntriples(body))
 
 

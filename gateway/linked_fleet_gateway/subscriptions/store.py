@@ -164,7 +164,9 @@ class SubscriptionStore:
         """Return the subscriptions of ``owner``, oldest first; streams only while the lease of their holder lasts."""
         ids = [id.decode() for id in await self._redis.execute("SMEMBERS", self._keys.owner(owner))]
         records = [record for record in (await self._records(ids)).values() if record is not None]
-        living = await self._runs.living_runs({record.holder for record in records if record.subscription.kind.is_stream})
+        living = await self._runs.living_runs(
+            {record.holder for record in records if record.subscription.kind.is_stream}
+        )
         shown = [one for one in records if not one.subscription.kind.is_stream or one.holder in living]
         return sorted(shown, key=lambda record: (record.subscription.created_ns, record.subscription.id))
 

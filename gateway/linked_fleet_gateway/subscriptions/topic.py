@@ -103,7 +103,9 @@ class Topic(Generic[M]):
             if not (self.with_values and is_compilable(resource, media_type)):
                 return message_body(resource, media_type, base, self.reading.version, self.previous_version)
             rendering = self._renderings[media_type, base] = Rendering(resource, media_type, base)
-        return rendering.render_observations(self.reading.observations, Versions(self.reading.version, self.previous_version))
+        return rendering.render_observations(
+            self.reading.observations, Versions(self.reading.version, self.previous_version)
+        )
 
     def _under(self, base: str) -> Resource:
         resource = self._resources.get(base)

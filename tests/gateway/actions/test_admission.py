@@ -5,7 +5,7 @@ from typing import Any
 import pytest
 from pyoxigraph import NamedNode
 
-from linked_fleet_gateway.actions.admission import validate_body
+from linked_fleet_gateway.actions.admission import validate_action_body
 from linked_fleet_gateway.base.errors import UnprocessableContent
 from linked_fleet_gateway.rdf.serialise import parse
 from linked_fleet_gateway.rdf.validation import ShaclValidator
@@ -75,10 +75,10 @@ def test_robots_of_one_model_have_their_own_guards(bench: Any) -> None:
         turtle = bench.prefixed(_move("elbow")).encode()
         triples = parse(turtle, "text/turtle", f"{base}/r/actions/moveJoints")
         offer = bench.offer("/r/actions/moveJoints")
-        assert validate_body(offer, triples, base).triples == triples
+        assert validate_action_body(offer, triples, base).triples == triples
         if not known:
             with pytest.raises(UnprocessableContent):
-                validate_body(offer, triples, bench.base)
+                validate_action_body(offer, triples, bench.base)
 
 
 def test_a_refusal_says_what_and_where(bench: Any) -> None:

@@ -10,7 +10,7 @@ from urllib.parse import unquote
 
 from pyoxigraph import NamedNode
 
-from linked_fleet_gateway.actions.admission import validate_body
+from linked_fleet_gateway.actions.admission import validate_action_body
 from linked_fleet_gateway.actions.plan import ActionRequest, Caller, DeferredPlan, Halt, Motion, RobotTime
 from linked_fleet_gateway.actions.service import Actions
 from linked_fleet_gateway.base.errors import InsufficientScope, UnprocessableContent
@@ -57,7 +57,7 @@ async def invoke(
         assert isinstance(halt, Halt)
         asking = Caller(rule.client, stoppable_robots=creator.view_for(Right.STOP), rule=rule.id)
         return await actions.halt(offer.path, halt, asking)
-    body = validate_body(offer, fill(rule.body, row, action), rule.base)
+    body = validate_action_body(offer, fill(rule.body, row, action), rule.base)
     moment = None if offer.robot is None else moments.get(offer.robot.name)
     plan = actions.plan(ActionRequest(rule.base, body, offer.robot, offer.joint, moment), offer)
     if isinstance(plan, DeferredPlan):

@@ -8,7 +8,7 @@ from pyoxigraph import NamedNode, Triple
 
 from linked_fleet_agent.wire.codec import layout
 from linked_fleet_agent.wire.messages import WIRE_VERSION, Description
-from linked_fleet_gateway.actions.admission import validate_body
+from linked_fleet_gateway.actions.admission import validate_action_body
 from linked_fleet_gateway.base.errors import BadRequest, UnprocessableContent
 from linked_fleet_gateway.extensions.things.directory import BRANCHES, Listing
 from linked_fleet_gateway.fleet.events import Appeared, Described
@@ -176,7 +176,7 @@ def test_a_target_is_written_within_limits_and_read_as_it_is(
 
 def _admitted(offer: Offer, body: list[Triple]) -> bool:
     try:
-        validate_body(offer, body, BASE)
+        validate_action_body(offer, body, BASE)
     except UnprocessableContent:
         return False
     return True
@@ -214,11 +214,11 @@ def test_the_guard_agrees_with_the_schema(body: dict, right: bool) -> None:
     assert fits(body, _td("/r/a~20turn")["actions"]["rotate"]["input"]) == right
     triples = parse_json_body(json.dumps(body).encode(), form_of_input(invoke.offer, BASE), BASE, 1000)
     if right:
-        admitted = validate_body(invoke.offer, triples, BASE)
+        admitted = validate_action_body(invoke.offer, triples, BASE)
         assert admitted.number(admitted.root, VOM.numericalValue) == body["value"]
     else:
         with pytest.raises(UnprocessableContent):
-            validate_body(invoke.offer, triples, BASE)
+            validate_action_body(invoke.offer, triples, BASE)
 
 
 @pytest.mark.parametrize(
