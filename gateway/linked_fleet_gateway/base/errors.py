@@ -325,9 +325,9 @@ class Busy(FleetError):
 
 
 class StoreDown(FleetError):
-    """Redis cannot be reached, so subscriptions can be neither read nor accepted."""
+    """Redis cannot be reached, so what gateways share can be neither read nor stored."""
 
-    status, code, title = 503, "store-away", "Subscriptions cannot be read or kept at present"
+    status, code, title = 503, "store-away", "The data that gateways share cannot be read or stored at present"
     retry_after_s = 2
 
 
