@@ -16,16 +16,24 @@ from unittest.mock import patch
 import pytest
 from click.shell_completion import ShellComplete
 
+from linked_fleet_client.action import Action
 from linked_fleet_client.cli.invoke import BadArgument, nested_values
 from linked_fleet_client.cli.main import cli, main
 from linked_fleet_client.cli.options import VARIABLE
 from linked_fleet_client.cli.output import clean
+from linked_fleet_client.errors import ClientError
+from linked_fleet_client.invocation import Invocation
 from running import ROOT, eventually, free_port
 
 
-def run(url: str, *arguments: str) -> subprocess.CompletedProcess[str]:
+class Terminal(io.StringIO):
+    def isatty(self) -> bool:
+        return True
+
+
+def run(url: str, *arguments: str, terminal: bool = False) -> subprocess.CompletedProcess[str]:
     """Call ``main`` like a process and return output and exit code. ``tests/processes`` has real ones."""
-    out, err = io.StringIO(), io.StringIO()
+    out, err = (Terminal(), Terminal()) if terminal else (io.StringIO(), io.StringIO())
     with patch.dict(os.environ, LINKED_FLEET_URL=url), redirect_stdout(out), redirect_stderr(err):
         try:
             code: Any = main(arguments)
@@ -67,6 +75,44 @@ def test_do_has_a_nested_action_done_and_waits(other_tree: Any) -> None:
     done = run(other_tree.root, "do", "cell/lefty/elbow", "bend", *given_, "--json")
     assert (done.returncode, json.loads(done.stdout)["state"]) == (0, "succeeded"), done.stderr
     assert len(other_tree.sent("PUT")) == 1
+
+
+def test_get_describes_a_thing_with_its_parts(other_tree: Any) -> None:
+    said = run(other_tree.root, "get", "cell/lefty/elbow").stdout
+    assert "angle  12.5 deg" in said
+    said = run(other_tree.root, "get", "cell/lefty").stdout
+    assert ("    takes nothing" in said, "Elbow Two%20fingers" in said) == (True, True), said
+    as_json = json.loads(run(other_tree.root, "--json", "get", "cell/lefty/elbow").stdout)
+    assert as_json["properties"]["angle"]["measured"]["number"] == 12.5
+    assert as_json["actions"]["Bend"]["dryRun"] is False
+    mood = json.loads(run(other_tree.root, "--json", "get", "cell/lefty/elbow/mood").stdout)
+    assert "blue" in str(mood["values"])
+
+
+def test_a_terminal_shows_progress_and_the_latest_values(other_tree: Any) -> None:
+    goal = 'goal=[{"axis": "Elbow", "value": 45, "unit": "deg"}]'
+    done = run(other_tree.root, "do", "cell/lefty/elbow", "bend", goal, terminal=True)
+    assert done.returncode == 0 and "succeeded" in done.stdout
+    assert " s\r\x1b[K" in done.stderr, "the last state of the progress is removed"
+    done = run(other_tree.root, "watch", "cell/lefty/elbow/angle", "--count", "1", terminal=True)
+    assert "VALUE" in done.stdout and "12.5 deg" in done.stdout
+
+
+@pytest.mark.parametrize(
+    ("error", "said"), [(None, "stopping it"), (ClientError("it is broken"), "goes on: it is broken")]
+)
+def test_an_interrupt_cancels_the_invocation(other_tree: Any, error: ClientError | None, said: str) -> None:
+    goal = 'goal=[{"axis": "Elbow", "value": 45, "unit": "deg"}]'
+    waits = patch.object(Invocation, "wait", side_effect=[KeyboardInterrupt, "cancelled"])
+    with waits, patch.object(Invocation, "cancel", side_effect=error) as cancel:
+        done = run(other_tree.root, "do", "cell/lefty/elbow", "bend", goal)
+    assert (done.returncode, cancel.call_count, said in done.stderr) == (1, 1, True), done.stderr
+
+
+def test_an_interrupt_before_the_response_says_that_the_action_may_have_begun(other_tree: Any) -> None:
+    with patch.object(Action, "__call__", side_effect=KeyboardInterrupt):
+        done = run(other_tree.root, "do", "cell/lefty", "rest")
+    assert (done.returncode, "may have begun" in done.stderr) == (130, True), done.stderr
 
 
 def test_no_wait_says_where_to_look(other_tree: Any) -> None:
@@ -150,6 +196,7 @@ def test_ctrl_c_cancels_what_is_running(other_tree: Any) -> None:
         eventually(lambda: other_tree.looks.get("/jobs/0", 0) > 2, "somebody looks at the job")
         child.send_signal(signal.SIGINT)
         out, err = child.communicate(timeout=60)
+    assert out, (child.returncode, err)
     assert (child.returncode, json.loads(out)["state"]) == (1, "cancelled"), err
 
 
