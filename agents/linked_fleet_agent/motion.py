@@ -19,6 +19,8 @@ STANDING_RAD_S, STANDING_M_S = 0.01, 0.002
 # How far a joint may lag behind its setpoint, and how long it may settle after the end of its trajectory.
 MAX_LAG_RAD, MAX_LAG_M = 0.4, 0.1
 SETTLE_S = 2.0
+# A joint at rest that is further from its setpoint (rad or m) was moved by something else; a nearer one only sags.
+_HOLDING = 0.01
 # A longer step (of a stalled host) is shortened to this, so that no setpoint jumps.
 MAX_STEP_S = 0.05
 
@@ -164,9 +166,19 @@ class Motions:
         return [sway.joint for sway in begun]
 
     def setpoints(self, joints: Iterable[str], measured: Mapping[str, float]) -> list[Start]:
-        """Return the setpoints of ``joints``; for a joint that never moved, its measured position."""
-        axes = (self._axes.get(name) or Axis(self.joints[name], measured[name]) for name in joints)
-        return [axis.start for axis in axes]
+        """Return the setpoints of ``joints``.
+
+        For a joint that never moved, or that something else has moved since, return its measured position.
+        """
+        running = {name for motion in self._running for name in motion.joints}
+        starts = []
+        for name in joints:
+            axis = self._axes.get(name)
+            idle = axis is None or (axis.at_rest and name not in running)
+            if axis is None or (idle and abs(axis.position - measured[name]) > _HOLDING):
+                axis = Axis(self.joints[name], measured[name])
+            starts.append(axis.start)
+        return starts
 
     def preemptible_ids(self, joints: Collection[str]) -> tuple[str, ...]:
         """Return the ids of the motions that a new one on ``joints`` would preempt."""

@@ -226,6 +226,22 @@ def test_a_stuck_joint_fails_and_is_no_longer_pushed(target: float) -> None:
     assert robot.positions["arm"] == 0.0
 
 
+@pytest.mark.parametrize("moved_to", [0.7, 1.3])
+def test_a_motion_begins_where_something_else_has_moved_the_joint(moved_to: float) -> None:
+    """A person or another controller moved it since the last motion: it does not jump back to its last setpoint."""
+    robot = Robot()
+    robot.move("a", arm=1.0)
+    robot.step(300)
+    assert robot.states("a") == ["running", "succeeded"]
+    robot.positions["arm"] = moved_to
+    robot.paths["arm"] = [moved_to]
+    robot.move("b", arm=0.5)
+    robot.step(300)
+    assert robot.fastest("arm") <= cruise_of(ARM) * (1 + 1e-6)
+    assert robot.states("b") == ["running", "succeeded"]
+    assert robot.positions["arm"] == 0.5
+
+
 def test_a_halt_brakes_and_fails_running_motions() -> None:
     """The joint decelerates within its ramp, without a jump, and then stays still."""
     robot = Robot()
