@@ -212,6 +212,13 @@ class BoundedWriter:
         self._written += len(data)
         return True
 
+    # -- responses -----------------------------------------------------------------------------------------------------
+
+    def write(self, data: bytes) -> None:
+        """Write a part of a response, however much is buffered."""
+        self._written += len(data)  # first, because a full buffer starts the monitor within ``write``
+        self._transport.write(data)
+
     # -- slow readers ------------------------------------------------------------------------------------------------
 
     def watch(self) -> None:

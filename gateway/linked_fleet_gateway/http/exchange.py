@@ -6,6 +6,7 @@ from typing import Any
 from uvicorn.protocols.http.httptools_impl import RequestResponseCycle
 
 from linked_fleet_gateway.http.answers import Reply
+from linked_fleet_gateway.http.connection_limits import BoundedWriter
 from linked_fleet_gateway.http.message_heads import field_block, status_line
 
 _NO_CONTENT = (204, 304)
@@ -26,6 +27,10 @@ class Exchange(RequestResponseCycle):
     """Bytes of the head that are not yet written."""
     _to_end = False
     """True if the content ends with the connection."""
+
+    def __init__(self, writer: BoundedWriter, **named: Any) -> None:
+        super().__init__(**named)
+        self._writer = writer
 
     async def send(self, message: Any) -> None:
         """Handle an ASGI message. Raises RuntimeError if it is out of order or differs from Content-Length."""
@@ -79,7 +84,7 @@ class Exchange(RequestResponseCycle):
                 raise RuntimeError("The content is not as long as its Content-Length.")
         if data := self._head + body if self._head else body:
             self._head = b""
-            self.transport.write(data)
+            self._writer.write(data)
         if not more:
             self.response_complete = True
             self.message_event.set()

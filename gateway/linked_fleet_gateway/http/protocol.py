@@ -226,7 +226,7 @@ class HttpProtocol(HttpToolsProtocol):
             if self._reply is not None:
                 return
         self.cycle = Exchange(
-            scope=self.scope, transport=self.transport, flow=self.flow,
+            self.writer, scope=self.scope, transport=self.transport, flow=self.flow,
             logger=self.logger, access_logger=self.access_logger, access_log=False,
             default_headers=self.server_state.default_headers, message_event=asyncio.Event(),
             expect_100_continue=self.expect_100_continue,
@@ -260,7 +260,7 @@ class HttpProtocol(HttpToolsProtocol):
         self._sockets.mark_busy(self)
         self.server_state.total_requests += 1
         keep_alive = self.scope["http_version"] != "1.0" and self.parser.should_keep_alive()
-        self.transport.write(response_bytes(reply, self.server_state.default_headers, self.scope["method"], keep_alive))
+        self.writer.write(response_bytes(reply, self.server_state.default_headers, self.scope["method"], keep_alive))
         if not keep_alive:
             self.transport.close()
 

@@ -115,6 +115,31 @@ async def test_an_unread_response_is_given_up() -> None:
         writer.close()
 
 
+async def test_a_reader_of_one_long_response_after_another_is_not_given_up() -> None:
+    """A later response may be longer than what was unread of an earlier one: that is no stall."""
+
+    class Impatient(Hasty):
+        stall_s = 1.0
+        head_s = 10.0
+
+    async def sized(scope: Scope, receive: Receive, send: Send) -> None:
+        await Response(bytes(int(scope["path"][1:])))(scope, receive, send)
+
+    async with serving(sized, http=Impatient) as (_, port):
+        reader, writer = await connect(port, _GET.replace(b"/ ", b"/500000 "), receive_buffer=8192)
+        await reader.readuntil(b"\r\n\r\n")
+        await reader.readexactly(500_000)
+        length = 4_000_000
+        writer.write(_GET.replace(b"/ ", b"/%d " % length))
+        await reader.readuntil(b"\r\n\r\n")
+        begin = asyncio.get_running_loop().time()
+        for _ in range(length // 4000):
+            await reader.readexactly(4000)
+            if asyncio.get_running_loop().time() < begin + 2 * Impatient.stall_s:
+                await asyncio.sleep(Impatient.stall_s / 50)  # as on a slow line
+        writer.close()
+
+
 async def test_a_silent_websocket_has_no_request_deadline() -> None:
     """A WebSocket client need not send anything; h11 would wait for a body of its handshake that never comes."""
 
