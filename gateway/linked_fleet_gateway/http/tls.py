@@ -27,17 +27,15 @@ class Certificate:
 
     def __init__(self, certificate: str, key: str) -> None:
         self._certificate, self._key = certificate, key
-        self.context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
-        self.context.minimum_version = ssl.TLSVersion.TLSv1_2
-        self.context.set_alpn_protocols(["http/1.1"])
         self._seen = self._state()
-        self._load()
+        self.context = self._load()
+        """The context of new connections."""
 
     def reload(self) -> None:
         """Use the present files for new connections; files that do not match are logged and ignored."""
         self._seen = self._state()
         try:
-            self._load()
+            self.context = self._load()
         except ValueError as error:
             log.error("the certificate in use stays: %s", error)
         else:
@@ -51,9 +49,14 @@ class Certificate:
         if self._state() != self._seen:
             self.reload()
 
-    def _load(self) -> None:
-        check_pair(self._certificate, self._key)  # a context that refused a key already has the new certificate
-        self.context.load_cert_chain(self._certificate, self._key)
+    def _load(self) -> ssl.SSLContext:
+        """Return a new context, because one that has certificates keeps those with keys of another kind."""
+        check_pair(self._certificate, self._key)
+        context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+        context.minimum_version = ssl.TLSVersion.TLSv1_2
+        context.set_alpn_protocols(["http/1.1"])
+        context.load_cert_chain(self._certificate, self._key)
+        return context
 
     def _state(self) -> list[tuple[int, int, int] | None]:
         """Return stamps of the files."""
@@ -98,12 +101,13 @@ def file_descriptor(transport: BaseTransport) -> int | None:
     return connection.fileno()
 
 
-def tls_protocol_factory(inner: Callable[..., asyncio.Protocol], context: ssl.SSLContext) -> Any:
+def tls_protocol_factory(inner: Callable[..., asyncio.Protocol], certificate: Certificate) -> Any:
     """Return a factory of protocols that do the TLS handshake and then pass the connection to ``inner``."""
 
     def make(**arguments: Any) -> asyncio.BaseProtocol:
         return TlsProtocol(
-            asyncio.get_running_loop(), inner(**arguments), context, None, server_side=True,  # type: ignore[arg-type]  # nobody waits for it
+            asyncio.get_running_loop(), inner(**arguments), certificate.context, None,  # type: ignore[arg-type]  # nobody waits for it
+            server_side=True,
             ssl_handshake_timeout=HANDSHAKE_S, ssl_shutdown_timeout=_FAREWELL_S,
         )  # fmt: skip
 

@@ -3,6 +3,7 @@
 import asyncio
 import socket
 import ssl
+import subprocess
 from pathlib import Path
 from typing import Any
 
@@ -104,7 +105,7 @@ def test_a_stalled_reader_over_tls_is_disconnected_at_bounded_cost(
 ) -> None:
     async def test() -> None:
         app = App()
-        http = tls_protocol_factory(ImpatientHttp, certificate.context)
+        http = tls_protocol_factory(ImpatientHttp, certificate)
         async with serving(app, http=http, ws=ImpatientWebSocket) as (server, port):
             with await asyncio.to_thread(_opened, port, folder, request_):
                 await until(lambda: app.outlets)
@@ -128,7 +129,7 @@ def test_encrypted_bytes_in_the_buffer_are_counted(folder: Path, certificate: Ce
     async def test() -> None:
         app = App()
         async with serving(
-            app, http=tls_protocol_factory(HttpProtocol, certificate.context), ws=ImpatientWebSocket
+            app, http=tls_protocol_factory(HttpProtocol, certificate), ws=ImpatientWebSocket
         ) as (_, port):
             with await asyncio.to_thread(_opened, port, folder, UPGRADE):
                 await until(lambda: app.outlets)
@@ -146,7 +147,7 @@ def test_encrypted_bytes_in_the_buffer_are_counted(folder: Path, certificate: Ce
 def test_a_reader_that_catches_up_has_the_latest(folder: Path, certificate: Certificate) -> None:
     async def test() -> None:
         app = App()
-        async with serving(app, http=tls_protocol_factory(HttpProtocol, certificate.context)) as (_, port):
+        async with serving(app, http=tls_protocol_factory(HttpProtocol, certificate)) as (_, port):
             with await asyncio.to_thread(_opened, port, folder, UPGRADE) as slow:
                 await until(lambda: app.outlets)
                 (outlet,) = app.outlets
@@ -171,7 +172,7 @@ def _read_until(sock: ssl.SSLSocket, end: bytes) -> None:
 def test_fifty_hear_the_same_and_are_told_of_the_end(folder: Path, certificate: Certificate) -> None:
     async def test() -> None:
         app, trusted = App(), ssl.create_default_context(cafile=folder / "ca.pem")
-        async with serving(app, http=tls_protocol_factory(HttpProtocol, certificate.context)) as (server, port):
+        async with serving(app, http=tls_protocol_factory(HttpProtocol, certificate)) as (server, port):
             sockets = [await client(f"wss://127.0.0.1:{port}/a", ssl=trusted) for _ in range(50)]
             await until(lambda: len(app.outlets) == 50)
             for number in range(20):
@@ -196,7 +197,7 @@ def test_a_certificate_is_replaced_while_it_is_in_use(folder: Path) -> None:
             return str(name)
 
     async def test() -> None:
-        async with serving(App(), http=tls_protocol_factory(HttpProtocol, used.context)) as (_, port):
+        async with serving(App(), http=tls_protocol_factory(HttpProtocol, used)) as (_, port):
             assert await asyncio.to_thread(shown, port) == "router"
             for name, expected in (("used.pem", "router"), ("used.key", "gateway")):
                 fresh = folder / "fresh"
@@ -206,6 +207,42 @@ def test_a_certificate_is_replaced_while_it_is_in_use(folder: Path) -> None:
                 assert await asyncio.to_thread(shown, port) == expected
 
     run_on_sockets(test)
+
+
+@pytest.mark.parametrize("kinds", [("ec", "rsa"), ("rsa", "ec")])
+def test_a_certificate_is_replaced_by_one_with_a_key_of_another_kind(kinds: tuple[str, str], tmp_path: Path) -> None:
+    """A context of OpenSSL keeps one certificate for each kind of key, and would go on to show the old one."""
+    old, new = (_self_signed(kind, tmp_path / kind) for kind in kinds)
+    pair = tmp_path / "used.pem", tmp_path / "used.key"
+
+    def put(folder: Path) -> None:
+        for file in pair:
+            file.write_bytes((folder / file.name).read_bytes())
+
+    def shown(port: int) -> str:
+        return ssl.get_server_certificate(("127.0.0.1", port), timeout=20)
+
+    async def test() -> None:
+        put(old)
+        used = Certificate(*map(str, pair))
+        async with serving(App(), http=secured(HttpProtocol, used)) as (_, port):
+            assert await asyncio.to_thread(shown, port) == (old / "used.pem").read_text()
+            put(new)
+            used.reload()
+            assert await asyncio.to_thread(shown, port) == (new / "used.pem").read_text()
+
+    run_on_sockets(test)
+
+
+def _self_signed(kind: str, folder: Path) -> Path:
+    folder.mkdir()
+    more = ["-pkeyopt", "ec_paramgen_curve:P-256"] if kind == "ec" else []
+    subprocess.run(
+        ["openssl", "req", "-x509", "-nodes", "-newkey", {"ec": "ec", "rsa": "rsa:2048"}[kind], *more,
+         "-subj", f"/CN={kind}", "-days", "1", "-keyout", "used.key", "-out", "used.pem"],
+        cwd=folder, check=True, capture_output=True,
+    )  # fmt: skip
+    return folder
 
 
 def test_files_that_change_are_noticed(folder: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
@@ -233,7 +270,7 @@ def test_files_that_change_are_noticed(folder: Path, tmp_path: Path, caplog: pyt
 
 def test_no_old_tls_and_nothing_in_the_clear(folder: Path, certificate: Certificate) -> None:
     async def test() -> None:
-        async with serving(App(), http=tls_protocol_factory(HttpProtocol, certificate.context)) as (server, port):
+        async with serving(App(), http=tls_protocol_factory(HttpProtocol, certificate)) as (server, port):
             old = ssl.create_default_context(cafile=folder / "ca.pem")
             with pytest.warns(DeprecationWarning):
                 old.minimum_version = ssl.TLSVersion.TLSv1
