@@ -23,7 +23,7 @@ SILENCE_S = 45.0
 """Longest silence of an event stream before it is reopened; servers send comments more often."""
 POLL_S = 1.0
 _NAP_S = 0.2
-_FIRST_PAUSE_S, _LONGEST_PAUSE_S = 0.5, 30.0
+_FIRST_PAUSE_S, _LEAST_PAUSE_S, _LONGEST_PAUSE_S = 0.5, 0.1, 30.0
 _EVENTS = "text/event-stream"
 # Statuses that mean "not available as events" rather than "not available".
 _NO_EVENTS = frozenset({400, 405, 406, 409, 415})
@@ -172,7 +172,8 @@ class Feed:
 
     def _pause(self) -> None:
         """Sleep, longer after each failure in a row, with jitter so that clients do not return together."""
-        pause_s = min(self._retry_s * 2.0 ** min(self._failures, 10), _LONGEST_PAUSE_S)
+        pause_s = max(self._retry_s, _LEAST_PAUSE_S) * 2.0 ** min(self._failures, 10)
+        pause_s = min(pause_s, _LONGEST_PAUSE_S)
         self._sleep(pause_s * (0.5 + secrets.randbelow(1000) / 2000))
 
     def _sleep(self, pause_s: float) -> None:

@@ -85,8 +85,16 @@ def test_a_server_that_is_busy_is_asked_again(script: Any, web: Web, monkeypatch
     assert numbers(Feed(web, f"{script.url}/x")) == [(1.5, False)]
 
 
-def test_a_resource_may_be_missing_for_a_moment(script: Any, web: Web) -> None:
+def test_a_server_that_wants_clients_back_at_once_is_not_flooded(script: Any, web: Web) -> None:
+    script.answers["/x"] = [HEAD.replace(b"retry: 1", b"retry: 0") + event("1", "0", 1.5), b""]
+    feed = Feed(web, f"{script.url}/x", deadline=time.monotonic() + 0.5)
+    assert numbers(feed) == [(1.5, False)]
+    assert len(script.at("/x")) <= 10
+
+
+def test_a_resource_may_be_missing_for_a_moment(script: Any, web: Web, monkeypatch: pytest.MonkeyPatch) -> None:
     """A restarted gateway does not know its robots at once."""
+    monkeypatch.setattr(live, "_LEAST_PAUSE_S", 0.001)
     gone = b"HTTP/1.1 404 X\r\ncontent-length: 0\r\nconnection: close\r\n\r\n"
     script.answers["/x"] = [HEAD + event("1", "0", 1.5), gone, HEAD + event("2", "1", 2.5), gone]
     told = []
