@@ -245,6 +245,9 @@ class Agent:
             counts = (len(reading.positions), len(reading.velocities), len(reading.efforts))
             if counts != self._counts:
                 raise ValueError(f"{counts} positions, velocities and efforts of {len(self._names)} joints")
+            # ``hypot`` raises TypeError for what is no number, and is infinite if a value is, also beside NaN.
+            if math.isinf(math.hypot(*reading.positions, *reading.velocities, *reading.efforts)):
+                raise ValueError("a measured value is infinite")
         except Exception as error:  # noqa: BLE001 - a driver may raise whatever its hardware library does
             self._fail(error, "read")
             return None

@@ -51,6 +51,7 @@ class BreakableRobot:
     """A robot with two joints that reach every setpoint at once, and that can be broken."""
 
     broken = unstoppable = short = False
+    effort: Any = math.nan
 
     def __init__(self) -> None:
         self.positions = {"arm": 0.0, "wheel": 0.0}
@@ -62,7 +63,7 @@ class BreakableRobot:
     def read(self, now_s: float) -> Reading:
         if self.broken:
             raise RobotFaultError("cable out")
-        return Reading(tuple(self.positions.values()), (math.nan,) * (1 if self.short else 2), (math.nan,) * 2)
+        return Reading(tuple(self.positions.values()), (math.nan,) * (1 if self.short else 2), (self.effort,) * 2)
 
     def apply(self, setpoints: Mapping[str, float]) -> Mapping[str, float]:
         self.positions |= setpoints
@@ -145,6 +146,22 @@ def test_a_driver_that_leaves_out_a_joint_has_a_fault() -> None:
     bench.robot.short = False
     bench.tick()
     assert _code(bench.command("b")) == "accepted"
+
+
+@pytest.mark.parametrize("effort", [None, "0.1", math.inf])
+def test_a_driver_that_measures_no_number_has_a_fault(effort: object, caplog: pytest.LogCaptureFixture) -> None:
+    """No frame can state it. The agent goes on, also for the other robots of its process, and the robot holds."""
+    bench = Bench()
+    assert _code(bench.command("a")) == "accepted"
+    bench.robot.effort = effort
+    bench.tick(3)
+    assert math.isnan(bench.link.states[-1].positions[0])
+    assert (bench.end("a").state, bench.robot.stops) == ("failed", 1)
+    assert _code(bench.command("b")) == "fault"
+    assert len(caplog.records) == 1
+    bench.robot.effort = 0.1
+    bench.tick()
+    assert _code(bench.command("c")) == "accepted"
 
 
 @pytest.mark.parametrize("unstoppable", [False, True])
