@@ -206,7 +206,7 @@ def _asked(scope: Scope) -> tuple[Key | None, str | None, bytes | None]:
     arrival = arrival_of(scope)
     fields = arrival.fields
     accept = fields.get(b"accept", b"")
-    if len(accept) > _LONGEST_ACCEPT or b"event-stream" in accept or not _ASKS_MORE.isdisjoint(fields):
+    if len(accept) > _LONGEST_ACCEPT or b"event-stream" in accept.lower() or not _ASKS_MORE.isdisjoint(fields):
         return None, None, None
     known, coding = fields.get(b"if-none-match"), fields.get(b"accept-encoding")
     view = arrival.authenticated.identity.visible_robots

@@ -107,6 +107,7 @@ async def test_only_one_first_answer_is_made_in_a_turn(place: Place) -> None:
         {"path": "/"}, {"path": "/r"}, {"path": "/r/nothing"}, {"path": "/audit"}, {"path": "/r/elbow/linkset"},
         {"path": "/r/elbow/subscriptions"}, {"path": "/subscriptions"}, {"method": "POST"}, {"method": "OPTIONS"},
         {"query": b"as=turtle"}, {"accept": "text/event-stream"}, {"accept": "image/png"},
+        {"accept": "Text/Event-Stream, text/turtle;q=0.5"},
         {"prefer": "return=minimal"}, {"if_match": '"x"'}, {"upgrade": "callback"},
         {"accept": "application/x-jelly-rdf"}, {"path": "/r/elbow/rotation", "accept": "application/json"},
     ],
