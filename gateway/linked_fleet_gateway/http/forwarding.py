@@ -173,7 +173,7 @@ class Authorities:
         Only browsers send Origin, and they do not let pages forge it.
         """
         origins = {value.decode("latin-1").lower() for value in said}
-        streams = _EVENTS in fields_of(scope).get(b"accept", b"")
+        streams = _EVENTS in fields_of(scope).get(b"accept", b"").lower()
         reads = scope["type"] == "http" and scope["method"] in _READ and not streams
         if not reads and not origins <= self._origins | self._pages:
             raise ForeignOrigin(
