@@ -81,7 +81,7 @@ def _check_page(scope: Scope, headers: Headers) -> None:
     must use tokens, because otherwise they would act for the person who is logged in. Reads are exempt: other sites may
     link here, and only the reader sees the response.
     """
-    events = "text/event-stream" in headers.get("accept", "")
+    events = "text/event-stream" in headers.get("accept", "").lower()
     calls_back = "callback" in headers.get("upgrade", "").lower()
     reads = scope["type"] == "http" and scope["method"] in _READ and not events and not calls_back
     elsewhere = arrival_of(scope).cross_origin

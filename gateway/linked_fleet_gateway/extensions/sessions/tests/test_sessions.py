@@ -85,6 +85,7 @@ def test_a_session_listens_for_our_pages_alone(here: AuthenticatedGateway, http:
     events = {"accept": "text/event-stream"}
     for headers, status in (
         ({}, 403),
+        ({"accept": "Text/Event-Stream"}, 403),
         ({"sec-fetch-site": "cross-site"}, 403),
         ({"sec-fetch-site": "same-origin"}, 200),
     ):
