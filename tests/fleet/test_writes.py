@@ -1,5 +1,6 @@
 """Writes at a real gateway: nothing is lost silently, and each refusal links its constraints."""
 
+import contextlib
 import re
 from collections.abc import Iterator
 
@@ -10,9 +11,9 @@ from rdflib import Literal, URIRef
 from rdflib.term import Node
 
 from browser import DCTERMS, HYBRIT, LDP, LF, MATHS, Browser, Page
-from commanding import PREFIXES, problem, put
+from commanding import PREFIXES, TURTLE, WRIST, problem, put
 from linked_fleet_gateway.extensions.world.extension import MAX_BODY_BYTES as MAX_OBJECT_BYTES
-from small_fleet import Place, live
+from small_fleet import Place, live, number
 
 pytestmark = pytest.mark.virtual
 _SYNTAXES = ("text/turtle", "application/ld+json", "application/n-triples", "application/rdf+xml")
@@ -210,6 +211,29 @@ def test_other_links_are_no_matter(browser: Browser, link: str) -> None:
     answer = browser.http.post(_objects(browser), content=PREFIXES + _CRATE, headers=headers)
     assert answer.status_code == 201, answer.text
     browser.http.delete(answer.headers["location"])
+
+
+# -- preconditions --------------------------------------------------------------------------------------------------
+
+
+def test_a_target_that_was_set_while_a_body_came_is_not_overwritten(browser: Browser) -> None:
+    """If-Match is about the state in which the write is carried out, not about that before its body was read."""
+    url = str(browser.part("ur5", WRIST).one(LF.targetRotation))
+    condition = {"if-match": browser.http.get(url).headers["etag"]}
+
+    def body(value: float) -> str:
+        return PREFIXES + f"<> lf:value [ vom:numericalValue {value} ; vom:unit unit:RAD ] ."
+
+    def slowly() -> Iterator[bytes]:
+        yield PREFIXES.encode()
+        with contextlib.closing(Browser(browser.root)) as other:
+            assert put(other, url, body(0.3)).status_code == 204
+        yield body(0.6).encode()
+
+    answer = browser.http.put(url, content=slowly(), headers=TURTLE | condition)
+    assert problem(answer) == (412, "precondition-failed")
+    page = browser.page(url)
+    assert number(page, LF.value) == pytest.approx(0.3)
 
 
 # -- PATCH ----------------------------------------------------------------------------------------------------------
