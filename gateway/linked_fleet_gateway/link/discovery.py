@@ -223,13 +223,17 @@ class Discovery:
             return found if found and found[-1].incarnation >= max(missing, default=0) else None
 
         begin_s = self._loop.time()
-        with suppress(TimeoutError):  # results found before a timeout count
-            await self._ask(robot, judge)
-        took_s = self._loop.time() - begin_s
-        for said in found:
-            async with self._taking:
-                self._take(said)
-                await asyncio.sleep(0)
+        try:
+            with suppress(TimeoutError):  # results found before a timeout count
+                await self._ask(robot, judge)
+            took_s = self._loop.time() - begin_s
+            for said in found:
+                async with self._taking:
+                    self._take(said)
+                    await asyncio.sleep(0)
+        except Exception:
+            queue.requeue(robot, self._loop.time())
+            raise
         missing = self._missing.get(robot)
         if not missing:
             queue.complete(robot, took_s)

@@ -12,7 +12,7 @@ from linked_fleet_agent.wire.codec import encode
 from linked_fleet_agent.wire.messages import WIRE_VERSION, Accepted, Command, Description, Move
 from linked_fleet_gateway.fleet.events import Appeared, Described, Event, Vanished
 from linked_fleet_gateway.fleet.fleet import MAX_UNDESCRIBED, Fleet
-from linked_fleet_gateway.fleet.presence import MAX_RUNS, Token
+from linked_fleet_gateway.fleet.presence import FIRST_OPEN, MAX_RUNS, Token
 from linked_fleet_gateway.link import discovery
 from linked_fleet_gateway.link.discovery import Discovery, Judge
 from linked_fleet_gateway.link.fleet_link import FleetLink
@@ -183,6 +183,31 @@ async def test_a_reply_that_comes_after_all_runs_have_gone_blocks_nothing() -> N
     await answered.wait()
     found.apply_token(("r", 7), True)
     await until(lambda: Described(_described(7)) in events)
+    await found.close()
+
+
+async def test_a_query_that_fails_unexpectedly_is_repeated_and_takes_no_place() -> None:
+    """Without that, a robot stays undescribed, and after sixteen of them nobody is asked any more."""
+    failures = 0
+
+    async def query(_: str, judge: Judge) -> None:
+        nonlocal failures
+        if failures < 2 * FIRST_OPEN:
+            failures += 1
+            raise RuntimeError("unforeseen")
+        judge(encode(_described(5)), "")
+
+    async def tokens() -> tuple[list[Token], bool]:
+        return [], True
+
+    async def declare() -> None: ...
+
+    events = list[Event]()
+    found = Discovery(query, tokens, events.extend, lambda: None, declare)
+    for number in range(FIRST_OPEN):
+        found.apply_token((f"s{number}", 1), True)
+    found.apply_token(("r", 5), True)
+    await until(lambda: Described(_described(5)) in events)
     await found.close()
 
 
