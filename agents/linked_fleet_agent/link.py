@@ -182,6 +182,9 @@ class RobotLink:
         except (MeshError, PictureError) as error:
             _log.info("%s: no %s: %s", self._robot, kind, error)
             content = _Refusal(str(error))
+        except Exception as error:  # noqa: BLE001 - a driver may raise whatever its hardware library does
+            _log.exception("%s: no %s", self._robot, kind)
+            content = _Refusal(f"{type(error).__name__}: {error}"[:512])
         self._reply(query, self._keys.robot(self._robot, kind), content)
 
     def _reply(self, query: Query, key: str, payload: "bytes | _Refusal") -> None:

@@ -142,6 +142,27 @@ async def test_more_slow_questions_than_may_wait_are_refused_at_once(part: Netwo
     assert (found.count(b"picture"), found.count(None)) == (8, 12)
 
 
+@in_memory
+@contract
+async def test_a_picture_that_fails_unexpectedly_is_refused(part: Network, caplog: pytest.LogCaptureFixture) -> None:
+    """A driver may raise whatever its hardware library does. The next picture is taken all the same."""
+    gateway, session = await part.gateway(), await part.agent("r")
+    failures = [OSError("no such device")]
+
+    def picture(_: bytes) -> bytes:
+        if failures:
+            raise failures.pop()
+        return b"picture"
+
+    async with link(session, on_picture=picture):
+        await until_listed(gateway, 1)
+        begin_s = asyncio.get_running_loop().time()
+        found = [await asked(gateway, question(KEYS.robot("r", "picture"))) for _ in range(2)]
+        assert asyncio.get_running_loop().time() - begin_s < 1.0
+    assert [[answer.payload for answer in answers] for answers in found] == [[None], [b"picture"]]
+    assert "no such device" in caplog.text
+
+
 # -- gateways -------------------------------------------------------------------------------------------------------
 
 
