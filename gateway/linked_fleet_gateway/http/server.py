@@ -32,7 +32,7 @@ class Server(uvicorn.Server):
             app, lifespan="off", log_config=None, access_log=False, server_header=False,
             proxy_headers=False,  # uvicorn would trust loopback; http/forwarding.py trusts configured fronts
             timeout_graceful_shutdown=_DRAIN_S, timeout_keep_alive=int(HEAD_S),
-            http=tls_protocol_factory(http, certificate) if certificate else http,
+            http=tls_protocol_factory(http, certificate, sockets) if certificate else http,
             # No compression, because one framed buffer serves all subscribers. Clients send only short messages.
             ws=WebSocketProtocol, ws_per_message_deflate=False, ws_max_size=_WEBSOCKET_BYTES,
             ws_ping_interval=_PING_S, ws_ping_timeout=_PING_S,

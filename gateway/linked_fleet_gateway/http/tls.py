@@ -8,9 +8,10 @@ from asyncio.sslproto import SSLProtocol
 from asyncio.transports import BaseTransport, Transport
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, cast
+from typing import Any, Protocol, cast
 
 from linked_fleet_agent.wire.trust import check_pair
+from linked_fleet_gateway.base.addresses import network_of
 from linked_fleet_gateway.runtime.background import supervised
 
 log = logging.getLogger(__name__)
@@ -70,17 +71,46 @@ class Certificate:
         return state
 
 
+class Places(Protocol):
+    """The places of connections, as ``connection_limits.Sockets`` has them."""
+
+    def open(self, connection: object, client: str) -> bool: ...
+    def idle(self, connection: object, give_way: Callable[[], bool]) -> None: ...
+    def close(self, connection: object) -> None: ...
+
+
 class TlsProtocol(SSLProtocol):
-    """TLS on a connection, with access to the transport below.
+    """TLS on a connection, with access to the transport below. Until the handshake it takes a place of its own.
 
     This is asyncio's implementation in Python: uvloop's does not report bytes passed to TCP, so stalled readers would
     not be detected.
     """
 
+    places: Places
+
     def connection_made(self, transport: BaseTransport) -> None:
         self._extra[_BENEATH] = transport
-        cast(Transport, transport).set_write_buffer_limits(high=_ENCRYPTED_BYTES)
+        beneath = cast(Transport, transport)
+        beneath.set_write_buffer_limits(high=_ENCRYPTED_BYTES)
         super().connection_made(transport)
+        peer = transport.get_extra_info("peername")
+
+        def give_way() -> bool:
+            beneath.abort()
+            return True
+
+        if self.places.open(self, network_of(str(peer[0])) if isinstance(peer, tuple) else ""):
+            self.places.idle(self, give_way)
+        else:
+            beneath.abort()
+
+    def connection_lost(self, exc: BaseException | None) -> None:
+        self.places.close(self)
+        super().connection_lost(exc)
+
+    def _on_handshake_complete(self, handshake_exc: BaseException | None) -> None:
+        self.places.close(self)  # the protocol above takes one of its own
+        super()._on_handshake_complete(handshake_exc)
 
 
 def unsent_bytes(transport: BaseTransport) -> int:
@@ -101,14 +131,16 @@ def file_descriptor(transport: BaseTransport) -> int | None:
     return connection.fileno()
 
 
-def tls_protocol_factory(inner: Callable[..., asyncio.Protocol], certificate: Certificate) -> Any:
+def tls_protocol_factory(inner: Callable[..., asyncio.Protocol], certificate: Certificate, places: Places) -> Any:
     """Return a factory of protocols that do the TLS handshake and then pass the connection to ``inner``."""
 
     def make(**arguments: Any) -> asyncio.BaseProtocol:
-        return TlsProtocol(
+        protocol = TlsProtocol(
             asyncio.get_running_loop(), inner(**arguments), certificate.context, None,  # type: ignore[arg-type]  # nobody waits for it
             server_side=True,
             ssl_handshake_timeout=HANDSHAKE_S, ssl_shutdown_timeout=_FAREWELL_S,
         )  # fmt: skip
+        protocol.places = places
+        return protocol
 
     return make

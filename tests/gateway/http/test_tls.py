@@ -4,6 +4,7 @@ import asyncio
 import socket
 import ssl
 import subprocess
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -13,16 +14,17 @@ from starlette.websockets import WebSocket
 from websockets.asyncio.client import connect as client
 
 from certificates import made
-from linked_fleet_gateway.http.connection_limits import HIGH_WATER_BYTES
+from linked_fleet_gateway.http.connection_limits import HIGH_WATER_BYTES, Sockets
 from linked_fleet_gateway.http.event_stream import serve_event_stream
 from linked_fleet_gateway.http.protocol import HTTP, HttpProtocol
-from linked_fleet_gateway.http.tls import Certificate, tls_protocol_factory, unsent_bytes
+from linked_fleet_gateway.http.tls import HANDSHAKE_S, Certificate, tls_protocol_factory, unsent_bytes
 from linked_fleet_gateway.http.websocket import serve_websocket
 from linked_fleet_gateway.http.websocket_protocol import WEBSOCKET, WebSocketProtocol
 from linked_fleet_gateway.subscriptions.broadcast import Message
 from serving import Channel, fill, run_on_sockets, serving, until
 
 LARGE = 20_000
+PLENTY = Sockets(1000, 1000)
 pytestmark = pytest.mark.processes
 
 
@@ -105,7 +107,7 @@ def test_a_stalled_reader_over_tls_is_disconnected_at_bounded_cost(
 ) -> None:
     async def test() -> None:
         app = App()
-        http = tls_protocol_factory(ImpatientHttp, certificate)
+        http = tls_protocol_factory(ImpatientHttp, certificate, PLENTY)
         async with serving(app, http=http, ws=ImpatientWebSocket) as (server, port):
             with await asyncio.to_thread(_opened, port, folder, request_):
                 await until(lambda: app.outlets)
@@ -129,7 +131,7 @@ def test_encrypted_bytes_in_the_buffer_are_counted(folder: Path, certificate: Ce
     async def test() -> None:
         app = App()
         async with serving(
-            app, http=tls_protocol_factory(HttpProtocol, certificate), ws=ImpatientWebSocket
+            app, http=tls_protocol_factory(HttpProtocol, certificate, PLENTY), ws=ImpatientWebSocket
         ) as (_, port):
             with await asyncio.to_thread(_opened, port, folder, UPGRADE):
                 await until(lambda: app.outlets)
@@ -147,7 +149,7 @@ def test_encrypted_bytes_in_the_buffer_are_counted(folder: Path, certificate: Ce
 def test_a_reader_that_catches_up_has_the_latest(folder: Path, certificate: Certificate) -> None:
     async def test() -> None:
         app = App()
-        async with serving(app, http=tls_protocol_factory(HttpProtocol, certificate)) as (_, port):
+        async with serving(app, http=tls_protocol_factory(HttpProtocol, certificate, PLENTY)) as (_, port):
             with await asyncio.to_thread(_opened, port, folder, UPGRADE) as slow:
                 await until(lambda: app.outlets)
                 (outlet,) = app.outlets
@@ -172,7 +174,7 @@ def _read_until(sock: ssl.SSLSocket, end: bytes) -> None:
 def test_fifty_hear_the_same_and_are_told_of_the_end(folder: Path, certificate: Certificate) -> None:
     async def test() -> None:
         app, trusted = App(), ssl.create_default_context(cafile=folder / "ca.pem")
-        async with serving(app, http=tls_protocol_factory(HttpProtocol, certificate)) as (server, port):
+        async with serving(app, http=tls_protocol_factory(HttpProtocol, certificate, PLENTY)) as (server, port):
             sockets = [await client(f"wss://127.0.0.1:{port}/a", ssl=trusted) for _ in range(50)]
             await until(lambda: len(app.outlets) == 50)
             for number in range(20):
@@ -197,7 +199,7 @@ def test_a_certificate_is_replaced_while_it_is_in_use(folder: Path) -> None:
             return str(name)
 
     async def test() -> None:
-        async with serving(App(), http=tls_protocol_factory(HttpProtocol, used)) as (_, port):
+        async with serving(App(), http=tls_protocol_factory(HttpProtocol, used, PLENTY)) as (_, port):
             assert await asyncio.to_thread(shown, port) == "router"
             for name, expected in (("used.pem", "router"), ("used.key", "gateway")):
                 fresh = folder / "fresh"
@@ -225,7 +227,7 @@ def test_a_certificate_is_replaced_by_one_with_a_key_of_another_kind(kinds: tupl
     async def test() -> None:
         put(old)
         used = Certificate(*map(str, pair))
-        async with serving(App(), http=secured(HttpProtocol, used)) as (_, port):
+        async with serving(App(), http=secured(HttpProtocol, used, PLENTY)) as (_, port):
             assert await asyncio.to_thread(shown, port) == (old / "used.pem").read_text()
             put(new)
             used.reload()
@@ -268,9 +270,31 @@ def test_files_that_change_are_noticed(folder: Path, tmp_path: Path, caplog: pyt
     run_on_sockets(test)
 
 
+def test_connections_without_a_handshake_take_places(folder: Path, certificate: Certificate) -> None:
+    """Those that have waited longest are closed for others, as idle connections are."""
+    places = Sockets(3, 3)
+
+    async def test() -> None:
+        http = secured(partial(HttpProtocol, sockets=places), certificate, places)
+        async with serving(App(), http=http) as (_, port):
+            silent = [await asyncio.open_connection("127.0.0.1", port) for _ in range(10)]
+            try:
+                async with asyncio.timeout(HANDSHAKE_S / 2):
+                    await until(lambda: sum(reader.at_eof() for reader, _ in silent) == 7)
+                with await asyncio.to_thread(_opened, port, folder, EVENTS) as client:
+                    assert (await asyncio.to_thread(client.recv, 100)).startswith(b"HTTP/1.1 200")
+                    assert len(places) == 3
+            finally:
+                for _, writer in silent:
+                    writer.close()
+            await until(lambda: len(places) == 0)
+
+    run_on_sockets(test)
+
+
 def test_no_old_tls_and_nothing_in_the_clear(folder: Path, certificate: Certificate) -> None:
     async def test() -> None:
-        async with serving(App(), http=tls_protocol_factory(HttpProtocol, certificate)) as (server, port):
+        async with serving(App(), http=tls_protocol_factory(HttpProtocol, certificate, PLENTY)) as (server, port):
             old = ssl.create_default_context(cafile=folder / "ca.pem")
             with pytest.warns(DeprecationWarning):
                 old.minimum_version = ssl.TLSVersion.TLSv1
