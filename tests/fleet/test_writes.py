@@ -11,7 +11,7 @@ from rdflib import Literal, URIRef
 from rdflib.term import Node
 
 from browser import DCTERMS, HYBRIT, LDP, LF, MATHS, Browser, Page
-from commanding import PREFIXES, TURTLE, WRIST, problem, put
+from commanding import PREFIXES, TURTLE, WRIST, post, problem, put, radian
 from linked_fleet_gateway.extensions.world.extension import MAX_BODY_BYTES as MAX_OBJECT_BYTES
 from small_fleet import Place, live, number
 
@@ -234,6 +234,28 @@ def test_a_target_that_was_set_while_a_body_came_is_not_overwritten(browser: Bro
     assert problem(answer) == (412, "precondition-failed")
     page = browser.page(url)
     assert number(page, LF.value) == pytest.approx(0.3)
+
+
+# -- deletions ------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("kind", ["invocation", "subscription"])
+def test_the_blueprint_of_what_was_deleted_is_gone_too(browser: Browser, kind: str) -> None:
+    """Also if it was read before."""
+    joint = browser.part("ur5", WRIST)
+    if kind == "invocation":
+        made = post(browser, browser.action(joint, LF.Rotate), radian(0.2), prefer="wait=30")
+    else:
+        subject = f"[] a hybrit:Subscription ; hybrit:onResource <{joint.iri}> ."
+        prefix = "@prefix hybrit: <https://hybr-it-projekt.de/ns/hybr-it#> . "
+        made = post(browser, str(joint.one(HYBRIT.subscriptions)), prefix + subject)
+    assert made.status_code in (201, 204), made.text
+    url = made.headers["location"]
+    for _ in range(2):
+        assert browser.http.get(url + "/blueprint").status_code == 200
+    assert browser.http.delete(url).status_code == 204
+    assert browser.http.get(url).status_code == 404
+    assert browser.http.get(url + "/blueprint").status_code == 404
 
 
 # -- PATCH ----------------------------------------------------------------------------------------------------------

@@ -311,5 +311,6 @@ def resolve_subscription(thing: Resource, rest: list[str], records: Sequence[Rec
         affords=ChangeSubscription(record),
     )
     if rest[1:] == ["blueprint"]:
-        return blueprint_of(whole, base, (LF.SubscriptionResourceShape,))
+        # It ends with the subscription, which the live fleet does not know.
+        return blueprint_of(whole, base, (LF.SubscriptionResourceShape,)).having(followed=False)
     return None if rest[1:] else whole
