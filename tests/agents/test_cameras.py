@@ -9,8 +9,9 @@ from pathlib import Path
 import pytest
 
 from linked_fleet_agent.publications import Cameras
-from linked_fleet_agent.robot import Facts, PictureError
-from linked_fleet_agent.robots.camera_client import Probe, probe, with_availability
+from linked_fleet_agent.robot import Facts, PictureError, Reading
+from linked_fleet_agent.robots import camera_client
+from linked_fleet_agent.robots.camera_client import Probe, Renderer, Scene, probe, with_availability
 from linked_fleet_agent.robots.mujoco_robot import MujocoRobot
 from linked_fleet_agent.urdf import joints_of
 from linked_fleet_agent.wire import codec
@@ -95,8 +96,39 @@ def test_pictures_show_the_robot_as_it_is_said_to_be(seeing: MujocoRobot, format
 def test_a_renderer_that_ended_is_started_again(seeing: MujocoRobot) -> None:
     cameras = Cameras(seeing, seeing.describe().cameras)
     before = cameras.take(question(format="png"), shown(0.3))
-    seeing.close()
+    renderer = seeing._renderer
+    assert renderer is not None and renderer._renderer is not None
+    renderer._renderer.close()
     assert cameras.take(question(format="png"), shown(0.3)) == before
+
+
+def test_no_renderer_is_started_for_an_agent_that_ends(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It ends while a picture is being taken in another thread, whose process it kills."""
+    started = 0
+
+    class Process:
+        ended = False
+
+        def __init__(self, *_: str) -> None:
+            nonlocal started
+            started += 1
+            self.asked = 0
+
+        def ask(self, _: bytes) -> bytes:
+            self.asked += 1
+            if self.asked == 1:
+                return b""  # it has the scene
+            renderer.close()
+            raise EOFError
+
+        def close(self) -> None: ...
+
+    monkeypatch.setattr(camera_client, "_Renderer", Process)
+    scene = Scene(robot="r", urdf="", file="", floating=False, home={}, cameras=())
+    renderer = Renderer(scene, "egl")
+    with pytest.raises(PictureError):
+        renderer.take("eye", "png", Reading((), (), ()), ())
+    assert started == 1
 
 
 @pytest.mark.parametrize(

@@ -111,6 +111,7 @@ class Renderer:
     def __init__(self, scene: Scene, way: str) -> None:
         self._scene, self._way = scene, way
         self._renderer: _Renderer | None = None
+        self._closed = False
 
     def take(self, camera: str, format: PictureFormat, reading: Reading, joints: Sequence[str]) -> bytes:
         """Return one picture. Raises PictureError if the renderer fails or does not answer in time."""
@@ -118,24 +119,32 @@ class Renderer:
         positions = dict(zip(joints, reading.positions, strict=True))
         order = msgspec.msgpack.encode(PictureRequest(camera=camera, format=format, positions=positions, base=base))
         for _ in range(2):
+            if self._closed:
+                raise PictureError("the robot is closed")
             try:
                 return self._ready().ask(order)
             except EOFError:  # it had just ended for lack of requests
-                self.close()
+                self._end()
         raise PictureError("the render process keeps ending")
 
     def _ready(self) -> "_Renderer":
-        if self._renderer is None or self._renderer.ended:
-            self.close()
+        renderer = self._renderer
+        if renderer is None or renderer.ended:
+            self._end()
             renderer = self._renderer = _Renderer(self._way, "serve")
             try:
                 renderer.ask(msgspec.msgpack.encode(self._scene))
             except PictureError:
-                self.close()
+                self._end()
                 raise
-        return self._renderer
+        return renderer
 
     def close(self) -> None:
+        """End the process for good: none is started for a picture that is being taken."""
+        self._closed = True
+        self._end()
+
+    def _end(self) -> None:
         if (renderer := self._renderer) is not None:
             self._renderer = None
             renderer.close()
