@@ -244,6 +244,22 @@ def test_r0_17_subprotocols_are_for_browsers(scene: ObservedFleet, name: str, me
             assert socket.next(media_type).angle == angle
 
 
+def test_r0_17_the_query_picks_a_type_for_every_channel(scene: ObservedFleet) -> None:
+    """R0.17: as in links, also where it would be Turtle; an unknown word is no type."""
+    with scene.toy() as toy:
+        url = f"{toy.rotation()}?as=jsonld"
+        with Socket(url) as socket, events(url) as stream:
+            for channel in (socket, stream):
+                assert channel.next("application/ld+json").angle == 0.0
+        fields = {"connection": "upgrade", "upgrade": "callback", "callback": "http://127.0.0.1:9/"}
+        made = scene.browser.http.get(url, headers=fields)
+        assert made.status_code == 201, made.text
+        shown = scene.browser.page(made.headers["location"])
+        assert str(shown.one(HYBRIT.mediaType)) == "application/ld+json"
+        scene.browser.http.delete(shown.url)
+        assert refused(f"{toy.rotation()}?as=nothing").status_code == 406
+
+
 def test_r0_17_binary_frames(scene: ObservedFleet) -> None:
     """R0.17: the joint state comes as the agent's own frames, by subprotocol or Accept, in binary messages."""
     with scene.toy(0.25) as toy:
