@@ -1,5 +1,6 @@
 """Streams and callbacks end with a right, and what an unreadable file changes."""
 
+import asyncio
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -10,6 +11,9 @@ import pytest
 from authenticated_gateway import ALL, SEEN, AuthenticatedGateway, run_authenticated
 from browser import HYBRIT, LF, Browser
 from issuer import Issuer, issuing
+from linked_fleet_gateway.identity.rights import Claims
+from linked_fleet_gateway.identity.roster import parse_roster
+from linked_fleet_gateway.identity.service import Identities
 from receivers import CallbackReceiver
 from running import eventually, process
 from small_fleet import Place
@@ -195,3 +199,30 @@ def test_subscriptions_are_counted_by_creator(own: AuthenticatedGateway, root: B
 
     assert [subscribe("eager") for _ in range(9)] == [201] * 8 + [429]
     assert subscribe("modest") == 201
+
+
+_READS_ALL = """
+[[issuer]]
+url = "https://issuer.example"
+audience = "fleet"
+[[issuer.grant]]
+scopes = ["read"]
+"""
+
+
+@pytest.mark.parametrize(("robots", "ends"), [('["*"]', False), ('["lab-*"]', True)])
+async def test_a_stream_of_the_fleet_ends_with_the_right_to_some_of_its_robots(
+    tmp_path: Path, robots: str, ends: bool
+) -> None:
+    """Its client still reads all robots, and may subscribe to some: not to all that the stream has."""
+    file = tmp_path / "identities.toml"
+    before = _READS_ALL + '[[issuer.grant]]\nscopes = ["subscribe"]\n'
+    file.write_text(before)
+    ended = asyncio.Event()
+    async with Identities(file) as identities:
+        caller = identities.identity_of(Claims("https://issuer.example", "ann", frozenset(), 2**62))
+        assert caller is not None
+        with identities.watch_rights(caller, None, ended.set, lambda: True):
+            identities.roster = parse_roster(before + f"robots = {robots}\n", tmp_path)
+            identities.end_revoked()
+            assert ended.is_set() == ends

@@ -103,7 +103,8 @@ class Identities:
     ) -> Iterator[None]:
         """Call ``end`` periodically once the caller must lose the stream.
 
-        That is when ``identity`` may no longer subscribe, sees other robots, or ``holds`` returns False.
+        That is when ``identity`` may no longer subscribe, sees other robots, or ``holds`` returns False; for the fleet
+        also when it may subscribe to other robots.
         """
         guarded = _Guarded(identity, robot, end, holds)
         self._guarded.add(guarded)
@@ -115,8 +116,11 @@ class Identities:
     def _lasts(self, guarded: _Guarded) -> bool:
         if not guarded.holds():
             return False
-        now = self.roster.identity(guarded.identity.credential, time.time_ns())
-        return now is not None and _subscribes(now, guarded.robot, guarded.identity.visible_robots)
+        before, now = guarded.identity, self.roster.identity(guarded.identity.credential, time.time_ns())
+        if now is None or not _subscribes(now, guarded.robot, before.visible_robots):
+            return False
+        # A stream of the fleet may have all its robots.
+        return guarded.robot is not None or now.view_for(Right.SUBSCRIBE) == before.view_for(Right.SUBSCRIBE)
 
     def may_continue(self, creator: str, robot: str | None, sees: View) -> bool:
         """Return True if a callback of ``creator``, who saw the robots of ``sees`` when creating it, may continue.
