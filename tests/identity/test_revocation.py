@@ -185,6 +185,30 @@ def test_a_subtree_subscription_needs_the_right_for_all_readable_robots(
                 assert response.status_code == status, path
 
 
+def test_a_subtree_subscription_is_opened_with_the_right_that_it_needs(
+    own: AuthenticatedGateway, issuer: Issuer
+) -> None:
+    """Its creator may have had more rights than the one who opens it: the same person with another token."""
+    grant = '[[issuer.grant]]\nclaim = "groups"\nvalue = "{}"\n'
+    some = grant.format("guests") + 'scopes = ["read"]\n' + grant.format("guests")
+    some += 'scopes = ["subscribe"]\nrobots = ["lab-*"]\n'
+    own.tables["issuer"] += some + grant.format("guides") + 'scopes = ["subscribe"]\n'
+    own.write()
+    body = _PREFIXES + f"[] a hybrit:Subscription ; hybrit:onResource <{own.root}> ; lf:depth lf:wholeSubtree ."
+
+    def bearer(*groups: str) -> dict[str, str]:
+        return {"authorization": f"Bearer {issuer.token(sub='mia', groups=['guests', *groups])}"}
+
+    with httpx.Client(timeout=20) as mia:
+        assert eventually(lambda: mia.get(own.root, headers=bearer()).status_code == 200, "mia known")
+        made = mia.post(own.root + "subscriptions", content=body, headers=_TURTLE | bearer("guides"))
+        assert made.status_code == 201, made.text
+        events = {"accept": "text/event-stream"}
+        for groups, status in (((), 403), (("guides",), 200)):
+            with mia.stream("GET", made.headers["location"], headers=events | bearer(*groups)) as response:
+                assert response.status_code == status, groups
+
+
 def test_subscriptions_are_counted_by_creator(own: AuthenticatedGateway, root: Browser) -> None:
     """Not by address, which is the same for all of them here."""
     own.add("eager", "read", "subscribe")

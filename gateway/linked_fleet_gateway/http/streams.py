@@ -8,6 +8,7 @@ from starlette.types import Receive, Scope, Send
 
 from linked_fleet_gateway.base.errors import Conflict, NotAcceptable
 from linked_fleet_gateway.http.audit import record_request
+from linked_fleet_gateway.http.callers import require_subtree
 from linked_fleet_gateway.http.event_stream import CANCELLED_ID, serve_event_stream
 from linked_fleet_gateway.http.fields import field
 from linked_fleet_gateway.http.negotiation import choose, parse_accept, weight
@@ -167,6 +168,7 @@ def _opened(connection: Connection, resource: Resource, kind: Kind) -> Subscript
         raise Conflict("Only who made this subscription can open it.")
     if not subscription.kind.is_stream:
         raise Conflict("This is a callback subscription: its messages go to its receiver alone.")
+    require_subtree(connection, subscription.resource, subscription.depth)
     if kind is Kind.EVENT_STREAM and is_binary(subscription.media_type):
         raise NotAcceptable("Binary messages cannot be sent as events; open a WebSocket.", offered=())
     return replace(subscription, kind=kind, sees=connection.caller.visible_robots.patterns)
