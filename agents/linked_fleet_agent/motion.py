@@ -90,6 +90,10 @@ class Axis:
         self.at_rest = self._time_s >= self.trajectory.duration_s
         return self.position
 
+    def is_displaced(self, measured: float) -> bool:
+        """Return True if the joint stood at its setpoint and something else has moved it."""
+        return self.at_rest and abs(self.position - measured) > _HOLDING
+
     def distance_to_end(self, measured: Measurements) -> float:
         """Distance of the joint from the end of its trajectory."""
         return abs(self.trajectory.end - measured.positions[self.joint.name])
@@ -174,8 +178,7 @@ class Motions:
         starts = []
         for name in joints:
             axis = self._axes.get(name)
-            idle = axis is None or (axis.at_rest and name not in running)
-            if axis is None or (idle and abs(axis.position - measured[name]) > _HOLDING):
+            if axis is None or (name not in running and axis.is_displaced(measured[name])):
                 axis = Axis(self.joints[name], measured[name])
             starts.append(axis.start)
         return starts
@@ -333,6 +336,8 @@ class Motions:
                 continue
             if math.isnan(swaying.centre):
                 swaying.centre = positions[name]
+            if name in self._axes and self._axes[name].is_displaced(positions[name]):
+                del self._axes[name]
             axis, limits = self._axis(name, positions[name]), self.joints[name].limits
             if axis.at_rest:
                 cruise, way = cruise_of(axis.joint), swaying.side * swaying.sway.amplitude

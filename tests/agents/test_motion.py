@@ -242,6 +242,18 @@ def test_a_motion_begins_where_something_else_has_moved_the_joint(moved_to: floa
     assert robot.positions["arm"] == 0.5
 
 
+def test_a_demonstration_goes_on_from_where_something_else_has_moved_the_joint() -> None:
+    """A person moved it while no gateway was there: it does not jump back when one comes."""
+    robot = Robot([Sway("arm", 0.4, 2.0)])
+    robot.step(150)
+    robot.step(200, held=True)
+    robot.positions["arm"] += 1.0
+    robot.paths["arm"] = [robot.positions["arm"]]
+    robot.step(300)
+    assert robot.fastest("arm") <= cruise_of(ARM) * (1 + 1e-6)
+    assert robot.positions["arm"] < 0.5
+
+
 def test_a_halt_brakes_and_fails_running_motions() -> None:
     """The joint decelerates within its ramp, without a jump, and then stays still."""
     robot = Robot()
