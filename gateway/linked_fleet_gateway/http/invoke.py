@@ -28,7 +28,7 @@ from linked_fleet_gateway.fleet.invocations import Invocation
 from linked_fleet_gateway.http.body import body_type, convert_body, parse_form
 from linked_fleet_gateway.http.fields import Prefer, field, parse_prefer
 from linked_fleet_gateway.http.negotiation import choose
-from linked_fleet_gateway.http.preconditions import present_under_preconditions
+from linked_fleet_gateway.http.preconditions import resolve_under_preconditions
 from linked_fleet_gateway.http.representation import Representation
 from linked_fleet_gateway.http.request import Request
 from linked_fleet_gateway.identity.rights import Right
@@ -90,7 +90,7 @@ async def put_target(request: Request, affordance: PutTarget) -> Response:
     read = partial(_read_target, offer, body_type(request, FORM_TYPES), iri, request.base, seen)
     admitted = await convert_body(request, read, MAX_BODY_BYTES)
     # Evaluated again, because the target may change while the body is read.
-    await present_under_preconditions(request, lambda: request.tree().resolve(request.scope["path"]))
+    await resolve_under_preconditions(request, lambda: request.tree().resolve(request.scope["path"]))
     return await _carry_out(request, offer, admitted, moment, prefer)
 
 

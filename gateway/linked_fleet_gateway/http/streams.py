@@ -196,7 +196,7 @@ def _type_of_frames(websocket: WebSocket, offered: tuple[str, ...]) -> tuple[str
     for name in names:
         if subprotocols.get(name) in offered:
             return subprotocols[name], name
-    media_type = choose(websocket.accepted, offered)
+    media_type = choose(websocket.effective_accept, offered)
     if media_type is None or any(name.startswith("lf.") for name in names):
         tokens = ", ".join(name for name, each in subprotocols.items() if each in offered)
         raise NotAcceptable(f"Messages are to be had as {tokens}, or in {', '.join(offered)}.", offered=offered)

@@ -115,7 +115,7 @@ async def subscribe_callback(request: Request, resource: Resource) -> Response:
         url = check_callback_url(callbacks[0].strip().removeprefix("<").removesuffix(">"))
     except ValueError as error:
         raise BadRequest(str(error)) from error
-    media_type = choose(request.accepted, offered)
+    media_type = choose(request.effective_accept, offered)
     if media_type is None:
         raise NotAcceptable(f"Messages are to be had in {', '.join(offered)}.", offered=offered)
     subscription = new_subscription(request, resource, Kind.CALLBACK, media_type, parse_options(request))

@@ -71,22 +71,22 @@ class Certificate:
         return state
 
 
-class Places(Protocol):
-    """The places of connections, as ``connection_limits.Sockets`` has them."""
+class OpenConnections(Protocol):
+    """The part of ``connection_limits.Sockets`` that is used here."""
 
-    def open(self, connection: object, client: str) -> bool: ...
-    def idle(self, connection: object, give_way: Callable[[], bool]) -> None: ...
-    def close(self, connection: object) -> None: ...
+    def register(self, connection: object, client: str) -> bool: ...
+    def mark_idle(self, connection: object, evict: Callable[[], bool]) -> None: ...
+    def unregister(self, connection: object) -> None: ...
 
 
 class TlsProtocol(SSLProtocol):
-    """TLS on a connection, with access to the transport below. Until the handshake it takes a place of its own.
+    """TLS on a connection, with access to the transport below. Until the handshake it counts as a connection of its own.
 
     This is asyncio's implementation in Python: uvloop's does not report bytes passed to TCP, so stalled readers would
     not be detected.
     """
 
-    places: Places
+    open_connections: OpenConnections
 
     def connection_made(self, transport: BaseTransport) -> None:
         self._extra[_BENEATH] = transport
@@ -95,21 +95,21 @@ class TlsProtocol(SSLProtocol):
         super().connection_made(transport)
         peer = transport.get_extra_info("peername")
 
-        def give_way() -> bool:
+        def evict() -> bool:
             beneath.abort()
             return True
 
-        if self.places.open(self, network_of(str(peer[0])) if isinstance(peer, tuple) else ""):
-            self.places.idle(self, give_way)
+        if self.open_connections.register(self, network_of(str(peer[0])) if isinstance(peer, tuple) else ""):
+            self.open_connections.mark_idle(self, evict)
         else:
             beneath.abort()
 
     def connection_lost(self, exc: BaseException | None) -> None:
-        self.places.close(self)
+        self.open_connections.unregister(self)
         super().connection_lost(exc)
 
     def _on_handshake_complete(self, handshake_exc: BaseException | None) -> None:
-        self.places.close(self)  # the protocol above takes one of its own
+        self.open_connections.unregister(self)  # the protocol above registers itself
         super()._on_handshake_complete(handshake_exc)
 
 
@@ -131,7 +131,9 @@ def file_descriptor(transport: BaseTransport) -> int | None:
     return connection.fileno()
 
 
-def tls_protocol_factory(inner: Callable[..., asyncio.Protocol], certificate: Certificate, places: Places) -> Any:
+def tls_protocol_factory(
+    inner: Callable[..., asyncio.Protocol], certificate: Certificate, open_connections: OpenConnections
+) -> Any:
     """Return a factory of protocols that do the TLS handshake and then pass the connection to ``inner``."""
 
     def make(**arguments: Any) -> asyncio.BaseProtocol:
@@ -140,7 +142,7 @@ def tls_protocol_factory(inner: Callable[..., asyncio.Protocol], certificate: Ce
             server_side=True,
             ssl_handshake_timeout=HANDSHAKE_S, ssl_shutdown_timeout=_FAREWELL_S,
         )  # fmt: skip
-        protocol.places = places
+        protocol.open_connections = open_connections
         return protocol
 
     return make

@@ -227,7 +227,7 @@ def test_a_certificate_is_replaced_by_one_with_a_key_of_another_kind(kinds: tupl
     async def test() -> None:
         put(old)
         used = Certificate(*map(str, pair))
-        async with serving(App(), http=secured(HttpProtocol, used, PLENTY)) as (_, port):
+        async with serving(App(), http=tls_protocol_factory(HttpProtocol, used, PLENTY)) as (_, port):
             assert await asyncio.to_thread(shown, port) == (old / "used.pem").read_text()
             put(new)
             used.reload()
@@ -275,7 +275,7 @@ def test_connections_without_a_handshake_take_places(folder: Path, certificate: 
     places = Sockets(3, 3)
 
     async def test() -> None:
-        http = secured(partial(HttpProtocol, sockets=places), certificate, places)
+        http = tls_protocol_factory(partial(HttpProtocol, sockets=places), certificate, places)
         async with serving(App(), http=http) as (_, port):
             silent = [await asyncio.open_connection("127.0.0.1", port) for _ in range(10)]
             try:
