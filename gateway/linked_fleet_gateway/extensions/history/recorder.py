@@ -58,9 +58,12 @@ class History:
         return sum(map(len, list(self._tracks.values())))
 
     def track(self, robot: Robot) -> Track | None:
-        """Return the track of a robot, if its joints are still those of the robot."""
-        track = self._tracks.get(robot.name)
-        return track if track is not None and robot.model is track.joints.model else None
+        """Return the track of a robot, if its frames still have the meaning of the robot's frames."""
+        track, joints = self._tracks.get(robot.name), joints_of(robot)
+        if track is None or robot.model is not track.joints.model:
+            return None
+        # Until another run has described itself, the description of the previous one holds.
+        return track if joints is None or track.joints.has_same_layout(joints) else None
 
     async def _run(self) -> None:
         period_s = 1 / self.rate_hz

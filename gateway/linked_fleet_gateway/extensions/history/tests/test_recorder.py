@@ -2,6 +2,7 @@
 
 import asyncio
 import math
+from typing import Literal
 
 import pytest
 
@@ -25,11 +26,17 @@ def urdf(name: str = "r") -> str:
     return f"<robot name='{name}'>{links}{joints}</robot>"
 
 
-def said(robot: str, run: int = 1, model: str = "r", joints: tuple[str, ...] = JOINTS) -> Described:
+def said(
+    robot: str,
+    run: int = 1,
+    model: str = "r",
+    joints: tuple[str, ...] = JOINTS,
+    base: Literal["fixed", "floating"] = "fixed",
+) -> Described:
     return Described(
         Description(
             version=WIRE_VERSION, robot=robot, incarnation=run, title="R", urdf=urdf(model), joints=joints, rate_hz=50,
-            layout=layout(len(joints), False),
+            layout=layout(len(joints), base == "floating"), base=base,
         )
     )  # fmt: skip
 
@@ -94,6 +101,15 @@ def test_other_joints_are_another_history(model: str, joints: tuple[str, ...]) -
     look(history, fleet)
     assert stamps(history, fleet) == [2]
     assert history.bytes == len(frame(2)) + 41
+
+
+def test_frames_with_a_fixed_base_are_no_history_of_a_robot_whose_base_floats_now() -> None:
+    fleet, history = make("r")
+    look(history, fleet)
+    for event in (Vanished("r", 1), Appeared("r", 2), said("r", run=2, base="floating")):
+        fleet.apply(event, 1)
+    look(history, fleet)
+    assert stamps(history, fleet) == [], "they have no pose of the base"
 
 
 def test_the_history_of_a_robot_that_left_stays() -> None:
