@@ -123,10 +123,9 @@ class Rules:
 
     def _disable_movers(self, robots: Collection[str] | None) -> None:
         """Disable the rules that could move them again: here at once, at other gateways as soon as Redis has it."""
-        whom = "all robots were" if robots is None else f"{', '.join(sorted(robots))[:200]} was"
         for known in list(self.known.values()):
             if known.rule.enabled and self._moves(known.rule, robots):
-                self._stopping[known.rule.id] = f"disabled because {whom} stopped"
+                self._stopping[known.rule.id] = _reason_of_stop(known.rule, robots)
                 self._put(known.rule.id, known)
                 task = asyncio.create_task(self._disable(known.rule.id), name=f"disable rule {known.rule.id}")
                 self._writing.add(task)
@@ -227,3 +226,10 @@ class Rules:
         robot = target_robot(rule, firing)
         status = {FiringState.ACCEPTED: "202", FiringState.UNKNOWN: "504"}.get(firing.state, "409")
         self._audit.record(rule.creator or rule.client, "RULE", target, robot, status, "", firing.invocation)
+
+
+def _reason_of_stop(rule: Rule, robots: Collection[str] | None) -> str:
+    """Return why a stop of these robots (None: all) disables a rule, with no robot that its readers may not see."""
+    seen = [] if robots is None else sorted(filter(rule.view.includes, robots))
+    whom = "all robots were" if robots is None else f"{', '.join(seen)[:200]} {'was' if len(seen) == 1 else 'were'}"
+    return f"disabled because {whom} stopped"

@@ -24,7 +24,8 @@ def here(tmp_path_factory: pytest.TempPathFactory) -> Iterator[AuthenticatedGate
         one.add("writer", "read", "subscribe", "act", robots=LAB)
         one.add("colleague", "read", "subscribe", "act", robots=LAB)
         one.add("hall", *ALL, robots=("hall-*",))
-        one.known("hall")
+        one.add("guard", "read", "stop", robots=("hall-*", *LAB))
+        one.known("guard")
         yield one
 
 
@@ -125,6 +126,16 @@ def test_a_rule_fires_with_the_present_rights_of_its_creator(
     assert len(firings(root, rule)) == 1  # a condition that came to hold while the creator had no rights is not new
     turn(root, 1.2)
     assert fired(root, rule, 2)[1:] == [("accepted", "up")]
+
+
+def test_the_reason_of_a_stop_names_no_robot_that_the_creator_may_not_see(
+    here: AuthenticatedGateway, root: Browser, rule: str
+) -> None:
+    with here.browsing("guard") as browser:
+        assert browser.http.post(here.root + "actions/stopAll").status_code == 204
+    reaches(root, rule, LF.disabled)
+    with here.browsing("writer") as writer:
+        assert str(writer.page(rule).one(LF.reason)) == f"disabled because {SEEN} was stopped"
 
 
 def test_a_client_has_so_many_rules(here: AuthenticatedGateway, root: Browser, rule: str) -> None:
