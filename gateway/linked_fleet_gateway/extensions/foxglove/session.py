@@ -23,9 +23,10 @@ from linked_fleet_gateway.http.websocket import ConnectionEnded, SubprotocolConn
 from linked_fleet_gateway.runtime.background import cancel_tasks, time_sliced
 
 MOST_CALLS = 8
-"""Calls of one client in progress, not counting the same number of calls that stop."""
+"""Calls and settings of one client in progress, not counting the same number of calls that stop."""
 ERROR = 2
 _AT_ONCE = 100  # channels in one message
+_TOO_MANY = "Too many calls are in progress; wait for their responses."
 _FIELDS = {"content-type": "application/json", "accept": "application/json"}
 
 
@@ -44,6 +45,7 @@ class Session:
         self._seen = defaultdict[str, set[int]](set)
         self._followed: dict[str, Parameter | None] = {}
         self._calls: dict[asyncio.Task[None], bool] = {}
+        self._setting = asyncio.Lock()
 
     async def run(self) -> None:
         """Serve the client until it disconnects. Raises Ended."""
@@ -112,7 +114,7 @@ class Session:
             case "getParameters":
                 await self._get(names, request.id)
             case "setParameters":
-                await self._set(request)
+                self._begin_setting(request)
             case "subscribeParameterUpdates":
                 self._followed |= dict.fromkeys(self._parameters().keys() & names.keys())
                 self.news.set()
@@ -137,16 +139,23 @@ class Session:
         wanted = [found[name] for name in names if name in found] if names else list(found.values())
         await self._say("parameterValues", parameters=wanted, **({} if id is None else {"id": id}))
 
-    async def _set(self, request: Request) -> None:
-        """Apply the settings one after the other, then answer with the resulting values."""
+    def _begin_setting(self, request: Request) -> None:
+        """Apply the settings in the background, because a stop must not wait for them."""
         present, names = self._parameters(), dict.fromkeys(each.name for each in request.parameters)
         if wrong := [name for name in names if name not in present or not name.endswith(f"/{SPEED}")]:
             raise UnsupportedMessage(f"There are no such parameters that can be set: {wrong[:10]}"[:300])
-        for each in request.parameters:
-            reply = await self._ask("PUT", each.name, msgspec.json.encode({"value": {"value": each.value}}))
-            if isinstance(reply, str):
-                await self._say("status", level=ERROR, message=f"{each.name}: {reply}")
-        await self._get(names, request.id)
+        if not self._has_room(stops=False):
+            raise UnsupportedMessage(_TOO_MANY)
+        self._begin(self._set(request, names), "set parameters", stops=False)
+
+    async def _set(self, request: Request, names: Iterable[str]) -> None:
+        """Apply the settings one after the other, then answer with the resulting values."""
+        async with self._setting:
+            for each in request.parameters:
+                reply = await self._ask("PUT", each.name, msgspec.json.encode({"value": {"value": each.value}}))
+                if isinstance(reply, str):
+                    await self._say("status", level=ERROR, message=f"{each.name}: {reply}")
+            await self._get(names, request.id)
 
     async def _call(self, call: Call) -> None:
         service = self._catalogue.services.get(call.service) if call.service in self._seen["services"] else None
@@ -154,12 +163,18 @@ class Session:
             await self._fail(call, "There is no such service.")
         elif call.encoding != protocol.JSON:
             await self._fail(call, f"Services take {protocol.JSON}, not {call.encoding[:40]!r}.")
-        elif sum(stops == service.stops for stops in self._calls.values()) >= MOST_CALLS:
-            await self._fail(call, "Too many calls are in progress; wait for their responses.")
+        elif not self._has_room(service.stops):
+            await self._fail(call, _TOO_MANY)
         else:
-            task = asyncio.create_task(_until_ended(self._answer(service, call)), name=f"call of {service.offer.path}")
-            self._calls[task] = service.stops
-            task.add_done_callback(self._calls.pop)
+            self._begin(self._answer(service, call), f"call of {service.offer.path}", service.stops)
+
+    def _has_room(self, stops: bool) -> bool:
+        return sum(each == stops for each in self._calls.values()) < MOST_CALLS
+
+    def _begin(self, work: Awaitable[None], name: str, stops: bool) -> None:
+        task = asyncio.create_task(_until_ended(work), name=name)
+        self._calls[task] = stops
+        task.add_done_callback(self._calls.pop)
 
     async def _fail(self, call: Call, message: str) -> None:
         await self._say("serviceCallFailure", serviceId=call.service, callId=call.id, message=message)

@@ -1,14 +1,18 @@
 """Foxglove live, in process: channels, messages, parameters and services, with and without the rights to them."""
 
+import asyncio
 import json
 import struct
+import time
 from collections.abc import Iterator
+from typing import Any
 
 import pytest
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 
 from authenticated_gateway import ALL, HIDDEN, SEEN, AuthenticatedGateway, run_authenticated
 from foxglove_client import Client, connected
+from linked_fleet_gateway.extensions.foxglove import session
 from linked_fleet_gateway.extensions.foxglove.protocol import SUBPROTOCOLS
 
 pytestmark = pytest.mark.virtual
@@ -138,6 +142,46 @@ def test_parameters_are_read_set_and_followed(here: AuthenticatedGateway) -> Non
         assert "403" in other.next("status")["message"]
         client.send("setParameters", parameters=[{"name": f"/{SEEN}/title", "value": "x"}])
         assert "/title" in client.next("status")["message"]
+
+
+def test_a_stop_does_not_wait_for_settings_that_take_long(
+    here: AuthenticatedGateway, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As while Redis does not answer."""
+    name, usual = f"/{SEEN}/maximumSpeedScale", session.ask
+
+    async def slow(request: Any, method: str, *more: Any, **fields: Any) -> Any:
+        if method == "PUT":
+            await asyncio.sleep(3)
+        return await usual(request, method, *more, **fields)
+
+    monkeypatch.setattr(session, "ask", slow)
+    client = opened(here)
+    with client.socket:
+        client.until(lambda: client.services.get(f"/{SEEN}/stop"))
+        client.send("setParameters", parameters=[{"name": name, "value": value} for value in (0.5, 0.6)], id="first")
+        client.send("setParameters", parameters=[{"name": name, "value": 1.0}], id="second")
+        client.call(f"/{SEEN}/stop")
+        begun_s = time.monotonic()
+        client.until(lambda: client.responses)
+        assert time.monotonic() - begun_s < 1
+        for id, value in (("first", 0.6), ("second", 1.0)):
+            said = client.next("parameterValues")
+            assert (said["id"], said["parameters"][0]["value"]) == (id, value), "settings keep their order"
+
+
+def test_settings_of_one_client_in_progress_are_bounded(
+    here: AuthenticatedGateway, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async def never(*arguments: Any, **fields: Any) -> Any:
+        await asyncio.sleep(1000)
+
+    monkeypatch.setattr(session, "ask", never)
+    client = opened(here)
+    with client.socket:
+        for _ in range(session.MOST_CALLS + 1):
+            client.send("setParameters", parameters=[{"name": f"/{SEEN}/maximumSpeedScale", "value": 1.0}])
+        assert "Too many" in client.next("status")["message"]
 
 
 BAD = [
