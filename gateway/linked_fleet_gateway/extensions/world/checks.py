@@ -34,7 +34,7 @@ from linked_fleet_gateway.extensions.world.messages import (
 from linked_fleet_gateway.extensions.world.placement import LF, placement_of, pose_in_world
 from linked_fleet_gateway.extensions.world.process import Checker, Preparation, is_placed, key_of
 from linked_fleet_gateway.extensions.world.scene import SceneObject
-from linked_fleet_gateway.fleet.model import Pose
+from linked_fleet_gateway.fleet.model import Pose, RobotModel
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.identity.rights import View
 from linked_fleet_gateway.resources.paths import link_path
@@ -185,11 +185,14 @@ class Checks:
         return True
 
     async def _check(self, motion: Motion, sees: View, own: str) -> None:
-        robots = self._around(motion.robot, sees)
-        await self._be_prepared(robots, sees)
-        answer = await self._checker.ask(self._question(motion, robots, sees, own), _ANSWER_S)
+        await self._prepare_around(motion.robot, sees)
+        # Nothing is awaited between the next two steps, so that no robot that has come meanwhile is left out.
+        robots = self._prepared_around(motion.robot, sees)
+        question, model = self._question(motion, robots, sees, own), motion.robot.model
+        answer = await self._checker.ask(question, _ANSWER_S)
         if isinstance(answer, CollisionFound):
-            collides = self._collision(motion.robot, answer)
+            assert model is not None  # of a prepared robot
+            collides = self._collision(motion.robot, model, answer)
             self._collisions.add(motion.robot.name, collides)
             raise collides
         if isinstance(answer, CheckFailed):
@@ -197,7 +200,9 @@ class Checks:
         self._collisions.forget(motion.robot.name)
 
     def _around(self, robot: Robot, sees: View) -> list[Robot]:
-        """Return the robots near enough to collide, including the robot itself."""
+        """Return the robots near enough to collide, including the robot itself. Raises Unchecked."""
+        if not is_placed(robot):
+            raise Unchecked(f"{robot.name} has no placement or no description any more.")
         here = _base(robot, sees)
         placed = [each for each in self._live.fleet.robots.values() if is_placed(each)]
         return [each for each in placed if math.dist(_base(each, sees).position_m, here.position_m) <= NEAR_M]
@@ -214,15 +219,20 @@ class Checks:
         }
         return [each for name, each in placed.items() if name not in far]
 
-    async def _be_prepared(self, robots: list[Robot], sees: View) -> None:
-        await self._preparation.prepare_robots(robots)
+    async def _prepare_around(self, robot: Robot, sees: View) -> None:
+        await self._preparation.prepare_robots(self._around(robot, sees))
         if (why := await self._preparation.prepare_objects(self._objects)) is not None:
             raise Unchecked(why)
-        for robot in robots:
-            if (why := self._preparation.unprepared_reason(robot)) is not None:
-                seen = sees.includes(robot.name)
-                name, why = (robot.name, why) if seen else ("another robot", "ask again")
+
+    def _prepared_around(self, robot: Robot, sees: View) -> list[Robot]:
+        """Return the robots near enough to collide. Raises Unchecked if one of them is not prepared."""
+        robots = self._around(robot, sees)
+        for each in robots:
+            if (why := self._preparation.unprepared_reason(each)) is not None:
+                seen = sees.includes(each.name)
+                name, why = (each.name, why) if seen else ("another robot", "ask again")
                 raise Unchecked(f"The shape of {name} is not known yet: {why}.")
+        return robots
 
     # -- the question -----------------------------------------------------------------------------------------------
 
@@ -254,11 +264,11 @@ class Checks:
                 ends |= invocation.targets
         return ends
 
-    def _collision(self, robot: Robot, met: CollisionFound) -> Collides:
-        assert robot.model is not None
-        link, other = link_path(robot.name, robot.model, met.link), None
+    def _collision(self, robot: Robot, model: RobotModel, met: CollisionFound) -> Collides:
+        """Return the collision of a robot that had this model when it was checked."""
+        link, other = link_path(robot.name, model, met.link), None
         if met.kind == "self":
-            what, other = f"its own {met.other}", link_path(robot.name, robot.model, met.other)
+            what, other = f"its own {met.other}", link_path(robot.name, model, met.other)
             kind = what
         elif met.kind == "robot":
             there, kind = self._live.fleet.robots.get(met.name), "another robot"

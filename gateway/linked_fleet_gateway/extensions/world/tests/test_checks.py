@@ -16,7 +16,7 @@ from linked_fleet_gateway.app.application import create_live
 from linked_fleet_gateway.app.settings import GatewaySettings
 from linked_fleet_gateway.extensions.world import checks
 from linked_fleet_gateway.extensions.world.checks import Checks
-from linked_fleet_gateway.extensions.world.collisions import Unchecked
+from linked_fleet_gateway.extensions.world.collisions import Collides, Unchecked
 from linked_fleet_gateway.extensions.world.placement import PLACEMENT
 from linked_fleet_gateway.extensions.world.scene import SceneObject
 from linked_fleet_gateway.fleet.events import Appeared, Described, Framed
@@ -164,6 +164,21 @@ async def test_a_robot_that_could_be_met_is_waited_for(tmp_path: Path) -> None:
         assert not waiting.done()
         scene.let["beside"].set()
         await waiting
+
+
+async def test_a_robot_that_is_placed_beside_a_motion_during_its_check_is_not_overlooked(tmp_path: Path) -> None:
+    async with scene_in(tmp_path) as scene:
+        robot = scene.robot("early")
+        checking = asyncio.create_task(scene.is_free(robot))
+        await scene.asked["early"].wait()
+        beside = scene.robot("beside", let=True)
+        beside.settings[PLACEMENT] = msgspec.json.encode(Pose((-0.1, 0.0, 0.1), (0.0, 0.0, 0.0, 1.0))).decode()
+        scene.let["early"].set()
+        with pytest.raises(Unchecked, match="The shape of beside"):
+            await checking
+        await scene.checks.ready(robot, ALL)
+        with pytest.raises(Collides, match="of beside"):
+            await scene.is_free(robot)
 
 
 async def test_a_robot_without_usable_shapes_is_refused_and_delays_nobody(tmp_path: Path) -> None:
