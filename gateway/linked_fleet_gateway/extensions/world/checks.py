@@ -203,9 +203,16 @@ class Checks:
         """Return the robots near enough to collide, including the robot itself. Raises Unchecked."""
         if not is_placed(robot):
             raise Unchecked(f"{robot.name} has no placement or no description any more.")
-        here = _base(robot, sees)
-        placed = [each for each in self._live.fleet.robots.values() if is_placed(each)]
-        return [each for each in placed if math.dist(_base(each, sees).position_m, here.position_m) <= NEAR_M]
+        here = _base(robot, sees).position_m
+        found = []
+        for each in self._live.fleet.robots.values():
+            if is_placed(each):
+                if math.dist(_base(each, sees).position_m, here) <= NEAR_M:
+                    found.append(each)
+            elif (placement := placement_of(each)) is not None and math.dist(placement.position_m, here) <= NEAR_M:
+                name = each.name if sees.includes(each.name) else "another robot"
+                raise Unchecked(f"The shape of {name} is unknown, because it has no usable description.")
+        return found
 
     def _perhaps_around(self, robot: Robot) -> list[Robot]:
         """Return the robots near enough to collide, and those whose place is not known yet."""

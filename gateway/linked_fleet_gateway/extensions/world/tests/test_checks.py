@@ -19,7 +19,7 @@ from linked_fleet_gateway.extensions.world.checks import Checks
 from linked_fleet_gateway.extensions.world.collisions import Collides, Unchecked
 from linked_fleet_gateway.extensions.world.placement import PLACEMENT
 from linked_fleet_gateway.extensions.world.scene import SceneObject
-from linked_fleet_gateway.fleet.events import Appeared, Described, Framed
+from linked_fleet_gateway.fleet.events import Appeared, Described, DescriptionRejected, Framed, Vanished
 from linked_fleet_gateway.fleet.model import Pose
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.identity.rights import ALL
@@ -179,6 +179,28 @@ async def test_a_robot_that_is_placed_beside_a_motion_during_its_check_is_not_ov
         await scene.checks.ready(robot, ALL)
         with pytest.raises(Collides, match="of beside"):
             await scene.is_free(robot)
+
+
+async def test_a_robot_whose_description_is_rejected_during_a_check_makes_the_motion_unchecked(tmp_path: Path) -> None:
+    async with scene_in(tmp_path) as scene:
+        robot, _ = scene.robot("early"), scene.robot("beside", x=1.0, let=True)
+        checking = asyncio.create_task(scene.is_free(robot))
+        await scene.asked["early"].wait()
+        for event in (Vanished("beside", 1), Appeared("beside", 2), DescriptionRejected("beside", 2, "it is none")):
+            scene.live.fleet.apply(event, 1)
+        scene.let["early"].set()
+        with pytest.raises(Unchecked, match="The shape of beside is unknown"):
+            await checking
+
+
+async def test_a_robot_without_a_usable_description_stops_no_motion_far_away(tmp_path: Path) -> None:
+    async with scene_in(tmp_path) as scene:
+        robot, far = scene.robot("here", let=True), scene.robot("far", x=30.0)
+        for event in (Vanished("far", 1), Appeared("far", 2), DescriptionRejected("far", 2, "it is none")):
+            scene.live.fleet.apply(event, 1)
+        assert far.model is None
+        await scene.checks.ready(robot, ALL)
+        assert await scene.is_free(robot)
 
 
 async def test_a_robot_without_usable_shapes_is_refused_and_delays_nobody(tmp_path: Path) -> None:
