@@ -5,7 +5,7 @@ import hashlib
 import logging
 import time
 from collections import defaultdict
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Iterable
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -119,16 +119,15 @@ class Recorder:
     async def _write_next(self) -> None:
         job = await self.waiting.get()
         path = self._folder / _folder_name(job.robot) / f"{job.at_ns:020}-{UUID(job.invocation.id)}.mcap"
-        files = self._files[path.parent.name]
-        gone = list(files.items())[: -MOST_OF_ROBOT + 1] if len(files) >= MOST_OF_ROBOT else []
-        for id, _ in gone:
-            del files[id]
         try:
-            await asyncio.to_thread(_write, path, job, [old for _, old in gone])
+            await asyncio.to_thread(_write, path, job)
         except OSError as error:
             log.error("the recording of robot %s is lost: %s", job.robot, error, extra={"robot": job.robot})
             return
+        files = self._files[path.parent.name]
         files[str(job.invocation.id)] = path
+        old = [files.pop(id) for id in list(files)[:-MOST_OF_ROBOT]]
+        await asyncio.to_thread(_remove, old)
         if robot := self._live.fleet.robots.get(job.robot):
             robot.count_change()
             self._live.fan_out.mark_changed(robot_path(robot.name), _path(robot.name))
@@ -170,14 +169,24 @@ def _folder_name(robot: str) -> str:
     return hashlib.sha256(robot.encode()).hexdigest()
 
 
-def _write(path: Path, job: Job, gone: list[Path]) -> None:
+def _write(path: Path, job: Job) -> None:
     """Write in one step, so that no file is ever incomplete."""
-    for each in gone:
-        each.unlink(missing_ok=True)
     path.parent.mkdir(parents=True, exist_ok=True)
     new = path.with_suffix(".new")
-    new.write_bytes(job.content)
-    new.replace(path)
+    try:
+        new.write_bytes(job.content)
+        new.replace(path)
+    except OSError:
+        new.unlink(missing_ok=True)
+        raise
+
+
+def _remove(paths: Iterable[Path]) -> None:
+    for each in paths:
+        try:
+            each.unlink(missing_ok=True)
+        except OSError as error:
+            log.warning("an old recording cannot be removed: %s", error)
 
 
 def _read(path: Path) -> bytes:

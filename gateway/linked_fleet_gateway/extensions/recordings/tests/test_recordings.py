@@ -1,5 +1,6 @@
 """Recordings: when one begins, what it contains, and how many are kept."""
 
+import errno
 import io
 import math
 import time
@@ -21,7 +22,7 @@ from linked_fleet_gateway.app.settings import GatewaySettings
 from linked_fleet_gateway.extensions.history.recorder import History
 from linked_fleet_gateway.extensions.history.track import Excerpt, Joints, joints_of
 from linked_fleet_gateway.extensions.recordings import extension
-from linked_fleet_gateway.extensions.recordings.extension import MOST_WAITING, TERMS, Job, Recorder
+from linked_fleet_gateway.extensions.recordings.extension import MOST_OF_ROBOT, MOST_WAITING, TERMS, Job, Recorder
 from linked_fleet_gateway.fleet.invocation import FLEET, Invocation, InvocationState
 from linked_fleet_gateway.subscriptions.live import Live
 from running import eventually
@@ -116,6 +117,30 @@ def test_recordings_that_wait_are_bounded(made: Bench) -> None:
     for number in range(MOST_WAITING + 2):
         made.begin(stops=(), robot=f"r{number}")
     assert len(made.begun) == MOST_WAITING
+
+
+async def test_a_recording_that_cannot_be_written_leaves_no_file_and_costs_no_other(
+    made: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As on a full disk."""
+    for _ in range(MOST_OF_ROBOT):
+        made.begin(stops=())
+        made._last_s.clear()
+        await made._write_next()
+    folder = made._folder / extension._folder_name("r0")
+    before = sorted(folder.iterdir())
+    assert len(before) == MOST_OF_ROBOT
+    usual = Path.write_bytes
+
+    def full(path: Path, content: bytes) -> int:
+        usual(path, content[: len(content) // 2])
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(Path, "write_bytes", full)
+    made.begin(stops=())
+    await made._write_next()
+    assert sorted(folder.iterdir()) == before
+    assert sorted(made._of("r0").values()) == before
 
 
 def read(content: bytes) -> dict[str, list[tuple[int, Any]]]:
