@@ -1,6 +1,8 @@
 """Rules: each row that starts to hold is claimed once, whichever gateway evaluates it."""
 
+import asyncio
 from collections.abc import Iterator, Sequence
+from contextlib import aclosing, suppress
 from dataclasses import replace
 from itertools import count
 from typing import Any
@@ -9,7 +11,7 @@ import pytest
 
 from linked_fleet_gateway.extensions.rules import store as store_module
 from linked_fleet_gateway.extensions.rules.rule import Firing, FiringState, Rule, RuleRecord
-from linked_fleet_gateway.extensions.rules.store import Changed, FleetFull, Full, Lost, RuleStore
+from linked_fleet_gateway.extensions.rules.store import Changed, FleetFull, Full, Lost, RuleStore, StoreUnavailable
 from redis_backends import Backend, opened
 from store_samples import HOSTILE, a_rule, closing
 
@@ -66,6 +68,28 @@ async def test_a_rule_and_its_revision_are_of_one_moment(
     known = await a.read(rule.id)
     assert known is not None
     assert known.rule.title == str(known.revision)
+
+
+async def test_others_hear_of_a_change_by_a_gateway_that_dies_right_after_it(a: RuleStore, b: RuleStore) -> None:
+    rule = a_rule()
+    news = b.news()
+    first = asyncio.ensure_future(anext(news))
+    await b.load()
+    await asyncio.sleep(0.1)  # the position of the stream is known
+    run_one = a._redis.one
+
+    async def one(*command: str | bytes | int) -> Any:
+        if command[0] == "XADD":
+            raise StoreUnavailable("the gateway has died")
+        return await run_one(*command)
+
+    a._redis.one = one  # type: ignore[method-assign]
+    for step in (a.write(rule, 0, 9), a.remove(rule, 1)):
+        with suppress(StoreUnavailable):
+            await step
+    async with asyncio.timeout(5), aclosing(news):
+        assert await first == rule.id
+        assert await anext(news) == rule.id
 
 
 async def test_a_rule_is_read_as_it_was_written_until_it_is_removed(a: RuleStore, b: RuleStore) -> None:

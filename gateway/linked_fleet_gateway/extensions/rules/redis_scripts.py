@@ -46,8 +46,8 @@ class Keys:
         return f"{self.namespace}:{{rules}}:{part}"
 
 
-# KEYS: records, revisions, rules of the client; ARGV: id, rule, revision to replace (0: a new rule), limit of the
-# client, total limit.
+# KEYS: records, revisions, rules of the client, news; ARGV: id, rule, revision to replace (0: a new rule), limit of the
+# client, total limit, run, number of news to keep.
 WRITE = """
 local have = redis.call('HGET', KEYS[2], ARGV[1]) or '0'
 if have ~= ARGV[3] then return 'changed' end
@@ -58,16 +58,18 @@ if have == '0' then
 end
 redis.call('HSET', KEYS[1], ARGV[1], ARGV[2])
 redis.call('HINCRBY', KEYS[2], ARGV[1], 1)
+redis.call('XADD', KEYS[4], 'MAXLEN', '~', ARGV[7], '*', 'id', ARGV[1], 'run', ARGV[6])
 return 'written'
 """
 
-# KEYS: records, revisions, rules of the client, the three keys of the rule; ARGV: id, optionally the only revision to
-# remove. Returns 1 if the rule existed.
+# KEYS: records, revisions, rules of the client, news, the three keys of the rule; ARGV: id, run, number of news to
+# keep, optionally the only revision to remove. Returns 1 if the rule existed.
 REMOVE = """
-if ARGV[2] and redis.call('HGET', KEYS[2], ARGV[1]) ~= ARGV[2] then return 'changed' end
+if ARGV[4] and redis.call('HGET', KEYS[2], ARGV[1]) ~= ARGV[4] then return 'changed' end
 redis.call('HDEL', KEYS[2], ARGV[1])
 redis.call('SREM', KEYS[3], ARGV[1])
-redis.call('DEL', KEYS[4], KEYS[5], KEYS[6])
+redis.call('DEL', KEYS[5], KEYS[6], KEYS[7])
+redis.call('XADD', KEYS[4], 'MAXLEN', '~', ARGV[3], '*', 'id', ARGV[1], 'run', ARGV[2])
 return redis.call('HDEL', KEYS[1], ARGV[1])
 """
 

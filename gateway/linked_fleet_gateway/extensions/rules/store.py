@@ -65,26 +65,26 @@ class RuleStore:
 
     async def write(self, rule: Rule, revision: int, limit: int) -> None:
         """Add a rule (``revision`` 0), or replace that revision. Raises Full, FleetFull, Changed."""
-        keys = (self._keys.records, self._keys.revisions, self._keys.rules_of_client(rule.client))
-        body = msgspec.json.encode(rule)
-        said = await self._redis.run_script(scripts.WRITE, keys, rule.id, body, revision, limit, MOST)
+        arguments = (rule.id, msgspec.json.encode(rule), revision, limit, MOST, self._run, _NEWS)
+        said = await self._redis.run_script(scripts.WRITE, self._keys_of_writes(rule), *arguments)
         if said == b"full":
             raise Full(rule.client)
         if said == b"crowded":
             raise FleetFull
         if said == b"changed":
             raise Changed(rule.id)
-        await self._tell(rule.id)
 
     async def remove(self, rule: Rule, revision: int | None = None) -> bool:
         """Remove a rule. Return False if there was none. Raises Changed if ``revision`` is given and differs."""
-        keys = (self._keys.records, self._keys.revisions, self._keys.rules_of_client(rule.client))
-        arguments = (rule.id,) if revision is None else (rule.id, revision)
-        removed = await self._redis.run_script(scripts.REMOVE, keys + self._keys.keys_of_rule(rule.id), *arguments)
+        keys = self._keys_of_writes(rule) + self._keys.keys_of_rule(rule.id)
+        only = () if revision is None else (revision,)
+        removed = await self._redis.run_script(scripts.REMOVE, keys, rule.id, self._run, _NEWS, *only)
         if removed == b"changed":
             raise Changed(rule.id)
-        await self._tell(rule.id)
         return bool(removed)
+
+    def _keys_of_writes(self, rule: Rule) -> tuple[str, ...]:
+        return self._keys.records, self._keys.revisions, self._keys.rules_of_client(rule.client), self._keys.news
 
     async def load(self) -> dict[str, RuleRecord]:
         """Return all rules by id."""
