@@ -84,7 +84,7 @@ async def post_rule(rules: Rules, request: Request, afforded: MakeRule) -> Respo
     wanted = await _wanted(rules, request, media_type, request.base + CONTAINER)
     rule = _as_wanted(rules, request, wanted, str(uuid.uuid4()), time.time_ns())
     async with _refusals(rules):
-        await rules.write(rule, 0)
+        await rules.write(rule, None)
     path = rule_path(rule)
     shown = request.tree().resolve(path)
     if not isinstance(shown, Resource):
@@ -112,7 +112,7 @@ async def change_rule(rules: Rules, request: Request, afforded: ChangeRule) -> R
         changed = _changed(rules, request, known, wanted, own)
         async with _refusals(rules):
             try:
-                await rules.write(changed, known.revision)
+                await rules.write(changed, known)
                 return Response(status_code=204)
             except Changed:
                 if field(request, "if-match") is not None:

@@ -98,10 +98,18 @@ class Rules:
 
     # -- what clients do ----------------------------------------------------------------------------------------------
 
-    async def write(self, rule: Rule, revision: int) -> RuleRecord:
-        """Add a rule (``revision`` 0), or replace that revision. Raises Full, Crowded, Changed, StoreUnavailable."""
+    async def write(self, rule: Rule, known: RuleRecord | None) -> RuleRecord:
+        """Add a rule (``known`` None), or replace the known one. Raises Full, FleetFull, Changed, StoreUnavailable.
+
+        A stop since ``known`` was read is a change, and one that comes during the write disables the rule.
+        """
+        stopping = self._stopping.get(rule.id)
+        if known is not None and known.rule.enabled and stopping is not None:
+            raise Changed(rule.id)
+        revision = 0 if known is None else known.revision
         await self._store.write(rule, revision, self.limit)
-        self._stopping.pop(rule.id, None)
+        if self._stopping.get(rule.id) == stopping:
+            self._stopping.pop(rule.id, None)
         await self._replica.refresh(rule.id)
         return self.known.get(rule.id, RuleRecord(rule, revision + 1))
 

@@ -15,7 +15,7 @@ from browser import HYBRIT, LDP, LF, SH, Browser, Page
 from gateway_group import Gateway, Hub, gateway, gateways, hub
 from linked_fleet_gateway.extensions.rules.rule import Rule, RuleRecord
 from linked_fleet_gateway.extensions.rules.service import Rules
-from linked_fleet_gateway.extensions.rules.store import Changed
+from linked_fleet_gateway.extensions.rules.store import Changed, RuleStore
 from receivers import receiving
 from redis_servers import Servers, single
 from rules_client import BEGIN, BY_SIDE, TO_TARGET, TURTLE, a_rule, container, fired, firings, post, posted, put, sides
@@ -176,10 +176,10 @@ def test_a_rule_that_is_written_meanwhile_is_replaced_unless_the_client_sets_a_c
     text = a_rule(sides(scene.one.joint), scene.rotate, TO_TARGET, BY_SIDE)
     rule = posted(browser, text)
 
-    async def late(self: Rules, written: Rule, revision: int) -> RuleRecord:
+    async def late(self: Rules, written: Rule, known: RuleRecord | None) -> RuleRecord:
         if meanwhile.pop():
             raise Changed
-        return await write(self, written, revision)
+        return await write(self, written, known)
 
     monkeypatch.setattr(Rules, "write", late)
     meanwhile[:] = [False, True]
@@ -187,6 +187,32 @@ def test_a_rule_that_is_written_meanwhile_is_replaced_unless_the_client_sets_a_c
     etag = browser.http.get(rule, headers={"accept": "text/turtle"}).headers["etag"]
     meanwhile[:] = [True]
     assert browser.http.put(rule, content=text, headers=TURTLE | {"if-match": etag}).status_code == 412
+
+
+@pytest.mark.parametrize(("before", "status"), [(True, 412), (False, 204)])
+def test_a_stop_during_the_write_of_a_rule_disables_it(
+    scene: Scene, monkeypatch: pytest.MonkeyPatch, before: bool, status: int
+) -> None:
+    """It comes just before the write at Redis, or between the write and its answer."""
+    rule, write, write_at_redis = scene.rule(), Rules.write, RuleStore.write
+    writing: list[Rules] = []
+
+    async def observed(self: Rules, written: Rule, known: RuleRecord | None) -> RuleRecord:
+        writing.append(self)
+        if before:
+            self._disable_movers(None)
+        return await write(self, written, known)
+
+    async def interrupted(self: RuleStore, written: Rule, revision: int, limit: int) -> None:
+        await write_at_redis(self, written, revision, limit)
+        if not before and written.title == "new":
+            writing[0]._disable_movers(None)
+
+    monkeypatch.setattr(Rules, "write", observed)
+    monkeypatch.setattr(RuleStore, "write", interrupted)
+    assert put(scene.one.browser, rule, '"a rule"', '"new"').status_code == status
+    eventually(lambda: disabled(scene.one.browser, rule), "disabled")
+    eventually(lambda: disabled(scene.other.browser, scene.other.here(rule)), "disabled at the other gateway")
 
 
 def ur5(scene: Scene) -> Page:
