@@ -279,9 +279,9 @@ class Checks:
             kind = what
         elif met.kind == "robot":
             there, kind = self._live.fleet.robots.get(met.name), "another robot"
-            what = f"{met.other} of {met.name}" if there is not None else kind
+            what = kind
             if there is not None and there.model is not None:
-                other = link_path(met.name, there.model, met.other)
+                what, other = f"{met.other} of {met.name}", link_path(met.name, there.model, met.other)
         else:
             thing = self._objects.get(met.name)
             kind = "a keep-out zone" if thing is not None and thing.kind == "zone" else "an obstacle"
@@ -293,7 +293,7 @@ class Checks:
             things=[link, *([] if other is None else [other])],
             names=[f"{met.link} of {robot.name}", *([] if other is None else [what])],
             share=met.share,
-            point=met.point,
+            point=None if other is None else met.point,  # a robot that the caller may not see has no place either
             reason=f"{met.link} would meet {kind} {after}",
         )
 

@@ -22,7 +22,7 @@ from linked_fleet_gateway.extensions.world.scene import SceneObject
 from linked_fleet_gateway.fleet.events import Appeared, Described, DescriptionRejected, Framed, Vanished
 from linked_fleet_gateway.fleet.model import Pose
 from linked_fleet_gateway.fleet.robot import Robot
-from linked_fleet_gateway.identity.rights import ALL
+from linked_fleet_gateway.identity.rights import ALL, View, view
 from linked_fleet_gateway.link.fleet_link import NoAnswer
 from linked_fleet_gateway.link.meshes import Meshes
 from linked_fleet_gateway.runtime.worker import IDLE_S, Worker
@@ -30,6 +30,8 @@ from meshes import channel, stl
 from virtual.zenoh_network import ZenohNetwork
 
 PATIENCE_S = 30.0
+IN_THE_WAY = msgspec.json.encode(Pose((-0.1, 0.0, 0.1), (0.0, 0.0, 0.0, 1.0))).decode()
+"""The placement of a robot into which another one at the origin would turn."""
 
 
 @pytest.fixture(autouse=True)
@@ -96,8 +98,8 @@ class Scene:
         """Wait until the process has ended because it was idle."""
         await self.worker.process.wait()
 
-    async def is_free(self, robot: Robot) -> bool:
-        return await self.checks.check_path(Motion(robot, Move({"turn": 1.0}), {"turn": 1.0}, RobotTime(1, 1)), ALL, "")
+    async def is_free(self, robot: Robot, sees: View = ALL) -> bool:
+        return await self.checks.check_path(Motion(robot, Move({"turn": 1.0}), {"turn": 1.0}, RobotTime(1, 1)), sees, "")
 
 
 @asynccontextmanager
@@ -172,7 +174,7 @@ async def test_a_robot_that_is_placed_beside_a_motion_during_its_check_is_not_ov
         checking = asyncio.create_task(scene.is_free(robot))
         await scene.asked["early"].wait()
         beside = scene.robot("beside", let=True)
-        beside.settings[PLACEMENT] = msgspec.json.encode(Pose((-0.1, 0.0, 0.1), (0.0, 0.0, 0.0, 1.0))).decode()
+        beside.settings[PLACEMENT] = IN_THE_WAY
         scene.let["early"].set()
         with pytest.raises(Unchecked, match="The shape of beside"):
             await checking
@@ -201,6 +203,19 @@ async def test_a_robot_without_a_usable_description_stops_no_motion_far_away(tmp
         assert far.model is None
         await scene.checks.ready(robot, ALL)
         assert await scene.is_free(robot)
+
+
+async def test_a_collision_with_an_invisible_robot_does_not_tell_its_place(tmp_path: Path) -> None:
+    async with scene_in(tmp_path) as scene:
+        robot, beside = scene.robot("here", let=True), scene.robot("beside", let=True)
+        beside.settings[PLACEMENT] = IN_THE_WAY
+        await scene.checks.ready(robot, ALL)
+        with pytest.raises(Collides, match="of beside") as whole:
+            await scene.is_free(robot)
+        with pytest.raises(Collides, match="would meet another robot") as part:
+            await scene.is_free(robot, view(frozenset({"here"}), "somebody"))
+        assert whole.value.point is not None and part.value.point is None
+        assert len(part.value.things) == len(part.value.names) == 1
 
 
 async def test_a_robot_without_usable_shapes_is_refused_and_delays_nobody(tmp_path: Path) -> None:
