@@ -71,7 +71,7 @@ class Hub:
 
     def _rewatch(self) -> None:
         """Recompute who is subscribed to what, and start and end tasks accordingly."""
-        channels = self._catalogue.channels
+        channels, before = self._catalogue.channels, self._subscribers
         self._subscribers, self._watched = defaultdict(list), defaultdict(dict)
         for session in self._sessions:
             session.subscribed = {id: number for id, number in session.subscribed.items() if number in channels}
@@ -81,6 +81,10 @@ class Hub:
         for channel in map(channels.__getitem__, self._subscribers):
             if channel.robot is not None and channel.what in messages.FRAMES:
                 self._watched[channel.robot][channel.what] = channel
+                if any(each not in before.get(channel.id, ()) for each in self._subscribers[channel.id]):
+                    # Who subscribes now has not got the present frame, which may be the last one.
+                    self._shown.pop(channel.robot, None)
+                    self._due_s.pop(channel.robot, None)
                 runs[_FOLLOW] = self._follow, _LOOK_S
             elif channel.what == messages.PICTURES and self._pictures is not None:
                 runs[channel.id] = partial(self._picture, self._pictures, channel), 1 / MAX_RATE_HZ

@@ -178,6 +178,27 @@ def test_a_robot_that_is_placed_moves_into_the_world(hall: Hall) -> None:
         assert hall.browser.http.delete(placement).status_code == 204
 
 
+def test_each_client_gets_the_last_frame_of_a_robot_that_has_left(hall: Hall) -> None:
+    """Whoever saw it before, and also a client that returns."""
+    with open_session(hall.place.zenoh) as session:
+        FakeRobot(session, "gone").appear().stand(0.25)
+        live(hall.browser, "gone")
+    topics = ("/gone/joint_states", "/gone/tf")
+
+    def shown(client: Client) -> None:
+        client.data.clear()
+        client.subscribe(*topics)
+        assert client.message(0, topics[0]).joints[0].position == 0.25
+        assert client.message(1, topics[1]).transforms
+
+    with connected(hall.place.root) as one:
+        shown(one)
+        with connected(hall.place.root) as other:
+            shown(other)
+        one.send("unsubscribe", subscriptionIds=[0, 1])
+        shown(one)
+
+
 def test_a_slow_reader_misses_frames_and_holds_up_nobody(hall: Hall) -> None:
     """At most 64 KiB and a message wait for it in the gateway, and as much in the kernel. What it reads next is new;
     the other client gets all frames at once all the while."""
