@@ -133,6 +133,9 @@ class EndedSessions:
                 self._untold.popleft()
 
     def _forget(self) -> None:
+        """Forget expired sessions once there are many, because a clock that went ahead may be set back."""
+        if len(self._ends_ns) <= KEPT:
+            return
         now_ns = time.time_ns()
         for id in [id for id, ends_ns in self._ends_ns.items() if ends_ns <= now_ns]:
             del self._ends_ns[id]
