@@ -219,6 +219,10 @@ class Frames:
         """Return the latest frames of all robots. Only the event loop, which opens and closes them, may call this."""
         return list(self._latest.values())
 
+    def is_open(self, latest: Latest) -> bool:
+        """Return True if frames continue this run, whose robot has the same description since."""
+        return self._latest.get(self._key_of(latest.robot)) is latest
+
     def put(self, key: str, payload: bytes, now_ns: int) -> bool:
         """Store a frame that continues its run. Return False for any other, which needs a full check.
 

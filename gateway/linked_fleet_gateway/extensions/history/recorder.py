@@ -93,6 +93,8 @@ class History:
         """Store the latest frame, unless it is stored already or its joints are unknown."""
         track = self._tracks.get(latest.robot)
         if track is None or track.run is not latest:
+            if not self._fleet.frames.is_open(latest):  # closed since the look began, so its joints are unknown
+                return
             track = self._begin(latest, track)
         frame = latest.frame[0]
         if track is not None and frame is not track.newest:

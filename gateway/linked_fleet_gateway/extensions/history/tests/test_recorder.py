@@ -12,6 +12,7 @@ from linked_fleet_gateway.extensions.history.recorder import History
 from linked_fleet_gateway.extensions.history.track import wall_ns
 from linked_fleet_gateway.fleet.events import Frames
 from linked_fleet_gateway.fleet.fleet import Appeared, Described, Fleet, Framed, Vanished
+from linked_fleet_gateway.runtime import background
 
 S = 1_000_000_000
 JOINTS = tuple(f"j{number}" for number in range(3))
@@ -110,6 +111,20 @@ def test_frames_with_a_fixed_base_are_no_history_of_a_robot_whose_base_floats_no
         fleet.apply(event, 1)
     look(history, fleet)
     assert stamps(history, fleet) == [], "they have no pose of the base"
+
+
+async def test_a_robot_that_describes_itself_anew_between_two_slices_of_a_look_keeps_no_foreign_frame(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    fleet, history = make("a", "b")
+    monkeypatch.setattr(background, "SLICE_S", -1.0)
+    looking = asyncio.create_task(history._sample_all())
+    while not stamps(history, fleet, "a"):  # noqa: ASYNC110
+        await asyncio.sleep(0)
+    for event in (Vanished("b", 1), Appeared("b", 2), said("b", run=2, joints=JOINTS[:1])):
+        fleet.apply(event, 1)
+    await looking
+    assert stamps(history, fleet, "b") == []
 
 
 def test_the_history_of_a_robot_that_left_stays() -> None:
