@@ -59,6 +59,15 @@ class Listing:
     def description(self, place: Place) -> bytes:
         return write_description(self.view, *place)
 
+    def is_present(self, place: Place) -> bool:
+        """Return True if the robot of a listed part has had no other description since."""
+        robot, part = place
+        if robot is None or part is None:
+            return True
+        model = robot.model
+        parts = () if model is None else (model.joints.get(part.name), model.links.get(part.name))
+        return any(part is each for each in parts)
+
 
 def _entrance(view: RequestView, rest: Sequence[str]) -> Found:
     if list(rest) != ["wot"]:

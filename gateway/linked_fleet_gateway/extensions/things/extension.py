@@ -93,11 +93,15 @@ def _canonical(things: Sequence[tuple[str, Place]], base: str, *, paged: bool) -
 
 
 async def _array(listing: Listing, places: Iterable[Place]) -> AsyncIterator[bytes]:
-    """Yield a JSON array of descriptions, each of which takes milliseconds to render."""
+    """Yield a JSON array of descriptions, each of which takes milliseconds to render.
+
+    If another description of a robot comes meanwhile, its further parts are left out.
+    """
     separator = b"["
     async for place in time_sliced(places):
-        yield separator + listing.description(place)
-        separator = b",\n"
+        if listing.is_present(place):
+            yield separator + listing.description(place)
+            separator = b",\n"
     yield b"]" if separator != b"[" else b"[]"
 
 

@@ -3,7 +3,7 @@
 import asyncio
 import json
 import re
-from types import SimpleNamespace
+from types import MappingProxyType, SimpleNamespace
 from typing import Any
 
 import pytest
@@ -11,10 +11,13 @@ from starlette.responses import Response
 
 from linked_fleet_gateway.base.errors import BadRequest, FleetError
 from linked_fleet_gateway.extensions.things.directory import MOST, Listing
-from linked_fleet_gateway.extensions.things.extension import read_listing
+from linked_fleet_gateway.extensions.things.extension import _array, read_listing
+from linked_fleet_gateway.fleet.invocations import Invocations
 from linked_fleet_gateway.http.arrival import create_arrival
 from linked_fleet_gateway.http.representation import Representations
 from linked_fleet_gateway.http.request import Request
+from linked_fleet_gateway.identity.rights import ALL
+from linked_fleet_gateway.resources.access_filter import InvocationsInView
 from linked_fleet_gateway.resources.branches import RequestView
 from linked_fleet_gateway.resources.resource import Resource
 from sample_resources import BASE, tree
@@ -150,6 +153,22 @@ def test_an_order_that_is_not_offered_is_501(query: str) -> None:
 def test_a_page_that_cannot_be_is_refused(query: str) -> None:
     with pytest.raises(BadRequest):
         _get(query)
+
+
+@pytest.mark.parametrize("rejected", [True, False])
+async def test_parts_that_go_while_the_listing_is_sent_are_left_out(bench: Any, rejected: bool) -> None:
+    robot = bench.robot({"pan": ("continuous", ""), "tilt": ("continuous", "")})
+    view = RequestView(bench.base, MappingProxyType(bench.fleet.robots), InvocationsInView(Invocations(), ALL), ALL)
+    listing, sent = Listing(view), b""
+    async for piece in _array(listing, [place for _, place in listing.things()]):
+        if not sent:
+            if rejected:
+                robot.reject_description("it is none")
+            else:
+                bench.robot({"pan": ("continuous", "")})
+        sent += piece
+    kept = {each["id"].removeprefix(bench.base) for each in json.loads(sent)}
+    assert kept == {"/", "/r/"}
 
 
 def test_head_describes_nothing() -> None:
