@@ -7,7 +7,7 @@ import json
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
-from itertools import islice
+from itertools import chain
 from typing import Any, Literal
 
 import mcp_types as types
@@ -119,18 +119,17 @@ class Find(Tool):
     limit: int = Field(20, ge=1, le=50, description="maximum number of results")
 
     async def run(self, context: MessageContext, progress: Progress) -> CallToolResult:
-        words, matching = self.text.casefold().split(), list[SearchResult]()
+        words, items, more = self.text.casefold().split(), list[dict[str, Any]](), False
         async for each in time_sliced(_all(context, self.robot)):
             if self.kind in ("any", each.kind) and each.matches(words):
-                matching.append(each)
-                if len(matching) > self.limit:
+                if len(items) == self.limit:
+                    more = True
                     break
-        items = []
-        async for each in time_sliced(islice(matching, self.limit)):
-            items.append(
-                {"kind": each.kind, "iri": context.view.base + each.path, "title": each.title, **each.details()}
-            )
-        value = {"items": items, "more": len(matching) > self.limit}
+                # The details are made at once, because the robot may change before the next step.
+                items.append(
+                    {"kind": each.kind, "iri": context.view.base + each.path, "title": each.title, **each.details()}
+                )
+        value = {"items": items, "more": more}
         return CallToolResult(content=[TextContent(text=json.dumps(value))], structured_content=value)
 
 
@@ -143,8 +142,16 @@ def _all(context: MessageContext, name: str) -> Iterator[SearchResult]:
     if not name:
         yield from _actions(context, fleet_offers())
     for robot in robots:
-        yield from _actions(context, robot_offers(robot))
-        yield from _parts(context, robot)
+        yield from _in_robot(context, robot)
+
+
+def _in_robot(context: MessageContext, robot: Robot) -> Iterator[SearchResult]:
+    """Yield the actions and parts of a robot while it has this model."""
+    model = robot.model
+    for each in chain(_actions(context, robot_offers(robot)), _parts(context, robot)):
+        yield each
+        if robot.model is not model:
+            return
 
 
 def _parts(context: MessageContext, robot: Robot) -> Iterator[SearchResult]:
