@@ -80,7 +80,7 @@ async def read_query(request: Request, resource: Resource, endpoint: Endpoint) -
     said = _pairs(request.scope["query_string"])
     if any(name in ("query", "update") for name, _ in said):
         return await _answer(request, endpoint, _asked(said, request.base))
-    answer = endpoint_resource(endpoint, await _counts(endpoint)).with_reader_of(resource)
+    answer = endpoint_resource(endpoint, await _counts(endpoint, request.caller_name)).with_reader_of(resource)
     await await_preconditions(request, answer)
     return read_resource(request, answer)
 
@@ -195,13 +195,13 @@ def _chosen(request: Request, query: Query, picked: str | None) -> str:
     return chosen
 
 
-async def _counts(endpoint: Endpoint) -> dict[str, int]:
+async def _counts(endpoint: Endpoint, client: str) -> dict[str, int]:
     """Return numbers of triples by graph; empty before the first query, or while the process is busy."""
     queries, view = endpoint.queries, endpoint.view
     if not queries.running:
         return {}
     try:
-        rows = await queries.select(_COUNTS, view.base, view.visible_robots)
+        rows = await queries.select(_COUNTS, view.base, view.visible_robots, client=client)
     except FleetError:
         return {}
     return {row["graph"].value: int(row["triples"].value) for row in rows}

@@ -65,17 +65,19 @@ class Queries:
         bindings: Mapping[str, Term] = {},
         *,
         instead: Sequence[HypotheticalRobot] = (),
+        client: str | None = None,
     ) -> list[dict[str, Term]]:
         """Return the solutions of a SELECT query, without unbound variables.
 
         ``base`` is scheme and authority of all IRIs. ``bindings`` are values of variables without question marks, which
-        the query must select. Callers with the same view share their turns. ``instead`` are robots in a hypothetical
-        state. Raises BadRequest, PayloadTooLarge, ResultTooLarge, QueryTooCostly, TooManyQueries, Busy, LibraryMissing.
+        the query must select. ``client`` has its own turns; without it, callers with the same view share theirs.
+        ``instead`` are robots in a hypothetical state. Raises BadRequest, PayloadTooLarge, ResultTooLarge,
+        QueryTooCostly, TooManyQueries, Busy, LibraryMissing.
         """
         check_select(query)
         body = await self.run(
             parse_query(query, base + "/query"), base, sees, JSON_RESULTS,
-            bindings=bindings, instead=instead, most=MAX_SELECTED_BYTES,
+            client=client, bindings=bindings, instead=instead, most=MAX_SELECTED_BYTES,
         )  # fmt: skip
         found = parse_query_results(body, format=QueryResultsFormat.JSON)
         assert isinstance(found, QuerySolutions)

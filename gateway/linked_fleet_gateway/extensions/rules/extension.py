@@ -30,6 +30,10 @@ class RuleSettings(Section):
     per_client: int = setting(whole_number(), "50", "rules of one client")
 
 
+_CLIENT = "the rules"
+"""Client of the queries of rules, so that no queries of others count for it."""
+
+
 class RulesExtension(Extension):
     name = "rules"
     vocabulary = (Path(__file__).with_name("vocabulary.ttl"), RULE_SHAPE)
@@ -52,7 +56,7 @@ class RulesExtension(Extension):
             core.live,
             core.actions,
             RuleStore(core.redis_url, core.namespace, core.run),
-            queries.select,
+            partial(queries.select, client=_CLIENT),
             queries.check,
             lambda rule: creator_of(rule, core.identities),
             core.audit,

@@ -13,6 +13,8 @@ from rdflib import URIRef
 
 from browser import HYBRIT, LDP, LF, SH, Browser, Page
 from gateway_group import Gateway, Hub, gateway, gateways, hub
+from linked_fleet_gateway.extensions.query.turns import FairTurns, TooManyQueries
+from linked_fleet_gateway.extensions.rules.engine import Engine, Evaluation
 from linked_fleet_gateway.extensions.rules.rule import Rule, RuleRecord
 from linked_fleet_gateway.extensions.rules.service import Rules
 from linked_fleet_gateway.extensions.rules.store import Changed, RuleStore
@@ -213,6 +215,39 @@ def test_a_stop_during_the_write_of_a_rule_disables_it(
     assert put(scene.one.browser, rule, '"a rule"', '"new"').status_code == status
     eventually(lambda: disabled(scene.one.browser, rule), "disabled")
     eventually(lambda: disabled(scene.other.browser, scene.other.here(rule)), "disabled at the other gateway")
+
+
+def test_readers_whose_queries_wait_do_not_keep_rules_from_being_evaluated(
+    scene: Scene, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A reader of the query endpoint, which counts triples, and a writer of rules have reached their limit."""
+    rule, usual = scene.rule(), FairTurns.turn
+    clients: set[str] = set()
+
+    def observed(self: FairTurns, client: str) -> contextlib.AbstractAsyncContextManager[None]:
+        clients.add(client)
+        return usual(self, client)
+
+    monkeypatch.setattr(FairTurns, "turn", observed)
+    with monkeypatch.context() as still:  # nothing else is asked meanwhile
+        still.setattr(Engine, "_evaluate", _nothing)
+        for one in (scene.one, scene.other):
+            one.browser.page(f"{one.browser.root}query")
+        posted(scene.one.browser, a_rule(sides(scene.one.joint), scene.rotate, TO_TARGET, BY_SIDE))
+    full = frozenset(clients)
+
+    def refusing(self: FairTurns, client: str) -> contextlib.AbstractAsyncContextManager[None]:
+        if client in full:
+            raise TooManyQueries("8 of your queries are waiting already.")
+        return usual(self, client)
+
+    monkeypatch.setattr(FairTurns, "turn", refusing)
+    scene.turn(1.5)
+    assert fired(scene.one.browser, rule, 1) == [("accepted", "up")]
+
+
+async def _nothing(self: Engine, known: RuleRecord, held: Evaluation | None) -> Evaluation | None:
+    return held
 
 
 def ur5(scene: Scene) -> Page:
