@@ -164,7 +164,8 @@ def self_caused(known: RuleRecord, causes: Collection[str], at_ns: int) -> tuple
     claimed = [each for each in known.firings.values() if each.state is not FiringState.SUPPRESSED]
     before = claimed[-1].self_caused if claimed and claimed[-1].revision == known.revision else ()
     now = (at_ns,) if known.rule.id in causes else ()
-    recent = [each for each in (*before, *now) if at_ns - each < WITHIN_S * 10**9]
+    # Times ahead of the clock are from before it was set back.
+    recent = [each for each in (*before, *now) if abs(at_ns - each) < WITHIN_S * 10**9]
     return tuple(recent[-FIRINGS:])
 
 

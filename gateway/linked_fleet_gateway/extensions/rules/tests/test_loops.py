@@ -53,6 +53,11 @@ def test_firings_of_more_than_a_minute_ago_are_not_counted() -> None:
     assert disabled_at(known(*range(1, FIRINGS)), WITHIN_S, "a")
 
 
+def test_firings_before_the_clock_was_set_back_are_not_counted() -> None:
+    assert disabled_at(known(*range(3600, 3600 + FIRINGS - 1)), 10, "a") == ""
+    assert disabled_at(known(*range(10, 10 + FIRINGS - 1)), 9, "a"), "clocks of gateways may differ a little"
+
+
 def test_enabling_a_rule_resets_the_count() -> None:
     assert disabled_at(replace(known(*range(FIRINGS - 1)), revision=2), 10, "a") == ""
 
