@@ -13,6 +13,7 @@ from linked_fleet_gateway.actions.plan import robot_time
 from linked_fleet_gateway.actions.service import Actions
 from linked_fleet_gateway.base.errors import AgentTimeout, Busy, FleetError
 from linked_fleet_gateway.extensions.query.messages import HypotheticalRobot
+from linked_fleet_gateway.extensions.query.turns import QueryTooCostly
 from linked_fleet_gateway.extensions.rules.causes import Causes, Look, reason_to_disable, self_caused, state_of
 from linked_fleet_gateway.extensions.rules.edges import Edge, Row, UnusableResult, edge, rows_by_key
 from linked_fleet_gateway.extensions.rules.rule import Firing, FiringState, Rule, RuleRecord
@@ -34,6 +35,8 @@ log = logging.getLogger(__name__)
 
 EVERY_S = 0.1
 """Least time between two evaluations of a rule."""
+AGAIN_S = 1.0
+"""Time after which an evaluation that was broken off is repeated, if nothing changes earlier."""
 SHARE = 4
 """A slow rule is evaluated for at most one part in this many of the time."""
 _LONGEST = 1_000  # characters of a reason
@@ -155,6 +158,8 @@ class Engine:
         except (FleetError, UnusableResult) as error:
             # A suspended rule stays so until it is evaluated: rows that came to hold meanwhile do not fire.
             await self._complain(known, fault=str(error)[:_LONGEST], suspended=known.suspended)
+            if isinstance(error, QueryTooCostly):  # also a process that was killed, and then no change need follow
+                asyncio.get_running_loop().call_later(AGAIN_S, self._due[rule.id].set)
             return held
         await self._note_seen()
         evaluated = Evaluation(known.revision, set(now), look, at_s)

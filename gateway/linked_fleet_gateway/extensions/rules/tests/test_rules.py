@@ -2,7 +2,8 @@
 
 import contextlib
 import signal
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import httpx
@@ -13,7 +14,9 @@ from rdflib import URIRef
 
 from browser import HYBRIT, LDP, LF, SH, Browser, Page
 from gateway_group import Gateway, Hub, gateway, gateways, hub
-from linked_fleet_gateway.extensions.query.turns import FairTurns, TooManyQueries
+from linked_fleet_gateway.extensions.query.messages import QueryRequest
+from linked_fleet_gateway.extensions.query.process import Feed, QueryProcess
+from linked_fleet_gateway.extensions.query.turns import FairTurns, QueryTooCostly, TooManyQueries
 from linked_fleet_gateway.extensions.rules.engine import Engine, Evaluation
 from linked_fleet_gateway.extensions.rules.rule import Rule, RuleRecord
 from linked_fleet_gateway.extensions.rules.service import Rules
@@ -244,6 +247,25 @@ def test_readers_whose_queries_wait_do_not_keep_rules_from_being_evaluated(
     monkeypatch.setattr(FairTurns, "turn", refusing)
     scene.turn(1.5)
     assert fired(scene.one.browser, rule, 1) == [("accepted", "up")]
+
+
+def test_an_evaluation_that_was_broken_off_is_repeated_although_nothing_changes(
+    scene: Scene, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """For example when the machine is short of memory, and ends the process of the query."""
+    rule, usual, failures = scene.rule(), QueryProcess.ask, [True] * 3
+    time.sleep(3)
+
+    async def broken(self: QueryProcess, make: Callable[[Feed], QueryRequest]) -> bytes:
+        if failures:
+            failures.pop()
+            raise QueryTooCostly("The query exceeded its memory limit.")
+        return await usual(self, make)
+
+    monkeypatch.setattr(QueryProcess, "ask", broken)
+    scene.turn(1.5)
+    assert fired(scene.one.browser, rule, 1) == [("accepted", "up")]
+    assert not failures and scene.one.browser.page(rule).one(LF.state) == LF.active
 
 
 async def _nothing(self: Engine, known: RuleRecord, held: Evaluation | None) -> Evaluation | None:
