@@ -96,7 +96,8 @@ class Sdk:
 
     async def app(self) -> ASGIApp:
         """Return the ASGI application that accepts messages."""
-        if self._running is None:
+        if self._running is None or self._running.done():  # after an error it is loaded again
+            self._app = asyncio.get_running_loop().create_future()
             self._running = asyncio.create_task(self._run())
         awaited: list[asyncio.Future[Any]] = [self._app, self._running]
         done, _ = await asyncio.wait(awaited, return_when=asyncio.FIRST_COMPLETED)
