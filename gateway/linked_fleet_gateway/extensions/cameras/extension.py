@@ -11,7 +11,7 @@ from pathlib import Path
 
 from starlette.responses import Response
 
-from linked_fleet_gateway.base.errors import NotAcceptable
+from linked_fleet_gateway.base.errors import NotAcceptable, PreconditionFailed
 from linked_fleet_gateway.extensions.cameras.cameras import FORMATS, camera_path, cameras_of, types_of
 from linked_fleet_gateway.extensions.cameras.pictures import Pictures
 from linked_fleet_gateway.extensions.cameras.resources import RobotCamera, cameras_branch
@@ -21,7 +21,7 @@ from linked_fleet_gateway.http.negotiation import choose
 from linked_fleet_gateway.http.operations import last_segment, rdf_get_operation, resource_path_items, segment_schema
 from linked_fleet_gateway.http.preconditions import await_preconditions
 from linked_fleet_gateway.http.read import READ_METHODS, method_headers, read_resource, resource_headers
-from linked_fleet_gateway.http.representation import not_modified
+from linked_fleet_gateway.http.representation import not_modified, precondition_holds
 from linked_fleet_gateway.http.request import Request
 from linked_fleet_gateway.resources.branches import RequestView
 from linked_fleet_gateway.resources.json_form import Json
@@ -64,7 +64,7 @@ async def read_camera(pictures: Pictures, request: Request, resource: Resource, 
 async def _picture(
     pictures: Pictures, request: Request, resource: Resource, source: RobotCamera, media_type: str
 ) -> Response:
-    """Query the robot for a picture, for GET only."""
+    """Query the robot for a picture, for GET only. Raises PreconditionFailed, Offline, AgentTimeout and Busy."""
     headers = resource_headers(resource, request.base, "") | method_headers(resource, READ_METHODS)
     headers |= _HEADERS | {"content-type": media_type}
     if request.method == "HEAD":
@@ -78,6 +78,8 @@ async def _picture(
         "etag": f'"{at.incarnation}-{at.sequence + 1}-{format}"',
         "last-modified": formatdate(at.wall_ns // 1_000_000_000, usegmt=True),
     }
+    if not precondition_holds(field(request, "if-match"), {headers["etag"]}):
+        raise PreconditionFailed(f"The entity tag of the present picture is {headers['etag']}.")
     if not_modified(field(request, "if-none-match"), headers["etag"]):
         return Response(status_code=304, headers=headers)
     return Response(found.content, headers=headers)

@@ -99,6 +99,12 @@ def test_the_picture_is_had_by_accept(hall: Hall, accept: str, content: bytes) -
     )
 
 
+def test_a_picture_is_refused_if_it_is_not_the_one_of_the_precondition(hall: Hall) -> None:
+    _, page = hall.seer(EYE)
+    assert get(page, "image/png", **{"if-match": '"another"'}).status_code == 412
+    assert get(page, "image/png", **{"if-match": "*"}).status_code == 200
+
+
 def test_depth_is_a_frame_that_its_layout_describes(hall: Hall) -> None:
     _, page = hall.seer(EYE)
     frame = get(page, "application/octet-stream")
