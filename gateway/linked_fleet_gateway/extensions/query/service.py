@@ -85,11 +85,11 @@ class Queries:
         rows = ({name: row[name] for name in names} for row in found)
         return [{name: term for name, term in row.items() if isinstance(term, Term)} for row in rows]
 
-    async def check(self, query: str, base: str) -> list[str]:
+    async def check(self, query: str, base: str, client: str | None = None) -> list[str]:
         """Return the variables of a valid SELECT query without evaluating it. Raises FleetError."""
         variables = check_select(query)
         nobody = View((), "")
-        await self.run(parse_query(query, base + "/query"), base, nobody, JSON_RESULTS, only_check=True)
+        await self.run(parse_query(query, base + "/query"), base, nobody, JSON_RESULTS, client=client, only_check=True)
         return variables
 
     async def run(

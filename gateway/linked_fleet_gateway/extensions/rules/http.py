@@ -149,7 +149,8 @@ async def _wanted(rules: Rules, request: Request, media_type: str, iri: str) -> 
 
     wanted = await convert_body(request, read)
     try:
-        check_variables(wanted, await rules.check(wanted.condition, request.base), request.base)
+        selected = await rules.check(wanted.condition, request.base, request.caller_name)
+        check_variables(wanted, selected, request.base)
         _check_bound(rules, request, wanted)
     except (BadRequest, PayloadTooLarge) as error:
         raise UnprocessableContent(f"lf:condition: {error.detail}", constraint=request.base + CONTAINER) from error

@@ -27,7 +27,7 @@ from linked_fleet_gateway.subscriptions.live import Live
 
 log = logging.getLogger(__name__)
 
-Check = Callable[[str, str], Awaitable[Collection[str]]]
+Check = Callable[[str, str, str], Awaitable[Collection[str]]]
 
 KEEP_S = 0.5
 """Period of lease renewal and of checks of creators' rights."""
@@ -54,7 +54,7 @@ class Rules:
         self._live, self._store, self._audit, self.limit = live, store, audit, limit
         self.bases = bases
         self.check = check
-        """Returns the variables of a condition. Raises BadRequest, PayloadTooLarge."""
+        """Returns the variables of a condition, given its base and the client. Raises BadRequest, PayloadTooLarge."""
         """The public URLs of the fleet."""
         self.known: dict[str, RuleRecord] = {}
         self._replica = Replica(store.load, store.read, self._put)

@@ -249,6 +249,21 @@ def test_readers_whose_queries_wait_do_not_keep_rules_from_being_evaluated(
     assert fired(scene.one.browser, rule, 1) == [("accepted", "up")]
 
 
+def test_conditions_are_checked_in_the_turns_of_the_client_that_wrote_them(
+    scene: Scene, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """So nobody is refused because others write many rules."""
+    usual, clients = FairTurns.turn, list[str]()
+
+    def observed(self: FairTurns, client: str) -> contextlib.AbstractAsyncContextManager[None]:
+        clients.append(client)
+        return usual(self, client)
+
+    monkeypatch.setattr(FairTurns, "turn", observed)
+    posted(scene.one.browser, a_rule(sides(scene.one.joint), scene.rotate, TO_TARGET, BY_SIDE))
+    assert clients[0] == "127.0.0.1"
+
+
 def test_an_evaluation_that_was_broken_off_is_repeated_although_nothing_changes(
     scene: Scene, monkeypatch: pytest.MonkeyPatch
 ) -> None:
