@@ -57,9 +57,12 @@ class Documents:
     async def document(self, view: RequestView) -> bytes:
         """Return the description of everything that ``view`` shows."""
         async with self._turn:
-            version = blake2b(await _facts(view), digest_size=16).digest()
+            version = await _version(view)
             if version not in self._made:
-                self._made[version] = await self._make(view)
+                made = await self._make(view)
+                if await _version(view) != version:  # the fleet has changed, so it may be of both states
+                    return made
+                self._made[version] = made
                 if len(self._made) > _KEPT:
                     self._made.popitem(last=False)
             self._made.move_to_end(version)
@@ -79,14 +82,14 @@ class Documents:
         return await asyncio.to_thread(_written, view.base, view.requires_authentication, fleet, paths)
 
 
-async def _facts(view: RequestView) -> bytes:
-    """Return everything that a description is made from, for its version."""
+async def _version(view: RequestView) -> bytes:
+    """Return a digest of everything that a description is made from."""
     facts = [repr((view.base, view.requires_authentication))]
     async for name, robot in time_sliced(sorted(view.robots.items())):
         said = robot.description
         known = None if said is None else (said.urdf, said.joints, said.base, said.capabilities, said.cameras)
         facts.append(repr((name, robot.model is None, known, robot.annotations)))
-    return "\n".join(facts).encode()
+    return blake2b("\n".join(facts).encode(), digest_size=16).digest()
 
 
 def _written(base: str, secured: bool, fleet: FleetPaths, more: Mapping[str, Mapping[str, Any]]) -> bytes:

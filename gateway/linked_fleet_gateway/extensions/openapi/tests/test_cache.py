@@ -1,0 +1,35 @@
+"""Descriptions are cached by what they are made from."""
+
+import asyncio
+from types import MappingProxyType
+from typing import Any
+
+import pytest
+
+from linked_fleet_gateway.extensions.openapi.extension import Documents
+from linked_fleet_gateway.fleet.invocations import Invocations
+from linked_fleet_gateway.identity.rights import ALL
+from linked_fleet_gateway.resources.access_filter import InvocationsInView
+from linked_fleet_gateway.resources.branches import RequestView
+from linked_fleet_gateway.runtime import background
+
+PAN, TILT = {"pan": ("continuous", "")}, {"tilt": ("continuous", "")}
+
+
+@pytest.mark.parametrize("turns", range(1, 6))
+async def test_a_robot_that_changes_while_a_description_is_made_spoils_no_later_one(
+    bench: Any, monkeypatch: pytest.MonkeyPatch, turns: int
+) -> None:
+    bench.robot(PAN)
+    view = RequestView(bench.base, MappingProxyType(bench.fleet.robots), InvocationsInView(Invocations(), ALL), ALL)
+    whole = await Documents([]).document(view)
+    monkeypatch.setattr(background, "SLICE_S", -1.0)
+    documents = Documents([])
+    making = asyncio.create_task(documents.document(view))
+    for _ in range(turns):
+        await asyncio.sleep(0)
+    bench.robot(TILT)
+    await making
+    bench.robot(PAN)
+    assert await Documents([]).document(view) == whole
+    assert await documents.document(view) == whole
