@@ -74,16 +74,15 @@ async def test_others_hear_of_a_change_by_a_gateway_that_dies_right_after_it(a: 
     rule = a_rule()
     news = b.news()
     first = asyncio.ensure_future(anext(news))
-    await b.load()
-    await asyncio.sleep(0.1)  # the position of the stream is known
-    run_one = a._redis.one
+    await b.load()  # from now on, the position in the stream is known
+    execute = a._redis.execute
 
-    async def one(*command: str | bytes | int) -> Any:
+    async def execute_until_the_death(*command: str | bytes | int) -> Any:
         if command[0] == "XADD":
             raise StoreUnavailable("the gateway has died")
-        return await run_one(*command)
+        return await execute(*command)
 
-    a._redis.one = one  # type: ignore[method-assign]
+    a._redis.execute = execute_until_the_death  # type: ignore[method-assign]
     for step in (a.write(rule, 0, 9), a.remove(rule, 1)):
         with suppress(StoreUnavailable):
             await step

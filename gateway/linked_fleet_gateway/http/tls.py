@@ -80,7 +80,7 @@ class OpenConnections(Protocol):
 
 
 class TlsProtocol(SSLProtocol):
-    """TLS on a connection, with access to the transport below. Until the handshake it counts as a connection of its own.
+    """TLS on a connection, with access to the transport below. Until the handshake it counts as an own connection.
 
     This is asyncio's implementation in Python: uvloop's does not report bytes passed to TCP, so stalled readers would
     not be detected.

@@ -99,7 +99,9 @@ class Scene:
         await self.worker.process.wait()
 
     async def is_free(self, robot: Robot, sees: View = ALL) -> bool:
-        return await self.checks.check_path(Motion(robot, Move({"turn": 1.0}), {"turn": 1.0}, RobotTime(1, 1)), sees, "")
+        return await self.checks.check_path(
+            Motion(robot, Move({"turn": 1.0}), {"turn": 1.0}, RobotTime(1, 1)), sees, ""
+        )
 
 
 @asynccontextmanager
@@ -178,7 +180,7 @@ async def test_a_robot_that_is_placed_beside_a_motion_during_its_check_is_not_ov
         scene.let["early"].set()
         with pytest.raises(Unchecked, match="The shape of beside"):
             await checking
-        await scene.checks.ready(robot, ALL)
+        await scene.checks.wait_until_ready(robot, ALL)
         with pytest.raises(Collides, match="of beside"):
             await scene.is_free(robot)
 
@@ -201,7 +203,7 @@ async def test_a_robot_without_a_usable_description_stops_no_motion_far_away(tmp
         for event in (Vanished("far", 1), Appeared("far", 2), DescriptionRejected("far", 2, "it is none")):
             scene.live.fleet.apply(event, 1)
         assert far.model is None
-        await scene.checks.ready(robot, ALL)
+        await scene.checks.wait_until_ready(robot, ALL)
         assert await scene.is_free(robot)
 
 
@@ -209,7 +211,7 @@ async def test_a_collision_with_an_invisible_robot_does_not_tell_its_place(tmp_p
     async with scene_in(tmp_path) as scene:
         robot, beside = scene.robot("here", let=True), scene.robot("beside", let=True)
         beside.settings[PLACEMENT] = IN_THE_WAY
-        await scene.checks.ready(robot, ALL)
+        await scene.checks.wait_until_ready(robot, ALL)
         with pytest.raises(Collides, match="of beside") as whole:
             await scene.is_free(robot)
         with pytest.raises(Collides, match="would meet another robot") as part:
