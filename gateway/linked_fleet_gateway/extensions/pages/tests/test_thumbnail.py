@@ -83,7 +83,7 @@ def test_a_battery_is_listed_as_its_robot_says(bench: Any, said: str, percent: f
 
 def _charges(bench: Any) -> list[Literal]:
     """As the fleet lists them."""
-    triples = _resolved(bench, "/").whole(bench.base).triples
+    triples = _resolved(bench, "/").full_graph(bench.base).triples
     return [each.object for each in triples if each.predicate == LF.batteryCharge]
 
 
