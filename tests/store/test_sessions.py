@@ -7,6 +7,7 @@ from contextlib import aclosing
 
 import pytest
 
+from linked_fleet_gateway.extensions.sessions import service
 from linked_fleet_gateway.extensions.sessions.sealed_cookie import Session, new_session
 from linked_fleet_gateway.extensions.sessions.service import EndedSessions, SessionKey
 from linked_fleet_gateway.identity.rights import TokenHash
@@ -58,7 +59,10 @@ async def test_a_session_ended_in_an_outage_is_over_elsewhere_afterwards(
     assert session in b
 
 
-async def test_expired_entries_are_forgotten(a: EndedSessions) -> None:
+async def test_expired_entries_are_forgotten_when_there_are_many(
+    a: EndedSessions, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(service, "KEPT", 1)
     past, lasting = Session("past", TokenHash("ab" * 32), time.time_ns()), a_session("lasting")
     for each in (past, lasting):
         await a.end(each)

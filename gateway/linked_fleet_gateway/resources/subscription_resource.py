@@ -312,5 +312,5 @@ def resolve_subscription(thing: Resource, rest: list[str], records: Sequence[Rec
     )
     if rest[1:] == ["blueprint"]:
         # It ends with the subscription, which the live fleet does not know.
-        return blueprint_of(whole, base, (LF.SubscriptionResourceShape,)).replace(followed=False)
+        return blueprint_of(whole, base, (LF.SubscriptionResourceShape,)).replace(publishes_changes=False)
     return None if rest[1:] else whole

@@ -53,9 +53,9 @@ class Rules:
     ) -> None:
         self._live, self._store, self._audit, self.limit = live, store, audit, limit
         self.bases = bases
+        """The public URLs of the fleet."""
         self.check = check
         """Returns the variables of a condition, given its base and the client. Raises BadRequest, PayloadTooLarge."""
-        """The public URLs of the fleet."""
         self.known: dict[str, RuleRecord] = {}
         self._replica = Replica(store.load, store.read, self._put)
         refresh = self._replica.refresh

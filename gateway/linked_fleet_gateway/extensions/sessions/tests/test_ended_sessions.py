@@ -18,11 +18,11 @@ _LONG_NS = 2 * TOKEN_SESSION_S * 10**9
 def ended(monkeypatch: pytest.MonkeyPatch) -> EndedSessions:
     """Return a list at a store without news."""
 
-    async def one(*command: object) -> list[Any]:
+    async def execute(*command: object) -> list[Any]:
         return []
 
     made = EndedSessions("redis://127.0.0.1:1", "fleet")
-    monkeypatch.setattr(made._redis, "one", one)
+    monkeypatch.setattr(made._redis, "execute", execute)
     return made
 
 
