@@ -110,7 +110,7 @@ check: .venv/stamp .venv-bare/stamp
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
-	$(BIN)/mypy --config-file tests/mypy.ini bench deploy examples tests gateway/linked_fleet_gateway/extensions
+	$(BIN)/mypy --config-file tests/mypy.ini bench deploy docs examples tests gateway/linked_fleet_gateway/extensions
 	$(BIN)/lint-imports
 	.venv-bare/bin/python -Ic "import linked_fleet_agent.agent, linked_fleet_agent.link, linked_fleet_agent.__main__"
 	@! grep -vnE '^(#.*|[A-Za-z0-9._-]+==[A-Za-z0-9.!+]+)$$' constraints.txt || \

@@ -8,7 +8,7 @@ from typing import Any
 
 from linked_fleet_agent.wire.codec import layout
 from linked_fleet_agent.wire.messages import WIRE_VERSION, Description
-from linked_fleet_gateway.app.extensions import BUILT_IN, install
+from linked_fleet_gateway.app.extensions import BUILT_IN, register_extensions
 from linked_fleet_gateway.extensions.openapi.extension import Documents
 from linked_fleet_gateway.fleet.events import Appeared, Described
 from linked_fleet_gateway.fleet.fleet import Fleet
@@ -56,11 +56,13 @@ def http() -> str:
 
 def description() -> dict[str, Any]:
     """Return the OpenAPI description of a gateway with all built-in extensions and a robot with each kind of value."""
-    install(BUILT_IN)
+    register_extensions(BUILT_IN)
     fleet = Fleet()
     for event in (Appeared("example", 1), Described(_robot())):
         fleet.apply(event, 0)
-    view = RequestView("http://localhost:8000", fleet.robots, InvocationsInView(Invocations(), ALL), ALL, secured=True)
+    view = RequestView(
+        "http://localhost:8000", fleet.robots, InvocationsInView(Invocations(), ALL), ALL, requires_authentication=True
+    )
     operations = [name for each in BUILT_IN for name in each.operations]
     return dict(json.loads(asyncio.run(Documents(operations).document(view))))
 
