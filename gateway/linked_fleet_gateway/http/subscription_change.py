@@ -77,7 +77,7 @@ async def _options(
 
 
 def _demand_depth(request: Request, subscription: Subscription, depth: Depth) -> None:
-    """Raise InsufficientScope for the subtree of the fleet, unless by its creator, whose rights are known."""
+    """Raise InsufficientScope if somebody other than its creator extends a subscription to the whole fleet."""
     require_subtree(request, subscription.resource, depth)
     if subscription.resource == "/" and depth is Depth.SUBTREE and request.caller.name != subscription.creator:
         raise InsufficientScope("Only its creator may have it cover the whole fleet.", scope=Right.SUBSCRIBE)

@@ -198,7 +198,7 @@ class _Codes:
         return found
 
     def literal(self, literal: Literal) -> str:
-        """Return the code of a literal, which has its text if that cannot be replaced, and add the text otherwise."""
+        """Return the code of a literal. The text becomes one of ``literals``, or a part of the code if it is fixed."""
         text, datatype = literal.value, literal.datatype.value
         language = literal.language
         if language is None and is_replaceable(text, datatype):

@@ -1,6 +1,6 @@
 """A Turtle writer, and the layout that it shares with JSON-LD.
 
-Turtle and JSON-LD share it. All walks are iterative, so that no graph, however deep or cyclic, overflows the stack.
+All walks are iterative, so that no graph, however deep or cyclic, overflows the stack.
 
 RDF 1.1 Turtle, sections 2.4 (relative IRIs), 2.5 (literals), 2.7 (nesting), 2.8 (lists), 6.5 (grammar).
 """

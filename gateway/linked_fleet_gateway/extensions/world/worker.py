@@ -31,7 +31,7 @@ class Worker:
 
     @classmethod
     def caching_in(cls, folder: Path | None) -> Self:
-        """Return a worker with a cache of meshes in this folder; without one, for None."""
+        """Return a worker that caches meshes in ``folder``; None means that it caches none."""
         return cls(MeshCache(folder))
 
     def __init__(self, cache: MeshCache, most_triangles: int = MOST_TRIANGLES_HELD) -> None:
