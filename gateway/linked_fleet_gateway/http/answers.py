@@ -15,7 +15,7 @@ from starlette.types import Scope
 
 from linked_fleet_gateway.fleet.observation import Observation
 from linked_fleet_gateway.fleet.robot import Robot
-from linked_fleet_gateway.http.arrival import arrival_of
+from linked_fleet_gateway.http.arrival import arrival_of, names_event_stream
 from linked_fleet_gateway.http.message_heads import FieldLines, field_block
 from linked_fleet_gateway.http.negotiation import GZIP, accepts_gzip, coded_tag, compress, decompress, is_compressible
 from linked_fleet_gateway.http.representation import etag, not_modified
@@ -206,7 +206,7 @@ def _asked(scope: Scope) -> tuple[Key | None, str | None, bytes | None]:
     arrival = arrival_of(scope)
     fields = arrival.fields
     accept = fields.get(b"accept", b"")
-    if len(accept) > _LONGEST_ACCEPT or b"event-stream" in accept.lower() or not _ASKS_MORE.isdisjoint(fields):
+    if len(accept) > _LONGEST_ACCEPT or names_event_stream(fields) or not _ASKS_MORE.isdisjoint(fields):
         return None, None, None
     known, coding = fields.get(b"if-none-match"), fields.get(b"accept-encoding")
     view = arrival.authenticated.identity.visible_robots

@@ -93,6 +93,14 @@ def fields_of(scope: Scope) -> Mapping[bytes, bytes]:
     return arrival_of(scope).fields
 
 
+def names_event_stream(fields: Mapping[bytes, bytes]) -> bool:
+    """Return True if Accept names the media type of event streams, in any case (RFC 9110, 8.3.1).
+
+    ``streams.wants_events`` compares its weight with that of other types.
+    """
+    return b"text/event-stream" in fields.get(b"accept", b"").lower()
+
+
 def _joined(headers: Sequence[tuple[bytes, bytes]]) -> Mapping[bytes, bytes]:
     found = dict(headers)
     if len(found) != len(headers):

@@ -15,7 +15,7 @@ from starlette.datastructures import Headers
 from starlette.types import Scope
 
 from linked_fleet_gateway.base.errors import BadRequest, FleetError, ForeignOrigin, MisdirectedRequest
-from linked_fleet_gateway.http.arrival import arrival_of, fields_of
+from linked_fleet_gateway.http.arrival import arrival_of, fields_of, names_event_stream
 from linked_fleet_gateway.http.problem import problem
 from linked_fleet_gateway.http.request import html_of
 
@@ -111,7 +111,7 @@ _HOST = re.compile(r"(\[[0-9A-Fa-f:.]+\]|(?:[\w.~!$&'()*+,;=-]|%[0-9A-Fa-f]{2})+
 # RFC 9112, 3.2.2: the request target may be an absolute URL
 _ABSOLUTE = re.compile(r"https?://([^/]*)(/.*)?", re.IGNORECASE | re.DOTALL)
 _MOST_SPELLINGS = 1000
-_READ, _EVENTS = ("GET", "HEAD", "OPTIONS"), b"text/event-stream"
+_READ = ("GET", "HEAD", "OPTIONS")
 _DEFAULT_PORTS = {"http": 80, "ws": 80, "https": 443, "wss": 443}
 
 
@@ -173,8 +173,7 @@ class Authorities:
         Only browsers send Origin, and they do not let pages forge it.
         """
         origins = {value.decode("latin-1").lower() for value in said}
-        streams = _EVENTS in fields_of(scope).get(b"accept", b"").lower()
-        reads = scope["type"] == "http" and scope["method"] in _READ and not streams
+        reads = scope["type"] == "http" and scope["method"] in _READ and not names_event_stream(fields_of(scope))
         if not reads and not origins <= self._origins | self._pages:
             raise ForeignOrigin(
                 f"pages of {', '.join(self._bases.values())} may do this, and clients that are no pages"

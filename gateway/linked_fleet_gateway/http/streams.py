@@ -7,6 +7,7 @@ from dataclasses import replace
 from starlette.types import Receive, Scope, Send
 
 from linked_fleet_gateway.base.errors import Conflict, NotAcceptable
+from linked_fleet_gateway.http.arrival import names_event_stream
 from linked_fleet_gateway.http.audit import record_request
 from linked_fleet_gateway.http.callers import require_subtree
 from linked_fleet_gateway.http.event_stream import CANCELLED_ID, serve_event_stream
@@ -50,10 +51,9 @@ _Start = Callable[[Outlet], Awaitable[Feed]]
 
 def wants_events(request: Request) -> bool:
     """Return True if Accept names event streams and prefers no other type of ours."""
-    accept = field(request, "accept")
-    if accept is None or "event-stream" not in accept.lower():
+    if not names_event_stream(request.arrival.fields):
         return False
-    ranges = parse_accept(accept)
+    ranges = parse_accept(field(request, "accept"))
     named = max((each.q for each in ranges if (each.type, each.subtype) == ("text", "event-stream")), default=0.0)
     if named == 0 or request.method not in ("GET", "HEAD"):
         return False

@@ -20,7 +20,7 @@ from linked_fleet_gateway.base.settings import FILE, Section, setting
 from linked_fleet_gateway.extensions.sessions.cookies import read_cookie, record_session
 from linked_fleet_gateway.extensions.sessions.login import Login
 from linked_fleet_gateway.extensions.sessions.service import EndedSessions, SessionKey, Sessions
-from linked_fleet_gateway.http.arrival import Authenticated, arrival_of
+from linked_fleet_gateway.http.arrival import Authenticated, arrival_of, fields_of, names_event_stream
 from linked_fleet_gateway.http.extension import Core, Extension, Mount
 from linked_fleet_gateway.http.html import HTML
 from linked_fleet_gateway.http.negotiation import choose
@@ -81,7 +81,7 @@ def _check_page(scope: Scope, headers: Headers) -> None:
     must use tokens, because otherwise they would act for the person who is logged in. Reads are exempt: other sites may
     link here, and only the reader sees the response.
     """
-    events = "text/event-stream" in headers.get("accept", "").lower()
+    events = names_event_stream(fields_of(scope))
     calls_back = "callback" in headers.get("upgrade", "").lower()
     reads = scope["type"] == "http" and scope["method"] in _READ and not events and not calls_back
     elsewhere = arrival_of(scope).cross_origin
@@ -96,8 +96,10 @@ def _would_log_in(scope: Scope) -> bool:
     """Return True for a browser navigation that expects a page."""
     if scope["type"] != "http" or scope["method"] not in ("GET", "HEAD"):
         return False
-    accept = Headers(scope=scope).get("accept")
-    return accept is not None and "text/event-stream" not in accept and choose(accept, (*RDF_TYPES, HTML)) == HTML
+    fields = fields_of(scope)
+    if b"accept" not in fields or names_event_stream(fields):
+        return False
+    return choose(fields[b"accept"].decode("latin-1"), (*RDF_TYPES, HTML)) == HTML
 
 
 def _to_login(scope: Scope) -> RedirectResponse:

@@ -95,6 +95,11 @@ def test_a_session_listens_for_our_pages_alone(here: AuthenticatedGateway, http:
     assert http.get(here.root, headers=callback).status_code == 403
 
 
+def test_an_event_source_is_not_sent_to_the_login(here: AuthenticatedGateway) -> None:
+    for accept, status in ((_HTML, 303), (f"text/event-stream, {_HTML}", 401), (f"Text/Event-Stream, {_HTML}", 401)):
+        assert httpx.get(here.root, headers={"accept": accept}).status_code == status
+
+
 def test_a_foreign_page_cannot_open_a_websocket(here: AuthenticatedGateway) -> None:
     bearer = f"Bearer {here.tokens['all']}"
     assert refused(here.root, Authorization=bearer, Origin="https://evil.example").status_code == 403
