@@ -232,6 +232,7 @@ class Discovery:
                     self._take(said)
                     await asyncio.sleep(0)
         except Exception:
+            # Whatever failed, the query must not keep its place in the queue. ``_ended`` logs the error.
             queue.requeue(robot, self._loop.time())
             raise
         missing = self._missing.get(robot)

@@ -271,7 +271,7 @@ def test_files_that_change_are_noticed(folder: Path, tmp_path: Path, caplog: pyt
 
 
 def test_connections_without_a_handshake_take_places(folder: Path, certificate: Certificate) -> None:
-    """Those that have waited longest are closed for others, as idle connections are."""
+    """The limit closes the connections that have waited longest, like idle ones."""
     places = Sockets(3, 3)
 
     async def test() -> None:

@@ -147,7 +147,7 @@ def test_parameters_are_read_set_and_followed(here: AuthenticatedGateway) -> Non
 def test_a_stop_does_not_wait_for_settings_that_take_long(
     here: AuthenticatedGateway, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """As while Redis does not answer."""
+    """Each setting takes three seconds here; it takes longer if Redis does not answer."""
     name, usual = f"/{SEEN}/maximumSpeedScale", session.ask
 
     async def slow(request: Any, method: str, *more: Any, **fields: Any) -> Any:

@@ -122,7 +122,7 @@ def test_recordings_that_wait_are_bounded(made: Bench) -> None:
 async def test_a_recording_that_cannot_be_written_leaves_no_file_and_costs_no_other(
     made: Bench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """As on a full disk."""
+    """The disk is full here."""
     for _ in range(MOST_OF_ROBOT):
         made.begin(stops=())
         made._last_s.clear()
