@@ -17,7 +17,7 @@ from linked_fleet_gateway.fleet.invocations import Invocation
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.resources.invocation import invocation_path
 from linked_fleet_gateway.resources.paths import lease_path
-from linked_fleet_gateway.runtime.background import await_last_step, cancel_tasks, supervised
+from linked_fleet_gateway.runtime.background import cancel_tasks, run_last_step, supervised
 from linked_fleet_gateway.runtime.redis import GATHER_S
 from linked_fleet_gateway.runtime.replica import Replica, follow_changes
 from linked_fleet_gateway.subscriptions.live import Live
@@ -69,7 +69,7 @@ class ReplicatedInvocations:
     ) -> None:
         await cancel_tasks([*self._tasks, *self._fetching, *self._stopping.values()])
         if self._unsaved:
-            await await_last_step(self._save(), log, "the last invocations could not be saved")
+            await run_last_step(self._save(), log, "the last invocations could not be saved")
         for id in self._unsaved:
             log.warning("what became of invocation %s could not be remembered", id)
 

@@ -19,7 +19,7 @@ from linked_fleet_gateway.actions import redis_scripts as scripts
 from linked_fleet_gateway.actions.redis_scripts import Keys, robot_from_tag, robot_tag, text_hash
 from linked_fleet_gateway.fleet.invocation import Lease
 from linked_fleet_gateway.fleet.invocations import MAX_TERMINAL, Invocation
-from linked_fleet_gateway.runtime.background import await_last_step, cancel_tasks, supervised
+from linked_fleet_gateway.runtime.background import cancel_tasks, run_last_step, supervised
 from linked_fleet_gateway.runtime.redis import (
     GATHER_S,
     Connection,
@@ -107,7 +107,7 @@ class ActionStore:
 
     async def __aexit__(self, *_: object) -> None:
         await cancel_tasks(self._tasks)
-        await await_last_step(self._tell_rest(), _log, "other gateways have not been told everything", _LAST_S)
+        await run_last_step(self._tell_rest(), _log, "other gateways have not been told everything", _LAST_S)
         await self._redis.close()
 
     # Invocations

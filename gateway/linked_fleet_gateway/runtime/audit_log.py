@@ -13,7 +13,7 @@ from dataclasses import dataclass, fields
 from types import TracebackType
 from typing import Self
 
-from linked_fleet_gateway.runtime.background import await_last_step, cancel_tasks, supervised
+from linked_fleet_gateway.runtime.background import cancel_tasks, run_last_step, supervised
 from linked_fleet_gateway.runtime.redis import GATHER_S, Connection
 
 log = logging.getLogger("gateway.audit")
@@ -63,7 +63,7 @@ class AuditLog:
     ) -> None:
         await cancel_tasks(self._tasks)
         if self._waiting:
-            await await_last_step(self._write_all(), log, "the last entries are only in the log")
+            await run_last_step(self._write_all(), log, "the last entries are only in the log")
         await self._redis.close()
 
     def record(

@@ -58,10 +58,8 @@ async def _repeat(run: Callable[[], Awaitable[None]], log: Logger, failed: str, 
         await asyncio.sleep(rest_s)
 
 
-async def await_last_step(
-    step: Awaitable[object], log: Logger, failure_message: str, limit_s: float = FINISH_S
-) -> None:
-    """Await a last step at Redis for at most ``limit_s``; log ``failure_message`` if it did not succeed."""
+async def run_last_step(step: Awaitable[object], log: Logger, failure_message: str, limit_s: float = FINISH_S) -> None:
+    """Run a last step at Redis for at most ``limit_s``; log ``failure_message`` if it did not succeed."""
     try:
         async with asyncio.timeout(limit_s):
             await step

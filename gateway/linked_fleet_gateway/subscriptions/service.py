@@ -8,7 +8,7 @@ from contextlib import suppress
 from types import TracebackType
 
 from linked_fleet_gateway.resources.subscription import ChangeableOptions, Record, Subscription
-from linked_fleet_gateway.runtime.background import await_last_step, cancel_tasks, supervised
+from linked_fleet_gateway.runtime.background import cancel_tasks, run_last_step, supervised
 from linked_fleet_gateway.subscriptions.broadcast import Ending
 from linked_fleet_gateway.subscriptions.callbacks import Callbacks, EntitlementCheck
 from linked_fleet_gateway.subscriptions.fan_out import FanOut
@@ -62,7 +62,7 @@ class Subscriptions:
     ) -> None:
         await cancel_tasks(self._tasks)
         await asyncio.gather(self.streams.aclose(), self.callbacks.aclose())
-        await await_last_step(self._store.announce_end(), log, "the store could not be told that this gateway ends")
+        await run_last_step(self._store.announce_end(), log, "the store could not be told that this gateway ends")
 
     @property
     def store_is_available(self) -> bool:

@@ -12,8 +12,8 @@ from linked_fleet_gateway.runtime.background import (
     FINISH_S,
     MAX_RETRY_S,
     RETRY_S,
-    await_last_step,
     cancel_tasks,
+    run_last_step,
     supervised,
 )
 from linked_fleet_gateway.runtime.redis import BACKOFF_S, StoreUnavailable
@@ -87,9 +87,9 @@ def test_a_long_pause_is_as_long_after_an_error() -> None:
 def test_a_last_step_is_waited_for_as_long_as_redis_may_take(caplog: pytest.LogCaptureFixture) -> None:
     async def test() -> None:
         begun_s = time.monotonic()
-        await await_last_step(asyncio.sleep(0.5), log, "a step was not taken")
-        await await_last_step(Work(StoreUnavailable("away"))(), log, "it could not be said")
-        await await_last_step(asyncio.sleep(3600), log, "it hangs")
+        await run_last_step(asyncio.sleep(0.5), log, "a step was not taken")
+        await run_last_step(Work(StoreUnavailable("away"))(), log, "it could not be said")
+        await run_last_step(asyncio.sleep(3600), log, "it hangs")
         assert time.monotonic() - begun_s == pytest.approx(0.5 + FINISH_S)
 
     with caplog.at_level(logging.INFO):

@@ -21,7 +21,7 @@ from linked_fleet_gateway.identity.rights import Identity
 from linked_fleet_gateway.resources.affordance import Invoke
 from linked_fleet_gateway.resources.resource import Resource
 from linked_fleet_gateway.runtime.audit_log import AuditLog
-from linked_fleet_gateway.runtime.background import await_last_step, cancel_tasks, supervised
+from linked_fleet_gateway.runtime.background import cancel_tasks, run_last_step, supervised
 from linked_fleet_gateway.runtime.replica import Replica, follow_changes
 from linked_fleet_gateway.subscriptions.live import Live
 
@@ -83,7 +83,7 @@ class Rules:
         await cancel_tasks([*self._tasks, *self._writing])
         self._changes.close()
         await self._engine.set_rules(set())
-        await await_last_step(self._store.leave(), log, "the lease of the rules could not be released")
+        await run_last_step(self._store.leave(), log, "the lease of the rules could not be released")
         await self._store.close()
 
     @property
