@@ -1,250 +1,40 @@
 """The policy of the fan-out, on a real fleet and tree: what is news, what is conflated, and what comes last."""
 
 import asyncio
-import dataclasses
-import heapq
 import itertools
-import math
 import random
-from collections.abc import Callable, Iterator
-from typing import Any, ClassVar
+from typing import Any
 
-import msgspec
 import pytest
 
-from fake_robots import joint, link, robot
-from linked_fleet_agent.wire.codec import encode_state, layout
-from linked_fleet_agent.wire.messages import WIRE_VERSION, Description, State
+from fan_out_world import (
+    JOINT,
+    OTHER_URDF,
+    ROBOT,
+    ROTATION,
+    InStep,
+    Outlet,
+    World,
+    begin,
+    change_options,
+    described,
+    limit_turn,
+    watch,
+)
 from linked_fleet_gateway.fleet.events import Appeared, Described, DescriptionRejected, Event, Framed, Vanished
-from linked_fleet_gateway.fleet.fleet import Fleet
-from linked_fleet_gateway.fleet.invocations import Invocation, Invocations, InvocationState
-from linked_fleet_gateway.identity.rights import View
-from linked_fleet_gateway.resources.subscription import Depth, Kind, Subscription
-from linked_fleet_gateway.resources.tree import Tree
+from linked_fleet_gateway.fleet.invocations import Invocation, InvocationState
+from linked_fleet_gateway.resources.subscription import Depth
 from linked_fleet_gateway.subscriptions import fan_out
 from linked_fleet_gateway.subscriptions.broadcast import Ending, Message
-from linked_fleet_gateway.subscriptions.fan_out import FanOut
 from linked_fleet_gateway.subscriptions.topic import Topic
-from linked_fleet_gateway.subscriptions.watcher import Timer, Watcher
 
-_BASE = "http://fleet.example"
-_URDF = robot(link("base"), link("tip"), joint("elbow", "revolute", "base", "tip"))
-_OTHER = _URDF.replace("elbow", "wrist")
-_ROTATION, _JOINT, _ROBOT = "/r/elbow/rotation", "/r/elbow", "/r/"
-_ids = itertools.count()
-
-
-class _Alarm:
-    def __init__(self, call: Callable[[], None]) -> None:
-        self.call: Callable[[], None] | None = call
-
-    def cancel(self) -> None:
-        self.call = None
-
-
-class Clocked(FanOut):
-    """A fan-out whose clock the test advances."""
-
-    present_s = 100.0
-
-    def __init__(self, tree: Callable[[str, View], Tree], next_moved: Callable[[], str | None]) -> None:
-        super().__init__(tree, next_moved)
-        self._alarms: list[tuple[float, int, _Alarm]] = []
-
-    def now_s(self) -> float:
-        return self.present_s
-
-    def call_later(self, delay_s: float, call: Callable[[], None]) -> Timer:
-        alarm = _Alarm(call)
-        heapq.heappush(self._alarms, (self.present_s + delay_s, next(_ids), alarm))
-        return alarm
-
-    def advance(self, seconds: float) -> None:
-        self.present_s += seconds
-        while self._alarms and self._alarms[0][0] <= self.present_s:
-            alarm = heapq.heappop(self._alarms)[2]
-            if alarm.call is not None:
-                alarm.call()
-
-    @property
-    def idle(self) -> bool:
-        return not (self._dirty or self._scans or self._runnable)
-
-    @property
-    def empty(self) -> bool:
-        """True if nothing of former watchers is kept."""
-        return not (self._topics or self._of_robot or self._subtrees or self._absent or self._dirty or self._scans)
-
-
-class Outlet:
-    watcher: Watcher
-
-    def __init__(self) -> None:
-        self.messages: list[Message] = []
-        self.room = True
-        self.ending: Ending | None = None
-
-    def writable(self) -> bool:
-        return self.room
-
-    def write(self, message: Message) -> None:
-        assert self.room and self.ending is None
-        self.messages.append(message)
-
-    def end(self, ending: Ending) -> None:
-        self.ending = ending
-
-    @property
-    def versions(self) -> list[str]:
-        return [message.version for message in self.messages]
-
-    @property
-    def previous(self) -> list[str | None]:
-        """The previous version stated in each message."""
-        found = [
-            message.body.decode().partition('previousVersion> "')[2].partition('"')[0] for message in self.messages
-        ]
-        return [version or None for version in found]
-
-    @property
-    def frames(self) -> list[int]:
-        """The number of the frame shown in each message."""
-        return [int(version.partition("-")[2]) for version in self.versions]
-
-    def take(self) -> list[str]:
-        """Return the paths of the messages so far, and forget them."""
-        paths = [message.path for message in self.messages]
-        self.messages.clear()
-        return paths
-
-
-class _Frame(bytes):
-    """Framed bytes that know their message."""
-
-    message: Message
-
-
-def _framed(message: Message) -> bytes:
-    frame = _Frame(message.body)
-    frame.message = message
-    return frame
-
-
-class InStep(Outlet):
-    """An outlet that can share a broadcast, as WebSockets and event streams can."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.framing = _framed
-
-    def send(self, frame: bytes) -> bool:
-        if not self.room or self.ending is not None:
-            return False
-        assert isinstance(frame, _Frame)
-        self.messages.append(frame.message)
-        return True
-
-    def write(self, message: Message) -> None:
-        assert self.room
-        self.send(message.frame_with(self.framing))
-
-
-@pytest.fixture(autouse=True, params=[Outlet, InStep], ids=["alone", "in step"])
-def _kind(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    """Run each test with both kinds of outlets, which must get the same messages alone and in a broadcast.
-
-    No turn may raise.
-    """
-    failures = list[dict[str, Any]]()
-    monkeypatch.setattr(World, "outlet", request.param)
-    monkeypatch.setattr(World, "failures", failures)
-    yield
-    assert not failures
-
-
-class World:
-    """A fleet with one robot; every step waits until the fan-out has nothing left to do."""
-
-    outlet = Outlet
-    failures: ClassVar[list[dict[str, Any]]] = []
-
-    def __init__(self) -> None:
-        asyncio.get_running_loop().set_exception_handler(lambda _, context: self.failures.append(context))
-        self.fleet, self.invocations = Fleet(), Invocations()
-        self.fan_out = Clocked(
-            lambda base, sees: Tree(self.fleet, self.invocations, base, visible_robots=sees), self.fleet.next_moved
-        )
-        self.fleet.frames.watched = self.fan_out.watched_robots
-        self._sequence = itertools.count()
-
-    def tell(self, *events: Event) -> None:
-        for event in events:
-            for change in self.fleet.apply(event, 1):
-                (self.fan_out.mark_moved if change.what == "frame" else self.fan_out.mark_robot_changed)(change.robot)
-
-    async def apply(self, *events: Event) -> None:
-        self.tell(*events)
-        await self.settle()
-
-    async def settle(self) -> None:
-        while not self.fan_out.idle:  # noqa: ASYNC110 - a turn is a callback of the loop
-            await asyncio.sleep(0)
-
-    async def up(self) -> "World":
-        await self.apply(Appeared("r", 1), Described(described()), self.frame(0.0))
-        return self
-
-    def frame(self, elbow: float) -> Framed:
-        nan, sequence = (math.nan,), next(self._sequence)
-        state = State(
-            incarnation=1, sequence=sequence, monotonic_ns=sequence, wall_ns=1000 + sequence,
-            positions=(elbow,), velocities=nan, efforts=nan,
-        )  # fmt: skip
-        return Framed("r", encode_state(state))
-
-    async def move(self, *elbow: float) -> None:
-        for angle in elbow:
-            await self.apply(self.frame(angle))
-
-    async def advance(self, seconds: float) -> None:
-        self.fan_out.advance(seconds)
-        await self.settle()
-
-
-def described(incarnation: int = 1, **changed: object) -> Description:
-    base = Description(
-        version=WIRE_VERSION, robot="r", incarnation=incarnation, title="R", urdf=_URDF, joints=("elbow",),
-        rate_hz=50, layout=layout(1, False), capabilities=("move",),
-    )  # fmt: skip
-    return msgspec.structs.replace(base, **changed)
-
-
-def to(path: str, **more: object) -> Subscription:
-    values: dict[str, object] = {
-        "id": str(next(_ids)), "owner": "/", "resource": path, "kind": Kind.WEBSOCKET,
-        "media_type": "application/n-triples", "base": _BASE, "client": "", "created_ns": 0,
-    }  # fmt: skip
-    return Subscription(**(values | more))  # type: ignore[arg-type]
-
-
-def watch(world: World, path: str, sent: dict[str, str] | None = None, patient: bool = False, **more: object) -> Outlet:
-    outlet = world.outlet()
-    outlet.watcher = world.fan_out.watch(to(path, **more), outlet, sent, wait_if_absent=patient)
-    return outlet
-
-
-async def begin(world: World, path: str, **more: object) -> Outlet:
-    """Return an outlet that is ready and has got the present state."""
-    outlet = watch(world, path, **more)
-    outlet.watcher.schedule_send()
-    await world.settle()
-    return outlet
+pytestmark = pytest.mark.usefixtures("outlet_kinds")
 
 
 async def test_every_change_is_a_message_when_there_is_room() -> None:
     """First the present state; each message names the version before it; no value within its resolution is one."""
     world = await World().up()
-    outlet = watch(world, _ROTATION)
+    outlet = watch(world, ROTATION)
     assert not outlet.messages, "nothing is written before somebody is ready"
     outlet.watcher.schedule_send()
     await world.settle()
@@ -256,7 +46,7 @@ async def test_every_change_is_a_message_when_there_is_room() -> None:
 async def test_a_full_outlet_gets_the_latest_and_sees_the_gap() -> None:
     """Values are conflated while there is no room, nobody else waits, and the last one goes out."""
     world = await World().up()
-    slow, fast = watch(world, _ROTATION), watch(world, _ROTATION)
+    slow, fast = watch(world, ROTATION), watch(world, ROTATION)
     slow.watcher.schedule_send(), fast.watcher.schedule_send()
     await world.settle()
     slow.room = False
@@ -272,7 +62,7 @@ async def test_a_full_outlet_gets_the_latest_and_sees_the_gap() -> None:
 
 async def test_a_value_that_returned_to_the_sent_one_is_no_news() -> None:
     world = await World().up()
-    outlet = await begin(world, _ROTATION)
+    outlet = await begin(world, ROTATION)
     outlet.room = False
     await world.move(0.1, 0.0)
     outlet.room = True
@@ -286,7 +76,7 @@ async def test_a_value_that_returned_to_the_sent_one_is_no_news() -> None:
 async def test_a_burst_of_frames_is_read_once() -> None:
     """Frames that arrive together are not queued: the latest is read, and the gap is shown."""
     world = await World().up()
-    outlet = await begin(world, _ROTATION)
+    outlet = await begin(world, ROTATION)
     await world.apply(*(world.frame(angle) for angle in (0.1, 0.2, 0.3)))
     assert len(outlet.messages) == 2
     assert b"0.3" in outlet.messages[-1].body
@@ -294,9 +84,9 @@ async def test_a_burst_of_frames_is_read_once() -> None:
 
 async def test_frames_of_many_robots_are_marked_in_several_turns(monkeypatch: pytest.MonkeyPatch) -> None:
     """The thread that stores frames wakes the fan-out once; who hears of all frames delays nobody else."""
-    _turns_of(monkeypatch, 4)
+    limit_turn(monkeypatch, 4)
     world, heard = await World().up(), list[str | None]()
-    outlet = await begin(world, _ROTATION)
+    outlet = await begin(world, ROTATION)
     world.fan_out.listeners[heard.append] = None
     world.fleet.frames.has_listeners = True
     others = [f"other{number}" for number in range(5)]
@@ -320,7 +110,7 @@ async def test_frames_of_many_robots_are_marked_in_several_turns(monkeypatch: py
 async def test_the_deadband_counts_from_the_sent_value() -> None:
     """A slow drift is news once it adds up; a subscriber without deadband gets each step."""
     world = await World().up()
-    rough, fine = watch(world, _ROTATION, deadband=0.25), watch(world, _ROTATION)
+    rough, fine = watch(world, ROTATION, deadband=0.25), watch(world, ROTATION)
     rough.watcher.schedule_send(), fine.watcher.schedule_send()
     await world.settle()
     await world.move(0.125, 0.1875, 0.25, 0.375, 0.0)
@@ -334,7 +124,7 @@ async def test_the_deadband_counts_from_the_sent_value() -> None:
 async def test_a_decimal_step_of_the_deadband_counts() -> None:
     """0.3 - 0.2 is less than 0.1 by rounding."""
     world = await World().up()
-    outlet = await begin(world, _ROTATION, deadband=0.1)
+    outlet = await begin(world, ROTATION, deadband=0.1)
     await world.move(0.2, 0.3)
     assert outlet.frames == [1, 2, 3]
 
@@ -342,7 +132,7 @@ async def test_a_decimal_step_of_the_deadband_counts() -> None:
 async def test_a_frame_of_an_offline_robot_tells_when_it_was_last_seen() -> None:
     """A frame may come after the token has gone. Of a robot that is online the time of its last frame is no news."""
     world = await World().up()
-    outlet = await begin(world, _ROTATION)
+    outlet = await begin(world, ROTATION)
 
     async def hear(at_s: int) -> None:
         for change in world.fleet.apply(world.frame(0.0), at_s * 10**9):
@@ -361,7 +151,7 @@ async def test_a_frame_of_an_offline_robot_tells_when_it_was_last_seen() -> None
 async def test_interval_has_a_trailing_edge() -> None:
     """At once after a pause; then nothing before the interval has passed, and then the last value."""
     world = await World().up()
-    outlet = await begin(world, _ROTATION, interval_s=2.0)
+    outlet = await begin(world, ROTATION, interval_s=2.0)
     await world.move(0.1, 0.2)
     await world.advance(1.9)
     assert len(outlet.messages) == 1
@@ -385,11 +175,11 @@ async def test_resuming() -> None:
     With any other, whatever its order: the present state at once.
     """
     world = await World().up()
-    before = await begin(world, _ROTATION)
+    before = await begin(world, ROTATION)
     (version,) = before.versions
     before.watcher.close()
-    same, later = watch(world, _ROTATION, {_ROTATION: version}), watch(world, _ROTATION, {_ROTATION: "1-1000"})
-    old, foreign = watch(world, _ROTATION, {_ROTATION: "0-9"}), watch(world, _ROTATION, {_ROTATION: "cancelled"})
+    same, later = watch(world, ROTATION, {ROTATION: version}), watch(world, ROTATION, {ROTATION: "1-1000"})
+    old, foreign = watch(world, ROTATION, {ROTATION: "0-9"}), watch(world, ROTATION, {ROTATION: "cancelled"})
     for each in (same, later, old, foreign):
         each.watcher.schedule_send()
     await world.settle()
@@ -402,19 +192,19 @@ async def test_resuming() -> None:
 async def test_depths_of_a_joint() -> None:
     """This: presence. Properties: values in one message. Subtree: each property on its own."""
     world = await World().up()
-    this, properties = (watch(world, _JOINT, depth=depth) for depth in (Depth.THIS, Depth.PROPERTIES))
-    subtree = watch(world, _JOINT, depth=Depth.SUBTREE)
+    this, properties = (watch(world, JOINT, depth=depth) for depth in (Depth.THIS, Depth.PROPERTIES))
+    subtree = watch(world, JOINT, depth=Depth.SUBTREE)
     for each in (this, properties, subtree):
         each.watcher.schedule_send()
     await world.settle()
-    assert (this.take(), properties.take()) == ([_JOINT], [_JOINT])
+    assert (this.take(), properties.take()) == ([JOINT], [JOINT])
     first = subtree.take()
     assert len(first) == len(set(first)) > 3
-    assert {_JOINT, _ROTATION} <= set(first)
+    assert {JOINT, ROTATION} <= set(first)
     await world.move(0.1)
-    assert (this.take(), properties.take(), subtree.take()) == ([], [_JOINT], [_ROTATION])
+    assert (this.take(), properties.take(), subtree.take()) == ([], [JOINT], [ROTATION])
     await world.apply(Vanished("r", 1))
-    assert (this.take(), properties.take()) == ([_JOINT], [_JOINT])
+    assert (this.take(), properties.take()) == ([JOINT], [JOINT])
     assert set(subtree.take()) == set(first)
 
 
@@ -425,7 +215,7 @@ async def test_a_subtree_follows_its_members() -> None:
     assert "/" in outlet.take()
     await world.apply(Appeared("s", 1))
     assert set(outlet.take()) == {"/", "/s/"}
-    joints = {"urdf": _OTHER, "joints": ("wrist",)}
+    joints = {"urdf": OTHER_URDF, "joints": ("wrist",)}
     await world.apply(Described(described(**joints)))
     paths = outlet.take()
     assert "/r/wrist/rotation" in paths
@@ -451,7 +241,7 @@ async def test_the_end_of_an_invocation_holds_back_nothing_of_its_round() -> Non
     invocation = Invocation("i1", "r", "/r/elbow/actions/rotate", {"elbow": 1.0}, 0, 10**18)
     path = f"{invocation.action}/invocations/i1"
     world.invocations.add(invocation)
-    outlet = await begin(world, _ROBOT, depth=Depth.SUBTREE)
+    outlet = await begin(world, ROBOT, depth=Depth.SUBTREE)
     outlet.take()
     outlet.room = False
     invocation.state = InvocationState.SUCCEEDED
@@ -463,19 +253,19 @@ async def test_the_end_of_an_invocation_holds_back_nothing_of_its_round() -> Non
     await world.settle()
     paths = outlet.take()
     assert paths[0] == path
-    assert _ROTATION in paths
+    assert ROTATION in paths
 
 
 async def test_a_removed_resource_ends_watchers_except_patient_ones() -> None:
     """GONE without a resource; a patient watcher, such as a callback, continues when it is back."""
     world = await World().up()
-    stream, callback = watch(world, _ROTATION), watch(world, _ROTATION, patient=True)
+    stream, callback = watch(world, ROTATION), watch(world, ROTATION, patient=True)
     stream.watcher.schedule_send(), callback.watcher.schedule_send()
     await world.settle()
-    await world.apply(Described(described(urdf=_OTHER, joints=("wrist",))))
+    await world.apply(Described(described(urdf=OTHER_URDF, joints=("wrist",))))
     assert (stream.ending, callback.ending) == (Ending.GONE, None)
-    assert watch(world, _ROTATION).ending is Ending.GONE
-    early = watch(world, _ROTATION, patient=True)
+    assert watch(world, ROTATION).ending is Ending.GONE
+    early = watch(world, ROTATION, patient=True)
     early.watcher.schedule_send()
     await world.apply(Described(described()), world.frame(0.5))
     assert b"0.5" in callback.messages[-1].body
@@ -485,14 +275,14 @@ async def test_a_removed_resource_ends_watchers_except_patient_ones() -> None:
 
 
 @pytest.mark.parametrize(
-    "without", [DescriptionRejected("r", 1, "?"), Described(described(urdf=_OTHER, joints=("wrist",)))]
+    "without", [DescriptionRejected("r", 1, "?"), Described(described(urdf=OTHER_URDF, joints=("wrist",)))]
 )
 async def test_a_description_may_change_while_a_subtree_is_scanned(
     without: Event, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A scan does not look for the parts of before. Afterwards all parts of now are followed."""
     for turns in range(40):
-        _turns_of(monkeypatch, 4)
+        limit_turn(monkeypatch, 4)
         world = await World().up()
         outlet = watch(world, "/", depth=Depth.SUBTREE)
         outlet.watcher.schedule_send()
@@ -502,12 +292,12 @@ async def test_a_description_may_change_while_a_subtree_is_scanned(
             await asyncio.sleep(0)
         await world.apply(Described(described()))
         paths = outlet.take()
-        assert _ROTATION in paths
+        assert ROTATION in paths
         await world.move(0.5)
-        assert set(outlet.take()) == {_ROTATION, "/r/tip/pose"}
+        assert set(outlet.take()) == {ROTATION, "/r/tip/pose"}
 
 
-@pytest.mark.parametrize(("path", "depth"), [(_ROTATION, Depth.PROPERTIES), (_ROBOT, Depth.SUBTREE)])
+@pytest.mark.parametrize(("path", "depth"), [(ROTATION, Depth.PROPERTIES), (ROBOT, Depth.SUBTREE)])
 async def test_a_resource_is_gone_when_the_message_about_it_is_due(path: str, depth: Depth) -> None:
     """A new description may come between the change of a resource and the turn of its watcher."""
     world = await World().up()
@@ -517,7 +307,7 @@ async def test_a_resource_is_gone_when_the_message_about_it_is_due(path: str, de
     outlet.room = False
     await world.move(0.5)
     outlet.take()
-    world.tell(Described(described(urdf=_OTHER, joints=("wrist",))))
+    world.tell(Described(described(urdf=OTHER_URDF, joints=("wrist",))))
     outlet.room = True
     while outlet.watcher.step():  # its turn comes before the resources are read
         pass
@@ -525,13 +315,13 @@ async def test_a_resource_is_gone_when_the_message_about_it_is_due(path: str, de
     await world.apply(Described(described()), world.frame(0.7))
     outlet.watcher.schedule_send()
     await world.settle()
-    assert _ROTATION in outlet.take()
+    assert ROTATION in outlet.take()
 
 
 async def test_a_subtree_ends_with_its_root() -> None:
     world = await World().up()
-    outlet = await begin(world, _JOINT, depth=Depth.SUBTREE)
-    await world.apply(Described(described(urdf=_OTHER, joints=("wrist",))))
+    outlet = await begin(world, JOINT, depth=Depth.SUBTREE)
+    await world.apply(Described(described(urdf=OTHER_URDF, joints=("wrist",))))
     assert outlet.ending is Ending.GONE
     assert world.fan_out.empty
 
@@ -539,7 +329,7 @@ async def test_a_subtree_ends_with_its_root() -> None:
 async def test_a_robot_that_says_nothing_usable_for_a_while_ends_nobody() -> None:
     """Joints of a robot with an unusable description do not exist; their watchers get a message when they return."""
     world = await World().up()
-    outlets = [watch(world, _ROTATION), watch(world, _JOINT, depth=Depth.SUBTREE)]
+    outlets = [watch(world, ROTATION), watch(world, JOINT, depth=Depth.SUBTREE)]
     for outlet in outlets:
         outlet.watcher.schedule_send()
     await world.settle()
@@ -553,7 +343,7 @@ async def test_a_robot_that_says_nothing_usable_for_a_while_ends_nobody() -> Non
 async def test_a_message_shows_the_state_of_its_version() -> None:
     """A frame that arrives before a message is rendered is read first: no body is newer than its version."""
     world = await World().up()
-    outlet = await begin(world, _ROTATION)
+    outlet = await begin(world, ROTATION)
     outlet.room = False
     await world.move(1.5)
     for change in world.fleet.apply(world.frame(2.0), 1):
@@ -571,7 +361,7 @@ async def test_the_first_round_has_all_of_a_subtree_however_long_it_takes_to_fin
     turns = itertools.count()
     monkeypatch.setattr(fan_out.time, "perf_counter", lambda: next(turns) * fan_out.TURN_S / 4)  # a few steps per turn
     world = await World().up()
-    outlet = await begin(world, _ROBOT, depth=Depth.SUBTREE, interval_s=8.0)
+    outlet = await begin(world, ROBOT, depth=Depth.SUBTREE, interval_s=8.0)
     first = outlet.take()
     await world.advance(8.0)
     assert outlet.take() == [] and len(first) == len(set(first)) > 5
@@ -580,7 +370,7 @@ async def test_the_first_round_has_all_of_a_subtree_however_long_it_takes_to_fin
 async def test_the_interval_lies_between_rounds_of_a_subtree() -> None:
     """News during a round waits for the next one."""
     world = await World().up()
-    outlet = await begin(world, _ROBOT, depth=Depth.SUBTREE, interval_s=8.0)
+    outlet = await begin(world, ROBOT, depth=Depth.SUBTREE, interval_s=8.0)
     outlet.take()
     await world.move(0.1)
     assert outlet.take() == []
@@ -600,12 +390,6 @@ async def test_the_interval_lies_between_rounds_of_a_subtree() -> None:
     assert first in outlet.take()
 
 
-def _turns_of(monkeypatch: pytest.MonkeyPatch, looks: int) -> None:
-    """End a turn after so many reads of the clock."""
-    ticks = itertools.count()
-    monkeypatch.setattr(fan_out.time, "perf_counter", lambda: next(ticks) * fan_out.TURN_S / looks)
-
-
 @pytest.mark.parametrize("seed", range(5))
 async def test_readers_with_room_have_the_latest_message_beside_slow_ones(
     seed: int, monkeypatch: pytest.MonkeyPatch
@@ -615,14 +399,14 @@ async def test_readers_with_room_have_the_latest_message_beside_slow_ones(
     Nobody gets a version twice in a row or out of order, and in the end everybody has the last one.
     """
     dice = random.Random(seed)
-    _turns_of(monkeypatch, 5)
+    limit_turn(monkeypatch, 5)
     world = await World().up()
     here: list[Outlet] = []
     gone: list[tuple[Outlet, int]] = []
     for step in range(150):
         match dice.randrange(6):
             case 0:
-                here.extend(watch(world, _ROTATION) for _ in range(dice.choice((1, 40))))
+                here.extend(watch(world, ROTATION) for _ in range(dice.choice((1, 40))))
                 for outlet in here:
                     outlet.watcher.schedule_send()
             case 1 if here:
@@ -651,9 +435,9 @@ async def test_readers_with_room_have_the_latest_message_beside_slow_ones(
 
 async def test_news_in_the_middle_of_a_message_to_many_comes_after_it(monkeypatch: pytest.MonkeyPatch) -> None:
     """Recipients of a message still get it, and then all get the latest; nobody gets the news in between."""
-    _turns_of(monkeypatch, 4)
+    limit_turn(monkeypatch, 4)
     world = await World().up()
-    outlets = [watch(world, _ROTATION) for _ in range(300)]
+    outlets = [watch(world, ROTATION) for _ in range(300)]
     for outlet in outlets:
         outlet.watcher.schedule_send()
     await world.settle()
@@ -675,7 +459,7 @@ async def test_last_message_is_noted_for_each(monkeypatch: pytest.MonkeyPatch) -
     world = await World().up()
     times = itertools.count(1)
     monkeypatch.setattr(fan_out.time, "time_ns", lambda: next(times))
-    slow, fast = watch(world, _ROTATION), watch(world, _ROTATION)
+    slow, fast = watch(world, ROTATION), watch(world, ROTATION)
     assert fast.watcher.last_sent_ns is None
     slow.watcher.schedule_send(), fast.watcher.schedule_send()
     await world.settle()
@@ -691,14 +475,14 @@ async def test_an_error_about_one_resource_keeps_no_message_from_others(monkeypa
     broken = dict.fromkeys(("a", "z"))
     for name in broken:
         await world.apply(Appeared(name, 1), Described(described(robot=name)), Framed(name, world.frame(0.0).payload))
-    paths = [_ROTATION, *(f"/{name}/elbow/rotation" for name in broken)]
-    outlets = [await begin(world, path) for path in (paths[1], _ROTATION, paths[2])]
+    paths = [ROTATION, *(f"/{name}/elbow/rotation" for name in broken)]
+    outlets = [await begin(world, path) for path in (paths[1], ROTATION, paths[2])]
     for outlet in outlets:
         outlet.take()
     whole = Topic.message
 
     def message(topic: Topic[Any], media_type: str, base: str) -> Message:
-        if topic.path != _ROTATION:
+        if topic.path != ROTATION:
             raise RuntimeError("a defect")
         return whole(topic, media_type, base)
 
@@ -706,7 +490,7 @@ async def test_an_error_about_one_resource_keeps_no_message_from_others(monkeypa
         patch.setattr(Topic, "message", message)
         world.tell(*(Framed(name, world.frame(0.5).payload) for name in ("a", "r", "z")))
         await world.settle()
-    assert [outlet.take() for outlet in outlets] == [[], [_ROTATION], []]
+    assert [outlet.take() for outlet in outlets] == [[], [ROTATION], []]
     assert [str(each["exception"]) for each in world.failures] == ["a defect"] * 2
     world.failures.clear()
     world.tell(*(Framed(name, world.frame(0.7).payload) for name in ("a", "r", "z")))
@@ -717,8 +501,8 @@ async def test_an_error_about_one_resource_keeps_no_message_from_others(monkeypa
 async def test_unwatched_resources_cost_nothing() -> None:
     """After the last watcher has left nothing is kept, and frames cause no turn."""
     world = await World().up()
-    outlets = [watch(world, path) for path in (_ROTATION, _JOINT, _ROBOT, "/")]
-    outlets.append(watch(world, _ROBOT, depth=Depth.SUBTREE))
+    outlets = [watch(world, path) for path in (ROTATION, JOINT, ROBOT, "/")]
+    outlets.append(watch(world, ROBOT, depth=Depth.SUBTREE))
     for outlet in outlets:
         outlet.watcher.schedule_send()
     await world.settle()
@@ -730,127 +514,12 @@ async def test_unwatched_resources_cost_nothing() -> None:
     assert world.fan_out.idle
 
 
-# -- other options ----------------------------------------------------------------------------------------------------
-
-
-def _change(world: World, outlet: Outlet, **options: object) -> None:
-    watcher = outlet.watcher  # type: ignore[attr-defined]
-    world.fan_out.change_options(watcher, dataclasses.replace(watcher.subscription, **options))
-
-
-async def test_another_interval_counts_from_the_message_before() -> None:
-    """A longer one delays a pending message, a shorter one releases it, and none leaves no timer behind."""
-    world = await World().up()
-    outlet = await begin(world, _ROTATION, interval_s=2.0)
-    await world.move(0.1)
-    _change(world, outlet, interval_s=5.0)
-    await world.advance(4.9)
-    assert len(outlet.messages) == 1
-    await world.move(0.2)
-    _change(world, outlet, interval_s=4.0)
-    await world.settle()
-    assert outlet.frames[1:] == [3]
-    await world.move(0.3)
-    _change(world, outlet, interval_s=0.0)
-    await world.settle()
-    await world.move(0.4, 0.5)
-    assert outlet.frames[1:] == [3, 4, 5, 6]
-    await world.advance(10)
-    assert len(outlet.messages) == 5
-
-
-async def test_a_new_interval_counts_from_the_change_of_options() -> None:
-    world = await World().up()
-    outlet, other = watch(world, _ROTATION), watch(world, _ROTATION)
-    outlet.watcher.schedule_send(), other.watcher.schedule_send()
-    await world.settle()
-    await world.move(0.1)
-    _change(world, outlet, interval_s=3.0)
-    await world.move(0.2, 0.3)
-    assert (len(outlet.messages), len(other.messages)) == (2, 4)
-    await world.advance(3.0)
-    assert outlet.frames[-1] == other.frames[-1] == 4
-    assert len(outlet.messages) == 3
-
-
-async def test_a_changed_deadband_is_compared_with_the_sent_value() -> None:
-    """A smaller deadband sends changes that were suppressed before; a larger one suppresses further changes."""
-    world = await World().up()
-    outlet = await begin(world, _ROTATION, deadband=0.5)
-    await world.move(0.3)
-    assert len(outlet.messages) == 1
-    _change(world, outlet, deadband=0.2)
-    await world.settle()
-    assert outlet.frames[1:] == [2]
-    outlet.room = False
-    await world.move(0.6)
-    _change(world, outlet, deadband=0.5)
-    outlet.room = True
-    outlet.watcher.schedule_send()
-    await world.settle()
-    assert outlet.frames[1:] == [2]
-    await world.move(0.9)
-    assert outlet.frames[1:] == [2, 4]
-
-
-@pytest.mark.parametrize("options", [{"depth": Depth.SUBTREE}, {"media_type": "text/turtle"}])
-async def test_another_depth_or_media_type_begins_with_the_present_state(options: dict[str, object]) -> None:
-    """Everything covered is sent, whatever was sent before, and nothing of the former watch is kept."""
-    world = await World().up()
-    outlet = await begin(world, _JOINT)
-    await world.move(0.1)
-    outlet.take()
-    _change(world, outlet, **options)
-    await world.settle()
-    paths = outlet.take()
-    subtree = "depth" in options
-    assert paths[0] == _JOINT
-    assert (_ROTATION in paths) is subtree
-    assert len(paths) == len(set(paths))
-    _change(world, outlet, depth=Depth.PROPERTIES, media_type="application/n-triples")
-    await world.settle()
-    assert outlet.take() == [_JOINT]
-    await world.move(0.2)
-    assert outlet.take() == [_JOINT]
-    outlet.watcher.close()
-    assert world.fan_out.empty
-
-
-@pytest.mark.parametrize("options", [{"interval_s": 60.0}, {"secret": "x"}, {"media_type": "text/turtle"}])
-async def test_a_change_in_the_middle_of_a_message_to_many_loses_and_repeats_nothing(
-    monkeypatch: pytest.MonkeyPatch, options: dict[str, object]
-) -> None:
-    """The watcher gets each version once and finally the latest, before its turn in a message and after it."""
-    _turns_of(monkeypatch, 4)
-    world = await World().up()
-    outlets = [watch(world, _ROTATION) for _ in range(120)]
-    for outlet in outlets:
-        outlet.watcher.schedule_send()
-    await world.settle()
-    for outlet in outlets:
-        outlet.take()
-    for angle in (0.1, 0.2):
-        for change in world.fleet.apply(world.frame(angle), 1):
-            world.fan_out.mark_moved(change.robot)
-        await asyncio.sleep(0)
-        await asyncio.sleep(0)
-        for outlet in outlets[:: 7 if angle == 0.1 else 5]:
-            _change(world, outlet, **options)
-    await world.settle()
-    await world.advance(61.0)
-    for outlet in outlets:
-        said = [(message.media_type, message.version) for message in outlet.messages]
-        assert len(set(said)) == len(said)
-        assert outlet.frames == sorted(outlet.frames)
-        assert outlet.frames[-1] == 3
-
-
 # -- all of it in any order -------------------------------------------------------------------------------------------
 
 
 def _watch_something(world: World, dice: random.Random) -> Outlet:
-    path = dice.choice((_ROTATION, _JOINT, _ROBOT, "/"))
-    depths = [Depth.PROPERTIES] if path == _ROTATION else list(Depth)
+    path = dice.choice((ROTATION, JOINT, ROBOT, "/"))
+    depths = [Depth.PROPERTIES] if path == ROTATION else list(Depth)
     more = {"interval_s": dice.choice((0.0, 0.0, 2.0)), "deadband": dice.choice((0.0, 0.0, 0.3))}
     outlet = watch(world, path, patient=dice.random() < 0.5, depth=dice.choice(depths), **more)
     outlet.watcher.schedule_send()
@@ -862,7 +531,7 @@ def _positions(outlet: Outlet) -> list[tuple[str, str, int]]:
     return [
         (each.path, each.media_type, int(each.version.partition("-")[2].partition(".")[0]))
         for each in outlet.messages
-        if each.path.startswith(_ROBOT)
+        if each.path.startswith(ROBOT)
     ]
 
 
@@ -870,8 +539,8 @@ def _positions(outlet: Outlet) -> list[tuple[str, str, int]]:
 async def test_whatever_comes_between_the_last_state_comes_last(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """Watchers, readers, options, descriptions and frames in any order, in turns of a few steps."""
     dice = random.Random(seed)
-    _turns_of(monkeypatch, dice.choice((4, 5, 8, 40)))
-    world, here, other = await World().up(), list[Outlet](), Described(described(urdf=_OTHER, joints=("wrist",)))
+    limit_turn(monkeypatch, dice.choice((4, 5, 8, 40)))
+    world, here, other = await World().up(), list[Outlet](), Described(described(urdf=OTHER_URDF, joints=("wrist",)))
     for step in range(120):
         match dice.randrange(9):
             case 0:
@@ -886,7 +555,7 @@ async def test_whatever_comes_between_the_last_state_comes_last(seed: int, monke
                 outlet = dice.choice(here)
                 changed = dice.choice(({"interval_s": 2.0}, {"deadband": 0.2}, {"media_type": "text/turtle"}, {}))
                 if outlet.ending is None:
-                    _change(world, outlet, **{"interval_s": 0.0, "deadband": 0.0} | changed)
+                    change_options(world, outlet, **{"interval_s": 0.0, "deadband": 0.0} | changed)
             case 4:
                 world.tell(dice.choice((other, DescriptionRejected("r", 1, "?"), Vanished("r", 1))))
                 for _ in range(dice.randrange(3)):
@@ -911,8 +580,8 @@ async def test_whatever_comes_between_the_last_state_comes_last(seed: int, monke
         if outlet.ending is not None:
             assert outlet.ending is Ending.GONE
         elif wanted.depth is Depth.SUBTREE:
-            assert b"1000.0" in latest[_ROTATION]
-        elif wanted.resource in (_ROTATION, _JOINT) and wanted.depth is Depth.PROPERTIES:
+            assert b"1000.0" in latest[ROTATION]
+        elif wanted.resource in (ROTATION, JOINT) and wanted.depth is Depth.PROPERTIES:
             assert b"1000.0" in latest[wanted.resource]
         else:
             assert wanted.resource in latest
