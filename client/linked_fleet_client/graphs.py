@@ -1,6 +1,6 @@
 """Graphs of received documents: parsed by Oxigraph, stored by rdflib, or by Oxigraph if they are large.
 
-README.md has the figures behind this choice.
+``python -m bench.client_graphs`` measures the choice.
 """
 
 from collections.abc import Iterable, Iterator
