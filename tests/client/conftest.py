@@ -63,7 +63,11 @@ PAGES = {
     # neither shape nor binding: OPTIONS says the method
     "/do/rest": '<> a hybrit:Action ; rdfs:label "Rest" .',
     "/do/3": """<> a hybrit:Action ; rdfs:label "Break" ;
-        hybrit:binding [ http:mthd ex:POST ; http:requestURI </run/no> ] .""",
+        hybrit:binding [ http:mthd ex:POST ; http:requestURI </run/no> ] ; rdfs:comment "It cannot be repaired." .""",
+    # invocations without an action that cancels them
+    "/runs/1": "<> a prov:Activity, hybrit:Invocation ; lf:state lf:running .",
+    "/runs/2": """<> a prov:Activity, hybrit:Invocation ; lf:state lf:succeeded ;
+        prov:endedAtTime "2026-11-21T10:00:05Z"^^xsd:dateTime .""",
 }  # fmt: skip
 REFUSAL = b'{"title": "No", "status": 409, "detail": "it is broken", "report": [{"path": "x#a", "message": "m"}]}'
 JOB = "<> a prov:Activity, ex:Job ; lf:state lf:{state} ; lf:progress {progress} ; hybrit:action <{url}/stop> ."
@@ -132,16 +136,17 @@ class Handler(BaseHTTPRequestHandler):
             self.tree.stopped.add(self.path.removesuffix("/stop"))
             self._answer(204, b"")
         elif self.path == "/run/no":
-            said = (
-                b'{"title": "No", "status": 409, "detail": "it is broken", "report": [{"path": "x#a", "message": "m"}]}'
-            )
-            self._answer(409, said, content_type="application/problem+json")
+            self._answer(409, REFUSAL, content_type="application/problem+json")
         elif self.path == "/do/rest" and not body:
             self._answer(204, b"")
         else:
             self._answer(202, b"", location=self.tree.new_job())
 
     do_PUT = do_POST  # noqa: N815
+
+    def do_DELETE(self) -> None:
+        self._note()
+        self._answer(204, b"")
 
     def _note(self) -> bytes:
         body = self.rfile.read(int(self.headers.get("content-length", 0)))

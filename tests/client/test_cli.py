@@ -89,6 +89,40 @@ def test_get_describes_a_thing_with_its_parts(other_tree: Any) -> None:
     assert "blue" in str(mood["values"])
 
 
+def test_an_action_is_described_with_its_input(other_tree: Any) -> None:
+    assert "goal  made of" in run(other_tree.root, "get", "cell/lefty/elbow/bend").stdout
+    broken = run(other_tree.root, "get", "cell/lefty/break").stdout
+    assert ("It cannot be repaired." in broken, "takes nothing" in broken) == (True, True), broken
+    as_json = json.loads(run(other_tree.root, "--json", "get", "cell/lefty/elbow/bend").stdout)
+    assert [field["name"] for field in as_json["input"]] == ["goal", "mode", "tries"]
+
+
+def test_an_invocation_is_described_by_its_state(other_tree: Any) -> None:
+    said = run(other_tree.root, "get", f"{other_tree.url}/runs/2").stdout
+    assert ["state", "succeeded"] in [line.split() for line in said.splitlines()]
+    as_json = json.loads(run(other_tree.root, "--json", "get", f"{other_tree.url}/runs/1").stdout)
+    assert (as_json["state"], as_json["result"]) == ("running", {})
+
+
+def test_an_action_may_have_no_invocation(other_tree: Any) -> None:
+    done = run(other_tree.root, "do", "cell/lefty", "rest")
+    assert (done.returncode, "no invocation to look at" in done.stdout) == (0, True), done.stdout
+    as_json = json.loads(run(other_tree.root, "do", "cell/lefty", "rest", "--json").stdout)
+    assert as_json == {"iri": None, "state": None}
+
+
+def test_ls_shows_a_property_or_an_action_alone(other_tree: Any) -> None:
+    assert lines(run(other_tree.root, "ls", "cell/lefty/elbow/angle"))[1] == ["angle", "Property", "12.5", "deg"]
+    (row,) = json.loads(run(other_tree.root, "--json", "ls", "cell/lefty/elbow/bend").stdout)
+    assert (row["kind"], row["state"]) == ("action", "Bend")
+
+
+def test_watch_shows_each_value_of_a_thing(other_tree: Any) -> None:
+    done = run(other_tree.root, "watch", "cell/lefty/elbow", "--count", "1", "--json")
+    said = [json.loads(line)["path"] for line in done.stdout.splitlines()]
+    assert said == [f"cell/lefty/elbow/{name}" for name in ("angle", "load", "mood")], done.stderr
+
+
 def test_a_terminal_shows_progress_and_the_latest_values(other_tree: Any) -> None:
     goal = 'goal=[{"axis": "Elbow", "value": 45, "unit": "deg"}]'
     done = run(other_tree.root, "do", "cell/lefty/elbow", "bend", goal, terminal=True)
@@ -129,6 +163,8 @@ def test_no_wait_says_where_to_look(other_tree: Any) -> None:
         (["do", "cell/lefty", "break"], 1, "it is broken"),
         (["do", "cell/lefty", "rest", "--dry-run"], 1, "dryRun"),
         (["do", "cell/lefty", "fly"], 4, "Break, Rest"),
+        (["do", "cell/lefty/elbow/angle", "bend"], 4, "not a thing"),
+        (["stop", "cell/lefty/elbow/angle"], 4, "not a thing"),
         (["do", "cell/lefty", "rest", "fast"], 2, "name=value"),
         (["get", "cell/nobody"], 4, "lefty"),
         (["stop"], 4, "stop"),

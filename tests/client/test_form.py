@@ -83,6 +83,30 @@ def test_a_quantity_says_number_and_unit() -> None:
         built(graph, {"at": Quantity(None, RAD)}, EX.out)
 
 
+def test_a_name_that_is_no_iri_is_looked_up() -> None:
+    graph = shapes("ex:in sh:property [ sh:path ex:at ; sh:minCount 1 ; sh:nodeKind sh:IRI ] .")
+    tool = "urn:uuid:6d7b2a3e-8f0c-4f6e-9b53-6f5d0a1c2e47"
+    assert [str(each) for each in built(graph, {"at": tool}).objects(None, EX.at)] == [tool]
+    with pytest.raises(InvalidInput, match="at: nothing is called 'tool'; give its name or its IRI"):
+        built(graph, {"at": "tool"})
+
+
+def test_the_only_allowed_value_need_not_be_given() -> None:
+    graph = shapes('ex:in sh:property [ sh:path ex:mode ; sh:minCount 1 ; sh:in ( "slow" ) ] .')
+    assert [str(each) for each in built(graph, {}).objects(None, EX.mode)] == ["slow"]
+
+
+def test_values_of_no_alternative_are_refused() -> None:
+    graph = shapes(
+        """ex:in sh:property [ sh:path ex:one ; sh:in ( 1 2 ) ], [ sh:path ex:two ; sh:in ( 1 2 ) ] ;
+        sh:or ( [ sh:property [ sh:path ex:one ; sh:hasValue 1 ], [ sh:path ex:two ; sh:hasValue 1 ] ]
+                [ sh:property [ sh:path ex:one ; sh:hasValue 2 ], [ sh:path ex:two ; sh:hasValue 2 ] ] ) ."""
+    )
+    assert len(built(graph, {"one": 1, "two": 1})) == 2
+    with pytest.raises(InvalidInput, match="input: these values do not go together"):
+        built(graph, {"one": 1, "two": 2})
+
+
 @pytest.mark.parametrize(
     ("text", "names"),
     [

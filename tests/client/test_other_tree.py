@@ -10,6 +10,7 @@ from rdflib import RDF, Namespace, URIRef
 from linked_fleet_client.action import Action
 from linked_fleet_client.errors import InvalidInput, NoSuchThing, Problem, StillRunning, Unsupported
 from linked_fleet_client.fleet import Fleet, Thing
+from linked_fleet_client.invocation import Invocation
 
 EX = Namespace("https://example.org/ns#")
 VOM = Namespace("http://vocab.arvida.de/2015/06/vom/vocab#")
@@ -168,6 +169,20 @@ def test_an_endless_invocation_is_reported_and_can_be_cancelled(bend: Action, el
     assert (run.state, run.progress) == ("running", 0.5)
     run.cancel()
     assert run.wait(30) == "cancelled"
+
+
+def test_an_invocation_without_actions_is_cancelled_by_delete(fleet: Fleet, other_tree: Any) -> None:
+    """One that has ended is not, and one without a location cannot be."""
+    running, ended = (fleet.get(f"{other_tree.url}/runs/{number}") for number in (1, 2))
+    assert isinstance(running, Invocation) and isinstance(ended, Invocation)
+    running.cancel()
+    assert other_tree.sent("DELETE") == [("/runs/1", b"")]
+    assert (str(ended.ended_at), running.ended_at) == ("2026-11-21 10:00:05+00:00", None)
+    with pytest.raises(Unsupported, match="has ended already: it is succeeded"):
+        ended.cancel()
+    with pytest.raises(Unsupported, match="no Location"):
+        fleet["cell"]["lefty"].actions["Rest"]().cancel()
+    assert len(other_tree.sent("DELETE")) == 1
 
 
 def test_a_rehearsal_is_not_sent_to_a_server_that_might_execute_it(bend: Action, elbow: Thing, other_tree: Any) -> None:
