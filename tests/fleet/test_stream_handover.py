@@ -6,16 +6,19 @@ import struct
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 from rdflib import URIRef
 
 from browser import LF
 from gateway_group import Gateway, Hub, gateway, gateways, hub
+from linked_fleet_gateway.resources.subscription import Kind, Subscription
 from linked_fleet_gateway.subscriptions.service import RECONCILE_S
+from linked_fleet_gateway.subscriptions.store import SubscriptionStore
 from redis_servers import Servers, single
 from running import Process, eventually
-from subscribers import EVENTS, Events, Socket, events
+from subscribers import EVENTS, Events, Socket, events, refused
 
 pytestmark = pytest.mark.virtual
 LIMIT = 20
@@ -165,6 +168,31 @@ def test_a_stream_that_is_closed_here_and_opened_there_at_once(stage: Hub, pair:
         socket.next()
         all_show(pair, iri, LF.WebSocketStream, LF.active)
     assert one.browser.http.delete(one.here(iri)).status_code == 204
+
+
+@pytest.mark.parametrize("kind", [Kind.WEBSOCKET, Kind.EVENT_STREAM])
+def test_a_stream_that_is_deleted_while_another_gateway_opens_it_stays_deleted(
+    memory: Servers, pair: tuple[Gateway, Gateway], monkeypatch: pytest.MonkeyPatch, kind: Kind
+) -> None:
+    """That gateway has read its record but does not hold it yet, so it gets no news of the deletion."""
+    one, other = pair
+    iri, add = one.posted_stream(), SubscriptionStore.add
+
+    async def late(self: SubscriptionStore, subscription: Subscription, *arguments: Any, **options: Any) -> None:
+        async with SubscriptionStore(memory.url, "fleet", "third") as third:
+            assert await third.remove(subscription.id) is not None
+        await add(self, subscription, *arguments, **options)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(SubscriptionStore, "add", late)
+        if kind is Kind.WEBSOCKET:
+            assert refused(other.here(iri)).status_code == 404
+        else:
+            with other.browser.http.stream("GET", other.here(iri), headers={"accept": EVENTS}) as answer:
+                assert answer.status_code == 404
+    for each in pair:
+        assert each.get(each.here(iri)).status_code == 404
+        assert each.listed() == set()
 
 
 # -- clients that go before they have an answer ---------------------------------------------------------------------

@@ -249,6 +249,18 @@ async def test_a_stream_that_is_taken_back_as_the_other_strikes_it_out_is_listed
     assert await ids_held(b) == {stream.id}
 
 
+async def test_a_known_stream_that_was_deleted_is_not_accepted_and_leaves_nothing(
+    a: SubscriptionStore, b: SubscriptionStore, stream: Subscription
+) -> None:
+    await a.add(stream, Delivery(DeliveryState.WAITING), 1)
+    await a.remove(stream.id)
+    with pytest.raises(SubscriptionNotHeld):
+        await b.add(stream, Delivery(), 1, known=True)
+    assert await listed(b) == await held(b) == []
+    assert await ids_held(b) == set()
+    await b.add(a_subscription(), Delivery(), 1)  # of the same client
+
+
 @pytest.mark.parametrize("commands", range(13))
 async def test_a_crash_while_a_stream_goes_over_leaves_it_with_one_or_the_other(
     commands: int,

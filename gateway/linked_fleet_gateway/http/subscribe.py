@@ -36,11 +36,12 @@ from linked_fleet_gateway.resources.subscription_resource import SubscriptionReq
 from linked_fleet_gateway.resources.subscription_resource import container_path, read_request, subscription_path
 from linked_fleet_gateway.subscriptions.network import ForbiddenHost, check_callback_url
 from linked_fleet_gateway.subscriptions.service import Subscriptions
-from linked_fleet_gateway.subscriptions.store import StoreUnavailable, SubscriptionLimitReached
+from linked_fleet_gateway.subscriptions.store import StoreUnavailable, SubscriptionLimitReached, SubscriptionNotHeld
 
 OPTIONS = ("depth", "interval", "deadband", "last-event-id")
 MAX_INTERVAL_S = 86_400.0
 MAX_DEADBAND = 1e9
+_ENDED = "The subscription has ended meanwhile."
 _DECIMAL = re.compile(r"[0-9]{1,10}(?:\.[0-9]{0,9})?|\.[0-9]{1,9}", re.ASCII)
 
 
@@ -200,7 +201,7 @@ async def _carried_out(change: Awaitable[bool]) -> Response:
     """Return 204 for a change. Raises NotFound if the subscription has ended meanwhile."""
     async with translate_store_errors():
         if not await change:
-            raise NotFound("The subscription has ended meanwhile.")
+            raise NotFound(_ENDED)
     return Response(status_code=204)
 
 
@@ -254,6 +255,8 @@ async def translate_store_errors() -> AsyncIterator[None]:
         yield
     except SubscriptionLimitReached as error:
         raise TooManySubscriptions(f"{error}. Delete some of them, or wait until streams have ended.") from error
+    except SubscriptionNotHeld as error:
+        raise NotFound(_ENDED) from error
     except StoreUnavailable as error:
         raise StoreDown("The server that remembers subscriptions is away; try again in a moment.") from error
 

@@ -99,7 +99,7 @@ class Keys:
         return Key(match["news"] or match["runs"] or match["run_kind"], match["run"] or "")  # type: ignore[arg-type]
 
 
-TO_BE_CONFIRMED = 2  # returned by COMMIT when replicas must confirm
+TO_BE_CONFIRMED, DELETED = 2, 3  # returned by COMMIT when replicas must confirm; when there is no record to take
 
 # KEYS: client; ARGV: id, limit. Returns 1 and counts the subscription if the client may have it, else 0.
 COUNT = """
@@ -108,11 +108,13 @@ if redis.call('SCARD', KEYS[1]) >= tonumber(ARGV[2]) then return 0 end
 return redis.call('SADD', KEYS[1], ARGV[1])
 """
 
-# KEYS: record, queue, gone; ARGV: run, group or empty, 1 to take it from another run, fields of the record. Returns 0
-# if other runs are deleting the subscription since this run began to list it, or have done so: it must then be listed
-# again. Returns TO_BE_CONFIRMED if the server reports replicas, which must confirm a callback. The second value is the
-# run that held it before, or empty.
+# KEYS: record, queue, gone; ARGV: run, group or empty, 1 to take it from another run, 1 if there must be a record,
+# fields of the record. Returns DELETED if there must be a record and is none. Returns 0 if other runs are deleting the
+# subscription since this run began to list it, or have done so: it must then be listed again. Returns TO_BE_CONFIRMED
+# if the server reports replicas, which must confirm a callback. The second value is the run that held it before, or
+# empty.
 COMMIT = """
+if ARGV[4] == '1' and redis.call('EXISTS', KEYS[1]) == 0 then return {3, ''} end
 local clearing = redis.call('GET', KEYS[3])
 if clearing then
   if tonumber(clearing) <= 0 then redis.call('DEL', KEYS[3]) end
@@ -120,7 +122,7 @@ if clearing then
 end
 local holder = redis.call('HGET', KEYS[1], 'holder') or ''
 if holder == '' or holder == ARGV[1] or ARGV[3] == '1' then
-  redis.call('HSET', KEYS[1], 'holder', ARGV[1], unpack(ARGV, 4))
+  redis.call('HSET', KEYS[1], 'holder', ARGV[1], unpack(ARGV, 5))
   if ARGV[2] ~= '' and redis.call('EXISTS', KEYS[2]) == 0 then
     redis.call('XGROUP', 'CREATE', KEYS[2], ARGV[2], '0', 'MKSTREAM')
   end

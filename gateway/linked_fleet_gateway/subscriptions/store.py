@@ -131,11 +131,14 @@ class SubscriptionStore:
 
     # Subscriptions
 
-    async def add(self, subscription: Subscription, delivery: Delivery, limit: int, *, take_over: bool = True) -> None:
+    async def add(
+        self, subscription: Subscription, delivery: Delivery, limit: int, *, take_over: bool = True, known: bool = False
+    ) -> None:
         """Accept a subscription and hold it; SubscriptionLimitReached when its client has ``limit`` already.
 
         A stream that another run holds is taken over and that run is told, or SubscriptionNotHeld is raised unless
-        ``take_over``. A callback stays with another run. May be repeated after an outage or StoreUnavailable. When this
+        ``take_over``. A callback stays with another run. ``known``: it was accepted before; raises
+        SubscriptionNotHeld if it has been deleted. May be repeated after an outage or StoreUnavailable. When this
         returns, a callback is on disk and, where there are replicas, on one of them; if no replica confirms in time it
         is removed again and StoreUnavailable is raised.
         """
@@ -146,8 +149,12 @@ class SubscriptionStore:
         for _ in range(_ATTEMPTS):
             await self._list(subscription, limit)
             committed, before = await self._redis.run_script(
-                scripts.COMMIT, keys, self._run, group, int(take_over), *fields
+                scripts.COMMIT, keys, self._run, group, int(take_over), int(known), *fields
             )
+            if committed == scripts.DELETED:
+                with suppress(StoreUnavailable):  # ``held_records`` cleans up later
+                    await self._reclaim({id: SubscriptionLists(subscription.owner, subscription.client)}, self._run)
+                raise SubscriptionNotHeld(id)
             if committed == scripts.TO_BE_CONFIRMED:
                 await self._confirm(subscription)
             if committed and before.decode() not in ("", self._run):

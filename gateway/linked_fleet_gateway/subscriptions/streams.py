@@ -54,15 +54,21 @@ class Streams:
 
     # -- connections --------------------------------------------------------------------------------------------------
 
-    async def register(self, subscription: Subscription) -> None:
-        """List a stream before it is opened; SubscriptionLimitReached if the client has too many subscriptions."""
+    async def register(self, subscription: Subscription, *, posted: bool = False) -> None:
+        """List a stream before it is opened; SubscriptionLimitReached if the client has too many subscriptions.
+
+        Raises SubscriptionNotHeld if it was created by POST (``posted``) and has been deleted.
+        """
         id = subscription.id
         waited = id in self._expiries
         self._coming.add(id)
         self._ended.discard(id)
         self._stop_waiting(id)
         try:
-            await self._list(subscription)
+            await self._list(subscription, posted)
+        except SubscriptionNotHeld:
+            self._leave(id)
+            raise
         except BaseException:
             self._leave(id)
             if waited:
@@ -71,9 +77,9 @@ class Streams:
                 self._ended.add(id)  # it may be stored
             raise
 
-    async def _list(self, subscription: Subscription) -> None:
+    async def _list(self, subscription: Subscription, posted: bool) -> None:
         try:
-            await self._store.add(subscription, Delivery(), self._limit)
+            await self._store.add(subscription, Delivery(), self._limit, known=posted)
         except StoreUnavailable:
             mine = [each for each in self._open.values() if each.subscription.client == subscription.client]
             if len(mine) >= self._limit:
