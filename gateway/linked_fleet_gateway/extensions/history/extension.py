@@ -59,7 +59,7 @@ async def read_history(request: Request, found: Resource, past: RecordedHistory)
         return read_resource(request, resource)
 
     shown = past.select_page(parse_span(request.query_params.multi_items()))
-    async with past.history.workers:
+    async with past.history.worker():
         response = await asyncio.to_thread(work, replace(shown.resource.with_reader_of(found), query=request.url.query))
     media_type = response.headers.get("content-type", "").partition(";")[0]
     file = media_type in _SUFFIXES

@@ -7,9 +7,12 @@ bytes. They are decoded on request.
 import asyncio
 import logging
 import time
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
 from types import TracebackType
 from typing import Self
 
+from linked_fleet_gateway.base.errors import Busy
 from linked_fleet_gateway.extensions.history.track import Track, joints_of
 from linked_fleet_gateway.fleet.events import Latest
 from linked_fleet_gateway.fleet.fleet import Fleet
@@ -25,6 +28,8 @@ frame.
 FILES = 16
 """Files sent concurrently; further requests get 503."""
 _WORKERS = 2
+MAX_WAITING = 64
+"""Requests that wait for a thread; further ones get 503."""
 
 
 class History:
@@ -38,7 +43,8 @@ class History:
         self.span_s, self.rate_hz, self.most_bytes = span_s, rate_hz, most_bytes
         self.bytes = 0
         self.files = asyncio.Semaphore(FILES)
-        self.workers = asyncio.Semaphore(_WORKERS)
+        self._workers = asyncio.Semaphore(_WORKERS)
+        self._waiting = 0
         self._fleet = fleet
         self._tracks: dict[str, Track] = {}
         self._tasks: list[asyncio.Task[None]] = []
@@ -56,6 +62,21 @@ class History:
     @property
     def samples(self) -> int:
         return sum(map(len, list(self._tracks.values())))
+
+    @asynccontextmanager
+    async def worker(self) -> AsyncIterator[None]:
+        """Hold one of the few places for work in a thread. Raises Busy if too many requests wait for one."""
+        if self._waiting >= MAX_WAITING:
+            raise Busy("Too many histories are being asked for; try again.")
+        self._waiting += 1
+        try:
+            await self._workers.acquire()
+        finally:
+            self._waiting -= 1
+        try:
+            yield
+        finally:
+            self._workers.release()
 
     def track(self, robot: Robot) -> Track | None:
         """Return the track of a robot, if its frames still have the meaning of the robot's frames."""

@@ -3,8 +3,9 @@
 import asyncio
 import csv
 import io
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from functools import partial
 
 import httpx
 import pyshacl
@@ -18,8 +19,10 @@ from browser import HYBRIT, LF, ROS, SOSA, Browser, Page, links
 from fake_robots import KEYS, FakeRobot, open_session
 from linked_fleet_agent.wire.codec import decode_state
 from linked_fleet_agent.wire.messages import State
+from linked_fleet_gateway.extensions.history import recorder
 from linked_fleet_gateway.extensions.history.span import lexical_time
 from linked_fleet_gateway.fleet.events import Payload
+from parallel import at_once
 from running import eventually
 from small_fleet import Place, live, presence
 from virtual.processes import gateway_session
@@ -227,6 +230,24 @@ def test_files_of_a_robot_without_frames_are_empty(moving: Moving, place: Place)
         answer = moving.http.get(whole, headers={"accept": "application/vnd.mcap"})
         assert answer.status_code == 200 and list(make_reader(io.BytesIO(answer.content)).iter_messages()) == []
         actor.leave()
+
+
+def test_too_many_waiting_requests_are_told_to_come_again(moving: Moving, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each would have samples in memory until a thread is free. Documents and files wait for the same threads."""
+    to_thread = asyncio.to_thread
+
+    async def slow(work: Callable[[], object]) -> object:
+        await asyncio.sleep(1.0)
+        return await to_thread(work)
+
+    monkeypatch.setattr(asyncio, "to_thread", lambda work, *more: slow(partial(work, *more)))
+    monkeypatch.setattr(recorder, "MAX_WAITING", 3)
+    asked = [(url, media_type) for url in (moving.whole, moving.rotation) for media_type in ("text/csv", "text/turtle")]
+    answers = at_once([partial(moving.http.get, url, headers={"accept": each}) for url, each in 3 * asked])
+    assert sorted(answer.status_code for answer in answers) == [200] * 5 + [503] * 7
+    for refused in (answer for answer in answers if answer.status_code == 503):
+        assert "problems#busy" in refused.text and refused.headers["retry-after"] == "1"
+    assert len(moving.rows(moving.rotation, limit="3")) == 3
 
 
 def test_a_page_shows_it_and_leads_to_the_files(moving: Moving) -> None:
