@@ -213,13 +213,19 @@ def test_calls_of_unknown_services_fail(here: AuthenticatedGateway) -> None:
         assert "json" in client.next("serviceCallFailure")["message"]
 
 
-def test_a_revoked_token_ends_the_connection(here: AuthenticatedGateway) -> None:
+@pytest.mark.parametrize("lost", ["all rights", "subscribe", "stop"])
+def test_a_connection_ends_when_its_client_loses_a_right(here: AuthenticatedGateway, lost: str) -> None:
+    """Also if it may still read, because channels and services were advertised with all its rights."""
     here.add("short", *ALL)
     here.known("short")
     client = opened(here, "short")
     with client.socket:
         client.next("serverInfo")
-        here.revoke("short")
+        if lost == "all rights":
+            here.revoke("short")
+        else:
+            here.tables["short"] = here.tables["short"].replace(f', "{lost}"', "")
+            here.write()
         with pytest.raises(ConnectionClosed) as end:
             client.until(lambda: False)
     assert end.value.rcvd is not None and end.value.rcvd.code == 1008
