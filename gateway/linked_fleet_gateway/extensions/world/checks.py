@@ -31,7 +31,7 @@ from linked_fleet_gateway.extensions.world.messages import (
     Placement,
     Positions,
 )
-from linked_fleet_gateway.extensions.world.placement import LF, placement_of, pose_in_world
+from linked_fleet_gateway.extensions.world.placement import LF, has_placement, placement_of, pose_in_world
 from linked_fleet_gateway.extensions.world.process import Checker, Preparation, is_placed, key_of
 from linked_fleet_gateway.extensions.world.scene import SceneObject
 from linked_fleet_gateway.fleet.model import Pose, RobotModel
@@ -150,7 +150,7 @@ class Checks:
 
     async def wait_until_ready(self, robot: Robot, visible_robots: View) -> None:
         """Wait for the shapes of the robot and of everything around it. Raises Unchecked, Busy."""
-        if placement_of(robot) is None:
+        if not has_placement(robot):
             return
         if self._early >= MOST_EARLY:
             raise Busy(f"{MOST_EARLY} motions wait for shapes that are being prepared; try again.")
@@ -169,7 +169,7 @@ class Checks:
 
         Return False if the robot has no placement. Raises Collides; Unchecked, also if too many wait.
         """
-        if placement_of(motion.robot) is None:
+        if not has_placement(motion.robot):
             return False
         if self._waiting >= MOST_WAITING:
             raise Unchecked(f"{MOST_WAITING} motions are being checked; try again.")
@@ -201,6 +201,9 @@ class Checks:
 
     def _around(self, robot: Robot, sees: View) -> list[Robot]:
         """Return the robots near enough to collide, including the robot itself. Raises Unchecked."""
+        for each in self._live.fleet.robots.values():
+            if has_placement(each) and placement_of(each) is None:  # it may be anywhere
+                raise Unchecked(f"The placement of {_name(each, sees)} cannot be read; PUT or DELETE it.")
         if not is_placed(robot):
             raise Unchecked(f"{robot.name} has no placement or no description any more.")
         here = _base(robot, sees).position_m
@@ -210,8 +213,7 @@ class Checks:
                 if math.dist(_base(each, sees).position_m, here) <= NEAR_M:
                     found.append(each)
             elif (placement := placement_of(each)) is not None and math.dist(placement.position_m, here) <= NEAR_M:
-                name = each.name if sees.includes(each.name) else "another robot"
-                raise Unchecked(f"The shape of {name} is unknown, because it has no usable description.")
+                raise Unchecked(f"The shape of {_name(each, sees)} is unknown, because it has no usable description.")
         return found
 
     def _perhaps_around(self, robot: Robot) -> list[Robot]:
@@ -296,6 +298,10 @@ class Checks:
             point=None if other is None else met.point,  # a robot that the caller may not see has no place either
             reason=f"{met.link} would meet {kind} {after}",
         )
+
+
+def _name(robot: Robot, sees: View) -> str:
+    return robot.name if sees.includes(robot.name) else "another robot"
 
 
 def _positions(robot: Robot) -> Positions:

@@ -4,7 +4,9 @@ Without a placement the position of a robot is unknown; there is no default. For
 of the odometry frame, in which its agent reports the base. The terms of the extension are here too.
 """
 
+import logging
 import math
+from functools import lru_cache
 
 import msgspec
 from pyoxigraph import NamedNode
@@ -28,6 +30,8 @@ LF = CORE.extended(
     " length stl Collisions Collision CollisionsShape collisions collision meets collisionFree"
 )
 
+log = logging.getLogger(__name__)
+
 PLACEMENT = "placement"
 WORLD = "/world"
 _UNIT_LENGTH = 1e-3  # tolerance of a quaternion's length
@@ -38,10 +42,24 @@ def read_placement(body: Body) -> str:
     return msgspec.json.encode(read_pose(body)).decode()
 
 
+def has_placement(robot: Robot) -> bool:
+    """Return True if the robot has a placement, which may be unreadable."""
+    return PLACEMENT in robot.settings
+
+
 def placement_of(robot: Robot) -> Pose | None:
-    """Return the placement of a robot; None if it has none."""
-    said = robot.settings.get(PLACEMENT)
-    return None if said is None else msgspec.json.decode(said, type=Pose)
+    """Return the placement of a robot; None if it has none, or one that cannot be read."""
+    record = robot.settings.get(PLACEMENT)
+    return None if record is None else _decoded(robot.name, record)
+
+
+@lru_cache(maxsize=4096)
+def _decoded(robot: str, record: str) -> Pose | None:
+    try:
+        return msgspec.json.decode(record, type=Pose)
+    except ValueError:
+        log.error("the placement of %s cannot be read: %.200r", robot, record)  # once, because the result is kept
+        return None
 
 
 def pose_in_world(robot: Robot, link: str) -> Pose | None:

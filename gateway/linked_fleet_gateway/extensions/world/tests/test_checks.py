@@ -17,7 +17,7 @@ from linked_fleet_gateway.app.settings import GatewaySettings
 from linked_fleet_gateway.extensions.world import checks
 from linked_fleet_gateway.extensions.world.checks import Checks
 from linked_fleet_gateway.extensions.world.collisions import Collides, Unchecked
-from linked_fleet_gateway.extensions.world.placement import PLACEMENT
+from linked_fleet_gateway.extensions.world.placement import PLACEMENT, placement_of
 from linked_fleet_gateway.extensions.world.scene import SceneObject
 from linked_fleet_gateway.fleet.events import Appeared, Described, DescriptionRejected, Framed, Vanished
 from linked_fleet_gateway.fleet.model import Pose
@@ -205,6 +205,30 @@ async def test_a_robot_without_a_usable_description_stops_no_motion_far_away(tmp
         assert far.model is None
         await scene.checks.wait_until_ready(robot, ALL)
         assert await scene.is_free(robot)
+
+
+@pytest.mark.parametrize("record", ["", "{}", '{"position_m": [0, 0], "orientation_xyzw": [0, 0, 0, 1]}', "[1e999]"])
+async def test_a_placement_that_cannot_be_read_is_unknown_and_stops_no_preparation(
+    tmp_path: Path, record: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Its robot may be anywhere, so motions of all placed robots are unchecked, and are told which record it is."""
+    async with scene_in(tmp_path) as scene:
+        bad, good = scene.robot("bad", let=True), scene.robot("good", let=True)
+        bad.settings[PLACEMENT] = record
+        await scene.asked["good"].wait()  # by the look at all robots
+        await scene.checks.wait_until_ready(good, ALL)
+        assert scene.checks.prepared and placement_of(bad) is None
+        for robot in (bad, good):
+            await scene.checks.wait_until_ready(robot, ALL)
+            with pytest.raises(Unchecked, match="placement of bad cannot be read"):
+                await scene.is_free(robot)
+        with pytest.raises(Unchecked, match="placement of another robot cannot be read"):
+            await scene.is_free(good, view(frozenset({"good"}), "somebody"))
+        bad.settings = {}
+        assert await scene.is_free(good)
+        assert [each.getMessage() for each in caplog.records].count(
+            f"the placement of bad cannot be read: {record!r}"
+        ) == 1
 
 
 async def test_a_collision_with_an_invisible_robot_does_not_tell_its_place(tmp_path: Path) -> None:
