@@ -1,12 +1,14 @@
 """The extension ``recordings``: the last 30 s of a robot, kept as MCAP when a motion fails or somebody stops it."""
 
 import asyncio
+import fcntl
 import hashlib
 import logging
+import os
 import time
 from collections import defaultdict
-from collections.abc import AsyncIterator, Iterable
-from contextlib import asynccontextmanager
+from collections.abc import AsyncIterator, Iterable, Iterator
+from contextlib import asynccontextmanager, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from uuid import UUID
@@ -34,6 +36,7 @@ log = logging.getLogger(__name__)
 SEGMENT, TERMS = "recordings", "https://w3id.org/linked-fleet/recordings#"
 SPAN_NS, PAUSE_S = 30 * 10**9, 5.0
 """Length of a recording, and the shortest time between two of a robot, since a stop is often pressed twice."""
+_UNFINISHED = ".new"
 MOST_WAITING, MOST_OF_ROBOT, MOST_FRAMES, _MOST_KNOWN = 64, 8, 3001, 4096
 
 
@@ -74,6 +77,7 @@ class Recorder:
 
     @asynccontextmanager
     async def running(self) -> AsyncIterator[RobotBranch]:
+        await asyncio.to_thread(_remove_unfinished, self._folder)
         for path in await asyncio.to_thread(lambda: sorted(self._folder.glob("*/*.mcap"))):
             self._files[path.parent.name][path.stem.partition("-")[2]] = path
         writing = supervised(self._write_next, "recordings", log, "a recording is lost", 0.0)
@@ -172,13 +176,38 @@ def _folder_name(robot: str) -> str:
 def _write(path: Path, job: Job) -> None:
     """Write in one step, so that no file is ever incomplete."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    new = path.with_suffix(".new")
+    new = path.with_suffix(_UNFINISHED)
+    with _locked(path.parent, fcntl.LOCK_SH):
+        try:
+            new.write_bytes(job.content)
+            new.replace(path)
+        except OSError:
+            new.unlink(missing_ok=True)
+            raise
+
+
+@contextmanager
+def _locked(folder: Path, mode: int) -> Iterator[None]:
+    """Lock a robot's folder: shared while a gateway writes into it, alone while what others left is removed."""
+    descriptor = os.open(folder, os.O_RDONLY)
     try:
-        new.write_bytes(job.content)
-        new.replace(path)
-    except OSError:
-        new.unlink(missing_ok=True)
-        raise
+        fcntl.flock(descriptor, mode)
+        yield
+    finally:
+        os.close(descriptor)
+
+
+def _remove_unfinished(recordings: Path) -> None:
+    """Remove what killed gateways had begun to write, except where another gateway is writing now."""
+    for folder in {path.parent for path in recordings.glob(f"*/*{_UNFINISHED}")}:
+        try:
+            with _locked(folder, fcntl.LOCK_EX | fcntl.LOCK_NB):
+                for path in folder.glob(f"*{_UNFINISHED}"):
+                    path.unlink(missing_ok=True)
+        except BlockingIOError:
+            continue  # the next start will find it
+        except OSError as error:
+            log.warning("an unfinished recording cannot be removed: %s", error)
 
 
 def _remove(paths: Iterable[Path]) -> None:

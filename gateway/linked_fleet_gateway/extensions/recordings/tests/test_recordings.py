@@ -143,6 +143,38 @@ async def test_a_recording_that_cannot_be_written_leaves_no_file_and_costs_no_ot
     assert sorted(made._of("r0").values()) == before
 
 
+async def test_what_a_killed_gateway_had_begun_to_write_is_removed_at_the_next_start(made: Bench) -> None:
+    made.begin(stops=())
+    await made._write_next()
+    folder = made._folder / extension._folder_name("r0")
+    (whole,) = folder.iterdir()
+    for name in ("r0", "r1"):
+        begun = made._folder / extension._folder_name(name) / "00000000000000000001-of-a-crash.new"
+        begun.parent.mkdir(exist_ok=True)
+        begun.write_bytes(b"x")
+    async with made.running():
+        assert [path for path in made._folder.rglob("*") if path.is_file()] == [whole]
+        assert list(made._of("r0").values()) == [whole]
+
+
+async def test_a_recording_that_another_gateway_of_the_folder_is_writing_stays(
+    made: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    usual = Path.write_bytes
+
+    def slow(path: Path, content: bytes) -> int:
+        usual(path, content[: len(content) // 2])
+        extension._remove_unfinished(made._folder)  # at the start of another gateway
+        assert path.exists()
+        return usual(path, content)
+
+    monkeypatch.setattr(Path, "write_bytes", slow)
+    made.begin(stops=())
+    await made._write_next()
+    (written,) = made._of("r0").values()
+    assert "/rosout" in read(written.read_bytes())
+
+
 def read(content: bytes) -> dict[str, list[tuple[int, Any]]]:
     """Return ROS 2 messages with their times, by topic."""
     found: dict[str, list[tuple[int, Any]]] = {}
