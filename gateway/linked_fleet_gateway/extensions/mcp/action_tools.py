@@ -89,7 +89,7 @@ class Stop(Tool):
 
     async def run(self, context: MessageContext, progress: Progress) -> CallToolResult:
         with anyio.CancelScope(shield=True):
-            for path in _stops("/" + self.target.removeprefix(context.view.base).strip("/")):
+            for path in _stops("/" + context.path_of(self.target).strip("/")):
                 reply = await context.ask("POST", path, _JSON, {"prefer": "return=representation"})
                 if reply.status != 404:
                     break

@@ -154,7 +154,8 @@ async def post_message(sdk: Sdk, request: Request, affords: PostMessage) -> ASGI
         if may_stop and not _stops(message):
             await await_turn(request)
     core = sdk.core
-    context = MessageContext(request, affords.view, core.live.branches, core.actions.lifecycle.waiters, sdk.ending)
+    waiters, public_urls = core.actions.lifecycle.waiters, core.public_urls
+    context = MessageContext(request, affords.view, core.live.branches, waiters, public_urls, sdk.ending)
     return AsgiResponse(await sdk.app(), content, {KEY: context}, sdk.ending.set)
 
 

@@ -1,10 +1,11 @@
 """The context of an MCP message: the request that carried it, and the fleet as its caller sees it."""
 
 import asyncio
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from linked_fleet_gateway.actions.lifecycle import Waiters
+from linked_fleet_gateway.base.errors import BadRequest
 from linked_fleet_gateway.http.internal_request import Reply, ask
 from linked_fleet_gateway.http.problem import PROBLEM_JSON
 from linked_fleet_gateway.http.request import Request
@@ -26,12 +27,23 @@ class MessageContext:
     view: RequestView
     branches: Branches
     waiting: Waiters
+    public_urls: Sequence[str]
     ending: asyncio.Event
     """Set when the gateway ends."""
+
+    def path_of(self, target: str) -> str:
+        """Return the path of an IRI below any public URL of the fleet; a path as it is. Raises BadRequest."""
+        for base in self.public_urls:
+            if target == base or target.startswith(f"{base}/"):
+                return target.removeprefix(base) or "/"
+        if "://" in target:
+            bases = " or ".join(f"{base}/" for base in self.public_urls)
+            raise BadRequest(f"{target[:200]!r} is no path, such as /, and no URL below {bases}.")
+        return target
 
     async def ask(
         self, method: str, target: str, accept: str, fields: Mapping[str, str] | None = None, content: bytes = b""
     ) -> Reply:
         """Return the gateway's response, with problems as JSON. Raises BadRequest and ReplyTooLong."""
-        said = {"accept": f"{PROBLEM_JSON}, {accept}", **(fields or {})}
-        return await ask(self.request, method, target, fields=said, content=content, longest=MAX_REPLY_BYTES)
+        path, said = self.path_of(target), {"accept": f"{PROBLEM_JSON}, {accept}", **(fields or {})}
+        return await ask(self.request, method, path, fields=said, content=content, longest=MAX_REPLY_BYTES)

@@ -251,6 +251,29 @@ def test_the_stop_tool_stops_joints_robots_and_invocations(lab: McpClient, targe
     )
 
 
+@pytest.mark.parametrize("target", ["/", "", f"/{SEEN}/", ELBOW, f"/{SEEN}/actions/stop"])
+def test_tools_take_iris_below_every_public_url_of_the_fleet(lab: McpClient, target: str) -> None:
+    """A person may give an IRI that is not below the URL by which the model reaches the gateway."""
+    other = str(httpx.URL(lab.url).copy_with(host="localhost")).removesuffix("/mcp")
+    action = other + ROTATE
+    assert lab.call("act", action=action, body=_degrees(0))["isError"] is False
+    assert lab.call("rehearse", action=action, body=_degrees(120))["isError"] is False
+    moving = lab.call("act", action=action, body=_degrees(120, speedScale=0.02), wait_s=0)["structuredContent"]["iri"]
+    result = lab.call("stop", target=other + target)
+    assert result["isError"] is False and "Done" in text_of(result)
+    moving = str(httpx.URL(moving).copy_with(host="localhost"))
+    eventually(
+        lambda: lab.call("read", target=moving)["structuredContent"]["state"].endswith("#cancelled"), "the end of it"
+    )
+
+
+@pytest.mark.parametrize("target", ["https://elsewhere.example/", f"http://elsewhere.example/{SEEN}/"])
+def test_a_stop_of_something_elsewhere_says_what_would_have_been_right(lab: McpClient, target: str) -> None:
+    result = lab.call("stop", target=target)
+    assert result["isError"] and result["structuredContent"]["status"] == 400
+    assert lab.url.removesuffix("mcp") in text_of(result)
+
+
 def test_reads_hold_up_no_stop(tmp_path: Path) -> None:
     """A client that asked too often is refused everything but stops."""
     read = {"name": "read", "arguments": {"target": "/"}}
