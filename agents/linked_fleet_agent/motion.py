@@ -62,7 +62,7 @@ class Axis:
 
     def __init__(self, joint: JointFacts, measured: float) -> None:
         self.joint = joint
-        self.position, self.velocity = joint.limits.clamp(measured), 0.0
+        self.position, self.velocity = measured, 0.0
         self.trajectory, self._time_s = hold(self.position), 0.0
         self.at_rest = True
         self.tolerance = TOLERANCE_M if joint.linear else TOLERANCE_RAD
@@ -80,13 +80,16 @@ class Axis:
 
     def follow(self, trajectory: Trajectory) -> None:
         """Follow ``trajectory`` from now on. Its last setpoint is applied even if it is the only one."""
+        self.position, self.velocity = trajectory.at(0.0)
         self.trajectory, self._time_s, self.at_rest = trajectory, 0.0, False
 
     def step(self, dt_s: float) -> float:
         """Advance by ``dt_s`` and return the setpoint."""
         self._time_s += dt_s
         position, self.velocity = self.trajectory.at(self._time_s)
-        self.position = self.joint.limits.clamp(position)
+        if (within := self.joint.limits.clamp(position)) != position:  # no further out than the joint is already
+            within = self.joint.limits.including(self.position).clamp(position)
+        self.position = within
         self.at_rest = self._time_s >= self.trajectory.duration_s
         return self.position
 
@@ -327,7 +330,7 @@ class Motions:
         # hold the present position: the joint must neither push on nor jump once it is free
         for joint in motion.joints:
             if math.isfinite(measured.positions[joint]):
-                self._axes[joint].follow(hold(self.joints[joint].limits.clamp(measured.positions[joint])))
+                self._axes[joint].follow(hold(measured.positions[joint]))
         return outcome
 
     def _sway(self, positions: Mapping[str, float]) -> None:

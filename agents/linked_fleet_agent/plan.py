@@ -117,7 +117,7 @@ def _check_speed(start: Start, allowed: float) -> None:
 
 
 def _check_extremes(start: Start, trajectory: Trajectory) -> None:
-    limits = start.joint.limits
+    limits = start.joint.limits.including(start.position)
     for position in trajectory.extremes:
         if abs(limits.clamp(position) - position) > _ROUNDING:
             raise ImpossibleError(

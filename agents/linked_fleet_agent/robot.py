@@ -1,7 +1,7 @@
 """The interface of robot drivers. SI units: rad, m, N·m or N."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Protocol, runtime_checkable
 
@@ -30,6 +30,12 @@ class Limits:
         if self.lower is not None:
             position = max(position, self.lower)
         return position if self.upper is None else min(position, self.upper)
+
+    def including(self, position: float) -> "Limits":
+        """Return the limits, extended to a ``position`` beyond them; NaN extends nothing."""
+        lower = None if self.lower is None else min(self.lower, position)
+        upper = None if self.upper is None else max(self.upper, position)
+        return replace(self, lower=lower, upper=upper)
 
 
 @dataclass(frozen=True)
@@ -90,7 +96,8 @@ class Robot(Protocol):
     def apply(self, setpoints: Mapping[str, float]) -> Mapping[str, float]:
         """Apply position setpoints and leave other joints alone.
 
-        Return the setpoints really applied, after driver limits.
+        Return the setpoints really applied, after driver limits. A setpoint beyond a limit of the joint is applied as
+        far as the joint is out itself, so that a joint outside its limits can be moved back from where it stands.
         """
 
     def stop(self) -> None:

@@ -161,10 +161,13 @@ def cruise_of(joint: JointFacts) -> float:
 
 
 def brake(position: float, velocity: float, acceleration: float, limits: Limits) -> Trajectory:
-    """Come to rest with ``acceleration``, or with a higher one if a limit is nearer."""
+    """Come to rest with ``acceleration``, or with a higher one if a limit is nearer.
+
+    A joint outside its limits may come to rest there.
+    """
     if velocity == 0.0:
         return hold(position)
-    end = limits.clamp(position + velocity * abs(velocity) / (2.0 * acceleration))
+    end = limits.including(position).clamp(position + velocity * abs(velocity) / (2.0 * acceleration))
     if abs(end - position) <= _NO_WAY:
         return hold(position)
     slowing = velocity * abs(velocity) / (2.0 * (end - position))

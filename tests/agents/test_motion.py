@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from linked_fleet_agent.motion import SETTLE_S, Measurements, Motions, Outcome, Sway
 from linked_fleet_agent.plan import ImpossibleError, plan
 from linked_fleet_agent.robot import JointFacts, Limits
-from linked_fleet_agent.trajectory import cruise_of
+from linked_fleet_agent.trajectory import RAMP_S, cruise_of
 from linked_fleet_agent.wire.messages import Follow, Move
 
 ARM = JointFacts("arm", limits=Limits(-3.0, 3.0, 1.0, 5.0))
@@ -25,6 +25,7 @@ class Robot:
     def __init__(self, sways: Sequence[Sway] = (), arm: float = 0.0) -> None:
         self.motions = Motions(JOINTS, sways)
         self.positions = {"arm": arm, "wheel": 0.0, "lift": 0.0}
+        self.setpoints: dict[str, float] = {}
         self.stuck: set[str] = set()
         self.paths = {name: [position] for name, position in self.positions.items()}
         self.outcomes: list[Outcome] = []
@@ -58,6 +59,7 @@ class Robot:
             efforts = {name: 5.0 if name in self.stuck else 0.0 for name in JOINTS}
             setpoints, outcomes = self.motions.step(DT, Measurements(self.positions, velocities, efforts), held)
             self.outcomes += outcomes
+            self.setpoints |= setpoints
             self.positions |= {name: at for name, at in setpoints.items() if name not in self.stuck}
             for name, path in self.paths.items():
                 path.append(self.positions[name])
@@ -100,6 +102,56 @@ def test_no_setpoint_is_ever_faster_than_the_cruise_or_beyond_a_limit(
     assert all(-3.0 <= position <= 3.0 for position in robot.paths["arm"])
     assert robot.paths["arm"][-1] == orders[-1][0]
     assert robot.states("last") == ["running", "succeeded"]
+
+
+@given(
+    st.floats(3.0, 4.0),
+    st.sampled_from([-1.0, 1.0]),
+    st.floats(-3, 3),
+    st.integers(1, 300),
+    st.sampled_from(["stop", "move", "path", "loss"]),
+)
+def test_a_joint_outside_its_limits_moves_back_from_where_it_stands(
+    outside: float, side: float, goal: float, steps: int, then: str
+) -> None:
+    """At no more than its speed and acceleration, never further out, and also if it is stopped or redirected."""
+    robot = Robot(arm=side * outside)
+    robot.move("back", arm=goal)
+    robot.step(steps)
+    if then == "stop":
+        robot.stop("stop")
+    elif then == "loss":
+        robot.outcomes += robot.motions.halt("gateway lost")
+    elif then == "move":
+        robot.move("there", scale=0.5, arm=side * 3.0)
+    else:
+        try:
+            robot.follow("there", [8.0, 12.0], arm=[side * 2.0, goal])
+        except ImpossibleError:
+            robot.stop("stop")
+    robot.step(1_500)
+    path = [side * position for position in robot.paths["arm"]]
+    assert robot.fastest("arm") <= cruise_of(ARM) * (1 + 1e-6)
+    speeds = [(after - before) / DT for before, after in itertools.pairwise([path[0], *path])]
+    changes = [abs(after - before) / DT for before, after in itertools.pairwise(speeds)]
+    if then != "path":  # its cubics are limited in speed alone
+        assert max(changes) <= cruise_of(ARM) / RAMP_S * (1 + 1e-6)
+    assert all(after <= max(before, 3.0) + 1e-9 for before, after in itertools.pairwise(path))
+    assert robot.motions.idle
+
+
+def test_a_joint_outside_its_limits_is_held_where_it_stands() -> None:
+    """By a stop, and by the end of a motion in which it was stuck and pushed out."""
+    robot = Robot(arm=3.2)
+    robot.stop("s")
+    robot.step(10)
+    assert robot.positions["arm"] == 3.2
+    robot.stuck.add("arm")
+    robot.move("m", arm=2.0)
+    robot.positions["arm"] = 3.3
+    robot.step(200)
+    assert robot.states("m") == ["running", "failed"]
+    assert robot.setpoints["arm"] == 3.3
 
 
 @given(st.floats(-3, 3), st.floats(-3, 3), st.floats(-0.2, 0.2), st.floats(0.3, 1.0))

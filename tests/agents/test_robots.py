@@ -6,6 +6,7 @@ import pytest
 
 from linked_fleet_agent.robot import Robot
 from linked_fleet_agent.robots.catalogue import MODELS, load
+from linked_fleet_agent.robots.mujoco_robot import MujocoRobot
 
 PERIOD_S = 0.01
 
@@ -59,6 +60,20 @@ def test_apply_says_what_the_limits_left(robot: Robot) -> None:
     assert robot.apply({joint.name: 1e9}) == {joint.name: joint.limits.upper}
     with pytest.raises(ValueError, match=joint.name):
         robot.apply({joint.name: math.nan})
+
+
+def test_apply_leaves_a_joint_outside_its_limits_where_it_stands() -> None:
+    """Where a person pushed it, or the model is wrong: a setpoint at its place is applied, one further out is not."""
+    robot = load("arm", "panda")
+    assert isinstance(robot, MujocoRobot)
+    index, joint = next((i, each) for i, each in enumerate(robot.describe().joints) if each.limits.upper is not None)
+    upper = joint.limits.upper
+    assert upper is not None
+    robot._data.qpos[robot._qpos[index]] = upper + 0.2
+    for asked, applied in ((upper + 0.2, upper + 0.2), (upper + 0.1, upper + 0.1), (upper + 0.3, upper + 0.2)):
+        assert robot.apply({joint.name: asked}) == {joint.name: pytest.approx(applied)}
+    robot._data.qpos[robot._qpos[index]] = upper - 0.2
+    assert robot.apply({joint.name: upper + 0.1}) == {joint.name: upper}
 
 
 def test_a_stall_is_forgiven(robot: Robot) -> None:

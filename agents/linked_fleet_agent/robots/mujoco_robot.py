@@ -201,7 +201,11 @@ class MujocoRobot:
 
         Raises KeyError for a joint that takes no commands, ValueError for a setpoint that is not finite.
         """
-        applied = {name: self._limits[name].clamp(setpoint) for name, setpoint in setpoints.items()}
+        measured = self._data.qpos[self._servo_qpos].tolist()
+        applied = {
+            name: self._limits[name].including(measured[self._servo[name]]).clamp(setpoint)
+            for name, setpoint in setpoints.items()
+        }
         for name, setpoint in applied.items():
             if not math.isfinite(setpoint):
                 raise ValueError(f"setpoint {setpoint} of joint {name!r} is not finite")

@@ -86,6 +86,17 @@ def test_joints_that_are_told_nothing_stay_where_others_have_moved_them(robot: R
     assert sent["lift"] == 0.3
 
 
+def test_a_joint_outside_its_limits_is_not_sent_further_out_than_it_stands() -> None:
+    """A setpoint where it stands is sent, so that it can be moved back from there."""
+    with RosRobot(endpoint()) as robot, closing(find(robot)) as driver:
+        upper = driver.describe().joints[1].limits.upper
+        assert upper is not None
+        robot.place("lift", upper + 0.2)
+        eventually(lambda: driver.read(0.0).positions[1] == upper + 0.2, "it was moved by others")
+        for asked in (upper + 0.2, upper + 0.3):
+            assert driver.apply({"lift": asked}) == {"lift": upper + 0.2}
+
+
 def test_bad_joint_states_are_counted_and_harmless() -> None:
     good = joint_state(["pan"], [0.7], stamp_ns=1)
     bad = (b"", good[:-1], b"\x00\x09" + good[2:], b"\xff" * 90, good + bytes(8), bytes(300_000))

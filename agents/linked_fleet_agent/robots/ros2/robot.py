@@ -82,14 +82,16 @@ class Ros2Robot:
         Raises KeyError for a joint without a controller, ValueError for a setpoint that is not finite, RobotFaultError
         if a controller does not listen.
         """
-        applied = {name: self._limits[name].clamp(setpoint) for name, setpoint in setpoints.items()}
+        now_s, measured = time.monotonic(), self._measured()
+        applied = {
+            name: self._limits[name].including(measured[name]).clamp(setpoint) for name, setpoint in setpoints.items()
+        }
         for name, setpoint in applied.items():
             if not math.isfinite(setpoint):
                 raise ValueError(f"setpoint {setpoint} of joint {name!r} is not finite")
         stray = applied.keys() - {name for follower, _ in self._ways for name in follower.joints}
         if stray:
             raise KeyError(f"no controller has {', '.join(sorted(stray))}")
-        now_s, measured = time.monotonic(), self._measured()
         for follower, outlet in self._ways:
             own = {name: applied[name] for name in follower.joints if name in applied}
             if own:
