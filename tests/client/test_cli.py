@@ -23,6 +23,7 @@ from linked_fleet_client.cli.options import VARIABLE
 from linked_fleet_client.cli.output import clean
 from linked_fleet_client.errors import ClientError
 from linked_fleet_client.invocation import Invocation
+from linked_fleet_client.web import Document, Web
 from running import ROOT, eventually, free_port
 
 
@@ -219,6 +220,34 @@ def test_threads_of_watch_end_before_the_client_does(other_tree: Any) -> None:
     assert "_follow" not in done.stderr
     left = [each.name for each in threading.enumerate() if each not in before and "_follow" in each.name]
     assert left == []
+
+
+def test_ctrl_c_does_not_interrupt_the_client_within_a_request(
+    other_tree: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In the thread that has the request it could leave connections locked, or be swallowed; that cancels nothing."""
+    other_tree.endless = True
+    get, lookers = Web.get, list[threading.Thread]()
+
+    def look(self: Web, iri: str) -> Document:
+        if iri.endswith("/jobs/0"):
+            lookers.append(threading.current_thread())
+            if len(lookers) == 3:
+                signal.raise_signal(signal.SIGINT)
+        return get(self, iri)
+
+    monkeypatch.setattr(Web, "get", look)
+    done = run(
+        other_tree.root,
+        "do",
+        "cell/lefty/elbow",
+        "bend",
+        'goal=[{"axis": "Elbow", "value": 45, "unit": "deg"}]',
+        "--json",
+    )
+    assert (done.returncode, json.loads(done.stdout)["state"]) == (1, "cancelled"), done.stderr
+    assert "stopping it" in done.stderr
+    assert threading.main_thread() not in lookers[:3]
 
 
 @pytest.mark.processes

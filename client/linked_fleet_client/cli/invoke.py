@@ -4,8 +4,10 @@ import json
 import math
 import re
 import sys
+import threading
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from copy import copy
 from typing import Any
 
 import click
@@ -86,6 +88,7 @@ def _lists(value: Any) -> Any:
 
 _BAR = 30
 _CANCEL_S = 10.0
+_LOOK_S = 0.1
 
 
 @click.command(short_help="Execute an action and wait for its end.")
@@ -167,15 +170,39 @@ def _follow(run: Invocation, seconds: float | None, as_json: bool) -> int:
         return _print(run, as_json)
     bar = _Bar(sys.stderr.isatty() and not as_json)
     try:
-        state = run.wait(seconds or math.inf, bar.show)
+        state = _wait(run, seconds or math.inf, bar.show)
     except KeyboardInterrupt:
         bar.end()
         print("stopping it ...", file=sys.stderr)
+        run = copy(run)  # the thread still reads into the other one
         state = _cancel(run)
     finally:
         bar.end()
     _print(run, as_json)
     return 0 if state == local_name(str(LF.succeeded)) else 1
+
+
+def _wait(run: Invocation, seconds: float, on_change: Callable[[Change], object]) -> str | None:
+    """Wait for the end in a thread.
+
+    A KeyboardInterrupt within a request could leave the client's connections locked, and nothing could be cancelled.
+    """
+    outcomes: list[str | BaseException | None] = []
+
+    def wait() -> None:
+        try:
+            outcomes.append(run.wait(seconds, on_change))
+        except BaseException as error:  # noqa: BLE001 - raised below
+            outcomes.append(error)
+
+    thread = threading.Thread(target=wait, name=f"wait for {run.iri}", daemon=True)
+    thread.start()
+    while thread.is_alive():
+        thread.join(_LOOK_S)  # the signal may reach the other thread, and does not end this wait then
+    (outcome,) = outcomes
+    if isinstance(outcome, BaseException):
+        raise outcome
+    return outcome
 
 
 def _cancel(run: Invocation) -> str | None:
