@@ -65,6 +65,7 @@ class Axis:
         self.position, self.velocity = measured, 0.0
         self.trajectory, self._time_s = hold(self.position), 0.0
         self.at_rest = True
+        self._stood: float | None = None  # where the joint stood when it was last stopped at rest
         self.tolerance = TOLERANCE_M if joint.linear else TOLERANCE_RAD
         self.max_lag = MAX_LAG_M if joint.linear else MAX_LAG_RAD
         self.standing = STANDING_M_S if joint.linear else STANDING_RAD_S
@@ -81,7 +82,13 @@ class Axis:
     def follow(self, trajectory: Trajectory) -> None:
         """Follow ``trajectory`` from now on. Its last setpoint is applied even if it is the only one."""
         self.position, self.velocity = trajectory.at(0.0)
+        self._stood = None
         self.trajectory, self._time_s, self.at_rest = trajectory, 0.0, False
+
+    def stop(self, measured: float) -> None:
+        """Remember where the joint stands, if it is at rest; it may be off its last setpoint."""
+        if self.at_rest and math.isfinite(measured):
+            self._stood = measured
 
     def step(self, dt_s: float) -> float:
         """Advance by ``dt_s`` and return the setpoint."""
@@ -108,10 +115,10 @@ class Axis:
     def is_at_rest(self, measured: Measurements) -> bool:
         """Return True if the joint is at rest. Without a measured velocity its position decides."""
         velocity = measured.velocities.get(self.joint.name, math.nan)
-        slow = (
-            self.distance_to_end(measured) <= self.tolerance if math.isnan(velocity) else abs(velocity) <= self.standing
-        )
-        return self.at_rest and slow
+        if math.isnan(velocity):
+            stands_at = self.trajectory.end if self._stood is None else self._stood
+            return self.at_rest and abs(stands_at - measured.positions[self.joint.name]) <= self.tolerance
+        return self.at_rest and abs(velocity) <= self.standing
 
 
 @dataclass
@@ -218,7 +225,7 @@ class Motions:
             concerned |= dict.fromkeys(n for n in joints if n in self._axes or math.isfinite(measured[n]))
         for name in concerned:
             self._swaying.pop(name, None)
-            self._axis(name, measured[name])
+            self._axis(name, measured[name]).stop(measured[name])
         duration_s = self._brake(concerned)
         # A repeated stop replaces the first one.
         self._running = [motion for motion in self._running if not (motion.stopping and motion.command_id == stop_id)]

@@ -140,6 +140,23 @@ def test_a_joint_outside_its_limits_moves_back_from_where_it_stands(
     assert robot.motions.idle
 
 
+@pytest.mark.parametrize("away", [0.005, 0.5])
+def test_a_stop_of_a_standing_joint_without_a_velocity_succeeds_where_it_stands(away: float) -> None:
+    """It sags from its last setpoint, or something else has moved it. While it falls, the stop does not succeed."""
+    robot = Robot()
+    robot.move("m", arm=1.0)
+    robot.step(400)
+    assert robot.states("m")[-1] == "succeeded"
+    robot.positions["arm"] -= away
+    for stop_id, falls in (("s", 0.0), ("t", 0.1)):
+        robot.stop(stop_id, "arm")
+        for _ in range(300):
+            robot.positions["arm"] -= falls * DT
+            robot.outcomes += robot.motions.step(DT, Measurements(robot.positions))[1]
+    assert robot.states("s") == ["running", "succeeded"]
+    assert robot.states("t")[-1] == "failed"
+
+
 def test_a_joint_outside_its_limits_is_held_where_it_stands() -> None:
     """By a stop, and by the end of a motion in which it was stuck and pushed out."""
     robot = Robot(arm=3.2)
