@@ -137,14 +137,14 @@ def crash_after(store: SubscriptionStore, commands: int) -> None:
 def count_trips(store: SubscriptionStore) -> Callable[[], int]:
     """Return a function that counts the round trips to a server from now on."""
     trips = 0
-    contact = store._redis._contact
+    within_bounds = store._redis._within_bounds
 
-    def counted() -> AbstractAsyncContextManager[asyncio.Timeout]:
+    def counted(step: Callable[[], Awaitable[Any]], *slots: AbstractAsyncContextManager[object]) -> Awaitable[Any]:
         nonlocal trips
         trips += 1
-        return contact()
+        return within_bounds(step, *slots)
 
-    store._redis._contact = counted  # type: ignore[method-assign]
+    store._redis._within_bounds = counted  # type: ignore[method-assign, assignment]
     return lambda: trips
 
 

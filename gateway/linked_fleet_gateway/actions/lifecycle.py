@@ -180,7 +180,7 @@ class Lifecycle:
         if not invocation.state.terminal:
             await self.cancel(invocation, "its invocation is deleted")
             await self._ended(invocation, ANSWER_TIMEOUT_S)
-        async with translate_store_errors():
+        with translate_store_errors():
             await self._store.delete(invocation)
         self.replicated_state.forget(invocation.id)
 

@@ -7,8 +7,8 @@ stalls are detected.
 
 import time
 from collections import Counter
-from collections.abc import AsyncIterator, Iterator
-from contextlib import asynccontextmanager, contextmanager
+from collections.abc import Iterator
+from contextlib import contextmanager
 from datetime import UTC, datetime
 from typing import cast
 
@@ -64,8 +64,8 @@ def agent_timeout(invocation: Invocation, reason: str) -> AgentTimeout:
     )
 
 
-@asynccontextmanager
-async def translate_store_errors() -> AsyncIterator[None]:
+@contextmanager
+def translate_store_errors() -> Iterator[None]:
     """Translate errors of the store into HTTP errors."""
     try:
         yield

@@ -203,14 +203,14 @@ class ReplicatedInvocations:
     async def take_lease(self, robot: Robot, holder: str, duration_s: float, token: str) -> tuple[Lease, str]:
         """Take or renew control of a robot. Return the lease and its secret token. Raises Controlled, StoreDown."""
         read_at_s = time.monotonic()
-        async with translate_store_errors():
+        with translate_store_errors():
             lease, proof = await self._store.take_lease(robot.name, holder, duration_s, token)
         self.update_lease(robot.name, lease, read_at_s)
         return lease, proof
 
     async def release_lease(self, robot: Robot, token: str) -> bool:
         """Release control. Return False if nobody has it. Raises Controlled, StoreDown."""
-        async with translate_store_errors():
+        with translate_store_errors():
             released = await self._store.release_lease(robot.name, token)
         self.update_lease(robot.name, None)
         return released
@@ -221,7 +221,7 @@ class ReplicatedInvocations:
         Returns False, without a change, if another gateway has changed it; its value is then known.
         """
         present = self._live.fleet.settings.get(robot.name, {}).get(name)
-        async with translate_store_errors():
+        with translate_store_errors():
             await self._store.check_lease(robot.name, token)
             step = self._store.set_setting(robot.name, name, present, value)
             return await self._settings.write(robot.name, step)

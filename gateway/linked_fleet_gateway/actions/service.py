@@ -127,7 +127,7 @@ class Actions:
             incarnation=motion.requested_at.incarnation,
         )
         with self._quota.count_start(caller.name) as full:
-            async with translate_store_errors():
+            with translate_store_errors():
                 try:
                     first = await self._open(invocation, caller, full)
                 except StoreUnavailable:  # perhaps after it was executed
@@ -180,7 +180,7 @@ class Actions:
         Raises as ``start``.
         """
         try:
-            async with translate_store_errors():
+            with translate_store_errors():
                 await self._store.check_lease(invocation.robot, caller.lease_token, invocation.lease)
         except FleetError:
             self.lifecycle.fail(invocation, "control of the robot changed while the motion was checked")
@@ -231,7 +231,7 @@ class Actions:
         robot, waited_ns = motion.robot, await self._ready(motion, caller)
         if self._quota.is_exhausted(caller.name):
             raise self._quota.limit_error(caller.name)
-        async with translate_store_errors():
+        with translate_store_errors():
             await self._store.check_lease(
                 robot.name, caller.lease_token, required_lease_id(robot) if motion.tied_to_lease else ""
             )

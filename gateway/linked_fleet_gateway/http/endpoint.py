@@ -294,7 +294,7 @@ async def _subscriptions_shown(connection: Connection, path: str) -> Subscriptio
     if head or not path.startswith(container_path(owner)) or not connection.caller.has_right(Right.READ, robot):
         return NO_SUBSCRIPTIONS
     subscriptions: Subscriptions = connection.services.subscriptions
-    async with translate_store_errors():
+    with translate_store_errors():
         if not rest:
             return {owner: visible_subscriptions(connection, await subscriptions.records_of_owner(owner), owner)}
         id = _uuid(rest.partition("/")[0])

@@ -85,7 +85,7 @@ class EventStream:
     async def register(self) -> None:
         """Register the subscription; await this before sending anything. Raises TooManySubscriptions, NotFound."""
         if not self._head:
-            async with translate_store_errors():
+            with translate_store_errors():
                 await self._subscriptions.streams.register(self._subscription, posted=self._posted is not None)
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
@@ -111,7 +111,7 @@ async def open_websocket(websocket: WebSocket, resource: Resource) -> None:
     else:
         media_type, subprotocol = _type_of_frames(websocket, observable_types(resource))
         subscription = new_subscription(websocket, resource, Kind.WEBSOCKET, media_type, parse_options(websocket))
-    async with translate_store_errors():
+    with translate_store_errors():
         await subscriptions.streams.register(subscription, posted=resource.subscription is not None)
     headers = [(b"link", subscription_link(subscription).encode("latin-1"))]
 

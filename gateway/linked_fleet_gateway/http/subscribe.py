@@ -4,8 +4,8 @@ import re
 import time
 import uuid
 from collections import Counter
-from collections.abc import AsyncIterator, Awaitable
-from contextlib import asynccontextmanager
+from collections.abc import Awaitable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from urllib.parse import unquote
 
@@ -170,7 +170,7 @@ async def _create(request: Request, subscription: Subscription, media_type: str 
     """Return 201 with Location and description; ``media_type`` overrides Accept for the description."""
     subscriptions: Subscriptions = request.services.subscriptions
     iri = request.base + container_path(subscription.owner)
-    async with translate_store_errors():
+    with translate_store_errors():
         try:
             if subscription.kind is Kind.CALLBACK:
                 record = await subscriptions.callbacks.create(subscription)
@@ -199,7 +199,7 @@ async def resume_subscription(request: Request, affordance: ResumeSubscription) 
 
 async def _carried_out(change: Awaitable[bool]) -> Response:
     """Return 204 for a change. Raises NotFound if the subscription has ended meanwhile."""
-    async with translate_store_errors():
+    with translate_store_errors():
         if not await change:
             raise NotFound(_ENDED)
     return Response(status_code=204)
@@ -248,8 +248,8 @@ def last_event_id(connection: Connection) -> str | None:
     return field(connection, "last-event-id") or connection.query_params.get("last-event-id")
 
 
-@asynccontextmanager
-async def translate_store_errors() -> AsyncIterator[None]:
+@contextmanager
+def translate_store_errors() -> Iterator[None]:
     """Translate errors of the store into problems."""
     try:
         yield

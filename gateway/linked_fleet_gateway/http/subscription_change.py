@@ -40,7 +40,7 @@ async def change_subscription(request: Request, affordance: ChangeSubscription) 
     update = await read_patch(request, request.base + path)
     while True:
         # Evaluated in each attempt, because another client may change it while the body is read.
-        async with translate_store_errors():
+        with translate_store_errors():
             record = await subscriptions.get_record(affordance.record.subscription.id)
         present = None if record is None else _described(request, record)
         if record is None or present is None:
@@ -49,7 +49,7 @@ async def change_subscription(request: Request, affordance: ChangeSubscription) 
         options = await _options(request, update, record.subscription, present)
         if options == record.subscription.options:
             return Response(status_code=204)
-        async with translate_store_errors():
+        with translate_store_errors():
             if await subscriptions.change_options(record.subscription, options):
                 return Response(status_code=204)
 

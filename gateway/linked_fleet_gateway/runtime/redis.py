@@ -3,10 +3,10 @@
 import asyncio
 import logging
 import time
-from collections.abc import AsyncGenerator, AsyncIterator, Sequence
-from contextlib import asynccontextmanager
-from functools import lru_cache
-from typing import Any
+from collections.abc import AsyncGenerator, Awaitable, Callable, Sequence
+from contextlib import AbstractAsyncContextManager, nullcontext
+from functools import lru_cache, partial
+from typing import Any, TypeVar
 from urllib.parse import unquote, urlsplit
 
 import redis.asyncio
@@ -46,6 +46,8 @@ _NOT_NOW = ("MISCONF", "NOREPLICAS", "BUSY ", "LOADING", "CLUSTERDOWN", "MASTERD
 # Messages of errors when writing to a connection that was just lost: from uvloop, and from redis-py, whose cluster
 # client closes all connections when one fails, including those in use.
 _CLOSED = ("the handler is closed", "'NoneType' object has no attribute 'writelines'")
+_NO_SLOTS = nullcontext()
+_T = TypeVar("_T")
 _DURABLE = {"appendonly": "yes", "appendfsync": "always"}
 
 
@@ -103,9 +105,7 @@ class Connection:
 
     async def execute(self, *command: str | bytes | int) -> Any:
         """Send one command and return its answer. Raises StoreUnavailable."""
-        async with self._contact() as bound, self._turns:
-            self._bound_answer(bound)
-            return await self._execute(*command)
+        return await self._within_bounds(partial(self._execute, *command), self._turns)
 
     async def execute_all(self, commands: Sequence[Command], batch_size: int = BATCH_SIZE) -> list[Any]:
         """Send commands for any slots in pipelines and return their answers. Raises StoreUnavailable.
@@ -114,10 +114,8 @@ class Connection:
         """
         answers: list[Any] = []
         for first in range(0, len(commands), batch_size):
-            async with self._contact() as bound, self._turns:
-                self._bound_answer(bound)
-                part = commands[first : first + batch_size]
-                answers += _checked(await (self._server.send if self._server else self._scattered)(part))
+            part = commands[first : first + batch_size]
+            answers += await self._within_bounds(partial(self._send, part), self._turns)
         return answers
 
     async def run_script(self, script: str, keys: tuple[str, ...], *arguments: str | bytes | int) -> Any:
@@ -128,10 +126,7 @@ class Connection:
         """Return one of ``others`` for each master that has any of them and not ``key``. Raises StoreUnavailable."""
         if self._server is not None:
             return []
-        async with self._contact():
-            await self._client.initialize()
-            masters = {str(self._client.get_node_from_key(other)): other for other in (*others, key)}
-            return [other for other in masters.values() if other != key]
+        return await self._within_bounds(partial(self._on_other_masters, key, others))
 
     async def run_replicated_script(self, script: str, key: str, *arguments: str) -> tuple[Any, bool]:
         """Run a script that writes to ``key``. Return its answer, and True if a replica has this and all earlier
@@ -141,11 +136,8 @@ class Connection:
         only. Redirections to a new master are not followed. Raises StoreUnavailable.
         """
         commands: list[Command] = [("EVAL", script, 1, key, *arguments), ("WAIT", 1, _REPLICA_MS)]
-        async with self._contact() as bound, self._waits:
-            self._bound_answer(bound)
-            sent = self._server.send(commands) if self._server else self._at_master(key, commands)
-            answer, replicas = _checked(await sent)
-            return answer, replicas > 0
+        answer, replicas = await self._within_bounds(partial(self._send, commands, key), self._waits)
+        return answer, replicas > 0
 
     async def read_new_entries(self) -> list[dict[bytes, bytes]]:
         """Return the entries of the stream since the last call, waiting up to a second. Raises StoreUnavailable.
@@ -154,11 +146,7 @@ class Connection:
         """
         raise_pending_cancellation()
         await asyncio.sleep(self._rested_s - time.monotonic())
-        async with self._contact() as bound:  # takes no slot, because it waits most of the time
-            self._bound_answer(bound)
-            assert self._position is not None  # since the first contact
-            command = ("XREAD", "COUNT", 100, "BLOCK", _BLOCK_MS, "STREAMS", self._stream, self._position)
-            answer = await self._execute(*command)
+        answer = await self._within_bounds(self._read_stream)  # takes no slot, because it waits most of the time
         entries = answer[0][1] if answer else []
         if entries:
             self._position = entries[-1][0].decode()
@@ -183,11 +171,21 @@ class Connection:
             for fields in told:
                 yield fields
 
+    async def _read_stream(self) -> Any:
+        assert self._position is not None  # since the first contact
+        return await self._execute("XREAD", "COUNT", 100, "BLOCK", _BLOCK_MS, "STREAMS", self._stream, self._position)
+
     async def _execute(self, *command: str | bytes | int) -> Any:
         if self._server is None:
             return await self._client.execute_command(*command)
         (answer,) = _checked(await self._server.send([command]))
         return answer
+
+    async def _send(self, commands: Sequence[Command], key: str = "") -> list[Any]:
+        """Send commands and return their answers; in a cluster to the master of ``key``, if it is given."""
+        if self._server is not None:
+            return _checked(await self._server.send(commands))
+        return _checked(await (self._at_master(key, commands) if key else self._scattered(commands)))
 
     async def _scattered(self, commands: Sequence[Command]) -> list[Any]:
         """Send commands to the nodes of a cluster. Return their answers, with errors among them."""
@@ -196,6 +194,11 @@ class Connection:
             pipeline.execute_command(*command)
         answers: list[Any] = await pipeline.execute(raise_on_error=False)
         return answers
+
+    async def _on_other_masters(self, key: str, others: Sequence[str]) -> list[str]:
+        await self._client.initialize()
+        masters = {str(self._client.get_node_from_key(other)): other for other in (*others, key)}
+        return [other for other in masters.values() if other != key]
 
     async def _at_master(self, key: str, commands: Sequence[Command]) -> list[Any]:
         """Send commands to the master of a key in a cluster. Return their answers, with errors among them."""
@@ -206,24 +209,20 @@ class Connection:
         answers: list[Any] = await pipeline.execute(raise_on_error=False, allow_redirections=False)
         return answers
 
-    def _bound_answer(self, bound: asyncio.Timeout) -> None:
-        """Bound the answer of one server, once a slot is free.
+    async def _within_bounds(
+        self, step: Callable[[], Awaitable[_T]], slots: AbstractAsyncContextManager[object] = _NO_SLOTS
+    ) -> _T:
+        """Take one of ``slots`` and await ``step``, in bounded time. Raises StoreUnavailable.
 
-        redis-py's own bound makes a task for each command, half of a command's cost. A cluster keeps it, because its
-        client looks for a new master only after a timeout of its own.
+        The first contact records the position of the stream.
         """
-        if self._server is not None:
-            until_s = asyncio.get_running_loop().time() + _ANSWER_S
-            bound.reschedule(until_s if (total_s := bound.when()) is None else min(total_s, until_s))
-
-    @asynccontextmanager
-    async def _contact(self) -> AsyncIterator[asyncio.Timeout]:
-        """Bound the time and translate errors; the first contact records the position of the stream."""
         try:
             async with asyncio.timeout(_TOTAL_S) as bound:
                 if not self._open:
                     await self._open_once()
-                yield bound
+                async with slots:
+                    self._bound_answer(bound)
+                    return await step()
         except _UNREACHABLE as error:
             raise await self._failed(error) from error
         except exceptions.ResponseError as error:
@@ -234,6 +233,16 @@ class Connection:
             if not str(error).endswith(_CLOSED):
                 raise
             raise await self._failed(error) from error
+
+    def _bound_answer(self, bound: asyncio.Timeout) -> None:
+        """Bound the answer of one server, once a slot is free.
+
+        redis-py's own bound makes a task for each command, half of a command's cost. A cluster keeps it, because its
+        client looks for a new master only after a timeout of its own.
+        """
+        if self._server is not None:
+            until_s = asyncio.get_running_loop().time() + _ANSWER_S
+            bound.reschedule(until_s if (total_s := bound.when()) is None else min(total_s, until_s))
 
     async def _open_once(self) -> None:
         async with self._opening:  # redis-py cannot handle many concurrent commands before it knows the nodes
