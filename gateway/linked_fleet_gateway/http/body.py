@@ -5,6 +5,7 @@ from functools import partial
 from typing import TYPE_CHECKING, TypeVar
 
 from pyoxigraph import NamedNode, Triple
+from starlette.requests import ClientDisconnect
 
 from linked_fleet_gateway.base.errors import BadRequest, PayloadTooLarge, UnsupportedMediaType
 from linked_fleet_gateway.http.fields import field
@@ -91,9 +92,14 @@ async def read_body(request: Request, max_bytes: int = MAX_BODY_BYTES) -> bytes:
     length = field(request, "content-length") or ""
     if length.isdecimal() and int(length) > max_bytes:
         raise PayloadTooLarge(f"The body has {length} bytes; at most {max_bytes} are read.")
-    body = bytearray()
-    async for chunk in request.stream():
-        body += chunk
+    body, more = bytearray(), True
+    # Not Request.stream(): asyncio registers each asynchronous generator, which costs as much as all else here.
+    while more:
+        message = await request.receive()
+        if message["type"] == "http.disconnect":
+            raise ClientDisconnect
+        body += message.get("body", b"")
+        more = message.get("more_body", False)
         if len(body) > max_bytes:
             raise PayloadTooLarge(f"The body has more than {max_bytes} bytes.")
     return bytes(body)
