@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 from hypothesis import strategies as st
-from hypothesis.stateful import Bundle, RuleBasedStateMachine, invariant, precondition, rule
+from hypothesis.stateful import Bundle, MultipleResults, RuleBasedStateMachine, invariant, multiple, precondition, rule
 
 from linked_fleet_gateway.actions import store as store_module
 from linked_fleet_gateway.actions.redis_scripts import Keys
@@ -198,6 +198,19 @@ class Invocations(RuleBasedStateMachine):
         assert self.run(ask()) is taken
         if taken:
             self.robots[robot].invocations[id] = written
+
+    @rule(target=ids, which=GATEWAYS, robot=ROBOTS, states=st.lists(STATES, min_size=1, max_size=3))
+    def save_new(self, which: int, robot: str, states: list[InvocationState]) -> MultipleResults[tuple[str, str]]:
+        """Stops are opened when they are saved, whoever has the lease, in one step with other changes of the robot."""
+        known = self.robots[robot]
+        changed = [replace(one, progress=0.5) for one in known.invocations.values() if not one.is_final][:1]
+        gone, new = an_invocation(robot=robot), [self.new(robot, state, "") for state in states]
+        saved = self.run(self.stores[which].save_all([*changed, gone, *new], {one.id for one in new}))
+        assert saved == [*(True for _ in changed), False, *(True for _ in new)]
+        known.invocations.update((one.id, one) for one in changed)
+        for one in new:
+            known.put(one)
+        return multiple(*((robot, one.id) for one in new))
 
     @rule(robot=ROBOTS, ends=st.permutations([InvocationState.SUCCEEDED, InvocationState.CANCELLED]))
     def end_at_both(self, robot: str, ends: list[InvocationState]) -> None:

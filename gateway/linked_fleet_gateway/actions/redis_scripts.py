@@ -110,6 +110,15 @@ for _, id in ipairs(redis.call('ZRANGEBYSCORE', KEYS[2], '-inf', now)) do forget
 """
 )
 
+# Beyond the number to keep, the oldest invocation that is over is deleted, or an open one if all are open.
+_LIMIT = """
+local function limit(number)
+  while redis.call('HLEN', KEYS[1]) > tonumber(number) do
+    forget(redis.call('ZRANGE', KEYS[3], 0, 0)[1] or redis.call('ZRANGE', KEYS[2], 0, 0)[1])
+  end
+end
+"""
+
 ANYBODY = "anybody"  # stands for a token and matches any lease
 
 # Returns a lease as id, holder, time taken, expiry, duration and time left, in milliseconds; false without one.
@@ -162,10 +171,10 @@ return refused(KEYS[1], ARGV[1], ARGV[2]) or {'free'}
 # KEYS: invocations, forgotten, over, lease, optionally idempotency key; ARGV: token, lease that it is tied to or
 # nothing, id, body, milliseconds to keep it, 1 if it is over, creation, number to keep, 1 if the client has reached its
 # limit, and with the key: digest of the request, milliseconds to keep the key. An existing id is the same request,
-# repeated by the gateway. Beyond the number to keep, the oldest invocation that is over is deleted, or an open one if
-# all are open.
+# repeated by the gateway.
 OPEN = (
     _INVOCATIONS
+    + _LIMIT
     + _LEASE
     + """
 local refusal = refused(KEYS[4], ARGV[1], ARGV[2])
@@ -182,23 +191,33 @@ if KEYS[5] then
   redis.call('PEXPIRE', KEYS[5], ARGV[11])
 end
 write(ARGV[3], ARGV[4], ARGV[5], ARGV[6], ARGV[7])
-while redis.call('HLEN', KEYS[1]) > tonumber(ARGV[8]) do
-  forget(redis.call('ZRANGE', KEYS[3], 0, 0)[1] or redis.call('ZRANGE', KEYS[2], 0, 0)[1])
-end
+limit(ARGV[8])
 return {'opened'}
 """
 )
 
-# KEYS: invocations, forgotten, over; ARGV: id, body, milliseconds to keep it, 1 if it is over for good, creation.
-# Returns 1 if this body is stored now: the invocation exists and was not over with another body.
+# KEYS: invocations, forgotten, over; ARGV: number to keep, then for each invocation: id, body, milliseconds to keep it,
+# 1 if it is over for good, creation, 1 if it is new: opened unless it exists. Returns for each 1 if this body is stored
+# now: the invocation is new, or it exists and was not over with another body.
 SAVE = (
     _INVOCATIONS
+    + _LIMIT
     + """
-local body = redis.call('HGET', KEYS[1], ARGV[1])
-if not body then return 0 end
-if redis.call('ZSCORE', KEYS[3], ARGV[1]) then return body == ARGV[2] and 1 or 0 end
-write(ARGV[1], ARGV[2], ARGV[3], ARGV[4], ARGV[5])
-return 1
+local saved = {}
+for at = 2, #ARGV, 6 do
+  local id, body, kept_ms, over, created, new = unpack(ARGV, at, at + 5)
+  local stored = redis.call('HGET', KEYS[1], id)
+  if not stored and new == '0' then
+    saved[#saved + 1] = 0
+  elseif stored and redis.call('ZSCORE', KEYS[3], id) then
+    saved[#saved + 1] = stored == body and 1 or 0
+  else
+    write(id, body, kept_ms, over, created)
+    if not stored then limit(ARGV[1]) end
+    saved[#saved + 1] = 1
+  end
+end
+return saved
 """
 )
 

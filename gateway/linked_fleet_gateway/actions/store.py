@@ -11,6 +11,7 @@ import uuid
 from collections.abc import AsyncGenerator, Collection, Sequence
 from contextlib import aclosing
 from dataclasses import dataclass
+from itertools import chain, compress
 from typing import Literal, Self, cast, get_args
 
 import msgspec
@@ -126,9 +127,14 @@ class ActionStore:
         """
         robot = invocation.robot
         await self._note(robot)
-        proof = scripts.ANYBODY if ignore_lease else _secret(lease_token)
-        answer = await self._redis.execute(
-            *self._opening(invocation, proof, idempotency_key, request_digest, limit_reached)
+        keys: tuple[str, ...] = (*self._keys.invocations(robot), self._keys.lease(robot))
+        once: tuple[str | int, ...] = ()
+        if idempotency_key:
+            once = request_digest, _ms(self._retention_s)
+            keys += (self._keys.idempotency_key(robot, idempotency_key),)
+        rules = scripts.ANYBODY if ignore_lease else _secret(lease_token), invocation.lease
+        answer = await self._redis.run_script(
+            scripts.OPEN, keys, *rules, *self._written(invocation), MAX_TERMINAL, int(limit_reached), *once
         )
         said, *rest = _granted(robot, answer, invocation.lease)
         if said == b"reused":
@@ -154,19 +160,24 @@ class ActionStore:
         return (await self.save_all([invocation]))[0]
 
     async def save_all(self, invocations: Sequence[Invocation], new_ids: Collection[str] = ()) -> list[bool]:
-        """Do ``save`` for many invocations; those with ids in ``new_ids`` are opened first, whoever has a lease."""
-        opened = [each for each in invocations if each.id in new_ids]
-        for robot in {each.robot for each in opened}:
+        """Do ``save`` for many invocations, in one step for each robot.
+
+        Those with ids in ``new_ids`` are opened if they do not exist, whoever has a lease.
+        """
+        by_robot: dict[str, list[Invocation]] = {}
+        for each in invocations:
+            by_robot.setdefault(each.robot, []).append(each)
+        for robot in {each.robot for each in invocations if each.id in new_ids}:
             await self._note(robot)
-        commands = [self._opening(each, scripts.ANYBODY) for each in opened]
-        commands += [
-            eval_command(scripts.SAVE, self._keys.invocations(each.robot), *self._written(each)) for each in invocations
-        ]
-        answers = (await self._redis.execute_all(commands))[len(opened) :]
-        for each, saved in zip(invocations, answers, strict=True):
-            if saved:
+        answers = await self._redis.execute_all(
+            [self._saving(robot, held, new_ids) for robot, held in by_robot.items()]
+        )
+        saved = set[str]()
+        for held, answer in zip(by_robot.values(), answers, strict=True):
+            for each in compress(held, answer):
+                saved.add(each.id)
                 self._tell("invocation", each.robot, each.id)
-        return [bool(saved) for saved in answers]
+        return [each.id in saved for each in invocations]
 
     async def delete(self, invocation: Invocation) -> bool:
         """Delete an invocation; return False if there was none. Its idempotency key stays used."""
@@ -293,18 +304,10 @@ class ActionStore:
 
     # Steps
 
-    def _opening(
-        self, invocation: Invocation, proof: str, key: str = "", digest: str = "", full: bool = False
-    ) -> Command:
-        """Return the command that stores a new invocation; ``proof`` is the stored form of the lease's token."""
-        robot = invocation.robot
-        keys: tuple[str, ...] = (*self._keys.invocations(robot), self._keys.lease(robot))
-        once: tuple[str | int, ...] = ()
-        if key:
-            once = digest, _ms(self._retention_s)
-            keys += (self._keys.idempotency_key(robot, key),)
-        rules, written = (proof, invocation.lease), self._written(invocation)
-        return eval_command(scripts.OPEN, keys, *rules, *written, MAX_TERMINAL, int(full), *once)
+    def _saving(self, robot: str, invocations: Sequence[Invocation], new_ids: Collection[str]) -> Command:
+        """Return the command that stores invocations of one robot."""
+        written = [(*self._written(each), int(each.id in new_ids)) for each in invocations]
+        return eval_command(scripts.SAVE, self._keys.invocations(robot), MAX_TERMINAL, *chain.from_iterable(written))
 
     async def _note(self, robot: str) -> None:
         """Announce a robot, once a day and after an outage: ``load_invocations`` finds only robots in this set."""
