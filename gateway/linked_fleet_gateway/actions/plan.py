@@ -3,6 +3,7 @@
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
+from msgspec import Struct
 from pyoxigraph import NamedNode
 
 from linked_fleet_agent.wire.messages import WIRE_VERSION, Command, Expectation, Follow, Move
@@ -14,8 +15,7 @@ from linked_fleet_gateway.resources.body_values import Body
 from linked_fleet_gateway.resources.paths import joint_or_link, robot_path
 
 
-@dataclass(frozen=True)
-class RobotTime:
+class RobotTime(Struct, frozen=True):
     """The time of a request by the robot's own clock: its run, and the monotonic time of its latest frame.
 
     The command keeps this time whatever delays follow (Redis, a turn), so it is refused as stale after too long or
@@ -26,8 +26,7 @@ class RobotTime:
     seen_ns: int
 
 
-@dataclass(frozen=True)
-class Motion:
+class Motion(Struct, frozen=True):
     """A planned motion.
 
     ``targets`` are the final positions (rad or m), ``speed_scale`` the share of the robot's speed, ``expectations``
@@ -40,9 +39,9 @@ class Motion:
     targets: Mapping[str, float]
     requested_at: RobotTime
     speed_scale: float = 1.0
-    expectations: Mapping[str, Expectation] = field(default_factory=dict)
+    expectations: Mapping[str, Expectation] = {}
     tied_to_lease: bool = False
-    facts: Mapping[str, float] = field(default_factory=dict)
+    facts: Mapping[str, float] = {}
     computing_ns: int = 0
 
 
@@ -88,8 +87,7 @@ def build_command(id: str, motion: Motion, waited_ns: int = 0, *, rehearsal: boo
     )
 
 
-@dataclass(frozen=True)
-class Caller:
+class Caller(Struct, frozen=True):
     """A caller. ``name`` is displayed; ``lease_token`` proves that it has the control lease.
 
     ``idempotency_key`` belongs to the request with ``request_digest``. ``body`` is the validated body as N-Triples.

@@ -5,10 +5,11 @@ import logging
 import time
 import uuid
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from types import TracebackType
 from typing import Protocol, Self
 
+from msgspec.structs import replace
 from pyoxigraph import NamedNode
 
 from linked_fleet_agent.wire.messages import WIRE_VERSION, Accepted, Command, Refused, Reply, Stop

@@ -1,7 +1,6 @@
 """Audit records of requests, and the resource ``/audit`` with its pages, for administrators."""
 
 from collections.abc import Iterator
-from dataclasses import replace
 from functools import partial
 
 from pyoxigraph import Literal, NamedNode
@@ -61,9 +60,9 @@ def add_audit_link(connection: Connection, resource: Resource) -> Resource:
     if not connection.caller.has_any_right(AUDIT_RIGHTS, None):
         return resource
     if resource.path == "/":
-        return replace(resource, own_paths=(*resource.own_paths, PATH))
+        return resource.replace(own_paths=(*resource.own_paths, PATH))
     of = resource.linkset_of
-    return resource if of is None or of.path != "/" else replace(resource, linkset_of=add_audit_link(connection, of))
+    return resource if of is None or of.path != "/" else resource.replace(linkset_of=add_audit_link(connection, of))
 
 
 def _steps(base: str, path: str, entries: list[tuple[str, AuditEntry]], graph: Graph) -> Iterator[None]:

@@ -4,7 +4,7 @@ The client may prefer a part of a container (LDP 7.2): the container itself, its
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 
 from pyoxigraph import NamedNode
@@ -72,7 +72,7 @@ def restrict_to_part(resource: Resource, part: ContainerPart, base: str) -> Reso
     """Return the container with this part of its description, which has an entity tag of its own."""
     assert resource.describe is not None
     steps = partial(_steps, resource, part, NamedNode(base + resource.path))
-    return replace(resource, describe=lambda graph: run_steps(steps(graph)), steps=steps)
+    return resource.replace(describe=lambda graph: run_steps(steps(graph)), steps=steps)
 
 
 def _steps(resource: Resource, part: ContainerPart, iri: NamedNode, graph: Graph) -> Iterator[None]:

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 
+from msgspec import Struct
 from pyoxigraph import NamedNode, Triple
 
 from linked_fleet_gateway.fleet.model import Joint, Link, Pose
@@ -19,8 +20,7 @@ from linked_fleet_gateway.resources.resource import Redirect, Resource, TypedLin
 Found = Resource | Redirect | None
 
 
-@dataclass(frozen=True)
-class RequestView:
+class RequestView(Struct, frozen=True):
     """The fleet as seen by a caller: visible robots and invocations, under one base URL."""
 
     base: str

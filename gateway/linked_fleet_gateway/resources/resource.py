@@ -2,9 +2,10 @@
 
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
 from typing import Any
 
+from msgspec import Struct, field
+from msgspec.structs import replace
 from pyoxigraph import Literal, NamedNode
 
 from linked_fleet_agent.wire.messages import Mesh
@@ -28,16 +29,14 @@ def run_steps(steps: Iterable[None]) -> None:
     deque(steps, maxlen=0)
 
 
-@dataclass(frozen=True)
-class RemoteMesh:
+class RemoteMesh(Struct, frozen=True):
     """A mesh that must be fetched from ``robot``; its metadata are known."""
 
     robot: Robot
     mesh: Mesh
 
 
-@dataclass(frozen=True)
-class DescriptionTemplate:
+class DescriptionTemplate(Struct, frozen=True):
     """A kind of resources whose descriptions differ only in the owner's path and in values: one is rendered for all.
 
     ``key`` identifies the kind, which a resource shares with others that have values of the same datatypes.
@@ -51,8 +50,7 @@ class DescriptionTemplate:
     values: Callable[[], tuple[Literal, ...]] = tuple
 
 
-@dataclass(frozen=True)
-class TypedLink:
+class TypedLink(Struct, frozen=True):
     """A link with a registered relation (RFC 8288) to ``path``, which has the given media type."""
 
     relation: str
@@ -60,8 +58,7 @@ class TypedLink:
     media_type: str
 
 
-@dataclass(frozen=True)
-class Resource:
+class Resource(Struct, frozen=True):
     """One resource; ``describe`` adds its triples, ``documents`` are its other representations by media type.
 
     ``remote`` is an object that must be fetched at each GET or depends on the request; ``http/endpoint.py`` selects the
@@ -129,10 +126,8 @@ class Resource:
         )
 
     def replace(self, **fields: Any) -> "Resource":
-        """Return a copy with these fields, as ``dataclasses.replace`` does, in a tenth of its time."""
-        found = object.__new__(Resource)
-        found.__dict__.update(self.__dict__, **fields)
-        return found
+        """Return a copy with these fields."""
+        return replace(self, **fields)
 
     def full_graph(self, base: str) -> Graph:
         """Return all triples of an RDF representation."""
@@ -196,8 +191,7 @@ def blueprint_at(owned_by: str, base: str, shapes: tuple[NamedNode, ...], source
     )
 
 
-@dataclass(frozen=True)
-class Redirect:
+class Redirect(Struct, frozen=True):
     """The canonical spelling of a path with a wrong trailing slash."""
 
     path: str

@@ -1,7 +1,7 @@
 """Subscriptions as resources, and the request for one (paper 5.3, figure 4; R1.8)."""
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from decimal import Decimal
 from functools import cache
 
@@ -253,7 +253,7 @@ def _violations(about: Sequence[Triple], focus: Node) -> list[Violation]:
     """
     data, (subscription, others) = Data(about), validators()
     found = dict.fromkeys([*subscription.check(data, focus), *others.check(data)])
-    return [replace(each, value=None) if each.path == LF.secret else each for each in found]
+    return [each._replace(value=None) if each.path == LF.secret else each for each in found]
 
 
 @cache

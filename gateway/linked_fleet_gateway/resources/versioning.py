@@ -7,7 +7,6 @@ versions can only be compared for equality.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from hashlib import blake2b
 from typing import Any
 
@@ -36,8 +35,7 @@ class Reading(Struct):
         return True
 
 
-@dataclass(frozen=True)
-class Source:
+class Source(Struct, frozen=True):
     """The source of readings of a resource. ``robot`` is its owner; None if it belongs to no single robot.
 
     Whoever changes what ``facts`` returns tells the fan-out of it, since they are not read after each frame.

@@ -9,9 +9,11 @@ import re
 import time
 from collections import deque
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
 from types import TracebackType
 from typing import Self
+
+from msgspec import Struct
+from msgspec.structs import asdict, fields
 
 from linked_fleet_gateway.runtime.background import cancel_tasks, run_last_step, supervised
 from linked_fleet_gateway.runtime.redis import GATHER_S, Connection
@@ -26,8 +28,7 @@ _AT_ONCE = 256
 _ID = re.compile(r"[0-9]{1,20}-[0-9]{1,20}", re.ASCII)
 
 
-@dataclass(frozen=True)
-class AuditEntry:
+class AuditEntry(Struct, frozen=True):
     """One entry. ``what`` is the method, or the event of a stream; ``outcome`` the response status, empty for an end.
 
     ``result`` is the path of the created invocation or subscription. ``at_ns`` is gateway wall time.
@@ -109,7 +110,7 @@ class AuditLog:
 
 
 def _written(entry: AuditEntry) -> list[str]:
-    return [text for name, value in vars(entry).items() if value for text in (name, str(value))]
+    return [text for name, value in asdict(entry).items() if value for text in (name, str(value))]
 
 
 def _read(pairs: list[bytes] | Mapping[bytes, bytes]) -> AuditEntry:

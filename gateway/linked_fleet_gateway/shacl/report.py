@@ -3,7 +3,7 @@
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import islice
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 
 from pyoxigraph import BlankNode, Literal, NamedNode, Triple
 
@@ -16,8 +16,7 @@ _LONGEST_VALUE = 1024  # of a value in the report
 _MOST_LISTED = 20
 
 
-@dataclass(frozen=True)
-class Violation:
+class Violation(NamedTuple):
     """One validation result; ``detail`` has the results of the shapes that ``sh:node``, ``sh:or`` and similar refer to.
 
     ``path`` is the predicate or, for a complex path, its node in the shapes graph. ``message`` states the valid form.

@@ -1,9 +1,9 @@
 """A copied document has the same bytes as a newly written one."""
 
 from collections.abc import Iterator
-from dataclasses import replace
 
 import pytest
+from msgspec import structs
 from pyoxigraph import Literal
 
 from linked_fleet_agent.wire.codec import layout
@@ -80,14 +80,14 @@ def test_titles_with_other_characters_are_not_copied() -> None:
     copies = Copies()
     resource = next(each for each in _described() if each.path.endswith("/hold"))
     assert resource.template is not None
-    odd = replace(resource.template, values=lambda: (Literal('a "title"'),))
-    assert copies.document(replace(resource, template=odd), "text/turtle", _BASE) is None
+    odd = structs.replace(resource.template, values=lambda: (Literal('a "title"'),))
+    assert copies.document(resource.replace(template=odd), "text/turtle", _BASE) is None
 
 
 def test_resources_without_a_template_are_not_copied() -> None:
     copies = Copies()
     resource = next(_described())
-    assert copies.document(replace(resource, template=None), "text/turtle", _BASE) is None
+    assert copies.document(resource.replace(template=None), "text/turtle", _BASE) is None
     assert copies.document(resource, "application/x-jelly-rdf", _BASE) is None
 
 

@@ -6,7 +6,7 @@ Histories are rendered in a thread and sent at the pace of the client, with link
 import asyncio
 from collections.abc import AsyncIterator, Iterator
 from contextlib import asynccontextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar
 
@@ -60,7 +60,7 @@ async def read_history(request: Request, found: Resource, past: RecordedHistory)
 
     shown = past.select_page(parse_span(request.query_params.multi_items()))
     async with past.history.worker():
-        response = await asyncio.to_thread(work, replace(shown.resource.with_reader_of(found), query=request.url.query))
+        response = await asyncio.to_thread(work, shown.resource.with_reader_of(found).replace(query=request.url.query))
     media_type = response.headers.get("content-type", "").partition(";")[0]
     file = media_type in _SUFFIXES
     page, address = shown.file if file else shown.document, request.base + shown.resource.path

@@ -8,7 +8,7 @@ import json
 from collections import OrderedDict
 from collections.abc import AsyncIterator, Iterable, Mapping
 from contextlib import asynccontextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from hashlib import blake2b
 from pkgutil import resolve_name
@@ -169,7 +169,7 @@ def _resolve(view: RequestView, rest: list[str]) -> Found:
 async def _read(documents: Documents, request: Request, resource: Resource, of: ApiDescription) -> Response:
     """Return the description for the caller, or 304. Raises NotAcceptable and PreconditionFailed."""
     body = await documents.document(of.view)
-    made = replace(resource, documents={media_type: lambda: body for media_type in (TYPE, JSON)})
+    made = resource.replace(documents={media_type: lambda: body for media_type in (TYPE, JSON)})
     response = read_resource(request, made)
     await await_preconditions(request, made)
     return response

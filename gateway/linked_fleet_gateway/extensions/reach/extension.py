@@ -6,10 +6,10 @@ The action computes joint positions for a validated body. Its error is ``OutOfRe
 import math
 from collections.abc import AsyncIterator, Callable, Mapping
 from contextlib import asynccontextmanager
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
+from msgspec.structs import replace
 from pyoxigraph import NamedNode
 
 from linked_fleet_agent.wire.messages import Move

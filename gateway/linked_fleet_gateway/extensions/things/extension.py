@@ -6,7 +6,6 @@ The directory is served complete or by pages (W3C WoT Discovery, 7.3.2.3), and i
 import re
 from collections.abc import AsyncIterator, Iterable, Sequence
 from contextlib import asynccontextmanager
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -58,7 +57,7 @@ async def read_listing(request: Request, resource: Resource, listing: Listing) -
     things = listing.things()
     if media_type not in TYPES:
         describe = partial(describe_page, listing.view, things, offset, min(limit or MOST_LISTED, MOST_LISTED))
-        return read_resource(request, replace(resource, describe=describe, remote=None, query=request.url.query))
+        return read_resource(request, resource.replace(describe=describe, remote=None, query=request.url.query))
     links = [Link(iri.value, "type") for iri in resource.interaction_model]
     headers = {"vary": "Accept", "cache-control": "no-cache", "x-content-type-options": "nosniff"}
     content = {"content-type": media_type, "allow": "GET, HEAD, OPTIONS"}

@@ -6,7 +6,6 @@ Clients create, replace and delete objects over HTTP, and read poses in the fram
 import re
 from collections.abc import AsyncIterator, Callable, Sequence
 from contextlib import asynccontextmanager
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from urllib.parse import unquote
@@ -145,7 +144,7 @@ def _posed(world: World, request: Request, resource: Resource, asked: PoseQuery)
     path = f"{POSES}?{request.url.query}"
     iri = asked.view.iri(path)
     describe = partial(describe_relative_pose, iri=iri, of=request.base + of, frame=request.base + frame, posed=found)
-    return replace(resource, path=path, title="Pose in a frame", describe=describe)
+    return resource.replace(path=path, title="Pose in a frame", describe=describe)
 
 
 def _path(request: Request, name: str) -> str:
