@@ -7,7 +7,7 @@ from functools import lru_cache
 from pyoxigraph import NamedNode, Triple
 
 from linked_fleet_gateway.base.errors import UnprocessableContent
-from linked_fleet_gateway.fleet.model import Joint, RobotModel
+from linked_fleet_gateway.fleet.model import RobotModel
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.rdf.graph import Graph, Node
 from linked_fleet_gateway.rdf.validation import (
@@ -42,7 +42,8 @@ def validate_action_body(offer: Offer, triples: Sequence[Triple], base: str) -> 
     model = robot.model if robot is not None else None
     named = tuple(named_poses(robot)) if robot is not None and offer.definition.iri == LF.AssumePose else ()
     joints = robot.description.joints if robot is not None and robot.description is not None else ()
-    validator, terms = _validator(offer.definition, base, offer.thing, robot, offer.joint, model, joints, named)
+    joint = None if offer.joint is None else offer.joint.name
+    validator, terms = _validator(offer.definition, base, offer.thing, robot, joint, model, joints, named)
     report = validator.report(triples, focus)
     if report is not None:
         detail, about = report
@@ -91,12 +92,13 @@ def _validator(
     base: str,
     thing: str,
     robot: Robot | None,
-    joint: Joint | None,
+    joint: str | None,
     model: RobotModel | None,
     joints: tuple[str, ...],
     named: tuple[str, ...],
 ) -> tuple[ShaclValidator, Terms]:
     """Return the compiled shape, cached by its parameters: a new description may have other joints or poses."""
     graph = Graph()
-    shape = Offer(definition, thing, robot, joint).describe_input(graph, base)
+    offer = Offer(definition, thing, robot, None if model is None or joint is None else model.joints[joint])
+    shape = offer.describe_input(graph, base)
     return ShaclValidator(graph.triples, shape), Terms.from_shapes(statements_by_subject(graph.triples), shape)

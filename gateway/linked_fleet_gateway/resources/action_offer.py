@@ -31,7 +31,7 @@ from linked_fleet_gateway.resources.shape_parameters import (
 )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class ActionDefinition:
     """A kind of action.
 
@@ -51,6 +51,11 @@ class ActionDefinition:
     produces: NamedNode
     completions: frozenset[NamedNode] = frozenset()
     """The parts that ``lf:completedBy`` adds to the shape of the body for a thing."""
+
+    @cached_property
+    def method_names(self) -> tuple[str, ...]:
+        """The methods that run it, sorted."""
+        return tuple(sorted(("PUT" if method == METHODS.PUT else "POST") for method in self.methods))
 
 
 def add_kinds(files: Iterable[Path]) -> None:
@@ -138,7 +143,7 @@ class Offer:
     robot: Robot | None = None
     joint: Joint | None = None
 
-    @property
+    @cached_property
     def path(self) -> str:
         return self.path_at(self.thing)
 
@@ -153,7 +158,7 @@ class Offer:
 
     @property
     def methods(self) -> tuple[str, ...]:
-        return tuple(sorted(("PUT" if method == METHODS.PUT else "POST") for method in self.definition.methods))
+        return self.definition.method_names
 
     @property
     def takes_body(self) -> bool:
