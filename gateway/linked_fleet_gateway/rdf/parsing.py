@@ -4,7 +4,6 @@ pyoxigraph's parsers do not recurse, but code that walks the result may, so dept
 """
 
 import re
-from collections import Counter
 from collections.abc import Mapping
 from itertools import islice
 from typing import Any
@@ -29,8 +28,6 @@ _FORMATS = {
 PARSEABLE = tuple(_FORMATS)
 
 _BYTE_ORDER_MARK = "\ufeff"
-# RFC 3987 allows U+00A0 and similar characters. rdflib's N-Triples parser refuses them, and they look like spaces.
-_SPACE = re.compile(r"\s")
 # Each declaration is resolved against the previous one or compared with all others, so the time grows quadratically.
 _MOST_DECLARATIONS = 256
 _DECLARATIONS = {
@@ -110,36 +107,47 @@ def _plain(triple: Triple, lengths: Mapping[NamedNode, int]) -> Triple:
     subject, predicate, value = triple
     if isinstance(subject, Triple) or isinstance(value, Triple):
         raise ParseError("triple terms (RDF 1.2) are not accepted")
-    iris: tuple[object, ...] = (subject, predicate, value)
+    _check_iri(predicate)
+    if isinstance(subject, NamedNode):
+        _check_iri(subject)
     if isinstance(value, Literal):
         if value.direction is not None:
             raise ParseError("base directions of text (RDF 1.2) are not accepted")
         if len(value.value) > (most := lengths.get(predicate, MAX_LENGTH)):
             raise ParseError(f"a literal has {len(value.value)} characters, at most {most} are accepted")
-        iris = (subject, predicate, value.datatype)
-    for iri in iris:
-        if isinstance(iri, NamedNode):
-            if len(text := iri.value) > MAX_LENGTH:
-                raise ParseError(f"an IRI has {len(text)} characters, at most {MAX_LENGTH} are accepted")
-            if _SPACE.search(text):
-                raise ParseError("an IRI has white space in it")
+        _check_iri(value.datatype)
+    elif isinstance(value, NamedNode):
+        _check_iri(value)
     return triple
+
+
+def _check_iri(iri: NamedNode) -> None:
+    text = iri.value
+    if len(text) > MAX_LENGTH:
+        raise ParseError(f"an IRI has {len(text)} characters, at most {MAX_LENGTH} are accepted")
+    # RFC 3987 allows U+00A0 and similar characters. rdflib's N-Triples parser refuses them, and they look like spaces.
+    if text.split() != [text]:
+        raise ParseError("an IRI has white space in it")
 
 
 def _check_depth(triples: list[Triple], max_depth: int) -> None:
     """Bound the longest path over blank nodes. Lists count as one level; a cycle counts all its nodes."""
     edges: dict[BlankNode, list[tuple[BlankNode, int]]] = {}
-    incoming: Counter[BlankNode] = Counter()
+    incoming: dict[BlankNode, int] = {}
     depth: dict[BlankNode, int] = {}
     for triple in triples:
-        subject, value = triple.subject, triple.object
-        for node in (subject, value):
-            if isinstance(node, BlankNode):
-                depth.setdefault(node, 1)
-        if isinstance(subject, BlankNode) and isinstance(value, BlankNode):
-            edges.setdefault(subject, []).append((value, 0 if triple.predicate == REST else 1))
-            incoming[value] += 1
-    ready = [node for node in depth if not incoming[node]]
+        subject, predicate, value = triple
+        if isinstance(subject, BlankNode):
+            depth.setdefault(subject, 1)
+        if not isinstance(value, BlankNode):
+            continue
+        depth.setdefault(value, 1)
+        if isinstance(subject, BlankNode):
+            edges.setdefault(subject, []).append((value, 0 if predicate == REST else 1))
+            incoming[value] = incoming.get(value, 0) + 1
+    if not depth:
+        return
+    ready = [node for node in depth if node not in incoming]
     reached = 0
     while ready:
         node = ready.pop()
