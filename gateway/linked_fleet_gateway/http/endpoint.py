@@ -155,28 +155,30 @@ class Endpoint:
         request.is_safe = isinstance(found, Resource) and found.affords is not None and found.affords.reads
         if isinstance(found, Redirect):
             return _moved(request, found)
-        if request.method in READ_METHODS or request.is_safe or not _CONDITIONS.isdisjoint(request.arrival.fields):
+        method, is_conditional = request.method, not _CONDITIONS.isdisjoint(request.arrival.fields)
+        if method in READ_METHODS or request.is_safe or is_conditional:
             found = _read_by(request, found)  # preconditions are about what the caller reads
         allow = allowed_methods(found)
         # Rights are checked before methods, so that a 405 never reveals what is possible to callers without rights.
         require_right(request, found.path, _needed(request, found))
-        if request.method not in allow:
-            raise MethodNotAllowed(f"{request.method} is not possible here; {', '.join(allow)} are.", allow=allow)
-        if request.method == "OPTIONS":
+        if method not in allow:
+            raise MethodNotAllowed(f"{method} is not possible here; {', '.join(allow)} are.", allow=allow)
+        if method == "OPTIONS":
             return Response(status_code=204, headers=method_headers(found, allow))
         if found.remote is not None and not (found.observable and (wants_events(request) or wants_callback(request))):
-            if request.method in READ_METHODS:
+            if method in READ_METHODS:
                 return await self._readers[type(found.remote)](request, found, found.remote)
             return await self._write(request, found)
         part = preferred_part(request, found)
         if part is not None:
             found = restrict_to_part(found, part, request.base)
-        if request.method in ("GET", "HEAD") and field(request, "if-match") is not None:
-            await read_interleaved(
-                request, found
-            )  # other refusals come before a failed precondition (RFC 9110, 13.2.1)
-        await await_preconditions(request, found)
-        if request.method not in READ_METHODS:
+        if is_conditional:
+            if method in ("GET", "HEAD") and field(request, "if-match") is not None:
+                await read_interleaved(
+                    request, found
+                )  # other refusals come before a failed precondition (RFC 9110, 13.2.1)
+            await await_preconditions(request, found)
+        if method not in READ_METHODS:
             return await self._write(request, found)
         if wants_callback(request):
             require_right(request, found.path, (Right.SUBSCRIBE,))
@@ -251,7 +253,10 @@ async def _find(connection: Connection) -> Resource | Redirect:
     if is_audit_path(path):
         require_right(connection, path, AUDIT_RIGHTS)
         return await audit_resource(connection)
-    return _resolve(connection, await _subscriptions_shown(connection, path))
+    shows_subscriptions = "/subscriptions" in path
+    return _resolve(
+        connection, await _subscriptions_shown(connection, path) if shows_subscriptions else NO_SUBSCRIPTIONS
+    )
 
 
 def _resolve(connection: Connection, subscriptions: SubscriptionsByOwner = NO_SUBSCRIPTIONS) -> Resource | Redirect:

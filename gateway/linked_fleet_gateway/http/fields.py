@@ -8,12 +8,10 @@ import json
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, Literal, Protocol
 from urllib.parse import quote as percent
 
-from starlette.requests import HTTPConnection
-
-from linked_fleet_gateway.http.arrival import arrival_of
+from linked_fleet_gateway.http.arrival import Arrival
 
 TOKEN = re.compile(r"[!#$%&'*+.^_`|~0-9A-Za-z-]+")
 # A quoted string is consumed whole, closed or not, so that hostile fields take one pass.
@@ -60,9 +58,13 @@ def quote(text: str) -> str:
     return '"' + printable.replace("\\", "\\\\").replace('"', '\\"') + '"'
 
 
-def field(request: HTTPConnection, name: str) -> str | None:
+class _Arrived(Protocol):
+    arrival: Arrival
+
+
+def field(request: _Arrived, name: str) -> str | None:
     """All lines of a list-valued field as one value (RFC 9110, 5.3); None when there is none."""
-    found = arrival_of(request.scope).fields.get(name.encode())
+    found = request.arrival.fields.get(name.encode())
     return found.decode("latin-1") if found else None
 
 
@@ -84,11 +86,16 @@ class Prefer:
     """IRIs of parts of a representation to include and to omit (LDP 7.2)."""
 
 
+NO_PREFERENCE = Prefer()
+
+
 def parse_prefer(header: str | None) -> Prefer:
     """Parse the field, with several lines joined by commas; the first of a repeated preference counts."""
+    if not header:
+        return NO_PREFERENCE
     said: dict[str, str] = {}
     parts: dict[str, str] = {}
-    for member in split(header or "", ","):
+    for member in split(header, ","):
         preference, *rest = split(member, ";") or [""]
         name, equals, value = (part.strip(" \t") for part in preference.partition("="))
         text = unquote(value) if equals else ""

@@ -105,14 +105,15 @@ async def end_invocation(request: Request, affordance: EndInvocation) -> Respons
     return Response(status_code=204)
 
 
-def action_caller(request: Request, body: str = "", digest: str = "") -> Caller:
+def _action_caller(request: Request, admitted: "_Admitted") -> Caller:
     """Return the caller. Raises BadRequest for a malformed Idempotency-Key or Lock-Token."""
+    token, key = lock_token(request), _key(request)
     return Caller(
         request.caller_name,
-        lock_token(request),
-        _key(request),
-        digest,
-        body,
+        token,
+        key,
+        _digest(request, admitted.content) if key else "",
+        admitted.written,
         visible_robots=request.caller.visible_robots,
     )
 
@@ -235,7 +236,7 @@ async def _carry_out(
     request: Request, offer: Offer, admitted: _Admitted, moment: RobotTime | None, prefer: Prefer
 ) -> Response:
     actions: Actions = request.services.actions
-    asking = action_caller(request, admitted.written, _digest(request, admitted.content))
+    asking = _action_caller(request, admitted)
     with child_span("plan"):
         plan = actions.plan(ActionRequest(request.base, admitted.body, offer.robot, offer.joint, moment), offer)
         if isinstance(plan, DeferredPlan):

@@ -94,11 +94,10 @@ def check_handshake(request: Request) -> None:
 
 def _asks_upgrade_to(protocol: str, request: Request) -> bool:
     """Return True for a GET whose Upgrade names ``protocol``, with the connection option (RFC 9110, 7.8)."""
-    upgrade = field(request, "upgrade")
-    if upgrade is None:
+    if b"upgrade" not in request.arrival.fields:
         return False
     connection = (field(request, "connection") or "").lower().split(",")
-    protocols = upgrade.lower().split(",")
+    protocols = (field(request, "upgrade") or "").lower().split(",")
     return (
         request.method == "GET"
         and "upgrade" in [option.strip() for option in connection]

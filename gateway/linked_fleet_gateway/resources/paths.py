@@ -19,7 +19,7 @@ _LINK_MARK = "~link"  # no escape, because "~l" is not followed by hexadecimal d
 
 # A robot has over a hundred parts, each named in every description of it, and a fleet names all robots in turn. A cache
 # too small for all of them would never hit.
-_segment = lru_cache(maxsize=32_768)(escape)
+_segment, _name = lru_cache(maxsize=32_768)(escape), lru_cache(maxsize=32_768)(unescape)
 
 
 _at_root, _in_robot, _public = _CORE_AT_ROOT, _CORE_IN_ROBOT, frozenset[str]()
@@ -50,7 +50,7 @@ def robot_path(robot: str) -> str:
 
 def robot_name(segment: str) -> str:
     """Return the name of a robot's segment. Raises ValueError if it is reserved or malformed."""
-    return unescape(segment, _at_root)
+    return _name(segment, _at_root)
 
 
 def robot_of(path: str) -> str | None:
@@ -108,7 +108,7 @@ def is_below(path: str, root: str) -> bool:
 
 def joint_or_link(segment: str, model: RobotModel) -> tuple[str | None, str | None]:
     """Return (joint, None) or (None, link) for a segment of ``model``. Raises ValueError if it is neither."""
-    name = unescape(segment.removesuffix(_LINK_MARK), _in_robot)
+    name = _name(segment.removesuffix(_LINK_MARK), _in_robot)
     marked = segment.endswith(_LINK_MARK)
     if name in model.joints and not marked:
         return name, None
