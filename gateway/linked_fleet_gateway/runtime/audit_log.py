@@ -9,6 +9,7 @@ import re
 import time
 from collections import deque
 from collections.abc import Mapping
+from itertools import chain
 from types import TracebackType
 from typing import Self
 
@@ -25,6 +26,17 @@ MAX_ENTRIES = 100_000
 PAGE_SIZE = 100
 MAX_WAITING = 10_000
 _AT_ONCE = 256
+# KEYS: stream; ARGV: number of entries to keep, then for each entry the number of its names and values, and these. One
+# answer for all entries, because reading an answer takes redis-py longer than writing an entry takes Redis.
+_ADD = """
+local at = 2
+while at <= #ARGV do
+  local last = at + tonumber(ARGV[at])
+  redis.call('XADD', KEYS[1], 'MAXLEN', '~', ARGV[1], '*', unpack(ARGV, at + 1, last))
+  at = last + 1
+end
+return 1
+"""
 _ID = re.compile(r"[0-9]{1,20}-[0-9]{1,20}", re.ASCII)
 
 
@@ -101,16 +113,16 @@ class AuditLog:
     async def _write(self) -> None:
         """Write the oldest entries. After an outage some may be written twice, because the result was unknown."""
         batch = [self._waiting[n] for n in range(min(_AT_ONCE, len(self._waiting)))]
-        await self._redis.execute_all(
-            [("XADD", self._key, "MAXLEN", "~", MAX_ENTRIES, "*", *_written(each)) for each in batch]
-        )
+        await self._redis.run_script(_ADD, (self._key,), MAX_ENTRIES, *chain.from_iterable(map(_written, batch)))
         for each in batch:
             if self._waiting and self._waiting[0] is each:  # the oldest may have been dropped meanwhile
                 self._waiting.popleft()
 
 
-def _written(entry: AuditEntry) -> list[str]:
-    return [text for name, value in asdict(entry).items() if value for text in (name, str(value))]
+def _written(entry: AuditEntry) -> list[str | int]:
+    """Return the fields of an entry as the script takes them, after their number."""
+    words = [text for name, value in asdict(entry).items() if value for text in (name, str(value))]
+    return [len(words), *words]
 
 
 def _read(pairs: list[bytes] | Mapping[bytes, bytes]) -> AuditEntry:
