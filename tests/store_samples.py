@@ -4,7 +4,7 @@ import asyncio
 import time
 import uuid
 from collections.abc import AsyncIterator, Awaitable, Callable
-from contextlib import AbstractAsyncContextManager, asynccontextmanager
+from contextlib import asynccontextmanager
 from dataclasses import replace
 from typing import Any, Protocol, TypeVar
 
@@ -139,7 +139,7 @@ def count_trips(store: SubscriptionStore) -> Callable[[], int]:
     trips = 0
     within_bounds = store._redis._within_bounds
 
-    def counted(step: Callable[[], Awaitable[Any]], *slots: AbstractAsyncContextManager[object]) -> Awaitable[Any]:
+    def counted(step: Callable[[], Awaitable[Any]], *slots: asyncio.Semaphore) -> Awaitable[Any]:
         nonlocal trips
         trips += 1
         return within_bounds(step, *slots)

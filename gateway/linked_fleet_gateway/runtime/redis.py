@@ -4,7 +4,7 @@ import asyncio
 import logging
 import time
 from collections.abc import AsyncGenerator, Awaitable, Callable, Sequence
-from contextlib import AbstractAsyncContextManager, nullcontext
+from contextlib import nullcontext
 from functools import lru_cache, partial
 from typing import Any, TypeVar
 from urllib.parse import unquote, urlsplit
@@ -46,7 +46,6 @@ _NOT_NOW = ("MISCONF", "NOREPLICAS", "BUSY ", "LOADING", "CLUSTERDOWN", "MASTERD
 # Messages of errors when writing to a connection that was just lost: from uvloop, and from redis-py, whose cluster
 # client closes all connections when one fails, including those in use.
 _CLOSED = ("the handler is closed", "'NoneType' object has no attribute 'writelines'")
-_NO_SLOTS = nullcontext()
 _T = TypeVar("_T")
 _DURABLE = {"appendonly": "yes", "appendfsync": "always"}
 
@@ -209,19 +208,22 @@ class Connection:
         answers: list[Any] = await pipeline.execute(raise_on_error=False, allow_redirections=False)
         return answers
 
-    async def _within_bounds(
-        self, step: Callable[[], Awaitable[_T]], slots: AbstractAsyncContextManager[object] = _NO_SLOTS
-    ) -> _T:
+    async def _within_bounds(self, step: Callable[[], Awaitable[_T]], slots: asyncio.Semaphore | None = None) -> _T:
         """Take one of ``slots`` and await ``step``, in bounded time. Raises StoreUnavailable.
 
-        The first contact records the position of the stream.
+        The first contact records the position of the stream. redis-py's own bound of an answer makes a task for each
+        command, half of a command's cost. A cluster keeps it, because its client looks for a new master only after a
+        timeout of its own.
         """
+        waits = not self._open or (slots is not None and slots.locked())
         try:
-            async with asyncio.timeout(_TOTAL_S) as bound:
+            async with asyncio.timeout(_TOTAL_S if waits or self._server is None else _ANSWER_S) as bound:
                 if not self._open:
                     await self._open_once()
-                async with slots:
-                    self._bound_answer(bound)
+                async with slots or nullcontext():
+                    if waits and self._server is not None:
+                        until_s = asyncio.get_running_loop().time() + _ANSWER_S
+                        bound.reschedule(until_s if (total_s := bound.when()) is None else min(total_s, until_s))
                     return await step()
         except _UNREACHABLE as error:
             raise await self._failed(error) from error
@@ -233,16 +235,6 @@ class Connection:
             if not str(error).endswith(_CLOSED):
                 raise
             raise await self._failed(error) from error
-
-    def _bound_answer(self, bound: asyncio.Timeout) -> None:
-        """Bound the answer of one server, once a slot is free.
-
-        redis-py's own bound makes a task for each command, half of a command's cost. A cluster keeps it, because its
-        client looks for a new master only after a timeout of its own.
-        """
-        if self._server is not None:
-            until_s = asyncio.get_running_loop().time() + _ANSWER_S
-            bound.reschedule(until_s if (total_s := bound.when()) is None else min(total_s, until_s))
 
     async def _open_once(self) -> None:
         async with self._opening:  # redis-py cannot handle many concurrent commands before it knows the nodes
