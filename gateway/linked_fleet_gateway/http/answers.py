@@ -7,6 +7,7 @@ cache.
 """
 
 import logging
+from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import chain
 from operator import is_not
@@ -16,7 +17,7 @@ from starlette.types import Scope
 from linked_fleet_gateway.fleet.observation import Observation
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.http.arrival import arrival_of, names_event_stream
-from linked_fleet_gateway.http.message_heads import FieldLines, field_block
+from linked_fleet_gateway.http.message_heads import FieldLines, field_block, read_block
 from linked_fleet_gateway.http.negotiation import GZIP, accepts_gzip, coded_tag, compress, decompress, is_compressible
 from linked_fleet_gateway.http.representation import etag, not_modified
 from linked_fleet_gateway.identity.rights import View
@@ -32,21 +33,22 @@ MAX_BYTES = 24 * 1024 * 1024
 _ASKS_MORE = frozenset({b"prefer", b"if-match", b"upgrade", b"callback", b"last-event-id"})
 _READ = ("GET", "HEAD")
 _LONGEST_ACCEPT = 256
+_GZIP_LINE = field_block([GZIP])
 Key = tuple[bytes, bytes, str, View]
+"""Path, Accept, base URL and what the caller may see."""
 
 
 @dataclass(slots=True)
 class Reply:
-    """Status, header fields and content of a response.
-
-    ``cached_block``: bytes of the cached fields; ``extra_fields``: further ones.
-    """
+    """Status, lines of header fields and content of a response."""
 
     status: int
-    cached_fields: FieldLines
-    cached_block: bytes
-    extra_fields: list[tuple[bytes, bytes]]
+    block: bytes
     content: bytes
+
+    @property
+    def fields(self) -> list[tuple[bytes, bytes]]:
+        return read_block(self.block)
 
 
 class CachedResponse:
@@ -59,9 +61,7 @@ class CachedResponse:
         "_coded",
         "_content",
         "_facts",
-        "_fields",
         "_news",
-        "_of_content",
         "_packed",
         "_quiet",
         "_rendering",
@@ -69,6 +69,7 @@ class CachedResponse:
         "_shown",
         "_source",
         "_tag",
+        "_tag_in_gzip",
         "size",
     )  # fmt: skip
 
@@ -86,7 +87,7 @@ class CachedResponse:
         ``fields``: those of every response except ETag; ``content_fields``: those absent from a 304.
         """
         self._source, self._robot, self._rendering = resource.source, robot, rendering
-        self._tag = etag(content) if rendering is None else ""
+        self._tag = self._tag_in_gzip = b""
         self._codable = is_compressible(content, resource.describe_measured is not None)
         self._packed = self._codable and rendering is None
         """True if the content is kept in gzip alone."""
@@ -98,8 +99,10 @@ class CachedResponse:
         self._quiet = resource.silent_samplers
         self._shown: tuple[Observation, ...] = ()
         """The observations that were written last."""
-        self._fields, self._of_content = (*fields,), (*fields, *content_fields)
-        self._block, self._block_of_content = field_block(self._fields), field_block(self._of_content)
+        self._block = field_block(fields)
+        self._block_of_content = self._block + field_block(content_fields)
+        if rendering is None:
+            self._set_tag(content)
         self._news, self._facts = _news(robot), resource.source.facts()
 
     def is_valid(self, live: Live) -> bool:
@@ -111,7 +114,7 @@ class CachedResponse:
             and self._source.facts() == self._facts
         )
 
-    def reply(self, if_none_match: str | None, in_gzip: bool, uncoded: bytes | None = None) -> Reply:
+    def reply(self, if_none_match: bytes | None, in_gzip: bool, uncoded: bytes | None = None) -> Reply:
         """Return the reply to a request, or 304. ``if_none_match`` is the client's If-None-Match.
 
         ``uncoded``: the content without a coding, if it is there and no value in it is measured.
@@ -119,14 +122,15 @@ class CachedResponse:
         if self._rendering is not None:
             self._write(self._rendering)
         coded = self._codable and in_gzip
-        tag = coded_tag(self._tag, "gzip" if coded else "")
-        if if_none_match is not None and (if_none_match == tag or not_modified(if_none_match, tag)):
-            return Reply(304, self._fields, self._block, [(b"etag", tag.encode())], b"")
+        tag = self._tag_in_gzip if coded else self._tag
+        if if_none_match is not None and (
+            if_none_match == tag or not_modified(if_none_match.decode("latin-1"), tag.decode())
+        ):
+            return Reply(304, b"%betag: %b\r\n" % (self._block, tag), b"")
         content = self._in_gzip() if coded else self._plain() if uncoded is None else uncoded
-        more = [(b"etag", tag.encode()), (b"content-length", b"%d" % len(content))]
-        if coded:
-            more.append(GZIP)
-        return Reply(200, self._of_content, self._block_of_content, more, content)
+        coding = _GZIP_LINE if coded else b""
+        lines = b"%b%betag: %b\r\ncontent-length: %d\r\n" % (self._block_of_content, coding, tag, len(content))
+        return Reply(200, lines, content)
 
     def _in_gzip(self) -> bytes:
         if self._packed:
@@ -147,7 +151,14 @@ class CachedResponse:
         before = self._shown
         if not self._tag or len(before) != len(shown) or any(map(is_not, before, shown)):
             self._content, self._coded = rendering.render_observations(observations), None
-            self._tag, self._shown = etag(self._content), shown
+            self._set_tag(self._content)
+            self._shown = shown
+
+    def _set_tag(self, content: bytes) -> None:
+        tag = etag(content)
+        self._tag = tag.encode()
+        if self._codable:
+            self._tag_in_gzip = coded_tag(tag, "gzip").encode()
 
 
 class ResponseCache:
@@ -164,28 +175,26 @@ class ResponseCache:
     def find(self, scope: Scope, live: Live) -> Reply | None:
         """Return the reply to a request if its response is cached and valid. An error is logged, and gives None too."""
         try:
-            return self._find(scope, live)
+            key = _key(scope)
+            if key is None or (answer := self._kept.get(key)) is None:
+                return None
+            if not answer.is_valid(live):
+                self._forget(key)
+                return None
+            fields = arrival_of(scope).fields
+            return answer.reply(fields.get(b"if-none-match"), accepts_gzip(fields.get(b"accept-encoding", b"")))
         except Exception:  # one description that cannot be written must not fail the request
             log.exception("unforeseen error in the kept answer of %s", scope["path"])
             return None
 
-    def _find(self, scope: Scope, live: Live) -> Reply | None:
-        key, known, coding = _asked(scope)
-        if key is None or (answer := self._kept.get(key)) is None:
-            return None
-        if not answer.is_valid(live):
-            self._forget(key)
-            return None
-        return answer.reply(known, coding is not None and accepts_gzip(coding))
-
     @staticmethod
     def is_cacheable(scope: Scope) -> bool:
         """Return True if the response to a request can be cached."""
-        return _asked(scope)[0] is not None
+        return _key(scope) is not None
 
     def store(self, scope: Scope, answer: CachedResponse) -> None:
         """Cache a response for further requests like this one."""
-        key, _, _ = _asked(scope)
+        key = _key(scope)
         if key is None or answer.size > self._most_bytes:
             return
         self._forget(key)
@@ -199,19 +208,25 @@ class ResponseCache:
         self._bytes -= answer.size if answer is not None else 0
 
 
-def _asked(scope: Scope) -> tuple[Key | None, str | None, bytes | None]:
-    """Return the cache key of a request (None if it bypasses the cache), If-None-Match and Accept-Encoding."""
-    if scope["method"] not in _READ or scope["query_string"]:
-        return None, None, None
+def _key(scope: Scope) -> Key | None:
+    """Return the cache key of a request; None if it bypasses the cache."""
     arrival = arrival_of(scope)
-    fields = arrival.fields
-    accept = fields.get(b"accept", b"")
-    if len(accept) > _LONGEST_ACCEPT or names_event_stream(fields) or not _ASKS_MORE.isdisjoint(fields):
-        return None, None, None
-    known, coding = fields.get(b"if-none-match"), fields.get(b"accept-encoding")
+    if arrival.is_plain_read is None:
+        arrival.is_plain_read = _is_plain_read(scope, arrival.fields)
+    if not arrival.is_plain_read:
+        return None
     view = arrival.authenticated.identity.visible_robots
-    known_tags = None if known is None else known.decode("latin-1")
-    return (scope["raw_path"], accept, arrival.base, view), known_tags, coding
+    return scope["raw_path"], arrival.fields.get(b"accept", b""), arrival.base, view
+
+
+def _is_plain_read(scope: Scope, fields: Mapping[bytes, bytes]) -> bool:
+    return (
+        scope["method"] in _READ
+        and not scope["query_string"]
+        and len(fields.get(b"accept", b"")) <= _LONGEST_ACCEPT
+        and not names_event_stream(fields)
+        and _ASKS_MORE.isdisjoint(fields)
+    )
 
 
 def _news(robot: Robot | None) -> tuple[object, ...]:

@@ -59,7 +59,7 @@ _ANYBODY = Authenticated(EVERYBODY)
 class Arrival:
     """The part of a request that does not depend on its resource; ``http/entrance.py`` fills it in."""
 
-    __slots__ = ("authenticated", "base", "cross_origin", "fields", "internal", "rate_counted")
+    __slots__ = ("authenticated", "base", "cross_origin", "fields", "internal", "is_plain_read", "rate_counted")
 
     def __init__(self, fields: Mapping[bytes, bytes], *, internal: bool = False) -> None:
         self.fields = fields
@@ -72,6 +72,8 @@ class Arrival:
         """True once the request counts for the rate of its client."""
         self.authenticated = _ANYBODY
         """The caller. Without configured identities, everybody has all rights."""
+        self.is_plain_read: bool | None = None
+        """True if it asks for no more than a representation, False if for more; None until somebody wants to know."""
         self.internal = internal
         """True for a request of an extension on behalf of another request."""
 

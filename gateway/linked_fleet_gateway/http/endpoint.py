@@ -96,8 +96,7 @@ class Endpoint:
         services = gateway_of(scope).services
         reply = services.response_cache.find(scope, services.live)
         if reply is not None:
-            headers = [*reply.cached_fields, *reply.extra_fields]
-            await send({"type": "http.response.start", "status": reply.status, "headers": headers})
+            await send({"type": "http.response.start", "status": reply.status, "headers": reply.fields})
             await send({"type": "http.response.body", "body": reply.content})
             return
         request = Request(scope, receive)

@@ -45,8 +45,10 @@ class RateLimiter:
 
     def wait_s(self, scope: Scope) -> float:
         """Return the seconds until the request is permitted; 0 if it is now, and then counted, once."""
+        if not self._rates.is_limited or is_urgent(scope) or scope["path"] in self._carriers:
+            return 0.0
         arrival = arrival_of(scope)
-        if arrival.rate_counted or not self._rates.is_limited or is_urgent(scope) or scope["path"] in self._carriers:
+        if arrival.rate_counted:
             return 0.0
         wait_s = self._rates.take(bucket_key(scope))
         arrival.rate_counted = not wait_s
@@ -153,7 +155,7 @@ class Entrance:
         reply = gateway.endpoint.reply_nowait(scope)
         if reply is None:
             return None
-        reply.extra_fields.append((_ID_FIELD, choose_request_id(arrival.fields.get(_ID_FIELD)).encode()))
+        reply.block += b"%b: %b\r\n" % (_ID_FIELD, choose_request_id(arrival.fields.get(_ID_FIELD)).encode())
         self._requests.add(scope["method"], reply.status, time.monotonic() - begun_s)
         return reply
 

@@ -15,9 +15,9 @@ CLOSE = (b"connection", b"close")
 
 def response_bytes(reply: Reply, defaults: Iterable[tuple[bytes, bytes]], method: str, keep_alive: bool) -> bytes:
     """Return the bytes of a complete response; ``defaults``: the fields of all responses."""
-    fields = [*defaults, *reply.extra_fields] if keep_alive else [*defaults, *reply.extra_fields, CLOSE]
-    head = status_line(reply.status) + reply.cached_block + field_block(fields)
-    return b"%b\r\n%b" % (head, b"" if method == "HEAD" else reply.content)
+    fields = field_block(defaults if keep_alive else [*defaults, CLOSE])
+    content = b"" if method == "HEAD" else reply.content
+    return b"%b%b%b\r\n%b" % (status_line(reply.status), reply.block, fields, content)
 
 
 class Exchange(RequestResponseCycle):

@@ -12,6 +12,8 @@ from typing import NamedTuple
 
 from linked_fleet_gateway.http.connection_limits import MAX_HEAD_BYTES
 
+_PARSEABLE = re.compile(rb"(?:GET|HEAD|OPTIONS|POST|PUT|PATCH|DELETE) /[\x21-\x7e]* HTTP/1\.[01]\r?\n")
+"""Request lines that the parser can get unchanged."""
 _REQUEST_LINE = re.compile(rb"([!#$%&'*+\-.^_`|~0-9A-Za-z]+) ([\x21-\x7e]+) HTTP/([0-9])\.([0-9])\r?\n")
 _METHODS = frozenset({b"GET", b"HEAD", b"OPTIONS", b"POST", b"PUT", b"PATCH", b"DELETE"})
 _ANY_METHOD = b"PUT"
@@ -35,15 +37,6 @@ class RequestLine(NamedTuple):
     data: bytes
     method: bytes = b""
     target: bytes = b""
-
-
-def is_parseable(data: bytes) -> bool:
-    """Return True if the parser can get the bytes unchanged."""
-    match = _REQUEST_LINE.match(data)
-    if match is None:
-        return False
-    method, target, major, minor = match.groups()
-    return method in _METHODS and target.startswith(b"/") and major == b"1" and minor in (b"0", b"1")
 
 
 def read_line(data: bytes) -> RequestLine:
@@ -82,7 +75,7 @@ class RequestLineReader:
 
     def read(self, data: bytes) -> bytes:
         """Return the bytes to parse, none while the line is incomplete. Raises HeadError."""
-        if not self._start and is_parseable(data):
+        if not self._start and _PARSEABLE.match(data):
             return data
         data = (self._start + data).lstrip(b"\r\n")  # RFC 9112, 2.2
         if b"\n" not in data:
@@ -144,6 +137,15 @@ def field_block(fields: Iterable[tuple[bytes, bytes]]) -> bytes:
     ends = len(lines) - 1
     if found.count(b"\n") != ends or found.count(b"\r") != ends or b"\0" in found:
         raise RuntimeError("A header field has a line end inside.")
+    return found
+
+
+def read_block(block: bytes) -> list[tuple[bytes, bytes]]:
+    """Return the fields of which ``field_block`` has made the lines."""
+    found = []
+    for line in block.splitlines():
+        name, _, value = line.partition(b": ")
+        found.append((name, value))
     return found
 
 

@@ -158,6 +158,7 @@ def coded_tag(tag: str, coding: str) -> str:
     return f'{tag[:-1]}-{coding}"' if coding else tag
 
 
+@lru_cache(maxsize=256)
 def accepts_gzip(accept_encoding: bytes) -> bool:
     """Return True if an Accept-Encoding field prefers gzip to no coding."""
     return preferred_coding(accept_encoding, ("gzip",)) == "gzip"

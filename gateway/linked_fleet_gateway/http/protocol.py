@@ -193,7 +193,7 @@ class HttpProtocol(HttpToolsProtocol):
             super().on_url(url)
 
     def on_header(self, name: bytes, value: bytes) -> None:
-        if self._phase is _HEAD and not self._again:  # neither trailers, which nobody asked for
+        if self._phase is _HEAD:  # neither trailers, which nobody asked for, nor a head that is parsed again
             self.headers.append((name.lower(), value))
 
     def on_headers_complete(self) -> None:
@@ -201,7 +201,8 @@ class HttpProtocol(HttpToolsProtocol):
             return
         self._phase, self._head_bytes = _BODY, 0
         fields = fields_of(self.scope)
-        if b"transfer-encoding" in fields:
+        is_framed = b"content-length" in fields or b"transfer-encoding" in fields
+        if is_framed:
             try:
                 message_heads.check_transfer_coding(self.headers, self.parser.get_http_version())
             except HeadError as error:
@@ -220,7 +221,8 @@ class HttpProtocol(HttpToolsProtocol):
         if self.parser.should_upgrade() and self._should_upgrade():
             return
         waits = self._is_answering()
-        if self._may_reply_nowait and not waits and not self.flow.write_paused and not self._has_body():
+        has_body = is_framed and message_heads.has_body(self.headers)
+        if self._may_reply_nowait and not waits and not self.flow.write_paused and not has_body:
             self._may_reply_nowait = False
             self._reply = self._reply_nowait(self.scope)
             if self._reply is not None:

@@ -186,7 +186,7 @@ class _Ready(Response):
 
     def __init__(self, reply: Reply) -> None:
         self.status_code, self.body, self.background = reply.status, reply.content, None
-        self.raw_headers = [*reply.cached_fields, *reply.extra_fields]
+        self.raw_headers = reply.fields
 
 
 def _accepted_codings(request: Request) -> bytes:
@@ -240,7 +240,7 @@ def _cached(request: Request, resource: Resource, representation: Representation
     answer = CachedResponse(resource, robot, rendering, body, always, more)
     services.response_cache.store(request.scope, answer)
     plain = body if resource.describe_measured is None else None
-    return answer.reply(field(request, "if-none-match"), accepts_gzip(_accepted_codings(request)), plain)
+    return answer.reply(request.arrival.fields.get(b"if-none-match"), accepts_gzip(_accepted_codings(request)), plain)
 
 
 async def read_mesh(request: Request, resource: Resource, remote: RemoteMesh) -> Response:

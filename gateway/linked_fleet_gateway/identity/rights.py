@@ -116,7 +116,7 @@ class Identity:
     def has_any_right(self, scopes: Iterable[Right], robot: str | None) -> bool:
         return any(self.has_right(scope, robot) for scope in scopes)
 
-    @property
+    @cached_property
     def visible_robots(self) -> View:
         """The robots that it may read; others are invisible to it."""
         return self.view_for(Right.READ)

@@ -33,7 +33,7 @@ def _at_once(scope: Scope) -> Reply | None:
         return None
     known = any(name == b"if-none-match" for name, _ in scope["headers"])
     length = [] if known else [(b"content-length", b"4")]
-    return Reply(304 if known else 200, (_KEPT,), field_block([_KEPT]), length, b"" if known else b"kept")
+    return Reply(304 if known else 200, field_block([_KEPT, *length]), b"" if known else b"kept")
 
 
 def _http(protocol: type[HttpProtocol] = HttpProtocol) -> Any:

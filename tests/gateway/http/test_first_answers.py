@@ -73,7 +73,7 @@ def place(bench: Bench) -> Place:
 
 def _parts(reply: Reply | None) -> tuple[int, dict[bytes, bytes], bytes]:
     assert reply is not None
-    return reply.status, dict([*reply.cached_fields, *reply.extra_fields]), reply.content
+    return reply.status, dict(reply.fields), reply.content
 
 
 @pytest.mark.parametrize("media_type", _TYPES)
