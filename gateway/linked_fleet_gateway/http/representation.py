@@ -6,7 +6,7 @@ Entity tags and preconditions follow RFC 9110, 8.8.3, 13.1.1 and 13.1.2.
 import re
 from collections.abc import AsyncIterator, Callable, Collection, Iterator, Mapping
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from hashlib import blake2b
 from typing import TypeVar
@@ -18,7 +18,7 @@ from linked_fleet_gateway.http.negotiation import choose
 from linked_fleet_gateway.http.scheduling import Offload
 from linked_fleet_gateway.rdf.graph import Graph
 from linked_fleet_gateway.rdf.serialise import JSON, RDF_TYPES, WriteError
-from linked_fleet_gateway.rdf.templates import render_graph
+from linked_fleet_gateway.rdf.templates import Document, render_graph
 from linked_fleet_gateway.rdf.vocabulary import PREFIXES
 from linked_fleet_gateway.resources.copies import Copies
 from linked_fleet_gateway.resources.renderings import Rendering, Renderings, is_compilable
@@ -78,10 +78,14 @@ FORMATS: Formats = {
 
 @dataclass(frozen=True)
 class Representation:
-    """A rendered representation with its media type."""
+    """A rendered representation with its media type.
+
+    ``document``: its content with the template that was filled in, if that is known.
+    """
 
     body: bytes
     media_type: str
+    document: Document | None = field(default=None, compare=False)
 
     @property
     def etag(self) -> str:
@@ -191,11 +195,12 @@ class Representations:
         if (rendering := self.rendering(resource, media_type, base)) is not None:
             return Representation(rendering.render_current(), media_type)
         if (copied := self._copies.document(resource, media_type, base)) is not None:
-            return Representation(copied, media_type)
+            return Representation(copied.content, media_type, copied)
         graph = graph or resource.full_graph(base)
         if media_type == HTML and self.html is not None:
             return Representation(self.html.write_resource(resource, graph.triples, base, self.formats), media_type)
-        return Representation(render_graph(graph, media_type, PREFIXES, base=base + resource.path), media_type)
+        document = render_graph(graph, media_type, PREFIXES, base=base + resource.path)
+        return Representation(document.content, media_type, document)
 
     def _offered(self, resource: Resource) -> tuple[str, ...]:
         if resource.linkset_of is not None:

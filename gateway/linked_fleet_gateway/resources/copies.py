@@ -12,7 +12,7 @@ from pyoxigraph import Literal
 
 from linked_fleet_gateway.rdf.graph import Graph
 from linked_fleet_gateway.rdf.serialise import TEXT_TYPES
-from linked_fleet_gateway.rdf.templates import Markers, Template, is_replaceable, render_graph
+from linked_fleet_gateway.rdf.templates import Document, Markers, Template, is_replaceable, write_graph
 from linked_fleet_gateway.rdf.vocabulary import PREFIXES
 from linked_fleet_gateway.resources.resource import DescriptionTemplate, Resource
 
@@ -32,7 +32,7 @@ class Copies:
         self._kept: dict[_Key, Template] = {}
         self._characters = 0
 
-    def document(self, resource: Resource, media_type: str, base: str) -> bytes | None:
+    def document(self, resource: Resource, media_type: str, base: str) -> Document | None:
         """Return the document; None if the resource has no kind or must be rendered. Raises WriteError."""
         kind = resource.template
         if kind is None or media_type not in TEXT_TYPES or not _PLAIN.fullmatch(kind.owner):
@@ -48,13 +48,13 @@ class Copies:
         key = (kind.key, kind.owner.endswith("/"), *datatypes, media_type, base)
         template = self._kept.get(key) or self._keep(key, _compile(resource, kind, values, media_type, base))
         texts.append(kind.owner.rstrip("/")[1:])
-        return template.fill(texts)
+        return Document(template.fill(texts), template, texts)
 
     def _keep(self, key: _Key, template: Template) -> Template:
         self._kept[key] = template
-        self._characters += len(template.text)
+        self._characters += template.characters
         while len(self._kept) > self._most or (self._characters > self._max_characters and len(self._kept) > 1):
-            self._characters -= len(self._kept.pop(next(iter(self._kept))).text)
+            self._characters -= self._kept.pop(next(iter(self._kept))).characters
         return template
 
 
@@ -69,4 +69,4 @@ def _compile(
     marked = [marks.literal(index, literal) for index, literal in enumerate(values)]
     kind.describe(graph, owner + ("/" if kind.owner.endswith("/") else ""), marked)
     resource.add_interaction_model(graph, base, path)
-    return marks.template(render_graph(graph, media_type, PREFIXES, base=base + path).decode())
+    return marks.template(write_graph(graph, media_type, PREFIXES, base=base + path).decode())

@@ -18,7 +18,7 @@ from pyoxigraph import NamedNode
 from linked_fleet_gateway.fleet.observation import Observation
 from linked_fleet_gateway.rdf.graph import Graph, lexical, timestamp
 from linked_fleet_gateway.rdf.serialise import RDF_TYPES, TEXT_TYPES, WriteError
-from linked_fleet_gateway.rdf.templates import render_graph
+from linked_fleet_gateway.rdf.templates import Template, render_graph
 from linked_fleet_gateway.rdf.vocabulary import PREFIXES
 from linked_fleet_gateway.resources.property import Measurement
 from linked_fleet_gateway.resources.resource import Resource
@@ -50,12 +50,6 @@ class _Form(NamedTuple):
     versions: int
 
 
-class _Template(NamedTuple):
-    text: str
-    places: tuple[int, ...]
-    """Index of the value, time or version text at each place; an index may occur any number of times."""
-
-
 class Rendering:
     """A measured resource in one media type under one base URL, valid while its facts do not change."""
 
@@ -63,7 +57,8 @@ class Rendering:
         self._resource, self._media_type, self._base = resource, media_type, base
         self._counts: tuple[int, ...] = ()
         self._form: _Form | None = None
-        self._template = _Template("", ())
+        self._template = Template([""], ())
+        """Its values are those measured, then times, then versions."""
 
     def render_current(self) -> bytes:
         """Return the document with the present values. Raises WriteError if the syntax cannot express it."""
@@ -106,9 +101,9 @@ class Rendering:
         texts += [_stamp(seen.wall_ns) if seen.wall_ns is not None else "" for seen in measurements]
         if versions is not None:
             texts += (versions.version, versions.previous or "")
-        return (self._template.text % tuple([texts[place] for place in self._template.places])).encode()
+        return self._template.fill(texts)
 
-    def _compile(self, form: _Form) -> _Template:
+    def _compile(self, form: _Form) -> Template:
         markers = _Markers(sum(map(len, form.unknown)), len(form.timed))
         measurements, first = list[Measurement](), 0
         for look, (of_look, outside, timed) in enumerate(zip(form.unknown, form.outside, form.timed, strict=True)):
@@ -123,7 +118,7 @@ class Rendering:
             iri = NamedNode(self._base + self._resource.path)
             describe_version(graph, iri, markers.version(0), markers.version(1) if form.versions == 2 else None)
         body = render_graph(graph, self._media_type, PREFIXES, base=self._base + self._resource.path)
-        return markers.template(body.decode())
+        return markers.template(body.content.decode())
 
 
 class _Markers:
@@ -148,9 +143,8 @@ class _Markers:
     def version(self, index: int) -> str:
         return f"{self._version}{index}"
 
-    def template(self, document: str) -> _Template:
+    def template(self, document: str) -> Template:
         """Return the document with places where it has markers."""
-        document = document.replace("%", "%%")
         for kind, start in zip("vts", (self._value, self._time, self._version), strict=True):
             document = document.replace(start, f"\0{kind}")  # no document contains a NUL
         first, *marked = document.split("\0")
@@ -168,7 +162,7 @@ class _Markers:
                 case _:
                     places.append(self._values + self._times + int(piece[1]))
                     pieces.append(piece[2:])
-        return _Template("%s".join(pieces), tuple(places))
+        return Template(pieces, places)
 
 
 def is_compilable(resource: Resource, media_type: str) -> bool:
@@ -227,4 +221,4 @@ def message_body(resource: Resource, media_type: str, base: str, version: str, p
         raise WriteError(f"there is no {media_type} of {resource.path} at present")
     graph = resource.full_graph(base)
     describe_version(graph, NamedNode(base + resource.path), version, previous)
-    return render_graph(graph, media_type, PREFIXES, base=base + resource.path)
+    return render_graph(graph, media_type, PREFIXES, base=base + resource.path).content
