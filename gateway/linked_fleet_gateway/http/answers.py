@@ -7,6 +7,7 @@ cache.
 """
 
 import logging
+import weakref
 from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import chain
@@ -21,6 +22,7 @@ from linked_fleet_gateway.http.message_heads import FieldLines, field_block, rea
 from linked_fleet_gateway.http.negotiation import GZIP, accepts_gzip, coded_tag, compress, decompress, is_compressible
 from linked_fleet_gateway.http.representation import etag, not_modified
 from linked_fleet_gateway.identity.rights import View
+from linked_fleet_gateway.rdf.templates import Document, Template
 from linked_fleet_gateway.resources.renderings import Rendering
 from linked_fleet_gateway.resources.resource import Resource
 from linked_fleet_gateway.subscriptions.live import Live
@@ -62,7 +64,6 @@ class CachedResponse:
         "_content",
         "_facts",
         "_news",
-        "_packed",
         "_quiet",
         "_rendering",
         "_robot",
@@ -70,6 +71,8 @@ class CachedResponse:
         "_source",
         "_tag",
         "_tag_in_gzip",
+        "_template",
+        "_values",
         "size",
     )  # fmt: skip
 
@@ -78,23 +81,33 @@ class CachedResponse:
         resource: Resource,
         robot: Robot | None,
         rendering: Rendering | None,
-        content: bytes,
+        document: Document,
         fields: FieldLines,
         content_fields: FieldLines,
     ) -> None:
         """Create a response; ``robot`` is None if it lasts (``Resource.is_static``).
 
-        ``fields``: those of every response except ETag; ``content_fields``: those absent from a 304.
+        ``fields``: those of every response except ETag; ``content_fields``: those absent from a 304. Of a document that
+        a template has made, the values are kept, and not the template, which is dropped when there are too many. Other
+        long ones are kept in gzip.
         """
         self._source, self._robot, self._rendering = resource.source, robot, rendering
         self._tag = self._tag_in_gzip = b""
+        content = document.content
         self._codable = is_compressible(content, resource.describe_measured is not None)
-        self._packed = self._codable and rendering is None
-        """True if the content is kept in gzip alone."""
-        self._content = compress(content) if self._packed else content
+        self._content: bytes | None = None
         self._coded: bytes | None = None
-        """The content in gzip, if it is kept as it is and somebody has asked for that."""
-        self.size = len(self._content)
+        """The content in gzip."""
+        self._template: weakref.ref[Template] | None = None
+        self._values = ""
+        """The values of the template, separated by NUL."""
+        if rendering is not None or not self._codable:
+            self._content = content
+        elif document.template is not None:
+            self._template, self._values = weakref.ref(document.template), "\0".join(document.values)
+        else:
+            self._coded = compress(content)
+        self.size = len(self._content or self._coded or self._values)
         """Approximate size of the cached content in bytes."""
         self._quiet = resource.silent_samplers
         self._shown: tuple[Observation, ...] = ()
@@ -114,10 +127,11 @@ class CachedResponse:
             and self._source.facts() == self._facts
         )
 
-    def reply(self, if_none_match: bytes | None, in_gzip: bool, uncoded: bytes | None = None) -> Reply:
-        """Return the reply to a request, or 304. ``if_none_match`` is the client's If-None-Match.
+    def reply(self, if_none_match: bytes | None, in_gzip: bool, uncoded: bytes | None = None) -> Reply | None:
+        """Return the reply to a request, or 304; None if the content is lost with its template.
 
-        ``uncoded``: the content without a coding, if it is there and no value in it is measured.
+        ``if_none_match`` is the client's If-None-Match. ``uncoded``: the content without a coding, if it is there and
+        no value in it is measured.
         """
         if self._rendering is not None:
             self._write(self._rendering)
@@ -127,20 +141,25 @@ class CachedResponse:
             if_none_match == tag or not_modified(if_none_match.decode("latin-1"), tag.decode())
         ):
             return Reply(304, b"%betag: %b\r\n" % (self._block, tag), b"")
-        content = self._in_gzip() if coded else self._plain() if uncoded is None else uncoded
+        content = self._coded if coded else uncoded
+        if content is None:
+            content = self._plain() if uncoded is None else uncoded
+            if content is None:
+                return None
+            if coded:
+                content = self._coded = compress(content)
+                self.size += len(content)
         coding = _GZIP_LINE if coded else b""
         lines = b"%b%betag: %b\r\ncontent-length: %d\r\n" % (self._block_of_content, coding, tag, len(content))
         return Reply(200, lines, content)
 
-    def _in_gzip(self) -> bytes:
-        if self._packed:
+    def _plain(self) -> bytes | None:
+        if self._content is not None:
             return self._content
-        if self._coded is None:
-            self._coded = compress(self._content)
-        return self._coded
-
-    def _plain(self) -> bytes:
-        return decompress(self._content) if self._packed else self._content
+        template = None if self._template is None else self._template()
+        if template is not None:
+            return template.fill(self._values.split("\0"))
+        return None if self._coded is None else decompress(self._coded)
 
     def _write(self, rendering: Rendering) -> None:
         """Write the values, unless the last written observations are unchanged."""
@@ -151,6 +170,7 @@ class CachedResponse:
         before = self._shown
         if not self._tag or len(before) != len(shown) or any(map(is_not, before, shown)):
             self._content, self._coded = rendering.render_observations(observations), None
+            self.size = len(self._content)
             self._set_tag(self._content)
             self._shown = shown
 
@@ -178,11 +198,16 @@ class ResponseCache:
             key = _key(scope)
             if key is None or (answer := self._kept.get(key)) is None:
                 return None
-            if not answer.is_valid(live):
+            fields, size = arrival_of(scope).fields, answer.size
+            reply = (
+                answer.reply(fields.get(b"if-none-match"), accepts_gzip(fields.get(b"accept-encoding", b"")))
+                if answer.is_valid(live)
+                else None
+            )
+            self._bytes += answer.size - size
+            if reply is None:
                 self._forget(key)
-                return None
-            fields = arrival_of(scope).fields
-            return answer.reply(fields.get(b"if-none-match"), accepts_gzip(fields.get(b"accept-encoding", b"")))
+            return reply
         except Exception:  # one description that cannot be written must not fail the request
             log.exception("unforeseen error in the kept answer of %s", scope["path"])
             return None

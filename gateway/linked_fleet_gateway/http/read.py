@@ -31,6 +31,7 @@ from linked_fleet_gateway.http.request import Request
 from linked_fleet_gateway.http.writes import PATCH_TYPES
 from linked_fleet_gateway.rdf.graph import Graph
 from linked_fleet_gateway.rdf.serialise import RDF_TYPES
+from linked_fleet_gateway.rdf.templates import Document
 from linked_fleet_gateway.rdf.vocabulary import LDP
 from linked_fleet_gateway.resources.body_values import own_statements
 from linked_fleet_gateway.resources.paths import robot_of
@@ -236,11 +237,14 @@ def _cached(request: Request, resource: Resource, representation: Representation
     if services.identities is not None:
         mark_private(resource.path, stated)
     always, more = stated.raw, MutableHeaders(of_content).raw
-    robot, body = _robot(request, resource), representation.body
-    answer = CachedResponse(resource, robot, rendering, body, always, more)
+    document = representation.document or Document(representation.body)
+    answer = CachedResponse(resource, _robot(request, resource), rendering, document, always, more)
+    plain = document.content if resource.describe_measured is None else None
+    known, in_gzip = request.arrival.fields.get(b"if-none-match"), accepts_gzip(_accepted_codings(request))
+    reply = answer.reply(known, in_gzip, plain)
+    assert reply is not None  # the document holds its template
     services.response_cache.store(request.scope, answer)
-    plain = body if resource.describe_measured is None else None
-    return answer.reply(request.arrival.fields.get(b"if-none-match"), accepts_gzip(_accepted_codings(request)), plain)
+    return reply
 
 
 async def read_mesh(request: Request, resource: Resource, remote: RemoteMesh) -> Response:

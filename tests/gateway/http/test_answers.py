@@ -1,5 +1,6 @@
 """Cached responses to GET are valid as long as only frames are new, for the caller for whom they were made."""
 
+import gzip
 from typing import Any, cast
 
 import pytest
@@ -8,6 +9,7 @@ from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.http.answers import CachedResponse, ResponseCache
 from linked_fleet_gateway.http.arrival import Authenticated, arrival_of
 from linked_fleet_gateway.identity.rights import Grant, Identity, Right
+from linked_fleet_gateway.rdf.templates import Document, Template
 from linked_fleet_gateway.resources.resource import Resource
 from linked_fleet_gateway.resources.versioning import Source
 from linked_fleet_gateway.subscriptions.live import Live
@@ -27,7 +29,7 @@ class Stage:
 
     def keep(self, content: bytes, **named: Any) -> None:
         resource = Resource("/r/a", "a", None, source=Source(lambda: self.facts, robot=self.robot))
-        self.answers.store(scope(**named), CachedResponse(resource, self.robot, None, content, _FIELDS, ()))
+        self.answers.store(scope(**named), CachedResponse(resource, self.robot, None, Document(content), _FIELDS, ()))
 
     def content(self, **named: Any) -> bytes | None:
         found = self.answers.find(scope(**named), self.live)
@@ -54,7 +56,7 @@ def stage() -> Stage:
 def test_constant_documents_stay_valid(stage: Stage) -> None:
     """A document that never changes belongs to no robot."""
     lasting = Resource("/vocabulary", "Vocabulary", None, is_static=True)
-    stage.answers.store(scope(b"/vocabulary"), CachedResponse(lasting, None, None, b"terms", _FIELDS, ()))
+    stage.answers.store(scope(b"/vocabulary"), CachedResponse(lasting, None, None, Document(b"terms"), _FIELDS, ()))
     stage.robot.count_change()
     assert stage.content(path=b"/vocabulary") == b"terms"
 
@@ -127,3 +129,30 @@ def test_there_are_never_too_many_nor_too_much(stage: Stage) -> None:
     assert len(stage.answers) == 2
     stage.keep(bytes(101), path=b"/r/6")
     assert stage.content(path=b"/r/6") is None
+
+
+def test_a_document_of_a_template_is_kept_as_values_and_compressed_on_demand(stage: Stage) -> None:
+    template = Template(["x" * 2000, "y" * 2000], (0,))
+    lasting = Resource("/a", "a", None, is_static=True)
+    written = Document(template.fill(["one"]), template, ["one"])
+    answer = CachedResponse(lasting, None, None, written, _FIELDS, ())
+    assert answer.size == len("one")
+    stage.answers.store(scope(), answer)
+    assert stage.content() == written.content
+    coded = stage.content(accept_encoding="gzip")
+    assert coded is not None and gzip.decompress(coded) == written.content
+    assert answer.size == len("one") + len(coded)
+
+
+def test_a_document_ends_with_its_template(stage: Stage) -> None:
+    """A response in gzip is still there."""
+    for in_gzip in (False, True):
+        template = Template(["x" * 2000, "y" * 2000], (0,))
+        content = template.fill(["one"])
+        lasting = Resource("/a", "a", None, is_static=True)
+        answer = CachedResponse(lasting, None, None, Document(content, template, ["one"]), _FIELDS, ())
+        stage.answers.store(scope(), answer)
+        assert stage.content(accept_encoding="gzip" if in_gzip else "") is not None
+        del template
+        assert stage.content() == (content if in_gzip else None)
+    assert len(stage.answers) == 1
