@@ -8,7 +8,8 @@ import json
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal, Protocol
+from functools import lru_cache
+from typing import Any, Literal, NamedTuple, Protocol
 from urllib.parse import quote as percent
 
 from linked_fleet_gateway.http.arrival import Arrival
@@ -133,8 +134,7 @@ _ENCODED = re.compile(r"[A-Za-z0-9_.~!#$&'()*+,/:;=?@\[\]-]*")
 """Targets without anything to encode."""
 
 
-@dataclass(frozen=True)
-class Link:
+class Link(NamedTuple):
     """A link from the present resource to ``target``.
 
     ``type`` is a hint of its media type. ``etag`` is the state of a collection of which the response is a page (WoT
@@ -177,9 +177,14 @@ def _target(target: str) -> str:
 
 
 def _member(link: Link) -> str:
-    media_type = f"; type={quote(link.type)}" if link.type else ""
-    state = f"; etag={quote(link.etag)}" if link.etag else ""
-    return f"<{_target(link.target)}>; rel={quote(_ascii(link.rel))}{media_type}{state}"
+    return f"<{_target(link.target)}>{_link_parameters(*link[1:])}"
+
+
+@lru_cache(maxsize=256)
+def _link_parameters(rel: str, media_type: str | None, etag: str | None) -> str:
+    kind = f"; type={quote(media_type)}" if media_type else ""
+    state = f"; etag={quote(etag)}" if etag else ""
+    return f"; rel={quote(_ascii(rel))}{kind}{state}"
 
 
 def _ascii(text: str) -> str:
