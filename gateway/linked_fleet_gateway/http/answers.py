@@ -80,8 +80,7 @@ class CachedResponse:
         self,
         resource: Resource,
         robot: Robot | None,
-        rendering: Rendering | None,
-        document: Document,
+        written: Document | Rendering,
         fields: FieldLines,
         content_fields: FieldLines,
     ) -> None:
@@ -91,32 +90,36 @@ class CachedResponse:
         a template has made, the values are kept, and not the template, which is dropped when there are too many. Other
         long ones are kept in gzip.
         """
-        self._source, self._robot, self._rendering = resource.source, robot, rendering
+        self._source, self._robot = resource.source, robot
+        self._rendering = written if isinstance(written, Rendering) else None
         self._tag = self._tag_in_gzip = b""
-        content = document.content
-        self._codable = is_compressible(content, resource.describe_measured is not None)
+        self._codable = False
         self._content: bytes | None = None
         self._coded: bytes | None = None
         """The content in gzip."""
         self._template: weakref.ref[Template] | None = None
         self._values = ""
         """The values of the template, separated by NUL."""
-        if rendering is not None or not self._codable:
-            self._content = content
-        elif document.template is not None:
-            self._template, self._values = weakref.ref(document.template), "\0".join(document.values)
-        else:
-            self._coded = compress(content)
-        self.size = len(self._content or self._coded or self._values)
+        self.size = 0
         """Approximate size of the cached content in bytes."""
+        if isinstance(written, Document):
+            self._keep(written, resource.describe_measured is not None)
         self._quiet = resource.silent_samplers
         self._shown: tuple[Observation, ...] = ()
         """The observations that were written last."""
         self._block = field_block(fields)
         self._block_of_content = self._block + field_block(content_fields)
-        if rendering is None:
-            self._set_tag(content)
         self._news, self._facts = _news(robot), resource.source.facts()
+
+    def _keep(self, document: Document, measured: bool) -> None:
+        self._set_tag(document.content, measured)
+        if not self._codable:
+            self._content = document.content
+        elif document.template is not None:
+            self._template, self._values = weakref.ref(document.template), "\0".join(document.values)
+        else:
+            self._coded = compress(document.content)
+        self.size = len(self._content or self._coded or self._values)
 
     def is_valid(self, live: Live) -> bool:
         """Return True if the robot still exists and nothing but frames has changed it."""
@@ -171,12 +174,12 @@ class CachedResponse:
         if not self._tag or len(before) != len(shown) or any(map(is_not, before, shown)):
             self._content, self._coded = rendering.render_observations(observations), None
             self.size = len(self._content)
-            self._set_tag(self._content)
+            self._set_tag(self._content, measured=True)
             self._shown = shown
 
-    def _set_tag(self, content: bytes) -> None:
+    def _set_tag(self, content: bytes, measured: bool) -> None:
         tag = etag(content)
-        self._tag = tag.encode()
+        self._tag, self._codable = tag.encode(), is_compressible(content, measured)
         if self._codable:
             self._tag_in_gzip = coded_tag(tag, "gzip").encode()
 

@@ -4,6 +4,7 @@ The client may prefer a part of a container (LDP 7.2): the container itself, its
 """
 
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 
@@ -26,16 +27,22 @@ from linked_fleet_gateway.http.negotiation import (
     is_compressible,
     preferred_coding,
 )
-from linked_fleet_gateway.http.representation import Representation, not_modified, precondition_holds, typed_links
+from linked_fleet_gateway.http.representation import (
+    Representation,
+    content_type,
+    not_modified,
+    precondition_holds,
+    typed_links,
+)
 from linked_fleet_gateway.http.request import Request
 from linked_fleet_gateway.http.writes import PATCH_TYPES
 from linked_fleet_gateway.rdf.graph import Graph
-from linked_fleet_gateway.rdf.serialise import RDF_TYPES
+from linked_fleet_gateway.rdf.serialise import RDF_TYPES, WriteError
 from linked_fleet_gateway.rdf.templates import Document
 from linked_fleet_gateway.rdf.vocabulary import LDP
 from linked_fleet_gateway.resources.body_values import own_statements
 from linked_fleet_gateway.resources.paths import robot_of
-from linked_fleet_gateway.resources.renderings import is_compilable
+from linked_fleet_gateway.resources.renderings import Rendering, is_compilable
 from linked_fleet_gateway.resources.resource import CONTAINER, RemoteMesh, Resource, run_steps
 
 _MINIMAL, _CONTAINMENT = LDP.PreferMinimalContainer.value, LDP.PreferContainment.value
@@ -137,10 +144,15 @@ def read_nowait(request: Request, resource: Resource) -> Reply | None:
     media_type = representations.choose_media_type(*asked[:2])
     if resource.steps is not None or not _is_cacheable(request, resource, media_type):
         return None
+    assert media_type is not None  # otherwise nothing is cacheable
+    if (rendering := representations.rendering(resource, media_type, request.base)) is not None:
+        with suppress(WriteError):
+            return _cached(request, resource, media_type, rendering)
+        return None
     representation = representations.negotiate(*asked)
     if representation.media_type != media_type:  # the chosen syntax cannot express it
         return None
-    return _cached(request, resource, representation)
+    return _cached(request, resource, media_type, representation.document or Document(representation.body))
 
 
 def _response(
@@ -150,9 +162,12 @@ def _response(
 
     ``coded``: its content in the coding, if that is known.
     """
-    if _is_cacheable(request, resource, representation.media_type):
-        return _Ready(_cached(request, resource, representation))
-    headers, of_content = _fields(request, resource, representation)
+    media_type = representation.media_type
+    if _is_cacheable(request, resource, media_type):
+        rendering = request.services.representations.rendering(resource, media_type, request.base)
+        document = representation.document or Document(representation.body)
+        return _Ready(_cached(request, resource, media_type, document if rendering is None else rendering))
+    headers, of_content = _fields(request, resource, media_type)
     tag, body = representation.etag, representation.body
     coding = _coding(request, resource, representation, most)
     headers["etag"] = coded_tag(tag, coding)
@@ -164,22 +179,20 @@ def _response(
     return Response(body, headers=headers | of_content)
 
 
-def _fields(
-    request: Request, resource: Resource, representation: Representation
-) -> tuple[dict[str, str], dict[str, str]]:
+def _fields(request: Request, resource: Resource, media_type: str) -> tuple[dict[str, str], dict[str, str]]:
     """Return the fields of every response, with an empty ETag, and those that a 304 does not have."""
     representations = request.services.representations
     headers = resource_headers(resource, request.base, "")
     headers["vary"] += ", Accept-Encoding"
-    if representation.media_type not in resource.documents and preferred_part(request, resource) is not None:
+    if media_type not in resource.documents and preferred_part(request, resource) is not None:
         headers["preference-applied"] = "return=representation"
-    if representation.media_type == HTML and representations.html is not None:
+    if media_type == HTML and representations.html is not None:
         headers["content-security-policy"] = representations.html.content_security_policy(
             bool(resource.reader or resource.has_form)
         )
-    elif representation.media_type.endswith("xml"):
+    elif media_type.endswith("xml"):
         headers["content-security-policy"] = _NOTHING
-    return headers, {"content-type": representation.content_type} | method_headers(resource, allowed_methods(resource))
+    return headers, {"content-type": content_type(media_type)} | method_headers(resource, allowed_methods(resource))
 
 
 class _Ready(Response):
@@ -227,19 +240,17 @@ def _robot(request: Request, resource: Resource) -> Robot | None:
     return resource.source.robot
 
 
-def _cached(request: Request, resource: Resource, representation: Representation) -> Reply:
-    """Cache the response to a request for which ``_is_cacheable`` is true."""
+def _cached(request: Request, resource: Resource, media_type: str, written: Document | Rendering) -> Reply:
+    """Cache the response to a request for which ``_is_cacheable`` is true. Raises WriteError for a rendering."""
     services = request.services
-    rendering = services.representations.rendering(resource, representation.media_type, request.base)
-    headers, of_content = _fields(request, resource, representation)
+    headers, of_content = _fields(request, resource, media_type)
     del headers["etag"]
     stated = MutableHeaders(headers)
     if services.identities is not None:
         mark_private(resource.path, stated)
     always, more = stated.raw, MutableHeaders(of_content).raw
-    document = representation.document or Document(representation.body)
-    answer = CachedResponse(resource, _robot(request, resource), rendering, document, always, more)
-    plain = document.content if resource.describe_measured is None else None
+    answer = CachedResponse(resource, _robot(request, resource), written, always, more)
+    plain = written.content if isinstance(written, Document) else None
     known, in_gzip = request.arrival.fields.get(b"if-none-match"), accepts_gzip(_accepted_codings(request))
     reply = answer.reply(known, in_gzip, plain)
     assert reply is not None  # the document holds its template

@@ -93,7 +93,12 @@ class Representation:
 
     @property
     def content_type(self) -> str:
-        return self.media_type + ("; charset=utf-8" if self.media_type.startswith("text/") else "")
+        return content_type(self.media_type)
+
+
+def content_type(media_type: str) -> str:
+    """Return the value of Content-Type."""
+    return media_type + ("; charset=utf-8" if media_type.startswith("text/") else "")
 
 
 class Representations:

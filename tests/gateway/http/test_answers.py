@@ -29,7 +29,7 @@ class Stage:
 
     def keep(self, content: bytes, **named: Any) -> None:
         resource = Resource("/r/a", "a", None, source=Source(lambda: self.facts, robot=self.robot))
-        self.answers.store(scope(**named), CachedResponse(resource, self.robot, None, Document(content), _FIELDS, ()))
+        self.answers.store(scope(**named), CachedResponse(resource, self.robot, Document(content), _FIELDS, ()))
 
     def content(self, **named: Any) -> bytes | None:
         found = self.answers.find(scope(**named), self.live)
@@ -56,7 +56,7 @@ def stage() -> Stage:
 def test_constant_documents_stay_valid(stage: Stage) -> None:
     """A document that never changes belongs to no robot."""
     lasting = Resource("/vocabulary", "Vocabulary", None, is_static=True)
-    stage.answers.store(scope(b"/vocabulary"), CachedResponse(lasting, None, None, Document(b"terms"), _FIELDS, ()))
+    stage.answers.store(scope(b"/vocabulary"), CachedResponse(lasting, None, Document(b"terms"), _FIELDS, ()))
     stage.robot.count_change()
     assert stage.content(path=b"/vocabulary") == b"terms"
 
@@ -135,7 +135,7 @@ def test_a_document_of_a_template_is_kept_as_values_and_compressed_on_demand(sta
     template = Template(["x" * 2000, "y" * 2000], (0,))
     lasting = Resource("/a", "a", None, is_static=True)
     written = Document(template.fill(["one"]), template, ["one"])
-    answer = CachedResponse(lasting, None, None, written, _FIELDS, ())
+    answer = CachedResponse(lasting, None, written, _FIELDS, ())
     assert answer.size == len("one")
     stage.answers.store(scope(), answer)
     assert stage.content() == written.content
@@ -150,7 +150,7 @@ def test_a_document_ends_with_its_template(stage: Stage) -> None:
         template = Template(["x" * 2000, "y" * 2000], (0,))
         content = template.fill(["one"])
         lasting = Resource("/a", "a", None, is_static=True)
-        answer = CachedResponse(lasting, None, None, Document(content, template, ["one"]), _FIELDS, ())
+        answer = CachedResponse(lasting, None, Document(content, template, ["one"]), _FIELDS, ())
         stage.answers.store(scope(), answer)
         assert stage.content(accept_encoding="gzip" if in_gzip else "") is not None
         del template
