@@ -1,10 +1,10 @@
 """One property of one thing (paper 5.2), and what extensions add to robots and links."""
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
 from itertools import chain
 from typing import NamedTuple, Self
 
+from msgspec import Struct
 from pyoxigraph import NamedNode
 
 from linked_fleet_gateway.base.lazy_imports import LazyObjects
@@ -37,8 +37,7 @@ Describe = Callable[[Graph, NamedNode, Measurement], None]
 Sampler = Callable[[], tuple[Observation, ...]]
 
 
-@dataclass(frozen=True)
-class Property:
+class Property(Struct, frozen=True):
     """One property of a thing; ``describe`` adds its specific statements for given values.
 
     ``sample`` observes measured values. Only it makes a new frame a change, and ``describe`` depends on its values
