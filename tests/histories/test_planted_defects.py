@@ -10,6 +10,7 @@ from histories.runs import on_one_server
 from linked_fleet_gateway.actions import redis_scripts as scripts
 
 OPERATIONS = 1_500
+MOST_HISTORIES = 5  # a defect shows only if two clients meet at the right moment, which few do on a busy machine
 
 
 def without(script: str, part: str, instead: str = "") -> str:
@@ -48,8 +49,12 @@ def test_rejects(
     checker: Checker, tmp_path: Path, seed: int, script: str, defective: str, model: str, key: str
 ) -> None:
     with patch.object(scripts, script, defective):
-        history = on_one_server(tmp_path, seed, OPERATIONS)
-    verdict = checker.check(history)
+        for number in range(MOST_HISTORIES):
+            folder = tmp_path / str(number)
+            folder.mkdir()
+            verdict = checker.check(on_one_server(folder, seed + number, OPERATIONS))
+            if verdict.broken:
+                break
     assert verdict.broken == {model}, verdict
     assert all(each["key"].startswith(key) for each in verdict.violations)
     assert all(each["impossible"] for each in verdict.violations)
