@@ -1,5 +1,6 @@
 """A clock that only a test advances, replacing those of the module ``time``."""
 
+import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -48,6 +49,7 @@ class Clock:
     def patched(self, sleep: Callable[[float], None]) -> Iterator[None]:
         """Make the module ``time`` read this clock; ``time.sleep`` calls ``sleep``.
 
+        Another thread, which an earlier test may have left, sleeps in real time.
         Names that were imported from ``time`` earlier, as by ``threading`` and pytest, keep the real clock.
         """
         readings: dict[str, Callable[..., float]] = {
@@ -58,5 +60,10 @@ class Clock:
             "perf_counter": lambda: self.monotonic_s,
             "perf_counter_ns": lambda: self.monotonic_ns,
         }
-        with mock.patch.multiple(time, **readings, sleep=sleep):
+        own, really = threading.get_ident(), time.sleep
+
+        def pause(seconds: float) -> None:
+            (sleep if threading.get_ident() == own else really)(seconds)
+
+        with mock.patch.multiple(time, **readings, sleep=pause):
             yield

@@ -2,6 +2,7 @@
 
 import asyncio
 import contextlib
+import threading
 import time
 from collections.abc import AsyncIterator, Iterator
 from datetime import UTC
@@ -84,6 +85,23 @@ def test_threads_are_inline_and_what_they_raise_is_raised() -> None:
             await asyncio.to_thread(lambda: 1 / 0)
 
     on_virtual_time(test)
+
+
+def test_a_thread_that_an_earlier_test_left_sleeps_in_real_time() -> None:
+    """It neither ends nor resumes the test of the thread that is in charge."""
+    ended = list[bool]()
+
+    def work() -> None:
+        time.sleep(0.01)
+        ended.append(True)
+
+    with virtual_time() as loop:
+        before_s = loop.time()
+        thread = threading.Thread(target=work)
+        thread.start()
+        thread.join()
+        loop.run_for(1.0)
+        assert (ended, loop.time()) == ([True], before_s + 1.0)
 
 
 def test_a_child_process_is_awaited_in_real_time_while_the_clock_stands_still() -> None:
