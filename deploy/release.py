@@ -20,6 +20,7 @@ import sys
 import tempfile
 import tomllib
 import zipfile
+import zlib
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
@@ -180,7 +181,7 @@ def _wrong_wheel(path: Path) -> list[str]:
             description = wheel.read_dist_info("METADATA").partition("\n\n")[2]
         with zipfile.ZipFile(path) as archive:
             names = set(archive.namelist())
-    except (ValueError, OSError, KeyError, zipfile.BadZipFile) as error:
+    except (ValueError, OSError, KeyError, zipfile.BadZipFile, zlib.error) as error:
         return [f"{path.name} is damaged: {error}"]
     if listed - names:
         return [f"{path.name} is damaged: it has no {', '.join(sorted(listed - names))}"]

@@ -125,8 +125,10 @@ def test_nothing_is_drawn_while_it_is_not_seen(front: Page, client: Client) -> N
     front.evaluate(COUNT)
     front.evaluate("() => scrollTo(0, document.documentElement.scrollHeight)")
     eventually(lambda: front.evaluate("() => !document.getElementById('scene').scene.inSight"), "out of sight")
-    # A frame requested before it became invisible may still be drawn.
-    front.evaluate("() => new Promise((resolve) => setTimeout(resolve, 300))")
+    # Frames requested before it became invisible may still be drawn: their timers and callbacks come before these.
+    front.evaluate(
+        "() => new Promise((done) => setTimeout(() => requestAnimationFrame(() => requestAnimationFrame(done)), 300))"
+    )
     front.evaluate("() => (window.drawn = 0)")
     answer = client.http.put(of_joint(client, "wrist_3_joint"), content=radian(0.4), headers=TURTLE)
     assert answer.is_success, answer.text
