@@ -73,6 +73,7 @@ def test_a_robot_goes_and_comes_on_the_page_of_the_fleet(page: Page, watched: ob
             expect(page.locator("#robots")).to_contain_text("last seen")
         with place.ur5():
             expect(state).to_have_text("online")
+            expect(page.locator("#robots .thumbnail > img")).to_be_visible()  # of the new card
         assert _same(page)
 
 

@@ -51,6 +51,7 @@ async function round() {
   } catch {
     return; // the lost connection is shown elsewhere
   }
+  dropNoscript(page);
   const fresh = [...page.querySelectorAll(REGION)];
   for (const old of document.querySelectorAll(REGION)) if (!fresh.some(({ id }) => id === old.id) && !busy(old)) leave(old);
   fresh.forEach((region, index) => (document.getElementById(region.id) ? renew(region) : enter(region, fresh[index - 1])));
@@ -100,8 +101,14 @@ function match(section, kept) {
   return [...section.querySelectorAll(kept.localName)].find(same);
 }
 
+/** Remove what is for browsers without scripts: a DOMParser has none, and makes elements of it. */
+function dropNoscript(root) {
+  for (const each of root.querySelectorAll("noscript")) each.remove();
+}
+
 function plain(region) {
   const copy = region.cloneNode(true);
+  dropNoscript(copy);
   for (const each of copy.querySelectorAll(LIVE)) {
     each.textContent = "";
     for (const name of ["value", "datetime", "data-state"]) each.removeAttribute(name);
