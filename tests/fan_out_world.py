@@ -226,6 +226,17 @@ async def begin(world: World, path: str, **more: object) -> Outlet:
     return outlet
 
 
+async def begin_many(world: World, path: str, count: int) -> list[Outlet]:
+    """Return outlets that are ready, and have got and forgotten the present state."""
+    outlets = [watch(world, path) for _ in range(count)]
+    for outlet in outlets:
+        outlet.watcher.schedule_send()
+    await world.settle()
+    for outlet in outlets:
+        outlet.take()
+    return outlets
+
+
 def change_options(world: World, outlet: Outlet, **options: object) -> None:
     watcher = outlet.watcher  # type: ignore[attr-defined]
     world.fan_out.change_options(watcher, dataclasses.replace(watcher.subscription, **options))

@@ -4,7 +4,7 @@ import asyncio
 
 import pytest
 
-from fan_out_world import JOINT, ROTATION, World, begin, change_options, limit_turn, watch
+from fan_out_world import JOINT, ROTATION, World, begin, begin_many, change_options, limit_turn, watch
 from linked_fleet_gateway.resources.subscription import Depth
 
 pytestmark = pytest.mark.usefixtures("outlet_kinds")
@@ -95,12 +95,7 @@ async def test_a_change_in_the_middle_of_a_message_to_many_loses_and_repeats_not
     """The watcher gets each version once and finally the latest, before its turn in a message and after it."""
     limit_turn(monkeypatch, 4)
     world = await World().up()
-    outlets = [watch(world, ROTATION) for _ in range(120)]
-    for outlet in outlets:
-        outlet.watcher.schedule_send()
-    await world.settle()
-    for outlet in outlets:
-        outlet.take()
+    outlets = await begin_many(world, ROTATION, 120)
     for angle in (0.1, 0.2):
         for change in world.fleet.apply(world.frame(angle), 1):
             world.fan_out.mark_moved(change.robot)

@@ -16,6 +16,7 @@ from fan_out_world import (
     Outlet,
     World,
     begin,
+    begin_many,
     change_options,
     described,
     limit_turn,
@@ -437,12 +438,7 @@ async def test_news_in_the_middle_of_a_message_to_many_comes_after_it(monkeypatc
     """Recipients of a message still get it, and then all get the latest; nobody gets the news in between."""
     limit_turn(monkeypatch, 4)
     world = await World().up()
-    outlets = [watch(world, ROTATION) for _ in range(300)]
-    for outlet in outlets:
-        outlet.watcher.schedule_send()
-    await world.settle()
-    for outlet in outlets:
-        outlet.take()
+    outlets = await begin_many(world, ROTATION, 300)
     for angle in (0.1, 0.2, 0.3):
         for change in world.fleet.apply(world.frame(angle), 1):
             world.fan_out.mark_moved(change.robot)
