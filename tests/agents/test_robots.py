@@ -63,7 +63,7 @@ def test_apply_says_what_the_limits_left(robot: Robot) -> None:
 
 
 def test_apply_leaves_a_joint_outside_its_limits_where_it_stands() -> None:
-    """Where a person pushed it, or the model is wrong: a setpoint at its place is applied, one further out is not."""
+    """A person may have pushed it there. A setpoint at its place is applied, and one further out is not."""
     robot = load("arm", "panda")
     assert isinstance(robot, MujocoRobot)
     index, joint = next((i, each) for i, each in enumerate(robot.describe().joints) if each.limits.upper is not None)
