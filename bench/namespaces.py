@@ -23,7 +23,11 @@ _MADE_BY = "LINKED_FLEET_BENCH_NAMESPACES"
 
 def full_name(site: str) -> str:
     """Return the name of a site's namespace, which is unique to this run."""
-    return f"{PREFIX}{os.environ.get(_MADE_BY, os.getpid())}-{site}"
+    return f"{PREFIX}{_owner()}-{site}"
+
+
+def _owner() -> str:
+    return os.environ.get(_MADE_BY, str(os.getpid()))
 
 
 @contextlib.contextmanager
@@ -44,7 +48,7 @@ def namespaces() -> Iterator[dict[str, str]]:
     except subprocess.CalledProcessError as error:
         raise UnavailableError(f"no network namespace can be made here: {error.stderr.strip()}") from error
     try:
-        yield {**os.environ, _MADE_BY: str(os.getpid())}
+        yield {**os.environ, _MADE_BY: _owner()}
     finally:
         for name in _existing():
             if name.startswith(full_name("")):

@@ -8,7 +8,9 @@ import sys
 import pytest
 
 from bench.lossy import lossy
+from bench.namespaces import full_name, namespaces
 from bench.table import UnavailableError
+from in_namespace import entered
 
 pytestmark = [pytest.mark.processes, pytest.mark.test_all]
 
@@ -23,7 +25,12 @@ for number in range(int(sys.argv[3])):
 def arrived(loss: float) -> list[int]:
     """Return the numbers of the packets that arrived from the far end."""
     try:
-        with lossy(1.0, loss) as network, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as here:
+        with (
+            namespaces(),
+            entered(full_name("hub")),
+            lossy(1.0, loss) as network,
+            socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as here,
+        ):
             here.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 20)
             here.bind((network.here, 0))
             here.settimeout(0.5)

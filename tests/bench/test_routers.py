@@ -6,7 +6,7 @@ import sys
 
 import pytest
 
-from bench.namespaces import PREFIX, ip, namespaces
+from bench.namespaces import full_name, ip, namespaces
 from bench.table import UnavailableError
 from running import ROOT
 
@@ -43,18 +43,18 @@ def _rows(said: str) -> dict[str, list[str]]:
 
 def test_every_gateway_has_every_robot_and_a_lost_region_comes_back() -> None:
     try:
-        with namespaces():
+        with namespaces() as environment:
             pass
     except UnavailableError as error:
         pytest.skip(str(error))
-    rows = _rows(_run().stdout)
+    rows = _rows(_run(**environment).stdout)
     assert rows["keeps: robots"] == ["40"] * 3
     assert rows["declares: tokens, queryables, subscribers"] == ["1, 0, 2"] * 3, "not one thing for each robot"
     assert rows["— robots of the area online at its own gateway meanwhile"] == ["20"]
     assert rows["— a command there meanwhile: status"] == ["204"]
     assert rows["— robots elsewhere that are online then"] == ["20"]
     assert float(rows["— until all robots are at its own gateway, s"][0]) > 0
-    assert PREFIX not in ip("netns", "list")
+    assert full_name("") not in ip("netns", "list")
 
 
 def test_without_the_command_ip_it_says_that_it_is_skipped(tmp_path: os.PathLike[str]) -> None:
