@@ -120,6 +120,13 @@ def test_a_report_spells_out_a_path_that_is_no_predicate() -> None:
     assert graph.value(second, rdflib.SH.zeroOrMorePath) == rdflib.URIRef("http://example.org/q")
 
 
+def test_a_report_spells_out_a_path_once() -> None:
+    compiled = _compiled("ex:Shape sh:property [ sh:path ( ex:p ex:q ) ; sh:minCount 1 ; sh:hasValue 1 ] .")
+    found = compiled.check(Data([]), _BODY)
+    statements = report(found, compiled.triples)
+    assert len(found) == 2 and len(statements) == len(set(statements))
+
+
 def test_blank_nodes_of_body_and_shape_stay_apart() -> None:
     """Labels are arbitrary, so both may use the same; in the report they are two nodes."""
     shape = [Triple(_SHAPE, SHACL.property, BlankNode("b1")), Triple(BlankNode("b1"), SHACL.path, LF.target),
@@ -174,6 +181,22 @@ def test_a_report_ends_after_so_many_violations() -> None:
     found = _compiled(f"ex:Shape sh:property [ sh:path lf:target ; {many} ] .").check(Data(body), _BODY)
     assert len(found) == MOST
     assert sum(len(violation.detail) for violation in found) <= 250
+
+
+def test_a_report_at_its_limit_does_not_look_for_further_details() -> None:
+    """Ten values with five details each are the limit of 50."""
+
+    def looked_up(count: int) -> int:
+        first, *values = (NamedNode(f"http://example.org/{n}") for n in range(1 + count))
+        body = [Triple(_BODY, LF.target, first), *(Triple(first, LF.target, value) for value in values)]
+        data = _Counted(body + [Triple(value, LF.target, integer(n)) for value in values for n in range(5)])
+        found = compiled.check(data, _BODY)
+        assert [len(violation.detail) for violation in found] == [5] * min(count, 10) + [0] * (count - 10)
+        return data.looked_up
+
+    inner = "sh:path lf:target ; sh:and ( [ sh:path lf:target ; sh:nodeKind sh:IRI ] )"
+    compiled = _compiled(f"ex:Shape sh:property [ sh:path lf:target ; sh:property [ {inner} ] ] .")
+    assert looked_up(20) - looked_up(15) < looked_up(10) - looked_up(5)
 
 
 @pytest.mark.parametrize("limit", ["sh:maxCount 1000", "sh:maxCount 10"])
