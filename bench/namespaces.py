@@ -1,6 +1,6 @@
 """Network namespaces with links between them: several sites on one machine, whose links can be cut and counted.
 
-It needs root and ``ip`` (iproute2). Everything created belongs to namespaces whose names begin with ``PREFIX``, and is
+It needs root and ``ip`` (iproute2). Everything created belongs to namespaces whose names begin with ``_PREFIX``, and is
 removed with them.
 """
 
@@ -16,14 +16,14 @@ from pathlib import Path
 
 from bench.table import UnavailableError
 
-PREFIX = "lf-bench-"
+_PREFIX = "lf-bench-"
 _MADE_BY = "LINKED_FLEET_BENCH_NAMESPACES"
 """Variable with the process that removes the namespaces, for those that it starts inside of one."""
 
 
 def full_name(site: str) -> str:
     """Return the name of a site's namespace, which is unique to this run."""
-    return f"{PREFIX}{_owner()}-{site}"
+    return f"{_PREFIX}{_owner()}-{site}"
 
 
 def _owner() -> str:
@@ -40,7 +40,7 @@ def namespaces() -> Iterator[dict[str, str]]:
     if shutil.which("ip") is None:
         raise UnavailableError("network namespaces need the command ip: apt install iproute2")
     for name in _existing():
-        owner = name.removeprefix(PREFIX).partition("-")[0]
+        owner = name.removeprefix(_PREFIX).partition("-")[0]
         if not Path("/proc", owner).exists():
             _remove(name)
     try:
@@ -99,7 +99,7 @@ def ip(*words: str) -> str:
 
 
 def _existing() -> list[str]:
-    return [line.split()[0] for line in ip("netns", "list").splitlines() if line.startswith(PREFIX)]
+    return [line.split()[0] for line in ip("netns", "list").splitlines() if line.startswith(_PREFIX)]
 
 
 def _remove(name: str) -> None:

@@ -12,7 +12,7 @@ ROOT = Path(__file__).resolve().parents[1]
 RESULTS = ROOT / "bench/results/latest.json"
 PAGE = ROOT / "docs/SPEED.md"
 BEGIN, END = "<!-- figures of the last run -->", "<!-- end of the figures -->"
-_NETWORK = ("transports", "links")
+NETWORKS = ("transports", "links")
 
 
 def result(
@@ -62,8 +62,8 @@ def page(before: str, said: Mapping[str, Any]) -> str:
 
 def pictures(said: Mapping[str, Any]) -> dict[Path, str]:
     suites = of_suites(said)
-    beside = [row for suite, rows in suites.items() if suite not in _NETWORK for row in rows if row.ratio is not None]
-    network = [row for suite in _NETWORK for row in suites.get(suite, [])]
+    beside = [row for suite, rows in suites.items() if suite not in NETWORKS for row in rows if row.ratio is not None]
+    network = [row for suite in NETWORKS for row in suites.get(suite, [])]
     network.sort(key=lambda row: row.name.partition(", ")[2])  # so that rows to be compared are adjacent
     title = "Through a network of 10 ms each way: ms"
     return {

@@ -16,6 +16,7 @@ from bench import peers
 from bench.crowd import Size
 from bench.fan_out import Case
 from bench.namespaces import full_name, namespaces
+from bench.report import NETWORKS
 from bench.table import Row, UnavailableError
 from running import ROOT
 
@@ -39,8 +40,6 @@ SHORT: Mapping[str, Mapping[str, Any]] = {
     "pages": {"seconds": 0.3, "robots": 5},
 }
 
-NETWORKS = ("transports", "links")
-"""Suites that create network interfaces, in a namespace of their own: browsers of other tests do not see them there."""
 _SCRIPT = """import importlib, json, sys
 from bench.table import UnavailableError
 try:
@@ -51,6 +50,7 @@ except UnavailableError as reason:
 
 
 def _rows(name: str) -> list[Row]:
+    """Run a suite; one that creates network interfaces runs where browsers of other tests do not see them."""
     if name not in NETWORKS:
         rows: list[Row] = importlib.import_module(f"bench.{name}").rows(**SHORT[name])
         return rows

@@ -39,8 +39,8 @@ def cable() -> Iterator[Link]:
             add("robot")
             with entered(full_name("hub")):
                 yield link(0, "hub", "robot")
-    except UnavailableError as reason:
-        pytest.skip(str(reason))
+    except UnavailableError as error:
+        pytest.skip(str(error))
 
 
 def test_a_robot_whose_network_fails_holds_and_comes_back(tmp_path: Path, cable: Link) -> None:

@@ -157,7 +157,7 @@ def test_an_unknown_value_selects_no_branch() -> None:
     [("1 , 2", [3] * 16 + [2] + [0] * 3), ("1 , 2 , 3 , 4 , 5 , 6", [7] * 7 + [1] + [0] * 12)],
 )
 def test_a_report_at_its_limit_lists_valid_branches(values: str, details: list[int]) -> None:
-    """A report has at most 50 details; each value of ex:p is one, and the missing ex:r."""
+    """A report has at most 50 details; each value of ex:p and the missing ex:r are one each."""
     shape, names = f"sh:property [ sh:path ex:target ; {_choice('abcd')} ]", [f"t{number}" for number in range(20)]
     body = f"ex:target {' , '.join(f'ex:{name}' for name in names)} . "
     found = _check(shape, body + " . ".join(f"ex:{name} ex:q ex:a ; ex:p {values}" for name in names))
