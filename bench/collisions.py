@@ -17,8 +17,8 @@ from pathlib import Path
 import numpy as np
 
 from bench.rigid import Around, Rigid
+from linked_fleet_agent.mesh_files import mesh_files
 from linked_fleet_agent.robots.catalogue import MODELS, data_folder
-from linked_fleet_agent.urdf import mesh_files
 from linked_fleet_demo.tree import PLACES
 from linked_fleet_gateway.extensions.world.collision_check import CLEARANCE_M, check
 from linked_fleet_gateway.extensions.world.messages import (

@@ -14,7 +14,7 @@ import fcl
 import numpy as np
 import numpy.typing as npt
 
-from linked_fleet_agent.urdf import locate_mesh
+from linked_fleet_agent.mesh_files import locate_mesh
 from linked_fleet_gateway.extensions.world.surfaces import read_mesh
 
 Array = npt.NDArray[np.float64]

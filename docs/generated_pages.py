@@ -22,7 +22,7 @@ _API = {
                    "linked_fleet_client.quantity", "linked_fleet_client.live", "linked_fleet_client.action",
                    "linked_fleet_client.form", "linked_fleet_client.invocation", "linked_fleet_client.errors"),
     "Drivers of robots": ("linked_fleet_agent.robot", "linked_fleet_agent.agent", "linked_fleet_agent.serving",
-                          "linked_fleet_agent.settings", "linked_fleet_agent.urdf"),
+                          "linked_fleet_agent.settings", "linked_fleet_agent.mesh_files", "linked_fleet_agent.urdf"),
     "Extensions of gateways": ("linked_fleet_gateway.http.extension", "linked_fleet_gateway.resources.resource",
                                "linked_fleet_gateway.resources.branches",
                                "linked_fleet_gateway.resources.fleet_functions",

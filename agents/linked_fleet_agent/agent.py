@@ -11,12 +11,12 @@ from typing import Protocol, TypeVar
 
 from linked_fleet_agent import safety
 from linked_fleet_agent.demonstration import Demonstration
+from linked_fleet_agent.mesh_files import MeshFiles
 from linked_fleet_agent.motion import Measurements, Motions, Outcome, Sway
 from linked_fleet_agent.pace import every
 from linked_fleet_agent.plan import ImpossibleError, Plan, joints_of, plan
 from linked_fleet_agent.publications import Cameras, Frames, Report, describe
 from linked_fleet_agent.robot import Reading, Robot
-from linked_fleet_agent.urdf import MeshFiles
 from linked_fleet_agent.wire import codec
 from linked_fleet_agent.wire.codec import VersionError, WireError
 from linked_fleet_agent.wire.messages import Accepted, Command, Refused, Reply, Stop

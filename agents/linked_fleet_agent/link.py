@@ -10,10 +10,10 @@ from types import TracebackType
 from typing import Literal, NamedTuple, Self
 
 from linked_fleet_agent.gateways import GatewayWatch
+from linked_fleet_agent.mesh_files import MeshError
 from linked_fleet_agent.robot import PictureError
 from linked_fleet_agent.tracing import Tracing
 from linked_fleet_agent.transport import Publisher, Query, Session, TransportError
-from linked_fleet_agent.urdf import MeshError
 from linked_fleet_agent.wire.keys import Keys
 
 _log = logging.getLogger(__name__)

@@ -58,8 +58,8 @@ class JointFacts:
 class Facts:
     """Facts about a robot that are known while it is offline; ``joints`` gives the order of every array in a Reading.
 
-    ``meshes`` maps mesh URIs of the URDF to files (see urdf.py); it may be empty. ``cameras`` needs a driver that is
-    ``CameraRobot``; their names are unique.
+    ``meshes`` maps mesh URIs of the URDF to files (see mesh_files.py); it may be empty. ``cameras`` needs a driver that
+    is ``CameraRobot``; their names are unique.
     """
 
     title: str

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
+from linked_fleet_agent.mesh_files import MeshError, MeshFiles, locate_mesh, mesh_files
 from linked_fleet_agent.robots.catalogue import MODELS, data_folder
-from linked_fleet_agent.urdf import MeshError, MeshFiles, locate_mesh, mesh_files
 from linked_fleet_agent.wire.messages import MAX_MESH_BYTES
 
 WAYS = [

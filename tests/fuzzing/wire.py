@@ -10,8 +10,8 @@ from uuid import UUID
 from fuzzing import good, mutation
 from fuzzing.body import AgentUnderTest
 from fuzzing.findings import Tally, in_process
+from linked_fleet_agent.mesh_files import MeshError
 from linked_fleet_agent.robot import PictureError
-from linked_fleet_agent.urdf import MeshError
 from linked_fleet_agent.wire import traceparent
 from linked_fleet_agent.wire.codec import (
     MAGICS,

@@ -10,8 +10,8 @@ import pytest
 from link.parts import LEASE_S, Memory, Network, contract
 from link.test_contract import asked, question
 from linked_fleet_agent.link import DuplicateNameError, RobotLink
+from linked_fleet_agent.mesh_files import MeshError
 from linked_fleet_agent.transport import Session
-from linked_fleet_agent.urdf import MeshError
 from linked_fleet_agent.wire.keys import Keys
 from linked_fleet_agent.wire.transport import GATEWAY_LEASE_MS, HEARTBEAT_S
 from linked_fleet_gateway.link.heartbeat import Heartbeat

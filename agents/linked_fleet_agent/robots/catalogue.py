@@ -8,10 +8,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+from linked_fleet_agent.mesh_files import mesh_files
 from linked_fleet_agent.robot import Facts, JointFacts, Robot
 from linked_fleet_agent.robots.camera_client import probe, with_availability
 from linked_fleet_agent.robots.ros2.address import SCHEME, AddressError, parse_address
-from linked_fleet_agent.urdf import UrdfError, joints_of, mesh_files
+from linked_fleet_agent.urdf import UrdfError, joints_of
 from linked_fleet_agent.wire.keys import escape
 from linked_fleet_agent.wire.messages import Camera
 

@@ -10,7 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
-from linked_fleet_agent.urdf import locate_mesh, parse
+from linked_fleet_agent.mesh_files import locate_mesh
+from linked_fleet_agent.urdf import parse
 
 _log = logging.getLogger(__name__)
 
