@@ -47,7 +47,7 @@ def check_driver(
         _check_facts(robot)
         _check_reading(robot, life.read())
         joint = _a_commanded(robot)
-        _check_limits(robot, joint)
+        _check_limits(robot, life, joint)
         robot.stop()
         life.read(settle_s)
         _check_motion(robot, life, joint, tolerance, settle_s)
@@ -82,14 +82,22 @@ def _a_commanded(robot: Robot) -> JointFacts:
     return found[0]
 
 
-def _check_limits(robot: Robot, joint: JointFacts) -> None:
+def _coupled(robot: Robot, life: _Life, joint: JointFacts, setpoint: float) -> dict[str, float]:
+    """Return setpoints for a joint and those that take setpoints only with it, which stay where they are."""
+    facts = robot.describe()
+    at = dict(zip((each.name for each in facts.joints), life.read().positions, strict=True))
+    group = next((group for group in facts.coupled if joint.name in group), ())
+    return {name: at[name] for name in group} | {joint.name: setpoint}
+
+
+def _check_limits(robot: Robot, life: _Life, joint: JointFacts) -> None:
     with pytest.raises(ValueError, match=joint.name):
         robot.apply({joint.name: math.nan})
     for beyond in (joint.limits.upper, joint.limits.lower):
         if beyond is not None:
             asked = beyond + math.copysign(1e6, beyond - _middle(joint))
-            applied = robot.apply({joint.name: asked})
-            assert applied == {joint.name: pytest.approx(beyond)}, "apply() keeps within the limits, and says so"
+            applied = robot.apply(_coupled(robot, life, joint, asked))
+            assert applied[joint.name] == pytest.approx(beyond), "apply() keeps within the limits, and says so"
 
 
 def _check_motion(robot: Robot, life: _Life, joint: JointFacts, tolerance: float, settle_s: float) -> None:
@@ -99,7 +107,8 @@ def _check_motion(robot: Robot, life: _Life, joint: JointFacts, tolerance: float
     if math.isnan(at):
         return  # without a position sensor its motion cannot be observed
     target = at + _STEP if joint.limits.clamp(at + _STEP) == at + _STEP else at - _STEP
-    assert robot.apply({joint.name: target}) == {joint.name: pytest.approx(target)}, "what was applied is returned"
+    asked = _coupled(robot, life, joint, target)
+    assert robot.apply(asked) == pytest.approx(asked), "what was applied is returned"
     after = life.read(settle_s).positions
     assert after[names.index(joint.name)] == pytest.approx(target, abs=tolerance), f"{joint.name} did not get there"
     for name, was, now in zip(names, before, after, strict=True):

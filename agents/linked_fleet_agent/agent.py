@@ -5,7 +5,8 @@ import logging
 import math
 import secrets
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Set
+from dataclasses import replace
 from functools import partial
 from typing import Protocol, TypeVar
 
@@ -17,6 +18,7 @@ from linked_fleet_agent.pace import every
 from linked_fleet_agent.plan import ImpossibleError, Plan, joints_of, plan
 from linked_fleet_agent.publications import Cameras, Frames, Report, describe
 from linked_fleet_agent.robot import Reading, Robot
+from linked_fleet_agent.sensors import JointSensor
 from linked_fleet_agent.wire import codec
 from linked_fleet_agent.wire.codec import VersionError, WireError
 from linked_fleet_agent.wire.messages import Accepted, Command, Refused, Reply, Stop
@@ -86,13 +88,16 @@ class Agent:
             if joint is None or joint.mimics is not None or joint.passive:
                 raise ValueError(f"{name} has no joint {sway.joint!r} that takes commands")
         self._motions = Motions(self._joints, sways)
+        self._sensors = {joint.name: JointSensor(joint, 1.0 / rate_hz) for joint in self._facts.joints}
+        self._coupled = {name: group for group in self._facts.coupled for name in group}
         self.demonstration = Demonstration(name, self._motions)
         self._monotonic_ns, self._wall_ns = monotonic_ns, wall_ns
         self._seen, self._stops = safety.RecentIds(), safety.Stops()
         self._reading: Reading | None = None
-        self._stepped_ns: int | None = None
+        self._tick_ns: int | None = None
         self._gateway_present = False
         self._lost_ns: int | None = None
+        self._doubted: Set[str] = frozenset()
         self._fault: str | None = None
         self._outcomes: list[Outcome] = []
         self._report = Report(self.incarnation)
@@ -120,11 +125,13 @@ class Agent:
     def tick(self, link: Link) -> None:
         """Read and publish the state, hold the robot if no gateway is present, and advance the motions."""
         now_ns = self._monotonic_ns()
+        elapsed_s = 0.0 if self._tick_ns is None else (now_ns - self._tick_ns) / 1e9
+        self._tick_ns = now_ns
         self._reading = self._read(now_ns)
         self._publish_state(link, now_ns)
         self._watch_gateways(link, now_ns)
         if self._reading is not None:
-            self._move(now_ns)
+            self._move(self._reading, elapsed_s)
         self._publish_progress(link, now_ns)
 
     def handle(self, payload: bytes) -> bytes:
@@ -190,20 +197,24 @@ class Agent:
         concerned = dict.fromkeys((*joints_of(command.motion), *command.expects))
         unknown = [name for name in concerned if not math.isfinite(self._measured.positions[name])]
         if unknown:
-            return Refused(command.id, "fault", f"the position of {', '.join(unknown)} is unknown"[:1024])
+            why = next(filter(None, (self._measured.faults.get(name) for name in unknown)), "")
+            said = f"the position of {', '.join(unknown)} is unknown{f': {why}' if why else ''}"
+            return Refused(command.id, "fault", said[:1024])
+        if moved := self._motions.unsettled(joints_of(command.motion), self._measured.positions):
+            return Refused(command.id, "fault", moved[:1024])
         surprise = safety.position_mismatch(command.expects, self._measured.positions, self._joints)
         return Refused(command.id, "expectation", surprise[:1024]) if surprise else None
 
     def _start(self, command: Command, at_ns: int) -> Reply:
-        motion, measured = safety.clamp(command.motion, self._joints), self._measured.positions
+        motion = self._motions.unwound(safety.clamp(command.motion, self._joints), self._measured.positions)
         try:
-            made: Plan = plan(motion, command.scale, self._motions.setpoints(joints_of(motion), measured))
+            made: Plan = plan(motion, command.scale, self._motions.starts(joints_of(motion)))
         except ImpossibleError as error:
             return Refused(command.id, "limits", str(error)[:1024])
         preempted = self._motions.preemptible_ids(made.trajectories.keys())
         if not command.rehearsal:
             self._seen.add(command.id)
-            self._outcomes += self._motions.start(command.id, made, measured)
+            self._outcomes += self._motions.start(command.id, made)
             self.demonstration.log_ended()
         return Accepted(command.id, made.duration_s, preempted[:1024], at_ns)
 
@@ -219,13 +230,12 @@ class Agent:
         else:
             self._stops.record(joints, now_ns)
         reason = stop.reason or "stopped"
-        duration_s, outcomes = self._motions.stop(stop.id, joints, stop.command, reason, self._measured.positions)
+        duration_s, outcomes = self._motions.stop(stop.id, joints, stop.command, reason)
         self._outcomes += outcomes
         if self._fault is not None:
             # Nothing can be measured, so only the driver knows if the robot stands.
-            problem = self._stop_robot()
-            said = f"the driver holds the robot, which cannot be measured: {self._fault}"
-            self._outcomes += self._motions.end_stop(stop.id, "failed" if problem else "succeeded", problem or said)
+            problem = self._stop_robot() or "the driver was told to hold the robot, whose standstill cannot be measured"
+            self._outcomes += self._motions.fail_stop(stop.id, f"{problem}: {self._fault}"[:1024])
         _log.warning("%s: stop %s: %s", self.name, stop.id, reason)
         self.demonstration.log_ended()
         return Accepted(stop.id, duration_s, cancelled, now_ns)
@@ -246,6 +256,8 @@ class Agent:
             if counts != self._counts:
                 raise ValueError(f"{counts} positions, velocities and efforts of {len(self._names)} joints")
             # ``hypot`` raises TypeError for what is no number, and is infinite if a value is, also beside NaN.
+            if reading.measured_s and len(reading.measured_s) != len(self._names):
+                raise ValueError(f"{len(reading.measured_s)} times of measurement of {len(self._names)} joints")
             if math.isinf(math.hypot(*reading.positions, *reading.velocities, *reading.efforts)):
                 raise ValueError("a measured value is infinite")
         except Exception as error:  # noqa: BLE001 - a driver may raise whatever its hardware library does
@@ -254,7 +266,24 @@ class Agent:
         if self._fault is not None:
             _log.warning("%s: the robot can be read again", self.name)
             self._fault = None
-        return reading
+        return self._believed(reading, now_ns / 1e9)
+
+    def _believed(self, reading: Reading, now_s: float) -> Reading:
+        """Return the reading without the positions that contradict the ones before."""
+        times = reading.measured_s or (now_s,) * len(self._names)
+        positions = tuple(map(JointSensor.update, self._sensors.values(), reading.positions, times))
+        if not (reading.faults or self._doubted) and math.isfinite(sum(positions)):  # almost always
+            return reading
+        faults = {name: sensor.fault for name, sensor in self._sensors.items() if sensor.fault}
+        for name, fault in reading.faults.items():
+            self._sensors[name].forget()  # the driver judges this one itself
+            faults[name] = fault
+        for name in faults.keys() - self._doubted:
+            _log.warning("%s: %s", self.name, faults[name])
+        for name in self._doubted - faults.keys():
+            _log.warning("%s: the sensor of %s is consistent again", self.name, name)
+        self._doubted = faults.keys()
+        return replace(reading, positions=positions, faults=faults) if faults else reading
 
     @property
     def _measured(self) -> Measurements:
@@ -262,8 +291,12 @@ class Agent:
         reading = self._reading
         if reading is None:
             return Measurements(dict.fromkeys(self._names, math.nan))
-        rows = (reading.positions, reading.velocities, reading.efforts)
-        return Measurements(*(dict(zip(self._names, row, strict=True)) for row in rows))
+        return Measurements(
+            dict(zip(self._names, reading.positions, strict=True)),
+            dict(zip(self._names, reading.efforts, strict=True)),
+            {name: sensor.standing_s for name, sensor in self._sensors.items()},
+            reading.faults,
+        )
 
     def _fail(self, error: Exception, doing: str) -> None:
         reason = f"{doing} failed: {error or type(error).__name__}"
@@ -301,18 +334,27 @@ class Agent:
             _log.warning("%s: a gateway is back after %.1f s; the robot takes commands again", self.name, away_s)
         self._gateway_present = present
 
-    def _move(self, now_ns: int) -> None:
-        elapsed_s = 0.0 if self._stepped_ns is None else (now_ns - self._stepped_ns) / 1e9
-        self._stepped_ns = now_ns
-        if self._motions.idle:
+    def _move(self, reading: Reading, elapsed_s: float) -> None:
+        motions, idle = self._motions, self._motions.idle
+        motions.setpoints.follow(reading.positions, () if idle else motions.driven, elapsed_s)
+        if idle:
             return
-        setpoints, outcomes = self._motions.step(elapsed_s, self._measured, held=not self._gateway_present)
+        setpoints, outcomes = motions.step(elapsed_s, self._measured, held=not self._gateway_present)
         self._outcomes += outcomes
         if setpoints:
-            try:
-                self._motions.adopt_setpoints(self._robot.apply(setpoints))
-            except Exception as error:  # noqa: BLE001 - as in _read
-                self._fail(error, "apply")
+            self._send(setpoints, elapsed_s)
+
+    def _send(self, setpoints: dict[str, float], elapsed_s: float) -> None:
+        """Send setpoints to the robot. Nothing else does."""
+        last = self._motions.setpoints
+        for group in {self._coupled[name] for name in setpoints if name in self._coupled}:
+            for name in group:
+                if math.isfinite(last[name]):
+                    setpoints.setdefault(name, last[name])
+        try:
+            self._motions.adopt_setpoints(self._robot.apply(last.limit(setpoints, elapsed_s)))
+        except Exception as error:  # noqa: BLE001 - as in _read
+            self._fail(error, "apply")
 
     def _publish_progress(self, link: Link, now_ns: int) -> None:
         for payload in self._report.repeat(link.arrivals, now_ns):

@@ -8,19 +8,23 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
-from linked_fleet_agent.plan import Plan, Start
-from linked_fleet_agent.robot import JointFacts
-from linked_fleet_agent.trajectory import RAMP_S, Trajectory, brake, cruise_of, hold, reach_in
+from msgspec.structs import replace
+
+from linked_fleet_agent.plan import Plan, Start, joints_of
+from linked_fleet_agent.robot import JointFacts, Limits
+from linked_fleet_agent.setpoints import Setpoints
+from linked_fleet_agent.trajectory import RAMP_S, Trajectory, brake, cruise_of, hold, reach, reach_in
+from linked_fleet_agent.wire.messages import Follow, Move
 
 # If all seven joints of an arm of 1.2 m are off by this much in the same direction, its tip is off by less than 1 mm.
 TOLERANCE_RAD, TOLERANCE_M = 2e-4, 2e-4
-# A joint slower than this counts as standing.
-STANDING_RAD_S, STANDING_M_S = 0.01, 0.002
+# A stopped joint must be measured in one place for this long.
+STANDSTILL_S = 0.2
 # How far a joint may lag behind its setpoint, and how long it may settle after the end of its trajectory.
 MAX_LAG_RAD, MAX_LAG_M = 0.4, 0.1
 SETTLE_S = 2.0
-# A joint at rest that is further from its setpoint (rad or m) was moved by something else; a nearer one only sags.
-_HOLDING = 0.01
+# A joint that nothing drives, and that is further from its setpoint, moves or has a sensor that has jumped.
+_UNSETTLED_RAD, _UNSETTLED_M = 0.1, 0.02
 # A longer step (of a stalled host) is shortened to this, so that no setpoint jumps.
 MAX_STEP_S = 0.05
 
@@ -50,25 +54,29 @@ class Sway:
 
 @dataclass(frozen=True)
 class Measurements:
-    """Positions, velocities and efforts by joint; NaN is unknown."""
+    """Positions and efforts by joint; NaN is unknown.
+
+    ``standing_s`` is the time for which a joint has been measured in one place. ``faults`` has a sentence for each
+    joint whose sensor cannot be believed.
+    """
 
     positions: Mapping[str, float]
-    velocities: Mapping[str, float] = field(default_factory=dict)
     efforts: Mapping[str, float] = field(default_factory=dict)
+    standing_s: Mapping[str, float] = field(default_factory=dict)
+    faults: Mapping[str, str] = field(default_factory=dict)
 
 
 class Axis:
     """The trajectory of one joint, and the position and velocity of its setpoint (rad, rad/s or m, m/s)."""
 
-    def __init__(self, joint: JointFacts, measured: float) -> None:
+    def __init__(self, joint: JointFacts, position: float) -> None:
         self.joint = joint
-        self.position, self.velocity = measured, 0.0
+        self.position, self.velocity = position, 0.0
+        self._limits = joint.limits
         self.trajectory, self._time_s = hold(self.position), 0.0
         self.at_rest = True
-        self._stood: float | None = None  # where the joint stood when it was last stopped at rest
         self.tolerance = TOLERANCE_M if joint.linear else TOLERANCE_RAD
         self.max_lag = MAX_LAG_M if joint.linear else MAX_LAG_RAD
-        self.standing = STANDING_M_S if joint.linear else STANDING_RAD_S
 
     @property
     def start(self) -> Start:
@@ -79,46 +87,43 @@ class Axis:
         """The trajectory that brakes the joint to rest from its present setpoint."""
         return brake(self.position, self.velocity, cruise_of(self.joint) / RAMP_S, self.joint.limits)
 
-    def follow(self, trajectory: Trajectory) -> None:
-        """Follow ``trajectory`` from now on. Its last setpoint is applied even if it is the only one."""
-        self.position, self.velocity = trajectory.at(0.0)
-        self._stood = None
-        self.trajectory, self._time_s, self.at_rest = trajectory, 0.0, False
+    def follow(self, trajectory: Trajectory, limits: Limits | None = None) -> None:
+        """Follow ``trajectory`` from now on, within ``limits`` (those of the joint by default).
 
-    def stop(self, measured: float) -> None:
-        """Remember where the joint stands, if it is at rest; it may be off its last setpoint."""
-        if self.at_rest and math.isfinite(measured):
-            self._stood = measured
+        Its last setpoint is applied even if it is the only one.
+        """
+        self._limits = limits or self.joint.limits
+        self.position, self.velocity = trajectory.at(0.0)
+        self.trajectory, self._time_s, self.at_rest = trajectory, 0.0, False
 
     def step(self, dt_s: float) -> float:
         """Advance by ``dt_s`` and return the setpoint."""
         self._time_s += dt_s
         position, self.velocity = self.trajectory.at(self._time_s)
-        if (within := self.joint.limits.clamp(position)) != position:  # no further out than the joint is already
-            within = self.joint.limits.including(self.position).clamp(position)
+        if (within := self._limits.clamp(position)) != position:  # no further out than the joint is already
+            within = self._limits.including(self.position).clamp(position)
         self.position = within
         self.at_rest = self._time_s >= self.trajectory.duration_s
         return self.position
 
-    def is_displaced(self, measured: float) -> bool:
-        """Return True if the joint stood at its setpoint and something else has moved it."""
-        return self.at_rest and abs(self.position - measured) > _HOLDING
+    def return_to(self, measured: float) -> None:
+        """Move the setpoint back to the measured position, as slowly as any motion."""
+        cruise = cruise_of(self.joint)
+        target = self.position + self.joint.difference(measured, self.position)
+        limits = self.joint.limits.including(target).including(self.position)
+        self.follow(reach(self.position, self.velocity, target, cruise, cruise / RAMP_S, limits), limits)
 
     def distance_to_end(self, measured: Measurements) -> float:
         """Distance of the joint from the end of its trajectory."""
-        return abs(self.trajectory.end - measured.positions[self.joint.name])
+        return abs(self.joint.difference(self.trajectory.end, measured.positions[self.joint.name]))
 
     def lag(self, measured: Measurements) -> float:
         """Distance of the joint from its setpoint."""
-        return abs(self.position - measured.positions[self.joint.name])
+        return abs(self.joint.difference(self.position, measured.positions[self.joint.name]))
 
-    def is_at_rest(self, measured: Measurements) -> bool:
-        """Return True if the joint is at rest. Without a measured velocity its position decides."""
-        velocity = measured.velocities.get(self.joint.name, math.nan)
-        if math.isnan(velocity):
-            stands_at = self.trajectory.end if self._stood is None else self._stood
-            return self.at_rest and abs(stands_at - measured.positions[self.joint.name]) <= self.tolerance
-        return self.at_rest and abs(velocity) <= self.standing
+    def stands(self, measured: Measurements) -> bool:
+        """Return True if the setpoint has come to rest and the joint has been measured in one place."""
+        return self.at_rest and measured.standing_s.get(self.joint.name, 0.0) >= STANDSTILL_S
 
 
 @dataclass
@@ -127,6 +132,7 @@ class _Motion:
     joints: tuple[str, ...]
     duration_s: float
     stopping: bool = False
+    note: str = ""
     elapsed_s: float = 0.0
 
     @property
@@ -151,11 +157,20 @@ class Motions:
 
     joints: Mapping[str, JointFacts]
     sways: Sequence[Sway] = ()
+    setpoints: Setpoints = field(init=False)
     _axes: dict[str, Axis] = field(default_factory=dict, init=False)
     _running: list[_Motion] = field(default_factory=list, init=False)
 
     def __post_init__(self) -> None:
         self._swaying = {sway.joint: _Swaying(sway) for sway in self.sways}
+        self.setpoints = Setpoints(self.joints.values())
+
+    @property
+    def driven(self) -> set[str]:
+        """The joints of motions, and those that still brake or return."""
+        return {name for name, axis in self._axes.items() if not axis.at_rest}.union(
+            *(motion.joints for motion in self._running)
+        )
 
     @property
     def idle(self) -> bool:
@@ -179,67 +194,92 @@ class Motions:
         self._swaying |= {sway.joint: _Swaying(sway) for sway in begun}
         return [sway.joint for sway in begun]
 
-    def setpoints(self, joints: Iterable[str], measured: Mapping[str, float]) -> list[Start]:
-        """Return the setpoints of ``joints``.
+    def starts(self, joints: Iterable[str]) -> list[Start]:
+        """Return the setpoints of ``joints``, from which a motion begins."""
+        return [self._axis(name).start for name in joints]
 
-        For a joint that never moved, or that something else has moved since, return its measured position.
-        """
-        running = {name for motion in self._running for name in motion.joints}
-        starts = []
+    def unsettled(self, joints: Iterable[str], measured: Mapping[str, float]) -> str:
+        """Return a sentence about the first joint that nothing drives and that is not at its setpoint, or ""."""
+        driven = self.driven
         for name in joints:
-            axis = self._axes.get(name)
-            if axis is None or (name not in running and axis.is_displaced(measured[name])):
-                axis = Axis(self.joints[name], measured[name])
-            starts.append(axis.start)
-        return starts
+            joint, setpoint = self.joints[name], self.setpoints[name]
+            allowed = _UNSETTLED_M if joint.linear else _UNSETTLED_RAD
+            if name not in driven and abs(joint.difference(measured[name], setpoint)) > allowed:
+                return (
+                    f"{name} is measured at {measured[name]:.6g} {joint.unit} and was at {setpoint:.6g} {joint.unit} a "
+                    "moment ago: something else moves it. Wait until it stands"
+                )
+        return ""
+
+    def unwound(self, motion: Move | Follow, measured: Mapping[str, float]) -> Move | Follow:
+        """Return ``motion`` with the targets of continuous joints in the turn of their setpoints.
+
+        The measured position of such a joint may be a whole number of turns away from its setpoint.
+        """
+        turns = {}
+        for name in joints_of(motion):
+            turned = self.setpoints[name] - measured[name] if self.joints[name].continuous else 0.0
+            turns[name] = math.tau * round(turned / math.tau)
+        if not any(turns.values()):
+            return motion
+        if isinstance(motion, Move):
+            return replace(motion, targets={name: at + turns[name] for name, at in motion.targets.items()})
+        shift = [turns[name] for name in motion.joints]
+        rows = (tuple(at + by for at, by in zip(row, shift, strict=True)) for row in motion.positions)
+        return replace(motion, positions=tuple(rows))
 
     def preemptible_ids(self, joints: Collection[str]) -> tuple[str, ...]:
         """Return the ids of the motions that a new one on ``joints`` would preempt."""
         return tuple(motion.command_id for motion in self._on(joints))
 
-    def start(self, command_id: str, plan: Plan, measured: Mapping[str, float]) -> list[Outcome]:
+    def start(self, command_id: str, plan: Plan) -> list[Outcome]:
         """Start a motion. An older motion that shares a joint with it is preempted, and its other joints brake."""
         older, reason = self._on(plan.trajectories), f"replaced by command {command_id}"
         outcomes = self._end(older, "preempted", reason, command_id)
         for name, trajectory in plan.trajectories.items():
             self._swaying.pop(name, None)
-            self._axis(name, measured[name]).follow(trajectory)
+            self._axis(name).follow(trajectory)
         return [*outcomes, *self._begin(_Motion(command_id, tuple(plan.trajectories), plan.duration_s))]
 
     def stoppable_ids(self, joints: Collection[str], command_id: str = "") -> tuple[str, ...]:
         """Return the ids of the motions that a stop of ``joints``, or of one command, would cancel."""
         return tuple(motion.command_id for motion in self._stoppable(joints, command_id))
 
-    def stop(
-        self, stop_id: str, joints: Collection[str], command_id: str, reason: str, measured: Mapping[str, float]
-    ) -> tuple[float, list[Outcome]]:
+    def stop(self, stop_id: str, joints: Collection[str], command_id: str, reason: str) -> tuple[float, list[Outcome]]:
         """Brake the motion ``command_id``, or all ``joints`` if it is empty. Return the braking time in seconds and
         outcomes.
 
-        The stop is a motion itself, which succeeds when its joints stand.
+        A joint that this agent does not move is held where it is, because something else may move it. The stop is a
+        motion itself, which succeeds when its joints have been measured at a standstill. Until then setpoints are sent.
         """
         ended = self._stoppable(joints, command_id)
         outcomes = self._end(ended, "cancelled", reason, stop_id)
         concerned = dict.fromkeys(name for motion in ended for name in motion.joints)
-        if not command_id:  # a joint that never moved and has no known position cannot be braked
-            concerned |= dict.fromkeys(n for n in joints if n in self._axes or math.isfinite(measured[n]))
+        unmeasured = []
+        if not command_id:
+            for name in joints:
+                known = math.isfinite(self.setpoints[name])
+                concerned |= {name: None} if known else {}
+                unmeasured += [] if known else [name]
         for name in concerned:
             self._swaying.pop(name, None)
-            self._axis(name, measured[name]).stop(measured[name])
+            self._axis(name)
         duration_s = self._brake(concerned)
         # A repeated stop replaces the first one.
         self._running = [motion for motion in self._running if not (motion.stopping and motion.command_id == stop_id)]
-        return duration_s, [*outcomes, *self._begin(_Motion(stop_id, tuple(concerned), duration_s, stopping=True))]
+        note = f"not measured, and so neither held nor seen to stand: {', '.join(unmeasured)}" if unmeasured else ""
+        stop = _Motion(stop_id, tuple(concerned), duration_s, stopping=True, note=note[:1024])
+        return duration_s, [*outcomes, *self._begin(stop)]
 
     def braking_s(self, joints: Collection[str], command_id: str = "") -> float:
-        """Return the time in seconds that a stop of ``joints``, or of one command, would take."""
+        """Return the time in seconds in which a stop of ``joints``, or of one command, would brake."""
         ended = self._stoppable(joints, command_id)
         concerned = {*(name for motion in ended for name in motion.joints), *(() if command_id else joints)}
         return max((self._axes[name].braking.duration_s for name in concerned & self._axes.keys()), default=0.0)
 
-    def end_stop(self, stop_id: str, state: Literal["succeeded", "failed"], reason: str) -> list[Outcome]:
+    def fail_stop(self, stop_id: str, reason: str) -> list[Outcome]:
         """End a stop whose result cannot be measured."""
-        return self._end([m for m in self._running if m.stopping and m.command_id == stop_id], state, reason)
+        return self._end([m for m in self._running if m.stopping and m.command_id == stop_id], "failed", reason)
 
     def step(self, dt_s: float, measured: Measurements, held: bool = False) -> tuple[dict[str, float], list[Outcome]]:
         """Advance by ``dt_s``.
@@ -249,7 +289,12 @@ class Motions:
         dt_s = min(max(dt_s, 0.0), MAX_STEP_S)
         if not held:
             self._sway(measured.positions)
-        setpoints = {name: axis.step(dt_s) for name, axis in self._axes.items() if not axis.at_rest}
+        stopped = {name for motion in self._running if motion.stopping for name in motion.joints}
+        setpoints = {
+            name: axis.step(dt_s)
+            for name, axis in self._axes.items()
+            if not axis.joint.passive and (not axis.at_rest or name in stopped)
+        }
         for motion in self._running:
             motion.elapsed_s += dt_s
         return setpoints, [outcome for motion in list(self._running) for outcome in self._judge(motion, measured)]
@@ -273,14 +318,17 @@ class Motions:
 
     def adopt_setpoints(self, applied: Mapping[str, float]) -> None:
         """Adopt the setpoints that the robot applied, where its own limits are narrower than the agent's."""
+        self.setpoints.adopt(applied)
         for name, position in applied.items():
             if name in self._axes:
                 self._axes[name].position = position
 
-    def _axis(self, name: str, measured: float) -> Axis:
-        if name not in self._axes:
-            self._axes[name] = Axis(self.joints[name], measured)
-        return self._axes[name]
+    def _axis(self, name: str) -> Axis:
+        """Return the axis of a joint. One at rest stands at the last setpoint, which follows what else moves it."""
+        axis = self._axes.get(name)
+        if axis is None or (axis.at_rest and axis.position != self.setpoints[name]):
+            axis = self._axes[name] = Axis(self.joints[name], self.setpoints[name])
+        return axis
 
     def _on(self, joints: Collection[str]) -> list[_Motion]:
         wanted = set(joints)
@@ -311,33 +359,38 @@ class Motions:
         axes = [self._axes[name] for name in motion.joints]
         late = motion.elapsed_s > motion.duration_s + SETTLE_S
         if motion.stopping:
-            moving = [axis.joint.name for axis in axes if not axis.is_at_rest(measured)]
+            moving = [axis.joint.name for axis in axes if not axis.stands(measured)]
             if moving and late:
-                return self._end([motion], "failed", f"not come to rest: {', '.join(moving)}"[:1024])
-            return [] if moving else self._succeed(motion)
+                return self._end([motion], "failed", _not_standing(moving, measured))
+            # Standstill counts from the stop on: a motion by something else may have begun a moment before it.
+            soon = motion.elapsed_s < STANDSTILL_S and bool(axes)
+            return [] if moving or soon else self._succeed(motion)
+        unseen = [name for name in motion.joints if not math.isfinite(measured.positions[name])]
+        if unseen:
+            why = measured.faults.get(unseen[0], f"the position of {unseen[0]} is not known any more")
+            return self._end([motion], "failed", why[:1024])
         astray = [axis for axis in axes if not (axis.at_rest and axis.distance_to_end(measured) <= axis.tolerance)]
         if not astray:
             return self._succeed(motion)
-        lost = [axis for axis in axes if not axis.lag(measured) <= axis.max_lag]
+        lost = [axis for axis in axes if axis.lag(measured) > axis.max_lag]
         lost += [axis for axis in astray if late and axis.at_rest]
         return [self._give_up(motion, lost[0], measured)] if lost else []
 
     def _succeed(self, motion: _Motion) -> list[Outcome]:
         self._running.remove(motion)
-        return [motion.outcome("succeeded")]
+        return [motion.outcome("succeeded", motion.note)]
 
     def _give_up(self, motion: _Motion, axis: Axis, measured: Measurements) -> Outcome:
-        name, unit = axis.joint.name, "m" if axis.joint.linear else "rad"
+        name, unit = axis.joint.name, axis.joint.unit
         effort, limit = measured.efforts.get(name, math.nan), axis.joint.limits.effort
         why = "at its effort limit" if limit is not None and abs(effort) >= 0.95 * limit else "stuck"
         reason = (
             f"{name} is {why} at {measured.positions[name]:.6g} {unit}, its target is {axis.trajectory.end:.6g} {unit}"
         )
         [outcome] = self._end([motion], "failed", reason)
-        # hold the present position: the joint must neither push on nor jump once it is free
+        # The joint must neither push on nor jump once it is free, so its setpoint returns to where it is.
         for joint in motion.joints:
-            if math.isfinite(measured.positions[joint]):
-                self._axes[joint].follow(hold(measured.positions[joint]))
+            self._axes[joint].return_to(measured.positions[joint])
         return outcome
 
     def _sway(self, positions: Mapping[str, float]) -> None:
@@ -346,11 +399,18 @@ class Motions:
                 continue
             if math.isnan(swaying.centre):
                 swaying.centre = positions[name]
-            if name in self._axes and self._axes[name].is_displaced(positions[name]):
-                del self._axes[name]
-            axis, limits = self._axis(name, positions[name]), self.joints[name].limits
+            axis, limits = self._axis(name), self.joints[name].limits
             if axis.at_rest:
                 cruise, way = cruise_of(axis.joint), swaying.side * swaying.sway.amplitude
                 target, swaying.side = limits.clamp(swaying.centre + way), -swaying.side
                 leg_s = swaying.sway.period_s / 2.0
                 axis.follow(reach_in(leg_s, axis.position, 0.0, target, cruise, cruise / RAMP_S, limits))
+
+
+def _not_standing(joints: Sequence[str], measured: Measurements) -> str:
+    unknown = [name for name in joints if not math.isfinite(measured.positions[name])]
+    moving = [name for name in joints if name not in unknown]
+    parts = [f"not come to rest: {', '.join(moving)}"] if moving else []
+    parts += [f"standstill cannot be measured: {', '.join(unknown)}"] if unknown else []
+    parts += [measured.faults[name] for name in unknown[:1] if name in measured.faults]
+    return "; ".join(parts)[:1024]

@@ -1,5 +1,6 @@
 """The interface of robot drivers. SI units: rad, m, N·m or N."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -53,13 +54,24 @@ class JointFacts:
     continuous: bool = False
     passive: bool = False
 
+    @property
+    def unit(self) -> str:
+        """The unit of positions: m or rad."""
+        return "m" if self.linear else "rad"
+
+    def difference(self, position: float, other: float) -> float:
+        """Return ``position`` minus ``other``; for a continuous joint the nearest of the equal ways, from -π to π."""
+        way = position - other
+        return math.remainder(way, math.tau) if self.continuous and math.isfinite(way) else way
+
 
 @dataclass(frozen=True)
 class Facts:
     """Facts about a robot that are known while it is offline; ``joints`` gives the order of every array in a Reading.
 
     ``meshes`` maps mesh URIs of the URDF to files (see mesh_files.py); it may be empty. ``cameras`` needs a driver that
-    is ``CameraRobot``; their names are unique.
+    is ``CameraRobot``; their names are unique. ``coupled`` are groups of joints that take setpoints only together, as
+    those of a ROS controller: the agent sends setpoints of all joints of a group, or of none.
     """
 
     title: str
@@ -69,16 +81,23 @@ class Facts:
     annotations: str = ""
     meshes: Mapping[str, Path] = field(default_factory=dict)
     cameras: tuple[Camera, ...] = ()
+    coupled: tuple[tuple[str, ...], ...] = ()
 
 
 @dataclass(frozen=True)
 class Reading:
-    """Measured values in the order of ``Facts.joints``; NaN is unknown. ``base`` is set exactly on floating bases."""
+    """Measured values in the order of ``Facts.joints``; NaN is unknown. ``base`` is set exactly on floating bases.
+
+    ``measured_s`` are the times of the positions by the monotonic clock of ``read``; empty means now. ``faults`` gives
+    by joint why its sensor cannot be believed; the position of such a joint is NaN.
+    """
 
     positions: tuple[float, ...]
     velocities: tuple[float, ...]
     efforts: tuple[float, ...]
     base: Base | None = None
+    measured_s: tuple[float, ...] = ()
+    faults: Mapping[str, str] = field(default_factory=dict)
 
 
 class Robot(Protocol):

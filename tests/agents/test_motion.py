@@ -8,11 +8,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from linked_fleet_agent.motion import SETTLE_S, Measurements, Motions, Outcome, Sway
-from linked_fleet_agent.plan import ImpossibleError, plan
+from linked_fleet_agent.motion import SETTLE_S, STANDSTILL_S, Measurements, Motions, Outcome, Sway
+from linked_fleet_agent.plan import ImpossibleError, joints_of, plan
 from linked_fleet_agent.robot import JointFacts, Limits
+from linked_fleet_agent.sensors import JointSensor
+from linked_fleet_agent.setpoints import rate_of
 from linked_fleet_agent.trajectory import RAMP_S, cruise_of
 from linked_fleet_agent.wire.messages import Follow, Move
+from sensor_faults import EVENTS, Event, shown_position
 
 ARM = JointFacts("arm", limits=Limits(-3.0, 3.0, 1.0, 5.0))
 JOINTS = {"arm": ARM, "wheel": JointFacts("wheel", continuous=True), "lift": JointFacts("lift", linear=True)}
@@ -20,15 +23,24 @@ DT = 0.01
 
 
 class Robot:
-    """Joints that reach their setpoints at once, unless they are ``stuck``."""
+    """Joints that reach their setpoints at once, unless they are ``stuck``.
 
-    def __init__(self, sways: Sequence[Sway] = (), arm: float = 0.0) -> None:
+    ``shown`` replaces what the sensor of a joint shows.
+    """
+
+    def __init__(self, sways: Sequence[Sway] = (), arm: float = 0.0, wheel: float = 0.0) -> None:
         self.motions = Motions(JOINTS, sways)
-        self.positions = {"arm": arm, "wheel": 0.0, "lift": 0.0}
+        self.positions = {"arm": arm, "wheel": wheel, "lift": 0.0}
         self.setpoints: dict[str, float] = {}
+        self.sent: list[tuple[float, float]] = []
+        """The setpoints of the arm, each with its time in s."""
         self.stuck: set[str] = set()
+        self.shown: dict[str, float] = {}
         self.paths = {name: [position] for name, position in self.positions.items()}
         self.outcomes: list[Outcome] = []
+        self._sensors = {name: JointSensor(joint, DT) for name, joint in JOINTS.items()}
+        self._now_s = 0.0
+        self.measured = self._measure()
 
     def move(
         self, command_id: str, speeds: dict[str, float] | None = None, scale: float = 1.0, **targets: float
@@ -43,26 +55,47 @@ class Robot:
         return self._start(command_id, Follow(tuple(columns), tuple(times_s), rows), scale)
 
     def _start(self, command_id: str, motion: Move | Follow, scale: float) -> float:
-        joints = motion.targets if isinstance(motion, Move) else motion.joints
-        made = plan(motion, scale, self.motions.setpoints(joints, self.positions))
-        self.outcomes += self.motions.start(command_id, made, self.positions)
+        motion = self.motions.unwound(motion, self.measured.positions)
+        made = plan(motion, scale, self.motions.starts(joints_of(motion)))
+        self.outcomes += self.motions.start(command_id, made)
         return made.duration_s
 
     def stop(self, stop_id: str, *joints: str, command: str = "") -> float:
-        duration_s, outcomes = self.motions.stop(stop_id, joints or tuple(JOINTS), command, "stopped", self.positions)
+        duration_s, outcomes = self.motions.stop(stop_id, joints or tuple(JOINTS), command, "stopped")
         self.outcomes += outcomes
         return duration_s
 
     def step(self, steps: int, held: bool = False) -> None:
         for _ in range(steps):
-            velocities = {name: (path[-1] - path[-2]) / DT if path[1:] else 0.0 for name, path in self.paths.items()}
-            efforts = {name: 5.0 if name in self.stuck else 0.0 for name in JOINTS}
-            setpoints, outcomes = self.motions.step(DT, Measurements(self.positions, velocities, efforts), held)
+            self._now_s += DT
+            self.measured = self._measure()
+            setpoints, outcomes = self.motions.step(DT, self.measured, held)
             self.outcomes += outcomes
+            assert self.motions.setpoints.limit(setpoints, DT) == pytest.approx(setpoints, abs=1e-8)
+            self.motions.adopt_setpoints(setpoints)
             self.setpoints |= setpoints
+            self.sent += [(self._now_s, setpoints["arm"])] if "arm" in setpoints else []
             self.positions |= {name: at for name, at in setpoints.items() if name not in self.stuck}
             for name, path in self.paths.items():
                 path.append(self.positions[name])
+
+    def carry(self, joint: str, to: float, speed: float = 1.0, held: bool = False) -> None:
+        """Let something else move a joint, at a speed in rad/s or m/s."""
+        while self.positions[joint] != to:
+            way = to - self.positions[joint]
+            self.positions[joint] = (
+                to if abs(way) <= speed * DT else self.positions[joint] + math.copysign(speed * DT, way)
+            )
+            self.step(1, held)
+
+    def _measure(self) -> Measurements:
+        shown = self.positions | self.shown
+        positions = {name: sensor.update(shown[name], self._now_s) for name, sensor in self._sensors.items()}
+        self.motions.setpoints.follow(positions.values(), self.motions.driven, DT)
+        efforts = {name: 5.0 if name in self.stuck else 0.0 for name in JOINTS}
+        standing_s = {name: sensor.standing_s for name, sensor in self._sensors.items()}
+        faults = {name: sensor.fault for name, sensor in self._sensors.items() if sensor.fault}
+        return Measurements(positions, efforts, standing_s, faults)
 
     def states(self, command_id: str) -> list[str]:
         return [outcome.state for outcome in self.outcomes if outcome.command_id == command_id]
@@ -141,34 +174,60 @@ def test_a_joint_outside_its_limits_moves_back_from_where_it_stands(
 
 
 @pytest.mark.parametrize("away", [0.005, 0.5])
-def test_a_stop_of_a_standing_joint_without_a_velocity_succeeds_where_it_stands(away: float) -> None:
+def test_a_stop_of_a_standing_joint_succeeds_where_it_stands(away: float) -> None:
     """It sags from its last setpoint, or something else has moved it. While it falls, the stop does not succeed."""
     robot = Robot()
     robot.move("m", arm=1.0)
     robot.step(400)
     assert robot.states("m")[-1] == "succeeded"
-    robot.positions["arm"] -= away
-    for stop_id, falls in (("s", 0.0), ("t", 0.1)):
-        robot.stop(stop_id, "arm")
-        for _ in range(300):
-            robot.positions["arm"] -= falls * DT
-            robot.outcomes += robot.motions.step(DT, Measurements(robot.positions))[1]
+    robot.stuck.add("arm")
+    robot.carry("arm", 1.0 - away)
+    robot.stop("s", "arm")
+    robot.step(300)
     assert robot.states("s") == ["running", "succeeded"]
-    assert robot.states("t")[-1] == "failed"
+    robot.stop("t", "arm")
+    for _ in range(300):
+        robot.positions["arm"] -= 0.1 * DT
+        robot.step(1)
+    assert robot.states("t") == ["running", "failed"]
+    assert robot.end("t").reason == "not come to rest: arm"
+
+
+@pytest.mark.parametrize("speed", [0.05, 0.5, 1.0])
+def test_a_stop_holds_what_something_else_moves(speed: float) -> None:
+    """It sends setpoints near the joint until the joint stands, and does not succeed before."""
+    robot = Robot()
+    robot.stuck.add("arm")
+    robot.carry("arm", 0.5, speed)
+    robot.stop("s")
+    assert robot.setpoints == {}
+    robot.step(1)
+    assert robot.setpoints == {"arm": pytest.approx(0.5, abs=0.02), "wheel": 0.0, "lift": 0.0}
+    robot.setpoints.clear()
+    robot.carry("arm", 0.5 + speed / 2.0, speed)
+    assert robot.states("s") == ["running"]
+    assert robot.setpoints.keys() == JOINTS.keys()
+    robot.carry("arm", robot.setpoints["arm"], speed)
+    robot.stuck.clear()
+    robot.step(round((STANDSTILL_S + 0.1) / DT))
+    assert robot.states("s") == ["running", "succeeded"]
+    robot.setpoints.clear()
+    robot.step(100)
+    assert robot.setpoints == {}
 
 
 def test_a_joint_outside_its_limits_is_held_where_it_stands() -> None:
     """By a stop, and by the end of a motion in which it was stuck and pushed out."""
     robot = Robot(arm=3.2)
     robot.stop("s")
-    robot.step(10)
+    robot.step(30)
     assert robot.positions["arm"] == 3.2
     robot.stuck.add("arm")
     robot.move("m", arm=2.0)
-    robot.positions["arm"] = 3.3
-    robot.step(200)
+    robot.carry("arm", 3.3)
+    robot.step(300)
     assert robot.states("m") == ["running", "failed"]
-    assert robot.setpoints["arm"] == 3.3
+    assert robot.setpoints["arm"] == pytest.approx(3.3)
 
 
 @given(st.floats(-3, 3), st.floats(-3, 3), st.floats(-0.2, 0.2), st.floats(0.3, 1.0))
@@ -290,9 +349,10 @@ def test_a_stuck_joint_fails_and_is_no_longer_pushed(target: float) -> None:
     robot.step(round((SETTLE_S + 3.0) / DT))
     assert robot.states("a") == ["running", "failed"]
     assert "arm is at its effort limit" in robot.end("a").reason
+    robot.step(round(4.0 / DT))
     robot.stuck = set()
     robot.step(10)
-    assert robot.positions["arm"] == 0.0
+    assert robot.positions["arm"] == pytest.approx(0.0, abs=1e-9)
 
 
 @pytest.mark.parametrize("moved_to", [0.7, 1.3])
@@ -302,7 +362,7 @@ def test_a_motion_begins_where_something_else_has_moved_the_joint(moved_to: floa
     robot.move("a", arm=1.0)
     robot.step(300)
     assert robot.states("a") == ["running", "succeeded"]
-    robot.positions["arm"] = moved_to
+    robot.carry("arm", moved_to)
     robot.paths["arm"] = [moved_to]
     robot.move("b", arm=0.5)
     robot.step(300)
@@ -316,7 +376,7 @@ def test_a_demonstration_goes_on_from_where_something_else_has_moved_the_joint()
     robot = Robot([Sway("arm", 0.4, 2.0)])
     robot.step(150)
     robot.step(200, held=True)
-    robot.positions["arm"] += 1.0
+    robot.carry("arm", robot.positions["arm"] + 1.0, held=True)
     robot.paths["arm"] = [robot.positions["arm"]]
     robot.step(300)
     assert robot.fastest("arm") <= cruise_of(ARM) * (1 + 1e-6)
@@ -385,15 +445,19 @@ def test_a_stop_is_repeated_overtaken_and_not_undone_by_another() -> None:
     assert robot.states("b") == ["running", "succeeded"]
 
 
-def test_a_stop_fails_and_names_joints_that_do_not_come_to_rest() -> None:
-    """Its setpoint stands, but the joint is measured to keep moving."""
-    motions, positions = Motions(JOINTS), dict.fromkeys(JOINTS, 0.0)
-    motions.stop("s", list(JOINTS), "", "stopped", positions)
-    ends: list[Outcome] = []
-    for _ in range(round((SETTLE_S + 1.0) / DT)):
-        ends += motions.step(DT, Measurements(positions, {"arm": 0.5, "wheel": 0.0, "lift": 0.0}))[1]
-    [end] = ends
-    assert (end.command_id, end.state, end.reason) == ("s", "failed", "not come to rest: arm")
+def test_a_stop_that_cannot_be_measured_fails_and_says_so() -> None:
+    """One joint keeps moving, and the sensor of another one contradicts itself."""
+    robot = Robot()
+    robot.stuck.add("arm")
+    robot.stop("s")
+    for _ in range(round((SETTLE_S + 0.5) / DT)):
+        robot.positions["arm"] += 0.5 * DT
+        robot.shown["wheel"] = 1.0 - robot.shown.get("wheel", 0.0)
+        robot.step(1)
+    assert robot.states("s") == ["running", "failed"]
+    assert robot.end("s").reason.startswith(
+        "not come to rest: arm; standstill cannot be measured: wheel; the sensor of wheel contradicts itself"
+    )
 
 
 def test_a_stop_goes_on_when_the_gateway_is_lost() -> None:
@@ -447,3 +511,48 @@ def test_an_unknown_position_never_succeeds() -> None:
     robot.move("a", arm=0.0)
     _, outcomes = robot.motions.step(DT, Measurements(dict.fromkeys(JOINTS, math.nan)))
     assert [outcome.state for outcome in outcomes] == ["failed"]
+    assert outcomes[0].reason == "the position of arm is not known any more"
+
+
+@pytest.mark.parametrize("turns", [-2, -1, 1, 3])
+@pytest.mark.parametrize("goal", [-1.0, 0.3, 3.0])
+def test_a_wheel_that_shows_angles_within_a_turn_goes_the_same_way_as_one_that_counts(turns: int, goal: float) -> None:
+    """Its setpoints never jump by a turn, and it does not unwind the turns that it has made."""
+    robot = Robot()
+    robot.stuck.add("wheel")
+    at = 0.0
+
+    def turn(steps: int) -> None:
+        nonlocal at
+        for _ in range(steps):
+            at = robot.setpoints.get("wheel", at)
+            robot.shown["wheel"] = math.remainder(at, math.tau)
+            robot.step(1)
+
+    robot.move("m", wheel=turns * math.tau)
+    turn(5_000)
+    assert robot.states("m") == ["running", "succeeded"]
+    began = at
+    robot.move("n", wheel=goal)
+    turn(1_000)
+    assert robot.states("n") == ["running", "succeeded"]
+    assert at - began == pytest.approx(goal)
+
+
+@given(st.floats(-2, 2), EVENTS)
+def test_no_measurement_makes_a_setpoint_jump(start: float, events: list[Event]) -> None:
+    """Whatever the sensor of the arm shows, its setpoints move no faster than the joint may."""
+    robot = Robot(arm=start)
+    robot.stuck.add("arm")
+    for number, event in enumerate(events):
+        if event.order == "stop":
+            robot.stop(str(number))
+        elif event.order == "move" and math.isfinite(robot.measured.positions["arm"]):
+            robot.move(str(number), arm=event.size)
+        frozen = robot.shown.get("arm", start)
+        for cycle in range(event.cycles):
+            true = robot.setpoints.get("arm", start)
+            robot.shown["arm"] = shown_position(event, cycle, true, frozen)
+            robot.step(1)
+    for (at_s, before), (later_s, after) in itertools.pairwise(robot.sent):
+        assert abs(after - before) <= rate_of(ARM) * (later_s - at_s) + 1e-8

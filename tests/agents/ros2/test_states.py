@@ -5,7 +5,7 @@ import math
 
 import pytest
 
-from linked_fleet_agent.robot import RobotFaultError
+from linked_fleet_agent.robot import JointFacts, Limits, RobotFaultError
 from linked_fleet_agent.robots.ros2.cdr import JointState
 from linked_fleet_agent.robots.ros2.joints import JointStates
 
@@ -21,7 +21,8 @@ def said(stamp_ns: int = 0, **positions: float) -> JointState:
 
 @pytest.fixture
 def states() -> JointStates:
-    return JointStates("arm", ["a", "b"], "/joint_states", 0.5)
+    joints = [JointFacts(name, limits=Limits(velocity=3.0)) for name in ("a", "b")]
+    return JointStates("arm", joints, "/joint_states", 0.5)
 
 
 def test_joints_without_states_are_unknown_and_none_at_all_is_a_fault(states: JointStates) -> None:
@@ -43,13 +44,46 @@ def test_several_may_say_some_of_the_joints_and_each_grows_old_alone(states: Joi
         states.reading(0.9)
 
 
-def test_a_state_whose_time_stands_still_is_no_news(states: JointStates) -> None:
+def test_a_repeated_state_is_no_news(states: JointStates) -> None:
+    """A relay may send the last message again and again. If all stamps are equal, the publisher has no clock."""
+    states.update(said(6, a=0.0), 0.0)
     for arrived_s in (0.0, 0.2, 0.4, 0.6):
-        states.update(said(7, a=arrived_s), arrived_s)
+        states.update(said(7, a=0.0), arrived_s)
     with pytest.raises(RobotFaultError):
         states.reading(0.7)
     states.update(said(6, a=1.0), 0.8)  # its clock was set back, but it is alive
     assert states.reading(0.9).positions[0] == 1.0
+
+
+@pytest.mark.parametrize("stamp_ns", [0, 7])
+def test_states_with_a_constant_stamp_count_as_they_arrive(states: JointStates, stamp_ns: int) -> None:
+    for arrived_s in (0.0, 0.2, 0.4, 0.6):
+        states.update(said(stamp_ns, a=arrived_s), arrived_s)
+    assert states.reading(0.7).positions[0] == 0.6
+    assert states.reading(0.7).measured_s[0] == 0.6
+
+
+@pytest.mark.parametrize(
+    "positions",
+    [
+        [0.8, 0.8, 0.0, 0.8, 0.0, 0.8],  # a second publisher, of zeros
+        [0.8, 0.8, 1.9, 1.9, 0.8, 0.8],  # an outlier of two messages
+        [3.1, 3.14, -3.13, -3.12, -3.1, -3.1],  # the seam of an encoder
+    ],
+)
+def test_a_joint_whose_states_contradict_each_other_is_unknown(states: JointStates, positions: list[float]) -> None:
+    """Also if the agent reads only one of several messages. The other joint stays known."""
+    for number, position in enumerate(positions):
+        states.update(said(number + 1, a=position, b=0.1), number * 0.01)
+    reading = states.reading(0.06)
+    assert math.isnan(reading.positions[0])
+    assert reading.positions[1] == 0.1
+    assert list(reading.faults) == ["a"]
+    assert "contradicts itself" in reading.faults["a"]
+    for number in range(120):
+        states.update(said(number + 10, a=positions[-1], b=0.1), 0.06 + number * 0.01)
+    assert states.reading(1.3).positions == (positions[-1], 0.1)
+    assert not states.reading(1.3).faults
 
 
 def test_a_position_that_is_no_number_is_unknown(states: JointStates) -> None:

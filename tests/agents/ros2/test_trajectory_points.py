@@ -12,32 +12,26 @@ def follower() -> TrajectoryPoints:
     return TrajectoryPoints("/c/joint_trajectory", ["a", "b"])
 
 
-def test_all_joints_of_the_controller_are_in_it_and_those_that_are_told_nothing_stay(
-    follower: TrajectoryPoints,
+def test_a_point_has_the_setpoints_of_the_joints_of_its_controller(follower: TrajectoryPoints) -> None:
+    assert follower.next({"b": 1.0, "c": 3.0, "a": 0.1}, 0.0) == {"a": 0.1, "b": 1.0}
+    assert follower.next({"a": 0.1}, 0.1) == {"a": 0.1}
+
+
+@pytest.mark.parametrize(
+    ("measured", "now_s", "held"),
+    [
+        ({"a": 0.095, "b": 1.5}, 0.1, {"a": 0.1, "b": 2.0}),  # both were sent a moment ago
+        ({"a": 9.0, "b": math.nan}, 0.1, {"a": 0.1, "b": 2.0}),  # no measurement becomes a command
+        ({"a": 0.095, "b": 1.5}, 1.0, {"a": 0.1, "b": 1.5}),  # one sags, and the other was moved since
+        ({"a": math.nan, "b": 1.5}, 1.0, {"b": 1.5}),
+        ({"a": math.nan, "b": math.nan}, 1.0, {}),
+    ],
+)
+def test_joints_are_held_where_they_were_sent_a_moment_ago_else_where_they_are(
+    follower: TrajectoryPoints, measured: dict[str, float], now_s: float, held: dict[str, float]
 ) -> None:
-    assert follower.next({"a": 0.1}, {"a": 0.0, "b": 1.0}, 0.0) == {"a": 0.1, "b": 1.0}
-    assert follower.next({"a": 0.2}, {"a": 0.1, "b": 0.95}, 0.01) == {"a": 0.2, "b": 1.0}  # it sags, but is not let go
-
-
-def test_joints_moved_by_others_in_a_pause_stay(follower: TrajectoryPoints) -> None:
-    follower.next({"a": 0.1}, {"a": 0.0, "b": 1.0}, 0.0)
-    assert follower.next({"a": 0.2}, {"a": 0.1, "b": 2.0}, 0.6) == {"a": 0.2, "b": 2.0}
-    assert follower.next({"a": 0.3}, {"a": 0.2, "b": 2.005}, 1.2) == {
-        "a": 0.3,
-        "b": 2.0,
-    }  # what it holds it continues to hold
-
-
-def test_joints_with_unknown_positions_are_left_out(follower: TrajectoryPoints) -> None:
-    assert follower.next({"a": 0.1}, {"a": 0.0, "b": math.nan}, 0.0) == {"a": 0.1}
-    assert follower.next({"a": 0.1}, {"a": 0.0, "b": 1.0}, 0.1) == {"a": 0.1, "b": 1.0}
-    assert follower.hold({"a": math.nan, "b": math.nan}, 0.2) == {}
-
-
-def test_holding_is_where_it_is_or_where_it_was_sent_if_it_is_there(follower: TrajectoryPoints) -> None:
-    follower.next({"a": 0.1, "b": 2.0}, {"a": 0.0, "b": 1.0}, 0.0)
-    assert follower.hold({"a": 0.095, "b": 1.5}, 0.1) == {"a": 0.1, "b": 1.5}
-    assert follower.hold({"a": 0.094, "b": 1.495}, 0.2) == {"a": 0.1, "b": 1.5}
+    follower.next({"a": 0.1, "b": 2.0}, 0.0)
+    assert follower.hold(measured, now_s) == held
 
 
 def test_slow_agents_give_the_controller_more_time() -> None:

@@ -10,19 +10,26 @@ points, and stands at the last one if no more arrive.
 import logging
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from typing import NamedTuple
 
-from linked_fleet_agent.robot import Reading, RobotFaultError
+from linked_fleet_agent.robot import JointFacts, Reading, RobotFaultError
 from linked_fleet_agent.robots.ros2.cdr import JointState
+from linked_fleet_agent.sensors import JointSensor
+from linked_fleet_agent.setpoints import HOLDING
 
 _log = logging.getLogger(__name__)
 
 _MOST_STRANGERS = 64
+# Assumed until messages have come: the usual rate of the joint_state_broadcaster is 50 to 500 Hz.
+_PERIOD_S = 0.02
 
 
-@dataclass(frozen=True)
-class _JointSample:
+class _JointSample(NamedTuple):
+    """The last state of a joint, its values as ``said``. ``stamped`` says that the stamps of its messages change."""
+
+    said: list[float]
     stamp_ns: int
+    stamped: bool
     arrived_s: float
     position: float
     velocity: float
@@ -32,23 +39,32 @@ class _JointSample:
 class JointStates:
     """Joint states of one robot from one or several publishers. Times are monotonic seconds of arrival.
 
-    A joint without news for ``stale_s`` is unknown. If that holds for all joints, the robot cannot be measured.
+    A joint without news for ``stale_s`` is unknown, and so is one whose positions contradict each other. If no joint
+    has news, the robot cannot be measured.
     """
 
-    def __init__(self, robot: str, joints: Iterable[str], topic: str, stale_s: float) -> None:
+    def __init__(self, robot: str, joints: Iterable[JointFacts], topic: str, stale_s: float) -> None:
         self._robot, self._topic, self._stale_s = robot, topic, stale_s
-        self._joints: dict[str, _JointSample | None] = dict.fromkeys(joints)
+        self._sensors = {joint.name: JointSensor(joint, _PERIOD_S) for joint in joints}
+        self._joints: dict[str, _JointSample | None] = dict.fromkeys(self._sensors)
         self._strangers: set[str] = set()
 
     def update(self, state: JointState, arrived_s: float) -> None:
-        """Store a message. A joint whose stamp equals that of its last message is a repetition and is ignored."""
+        """Store a message.
+
+        One with stamp and values of the last message is a repetition and ignored, if the stamps of others change.
+        """
         for name, *values in zip(state.names, state.positions, state.velocities, state.efforts, strict=True):
             if name not in self._joints:
                 self._warn_of_unknown(name)
                 continue
-            last = self._joints[name]
-            if last is None or state.stamp_ns == 0 or state.stamp_ns != last.stamp_ns:
-                self._joints[name] = _JointSample(state.stamp_ns, arrived_s, *values)
+            last, stamp_ns = self._joints[name], state.stamp_ns
+            stamped = last is not None and (last.stamped or last.stamp_ns != stamp_ns)
+            if stamped and last is not None and stamp_ns == last.stamp_ns != 0 and values == last.said:
+                continue
+            position, velocity, effort = values
+            believed = self._sensors[name].update(position, arrived_s)
+            self._joints[name] = _JointSample(values, stamp_ns, stamped, arrived_s, believed, velocity, effort)
 
     def reading(self, now_s: float) -> Reading:
         """Return the state of all joints. Raises RobotFaultError if all of them are stale."""
@@ -59,6 +75,8 @@ class JointStates:
             positions=tuple(math.nan if one is None else one.position for one in said),
             velocities=tuple(math.nan if one is None else one.velocity for one in said),
             efforts=tuple(math.nan if one is None else one.effort for one in said),
+            measured_s=tuple(now_s if one is None else one.arrived_s for one in said),
+            faults={name: sensor.fault for name, sensor in self._sensors.items() if sensor.fault},
         )
 
     def position(self, name: str, now_s: float) -> float:
@@ -78,8 +96,6 @@ class JointStates:
 
 # A point is reached this long after it was sent, or after this many cycles if the agent's cycles are slow.
 SOONEST_S, CYCLES, LATEST_S = 0.05, 3, 0.5
-# A joint this close to its last sent position counts as holding it. Sending its sagged position would add sag.
-_HOLDING = 0.01
 
 
 def time_from_start_s(cycle_s: float) -> float:
@@ -88,36 +104,29 @@ def time_from_start_s(cycle_s: float) -> float:
 
 
 class TrajectoryPoints:
-    """The points of one controller.
-
-    Each message needs all of its joints; those that are not moved stay where they are.
-    """
+    """The points of one controller, which needs a position of each of its joints in each message."""
 
     def __init__(self, topic: str, joints: Iterable[str]) -> None:
         self.topic, self.joints = topic, tuple(joints)
         self._sent: dict[str, float] = {}
         self._sent_s = -math.inf
 
-    def next(self, setpoints: Mapping[str, float], measured: Mapping[str, float], now_s: float) -> dict[str, float]:
-        """Return the positions to send (rad or m). After a pause, a joint that others have moved stays at its new
-        position.
-
-        Joints with neither a setpoint nor a known position (NaN) are left out.
-        """
-        staying = self._held(measured)
-        if now_s - self._sent_s <= LATEST_S:
-            staying |= self._sent
-        return self._note(staying | dict(setpoints), now_s)
+    def next(self, setpoints: Mapping[str, float], now_s: float) -> dict[str, float]:
+        """Return the positions to send (rad or m): the ``setpoints`` of the joints of this controller."""
+        return self._note({name: setpoints[name] for name in self.joints if name in setpoints}, now_s)
 
     def hold(self, measured: Mapping[str, float], now_s: float) -> dict[str, float]:
-        """Return the positions that hold the joints; joints with unknown position are left out."""
-        return self._note(self._held(measured), now_s)
+        """Return the positions that hold the joints: those that were sent a moment ago, else the measured ones.
 
-    def _held(self, measured: Mapping[str, float]) -> dict[str, float]:
-        known = {name: measured[name] for name in self.joints if math.isfinite(measured[name])}
-        sent = {name: self._sent.get(name, at) for name, at in known.items()}
-        return {name: sent[name] if abs(sent[name] - at) <= _HOLDING else at for name, at in known.items()}
+        A joint that only sags keeps its last position. Joints with unknown position are left out.
+        """
+        held = {name: measured[name] for name in self.joints if math.isfinite(measured[name])}
+        recent = now_s - self._sent_s <= LATEST_S
+        for name, at in self._sent.items():
+            if recent or abs(held.get(name, math.nan) - at) <= HOLDING:
+                held[name] = at
+        return self._note(held, now_s)
 
     def _note(self, positions: dict[str, float], now_s: float) -> dict[str, float]:
         self._sent, self._sent_s = positions, now_s
-        return {name: positions[name] for name in self.joints if name in positions}
+        return positions

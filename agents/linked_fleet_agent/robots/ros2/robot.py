@@ -27,9 +27,10 @@ class Ros2Robot:
     """Driver over three topics: it reads ``/robot_description`` and ``/joint_states`` and sends ``JointTrajectory``."""
 
     def __init__(self, name: str, address: Address, facts: Facts, session: RosSession) -> None:
-        self._name, self._facts, self._session = name, facts, session
+        coupled = tuple(tuple(_joints_of(one, facts.joints)) for one in address.controllers)
+        self._name, self._facts, self._session = name, replace(facts, coupled=coupled), session
         self._limits = {joint.name: joint.limits for joint in facts.joints}
-        self._states = JointStates(name, self._limits, address.states, address.stale_s)
+        self._states = JointStates(name, facts.joints, address.states, address.stale_s)
         self._inbox = session.listen(_topic(address, address.states, cdr.JOINT_STATE), cdr.MAX_STATE_BYTES)
         self._ways = [
             (TrajectoryPoints(one.topic, _joints_of(one, facts.joints)), _outlet(session, address, one))
@@ -77,15 +78,13 @@ class Ros2Robot:
         return self._states.reading(here_s)
 
     def apply(self, setpoints: Mapping[str, float]) -> dict[str, float]:
-        """Send each affected controller its next point.
+        """Send each affected controller its next point, with the setpoints of all its joints.
 
         Raises KeyError for a joint without a controller, ValueError for a setpoint that is not finite, RobotFaultError
         if a controller does not listen.
         """
         now_s, measured = time.monotonic(), self._measured()
-        applied = {
-            name: self._limits[name].including(measured[name]).clamp(setpoint) for name, setpoint in setpoints.items()
-        }
+        applied = {name: self._clamped(name, setpoint, measured[name]) for name, setpoint in setpoints.items()}
         for name, setpoint in applied.items():
             if not math.isfinite(setpoint):
                 raise ValueError(f"setpoint {setpoint} of joint {name!r} is not finite")
@@ -93,9 +92,8 @@ class Ros2Robot:
         if stray:
             raise KeyError(f"no controller has {', '.join(sorted(stray))}")
         for follower, outlet in self._ways:
-            own = {name: applied[name] for name in follower.joints if name in applied}
-            if own:
-                self._send(follower, outlet, follower.next(own, measured, now_s))
+            if not applied.keys().isdisjoint(follower.joints):
+                self._send(follower, outlet, follower.next(applied, now_s))
         return applied
 
     def stop(self) -> None:
@@ -135,6 +133,11 @@ class Ros2Robot:
                 "it was sent"
             )
         outlet.put(cdr.write_trajectory(list(positions), list(positions.values()), time_from_start_s(self._cycle_s)))
+
+    def _clamped(self, name: str, setpoint: float, measured: float) -> float:
+        """Return the setpoint within the limits, or as far out as the joint is, which may be unknown."""
+        limits = self._limits[name]
+        return setpoint if math.isnan(measured) else limits.including(measured).clamp(setpoint)
 
     def _measured(self) -> dict[str, float]:
         now_s = time.monotonic()

@@ -1,0 +1,136 @@
+"""Sensor faults of each driver: whatever is measured, no setpoint jumps."""
+
+import itertools
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from linked_fleet_agent.agent import Agent
+from linked_fleet_agent.robot import Facts, Reading, Robot
+from linked_fleet_agent.robots.mujoco_robot import MujocoRobot
+from linked_fleet_agent.setpoints import rate_of
+from linked_fleet_agent.urdf import joints_of
+from linked_fleet_agent.wire import codec
+from linked_fleet_agent.wire.messages import Command, Move, Stop
+from properties import examples
+from sensor_faults import EVENTS, Event, shown_position
+
+URDF = """<robot name="two"><link name="a"/>
+<link name="b"><inertial><mass value="1"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial></link>
+<link name="c"><inertial><mass value="1"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial></link>
+<joint name="arm" type="revolute"><parent link="a"/><child link="b"/><axis xyz="0 0 1"/>
+  <limit lower="-3" upper="3" velocity="1" effort="50"/></joint>
+<joint name="wheel" type="continuous"><parent link="b"/><child link="c"/><axis xyz="0 0 1"/>
+  <limit velocity="2" effort="50"/></joint></robot>"""
+FACTS = Facts("two", URDF, joints_of(URDF))
+TICK_S = 0.01
+
+
+class Ideal:
+    """A robot that is where it was sent."""
+
+    def __init__(self) -> None:
+        self.positions = [0.0, 0.0]
+
+    def describe(self) -> Facts:
+        return FACTS
+
+    def read(self, now_s: float) -> Reading:
+        return Reading((self.positions[0], self.positions[1]), (0.0, 0.0), (math.nan,) * 2)
+
+    def apply(self, setpoints: Mapping[str, float]) -> Mapping[str, float]:
+        for index, joint in enumerate(FACTS.joints):
+            self.positions[index] = setpoints.get(joint.name, self.positions[index])
+        return setpoints
+
+    def stop(self) -> None:
+        """Do nothing: it stands."""
+
+    def close(self) -> None:
+        """Nothing is open."""
+
+
+class Faulty:
+    """A robot whose sensors have faults. It notes the setpoints that it is sent."""
+
+    def __init__(self, robot: Robot) -> None:
+        self._robot = robot
+        self.event, self.cycle, self.joint = Event(1, "none", 0.0, "nothing"), 0, 0
+        self.shown = [0.0, 0.0]
+        self.sent: dict[str, list[tuple[int, float]]] = {"arm": [], "wheel": []}
+        """By joint the setpoints, each with the number of its cycle."""
+        self._cycles = 0
+
+    def describe(self) -> Facts:
+        return self._robot.describe()
+
+    def begin(self, event: Event, joint: int) -> None:
+        self.event, self.cycle, self.joint, self._frozen = event, 0, joint, self.shown[joint]
+
+    def read(self, now_s: float) -> Reading:
+        reading = self._robot.read(now_s)
+        self.shown = list(reading.positions)
+        if self.event.kind != "none":
+            true = reading.positions[self.joint]
+            self.shown[self.joint] = shown_position(self.event, self.cycle, true, self._frozen)
+        self.cycle += 1
+        self._cycles += 1
+        return replace(reading, positions=tuple(self.shown))
+
+    def apply(self, setpoints: Mapping[str, float]) -> Mapping[str, float]:
+        for name, setpoint in setpoints.items():
+            self.sent[name].append((self._cycles, setpoint))
+        return self._robot.apply(setpoints)
+
+    def stop(self) -> None:
+        self._robot.stop()
+
+    def close(self) -> None:
+        self._robot.close()
+
+
+class Gateway:
+    gateway_present = True
+    arrivals = 1
+    seen_ns = 0
+
+    def watch_gateways(self, period_s: float) -> None:
+        """Do nothing: it is present."""
+
+    def publish_state(self, payload: bytes) -> None:
+        self.seen_ns = codec.decode_state(payload).monotonic_ns
+
+    def publish_progress(self, payload: bytes, final: bool) -> None:
+        """Ignore it."""
+
+
+@pytest.mark.parametrize("made", [Ideal, lambda: MujocoRobot("two", FACTS)], ids=["ideal", "mujoco"])
+@settings(max_examples=examples(100))
+@given(events=EVENTS, joint=st.integers(0, 1))
+def test_no_sensor_fault_makes_a_setpoint_jump(made: Callable[[], Robot], events: list[Event], joint: int) -> None:
+    robot, gateway, now_ns = Faulty(made()), Gateway(), 10**9
+    agent = Agent("two", robot, rate_hz=1.0 / TICK_S, monotonic_ns=lambda: now_ns)
+    name = FACTS.joints[joint].name
+    for number, event in enumerate([Event(30, "none", 0.0, "nothing"), *events, Event(30, "none", 0.0, "stop")]):
+        if event.order == "move":
+            command = Command(
+                version=1, id=f"m{number}", incarnation=agent.incarnation, seen_ns=gateway.seen_ns,
+                time_to_live_ns=10**9, motion=Move({name: event.size}),
+            )  # fmt: skip
+            agent.handle(codec.encode(command))
+        elif event.order == "stop":
+            agent.handle_stop(codec.encode(Stop(version=1, id=f"s{number}")))
+        robot.begin(event, joint)
+        for _ in range(event.cycles):
+            now_ns += round(TICK_S * 1e9)
+            agent.tick(gateway)
+    for each in FACTS.joints:
+        for (cycle, before), (later, after) in itertools.pairwise(robot.sent[each.name]):
+            assert abs(after - before) <= rate_of(each) * (later - cycle) * TICK_S + 1e-8
+        # What a sensor shows is believed as far as the joint can have moved since it was last measured.
+        if all(event.kind != "unknown" for event in events):
+            assert all(abs(first) <= 0.1 for _, first in robot.sent[each.name][:1])
