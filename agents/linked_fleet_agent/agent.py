@@ -200,6 +200,8 @@ class Agent:
             why = next(filter(None, (self._measured.faults.get(name) for name in unknown)), "")
             said = f"the position of {', '.join(unknown)} is unknown{f': {why}' if why else ''}"
             return Refused(command.id, "fault", said[:1024])
+        if lost := safety.far_outside(joints_of(command.motion), self._measured.positions, self._joints):
+            return Refused(command.id, "fault", lost[:1024])
         if moved := self._motions.unsettled(joints_of(command.motion), self._measured.positions):
             return Refused(command.id, "fault", moved[:1024])
         surprise = safety.position_mismatch(command.expects, self._measured.positions, self._joints)

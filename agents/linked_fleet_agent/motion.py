@@ -20,11 +20,18 @@ from linked_fleet_agent.wire.messages import Follow, Move
 TOLERANCE_RAD, TOLERANCE_M = 2e-4, 2e-4
 # A stopped joint must be measured in one place for this long.
 STANDSTILL_S = 0.2
-# How far a joint may lag behind its setpoint, and how long it may settle after the end of its trajectory.
+# A joint with a coarser sensor may stand this far from its target: by the smallest change that the sensor shows.
+MAX_RESOLUTION_RAD, MAX_RESOLUTION_M = 0.01, 2e-3
+# The setpoint waits for a joint that lags behind it: it slows down from half of this lag on, and stops at this lag.
 MAX_LAG_RAD, MAX_LAG_M = 0.4, 0.1
-SETTLE_S = 2.0
+# A joint is stuck if the setpoint waits and it stands for this long. One that is twice this lag away is carried away.
+STUCK_S = 0.5
+# After the end of its trajectory a joint may stand off its target, and move, for this long.
+SETTLE_S, MAX_SETTLE_S = 2.0, 30.0
 # A joint that nothing drives, and that is further from its setpoint, moves or has a sensor that has jumped.
 _UNSETTLED_RAD, _UNSETTLED_M = 0.1, 0.02
+# A smaller change of a measured position is rounding.
+_NO_CHANGE = 1e-9
 # A longer step (of a stalled host) is shortened to this, so that no setpoint jumps.
 MAX_STEP_S = 0.05
 
@@ -75,7 +82,12 @@ class Axis:
         self._limits = joint.limits
         self.trajectory, self._time_s = hold(self.position), 0.0
         self.at_rest = True
-        self.tolerance = TOLERANCE_M if joint.linear else TOLERANCE_RAD
+        self.waiting_s = 0.0
+        """Time for which the setpoint has waited for the joint, which stands."""
+        self._tolerance, self._coarsest = (
+            (TOLERANCE_M, MAX_RESOLUTION_M) if joint.linear else (TOLERANCE_RAD, MAX_RESOLUTION_RAD)
+        )
+        self._measured, self._resolution = math.nan, math.inf
         self.max_lag = MAX_LAG_M if joint.linear else MAX_LAG_RAD
 
     @property
@@ -95,11 +107,26 @@ class Axis:
         self._limits = limits or self.joint.limits
         self.position, self.velocity = trajectory.at(0.0)
         self.trajectory, self._time_s, self.at_rest = trajectory, 0.0, False
+        self.waiting_s = 0.0
 
-    def step(self, dt_s: float) -> float:
-        """Advance by ``dt_s`` and return the setpoint."""
-        self._time_s += dt_s
-        position, self.velocity = self.trajectory.at(self._time_s)
+    def pace(self, measured: Measurements, dt_s: float) -> float:
+        """Return the share of its speed at which the setpoint moves on: less if the joint lags behind, 0 at worst."""
+        position, lag = measured.positions[self.joint.name], self.lag(measured)
+        if (change := abs(self.joint.difference(position, self._measured))) > _NO_CHANGE:
+            self._resolution = min(self._resolution, change)
+        self._measured = position
+        if not lag > self.max_lag / 2.0:
+            self.waiting_s = 0.0
+            return 1.0
+        stands = measured.standing_s.get(self.joint.name, 0.0) >= STANDSTILL_S
+        self.waiting_s = self.waiting_s + dt_s if stands else 0.0
+        return max(0.0, 2.0 - 2.0 * lag / self.max_lag)
+
+    def step(self, dt_s: float, pace: float = 1.0) -> float:
+        """Advance by ``dt_s`` at a ``pace`` from 0 to 1, and return the setpoint."""
+        self._time_s += dt_s * pace
+        position, velocity = self.trajectory.at(self._time_s)
+        self.velocity = velocity * pace
         if (within := self._limits.clamp(position)) != position:  # no further out than the joint is already
             within = self._limits.including(self.position).clamp(position)
         self.position = within
@@ -113,9 +140,23 @@ class Axis:
         limits = self.joint.limits.including(target).including(self.position)
         self.follow(reach(self.position, self.velocity, target, cruise, cruise / RAMP_S, limits), limits)
 
-    def distance_to_end(self, measured: Measurements) -> float:
-        """Distance of the joint from the end of its trajectory."""
-        return abs(self.joint.difference(self.trajectory.end, measured.positions[self.joint.name]))
+    def arrived(self, measured: Measurements) -> bool:
+        """Return True if the joint is at the end of its trajectory, or stands as near as it is known to come."""
+        off = abs(self.joint.difference(self.trajectory.end, measured.positions[self.joint.name]))
+        if not self.at_rest:
+            return False
+        if self.joint.tolerance is None and off <= self._tolerance:
+            return True
+        allowed = self.joint.tolerance or (self._resolution if self._resolution <= self._coarsest else 0.0)
+        return off <= allowed and self.stands(measured)
+
+    def gives_up(self, measured: Measurements, resting_s: float) -> bool:
+        """Return True if the joint is stuck, or does not arrive ``resting_s`` after the end of its trajectory."""
+        if self.waiting_s >= STUCK_S or self.lag(measured) > 2.0 * self.max_lag:
+            return True
+        return not self.arrived(measured) and (
+            resting_s > MAX_SETTLE_S or (resting_s > SETTLE_S and self.stands(measured))
+        )
 
     def lag(self, measured: Measurements) -> float:
         """Distance of the joint from its setpoint."""
@@ -134,6 +175,9 @@ class _Motion:
     stopping: bool = False
     note: str = ""
     elapsed_s: float = 0.0
+    """Time on its trajectories, which wait for joints that lag behind."""
+    resting_s: float = 0.0
+    """Time since all its trajectories have ended."""
 
     @property
     def progress(self) -> float:
@@ -289,14 +333,13 @@ class Motions:
         dt_s = min(max(dt_s, 0.0), MAX_STEP_S)
         if not held:
             self._sway(measured.positions)
+        paces = {name: pace for motion in self._running for name, pace in self._pace(motion, measured, dt_s).items()}
         stopped = {name for motion in self._running if motion.stopping for name in motion.joints}
         setpoints = {
-            name: axis.step(dt_s)
+            name: axis.step(dt_s, paces.get(name, 1.0))
             for name, axis in self._axes.items()
             if not axis.joint.passive and (not axis.at_rest or name in stopped)
         }
-        for motion in self._running:
-            motion.elapsed_s += dt_s
         return setpoints, [outcome for motion in list(self._running) for outcome in self._judge(motion, measured)]
 
     def running_progress(self) -> list[Outcome]:
@@ -357,8 +400,8 @@ class Motions:
 
     def _judge(self, motion: _Motion, measured: Measurements) -> Iterable[Outcome]:
         axes = [self._axes[name] for name in motion.joints]
-        late = motion.elapsed_s > motion.duration_s + SETTLE_S
         if motion.stopping:
+            late = motion.elapsed_s > motion.duration_s + SETTLE_S
             moving = [axis.joint.name for axis in axes if not axis.stands(measured)]
             if moving and late:
                 return self._end([motion], "failed", _not_standing(moving, measured))
@@ -369,12 +412,19 @@ class Motions:
         if unseen:
             why = measured.faults.get(unseen[0], f"the position of {unseen[0]} is not known any more")
             return self._end([motion], "failed", why[:1024])
-        astray = [axis for axis in axes if not (axis.at_rest and axis.distance_to_end(measured) <= axis.tolerance)]
-        if not astray:
+        if all([axis.arrived(measured) for axis in axes]):
             return self._succeed(motion)
-        lost = [axis for axis in axes if axis.lag(measured) > axis.max_lag]
-        lost += [axis for axis in astray if late and axis.at_rest]
+        lost = [axis for axis in axes if axis.gives_up(measured, motion.resting_s)]
         return [self._give_up(motion, lost[0], measured)] if lost else []
+
+    def _pace(self, motion: _Motion, measured: Measurements, dt_s: float) -> dict[str, float]:
+        """Advance the time of a motion. Return by joint the pace of its setpoint: the joints wait for each other."""
+        axes = [self._axes[name] for name in motion.joints]
+        slowest = 1.0 if motion.stopping else min((axis.pace(measured, dt_s) for axis in axes), default=1.0)
+        motion.elapsed_s += dt_s * slowest
+        if all([axis.at_rest for axis in axes]):
+            motion.resting_s += dt_s
+        return dict.fromkeys(motion.joints, slowest)
 
     def _succeed(self, motion: _Motion) -> list[Outcome]:
         self._running.remove(motion)

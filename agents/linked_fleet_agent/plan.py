@@ -10,6 +10,8 @@ from linked_fleet_agent.wire.messages import Follow, Move
 
 SPEED_SHARE = 0.9  # share of the speed that a command allows, because real joints ripple about their setpoint
 MAX_DURATION_S = 86_400.0
+# A joint that is further outside its limits moves back at this share of its speed. Less is due to its sensor or load.
+OUTSIDE_SHARE, _OUTSIDE_RAD, _OUTSIDE_M = 0.25, 0.02, 0.002
 # A slower motion would not be visible.
 _SLOWEST = 1e-6
 _ROUNDING = 1e-6
@@ -60,7 +62,7 @@ def _move(move: Move, scale: float, starts: Iterable[Start]) -> Plan:
     cruises, found = {}, {}
     starts = tuple(starts)
     for start in starts:
-        name, full = start.joint.name, cruise_of(start.joint)
+        name, full = start.joint.name, _cruise(start)
         cruise = cruises[name] = _visible(start.joint, min(full, SPEED_SHARE * move.speeds.get(name, math.inf)) * scale)
         ramp = (full if start.velocity else cruise) / RAMP_S
         limits, target = start.joint.limits, move.targets[name]
@@ -69,7 +71,7 @@ def _move(move: Move, scale: float, starts: Iterable[Start]) -> Plan:
     for start in starts:
         name, limits, target = start.joint.name, start.joint.limits, move.targets[start.joint.name]
         if found[name].duration_s < duration_s <= MAX_DURATION_S:
-            ramp = cruise_of(start.joint) / RAMP_S
+            ramp = _cruise(start) / RAMP_S
             found[name] = reach_in(duration_s, start.position, start.velocity, target, cruises[name], ramp, limits)
     return Plan(found, duration_s)
 
@@ -78,12 +80,12 @@ def _follow(follow: Follow, scale: float, starts: Iterable[Start]) -> Plan:
     found, stretch, slowest = {}, 1.0, ""
     for column, start in enumerate(starts):
         positions = [row[column] for row in follow.positions]
-        allowed = _visible(start.joint, cruise_of(start.joint) * scale)
+        allowed = _visible(start.joint, _cruise(start) * scale)
         _check_speed(start, allowed)
         trajectory = _path(start, follow.times_s, positions)
         needed = trajectory.maximum_speed
         if not needed <= allowed * (1.0 + _ROUNDING) and needed / allowed > stretch:
-            stretch, unit = needed / allowed, _unit(start.joint)
+            stretch, unit = needed / allowed, start.joint.unit
             slowest = f"{start.joint.name} would need {needed:.4g} {unit}/s, and {allowed:.4g} {unit}/s are allowed"
         _check_extremes(start, trajectory)
         found[start.joint.name] = trajectory
@@ -108,7 +110,7 @@ def _path(start: Start, times_s: Sequence[float], positions: Sequence[float]) ->
 
 
 def _check_speed(start: Start, allowed: float) -> None:
-    speed, unit = abs(start.velocity), _unit(start.joint)
+    speed, unit = abs(start.velocity), start.joint.unit
     if speed > allowed * (1.0 + _ROUNDING):
         raise ImpossibleError(
             f"{start.joint.name} is still moving at {speed:.4g} {unit}/s, and {allowed:.4g} {unit}/s are allowed; "
@@ -121,16 +123,19 @@ def _check_extremes(start: Start, trajectory: Trajectory) -> None:
     for position in trajectory.extremes:
         if abs(limits.clamp(position) - position) > _ROUNDING:
             raise ImpossibleError(
-                f"{start.joint.name} is still moving at {start.velocity:.4g} {_unit(start.joint)}/s and would pass "
-                f"{position:.4g} {_unit(start.joint)}, beyond its limit; stop it first, or give it more time"
+                f"{start.joint.name} is still moving at {start.velocity:.4g} {start.joint.unit}/s and would pass "
+                f"{position:.4g} {start.joint.unit}, beyond its limit; stop it first, or give it more time"
             )
+
+
+def _cruise(start: Start) -> float:
+    """Return the highest setpoint speed of a joint, which is less if it starts outside its limits."""
+    outside = abs(start.joint.limits.clamp(start.position) - start.position)
+    far = outside > (_OUTSIDE_M if start.joint.linear else _OUTSIDE_RAD)
+    return cruise_of(start.joint) * (OUTSIDE_SHARE if far else 1.0)
 
 
 def _visible(joint: JointFacts, speed: float) -> float:
     if speed < _SLOWEST:
-        raise ImpossibleError(f"{joint.name} would move at {speed:.3g} {_unit(joint)}/s, which is too slow")
+        raise ImpossibleError(f"{joint.name} would move at {speed:.3g} {joint.unit}/s, which is too slow")
     return speed
-
-
-def _unit(joint: JointFacts) -> str:
-    return "m" if joint.linear else "rad"

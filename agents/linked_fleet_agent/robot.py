@@ -44,7 +44,8 @@ class JointFacts:
     """One movable joint of one degree of freedom; ``mimics`` names the joint that it follows, if any.
 
     A ``continuous`` joint turns endlessly: positions a whole turn apart are equal. A ``passive`` joint is measured but
-    has no actuator that takes commands.
+    has no actuator that takes commands. A motion succeeds when the joint stands within ``tolerance`` (rad or m) of its
+    target; None derives it from the resolution that its sensor shows.
     """
 
     name: str
@@ -53,6 +54,7 @@ class JointFacts:
     mimics: str | None = None
     continuous: bool = False
     passive: bool = False
+    tolerance: float | None = None
 
     @property
     def unit(self) -> str:

@@ -19,6 +19,8 @@ MAX_POSITIONS = 16_384
 MIN_STEP_S = 1e-3
 # A position further from zero (rad or m) is treated as a mistake.
 FARTHEST = 1e6
+# A joint that is further outside its limits is not moved back.
+MAX_OUTSIDE_RAD, MAX_OUTSIDE_M = 0.5, 0.1
 
 
 class RecentIds:
@@ -100,14 +102,25 @@ def position_mismatch(
     NaN never matches.
     """
     for name, expected in expects.items():
-        off = measured[name] - expected.position
-        if joints[name].continuous and math.isfinite(off):
-            off = math.remainder(off, 2.0 * math.pi)
+        off = joints[name].difference(measured[name], expected.position)
         if not abs(off) <= expected.tolerance:
-            unit = _unit(joints[name])
+            unit = joints[name].unit
             return (
                 f"{name!r} was expected at {expected.position:.6g} {unit}, give or take {expected.tolerance:.6g} "
                 f"{unit}, but is at {measured[name]:.6g} {unit}"
+            )
+    return ""
+
+
+def far_outside(names: Iterable[str], measured: Mapping[str, float], joints: Mapping[str, JointFacts]) -> str:
+    """Return a sentence about the first joint that is too far outside its limits to be moved; empty if none is."""
+    for name in names:
+        joint = joints[name]
+        outside = abs(joint.limits.clamp(measured[name]) - measured[name])
+        if outside > (MAX_OUTSIDE_M if joint.linear else MAX_OUTSIDE_RAD):
+            return (
+                f"{name!r} is measured at {measured[name]:.6g} {joint.unit}, {outside:.3g} {joint.unit} outside its "
+                "limits: check its sensor and the limits in its description"
             )
     return ""
 
@@ -197,7 +210,7 @@ def _wrong_joint(name: str, joints: Mapping[str, JointFacts]) -> _Problem:
 
 
 def _beyond(joint: JointFacts, target: float) -> _Problem:
-    unit, limits = _unit(joint), joint.limits
+    unit, limits = joint.unit, joint.limits
     if not math.isfinite(target):
         return "limits", f"the target {target} of {joint.name!r} is not a finite number"
     if abs(target) > FARTHEST:
@@ -207,7 +220,3 @@ def _beyond(joint: JointFacts, target: float) -> _Problem:
     if limits.upper is not None and target > limits.upper + ROUNDING:
         return "limits", f"{target:g} {unit} is above the upper limit {limits.upper:g} {unit} of {joint.name!r}"
     return None
-
-
-def _unit(joint: JointFacts) -> str:
-    return "m" if joint.linear else "rad"

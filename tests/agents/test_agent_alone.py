@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from linked_fleet_agent.agent import Agent
-from linked_fleet_agent.robot import Facts, JointFacts, Reading, RobotFaultError
+from linked_fleet_agent.robot import Facts, JointFacts, Limits, Reading, RobotFaultError
 from linked_fleet_agent.wire import codec
 from linked_fleet_agent.wire.messages import (
     Accepted,
@@ -53,12 +53,13 @@ class BreakableRobot:
     broken = unstoppable = short = False
     effort: Any = math.nan
 
-    def __init__(self) -> None:
-        self.positions = {"arm": 0.0, "wheel": 0.0}
+    def __init__(self, limits: Limits = Limits(), arm: float = 0.0) -> None:  # noqa: B008 - it is frozen
+        self.positions = {"arm": arm, "wheel": 0.0}
         self.stops = 0
+        self._joints = (JointFacts("arm", limits=limits), JointFacts("wheel", continuous=True))
 
     def describe(self) -> Facts:
-        return Facts("brittle", "<robot/>", (JointFacts("arm"), JointFacts("wheel", continuous=True)))
+        return Facts("brittle", "<robot/>", self._joints)
 
     def read(self, now_s: float) -> Reading:
         if self.broken:
@@ -81,9 +82,9 @@ class BreakableRobot:
 class Bench:
     """An agent with a brittle robot, a link without a network and a clock."""
 
-    def __init__(self) -> None:
+    def __init__(self, **robot: Any) -> None:
         self.now_ns = 1_000_000_000
-        self.robot, self.link = BreakableRobot(), Memory()
+        self.robot, self.link = BreakableRobot(**robot), Memory()
         self.agent = Agent("b", self.robot, monotonic_ns=lambda: self.now_ns)
         self.tick()
 
@@ -132,6 +133,16 @@ def test_a_driver_fault_is_survived_and_nothing_is_invented(caplog: pytest.LogCa
     bench.robot.broken = False
     bench.tick()
     assert _code(bench.command("c")) == "accepted"
+
+
+@pytest.mark.parametrize(("at", "code"), [(3.1, "accepted"), (3.49, "accepted"), (3.6, "fault"), (-77.0, "fault")])
+def test_a_joint_outside_its_limits_is_moved_back_unless_it_is_nonsense(at: float, code: str) -> None:
+    """Other joints move in any case."""
+    bench = Bench(limits=Limits(-3.0, 3.0, 1.0), arm=at)
+    reply = bench.command("a", Move({"arm": 2.0}))
+    assert _code(reply) == code
+    assert not isinstance(reply, Refused) or "outside its limits: check its sensor" in reply.reason
+    assert _code(bench.command("b", Move({"wheel": 2.0}))) == "accepted"
 
 
 def test_a_driver_that_leaves_out_a_joint_has_a_fault() -> None:

@@ -3,13 +3,14 @@
 import itertools
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from linked_fleet_agent.motion import SETTLE_S, STANDSTILL_S, Measurements, Motions, Outcome, Sway
-from linked_fleet_agent.plan import ImpossibleError, joints_of, plan
+from linked_fleet_agent.plan import OUTSIDE_SHARE, ImpossibleError, joints_of, plan
 from linked_fleet_agent.robot import JointFacts, Limits
 from linked_fleet_agent.sensors import JointSensor
 from linked_fleet_agent.setpoints import rate_of
@@ -353,6 +354,69 @@ def test_a_stuck_joint_fails_and_is_no_longer_pushed(target: float) -> None:
     robot.stuck = set()
     robot.step(10)
     assert robot.positions["arm"] == pytest.approx(0.0, abs=1e-9)
+
+
+@pytest.mark.parametrize("goal", [1.0, 0.5001, -2.2222, 0.0103])
+@pytest.mark.parametrize("ticks", [4096, 8192, 1024, 0])
+def test_a_joint_arrives_as_near_as_its_sensor_can_show(ticks: int, goal: float) -> None:
+    robot = Robot()
+    robot.stuck.add("arm")
+    robot.move("m", arm=goal)
+    for _ in range(600):
+        true = robot.setpoints.get("arm", 0.0)
+        robot.shown["arm"] = round(true / math.tau * ticks) / ticks * math.tau if ticks else true
+        robot.step(1)
+    assert robot.states("m") == ["running", "succeeded"]
+
+
+@pytest.mark.parametrize(("tolerance", "state"), [(None, "failed"), (0.001, "failed"), (0.02, "succeeded")])
+def test_a_joint_that_sags_arrives_within_the_tolerance_that_its_driver_declares(
+    tolerance: float | None, state: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(JOINTS, "arm", replace(ARM, tolerance=tolerance))
+    robot = Robot()
+    robot.stuck.add("arm")
+    robot.move("m", arm=1.0)
+    for _ in range(round((2.0 + SETTLE_S) / DT)):
+        robot.shown["arm"] = robot.setpoints.get("arm", 0.0) * 0.99
+        robot.step(1)
+    assert robot.end("m").state == state
+    assert tolerance != 0.02 or robot.states("m") == ["running", "succeeded"]
+
+
+@pytest.mark.parametrize(("share", "begins_s"), [(0.05, 0.0), (0.3, 0.0), (0.9, 0.0), (2.0, 0.8)])
+def test_a_slow_joint_is_late_and_not_stuck(share: float, begins_s: float) -> None:
+    """Its setpoint waits for it, and so do the joints that move with it: they stay on the straight line."""
+    robot = Robot()
+    robot.stuck.add("arm")
+    duration_s = robot.move("m", arm=2.0, wheel=2.0)
+    speed, steps = share * 0.5, 0
+    while robot.end("m").state == "running" and steps < 20_000:
+        way = robot.setpoints.get("arm", 0.0) - robot.positions["arm"]
+        if steps * DT >= begins_s:
+            robot.positions["arm"] += math.copysign(min(abs(way), speed * DT), way)
+        robot.step(1)
+        steps += 1
+        assert abs(robot.positions["wheel"] - robot.setpoints["arm"]) < 1e-6
+        assert robot.setpoints["arm"] - robot.positions["arm"] <= 0.4
+    assert robot.states("m") == ["running", "succeeded"]
+    assert steps * DT >= max(duration_s, 2.0 / speed)
+
+
+def test_a_joint_that_something_carries_away_ends_its_motion() -> None:
+    robot = Robot()
+    robot.stuck.add("arm")
+    robot.move("m", arm=2.0)
+    robot.carry("arm", -2.0)
+    assert robot.states("m") == ["running", "failed"]
+
+
+def test_a_joint_outside_its_limits_moves_back_slowly() -> None:
+    robot = Robot(arm=3.1)
+    duration_s = robot.move("m", arm=2.5)
+    robot.step(round(duration_s / DT) + 10)
+    assert robot.fastest("arm") <= OUTSIDE_SHARE * cruise_of(ARM) * (1 + 1e-6)
+    assert robot.states("m") == ["running", "succeeded"]
 
 
 @pytest.mark.parametrize("moved_to", [0.7, 1.3])

@@ -7,7 +7,7 @@ from msgspec import Struct
 from pyoxigraph import NamedNode
 
 from linked_fleet_agent.wire.messages import WIRE_VERSION, Command, Expectation, Follow, Move
-from linked_fleet_gateway.base.errors import Faulty, Offline
+from linked_fleet_gateway.base.errors import Offline
 from linked_fleet_gateway.fleet.model import Joint, RobotModel
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.identity.rights import ALL, View
@@ -112,7 +112,7 @@ def robot_time(robot: Robot | None) -> RobotTime | None:
     requested before it.
     """
     frame = None if robot is None or not robot.online else robot.frame
-    if robot is None or frame is None or robot.incarnation is None or robot.limit_fault:
+    if robot is None or frame is None or robot.incarnation is None:
         return None
     seen_ns = frame.monotonic_ns
     if seen_ns <= robot.stopped_ns < seen_ns + _FRAME_NS:
@@ -132,11 +132,9 @@ class ActionRequest:
     _parts: dict[str, tuple[str | None, str | None]] = field(default_factory=dict, compare=False)
 
     def required_time(self) -> RobotTime:
-        """Return the time of the request. Raises Offline or Faulty if the robot could not be commanded."""
+        """Return the time of the request. Raises Offline if the robot could not be commanded."""
         if self.robot_time is None:
             robot = self.required_robot()
-            if robot.online and robot.limit_fault:
-                raise Faulty(f"{robot.limit_fault}. {robot.name} moves again once they are within; it can be stopped.")
             since = "has not sent a frame yet" if robot.online else "is offline"
             raise Offline(f"Robot {robot.name} {since}; its actions answer again once it is back.")
         return self.robot_time

@@ -25,7 +25,6 @@
     ├── TooManyRequests             429     too-many-requests
     ├── Unimplemented               501     not-implemented
     ├── Offline                     503     offline
-    ├── Faulty                      503     faulty
     ├── Busy                        503     busy
     ├── StoreDown                   503     store-away
     ├── IssuerDown                  503     issuer-away
@@ -309,12 +308,6 @@ class Offline(FleetError):
     """The robot has no agent that the gateway can reach."""
 
     status, code, title = 503, "offline", "The robot is offline"
-
-
-class Faulty(FleetError):
-    """The agent is online, but the positions that it reports are implausible."""
-
-    status, code, title = 503, "faulty", "The robot is faulty"
 
 
 class Busy(FleetError):

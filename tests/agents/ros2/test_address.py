@@ -11,6 +11,7 @@ AT = "ros2:tcp/192.0.2.1:7447"
     ("options", "expected"),
     [
         ("", Address("tcp/192.0.2.1:7447")),
+        ("?tolerance=0.01", Address("tcp/192.0.2.1:7447", tolerance=0.01)),
         ("#iface=eth0", Address("tcp/192.0.2.1:7447#iface=eth0")),
         (
             "?domain=42&namespace=/left/arm&stale=1.5",
@@ -50,6 +51,9 @@ def test_valid_addresses_are_parsed(options: str, expected: Address) -> None:
         (f"{AT}?" + "&".join(["stale=1"] * 65), "OPTION=VALUE"),
         (f"{AT}?domain=%ff", "OPTION=VALUE"),
         (f"{AT}?domain=233", "from 0 to 232"),
+        (f"{AT}?tolerance=0", "not a number above 0 and up to 0.1"),
+        (f"{AT}?tolerance=0.2", "not a number above 0 and up to 0.1"),
+        (f"{AT}?tolerance=1e-3", "not a number above 0 and up to 0.1"),
         (f"{AT}?domain=-1", "from 0 to 232"),
         (f"{AT}?domain=1&domain=2", "'domain' is given 2 times"),
         (f"{AT}?Domain=1", "'Domain' is not an option"),

@@ -7,7 +7,6 @@ import pytest
 from pyoxigraph import Literal, NamedNode
 
 from linked_fleet_gateway.actions.plan import ActionRequest, RobotTime, robot_time
-from linked_fleet_gateway.base.errors import Faulty
 from linked_fleet_gateway.fleet.fleet import Change, Fleet
 from linked_fleet_gateway.fleet.invocations import Invocations
 from linked_fleet_gateway.fleet.observation import TOLERANCE_RAD, joints_outside
@@ -121,15 +120,16 @@ def test_a_request_after_a_stop_is_later_than_it_before_the_next_frame(mirrored:
         assert robot_time(robot) == RobotTime(robot.incarnation, seen_ns)
 
 
-def test_a_faulty_robot_takes_no_motion(mirrored: MirroredFleet) -> None:
+def test_a_robot_outside_its_limits_takes_motions(mirrored: MirroredFleet) -> None:
+    """Other joints move, and this one moves back: its agent judges that."""
     fleet, robot = mirrored.fleet, robot_of(mirrored)
-    assert isinstance(robot_time(robot), RobotTime)
-    mirrored.stand("r", (77.0, 0.0))
+    mirrored.stand("r", (1.3, 0.0))
     for now_s in (1, 2):
         fleet.check_limits("r", now_s * SECOND_NS)
-    assert robot_time(robot) is None
-    with pytest.raises(Faulty, match="elbow"):
-        ActionRequest(BASE, Body((), NamedNode(BASE)), robot).required_time()
+    assert robot.presence == "faulty"
+    moment = robot_time(robot)
+    assert isinstance(moment, RobotTime)
+    assert ActionRequest(BASE, Body((), NamedNode(BASE)), robot, robot_time=moment).required_time() == moment
 
 
 @pytest.mark.parametrize("run", [None, 9])

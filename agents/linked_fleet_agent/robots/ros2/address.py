@@ -12,6 +12,7 @@ _RELATIVE = re.compile(r"[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*")
 _LONGEST_NAME = 255
 MAX_DOMAIN = 232
 SHORTEST_STALE_S, LONGEST_STALE_S = 0.05, 10.0
+WIDEST_TOLERANCE = 0.1
 
 
 class AddressError(ValueError):
@@ -30,7 +31,8 @@ class Controller:
 class Address:
     """A Zenoh endpoint of the ROS 2 side, and the topics of one robot there, by their full names.
 
-    The robot counts as not measurable after ``stale_s`` without joint states.
+    The robot counts as not measurable after ``stale_s`` without joint states. A motion succeeds when its joints stand
+    within ``tolerance`` (rad or m) of their targets; None derives it from the joint states.
     """
 
     endpoint: str
@@ -39,6 +41,7 @@ class Address:
     description: str = "/robot_description"
     controllers: tuple[Controller, ...] = (Controller("/joint_trajectory_controller/joint_trajectory"),)
     stale_s: float = 0.5
+    tolerance: float | None = None
 
 
 def parse_address(text: str) -> Address:
@@ -60,9 +63,10 @@ def parse_address(text: str) -> Address:
         description=_topic(_one(given, "description", "robot_description"), namespace),
         controllers=_controllers(commands, namespace),
         stale_s=_stale(_one(given, "stale", "0.5")),
+        tolerance=_tolerance(_one(given, "tolerance", "")),
     )
     if given:
-        known = "domain, namespace, states, description, commands and stale"
+        known = "domain, namespace, states, description, commands, stale and tolerance"
         raise AddressError(f"{next(iter(given))!r} is not an option of a ROS 2 robot; the options are {known}")
     return address
 
@@ -97,6 +101,14 @@ def _stale(text: str) -> float:
     least, most = SHORTEST_STALE_S, LONGEST_STALE_S
     if not re.fullmatch(r"[0-9]{1,2}(\.[0-9]{1,6})?", text) or not least <= float(text) <= most:
         raise AddressError(f"stale={text!r} is not a number of seconds from {least:g} to {most:g}")
+    return float(text)
+
+
+def _tolerance(text: str) -> float | None:
+    if not text:
+        return None
+    if not re.fullmatch(r"0?\.[0-9]{1,6}", text) or not 0.0 < float(text) <= WIDEST_TOLERANCE:
+        raise AddressError(f"tolerance={text!r} is not a number above 0 and up to {WIDEST_TOLERANCE:g} (rad or m)")
     return float(text)
 
 

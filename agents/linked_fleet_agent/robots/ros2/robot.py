@@ -28,7 +28,8 @@ class Ros2Robot:
 
     def __init__(self, name: str, address: Address, facts: Facts, session: RosSession) -> None:
         coupled = tuple(tuple(_joints_of(one, facts.joints)) for one in address.controllers)
-        self._name, self._facts, self._session = name, replace(facts, coupled=coupled), session
+        joints = tuple(replace(joint, tolerance=address.tolerance) for joint in facts.joints)
+        self._name, self._facts, self._session = name, replace(facts, joints=joints, coupled=coupled), session
         self._limits = {joint.name: joint.limits for joint in facts.joints}
         self._states = JointStates(name, facts.joints, address.states, address.stale_s)
         self._inbox = session.listen(_topic(address, address.states, cdr.JOINT_STATE), cdr.MAX_STATE_BYTES)
