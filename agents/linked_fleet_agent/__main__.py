@@ -10,7 +10,7 @@ import sys
 from linked_fleet_agent.agent import Agent
 from linked_fleet_agent.link import DuplicateNameError
 from linked_fleet_agent.robots.catalogue import UnavailableError
-from linked_fleet_agent.serving import make_agent, serve
+from linked_fleet_agent.serving import Absent, load_robots, serve
 from linked_fleet_agent.settings import AgentSettings, SettingsError, read_settings
 from linked_fleet_agent.spans import TracingUnavailable
 from linked_fleet_agent.tracing import Tracing, open_tracing
@@ -19,19 +19,19 @@ _log = logging.getLogger("linked_fleet_agent")
 
 
 def main() -> int:
-    """Run the agents and return the exit code: 0 after SIGINT or SIGTERM, 2 for unusable settings or robots, 3 for a
-    robot name in use.
+    """Run the agents and return the exit code: 0 after SIGINT or SIGTERM, 2 for unusable settings or if no robot can
+    be used, 3 if the name of the only robot is in use.
     """
     try:
         settings = read_settings(sys.argv[1:], os.environ, socket.gethostname())
         logging.basicConfig(level=settings.log_level, format="%(asctime)s %(levelname)s %(name)s: %(message)s")
         tracing = open_tracing(os.environ)
-        agents = [make_agent(settings, index) for index in range(len(settings.robots))]
+        agents, absent = load_robots(settings)
     except (SettingsError, UnavailableError, TracingUnavailable) as error:
         print(f"linked-fleet-agent: {error}", file=sys.stderr)
         return 2
     try:
-        asyncio.run(_run(settings, agents, tracing))
+        asyncio.run(_run(settings, agents, absent, tracing))
     except DuplicateNameError as error:
         print(f"linked-fleet-agent: {error}", file=sys.stderr)
         return 3
@@ -41,14 +41,14 @@ def main() -> int:
     return 0
 
 
-async def _run(settings: AgentSettings, agents: list[Agent], tracing: Tracing | None) -> None:
+async def _run(settings: AgentSettings, agents: list[Agent], absent: list[Absent], tracing: Tracing | None) -> None:
     """Serve all robots until a signal arrives or one of them fails. SIGUSR1 restarts ended demonstrations."""
     stop = asyncio.Event()
     loop = asyncio.get_running_loop()
     for number in (signal.SIGINT, signal.SIGTERM):
         loop.add_signal_handler(number, stop.set)
     loop.add_signal_handler(signal.SIGUSR1, _restart_demonstrations, agents)
-    serving = asyncio.create_task(serve(settings, agents, tracing))
+    serving = asyncio.create_task(serve(settings, agents, tracing, absent=absent))
     stopping = asyncio.create_task(stop.wait())
     await asyncio.wait({serving, stopping}, return_when=asyncio.FIRST_COMPLETED)
     stopping.cancel()

@@ -223,6 +223,33 @@ class RobotLink:
         )
 
 
+class AbsentRobot:
+    """A robot that its agent cannot use, as a context manager: gateways show it as faulty, with the reason.
+
+    It has presence and answers the query for its description with the reason.
+    """
+
+    def __init__(self, session: Session, keys: Keys, robot: str, incarnation: int, reason: str) -> None:
+        self.reason = reason
+        self._session, self._keys, self._robot, self._incarnation = session, keys, robot, incarnation
+        self._declared = ExitStack()
+
+    def __enter__(self) -> Self:
+        key, session = self._keys.robot(self._robot, "description"), self._session
+        self._declared.enter_context(session.declare_queryable(key, self._refuse))
+        self._declared.enter_context(session.declare_token(self._keys.presence(self._robot, self._incarnation)))
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._declared.close()
+
+    def _refuse(self, query: Query) -> None:
+        try:
+            query.refuse(self.reason.encode())
+        except TransportError as error:
+            _log.warning("%s: a reply could not be sent: %s", self._robot, error)
+
+
 class _Refusal(NamedTuple):
     """The reason why a query has no answer."""
 

@@ -2,12 +2,13 @@
 
 import asyncio
 import logging
+from collections.abc import MutableSequence, Sequence
 from contextlib import AbstractAsyncContextManager
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
-from linked_fleet_agent.agent import Agent
-from linked_fleet_agent.link import RobotLink
-from linked_fleet_agent.robots.catalogue import load
+from linked_fleet_agent.agent import Agent, new_incarnation
+from linked_fleet_agent.link import AbsentRobot, DuplicateNameError, RobotLink
+from linked_fleet_agent.robots.catalogue import UnavailableError, awaited, load
 from linked_fleet_agent.settings import AgentSettings, SettingsError
 from linked_fleet_agent.tracing import Tracing
 from linked_fleet_agent.transport import Session
@@ -16,6 +17,16 @@ from linked_fleet_agent.wire.trust import Credentials
 from linked_fleet_agent.zenoh_session import open_session
 
 _log = logging.getLogger("linked_fleet_agent")
+
+# Delays before a robot that cannot be used is tried again; each is twice the one before.
+FIRST_DELAY_S, LONGEST_DELAY_S = 2.0, 60.0
+
+
+class Absent(NamedTuple):
+    """A robot of the settings that cannot be used, and the reason."""
+
+    place: int
+    reason: str
 
 
 class Opener(Protocol):
@@ -50,33 +61,99 @@ def make_agent(settings: AgentSettings, index: int) -> Agent:
         raise SettingsError(f"--sway: {error}") from error
 
 
+def load_robots(settings: AgentSettings) -> tuple[list[Agent], list[Absent]]:
+    """Return the agents of robots that can be used, and the other robots. Robots that may be away are left for later.
+
+    Raises SettingsError, and UnavailableError if no robot can be used.
+    """
+    agents, absent, unusable = list[Agent](), list[Absent](), list[str]()
+    for place, choice in enumerate(settings.robots):
+        try:
+            if awaited(choice.name, choice.source, choice.floating):
+                absent.append(Absent(place, f"{choice.name}: the agent waits for the robot"))
+            else:
+                agents.append(make_agent(settings, place))
+        except UnavailableError as error:
+            unusable.append(str(error))
+            absent.append(Absent(place, str(error)))
+    if len(unusable) == len(settings.robots):
+        raise UnavailableError("; ".join(unusable))
+    return agents, absent
+
+
 async def serve(
-    settings: AgentSettings, agents: list[Agent], tracing: Tracing | None = None, opener: Opener = open_session
+    settings: AgentSettings,
+    agents: MutableSequence[Agent],
+    tracing: Tracing | None = None,
+    opener: Opener = open_session,
+    absent: Sequence[Absent] = (),
 ) -> None:
-    """Serve all robots over one session until cancelled. Raises an ExceptionGroup of the errors of failed robots."""
+    """Serve all robots over one session until cancelled.
+
+    Robots that are ``absent`` are shown with the reason and tried again; their agents join ``agents``. So is one of
+    several robots whose name is taken. Raises an ExceptionGroup of the errors of failed agents.
+    """
+    alone = len(agents) + len(absent) == 1
     async with (
         opener(
             settings.zenoh_connect, settings.zenoh_listen, settings.lease_ms, settings.credentials, settings.keys
         ) as session,
         asyncio.TaskGroup() as tasks,
     ):
-        for agent in agents:
-            link = RobotLink(
-                session,
-                settings.keys,
-                robot=agent.name,
-                incarnation=agent.incarnation,
-                description=agent.description,
-                on_command=agent.handle,
-                on_stop=agent.handle_stop,
-                on_mesh=agent.mesh,
-                on_picture=agent.picture if agent.has_cameras else None,
-                lease_ms=settings.lease_ms,
-                tracing=tracing,
-            )
-            tasks.create_task(_serve_robot(agent, link))
+        served = _Served(settings, session, tracing)
+        for agent in list(agents):
+            tasks.create_task(served.run(agent) if alone else served.keep_running(agent))
+        for each in absent:
+            tasks.create_task(served.wait_for(each, agents, alone))
 
 
-async def _serve_robot(agent: Agent, link: RobotLink) -> None:
-    async with link:
-        await agent.run(link)
+class _Served:
+    """The robots on one session."""
+
+    def __init__(self, settings: AgentSettings, session: Session, tracing: Tracing | None) -> None:
+        self._settings, self._session, self._tracing = settings, session, tracing
+
+    async def run(self, agent: Agent) -> None:
+        """Serve a robot until cancelled. Raises DuplicateNameError."""
+        link = RobotLink(
+            self._session,
+            self._settings.keys,
+            robot=agent.name,
+            incarnation=agent.incarnation,
+            description=agent.description,
+            on_command=agent.handle,
+            on_stop=agent.handle_stop,
+            on_mesh=agent.mesh,
+            on_picture=agent.picture if agent.has_cameras else None,
+            lease_ms=self._settings.lease_ms,
+            tracing=self._tracing,
+        )
+        async with link:
+            await agent.run(link)
+
+    async def keep_running(self, agent: Agent) -> None:
+        """Serve one of several robots. One whose name is taken is tried again, because the others must go on."""
+        delay_s = FIRST_DELAY_S
+        while True:
+            try:
+                await self.run(agent)
+            except DuplicateNameError as error:
+                _log.warning("%s; the robot is tried again in %g s, and the others go on", error, delay_s)
+            await asyncio.sleep(delay_s)
+            delay_s = min(2.0 * delay_s, LONGEST_DELAY_S)
+
+    async def wait_for(self, absent: Absent, agents: MutableSequence[Agent], alone: bool) -> None:
+        """Try to load a robot until that succeeds, then serve it. Gateways see the reason meanwhile."""
+        keys, name, delay_s = self._settings.keys, self._settings.robots[absent.place].name, FIRST_DELAY_S
+        with AbsentRobot(self._session, keys, name, new_incarnation(), absent.reason) as shown:
+            while True:
+                try:
+                    agent = await asyncio.to_thread(make_agent, self._settings, absent.place)
+                    break
+                except (SettingsError, UnavailableError) as error:
+                    shown.reason = str(error)
+                    _log.warning("%s; the robot is tried again in %g s", error, delay_s)
+                await asyncio.sleep(delay_s)
+                delay_s = min(2.0 * delay_s, LONGEST_DELAY_S)
+        agents.append(agent)
+        await (self.run(agent) if alone else self.keep_running(agent))

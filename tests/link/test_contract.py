@@ -195,11 +195,21 @@ async def test_too_large_replies_are_reported_by_size(part: Network) -> None:
 
 
 @contract
-async def test_a_refusal_has_no_payload(part: Network) -> None:
+@pytest.mark.parametrize(
+    ("said", "error"),
+    [
+        (b"too much is asked for", "too much is asked for"),
+        ("Bär\nund\x1b[31m".encode(), "Bär und [31m"),
+        (b"\xff", "\ufffd"),
+        (b"x" * 1025, ""),
+        (b"", ""),
+    ],
+)
+async def test_a_refusal_has_its_sentence_and_no_payload(part: Network, said: bytes, error: str) -> None:
     gateway, agent = await part.gateway(), await part.agent("r")
-    with agent.declare_queryable(COMMAND, lambda query: query.refuse(b"too much is asked for")):
+    with agent.declare_queryable(COMMAND, lambda query: query.refuse(said)):
         await met(gateway, agent)
-        assert await asked(gateway, question()) == [Answer(None, COMMAND)]
+        assert await asked(gateway, question()) == [Answer(None, COMMAND, error=error)]
 
 
 @contract
@@ -224,7 +234,8 @@ async def test_a_question_that_is_held_ends_with_an_error_when_its_time_is_over(
     held: list[agent_side.Query] = []
     with agent.declare_queryable(COMMAND, held.append):
         await met(gateway, agent)
-        assert await asked(gateway, question(timeout_s=0.2)) == [Answer(None, COMMAND)]
+        [answer] = await asked(gateway, question(timeout_s=0.2))
+        assert (answer.payload, answer.key) == (None, COMMAND)
         assert len(held) == 1
         held.clear()
 
@@ -503,7 +514,7 @@ async def test_a_long_cut_takes_each_side_from_the_other_and_healed_both_come_ba
     ):
         await until(lambda: robots.present == {TOKEN} and gateways.present == {GATEWAY})
         part.cut("r")
-        assert await asked(gateway, question(timeout_s=0.1)) == [Answer(None, COMMAND)]
+        assert [each.payload for each in await asked(gateway, question(timeout_s=0.1))] == [None]
         waiting = asyncio.create_task(asked(gateway, question()))
         await until(lambda: not robots.present)
         assert await waiting == []

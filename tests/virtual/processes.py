@@ -13,7 +13,8 @@ from pathlib import Path
 from typing import Any
 
 import linked_fleet_agent.transport
-from linked_fleet_agent.serving import make_agent, serve
+from linked_fleet_agent.robots.catalogue import UnavailableError
+from linked_fleet_agent.serving import load_robots, serve
 from linked_fleet_agent.settings import SettingsError, read_settings
 from linked_fleet_gateway.app.application import create_app, create_sockets
 from linked_fleet_gateway.app.settings import GatewaySettings
@@ -180,11 +181,11 @@ class VirtualProcess:
     async def _agents(self, words: list[str]) -> int:
         try:
             settings = read_settings(words, {}, "virtual")
-            agents = [make_agent(settings, index) for index in range(len(settings.robots))]
-        except SettingsError as error:
+            agents, absent = load_robots(settings)
+        except (SettingsError, UnavailableError) as error:
             self.lines.append(f"linked-fleet-agent: {error}\n")
             return 2
-        serving = asyncio.create_task(serve(settings, agents, None, self._open_session))
+        serving = asyncio.create_task(serve(settings, agents, None, self._open_session, absent))
         self._ending = serving.cancel
         with contextlib.suppress(asyncio.CancelledError):
             await serving

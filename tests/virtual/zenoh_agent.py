@@ -7,7 +7,7 @@ from typing import Self
 
 from linked_fleet_agent.transport import Query, TransportError
 from linked_fleet_agent.wire.traceparent import MAX_BYTES
-from linked_fleet_gateway.link.transport import Answer, Question
+from linked_fleet_gateway.link.transport import Answer, Question, readable_error
 from virtual.zenoh_connection import Connection
 from virtual.zenoh_sessions import Declaration, Session, bounded, intersects, peer_of
 
@@ -34,7 +34,7 @@ class _Query:
         self._end(Answer(bounded(payload, self._question.limit), key))
 
     def refuse(self, reason: bytes) -> None:
-        self._end(Answer(None, self._question.key))
+        self._end(Answer(None, self._question.key, error=readable_error(reason)))
 
     def _end(self, *answers: Answer) -> None:
         tell, self._tell = self._tell, None

@@ -4,14 +4,14 @@ MuJoCo and the packages for ROS 2 are imported only when a robot needs them.
 """
 
 import sysconfig
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from linked_fleet_agent.mesh_files import mesh_files
 from linked_fleet_agent.robot import Facts, JointFacts, Robot
 from linked_fleet_agent.robots.camera_client import probe, with_availability
-from linked_fleet_agent.robots.ros2.address import SCHEME, AddressError, parse_address
+from linked_fleet_agent.robots.ros2.address import SCHEME, Address, AddressError, parse_address
 from linked_fleet_agent.urdf import UrdfError, joints_of
 from linked_fleet_agent.wire.keys import escape
 from linked_fleet_agent.wire.messages import Camera
@@ -204,20 +204,41 @@ def poses_of(model: Model, joints: Sequence[JointFacts]) -> dict[str, dict[str, 
     return {title: {name: commanded[name].clamp(at) for name, at in pose.items()} for title, pose in poses.items()}
 
 
-def _find(name: str, source: str, floating: bool) -> Robot:
+def awaited(name: str, source: str, floating: bool = False) -> bool:
+    """Return True for a robot that is found over the network, and so may be away.
+
+    Raises UnavailableError if its address is wrong, or its driver is not installed.
+    """
+    if not source.startswith(SCHEME):
+        return False
+    _address(name, source, floating)
+    _ros2_driver()
+    return True
+
+
+def _address(name: str, source: str, floating: bool) -> Address:
     if floating:
         raise UnavailableError(f"{name}: joint states have no pose of a floating base; leave out `floating`")
     try:
-        address = parse_address(source)
+        return parse_address(source)
+    except AddressError as error:
+        raise UnavailableError(f"{name}: {error}") from error
+
+
+def _ros2_driver() -> Callable[[str, Address], Robot]:
+    try:
         from linked_fleet_agent.robots.ros2.robot import Ros2Robot
     except ImportError as error:
         raise UnavailableError(
             f"robots of ROS 2 need rosbags ({error}): pip install 'linked-fleet-agent[ros]'"
         ) from error
-    except AddressError as error:
-        raise UnavailableError(f"{name}: {error}") from error
+    return Ros2Robot.find
+
+
+def _find(name: str, source: str, floating: bool) -> Robot:
+    address, find = _address(name, source, floating), _ros2_driver()
     try:
-        return Ros2Robot.find(name, address)
+        return find(name, address)
     except (AddressError, ConnectionError, TimeoutError) as error:
         raise UnavailableError(f"{name}: {error}") from error
 

@@ -22,11 +22,21 @@ class TransportError(Exception):
     """The session refused a call because it or its connections are closed."""
 
 
+MAX_ERROR_BYTES = 1024
+
+
+def readable_error(payload: bytes) -> str:
+    """Return the sentence of an error reply: text without control characters, empty if it is too long or no text."""
+    text = payload.decode(errors="replace") if len(payload) <= MAX_ERROR_BYTES else ""
+    return "".join(character if character.isprintable() else " " for character in text).strip()
+
+
 class Answer(NamedTuple):
-    """One reply to a query; ``payload`` is None for an error reply."""
+    """One reply to a query; ``payload`` is None for an error reply, whose sentence is ``error``."""
 
     payload: Payload | None
     key: str
+    error: str = ""
 
 
 class Question(NamedTuple):
@@ -160,7 +170,7 @@ async def ask(
 
 def _said(answer: Answer, limit: int) -> bytes | str:
     if answer.payload is None:
-        return "the agent answered with an error"
+        return answer.error or "the agent answered with an error"
     if isinstance(answer.payload, int):
         return f"the answer has {answer.payload} bytes; {limit} are the most"
     return answer.payload

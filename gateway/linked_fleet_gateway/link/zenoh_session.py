@@ -19,7 +19,14 @@ import zenoh
 from linked_fleet_agent.wire.transport import GATEWAY_LEASE_MS, TRANSPORT
 from linked_fleet_agent.wire.trust import Credentials
 from linked_fleet_gateway.fleet.events import MAX_KEYS, Payload
-from linked_fleet_gateway.link.transport import Answer, LinkError, Question, TransportError
+from linked_fleet_gateway.link.transport import (
+    MAX_ERROR_BYTES,
+    Answer,
+    LinkError,
+    Question,
+    TransportError,
+    readable_error,
+)
 
 
 def trust(credentials: Credentials | None, access_file: str) -> dict[str, object]:
@@ -262,5 +269,6 @@ def _bounded(payload: zenoh.ZBytes, limit: int) -> Payload:
 
 def _answer(reply: zenoh.Reply, question: Question) -> Answer:
     if reply.ok is None:
-        return Answer(None, question.key)
+        said = None if reply.err is None else _bounded(reply.err.payload, MAX_ERROR_BYTES)
+        return Answer(None, question.key, error=readable_error(said) if isinstance(said, bytes) else "")
     return Answer(_bounded(reply.ok.payload, question.limit), str(reply.ok.key_expr))

@@ -15,8 +15,8 @@ from linked_fleet_agent.urdf import UrdfError, joints_of, parse
 
 _log = logging.getLogger(__name__)
 
-TIMEOUT_S = 30.0
-"""Longest wait for the description of a robot."""
+TIMEOUT_S = 5.0
+"""Longest wait of one attempt to find a robot."""
 _SETTLE_S = 2.0
 _LOOK_S = 0.02
 _LONGEST_TITLE = 256
