@@ -12,13 +12,17 @@ import threading
 from collections.abc import Iterator
 
 _PIECE_BYTES = 65_536
+_BUFFER_BYTES = 16_384  # of the sockets of a slow proxy, like the queue of a slow link
 
 
 class Proxy:
-    """A proxy from ``port`` to ``target``. While it is cut nothing arrives, and sent data waits, as in TCP."""
+    """A proxy from ``port`` to ``target``. While it is cut nothing arrives, and sent data waits, as in TCP.
 
-    def __init__(self, target: int, port: int = 0) -> None:
-        self._target = target
+    With ``bytes_per_s`` it carries at most so much in either direction.
+    """
+
+    def __init__(self, target: int, port: int = 0, bytes_per_s: float | None = None) -> None:
+        self._target, self._bytes_per_s = target, bytes_per_s
         self._loop = asyncio.new_event_loop()
         self._open = asyncio.Event()
         self._open.set()
@@ -56,7 +60,7 @@ class Proxy:
 
     def run(self, ready: threading.Event) -> None:
         """Serve until ``end``."""
-        server = self._loop.run_until_complete(asyncio.start_server(self._serve, "127.0.0.1", self.port))
+        server = self._loop.run_until_complete(asyncio.start_server(self._serve, sock=self._listen(), **self._limit))
         self.port = server.sockets[0].getsockname()[1]
         ready.set()
         self._loop.run_forever()
@@ -67,13 +71,25 @@ class Proxy:
     def end(self) -> None:
         self._loop.call_soon_threadsafe(self._loop.stop)
 
+    def _listen(self) -> socket.socket:
+        listening = socket.socket()
+        listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        if self._bytes_per_s is not None:
+            listening.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _BUFFER_BYTES)
+        listening.bind(("127.0.0.1", self.port))
+        return listening
+
+    @property
+    def _limit(self) -> dict[str, int]:
+        return {} if self._bytes_per_s is None else {"limit": _BUFFER_BYTES}
+
     async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         with contextlib.closing(writer):
             await self._open.wait()
             if self._broken.is_set():
                 return
             try:
-                far_reader, far_writer = await asyncio.open_connection("127.0.0.1", self._target)
+                far_reader, far_writer = await asyncio.open_connection("127.0.0.1", self._target, **self._limit)
             except OSError:  # nothing listens, and the client notices that
                 return
             with contextlib.closing(far_writer):
@@ -89,12 +105,31 @@ class Proxy:
                     await asyncio.gather(*tasks, return_exceptions=True)
 
     async def _carry(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        if self._bytes_per_s is not None:
+            await self._carry_slowly(reader, writer, self._bytes_per_s)
         while piece := await reader.read(_PIECE_BYTES):
             await self._open.wait()
             await asyncio.sleep(self.delay_s)
             writer.write(piece)
             await writer.drain()
         await self._open.wait()
+
+    async def _carry_slowly(
+        self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter, bytes_per_s: float
+    ) -> None:
+        """Carry at a limited rate; ``delay_s`` delays each byte, but not the next one."""
+        free_s = 0.0
+        while piece := await reader.read(_BUFFER_BYTES // 4):
+            await self._open.wait()
+            free_s = max(free_s, self._loop.time()) + len(piece) / bytes_per_s
+            await asyncio.sleep(free_s - self._loop.time())
+            self._loop.call_later(self.delay_s, _write, writer, piece)
+        await asyncio.sleep(self.delay_s)
+
+
+def _write(writer: asyncio.StreamWriter, piece: bytes) -> None:
+    if not writer.is_closing():
+        writer.write(piece)
 
 
 async def _end_all() -> None:
@@ -105,9 +140,10 @@ async def _end_all() -> None:
 
 
 @contextlib.contextmanager
-def proxy(target: int) -> Iterator[Proxy]:
+def proxy(target: int, bytes_per_s: float | None = None, delay_s: float = 0.0) -> Iterator[Proxy]:
     """Run a proxy to a loopback port."""
-    found, ready = Proxy(target), threading.Event()
+    found, ready = Proxy(target, bytes_per_s=bytes_per_s), threading.Event()
+    found.delay_s = delay_s
     thread = threading.Thread(target=found.run, args=(ready,))
     thread.start()
     try:

@@ -10,21 +10,23 @@ from types import TracebackType
 from typing import Literal, NamedTuple, Self
 
 from linked_fleet_agent.gateways import GatewayWatch
+from linked_fleet_agent.long_replies import HELD_S, LongReplies, PartError, part_of
 from linked_fleet_agent.mesh_files import MeshError
 from linked_fleet_agent.robot import PictureError
 from linked_fleet_agent.tracing import Tracing
 from linked_fleet_agent.transport import Publisher, Query, Session, TransportError
 from linked_fleet_agent.wire.keys import Keys
+from linked_fleet_agent.wire.parts import PART_BYTES, PartHead, PartRequest, content_tag
 
 _log = logging.getLogger(__name__)
 
 _LOOK_TIMEOUT_S = 1.0
 _LOOKS_EACH_LEASE = 5
 _MOST_LEASES = 3  # routers notice the end of a connection after one lease, and later if they are busy
-_MOST_WAITING = {"mesh": 32, "picture": 8}
+_MOST_WAITING = {"mesh": 32, "picture": 8, "description": 32}
 
 
-_Slow = Literal["mesh", "picture"]
+_Slow = Literal["mesh", "picture", "description"]
 
 
 class DuplicateNameError(Exception):
@@ -57,10 +59,12 @@ class RobotLink:
     ) -> None:
         self._session, self._keys = session, keys
         self._robot, self._incarnation, self._lease_ms = robot, incarnation, lease_ms
-        self._description = description
+        self._description, self._description_tag = description, content_tag(description)
         self._answers = {"command": on_command, "stop": on_stop}
         self._tracing = tracing
-        slow: dict[_Slow, Callable[[bytes], bytes] | None] = {"mesh": on_mesh, "picture": on_picture}
+        slow: dict[_Slow, Callable[[bytes], bytes] | None] = {
+            "mesh": on_mesh, "picture": on_picture, "description": lambda _: description,
+        }  # fmt: skip
         self._slow = {kind: _ThreadedQueries(read) for kind, read in slow.items() if read is not None}
         self._gateways = GatewayWatch(session, keys, robot, self._declare_visible)
         self._dropping = False
@@ -138,7 +142,7 @@ class RobotLink:
         kinds: tuple[Literal["command"], Literal["stop"]] = ("command", "stop")
         for kind in kinds:
             yield partial(declare, keys.robot(robot, kind), partial(self._answer, kind))
-        for slow in self._slow:
+        for slow in [kind for kind in self._slow if kind != "description"]:
             yield partial(declare, keys.robot(robot, slow), partial(self._answer_in_thread, slow))
         # No one reads this token. Without a declaration on the key, routers search those of all robots for each frame.
         yield partial(self._session.declare_token, keys.robot(robot, "state"))
@@ -152,7 +156,18 @@ class RobotLink:
         self._declared.close()
 
     def _answer_description(self, query: Query) -> None:
-        self._reply(query, self._keys.robot(self._robot, "description"), self._description)
+        if query.part is not None:
+            self._reply(query, self._keys.robot(self._robot, "description"), self._part_of_description(query.part))
+        elif len(self._description) <= PART_BYTES:
+            self._reply(query, self._keys.robot(self._robot, "description"), self._description)
+        else:  # a gateway of an earlier release; a slow link would block the event loop
+            self._answer_in_thread("description", query)
+
+    def _part_of_description(self, asked: PartRequest) -> "_Part | _Refusal":
+        try:
+            return _Part(*part_of(self._description, self._description_tag, asked))
+        except PartError as error:
+            return _Refusal(str(error))
 
     def _answer(self, kind: Literal["command", "stop"], query: Query) -> None:
         payload, answer = query.payload, self._answers[kind]
@@ -174,12 +189,18 @@ class RobotLink:
 
     async def _run_in_thread(self, kind: _Slow, slowly: "_ThreadedQueries", query: Query) -> None:
         async with slowly.one:
-            await asyncio.to_thread(self._read_and_reply, kind, slowly.read, query)
+            await asyncio.to_thread(self._read_and_reply, kind, slowly, query)
+        asyncio.get_running_loop().call_later(HELD_S, slowly.replies.forget_idle)
 
-    def _read_and_reply(self, kind: _Slow, read: Callable[[bytes], bytes], query: Query) -> None:
+    def _read_and_reply(self, kind: _Slow, slowly: "_ThreadedQueries", query: Query) -> None:
+        content: bytes | _Part | _Refusal
         try:
-            content: bytes | _Refusal = read(query.payload)
-        except (MeshError, PictureError) as error:
+            asked = query.part
+            if asked is None:
+                content = slowly.read(query.payload)
+            else:
+                content = _Part(*slowly.replies.part(query.payload, asked, slowly.read))
+        except (MeshError, PictureError, PartError) as error:
             _log.info("%s: no %s: %s", self._robot, kind, error)
             content = _Refusal(str(error))
         except Exception as error:  # noqa: BLE001 - a driver may raise whatever its hardware library does
@@ -187,10 +208,12 @@ class RobotLink:
             content = _Refusal(f"{type(error).__name__}: {error}"[:512])
         self._reply(query, self._keys.robot(self._robot, kind), content)
 
-    def _reply(self, query: Query, key: str, payload: "bytes | _Refusal") -> None:
+    def _reply(self, query: Query, key: str, payload: "bytes | _Part | _Refusal") -> None:
         try:
             if isinstance(payload, _Refusal):
                 query.refuse(payload.reason.encode())
+            elif isinstance(payload, _Part):
+                query.reply(key, payload.payload, payload.head)
             else:
                 query.reply(key, payload)
         except TransportError as error:
@@ -256,12 +279,20 @@ class _Refusal(NamedTuple):
     reason: str
 
 
+class _Part(NamedTuple):
+    """A part of a long reply."""
+
+    payload: bytes
+    head: PartHead
+
+
 @dataclass
 class _ThreadedQueries:
     """Queries that are answered in threads, one at a time."""
 
     read: Callable[[bytes], bytes]
     one: asyncio.Lock = field(default_factory=asyncio.Lock)
+    replies: LongReplies = field(default_factory=LongReplies)
     waiting: set[asyncio.Task[None]] = field(default_factory=set)
 
 

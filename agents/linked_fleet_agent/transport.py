@@ -8,6 +8,8 @@ from collections.abc import Callable
 from contextlib import AbstractContextManager
 from typing import Protocol
 
+from linked_fleet_agent.wire.parts import PartHead, PartRequest
+
 
 class TransportError(Exception):
     """The session refused a call because it or its connections are closed."""
@@ -24,8 +26,16 @@ class Query(Protocol):
         """The attachment, if it is short enough for a traceparent."""
         ...
 
-    def reply(self, key: str, payload: bytes) -> None:
-        """Reply, from any thread. May block on a congested connection. Raises TransportError."""
+    @property
+    def part(self) -> PartRequest | None:
+        """The part of the reply that the attachment asks for; None if the query asks for the whole reply."""
+        ...
+
+    def reply(self, key: str, payload: bytes, head: PartHead | None = None) -> None:
+        """Reply, from any thread; ``head`` if the payload is a part. Raises TransportError.
+
+        May block on a congested connection, unless the query was sent without blocking: then the reply is dropped.
+        """
         ...
 
     def refuse(self, reason: bytes) -> None:

@@ -13,7 +13,7 @@ from typing import Any
 import zenoh
 
 from linked_fleet_agent.transport import Publisher, Query, TransportError
-from linked_fleet_agent.wire import traceparent
+from linked_fleet_agent.wire import parts, traceparent
 from linked_fleet_agent.wire.keys import Keys
 from linked_fleet_agent.wire.transport import TRANSPORT
 from linked_fleet_agent.wire.trust import Credentials, agent_access_control
@@ -160,9 +160,16 @@ class _Query:
         attached = self._query.attachment
         return None if attached is None or len(attached) > traceparent.MAX_BYTES else attached.to_bytes()
 
-    def reply(self, key: str, payload: bytes) -> None:
+    @property
+    def part(self) -> parts.PartRequest | None:
+        attached = self._query.attachment
+        if attached is None or len(attached) > parts.MAX_ATTACHMENT_BYTES:
+            return None
+        return parts.parse_request(attached.to_bytes())
+
+    def reply(self, key: str, payload: bytes, head: parts.PartHead | None = None) -> None:
         with self._ended() as query:
-            query.reply(key, payload)
+            query.reply(key, payload, attachment=None if head is None else head.encode())
 
     def refuse(self, reason: bytes) -> None:
         with self._ended() as query:

@@ -6,6 +6,7 @@ from functools import partial
 from typing import Self
 
 from linked_fleet_agent.transport import Query, TransportError
+from linked_fleet_agent.wire import parts
 from linked_fleet_agent.wire.traceparent import MAX_BYTES
 from linked_fleet_gateway.link.transport import Answer, Question, readable_error
 from virtual.zenoh_connection import Connection
@@ -28,10 +29,14 @@ class _Query:
         attached = self._question.traceparent
         return None if attached is None or len(attached) > MAX_BYTES else attached
 
-    def reply(self, key: str, payload: bytes) -> None:
+    @property
+    def part(self) -> parts.PartRequest | None:
+        return self._question.part
+
+    def reply(self, key: str, payload: bytes, head: parts.PartHead | None = None) -> None:
         if not intersects(key, self._question.key):
             raise TransportError(f"{key} does not answer a question on {self._question.key}")
-        self._end(Answer(bounded(payload, self._question.limit), key))
+        self._end(Answer(bounded(payload, self._question.limit), key, head))
 
     def refuse(self, reason: bytes) -> None:
         self._end(Answer(None, self._question.key, error=readable_error(reason)))
@@ -131,7 +136,10 @@ class AgentSession(Session):
             if said is not None or not pending:
                 payload = None if said is None else said.payload
                 size = len(payload) if isinstance(payload, bytes) else payload or 0
-                connection.send(self, question.priority, partial(answer, connection, said), size=size)
+                connection.send(
+                    self, question.priority, partial(answer, connection, said), size=size,
+                    droppable=said is not None and not question.blocking,
+                )  # fmt: skip
 
         for declaration in asked:
             declaration.take(_Query(self, question, partial(tell, declaration)))

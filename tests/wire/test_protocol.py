@@ -9,8 +9,11 @@ from typing import Any, get_args, get_type_hints
 
 import pytest
 
+from linked_fleet_agent.long_replies import HELD_S
 from linked_fleet_agent.wire import codec, keys, messages
 from linked_fleet_agent.wire.keys import Keys, RobotKey, escape, unescape
+from linked_fleet_agent.wire.parts import PART_BYTES, PartRequest, parse_head, parse_request
+from linked_fleet_gateway.link.long_replies import LONGEST_BYTES, MAX_TRANSFER_S, PART_TIMEOUT_S, SHORTEST_BYTES
 
 PAGE = (Path(codec.__file__).parent / "PROTOCOL.md").read_text()
 KINDS: dict[str, Any] = {
@@ -97,6 +100,19 @@ def test_the_refusal_codes_are_those_of_the_code() -> None:
 def test_the_states_are_those_of_the_code() -> None:
     states = get_args(get_type_hints(messages.Progress)["state"])
     assert {state for state, _ in table("state", "the motion")} == set(states)
+
+
+def test_the_attachments_of_parts_are_those_of_the_code() -> None:
+    (first, _), (reply, _), (later, _) = table("attachment", "of")
+    begun, head, asked = (parse_request(first.encode()), parse_head(reply.encode()), parse_request(later.encode()))
+    assert begun == PartRequest("", 0, PART_BYTES)
+    assert head is not None
+    assert asked == PartRequest(head.tag, PART_BYTES, LONGEST_BYTES)
+    section = PAGE[PAGE.index("## Parts of a reply") :]
+    for number in (PART_BYTES, LONGEST_BYTES, SHORTEST_BYTES):
+        assert f"{number:,}" in section
+    for number in (PART_TIMEOUT_S, MAX_TRANSFER_S, HELD_S):
+        assert f"{number:.0f} s" in section
 
 
 def test_the_fields_of_a_command_that_have_a_default_are_explained() -> None:

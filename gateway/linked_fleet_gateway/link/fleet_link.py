@@ -26,6 +26,7 @@ from linked_fleet_gateway.fleet.presence import PresenceCheck, Token
 from linked_fleet_gateway.link.discovery import Discovery, Judge
 from linked_fleet_gateway.link.heartbeat import Heartbeat
 from linked_fleet_gateway.link.incoming import Incoming
+from linked_fleet_gateway.link.long_replies import LongReplies
 from linked_fleet_gateway.link.transport import Question, Session, TransportError, ask
 from linked_fleet_gateway.runtime.log import child_span
 
@@ -94,6 +95,7 @@ class FleetLink:
         )  # fmt: skip
         self._incoming = Incoming(self._keys, self._frames, self._discovery, self._on_events, self._on_progress)
         self._session = await self._open_session()
+        self._long_replies = LongReplies(self._session)
         self._heartbeat = Heartbeat(self._session, self._keys.heartbeat(self._gateway_name))
         return self
 
@@ -264,11 +266,16 @@ class FleetLink:
         """Ask the agent of a robot for something that may wait: what moves and what is measured overtakes it.
 
         ``read`` gets an answer, or a sentence why there is none, and returns its meaning, or None and the reason.
-        Raises NoAnswer with the last reason, ``none`` if nobody has answered. Answers that mean nothing are counted.
+        A long answer comes in parts (``link.long_replies``); ``timeout_s`` is for the first of them. Raises NoAnswer
+        with the last reason, ``none`` if nobody has answered. Answers that mean nothing are counted.
         """
         reasons = [none]
 
+        answers = 0
+
         def judge(answer: bytes | str, sender: str) -> T | None:
+            nonlocal answers
+            answers += 1
             found, reason = read(answer)
             if found is None and isinstance(answer, bytes):
                 self._incoming.complaints.add(sender, reason)
@@ -278,9 +285,12 @@ class FleetLink:
         question = Question(self._keys.robot(robot, kind), payload, timeout_s, most_bytes, priority="background")
         found: T | None = None
         try:
-            found = await ask(self._session, question, judge)
-        except TimeoutError:
-            reasons.append(f"robot {robot!r} did not answer within {timeout_s} s")
+            found = await self._long_replies.ask(question, judge, resume=kind == "mesh")
+            if not answers:  # congestion drops parts, and an agent that renews its declarations has no queryable
+                await asyncio.sleep(ASK_AGAIN_S)
+                found = await self._long_replies.ask(question, judge, resume=kind == "mesh")
+        except TimeoutError as error:
+            reasons.append(str(error) or f"robot {robot!r} did not answer within {timeout_s} s")
         if found is None:
             raise NoAnswer(reasons[-1])
         return found
@@ -301,5 +311,5 @@ class FleetLink:
     async def _ask_description(self, robot: str, judge: Judge) -> None:
         """Send one query. Raises TimeoutError."""
         question = Question(self._keys.robot(robot, "description"), None, DESCRIPTION_TIMEOUT_S, MAX_DESCRIPTION_BYTES)
-        if await ask(self._session, question, judge, self._discovery.record_send_time) is not None:
+        if await self._long_replies.ask(question, judge, self._discovery.record_send_time) is not None:
             await self._session.keep_route(self._keys.robot(robot, "state"))

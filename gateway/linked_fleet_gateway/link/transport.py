@@ -7,6 +7,7 @@ import asyncio
 from collections.abc import Callable, Iterable, Mapping
 from typing import Literal, NamedTuple, Protocol, TypeVar
 
+from linked_fleet_agent.wire.parts import PartHead, PartRequest
 from linked_fleet_gateway.fleet.events import Payload
 
 _T = TypeVar("_T")
@@ -32,10 +33,14 @@ def readable_error(payload: bytes) -> str:
 
 
 class Answer(NamedTuple):
-    """One reply to a query; ``payload`` is None for an error reply, whose sentence is ``error``."""
+    """One reply to a query; ``payload`` is None for an error reply, whose sentence is ``error``.
+
+    ``head`` is that of a part.
+    """
 
     payload: Payload | None
     key: str
+    head: PartHead | None = None
     error: str = ""
 
 
@@ -43,7 +48,8 @@ class Question(NamedTuple):
     """A query to every queryable whose key matches.
 
     Replies have the ``priority`` of the query. For a reply above ``limit`` bytes only its size is passed on. A query
-    that is not ``blocking`` is dropped under congestion and then not answered. ``traceparent`` is the attachment.
+    that is not ``blocking`` is dropped under congestion and then not answered; so are its replies. The attachment is
+    ``part``, or else ``traceparent``.
     """
 
     key: str
@@ -53,6 +59,7 @@ class Question(NamedTuple):
     priority: Priority = "data"
     blocking: bool = True
     traceparent: bytes | None = None
+    part: PartRequest | None = None
 
 
 class Session(Protocol):
@@ -142,6 +149,18 @@ async def ask(
     ``judge`` gets a payload, or a sentence why there is none, and the key of the reply. ``sent`` gets the processor
     time in seconds for sending. Raises TimeoutError after the query's ``timeout_s``.
     """
+    return await ask_for_answer(
+        session, question, lambda answer: judge(payload_or_reason(answer, question.limit), answer.key), sent
+    )
+
+
+async def ask_for_answer(
+    session: Session,
+    question: Question,
+    judge: Callable[[Answer], _T | None],
+    sent: Callable[[float], None] = lambda processor_s: None,
+) -> _T | None:
+    """Do what ``ask`` does with a ``judge`` of answers."""
     left = MAX_STOP_REPLIES if question.priority == "real time" else MAX_REPLIES
     result: asyncio.Future[_T | None] = asyncio.get_running_loop().create_future()
 
@@ -156,7 +175,7 @@ async def ask(
         if left < 0:  # further replies cannot be genuine
             return
         try:
-            judged = judge(_said(answer, question.limit), answer.key)
+            judged = judge(answer)
         except Exception as error:  # noqa: BLE001 - whoever asks gets it
             result.set_exception(error)
         else:
@@ -168,7 +187,8 @@ async def ask(
         return await result
 
 
-def _said(answer: Answer, limit: int) -> bytes | str:
+def payload_or_reason(answer: Answer, limit: int) -> bytes | str:
+    """Return the payload, or a sentence why there is none."""
     if answer.payload is None:
         return answer.error or "the agent answered with an error"
     if isinstance(answer.payload, int):

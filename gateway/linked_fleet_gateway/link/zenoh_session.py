@@ -16,6 +16,7 @@ from typing import Any, TypeVar
 
 import zenoh
 
+from linked_fleet_agent.wire import parts
 from linked_fleet_agent.wire.transport import GATEWAY_LEASE_MS, TRANSPORT
 from linked_fleet_agent.wire.trust import Credentials
 from linked_fleet_gateway.fleet.events import MAX_KEYS, Payload
@@ -198,7 +199,7 @@ class ZenohSession:
             with contextlib.suppress(RuntimeError):  # the loop was closed while the query was running
                 self._loop.call_soon_threadsafe(hear, answer)
 
-        if not question.blocking:
+        if not question.blocking and question.part is None:
             return self._get(question, hand_over)
         threads = self._stop_threads if question.priority == "real time" else self._threads
         return await self._loop.run_in_executor(threads, self._get, question, hand_over)
@@ -213,7 +214,7 @@ class ZenohSession:
             consolidation=zenoh.ConsolidationMode.NONE,  # two runs of an agent answer under one key
             timeout=question.timeout_s,
             payload=question.payload,
-            attachment=question.traceparent,
+            attachment=question.traceparent if question.part is None else question.part.encode(),
             express=True,
             priority=_PRIORITIES[question.priority],
             congestion_control=zenoh.CongestionControl.BLOCK if question.blocking else zenoh.CongestionControl.DROP,
@@ -271,4 +272,10 @@ def _answer(reply: zenoh.Reply, question: Question) -> Answer:
     if reply.ok is None:
         said = None if reply.err is None else _bounded(reply.err.payload, MAX_ERROR_BYTES)
         return Answer(None, question.key, error=readable_error(said) if isinstance(said, bytes) else "")
-    return Answer(_bounded(reply.ok.payload, question.limit), str(reply.ok.key_expr))
+    return Answer(_bounded(reply.ok.payload, question.limit), str(reply.ok.key_expr), _head(reply.ok.attachment))
+
+
+def _head(attachment: zenoh.ZBytes | None) -> parts.PartHead | None:
+    if attachment is None or len(attachment) > parts.MAX_ATTACHMENT_BYTES:
+        return None
+    return parts.parse_head(attachment.to_bytes())

@@ -54,6 +54,16 @@ class Request(Struct, rename="camel"):
     id: str | None = None
 
 
+# A message without these would do nothing.
+_REQUIRED = {
+    "subscribe": "subscriptions",
+    "unsubscribe": "subscriptionIds",
+    "setParameters": "parameters",
+    "subscribeParameterUpdates": "parameterNames",
+    "unsubscribeParameterUpdates": "parameterNames",
+}
+
+
 @dataclass(frozen=True)
 class Call:
     service: int
@@ -105,9 +115,17 @@ class Service:
 def parse(message: str | bytes) -> Request | Call:
     """Parse a message of a client. Raises UnsupportedMessage."""
     try:
-        return _parse_call(message) if isinstance(message, bytes) else msgspec.json.decode(message, type=Request)
+        return _parse_call(message) if isinstance(message, bytes) else _parse_request(message)
     except (msgspec.DecodeError, RecursionError, struct.error, UnicodeDecodeError) as error:
         raise UnsupportedMessage(f"This message is not understood: {error}"[:300]) from error
+
+
+def _parse_request(message: str) -> Request:
+    request = msgspec.json.decode(message, type=Request)
+    needed = _REQUIRED.get(request.op)
+    if needed is not None and needed not in msgspec.json.decode(message, type=dict[str, msgspec.Raw]):
+        raise UnsupportedMessage(f"This message does nothing: {request.op} needs {needed}.")
+    return request
 
 
 def _parse_call(message: bytes) -> Call:

@@ -45,6 +45,7 @@ class Session:
         self._seen = defaultdict[str, set[int]](set)
         self._followed: dict[str, Parameter | None] = {}
         self._calls: dict[asyncio.Task[None], bool] = {}
+        self._under_way = set[tuple[int, int]]()
         self._setting = asyncio.Lock()
 
     async def run(self) -> None:
@@ -108,16 +109,13 @@ class Session:
             case "subscribe":
                 self._subscribe(request.subscriptions)
             case "unsubscribe":
-                for id in request.subscription_ids:
-                    self.subscribed.pop(id, None)
-                self._rewatch()
+                self._unsubscribe(request.subscription_ids)
             case "getParameters":
                 await self._get(names, request.id)
             case "setParameters":
                 self._begin_setting(request)
             case "subscribeParameterUpdates":
-                self._followed |= dict.fromkeys(self._parameters().keys() & names.keys())
-                self.news.set()
+                self._follow(names)
             case "unsubscribeParameterUpdates":
                 self._followed = {name: each for name, each in self._followed.items() if name not in names}
 
@@ -133,6 +131,19 @@ class Session:
         self._rewatch()
         if wrong:
             raise UnsupportedMessage(f"There are no such channels, or they are subscribed to already: {wrong[:10]}.")
+
+    def _unsubscribe(self, ids: Iterable[int]) -> None:
+        wrong = [id for id in ids if self.subscribed.pop(id, None) is None]
+        self._rewatch()
+        if wrong:
+            raise UnsupportedMessage(f"There are no such subscriptions: {wrong[:10]}.")
+
+    def _follow(self, names: Iterable[str]) -> None:
+        present = self._parameters().keys()
+        self._followed |= {name: None for name in names if name in present}
+        self.news.set()
+        if wrong := [name for name in names if name not in present]:
+            raise UnsupportedMessage(f"There are no such parameters: {wrong[:10]}"[:300])
 
     async def _get(self, names: Iterable[str], id: str | None) -> None:
         found = self._parameters()
@@ -165,16 +176,22 @@ class Session:
             await self._fail(call, f"Services take {protocol.JSON}, not {call.encoding[:40]!r}.")
         elif not self._has_room(service.stops):
             await self._fail(call, _TOO_MANY)
+        elif not service.stops and (service.id, call.id) in self._under_way:
+            # a failure would be taken for that of the call under way
+            raise UnsupportedMessage(f"The id {call.id} is that of a call under way of this service; take another one.")
         else:
-            self._begin(self._answer(service, call), f"call of {service.offer.path}", service.stops)
+            task = self._begin(self._answer(service, call), f"call of {service.offer.path}", service.stops)
+            self._under_way.add((service.id, call.id))
+            task.add_done_callback(lambda _: self._under_way.discard((service.id, call.id)))
 
     def _has_room(self, stops: bool) -> bool:
         return sum(each == stops for each in self._calls.values()) < MOST_CALLS
 
-    def _begin(self, work: Awaitable[None], name: str, stops: bool) -> None:
+    def _begin(self, work: Awaitable[None], name: str, stops: bool) -> asyncio.Task[None]:
         task = asyncio.create_task(_until_ended(work), name=name)
         self._calls[task] = stops
         task.add_done_callback(self._calls.pop)
+        return task
 
     async def _fail(self, call: Call, message: str) -> None:
         await self._say("serviceCallFailure", serviceId=call.service, callId=call.id, message=message)

@@ -17,9 +17,10 @@ from typing import Any, ClassVar
 
 from pyoxigraph import Literal
 from starlette.responses import Response
-from starlette.types import ASGIApp
+from starlette.types import ASGIApp, Receive, Scope, Send
 
 from linked_fleet_gateway.base.settings import Section, setting, whole_number
+from linked_fleet_gateway.extensions.mcp.envelope import InvalidMessage, UnderWay, check_envelope, request_id
 from linked_fleet_gateway.extensions.mcp.message_context import KEY, MessageContext
 from linked_fleet_gateway.http.body import body_type, read_body
 from linked_fleet_gateway.http.entrance import await_turn
@@ -27,7 +28,7 @@ from linked_fleet_gateway.http.extension import Core, Extension, Mount
 from linked_fleet_gateway.http.hosted import AsgiResponse
 from linked_fleet_gateway.http.read import read_resource
 from linked_fleet_gateway.http.request import Request
-from linked_fleet_gateway.http.scheduling import Offload
+from linked_fleet_gateway.http.scheduling import Offload, bucket_key
 from linked_fleet_gateway.http.streams import wants_events
 from linked_fleet_gateway.identity.rights import Right
 from linked_fleet_gateway.rdf.graph import Graph
@@ -90,7 +91,7 @@ class Sdk:
     """Loads nothing before the first message. ``ending`` is set when the gateway ends."""
 
     def __init__(self, core: Core) -> None:
-        self.core, self.ending = core, asyncio.Event()
+        self.core, self.ending, self.under_way = core, asyncio.Event(), UnderWay()
         self._app: asyncio.Future[ASGIApp] = asyncio.get_running_loop().create_future()
         self._running: asyncio.Task[Any] | None = None
 
@@ -138,7 +139,7 @@ async def read_endpoint(request: Request, resource: Resource, endpoint: PostMess
 
 async def post_message(sdk: Sdk, request: Request, affords: PostMessage) -> ASGIApp:
     """Process one message, or end a session. Raises TooManyRequests, PayloadTooLarge, UnsupportedMediaType, Busy."""
-    content = b""
+    content, message = b"", dict[str, Any]()
     length = request.headers.get("content-length", "")
     may_stop = request.method == "POST" and length.isdecimal() and int(length) <= SHORT_BYTES
     if not may_stop:
@@ -151,12 +152,31 @@ async def post_message(sdk: Sdk, request: Request, affords: PostMessage) -> ASGI
             message = await offload.run(partial(_parsed, content), len(content))
         except ParseError as error:
             return _error(HTTPStatus.BAD_REQUEST, _PARSE_ERROR, f"Parse error: {error}")
+        try:
+            check_envelope(message)
+        except InvalidMessage as error:
+            return _error(HTTPStatus.BAD_REQUEST, _INVALID_REQUEST, f"Invalid Request: {error}.")
         if may_stop and not _stops(message):
             await await_turn(request)
     core = sdk.core
     waiters, public_urls = core.actions.lifecycle.waiters, core.public_urls
     context = MessageContext(request, affords.view, core.live.branches, waiters, public_urls, sdk.ending)
-    return AsgiResponse(await sdk.app(), content, {KEY: context}, sdk.ending.set)
+    response = AsgiResponse(await sdk.app(), content, {KEY: context}, sdk.ending.set)
+    return _unless_in_use(sdk.under_way, request, message, response)
+
+
+def _unless_in_use(under_way: UnderWay, request: Request, message: dict[str, Any], response: ASGIApp) -> ASGIApp:
+    client, session = bucket_key(request.scope), request.headers.get("mcp-session-id", "")
+
+    async def answer(scope: Scope, receive: Receive, send: Send) -> None:
+        try:
+            with under_way.held(client, session, request_id(message)):
+                await response(scope, receive, send)
+        except InvalidMessage as error:
+            refusal = _error(HTTPStatus.BAD_REQUEST, _INVALID_REQUEST, f"Invalid Request: {error}.")
+            await refusal(scope, receive, send)
+
+    return answer
 
 
 def _parsed(content: bytes) -> Any:
@@ -166,10 +186,8 @@ def _parsed(content: bytes) -> Any:
         raise ParseError("not UTF-8") from error
 
 
-def _stops(message: Any) -> bool:
+def _stops(message: dict[str, Any]) -> bool:
     """Return True for a message that stops robots, or cancels a call that moves them."""
-    if not isinstance(message, dict):
-        return False
     params = message.get("params")
     called = params.get("name") if message.get("method") == "tools/call" and isinstance(params, dict) else None
     return called == "stop" or message.get("method") == "notifications/cancelled"

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from functools import partial
 from hashlib import blake2b
 from pkgutil import resolve_name
-from typing import Any
+from typing import Any, NamedTuple
 
 from starlette.responses import Response
 
@@ -20,6 +20,7 @@ from linked_fleet_gateway.extensions.openapi.components import components
 from linked_fleet_gateway.extensions.openapi.paths import FleetPaths
 from linked_fleet_gateway.extensions.openapi.schemas import forbid_other_members
 from linked_fleet_gateway.http.extension import Core, Extension, Mount, Operations
+from linked_fleet_gateway.http.negotiation import compress
 from linked_fleet_gateway.http.operations import (
     error_responses,
     get_operation,
@@ -45,16 +46,23 @@ _METHODS = ("get", "put", "post", "patch", "delete")
 _ALWAYS, _SECURED = ("400", "404", "406", "421", "429", "500", "503"), ("401", "403")
 
 
+class Document(NamedTuple):
+    """A description, and the same in gzip."""
+
+    body: bytes
+    coded: bytes
+
+
 class Documents:
     """Makes descriptions, one at a time, and caches the recently used ones."""
 
     def __init__(self, operations: Iterable[str]) -> None:
         """Create the cache; ``operations`` are the operations of all extensions as ``module:attribute``."""
         self._operations: list[Operations] = [resolve_name(name) for name in operations]
-        self._made: OrderedDict[bytes, bytes] = OrderedDict()
+        self._made: OrderedDict[bytes, Document] = OrderedDict()
         self._turn = asyncio.Lock()
 
-    async def document(self, view: RequestView) -> bytes:
+    async def document(self, view: RequestView) -> Document:
         """Return the description of everything that ``view`` shows."""
         async with self._turn:
             version = await _version(view)
@@ -68,7 +76,7 @@ class Documents:
             self._made.move_to_end(version)
             return self._made[version]
 
-    async def _make(self, view: RequestView) -> bytes:
+    async def _make(self, view: RequestView) -> Document:
         fleet = FleetPaths(view)
         async for robot in time_sliced(list(view.robots.values())):
             fleet.add(robot)
@@ -92,7 +100,7 @@ async def _version(view: RequestView) -> bytes:
     return blake2b("\n".join(facts).encode(), digest_size=16).digest()
 
 
-def _written(base: str, secured: bool, fleet: FleetPaths, more: Mapping[str, Mapping[str, Any]]) -> bytes:
+def _written(base: str, secured: bool, fleet: FleetPaths, more: Mapping[str, Mapping[str, Any]]) -> Document:
     paths = {**_own_paths(), **dict(fleet.paths()), **more}
     said: Json = {
         "openapi": VERSION,
@@ -111,7 +119,8 @@ def _written(base: str, secured: bool, fleet: FleetPaths, more: Mapping[str, Map
     }
     if secured:
         said["security"] = [{"bearer": []}]
-    return json.dumps(said, ensure_ascii=False, allow_nan=False).encode()
+    body = json.dumps(said, ensure_ascii=False, allow_nan=False).encode()
+    return Document(body, compress(body))
 
 
 def _completed(item: Mapping[str, Any], secured: bool) -> Json:
@@ -168,8 +177,9 @@ def _resolve(view: RequestView, rest: list[str]) -> Found:
 
 async def _read(documents: Documents, request: Request, resource: Resource, of: ApiDescription) -> Response:
     """Return the description for the caller, or 304. Raises NotAcceptable and PreconditionFailed."""
-    body = await documents.document(of.view)
-    made = resource.replace(documents={media_type: lambda: body for media_type in (TYPE, JSON)})
+    document = await documents.document(of.view)
+    contents = {media_type: lambda: document.body for media_type in (TYPE, JSON)}
+    made = resource.replace(documents=contents, coded_contents={"gzip": document.coded})
     response = read_resource(request, made)
     await await_preconditions(request, made)
     return response

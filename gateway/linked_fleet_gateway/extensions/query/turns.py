@@ -38,16 +38,20 @@ MAX_OF_CLIENT, MAX_WAITING = 8, 128
 
 
 class FairTurns:
-    """Limits concurrent queries to ``AT_ONCE``, and serves waiting clients round-robin."""
+    """Limits concurrent queries to ``at_once``, and serves waiting clients round-robin.
 
-    def __init__(self) -> None:
+    At most ``of_client`` queries of a client wait, and ``waiting`` of all.
+    """
+
+    def __init__(self, at_once: int = AT_ONCE, of_client: int = MAX_OF_CLIENT, waiting: int = MAX_WAITING) -> None:
+        self._at_once, self._most_of_client, self._most_waiting = at_once, of_client, waiting
         self._taken = 0
         self._waiting: OrderedDict[str, deque[asyncio.Future[None]]] = OrderedDict()
 
     @asynccontextmanager
     async def turn(self, client: str) -> AsyncIterator[None]:
         """Hold a turn. Raises TooManyQueries or Busy if too many queries of the client, or of all, are waiting."""
-        if self._taken >= AT_ONCE:
+        if self._taken >= self._at_once:
             await self._wait(client)
         else:
             self._taken += 1
@@ -59,9 +63,9 @@ class FairTurns:
 
     async def _wait(self, client: str) -> None:
         own = self._waiting.get(client, ())
-        if len(own) >= MAX_OF_CLIENT:
-            raise TooManyQueries(f"{MAX_OF_CLIENT} of your queries are waiting already.")
-        if sum(map(len, self._waiting.values())) >= MAX_WAITING:
+        if len(own) >= self._most_of_client:
+            raise TooManyQueries(f"{self._most_of_client} of your queries are waiting already.")
+        if sum(map(len, self._waiting.values())) >= self._most_waiting:
             raise Busy("Too many queries are waiting; try again.")
         turn: asyncio.Future[None] = asyncio.get_running_loop().create_future()
         self._waiting.setdefault(client, deque()).append(turn)
@@ -74,7 +78,7 @@ class FairTurns:
             raise
 
     def _next(self) -> None:
-        while self._waiting and self._taken < AT_ONCE:
+        while self._waiting and self._taken < self._at_once:
             client, own = self._waiting.popitem(last=False)
             turn = own.popleft()
             if own:

@@ -16,6 +16,7 @@ from linked_fleet_gateway.extensions.query.messages import HypotheticalRobot
 from linked_fleet_gateway.extensions.query.turns import QueryTooCostly
 from linked_fleet_gateway.extensions.rules.causes import Causes, Look, reason_to_disable, self_caused, state_of
 from linked_fleet_gateway.extensions.rules.edges import Edge, Row, UnusableResult, edge, rows_by_key
+from linked_fleet_gateway.extensions.rules.pace import Pace, Queues, too_costly
 from linked_fleet_gateway.extensions.rules.rule import Firing, FiringState, Rule, RuleRecord
 from linked_fleet_gateway.extensions.rules.rule_invocation import (
     Moments,
@@ -35,8 +36,6 @@ log = logging.getLogger(__name__)
 
 EVERY_S = 0.1
 """Least time between two evaluations of a rule."""
-AGAIN_S = 1.0
-"""Time after which an evaluation that was broken off is repeated, if nothing changes earlier."""
 SHARE = 4
 """A slow rule is evaluated for at most one part in this many of the time."""
 _LONGEST = 1_000  # characters of a reason
@@ -87,9 +86,12 @@ class Engine:
         self._causes = Causes()
         self.loops = 0
         """Number of rules disabled because they triggered themselves."""
+        self.too_costly = 0
+        """Number of rules disabled because their conditions were too costly."""
         self._tasks: dict[str, asyncio.Task[None]] = {}
         self._due: dict[str, asyncio.Event] = {}
-        self._one = asyncio.Semaphore(1)
+        self._queues = Queues()
+        self._paces: dict[str, Pace] = {}
         self._seen: set[str] | None = None
 
     async def set_rules(self, ids: set[str]) -> None:
@@ -103,6 +105,7 @@ class Engine:
         ending = [self._tasks.pop(id) for id in self._tasks.keys() - ids]
         await cancel_tasks(ending)
         self._due = {id: event for id, event in self._due.items() if id in ids}
+        self._paces = {id: pace for id, pace in self._paces.items() if id in ids}
         if not ids:
             self._seen = None
 
@@ -131,10 +134,27 @@ class Engine:
             while True:
                 await self._due[id].wait()
                 self._due[id].clear()
-                known, begun_s = self._known.get(id), time.monotonic()
+                known, pace = self._known.get(id), self._pace(id)
+                pace.spent_s = 0.0
                 if known is not None and known.rule.enabled:
                     held = await self._evaluate(known, held)
-                await asyncio.sleep(max(EVERY_S, (time.monotonic() - begun_s) * (SHARE - 1)))
+                    await self._rest(known, max(pace.spent_s * (SHARE - 1), pace.pause_s))
+                await asyncio.sleep(EVERY_S)
+
+    async def _rest(self, known: RuleRecord, rest_s: float) -> None:
+        """Wait after an evaluation, unless the rule is written anew. After one that was broken off, evaluate again."""
+        id, end_s = known.rule.id, time.monotonic() + rest_s
+        while (left_s := end_s - time.monotonic()) > 0:
+            await asyncio.sleep(min(EVERY_S, left_s))
+            now = self._known.get(id)
+            if now is None or now.revision != known.revision:
+                self._paces.pop(id, None)
+                break
+        if self._pace(id).failures:
+            self._due[id].set()
+
+    def _pace(self, id: str) -> Pace:
+        return self._paces.setdefault(id, Pace())
 
     async def _evaluate(self, known: RuleRecord, held: Evaluation | None) -> Evaluation | None:
         rule, was_suspended = known.rule, bool(known.suspended)
@@ -158,8 +178,8 @@ class Engine:
         except (FleetError, UnusableResult) as error:
             # A suspended rule stays so until it is evaluated: rows that came to hold meanwhile do not fire.
             await self._complain(known, fault=str(error)[:_LONGEST], suspended=known.suspended)
-            if isinstance(error, QueryTooCostly):  # also a process that was killed, and then no change need follow
-                asyncio.get_running_loop().call_later(AGAIN_S, self._due[rule.id].set)
+            if isinstance(error, QueryTooCostly):  # perhaps its process was killed, so it is evaluated again
+                await self._note_failure(known, error)
             return held
         await self._note_seen()
         evaluated = Evaluation(known.revision, set(now), look, at_s)
@@ -174,8 +194,10 @@ class Engine:
         return evaluated
 
     async def _ask(self, rule: Rule, sees: View, instead: Sequence[HypotheticalRobot] = ()) -> dict[str, Row]:
-        async with self._one:
-            rows = await self._select(rule.condition, rule.base, sees, instead=instead)
+        pace = self._pace(rule.id)
+        async with self._queues.turn(rule.client, pace):
+            with pace.timed():
+                rows = await self._select(rule.condition, rule.base, sees, instead=instead)
         return rows_by_key(rows, rule.told_apart_by)
 
     async def _causes_of(self, rule: Rule, sees: View, held: Evaluation, change: Edge) -> dict[str, set[str]]:
@@ -201,6 +223,7 @@ class Engine:
         at_ns, of_all = time.time_ns(), {id for ids in causes.values() for id in ids}
         times_ns = self_caused(known, of_all, at_ns)
         if reason := reason_to_disable(known, of_all, times_ns):
+            self.loops += 1
             await self._disable(known, reason)
             return
         began = {}
@@ -212,10 +235,17 @@ class Engine:
         rows = [(row, began[key]) for key, row in change.began]
         await self._fire_all(known, creator, dict(zip(numbers, rows, strict=False)), moments)
 
+    async def _note_failure(self, known: RuleRecord, error: QueryTooCostly) -> None:
+        pace = self._pace(known.rule.id)
+        pace.fail()
+        if pace.is_hopeless:
+            self.too_costly += 1
+            self._paces.pop(known.rule.id)
+            await self._disable(known, too_costly(error.detail))
+
     async def _disable(self, known: RuleRecord, reason: str) -> None:
         """Disable a rule until somebody enables it again."""
         log.warning("rule %s (%s) is %s", known.rule.id, known.rule.title, reason)
-        self.loops += 1
         await self._store.write(replace(known.rule, enabled=False, reason=reason), known.revision, 0)
         await self._refresh(known.rule.id)
 

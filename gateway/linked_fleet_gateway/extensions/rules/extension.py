@@ -74,4 +74,6 @@ class RulesExtension(Extension):
 def _metrics(rules: Rules) -> Iterator[Metric]:
     states = Counter(rule_state(known).value.rpartition("#")[2] for known in list(rules.known.values()))
     yield gauges("rules", "Rules by state.", "state", states.items())
+    costly = "Rules disabled here because their conditions were too costly."
+    yield counter("rules_too_costly", costly, rules.too_costly)
     yield counter("rule_loops", "Rules disabled here because they fired because of themselves.", rules.loops)

@@ -96,6 +96,11 @@ class Rules:
         """Number of rules disabled here because they triggered themselves."""
         return self._engine.loops
 
+    @property
+    def too_costly(self) -> int:
+        """Number of rules disabled here because their conditions were too costly."""
+        return self._engine.too_costly
+
     # -- what clients do ----------------------------------------------------------------------------------------------
 
     async def write(self, rule: Rule, known: RuleRecord | None) -> RuleRecord:

@@ -4,12 +4,14 @@ A page of the directory in RDF has things with their names and classes, in the o
 extension are here too.
 """
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from functools import partial
+from hashlib import blake2b
 
 from pyoxigraph import Literal, NamedNode
 
+from linked_fleet_agent.wire.messages import Description
 from linked_fleet_gateway.extensions.things.td import DIRECTORY, TD, write_description
 from linked_fleet_gateway.fleet.model import Joint, Link
 from linked_fleet_gateway.fleet.robot import Robot
@@ -20,6 +22,7 @@ from linked_fleet_gateway.resources.branches import FleetBranch, Found, RequestV
 from linked_fleet_gateway.resources.joint_kinds import kind_of
 from linked_fleet_gateway.resources.paths import joint_or_link, joint_path, link_path, robot_name, robot_path
 from linked_fleet_gateway.resources.resource import Resource
+from linked_fleet_gateway.runtime.background import time_sliced
 
 LF = CORE.extended("Directory things")
 
@@ -28,17 +31,37 @@ MOST = 50
 Place = tuple[Robot | None, Joint | Link | None]
 
 
+class RobotDigests:
+    """Digests of the facts of robots that their descriptions depend on; a description takes long to digest."""
+
+    def __init__(self) -> None:
+        self._known: dict[str, tuple[Description | None, bytes]] = {}
+
+    def digest(self, name: str, robot: Robot) -> bytes:
+        said = robot.description
+        known, of_description = self._known.get(name, (None, b""))
+        if known is not said or not of_description:
+            of_description = blake2b(repr(said).encode(), digest_size=16).digest()
+            self._known[name] = (said, of_description)
+        facts = (name, robot.title, robot.model is None, robot.annotations)
+        return blake2b(repr(facts).encode() + of_description, digest_size=16).digest()
+
+    def forget_others(self, names: Collection[str]) -> None:
+        for name in self._known.keys() - names:
+            del self._known[name]
+
+
 @dataclass(frozen=True)
 class Listing:
     """All things that the caller may see, as served by ``linked_fleet_gateway.extensions.things.extension``."""
 
     view: RequestView
 
-    def things(self) -> list[tuple[str, Place]]:
+    async def things(self) -> list[tuple[str, Place]]:
         """Return each thing with its id, in code point order of the ids (Discovery, 7.3.2.3)."""
         base = self.view.base
         found: list[tuple[str, Place]] = [(base + "/", (None, None))]
-        for name, robot in self.view.robots.items():
+        async for name, robot in time_sliced(list(self.view.robots.items())):
             found.append((base + robot_path(name), (robot, None)))
             if (model := robot.model) is not None:
                 for joint in model.joints.values():
@@ -47,14 +70,12 @@ class Listing:
                     found.append((base + link_path(name, model, link.name), (robot, link)))
         return sorted(found, key=lambda each: each[0])
 
-    def version(self) -> bytes:
-        """Return a key of all facts that descriptions depend on: while it is equal, they are."""
-        facts: list[object] = [self.view.base, self.view.requires_authentication]
-        for name, robot in sorted(self.view.robots.items()):
-            said = robot.description
-            known = None if said is None else (said.urdf, said.joints, said.base, said.capabilities)
-            facts.append((name, robot.title, robot.model is None, known, robot.annotations))
-        return repr(facts).encode()
+    async def version(self, digests: RobotDigests) -> bytes:
+        """Return a digest of all facts that descriptions depend on: while it is equal, they are."""
+        facts = blake2b(repr((self.view.base, self.view.requires_authentication)).encode(), digest_size=16)
+        async for name, robot in time_sliced(sorted(self.view.robots.items())):
+            facts.update(digests.digest(name, robot))
+        return facts.digest()
 
     def description(self, place: Place) -> bytes:
         return write_description(self.view, *place)

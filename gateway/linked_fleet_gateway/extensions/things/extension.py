@@ -1,10 +1,11 @@
 """The extension ``things``: Thing Descriptions and their directory (W3C Web of Things).
 
-The directory is served complete or by pages (W3C WoT Discovery, 7.3.2.3), and in RDF by pages.
+The directory is served complete or by pages (W3C WoT Discovery, 7.3.2.3), and in RDF by pages. Listings are kept.
 """
 
 import re
-from collections.abc import AsyncIterator, Iterable, Sequence
+import sys
+from collections.abc import AsyncIterator, Iterable, Mapping, Sequence
 from contextlib import asynccontextmanager
 from functools import partial
 from pathlib import Path
@@ -12,12 +13,21 @@ from pathlib import Path
 from starlette.responses import Response, StreamingResponse
 
 from linked_fleet_gateway.base.errors import BadRequest, NotAcceptable, Unimplemented
-from linked_fleet_gateway.extensions.things.directory import BRANCHES, MOST, MOST_LISTED, Listing, Place, describe_page
+from linked_fleet_gateway.extensions.things.directory import (
+    BRANCHES,
+    MOST,
+    MOST_LISTED,
+    Listing,
+    Place,
+    RobotDigests,
+    describe_page,
+)
+from linked_fleet_gateway.extensions.things.kept_listings import InThread, KeptListing, KeptListings, LongListing
 from linked_fleet_gateway.extensions.things.td import DIRECTORY, TD
 from linked_fleet_gateway.http.extension import Core, Extension, Mount
 from linked_fleet_gateway.http.fields import Link, field, link_header
 from linked_fleet_gateway.http.html import NavigationEntry
-from linked_fleet_gateway.http.negotiation import choose
+from linked_fleet_gateway.http.negotiation import choose, coded_tag, preferred_coding
 from linked_fleet_gateway.http.operations import (
     JSONLD,
     error_responses,
@@ -29,6 +39,7 @@ from linked_fleet_gateway.http.operations import (
 from linked_fleet_gateway.http.read import read_resource
 from linked_fleet_gateway.http.representation import etag, not_modified
 from linked_fleet_gateway.http.request import Request
+from linked_fleet_gateway.http.scheduling import Offload
 from linked_fleet_gateway.rdf.serialise import JSON
 from linked_fleet_gateway.resources.branches import RequestView
 from linked_fleet_gateway.resources.json_form import Json
@@ -40,44 +51,93 @@ _SORTING = ("sort_by", "sort_order")
 _COUNT = re.compile(r"[0-9]{1,9}", re.ASCII)
 
 
-async def read_listing(request: Request, resource: Resource, listing: Listing) -> Response:
-    """Return all descriptions or, with ``limit``, a page of them that links the next page and the complete list.
+class Directory:
+    """The directory of one gateway, with the listings that it keeps."""
 
-    In other media types it lists things by pages.
-    """
-    representations = request.services.representations
-    types = (*TYPES, *(each for each in representations.media_types if each not in TYPES))
-    accept = request.effective_accept
-    media_type = choose(accept, types)
-    if media_type is None:
-        raise NotAcceptable(f"Available here: {', '.join(types)}.", offered=types)
-    if unsupported := [name for name in _SORTING if name in request.query_params]:
-        raise Unimplemented(f"Descriptions are sorted by id, in ascending order; there is no {unsupported[0]}.")
-    offset, limit = _count(request, "offset", 0) or 0, _count(request, "limit", 1)
-    things = listing.things()
-    if media_type not in TYPES:
-        describe = partial(describe_page, listing.view, things, offset, min(limit or MOST_LISTED, MOST_LISTED))
-        return read_resource(request, resource.replace(describe=describe, remote=None, query=request.url.query))
-    links = [Link(iri.value, "type") for iri in resource.interaction_model]
-    headers = {"vary": "Accept", "cache-control": "no-cache", "x-content-type-options": "nosniff"}
-    content = {"content-type": media_type, "allow": "GET, HEAD, OPTIONS"}
-    if limit is None:
-        headers["link"] = link_header([*links, *_canonical(things, request.base, paged=offset > 0)], [])
-        # weak, because the body is not known before it is sent
-        headers["etag"] = "W/" + etag(b"%d " % offset + listing.version())
+    def __init__(self, robots: Mapping[str, object], in_thread: InThread[KeptListing]) -> None:
+        """Create it; ``robots`` are the present robots by name."""
+        self._robots, self._digests, self._kept = robots, RobotDigests(), KeptListings(in_thread)
+
+    async def read(self, request: Request, resource: Resource, listing: Listing) -> Response:
+        """Return all descriptions or, with ``limit``, a page of them that links the next page and the complete list.
+
+        In other media types it lists things by pages.
+        """
+        representations = request.services.representations
+        types = (*TYPES, *(each for each in representations.media_types if each not in TYPES))
+        media_type = choose(request.effective_accept, types)
+        if media_type is None:
+            raise NotAcceptable(f"Available here: {', '.join(types)}.", offered=types)
+        if unsupported := [name for name in _SORTING if name in request.query_params]:
+            raise Unimplemented(f"Descriptions are sorted by id, in ascending order; there is no {unsupported[0]}.")
+        offset, limit = _count(request, "offset", 0) or 0, _count(request, "limit", 1)
+        if media_type not in TYPES:
+            describe = partial(
+                describe_page, listing.view, await listing.things(), offset, min(limit or MOST_LISTED, MOST_LISTED)
+            )
+            return read_resource(request, resource.replace(describe=describe, remote=None, query=request.url.query))
+        return await self._written(request, resource, listing, offset, limit, media_type)
+
+    async def _written(
+        self, request: Request, resource: Resource, listing: Listing, offset: int, limit: int | None, media_type: str
+    ) -> Response:
+        """Return the descriptions of a page, or of all things: from the cache, else made now."""
+        version = await self._version(listing)
+        key = version + repr((offset, limit)).encode()
+        weak = "W/" + etag(key)  # of a listing that is not kept: its body is not known before it is sent
+        made: KeptListing | LongListing | None = self._kept.find(key)
+        headers = {"vary": "Accept, Accept-Encoding", "cache-control": "no-cache", "x-content-type-options": "nosniff"}
+        content = {"content-type": media_type, "allow": "GET, HEAD, OPTIONS"}
+        if made is None:
+            things = await listing.things()
+            end = len(things) if limit is None else offset + min(limit, MOST)
+            link = _page_links(request, resource, things, offset, limit, end)
+            if not_modified(field(request, "if-none-match"), weak):
+                return Response(status_code=304, headers=headers | {"link": link, "etag": weak})
+
+            async def is_current() -> bool:
+                return await self._version(listing) == version
+
+            parts = partial(_array, listing, [place for _, place in things[offset:end]])
+            made = await self._kept.make(key, link, parts, is_current)
+        headers["link"] = made.link
+        if isinstance(made, LongListing):
+            body = made.parts if request.method == "GET" else _nothing()
+            return StreamingResponse(body, headers=headers | content | {"etag": weak})
+        coding = preferred_coding(_codings(request), ("gzip",) if made.coded else ())
+        headers["etag"] = coded_tag(made.tag, coding)
         if not_modified(field(request, "if-none-match"), headers["etag"]):
             return Response(status_code=304, headers=headers)
-        places = [place for _, place in things[offset:]]
-        return StreamingResponse(_array(listing, places if request.method == "GET" else []), headers=headers | content)
-    end = offset + min(limit, MOST)
-    links += _canonical(things, request.base, paged=True)
+        if coding:
+            return Response(made.coded, headers=headers | content | {"content-encoding": coding})
+        return Response(made.body, headers=headers | content)
+
+    async def _version(self, listing: Listing) -> bytes:
+        self._digests.forget_others(self._robots.keys())
+        return await listing.version(self._digests)
+
+
+def _codings(request: Request) -> bytes:
+    return (field(request, "accept-encoding") or "").encode("latin-1")
+
+
+async def _nothing() -> AsyncIterator[bytes]:
+    yield b""
+
+
+def _page_links(
+    request: Request,
+    resource: Resource,
+    things: Sequence[tuple[str, Place]],
+    offset: int,
+    limit: int | None,
+    end: int,
+) -> str:
+    links = [Link(iri.value, "type") for iri in resource.interaction_model]
+    links += _canonical(things, request.base, paged=limit is not None or offset > 0)
     if end < len(things):
         links.append(Link(f"{request.base}{DIRECTORY}?offset={end}&limit={limit}", "next"))
-    body = b"".join([part async for part in _array(listing, [place for _, place in things[offset:end]])])
-    headers |= {"link": link_header(links, []), "etag": etag(body)}
-    if not_modified(field(request, "if-none-match"), headers["etag"]):
-        return Response(status_code=304, headers=headers)
-    return Response(body, headers=headers | content)
+    return link_header(links, [])
 
 
 def _canonical(things: Sequence[tuple[str, Place]], base: str, *, paged: bool) -> list[Link]:
@@ -123,7 +183,8 @@ class ThingsExtension(Extension):
 
     @asynccontextmanager
     async def start(self, core: Core) -> AsyncIterator[Mount]:
-        yield Mount(branches=BRANCHES, readers={Listing: read_listing}, formats={"td": ("Thing Description", TD)})
+        directory = Directory(core.live.fleet.robots, Offload(sys.maxsize).run)
+        yield Mount(branches=BRANCHES, readers={Listing: directory.read}, formats={"td": ("Thing Description", TD)})
 
 
 _THING: Json = {"type": "object", "required": ["@context", "id", "title"]}

@@ -191,6 +191,10 @@ BAD = [
     '{"op": "setParameters", "parameters": [{"name": "x"}]}', b"", b"\x01\0\0\0\0x", b"\x02", b"\x02" + b"\xff" * 12,
     b"\x02" + bytes(8) + struct.pack("<I", 1) + b"\xff",
     '{"op": "subscribe", "subscriptions": [{"id": 1, "channelId": 999999}]}',
+    '{"op": "subscribe"}', '{"op": "subscribe", "channels": []}', '{"op": "unsubscribe", "ids": [1]}',
+    '{"op": "unsubscribe", "subscriptionIds": [77]}', '{"op": "setParameters", "parameterNames": []}',
+    '{"op": "subscribeParameterUpdates"}', '{"op": "subscribeParameterUpdates", "parameterNames": ["/nothing"]}',
+    '{"op": "unsubscribeParameterUpdates", "names": []}',
 ]  # fmt: skip
 
 
@@ -202,6 +206,27 @@ def test_bad_input_gets_the_status_message_of_the_protocol(here: AuthenticatedGa
         assert client.next("status")["level"] == 2
         client.send("getParameters", parameterNames=[f"/{SEEN}/title"])
         assert client.next("parameterValues")["parameters"], "the connection goes on"
+
+
+def test_the_id_of_a_call_under_way_is_refused_and_stops_are_not(
+    here: AuthenticatedGateway, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    usual = session.ask
+
+    async def slow(request: Any, method: str, path: str, **fields: Any) -> Any:
+        await asyncio.sleep(3)
+        return await usual(request, method, path, **fields)
+
+    monkeypatch.setattr(session, "ask", slow)
+    client = opened(here)
+    with client.socket:
+        for content in (b'{"pose": "nowhere"}', b"{}"):
+            client.call(f"/{SEEN}/assumePose", content)
+        assert "take another one" in client.next("status")["message"]
+        assert "nowhere" in client.next("serviceCallFailure")["message"]
+        for _ in range(2):
+            client.call(f"/{SEEN}/stop")
+        client.until(lambda: len(client.responses) == 2)
 
 
 def test_calls_of_unknown_services_fail(here: AuthenticatedGateway) -> None:

@@ -267,6 +267,82 @@ def test_tools_take_iris_below_every_public_url_of_the_fleet(lab: McpClient, tar
     )
 
 
+NO_IDS = ["1.0", "1e0", "1.5", "null", "true", "false", "{}", "[]", "[1]", None]
+
+
+@pytest.mark.parametrize("method", ["tools/call", "resources/read", "ping", "tools/list", "nothing"])
+@pytest.mark.parametrize("id", NO_IDS)
+def test_a_request_without_a_usable_id_is_refused(lab: McpClient, id: str | None, method: str) -> None:
+    """Also a stop: the SDK would take it for a notification and do nothing."""
+    lab.call("act", action=ROTATE, body=_degrees(0))
+    moving = lab.call("act", action=ROTATE, body=_degrees(120, speedScale=0.02), wait_s=0)["structuredContent"]["iri"]
+    member = "" if id is None else f'"id": {id}, '
+    params = json.dumps({"name": "stop", "arguments": {}, "uri": lab.url.removesuffix("mcp")})
+    answer = lab.post(f'{{"jsonrpc": "2.0", {member}"method": "{method}", "params": {params}}}'.encode())
+    assert (answer.status_code, answer.json()["error"]["code"], answer.json()["id"]) == (400, -32600, None)
+    assert "must be a string or an integer" in answer.json()["error"]["message"]
+    assert lab.call("read", target=moving)["structuredContent"]["state"].endswith("#running")
+    assert lab.call("stop", target=moving)["isError"] is False
+
+
+@pytest.mark.parametrize("id", [0, -1, 2**70, "", "a", "1.0", "null"])
+def test_each_string_and_integer_is_an_id(lab: McpClient, id: object) -> None:
+    params = {"name": "stop", "arguments": {}}
+    answer = lab.post({"jsonrpc": "2.0", "id": id, "method": "tools/call", "params": params})
+    said = json.loads(answer.text.rpartition("data: ")[2])
+    assert (answer.status_code, said["id"], said["result"]["isError"]) == (200, id, False)
+
+
+@pytest.mark.parametrize(
+    "message",
+    [
+        {"id": 1},
+        {},
+        {"result": {}},
+        {"id": 1.5, "result": {}},
+        {"id": 1, "method": "notifications/cancelled", "params": {"requestId": 1}},
+        {"id": None, "method": "notifications/cancelled", "params": {"requestId": 1}},
+        {"id": 1, "method": 1},
+        {"method": None},
+    ],
+)
+def test_a_message_of_no_kind_is_refused(lab: McpClient, message: dict[str, object]) -> None:
+    answer = lab.post({"jsonrpc": "2.0", **message})
+    assert (answer.status_code, answer.json()["error"]["code"]) == (400, -32600)
+
+
+@pytest.mark.parametrize(("first", "second"), [(77, 77), ("77", "77"), (77, "77")])
+def test_an_id_in_use_is_refused_and_the_first_call_goes_on(lab: McpClient, first: object, second: object) -> None:
+    lab.call("act", action=ROTATE, body=_degrees(0))
+
+    def post(id: object, value: float, speed: float) -> httpx.Response:
+        arguments = {"action": ROTATE, "body": _degrees(value, speedScale=speed), "wait_s": 600}
+        params = {"name": "act", "arguments": arguments}
+        return lab.post({"jsonrpc": "2.0", "id": id, "method": "tools/call", "params": params})
+
+    with pool(1) as beside:
+        running = beside.submit(post, first, 60, 0.05)
+        eventually(lambda: _running(lab), "the motion")
+        answer = post(second, -60, 1.0)
+        assert (answer.status_code, answer.json()["error"]["code"]) == (400, -32600)
+        assert "take another one" in answer.json()["error"]["message"]
+        said = json.loads(running.result().text.rpartition("data: ")[2])
+    assert (said["id"], said["result"]["isError"]) == (first, False)
+    _moved_to(lab, 60)
+    assert "succeeded" in post(first, 0, 1.0).text  # free again
+
+
+def test_sessions_and_clients_have_ids_of_their_own(here: AuthenticatedGateway, lab: McpClient) -> None:
+    lab.call("act", action=ROTATE, body=_degrees(0))
+    with pool(1) as beside, mcp_session(here.root, here.tokens["lab"]) as other:
+        slow = {"action": ROTATE, "body": _degrees(120, speedScale=0.02), "wait_s": 600}
+        running = beside.submit(lab.ask, "tools/call", {"name": "act", "arguments": slow}, 77)
+        eventually(lambda: _running(lab), "the motion")
+        assert other.call("stop", id=77, target=f"/{SEEN}/")["isError"] is False
+        assert "cancelled" in text_of(running.result()["result"])
+        other.end()
+
+
 @pytest.mark.parametrize("target", ["https://elsewhere.example/", f"http://elsewhere.example/{SEEN}/"])
 def test_a_stop_of_something_elsewhere_says_what_would_have_been_right(lab: McpClient, target: str) -> None:
     result = lab.call("stop", target=target)
@@ -328,9 +404,9 @@ def test_sessions_are_bounded_in_number_and_time(here: AuthenticatedGateway) -> 
         (b'{"a": NaN}', 400, -32700),
         (b"[" * 100, 400, -32700),
         (b"[" + b"1," * 30_000 + b"1]", 400, -32700),
-        (b"[]", 400, -32602),
-        (b"1", 400, -32602),
-        (b'{"jsonrpc": "1.0", "id": 1, "method": "ping"}', 400, -32602),
+        (b"[]", 400, -32600),
+        (b"1", 400, -32600),
+        (b'{"jsonrpc": "1.0", "id": 1, "method": "ping"}', 400, -32600),
         (b'{"jsonrpc": "2.0", "id": 1, "method": "nothing"}', 200, -32601),
         (b'{"jsonrpc": "2.0", "id": 1, "method": "tools/call"}', 200, -32602),
         (b'{"jsonrpc": "2.0", "id": 1, "method": "tools/call", "params": {"name": "nothing"}}', 200, -32602),

@@ -27,7 +27,7 @@ def _view(*hidden: str, secured: bool = False) -> RequestView:
 
 
 def _described(*hidden: str, secured: bool = False) -> dict[str, Any]:
-    return dict(json.loads(asyncio.run(Documents(()).document(_view(*hidden, secured=secured)))))
+    return dict(json.loads(asyncio.run(Documents(()).document(_view(*hidden, secured=secured))).body))
 
 
 @pytest.fixture(scope="module")

@@ -1,6 +1,7 @@
 """The directory of Thing Descriptions (W3C WoT Discovery, 7.3.2.3): as a whole, and by pages."""
 
 import asyncio
+import gzip
 import json
 import re
 from types import MappingProxyType, SimpleNamespace
@@ -10,8 +11,9 @@ import pytest
 from starlette.responses import Response
 
 from linked_fleet_gateway.base.errors import BadRequest, FleetError
+from linked_fleet_gateway.extensions.things import kept_listings
 from linked_fleet_gateway.extensions.things.directory import MOST, Listing
-from linked_fleet_gateway.extensions.things.extension import _array, read_listing
+from linked_fleet_gateway.extensions.things.extension import Directory, _array
 from linked_fleet_gateway.fleet.invocations import Invocations
 from linked_fleet_gateway.http.arrival import create_arrival
 from linked_fleet_gateway.http.representation import Representations
@@ -57,7 +59,13 @@ class _Services:
     representations = Representations()
 
 
-def _get(query: str = "", *, method: str = "GET", without: str = "", **fields: str) -> _Answer:
+async def _at_once(work: Any, size: int) -> Any:
+    return work()
+
+
+def _get(
+    query: str = "", *, method: str = "GET", without: str = "", directory: Directory | None = None, **fields: str
+) -> _Answer:
     """``without``: a robot that is gone."""
     found = tree().resolve("/things")
     assert isinstance(found, Resource) and isinstance(found.remote, Listing)
@@ -71,7 +79,8 @@ def _get(query: str = "", *, method: str = "GET", without: str = "", **fields: s
     create_arrival(scope).base = BASE
 
     async def run() -> _Answer:
-        return await _Answer(await read_listing(Request(scope), found, listing)).read()
+        reading = directory or Directory(listing.view.robots, _at_once)
+        return await _Answer(await reading.read(Request(scope), found, listing)).read()
 
     return asyncio.run(run())
 
@@ -125,10 +134,12 @@ def test_a_page_has_an_etag_of_its_own() -> None:
     assert _get("limit=2&offset=2", if_none_match=page.headers["etag"]).status == 200
 
 
-def test_the_whole_has_an_etag_although_it_is_streamed() -> None:
-    """R0.11. It is weak, and changes with the things."""
+@pytest.mark.parametrize("most", [10, kept_listings.MAX_LISTING_BYTES])
+def test_the_whole_has_an_etag_also_if_it_is_streamed(monkeypatch: pytest.MonkeyPatch, most: int) -> None:
+    """R0.11. It is weak if the body is not kept, and changes with the things."""
+    monkeypatch.setattr(kept_listings, "MAX_LISTING_BYTES", most)
     tag = _get().headers["etag"]
-    assert tag.startswith('W/"') and _get(method="HEAD").headers["etag"] == tag
+    assert tag.startswith('W/"') == (most == 10) and _get(method="HEAD").headers["etag"] == tag
     assert (_get(if_none_match=tag).status, _get(if_none_match=tag).body) == (304, b"")
     assert _get(if_none_match=tag, without="mute").status == 200
     assert _get("offset=1", if_none_match=tag).status == 200
@@ -160,7 +171,7 @@ async def test_parts_that_go_while_the_listing_is_sent_are_left_out(bench: Any, 
     robot = bench.robot({"pan": ("continuous", ""), "tilt": ("continuous", "")})
     view = RequestView(bench.base, MappingProxyType(bench.fleet.robots), InvocationsInView(Invocations(), ALL), ALL)
     listing, sent = Listing(view), b""
-    async for piece in _array(listing, [place for _, place in listing.things()]):
+    async for piece in _array(listing, [place for _, place in await listing.things()]):
         if not sent:
             if rejected:
                 robot.reject_description("it is none")
@@ -171,8 +182,80 @@ async def test_parts_that_go_while_the_listing_is_sent_are_left_out(bench: Any, 
     assert kept == {"/", "/r/"}
 
 
-def test_head_describes_nothing() -> None:
-    assert _get(method="HEAD").body == b"[]"
+class _Counted:
+    """Counts the descriptions that are written."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.count, self._usual = 0, Listing.description
+        monkeypatch.setattr(Listing, "description", lambda listing, place: self._write(listing, place))
+
+    def _write(self, listing: Listing, place: Any) -> bytes:
+        self.count += 1
+        return self._usual(listing, place)
+
+
+@pytest.mark.parametrize("query", ["", "limit=10", "limit=10&offset=20", "offset=30"])
+def test_a_listing_is_written_once(monkeypatch: pytest.MonkeyPatch, query: str) -> None:
+    counted, directory = _Counted(monkeypatch), Directory({}, _at_once)
+    before = [_get(query, directory=directory) for _ in range(3)]
+    assert len({(each.body, each.headers["etag"]) for each in before}) == 1
+    assert counted.count == len(before[0].ids)
+    again = _get(query, directory=directory, if_none_match=before[0].headers["etag"])
+    assert (again.status, counted.count) == (304, len(before[0].ids))
+    _get(query, directory=directory, without="mute")
+    assert counted.count > len(before[0].ids), "another reader, who sees other robots"
+
+
+def test_a_listing_is_compressed_once_for_those_who_accept_it() -> None:
+    directory = Directory({}, _at_once)
+    plain, coded = (_get(directory=directory, accept_encoding=coding) for coding in ("identity", "gzip"))
+    assert coded.headers["content-encoding"] == "gzip" and gzip.decompress(coded.body) == plain.body
+    assert coded.headers["etag"] != plain.headers["etag"] and len(coded.body) < len(plain.body) / 5
+    assert _get(directory=directory, accept_encoding="gzip", if_none_match=coded.headers["etag"]).status == 304
+    assert coded.headers["vary"] == "Accept, Accept-Encoding"
+
+
+async def test_requests_at_once_make_a_listing_once(bench: Any) -> None:
+    robot = bench.robot({"pan": ("continuous", ""), "tilt": ("continuous", "")})
+    begun = list[int]()
+
+    async def parts() -> Any:
+        begun.append(1)
+        for _ in range(3):
+            await asyncio.sleep(0)
+            yield robot.name.encode()
+
+    async def is_current() -> bool:
+        return True
+
+    kept = kept_listings.KeptListings(_at_once)
+    made = await asyncio.gather(*(kept.make(b"key", "", parts, is_current) for _ in range(8)))
+    assert len({id(each) for each in made}) == 1 and len(begun) == 1
+
+
+def test_the_memory_of_listings_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(kept_listings, "MAX_KEPT_BYTES", 200_000)
+    directory = Directory({}, _at_once)
+    for offset in range(30):
+        _get(f"limit=5&offset={offset}", directory=directory)
+        assert sum(each.size for each in directory._kept._kept.values()) <= 200_000
+
+
+async def test_a_listing_of_two_states_is_not_kept() -> None:
+    async def parts() -> Any:
+        yield b"[]"
+
+    async def is_current() -> bool:
+        return False
+
+    kept = kept_listings.KeptListings(_at_once)
+    made = await kept.make(b"key", "", parts, is_current)
+    assert isinstance(made, kept_listings.KeptListing) and kept.find(b"key") is None
+
+
+def test_a_head_has_the_fields_of_a_get() -> None:
+    head, get = _get(method="HEAD"), _get()
+    assert head.headers == get.headers
 
 
 def test_the_directory_is_available_in_rdf_by_pages() -> None:

@@ -1,5 +1,6 @@
 """Thing Descriptions of a whole small fleet, against the schema of the standard and against what is served."""
 
+import asyncio
 import json
 from itertools import chain
 
@@ -252,7 +253,7 @@ def test_things_exclude_invisible_robots() -> None:
 def test_the_directory_has_each_thing_once() -> None:
     listing = _resource("/things").remote
     assert isinstance(listing, Listing)
-    found = listing.things()
+    found = asyncio.run(listing.things())
     assert [id for id, _ in found] == sorted(BASE + path for path in _things())
     for id, place in found:
         assert _td(f"/things/{id}")["id"] == id == json.loads(listing.description(place))["id"]
