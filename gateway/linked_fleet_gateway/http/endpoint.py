@@ -24,6 +24,7 @@ from linked_fleet_gateway.base.errors import (
 from linked_fleet_gateway.http.answers import Reply
 from linked_fleet_gateway.http.audit import add_audit_link, audit_resource, is_audit_path, record_request
 from linked_fleet_gateway.http.callers import SUBSCRIPTIONS_RIGHTS, require_right, visible_subscriptions
+from linked_fleet_gateway.http.demands import check_demands, refuse_demands
 from linked_fleet_gateway.http.extension import Mount, Reader, Writer
 from linked_fleet_gateway.http.fields import field
 from linked_fleet_gateway.http.invoke import end_invocation, invoke, put_target
@@ -57,6 +58,7 @@ from linked_fleet_gateway.identity.rights import Right
 from linked_fleet_gateway.resources.affordance import (
     ChangeSubscription,
     Control,
+    Demand,
     EndInvocation,
     Invoke,
     PutSetting,
@@ -181,6 +183,7 @@ class Endpoint:
             return await self._write(request, found)
         if wants_callback(request):
             require_right(request, found.path, (Right.SUBSCRIBE,))
+            refuse_demands(request.arrival.fields, frozenset({Demand.PRECONDITIONS}))
             return await subscribe_callback(request, found)
         if (found.observable or found.subscription is not None) and wants_events(request):
             require_right(request, found.path, (Right.SUBSCRIBE,))
@@ -196,6 +199,7 @@ class Endpoint:
         representations of a resource.
         """
         try:
+            check_demands(request.arrival.fields, resource)
             check_interaction_model(request, resource)
             return await self._writers[type(resource.affords)](request, resource.affords)
         except (ContainerFull, PayloadTooLarge, UnprocessableContent, UnsupportedMediaType) as error:

@@ -81,11 +81,11 @@ def write_operation(
     return said | {"responses": responses | error_responses((*_ALWAYS, *_WRITES))} | more
 
 
-def patch_operation(id: str, summary: str) -> Json:
+def patch_operation(id: str, summary: str, fields: Sequence[str] = ("IfMatch",)) -> Json:
     """Return PATCH by a SPARQL update, whose grammar no schema can express."""
     body = {PATCH_TYPES[0]: {"schema": {"type": "string", "minLength": 1}}}
     done = {"204": {"description": "Changed."}}
-    return write_operation(id, summary, done, body, (header_ref("IfMatch"), header_ref("LockToken")))
+    return write_operation(id, summary, done, body, [header_ref(each) for each in fields])
 
 
 def creation_responses(description: str) -> Json:

@@ -3,10 +3,10 @@
 from collections.abc import Callable
 
 from linked_fleet_gateway.base.errors import PreconditionFailed
+from linked_fleet_gateway.http.demands import stops
 from linked_fleet_gateway.http.fields import field
 from linked_fleet_gateway.http.representation import not_modified, precondition_holds
 from linked_fleet_gateway.http.request import Request
-from linked_fleet_gateway.resources.affordance import EndInvocation, Invoke
 from linked_fleet_gateway.resources.resource import Redirect, Resource
 
 
@@ -53,7 +53,7 @@ class _Check:
     def __init__(self, request: Request, resource: Resource) -> None:
         reads = request.method in ("GET", "HEAD", "OPTIONS")
         self._wanted, self._unwanted = field(request, "if-match"), None if reads else field(request, "if-none-match")
-        self.needed = not (self._wanted is None and self._unwanted is None) and not _stops(resource)
+        self.needed = not (self._wanted is None and self._unwanted is None) and not stops(resource)
         self._holds = False
 
     def is_decided_by(self, tag: str) -> bool:
@@ -67,8 +67,3 @@ class _Check:
         """Raise PreconditionFailed if no tag has met If-Match."""
         if not self._holds:
             raise PreconditionFailed("The resource has changed since; none of the entity tags in If-Match is current.")
-
-
-def _stops(resource: Resource) -> bool:
-    affords = resource.affords
-    return isinstance(affords, EndInvocation) or (isinstance(affords, Invoke) and not affords.offer.takes_body)

@@ -24,7 +24,7 @@ from linked_fleet_gateway.base.errors import (
 )
 from linked_fleet_gateway.http.body import body_type, convert_body, parse_body, parse_form
 from linked_fleet_gateway.http.fields import field, parameters, split
-from linked_fleet_gateway.http.invoke import lock_token, reject_dry_run
+from linked_fleet_gateway.http.invoke import lock_token
 from linked_fleet_gateway.http.negotiation import choose
 from linked_fleet_gateway.http.preconditions import resolve_under_preconditions
 from linked_fleet_gateway.http.request import Request
@@ -86,7 +86,6 @@ MAX_ANNOTATION_TRIPLES = 256
 async def control_lease(request: Request, affordance: Control) -> Response:
     """PUT takes or renews the lease and returns its ``Lock-Token``; DELETE releases it with that token."""
     shared = _shared(request)
-    reject_dry_run(request)
     robot, token = affordance.robot, lock_token(request)
     if request.method == "DELETE":
         if not token:
@@ -119,7 +118,6 @@ def _shared(request: Request) -> ReplicatedInvocations:
 
 async def put_setting(request: Request, affordance: PutSetting) -> Response:
     shared = _shared(request)
-    reject_dry_run(request)
     setting = affordance.setting
     change = await _change(request, setting)
     while True:
