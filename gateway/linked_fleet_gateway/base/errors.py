@@ -23,6 +23,7 @@
     ├── TooManySubscriptions        429     too-many-subscriptions
     ├── TooManyInvocations          429     too-many-invocations
     ├── TooManyRequests             429     too-many-requests
+    ├── FieldsTooLarge              431     fields-too-large
     ├── Unimplemented               501     not-implemented
     ├── Offline                     503     offline
     ├── Faulty                      503     faulty
@@ -288,6 +289,12 @@ class TooManyInvocations(FleetError):
 
     status, code, title = 429, "too-many-invocations", "The client has too many motions that have not ended"
     retry_after_s = 1
+
+
+class FieldsTooLarge(FleetError):
+    """A header field has too many members, or the request too many fields (RFC 6585, 5)."""
+
+    status, code, title = 431, "fields-too-large", "The header fields are too large"
 
 
 class TooManyRequests(FleetError):

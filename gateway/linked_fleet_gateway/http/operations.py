@@ -17,7 +17,7 @@ MOST_NAMES = 256
 """Most names listed for one parameter or member; for more, only the type is given."""
 CHANGED_RESPONSE: Json = {"204": {"description": "Changed."}}
 ID_SCHEMA: Json = {"type": "string", "format": "uuid"}
-_ALWAYS = ("400", "404", "406", "421", "429", "500", "503")
+_ALWAYS = ("400", "404", "406", "421", "429", "431", "500", "503")
 _READS, _WRITES = ("304", "412"), ("409", "412", "413", "415", "422", "504")
 RDF_CONTENT: Json = {JSONLD: {"schema": {"$ref": "#/components/schemas/JsonLd"}}, TURTLE: {}}
 
