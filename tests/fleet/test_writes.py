@@ -406,3 +406,32 @@ def _models(answer: httpx.Response) -> set[URIRef]:
     """Return the types of the Link field, with the class of all containers beside that of a basic one."""
     found = {URIRef(each) for each in re.findall(r'<([^>]*)>; rel="type"', answer.headers["link"])}
     return found | ({LDP.Container} if LDP.BasicContainer in found else set())
+
+
+@pytest.mark.parametrize("path", ["actions/stopAll", "ur5/actions/stop", f"ur5/{WRIST}/actions/hold"])
+def test_a_stop_with_a_slash_stops(browser: Browser, path: str) -> None:
+    plain, slashed = (browser.http.post(browser.root + path + end) for end in ("", "/"))
+    assert plain.status_code == slashed.status_code == 204
+    for answer in (plain, slashed):
+        assert answer.headers["location"].startswith(f"{browser.root}{path}/invocations/")
+    cancelled = browser.http.post(f"{slashed.headers['location']}/actions/cancel/")
+    assert cancelled.status_code in (204, 409), cancelled.text  # a stop of all robots cannot be cancelled
+
+
+def test_a_write_with_a_slash_is_that_of_the_resource(browser: Browser) -> None:
+    created = browser.http.post(
+        _objects(browser) + "/", content=PREFIXES + _CRATE, headers={"content-type": "text/turtle"}
+    )
+    assert created.status_code == 201, created.text
+    thing = created.headers["location"]
+    assert thing.startswith(_objects(browser) + "/") and "//" not in httpx.URL(thing).path
+    described = browser.http.get(thing, headers={"accept": "text/turtle"}).text
+    assert put(browser, thing + "/", described.replace("crate", "box")).status_code == 204
+    assert "box" in browser.http.get(thing, headers={"accept": "text/turtle"}).text
+    assert browser.http.get(thing + "/").status_code == 308
+    assert browser.http.delete(thing + "/").status_code == 204
+    assert browser.http.get(thing).status_code == 404
+    refused = browser.http.delete(browser.root + "ur5")  # a robot's own path has the slash
+    assert refused.status_code == 405
+    turned = post(browser, f"{browser.root}ur5/{WRIST}/actions/rotate/", radian(0.1), prefer="dry-run")
+    assert turned.status_code == 200, turned.text

@@ -153,6 +153,10 @@ class Endpoint:
         if is_cancelled_stream(request):
             return Response(status_code=204)
         found = await _find(request)
+        if isinstance(found, Redirect) and request.method not in READ_METHODS:
+            # Many clients do not follow redirects of writes, and a stop must not depend on a slash.
+            _use_canonical_path(request.scope, found)
+            found = await _find(request)
         request.is_safe = isinstance(found, Resource) and found.affords is not None and found.affords.reads
         if isinstance(found, Redirect):
             return _moved(request, found)
@@ -227,6 +231,11 @@ class Endpoint:
                 await serve_subprotocol(websocket, resource, handler, value)
                 return
         await open_websocket(websocket, resource)
+
+
+def _use_canonical_path(scope: Scope, to: Redirect) -> None:
+    raw: bytes = scope["raw_path"]
+    scope["path"], scope["raw_path"] = to.path, raw + b"/" if to.path.endswith("/") else raw.removesuffix(b"/")
 
 
 def _needed(request: Request, resource: Resource) -> Sequence[Right]:

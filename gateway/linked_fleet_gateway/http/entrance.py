@@ -46,7 +46,7 @@ class RateLimiter:
 
     def wait_s(self, scope: Scope) -> float:
         """Return the seconds until the request is permitted; 0 if it is now, and then counted, once."""
-        if not self._rates.is_limited or is_urgent(scope) or scope["path"] in self._carriers:
+        if not self._rates.is_limited or is_urgent(scope) or scope["path"].rstrip("/") in self._carriers:
             return 0.0
         arrival = arrival_of(scope)
         if arrival.rate_counted:
@@ -100,7 +100,7 @@ class ModuleLoader:
 
 def _needed(scope: Scope) -> tuple[tuple[str, ...], HtmlWriter | None]:
     """Return the modules, and the writer that is needed for a page."""
-    path, method = scope["path"], scope["method"]
+    path, method = scope["path"].rstrip("/"), scope["method"]
     if method in ("POST", "PATCH"):
         container = path if method == "POST" else path.rpartition("/")[0]
         return (SUBSCRIPTION_MODULES if container.endswith("/subscriptions") else ()), None

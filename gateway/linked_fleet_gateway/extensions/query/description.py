@@ -19,7 +19,7 @@ from linked_fleet_gateway.resources.branches import FleetBranch, Found, RequestV
 from linked_fleet_gateway.resources.documents import VOCABULARY
 from linked_fleet_gateway.resources.fleet_functions import FUNCTIONS as FURTHER
 from linked_fleet_gateway.resources.paths import robot_path
-from linked_fleet_gateway.resources.resource import Redirect, Resource
+from linked_fleet_gateway.resources.resource import Resource
 
 PATH = "/query"
 FORM = "application/x-www-form-urlencoded"
@@ -55,9 +55,7 @@ def branch(queries: Queries) -> FleetBranch:
 
 
 def _resolve(queries: Queries, view: RequestView, rest: list[str]) -> Found:
-    if rest:
-        return Redirect(PATH) if rest == [""] else None
-    return endpoint_resource(Endpoint(queries, view), {})
+    return None if rest else endpoint_resource(Endpoint(queries, view), {})
 
 
 def endpoint_resource(endpoint: Endpoint, counts: Mapping[str, int]) -> Resource:
