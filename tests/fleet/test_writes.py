@@ -13,6 +13,7 @@ from rdflib.term import Node
 from browser import DCTERMS, HYBRIT, LDP, LF, MATHS, Browser, Page
 from commanding import PREFIXES, TURTLE, WRIST, post, problem, put, radian
 from linked_fleet_gateway.extensions.world.extension import MAX_BODY_BYTES as MAX_OBJECT_BYTES
+from linked_fleet_gateway.resources.annotations import MAX_ANNOTATION_TRIPLES
 from small_fleet import Place, live, number
 
 pytestmark = pytest.mark.virtual
@@ -435,3 +436,25 @@ def test_a_write_with_a_slash_is_that_of_the_resource(browser: Browser) -> None:
     assert refused.status_code == 405
     turned = post(browser, f"{browser.root}ur5/{WRIST}/actions/rotate/", radian(0.1), prefer="dry-run")
     assert turned.status_code == 200, turned.text
+
+
+def test_annotations_have_one_bound_however_they_are_written(browser: Browser) -> None:
+    """What is shown can be sent back, with the statements of the agent."""
+    url, robot = _setting(browser, "annotations"), browser.robot("ur5").url
+    statements = [f"<{robot}> ex:n{number} {number} ." for number in range(MAX_ANNOTATION_TRIPLES + 1)]
+    prefix = "@prefix ex: <http://example.org/> .\n"
+
+    def insert(*said: str) -> int:
+        return _patch(browser, url, f"INSERT DATA {{ {' '.join(said)} }}").status_code
+
+    try:
+        assert put(browser, url, prefix + "\n".join(statements)).status_code == 413
+        assert insert(*statements) == 413
+        assert put(browser, url, prefix + "\n".join(statements[:100])).status_code == 204
+        assert insert(*statements[100:-1]) == 204
+        assert insert(statements[-1]) == 413
+        shown = browser.http.get(url, headers={"accept": "text/turtle"})
+        assert "n255" in shown.text and "n256" not in shown.text
+        assert put(browser, url, shown.text).status_code == 204
+    finally:
+        browser.http.delete(url)

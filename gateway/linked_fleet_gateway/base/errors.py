@@ -20,6 +20,7 @@
     ├── MisdirectedRequest          421     misdirected-request
     ├── UnprocessableContent        422     unprocessable-content
     │   └── KeyReused               422     key-reused
+    ├── UpgradeRequired             426     upgrade-required
     ├── TooManySubscriptions        429     too-many-subscriptions
     ├── TooManyInvocations          429     too-many-invocations
     ├── TooManyRequests             429     too-many-requests
@@ -276,6 +277,15 @@ class KeyReused(UnprocessableContent):
     """The Idempotency-Key was used for another request within the last day."""
 
     code, title = "key-reused", "The idempotency key was used for another request"
+
+
+class UpgradeRequired(FleetError):
+    """The request needs an ``Upgrade`` field, which proxies and HTTP/2 remove (RFC 9110, 7.8 and 15.5.22)."""
+
+    status, code, title = 426, "upgrade-required", "The request lacks its Upgrade"
+
+    def __init__(self, detail: str, *, protocol: str) -> None:
+        super().__init__(detail, headers={"Upgrade": protocol, "Connection": "Upgrade"})
 
 
 class TooManySubscriptions(FleetError):

@@ -45,6 +45,7 @@ from linked_fleet_gateway.http.request import AUDIT_RIGHTS, Connection, Request,
 from linked_fleet_gateway.http.streams import EventStream, is_cancelled_stream, open_websocket, wants_events
 from linked_fleet_gateway.http.subscribe import (
     check_handshake,
+    check_upgrade,
     post_subscription,
     resume_subscription,
     subscribe_callback,
@@ -168,6 +169,7 @@ class Endpoint:
         require_right(request, found.path, _needed(request, found))
         if method not in allow:
             raise MethodNotAllowed(f"{method} is not possible here; {', '.join(allow)} are.", allow=allow)
+        check_upgrade(request, found)
         if method == "OPTIONS":
             return Response(status_code=204, headers=method_headers(found, allow))
         if found.remote is not None and not (found.observable and (wants_events(request) or wants_callback(request))):
