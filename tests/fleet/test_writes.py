@@ -458,3 +458,30 @@ def test_annotations_have_one_bound_however_they_are_written(browser: Browser) -
         assert put(browser, url, shown.text).status_code == 204
     finally:
         browser.http.delete(url)
+
+
+@pytest.mark.parametrize(
+    ("method", "path"),
+    [
+        ("POST", f"ur5/{WRIST}/actions/rotate"),
+        ("PUT", f"ur5/{WRIST}/targetRotation"),
+        ("PUT", "ur5/title"),
+        ("PUT", "ur5/annotations"),
+        ("PUT", "ur5/placement"),
+        ("PUT", "ur5/lease"),
+        ("POST", "world/objects"),
+        ("POST", "rules"),
+        ("POST", "subscriptions"),
+    ],
+)
+@pytest.mark.parametrize("media_type", ["text/turtle", "application/ld+json"])
+def test_an_empty_body_has_the_hint_for_curl(browser: Browser, method: str, path: str, media_type: str) -> None:
+    """``curl --data '@prefix …'`` takes the text for the name of a file, and sends nothing."""
+    headers = {"content-type": media_type}
+    for content, hinted in (("", True), ("{}" if "json" in media_type else "# nothing", False)):
+        answer = browser.http.request(method, browser.root + path, content=content, headers=headers)
+        if path.endswith("annotations") and not hinted:
+            assert answer.status_code == 204  # a document without statements is a state, unlike no document
+            continue
+        assert answer.status_code in (400, 422), answer.text
+        assert ("--data-raw" in answer.json()["detail"]) is hinted, answer.text

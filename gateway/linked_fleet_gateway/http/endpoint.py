@@ -78,6 +78,10 @@ log = logging.getLogger(__name__)
 
 _METHODS = (*READ_METHODS, "POST", "PUT", "PATCH", "DELETE")
 _LONGEST_NAMED = 200
+_EMPTY_BODY = (
+    " The body is empty. curl's --data '@prefix …' sends the file of that name, not the text: use --data-raw, or "
+    "--data-binary @FILE for a file."
+)
 _CONDITIONS = frozenset({b"if-match", b"if-none-match"})
 
 
@@ -208,8 +212,10 @@ class Endpoint:
             check_demands(request.arrival.fields, resource)
             check_interaction_model(request, resource)
             return await self._writers[type(resource.affords)](request, resource.affords)
-        except (ContainerFull, PayloadTooLarge, UnprocessableContent, UnsupportedMediaType) as error:
-            if resource.affords is not None and not resource.affords.reads:
+        except (BadRequest, ContainerFull, PayloadTooLarge, UnprocessableContent, UnsupportedMediaType) as error:
+            if request.has_empty_body:
+                error.detail += _EMPTY_BODY
+            if not isinstance(error, BadRequest) and resource.affords is not None and not resource.affords.reads:
                 error.constrain(request.base + _constraints(resource))
             raise
 

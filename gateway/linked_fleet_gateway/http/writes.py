@@ -153,7 +153,10 @@ async def _read_setting(request: Request, setting: Setting) -> list[Triple]:
         shown = len(present.full_graph(request.base).triples) if isinstance(present, Resource) else 0
         # What is shown can be sent back, with the statements of the agent.
         limit = MAX_ANNOTATION_TRIPLES + shown
-        return await convert_body(request, lambda body: parse_body(body, media_type, iri, request.base, limit))
+        triples = await convert_body(request, lambda body: parse_body(body, media_type, iri, request.base, limit))
+        if request.has_empty_body:
+            raise UnprocessableContent("Nothing would be left of the annotations; DELETE removes them.")
+        return triples
 
     media_type, form = body_type(request, FORM_TYPES), partial(_form, shape)
     return await convert_body(request, lambda body: parse_form(body, media_type, iri, request.base, form))
