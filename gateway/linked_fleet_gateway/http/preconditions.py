@@ -5,7 +5,7 @@ from collections.abc import Callable
 from linked_fleet_gateway.base.errors import PreconditionFailed
 from linked_fleet_gateway.http.demands import stops
 from linked_fleet_gateway.http.fields import field
-from linked_fleet_gateway.http.representation import not_modified, precondition_holds
+from linked_fleet_gateway.http.representation import names_state, precondition_holds
 from linked_fleet_gateway.http.request import Request
 from linked_fleet_gateway.resources.resource import Redirect, Resource
 
@@ -58,7 +58,7 @@ class _Check:
 
     def is_decided_by(self, tag: str) -> bool:
         """Return True if the preconditions hold whatever the other tags are. Raises PreconditionFailed."""
-        if not_modified(self._unwanted, tag):
+        if names_state(self._unwanted, tag):
             raise PreconditionFailed("If-None-Match names the present state of the resource.")
         self._holds = self._holds or precondition_holds(self._wanted, {tag})
         return self._holds and self._unwanted is None
