@@ -1,4 +1,4 @@
-"""No body of a permitted size blocks the event loop: measured on the loop itself, in this process.
+"""No body and no header field of a permitted size blocks the event loop: measured on the loop itself, in this process.
 
 The limit applies to processor time of the loop's thread. Other work on the machine still slows the thread through
 caches and shared cores: the time is divided by the present slowness of a fixed computation. The limit here is twice the
@@ -19,6 +19,7 @@ import httpx
 import pytest
 
 from fake_robots import FakeRobot, open_session
+from fuzzing.fields import families
 from fuzzing.good import able_arm
 from fuzzing.hostile import (
     ACCEPTED,
@@ -217,3 +218,20 @@ def test_preconditions_take_a_turn_for_each_representation(gateway: Gateway, nam
             used_s, answer = gateway.cost_s("GET" if path == "/arm/" else "PUT", path, b"x", **fields)
             assert answer.status_code in (200, 400, 412)
             assert used_s < MOST_S, f"{path} with {attack.family}: {used_s * 1000:.1f} ms"
+
+
+@pytest.mark.parametrize(
+    ("method", "path"), [("GET", "/arm/"), ("GET", "/nowhere"), ("PUT", "/arm/title"), ("POST", "/arm/actions/stop")]
+)
+def test_no_header_field_keeps_the_loop_busy(gateway: Gateway, method: str, path: str) -> None:
+    """A field of any length, which may be refused, but not for a stop."""
+    found = []
+    for name, value in families():
+        if name == "Origin":
+            continue  # it prevents stops
+        used_s, answer = gateway.cost_s(method, path, **{name: value})
+        if used_s >= MOST_S or (answer.status_code >= 500 and answer.status_code != 503):
+            found.append(f"{name}: {value[:40]}… of {len(value)}: {answer.status_code}, {used_s * 1000:.1f} ms")
+        if path.endswith("stop") and name != "Host":
+            assert answer.status_code in (202, 204), (name, value[:40], answer.text)
+    assert found == []

@@ -13,6 +13,7 @@ from rdflib.term import Node
 from browser import DCTERMS, HYBRIT, LDP, LF, MATHS, Browser, Page
 from commanding import PREFIXES, TURTLE, WRIST, post, problem, put, radian
 from linked_fleet_gateway.extensions.world.extension import MAX_BODY_BYTES as MAX_OBJECT_BYTES
+from linked_fleet_gateway.resources.annotations import MAX_ANNOTATION_TRIPLES
 from small_fleet import Place, live, number
 
 pytestmark = pytest.mark.virtual
@@ -406,3 +407,81 @@ def _models(answer: httpx.Response) -> set[URIRef]:
     """Return the types of the Link field, with the class of all containers beside that of a basic one."""
     found = {URIRef(each) for each in re.findall(r'<([^>]*)>; rel="type"', answer.headers["link"])}
     return found | ({LDP.Container} if LDP.BasicContainer in found else set())
+
+
+@pytest.mark.parametrize("path", ["actions/stopAll", "ur5/actions/stop", f"ur5/{WRIST}/actions/hold"])
+def test_a_stop_with_a_slash_stops(browser: Browser, path: str) -> None:
+    plain, slashed = (browser.http.post(browser.root + path + end) for end in ("", "/"))
+    assert plain.status_code == slashed.status_code == 204
+    for answer in (plain, slashed):
+        assert answer.headers["location"].startswith(f"{browser.root}{path}/invocations/")
+    cancelled = browser.http.post(f"{slashed.headers['location']}/actions/cancel/")
+    assert cancelled.status_code in (204, 409), cancelled.text  # a stop of all robots cannot be cancelled
+
+
+def test_a_write_with_a_slash_is_that_of_the_resource(browser: Browser) -> None:
+    created = browser.http.post(
+        _objects(browser) + "/", content=PREFIXES + _CRATE, headers={"content-type": "text/turtle"}
+    )
+    assert created.status_code == 201, created.text
+    thing = created.headers["location"]
+    assert thing.startswith(_objects(browser) + "/") and "//" not in httpx.URL(thing).path
+    described = browser.http.get(thing, headers={"accept": "text/turtle"}).text
+    assert put(browser, thing + "/", described.replace("crate", "box")).status_code == 204
+    assert "box" in browser.http.get(thing, headers={"accept": "text/turtle"}).text
+    assert browser.http.get(thing + "/").status_code == 308
+    assert browser.http.delete(thing + "/").status_code == 204
+    assert browser.http.get(thing).status_code == 404
+    refused = browser.http.delete(browser.root + "ur5")  # a robot's own path has the slash
+    assert refused.status_code == 405
+    turned = post(browser, f"{browser.root}ur5/{WRIST}/actions/rotate/", radian(0.1), prefer="dry-run")
+    assert turned.status_code == 200, turned.text
+
+
+def test_annotations_have_one_bound_however_they_are_written(browser: Browser) -> None:
+    """What is shown can be sent back, with the statements of the agent."""
+    url, robot = _setting(browser, "annotations"), browser.robot("ur5").url
+    statements = [f"<{robot}> ex:n{number} {number} ." for number in range(MAX_ANNOTATION_TRIPLES + 1)]
+    prefix = "@prefix ex: <http://example.org/> .\n"
+
+    def insert(*said: str) -> int:
+        return _patch(browser, url, f"INSERT DATA {{ {' '.join(said)} }}").status_code
+
+    try:
+        assert put(browser, url, prefix + "\n".join(statements)).status_code == 413
+        assert insert(*statements) == 413
+        assert put(browser, url, prefix + "\n".join(statements[:100])).status_code == 204
+        assert insert(*statements[100:-1]) == 204
+        assert insert(statements[-1]) == 413
+        shown = browser.http.get(url, headers={"accept": "text/turtle"})
+        assert "n255" in shown.text and "n256" not in shown.text
+        assert put(browser, url, shown.text).status_code == 204
+    finally:
+        browser.http.delete(url)
+
+
+@pytest.mark.parametrize(
+    ("method", "path"),
+    [
+        ("POST", f"ur5/{WRIST}/actions/rotate"),
+        ("PUT", f"ur5/{WRIST}/targetRotation"),
+        ("PUT", "ur5/title"),
+        ("PUT", "ur5/annotations"),
+        ("PUT", "ur5/placement"),
+        ("PUT", "ur5/lease"),
+        ("POST", "world/objects"),
+        ("POST", "rules"),
+        ("POST", "subscriptions"),
+    ],
+)
+@pytest.mark.parametrize("media_type", ["text/turtle", "application/ld+json"])
+def test_an_empty_body_has_the_hint_for_curl(browser: Browser, method: str, path: str, media_type: str) -> None:
+    """``curl --data '@prefix …'`` takes the text for the name of a file, and sends nothing."""
+    headers = {"content-type": media_type}
+    for content, hinted in (("", True), ("{}" if "json" in media_type else "# nothing", False)):
+        answer = browser.http.request(method, browser.root + path, content=content, headers=headers)
+        if path.endswith("annotations") and not hinted:
+            assert answer.status_code == 204  # a document without statements is a state, unlike no document
+            continue
+        assert answer.status_code in (400, 422), answer.text
+        assert ("--data-raw" in answer.json()["detail"]) is hinted, answer.text

@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from random import Random
 
 from fuzzing import bodies, mutation
+from fuzzing.fields import costly
 from fuzzing.findings import Tally, random_of
 from fuzzing.good import BODIES
 from fuzzing.hostile import ACCEPTED, SUBSCRIPTION, random_attack
@@ -17,6 +18,7 @@ from fuzzing.living import PATIENCE_S, LiveGateway, in_batches, living
 
 AT_ONCE = 12
 _HOSTILE = 0.04
+_COSTLY = 0.05
 _SILENCE_S = 0.1
 # Unknown transfer codings (RFC 9112, 6.1), unavailable or late parts, and other major versions (RFC 9110, 15.6.6).
 _DOCUMENTED = (501, 503, 504, 505)
@@ -208,6 +210,8 @@ class Crowd(Clients):
     def _fields(self, random: Random) -> list[str]:
         host = f"127.0.0.1:{self._port}" if random.random() < 0.96 else random.choice(_HOSTS)
         fields = [f"Host: {host}"]
+        if random.random() < _COSTLY:
+            return [*fields, ": ".join(costly(random))]
         for name in random.sample(tuple(_FIELDS), random.choice((0, 1, 1, 2, 3, 6))):
             value = random.choice(_FIELDS[name])
             if random.random() < 0.1:

@@ -218,3 +218,26 @@ def _posted(scene: ObservedFleet, toy: TwoJointRobot, more: str) -> str:
     answer = scene.browser.http.post(toy.subscriptions().url, content=body, headers={"content-type": "text/turtle"})
     assert answer.status_code == 201, answer.text
     return answer.headers["location"]
+
+
+@pytest.mark.parametrize(
+    "fields",
+    [
+        {},
+        {"Connection": "Upgrade"},
+        {"Upgrade": "callback"},
+        {"Upgrade": "h2c", "Connection": "Upgrade"},
+        {"Accept": "text/event-stream"},
+    ],
+    ids=str,
+)
+def test_a_callback_without_its_upgrade_names_the_other_way(scene: ObservedFleet, fields: dict[str, str]) -> None:
+    """RFC 9110, 7.8: proxies and HTTP/2 remove Upgrade. The GET would be answered, and nothing be subscribed to."""
+    with scene.toy() as toy:
+        rotation, container = toy.rotation(), toy.subscriptions()
+        answer = scene.browser.http.get(rotation, headers={"Callback": "http://127.0.0.1:9/", **fields})
+        assert (answer.status_code, answer.headers["upgrade"]) == (426, "callback")
+        assert answer.headers["connection"] == "Upgrade"
+        assert f"POST a description of the subscription to {container.url} instead" in answer.json()["detail"]
+        assert not members(toy.subscriptions())
+        assert scene.browser.http.head(rotation, headers={"Callback": "http://127.0.0.1:9/"}).status_code == 200

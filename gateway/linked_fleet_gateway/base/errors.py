@@ -20,9 +20,11 @@
     ├── MisdirectedRequest          421     misdirected-request
     ├── UnprocessableContent        422     unprocessable-content
     │   └── KeyReused               422     key-reused
+    ├── UpgradeRequired             426     upgrade-required
     ├── TooManySubscriptions        429     too-many-subscriptions
     ├── TooManyInvocations          429     too-many-invocations
     ├── TooManyRequests             429     too-many-requests
+    ├── FieldsTooLarge              431     fields-too-large
     ├── Unimplemented               501     not-implemented
     ├── Offline                     503     offline
     ├── Busy                        503     busy
@@ -276,6 +278,15 @@ class KeyReused(UnprocessableContent):
     code, title = "key-reused", "The idempotency key was used for another request"
 
 
+class UpgradeRequired(FleetError):
+    """The request needs an ``Upgrade`` field, which proxies and HTTP/2 remove (RFC 9110, 7.8 and 15.5.22)."""
+
+    status, code, title = 426, "upgrade-required", "The request lacks its Upgrade"
+
+    def __init__(self, detail: str, *, protocol: str) -> None:
+        super().__init__(detail, headers={"Upgrade": protocol, "Connection": "Upgrade"})
+
+
 class TooManySubscriptions(FleetError):
     """The client has too many subscriptions (RFC 6585, 4). It must delete some or close streams."""
 
@@ -287,6 +298,12 @@ class TooManyInvocations(FleetError):
 
     status, code, title = 429, "too-many-invocations", "The client has too many motions that have not ended"
     retry_after_s = 1
+
+
+class FieldsTooLarge(FleetError):
+    """A header field has too many members, or the request too many fields (RFC 6585, 5)."""
+
+    status, code, title = 431, "fields-too-large", "The header fields are too large"
 
 
 class TooManyRequests(FleetError):

@@ -105,8 +105,9 @@ def names_event_stream(fields: Mapping[bytes, bytes]) -> bool:
 
 def _joined(headers: Sequence[tuple[bytes, bytes]]) -> Mapping[bytes, bytes]:
     found = dict(headers)
-    if len(found) != len(headers):
-        found = {}
-        for name, value in headers:
-            found[name] = found[name] + b", " + value if name in found else value
-    return found
+    if len(found) == len(headers):
+        return found
+    lines: dict[bytes, list[bytes]] = {}
+    for name, value in headers:
+        lines.setdefault(name, []).append(value)
+    return {name: b", ".join(values) for name, values in lines.items()}

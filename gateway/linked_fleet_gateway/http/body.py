@@ -102,4 +102,5 @@ async def read_body(request: Request, max_bytes: int = MAX_BODY_BYTES) -> bytes:
         more = message.get("more_body", False)
         if len(body) > max_bytes:
             raise PayloadTooLarge(f"The body has more than {max_bytes} bytes.")
+    request.has_empty_body = not body
     return bytes(body)

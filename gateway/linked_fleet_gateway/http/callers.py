@@ -10,11 +10,13 @@ from starlette.types import Message, Receive, Scope, Send
 
 from linked_fleet_gateway.base.errors import FleetError, InsufficientScope, IssuerDown, StoreDown, Unauthenticated
 from linked_fleet_gateway.http.arrival import Arrival, Authenticated, Scheme, arrival_of
+from linked_fleet_gateway.http.demands import refuse_demands
 from linked_fleet_gateway.http.forwarding import send_problem
 from linked_fleet_gateway.http.request import Connection
 from linked_fleet_gateway.identity.issuers import BadToken, IssuerFailed
 from linked_fleet_gateway.identity.rights import NOBODY, Identity, Right
 from linked_fleet_gateway.identity.service import Identities
+from linked_fleet_gateway.resources.affordance import NOTHING
 from linked_fleet_gateway.resources.paths import is_public, is_shared, robot_of
 from linked_fleet_gateway.resources.subscription import Depth, Record
 
@@ -45,6 +47,8 @@ async def identify(
         found = await _caller(identities, schemes, scope, free=page is not None)
         arrival_of(scope).authenticated = found
         if page is not None and scope["type"] == "http":
+            if scope["method"] not in ("GET", "HEAD", "OPTIONS"):
+                refuse_demands(arrival_of(scope).fields, NOTHING)
             response = await page.answer(scope, receive)
             await response(scope, receive, answer)
             return None

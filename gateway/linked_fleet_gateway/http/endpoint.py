@@ -24,6 +24,7 @@ from linked_fleet_gateway.base.errors import (
 from linked_fleet_gateway.http.answers import Reply
 from linked_fleet_gateway.http.audit import add_audit_link, audit_resource, is_audit_path, record_request
 from linked_fleet_gateway.http.callers import SUBSCRIPTIONS_RIGHTS, require_right, visible_subscriptions
+from linked_fleet_gateway.http.demands import check_demands, refuse_demands
 from linked_fleet_gateway.http.extension import Mount, Reader, Writer
 from linked_fleet_gateway.http.fields import field
 from linked_fleet_gateway.http.invoke import end_invocation, invoke, put_target
@@ -44,6 +45,7 @@ from linked_fleet_gateway.http.request import AUDIT_RIGHTS, Connection, Request,
 from linked_fleet_gateway.http.streams import EventStream, is_cancelled_stream, open_websocket, wants_events
 from linked_fleet_gateway.http.subscribe import (
     check_handshake,
+    check_upgrade,
     post_subscription,
     resume_subscription,
     subscribe_callback,
@@ -57,6 +59,7 @@ from linked_fleet_gateway.identity.rights import Right
 from linked_fleet_gateway.resources.affordance import (
     ChangeSubscription,
     Control,
+    Demand,
     EndInvocation,
     Invoke,
     PutSetting,
@@ -75,6 +78,10 @@ log = logging.getLogger(__name__)
 
 _METHODS = (*READ_METHODS, "POST", "PUT", "PATCH", "DELETE")
 _LONGEST_NAMED = 200
+_EMPTY_BODY = (
+    " The body is empty. curl's --data '@prefix …' sends the file of that name, not the text: use --data-raw, or "
+    "--data-binary @FILE for a file."
+)
 _CONDITIONS = frozenset({b"if-match", b"if-none-match"})
 
 
@@ -151,6 +158,10 @@ class Endpoint:
         if is_cancelled_stream(request):
             return Response(status_code=204)
         found = await _find(request)
+        if isinstance(found, Redirect) and request.method not in READ_METHODS:
+            # Many clients do not follow redirects of writes, and a stop must not depend on a slash.
+            _use_canonical_path(request.scope, found)
+            found = await _find(request)
         request.is_safe = isinstance(found, Resource) and found.affords is not None and found.affords.reads
         if isinstance(found, Redirect):
             return _moved(request, found)
@@ -162,6 +173,7 @@ class Endpoint:
         require_right(request, found.path, _needed(request, found))
         if method not in allow:
             raise MethodNotAllowed(f"{method} is not possible here; {', '.join(allow)} are.", allow=allow)
+        check_upgrade(request, found)
         if method == "OPTIONS":
             return Response(status_code=204, headers=method_headers(found, allow))
         if found.remote is not None and not (found.observable and (wants_events(request) or wants_callback(request))):
@@ -181,6 +193,7 @@ class Endpoint:
             return await self._write(request, found)
         if wants_callback(request):
             require_right(request, found.path, (Right.SUBSCRIBE,))
+            refuse_demands(request.arrival.fields, frozenset({Demand.PRECONDITIONS}))
             return await subscribe_callback(request, found)
         if (found.observable or found.subscription is not None) and wants_events(request):
             require_right(request, found.path, (Right.SUBSCRIBE,))
@@ -196,10 +209,13 @@ class Endpoint:
         representations of a resource.
         """
         try:
+            check_demands(request.arrival.fields, resource)
             check_interaction_model(request, resource)
             return await self._writers[type(resource.affords)](request, resource.affords)
-        except (ContainerFull, PayloadTooLarge, UnprocessableContent, UnsupportedMediaType) as error:
-            if resource.affords is not None and not resource.affords.reads:
+        except (BadRequest, ContainerFull, PayloadTooLarge, UnprocessableContent, UnsupportedMediaType) as error:
+            if request.has_empty_body:
+                error.detail += _EMPTY_BODY
+            if not isinstance(error, BadRequest) and resource.affords is not None and not resource.affords.reads:
                 error.constrain(request.base + _constraints(resource))
             raise
 
@@ -223,6 +239,11 @@ class Endpoint:
                 await serve_subprotocol(websocket, resource, handler, value)
                 return
         await open_websocket(websocket, resource)
+
+
+def _use_canonical_path(scope: Scope, to: Redirect) -> None:
+    raw: bytes = scope["raw_path"]
+    scope["path"], scope["raw_path"] = to.path, raw + b"/" if to.path.endswith("/") else raw.removesuffix(b"/")
 
 
 def _needed(request: Request, resource: Resource) -> Sequence[Right]:

@@ -1,9 +1,9 @@
 """The layer in front of all resources: every request passes it, and its findings are in ``Arrival``.
 
-In this order: address of the client, request id, operator endpoints, pages of other origins, public URL, caller, rate
-limit, and modules to be loaded. CORS serves pages of other sites that may use the fleet (WHATWG Fetch, "HTTP-CORS
-protocol"). Rates are limited by client; stops are neither refused nor counted. Modules that a request needs first are
-loaded in a thread before the request proceeds.
+In this order: bounds of header fields, address of the client, request id, operator endpoints, pages of other origins,
+public URL, caller, rate limit, and modules to be loaded. CORS serves pages of other sites that may use the fleet
+(WHATWG Fetch, "HTTP-CORS protocol"). Rates are limited by client; stops are neither refused nor counted. Modules that a
+request needs first are loaded in a thread before the request proceeds.
 """
 
 import asyncio
@@ -24,6 +24,7 @@ from linked_fleet_gateway.base.errors import FleetError, TooManyRequests
 from linked_fleet_gateway.http.answers import Reply
 from linked_fleet_gateway.http.arrival import arrival_of, fields_of
 from linked_fleet_gateway.http.callers import identify, identify_static_token
+from linked_fleet_gateway.http.field_bounds import enforce_bounds, is_within_bounds
 from linked_fleet_gateway.http.forwarding import Authorities, Network, find_client, send_problem
 from linked_fleet_gateway.http.html import HtmlWriter
 from linked_fleet_gateway.http.operator_endpoints import PAGES
@@ -45,7 +46,7 @@ class RateLimiter:
 
     def wait_s(self, scope: Scope) -> float:
         """Return the seconds until the request is permitted; 0 if it is now, and then counted, once."""
-        if not self._rates.is_limited or is_urgent(scope) or scope["path"] in self._carriers:
+        if not self._rates.is_limited or is_urgent(scope) or scope["path"].rstrip("/") in self._carriers:
             return 0.0
         arrival = arrival_of(scope)
         if arrival.rate_counted:
@@ -99,7 +100,7 @@ class ModuleLoader:
 
 def _needed(scope: Scope) -> tuple[tuple[str, ...], HtmlWriter | None]:
     """Return the modules, and the writer that is needed for a page."""
-    path, method = scope["path"], scope["method"]
+    path, method = scope["path"].rstrip("/"), scope["method"]
     if method in ("POST", "PATCH"):
         container = path if method == "POST" else path.rpartition("/")[0]
         return (SUBSCRIPTION_MODULES if container.endswith("/subscriptions") else ()), None
@@ -142,7 +143,7 @@ class Entrance:
         """
         begun_s, arrival, gateway = time.monotonic(), arrival_of(scope), gateway_of(scope)
         identities = gateway.services.identities
-        if b"origin" in arrival.fields or scope["path"] in PAGES:
+        if b"origin" in arrival.fields or scope["path"] in PAGES or not is_within_bounds(scope):
             return None
         if self._fronts:
             find_client(scope, self._fronts)
@@ -160,6 +161,7 @@ class Entrance:
         return reply
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        refusal = None if is_within_bounds(scope) else enforce_bounds(scope)
         find_client(scope, self._fronts)
         page = PAGES.get(scope["path"]) if scope["type"] == "http" else None
         context = begin_request(arrival_of(scope).fields.get(_ID_FIELD))
@@ -171,7 +173,9 @@ class Entrance:
             )
         answer = partial(self._answer, scope, context, page is None, send)
         try:
-            if page is None:
+            if refusal is not None:
+                await send_problem(refusal, scope, answer)
+            elif page is None:
                 await self._inside(scope, receive, answer)
             else:
                 response = await page(StarletteRequest(scope, receive))

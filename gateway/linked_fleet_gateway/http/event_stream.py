@@ -24,9 +24,11 @@ _OPENING = b": linked fleet\nretry: 2000\n"
 _RETURN = b"retry: %d\n"
 _RETURN_MS = (100, 1000)  # spreads the return of clients when a gateway ends
 _FINAL = b"id: " + CANCELLED_ID.encode() + b"\n\n"  # without data it sets the id but dispatches no event
+CACHE_CONTROL = b"no-store, no-transform"
+"""A proxy that compressed the stream would hold the events back (RFC 9111, 5.2.2.6)."""
 _HEADERS = [
     (b"content-type", b"text/event-stream"),
-    (b"cache-control", b"no-store"),
+    (b"cache-control", CACHE_CONTROL),
     (b"x-accel-buffering", b"no"),  # nginx would buffer the events
 ]
 

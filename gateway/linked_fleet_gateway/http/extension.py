@@ -30,8 +30,8 @@ Writer = Callable[[Request, Any], Awaitable[ASGIApp]]
 Operations = Callable[[RequestView], Mapping[str, Mapping[str, Any]]]
 """Returns path items (OpenAPI 3.1, 4.8.9) by template, as far as they exist for the caller.
 
-Common responses (304, 400, 401, 403, 404, 405, 406, 412, 421, 429, 500, 503) and security schemes are added to each
-operation.
+Common responses (304, 400, 401, 403, 404, 405, 406, 412, 421, 429, 431, 500, 503) and security schemes are added to
+each operation.
 """
 T = TypeVar("T")
 

@@ -85,6 +85,10 @@ class Prefer:
     include: frozenset[str] = frozenset()
     omit: frozenset[str] = frozenset()
     """IRIs of parts of a representation to include and to omit (LDP 7.2)."""
+    strict: bool = False
+    """``handling=strict`` (4.4): what cannot be honoured is refused."""
+    ignored: tuple[str, ...] = ()
+    """The members that are unknown or malformed."""
 
 
 NO_PREFERENCE = Prefer()
@@ -96,6 +100,7 @@ def parse_prefer(header: str | None) -> Prefer:
         return NO_PREFERENCE
     said: dict[str, str] = {}
     parts: dict[str, str] = {}
+    ignored: list[str] = []
     for member in split(header, ","):
         preference, *rest = split(member, ";") or [""]
         name, equals, value = (part.strip(" \t") for part in preference.partition("="))
@@ -105,6 +110,9 @@ def parse_prefer(header: str | None) -> Prefer:
             if name.lower() == "return" and "return" not in said:
                 parts = dict(each for each in parameters(rest) if each is not None)
             said.setdefault(name.lower(), text or "")
+            if _is_known(name.lower(), text or ""):
+                continue
+        ignored.append(member)
     return Prefer(
         _return(said.get("return")),
         said.get("respond-async") == "",
@@ -112,7 +120,17 @@ def parse_prefer(header: str | None) -> Prefer:
         "dry-run" in said,
         frozenset(parts.get("include", "").split()),
         frozenset(parts.get("omit", "").split()),
+        said.get("handling") == "strict",
+        tuple(ignored),
     )
+
+
+def _is_known(name: str, value: str) -> bool:
+    if name in ("respond-async", "dry-run"):
+        return name == "dry-run" or not value
+    if name == "handling":
+        return value in ("strict", "lenient")
+    return (name == "return" and _return(value) is not None) or (name == "wait" and _wait(value) is not None)
 
 
 def _return(value: str | None) -> Return | None:

@@ -96,7 +96,6 @@ async def put_target(request: Request, affordance: PutTarget) -> Response:
 
 async def end_invocation(request: Request, affordance: EndInvocation) -> Response:
     """Cancel an invocation, or stop and remove it; also by others than its creator."""
-    reject_dry_run(request)
     actions: Actions = request.services.actions
     if affordance.keep_record:
         await actions.lifecycle.cancel(affordance.invocation)
@@ -126,12 +125,6 @@ def _trace(offer: Offer, end: str) -> None:
     trace.set_route(f"{thing}/{end}")
     if offer.robot is not None:
         trace.set_attributes({"robot": offer.robot.name})
-
-
-def reject_dry_run(request: Request) -> None:
-    """Raise BadRequest for ``dry-run`` of what cannot be rehearsed, because the client does not want it executed."""
-    if parse_prefer(field(request, "prefer")).dry_run:
-        raise BadRequest("This cannot be rehearsed; it is done without Prefer: dry-run. Nothing has changed.")
 
 
 def lock_token(request: Request) -> str:

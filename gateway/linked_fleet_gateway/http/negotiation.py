@@ -19,7 +19,7 @@ from linked_fleet_gateway.http.fields import TOKEN, parameters, split
 
 _WEIGHT = re.compile(r"0(?:\.[0-9]{0,3})?|1(?:\.0{0,3})?")
 _SHORT = 256
-"""Longer fields are not cached."""
+"""Longer fields are cached while their requests last: a request is negotiated several times."""
 _OUR_CHARSETS = ("utf-8", "utf8", "us-ascii")
 
 
@@ -39,19 +39,28 @@ class MediaRange:
     def matches(self, media_type: str) -> bool:
         kind, offered = _media_type(media_type) or ("", {})
         main, _, sub = kind.partition("/")
+        if self.type not in ("*", main) or self.subtype not in ("*", sub):
+            return False
         # All responses are UTF-8, so a charset parameter excludes nothing. A profile never does (RFC 6906, 3), and an
         # RDF version is the highest that the client reads (RDF 1.2 Turtle, media type registration), which includes RDF
-        # 1.1.
-        ours = {("charset", "utf-8"), ("charset", "utf8")}
+        # 1.1. All our CSV has a header line (RFC 4180, 3).
+        ours = {("charset", "utf-8"), ("charset", "utf8"), ("header", "present")}
         ignored = {"profile", "version"} - offered.keys()
         asked = [(n, v) for n, v in self.parameters if n not in ignored and (n, v.lower()) not in ours]
-        return self.type in ("*", main) and self.subtype in ("*", sub) and all(offered.get(n) == v for n, v in asked)
+        return all(offered.get(n) == v for n, v in asked)
 
 
-def parse_accept(header: str | None) -> list[MediaRange]:
+def parse_accept(header: str | None) -> Sequence[MediaRange]:
     """Return the members in order; malformed ones are ignored."""
-    found = (_media_range(member) for member in split(header or "", ","))
-    return [media_range for media_range in found if media_range is not None]
+    return _ranges(header or "") if header is None or len(header) <= _SHORT else _long_ranges(header)
+
+
+def _parsed(header: str) -> Sequence[MediaRange]:
+    found = (_media_range(member) for member in split(header, ","))
+    return tuple(media_range for media_range in found if media_range is not None)
+
+
+_ranges, _long_ranges = lru_cache(1024)(_parsed), lru_cache(16)(_parsed)
 
 
 def _media_range(member: str) -> MediaRange | None:
@@ -76,12 +85,11 @@ def choose(header: str | None, offered: Sequence[str], equivalent: tuple[str, st
 
     ``equivalent``: an offered type, and a type whose readers can read it.
     """
-    choice = _choice if header is None or len(header) <= _SHORT else _choice.__wrapped__
+    choice = _choice if header is None or len(header) <= _SHORT else _choice_of_long
     return choice(header, tuple(offered), equivalent)
 
 
-@lru_cache(maxsize=1024)
-def _choice(header: str | None, offered: tuple[str, ...], also: tuple[str, str] | None) -> str | None:
+def _choose(header: str | None, offered: tuple[str, ...], also: tuple[str, str] | None) -> str | None:
     ranges = parse_accept(header)
     if not ranges:
         return offered[0] if offered else None
@@ -90,6 +98,9 @@ def _choice(header: str | None, offered: tuple[str, ...], also: tuple[str, str] 
         weights[also[0]] = max(weights[also[0]], weight(ranges, also[1]))
     best = max(weights.values(), default=0.0)
     return next((media_type for media_type in offered if weights[media_type] == best), None) if best > 0 else None
+
+
+_choice, _choice_of_long = lru_cache(1024)(_choose), lru_cache(64)(_choose)
 
 
 def weight(ranges: Sequence[MediaRange], media_type: str) -> float:

@@ -17,7 +17,7 @@ MOST_NAMES = 256
 """Most names listed for one parameter or member; for more, only the type is given."""
 CHANGED_RESPONSE: Json = {"204": {"description": "Changed."}}
 ID_SCHEMA: Json = {"type": "string", "format": "uuid"}
-_ALWAYS = ("400", "404", "406", "421", "429", "500", "503")
+_ALWAYS = ("400", "404", "406", "421", "429", "431", "500", "503")
 _READS, _WRITES = ("304", "412"), ("409", "412", "413", "415", "422", "504")
 RDF_CONTENT: Json = {JSONLD: {"schema": {"$ref": "#/components/schemas/JsonLd"}}, TURTLE: {}}
 
@@ -81,11 +81,11 @@ def write_operation(
     return said | {"responses": responses | error_responses((*_ALWAYS, *_WRITES))} | more
 
 
-def patch_operation(id: str, summary: str) -> Json:
+def patch_operation(id: str, summary: str, fields: Sequence[str] = ("IfMatch",)) -> Json:
     """Return PATCH by a SPARQL update, whose grammar no schema can express."""
     body = {PATCH_TYPES[0]: {"schema": {"type": "string", "minLength": 1}}}
     done = {"204": {"description": "Changed."}}
-    return write_operation(id, summary, done, body, (header_ref("IfMatch"), header_ref("LockToken")))
+    return write_operation(id, summary, done, body, [header_ref(each) for each in fields])
 
 
 def creation_responses(description: str) -> Json:

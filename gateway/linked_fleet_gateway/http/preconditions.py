@@ -3,10 +3,10 @@
 from collections.abc import Callable
 
 from linked_fleet_gateway.base.errors import PreconditionFailed
+from linked_fleet_gateway.http.demands import stops
 from linked_fleet_gateway.http.fields import field
-from linked_fleet_gateway.http.representation import not_modified, precondition_holds
+from linked_fleet_gateway.http.representation import names_state, precondition_holds
 from linked_fleet_gateway.http.request import Request
-from linked_fleet_gateway.resources.affordance import EndInvocation, Invoke
 from linked_fleet_gateway.resources.resource import Redirect, Resource
 
 
@@ -53,12 +53,12 @@ class _Check:
     def __init__(self, request: Request, resource: Resource) -> None:
         reads = request.method in ("GET", "HEAD", "OPTIONS")
         self._wanted, self._unwanted = field(request, "if-match"), None if reads else field(request, "if-none-match")
-        self.needed = not (self._wanted is None and self._unwanted is None) and not _stops(resource)
+        self.needed = not (self._wanted is None and self._unwanted is None) and not stops(resource)
         self._holds = False
 
     def is_decided_by(self, tag: str) -> bool:
         """Return True if the preconditions hold whatever the other tags are. Raises PreconditionFailed."""
-        if not_modified(self._unwanted, tag):
+        if names_state(self._unwanted, tag):
             raise PreconditionFailed("If-None-Match names the present state of the resource.")
         self._holds = self._holds or precondition_holds(self._wanted, {tag})
         return self._holds and self._unwanted is None
@@ -67,8 +67,3 @@ class _Check:
         """Raise PreconditionFailed if no tag has met If-Match."""
         if not self._holds:
             raise PreconditionFailed("The resource has changed since; none of the entity tags in If-Match is current.")
-
-
-def _stops(resource: Resource) -> bool:
-    affords = resource.affords
-    return isinstance(affords, EndInvocation) or (isinstance(affords, Invoke) and not affords.offer.takes_body)

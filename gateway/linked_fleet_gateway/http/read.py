@@ -121,10 +121,9 @@ async def read_interleaved(request: Request, resource: Resource) -> Response:
     asked, threads = _asked(request, resource), request.services.writing_offload
     representation = await request.services.representations.negotiate_interleaved(*asked, threads)
     body, coded = representation.body, b""
-    is_long = (
-        len(body) > MOST_BYTES and not resource.coded_contents and _coding(request, resource, representation, len(body))
-    )
-    if is_long and not not_modified(field(request, "if-none-match"), representation.etag):
+    is_long = len(body) > MOST_BYTES and not resource.coded_contents
+    coding = _coding(request, resource, representation, len(body)) if is_long else ""
+    if coding and not not_modified(field(request, "if-none-match"), coded_tag(representation.etag, coding)):
         coded = await threads.run(partial(compress, body), len(body), MOST_BYTES)
     return _response(request, resource, representation, len(body), coded)
 
@@ -171,7 +170,7 @@ def _response(
     tag, body = representation.etag, representation.body
     coding = _coding(request, resource, representation, most)
     headers["etag"] = coded_tag(tag, coding)
-    if not_modified(field(request, "if-none-match"), tag):
+    if not_modified(field(request, "if-none-match"), headers["etag"]):
         return Response(status_code=304, headers=headers)
     if coding:
         body, headers["content-encoding"] = coded or resource.coded_contents.get(coding) or compress(body), coding

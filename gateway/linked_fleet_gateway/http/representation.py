@@ -36,11 +36,22 @@ def etag(body: bytes) -> str:
 
 
 def not_modified(if_none_match: str | None, etag: str) -> bool:
-    """Return True if the client has this representation already: ``*`` or weak comparison (13.1.2)."""
+    """Return True if the client has this representation already: ``*`` or weak comparison (13.1.2).
+
+    ``etag`` is that of the selected representation, in its content coding (8.8.3.3).
+    """
+    if if_none_match is None:
+        return False
+    opaque = etag.removeprefix("W/")
+    return if_none_match.strip() == "*" or any(tag == opaque for _, tag in _tags(if_none_match))
+
+
+def names_state(if_none_match: str | None, etag: str) -> bool:
+    """Return True if ``If-None-Match`` of a write names this state of the resource, in any content coding."""
     if if_none_match is None:
         return False
     opaque = _plain(etag.removeprefix("W/"))
-    return if_none_match.strip() == "*" or any(tag == opaque for _, tag in _tags(if_none_match))
+    return if_none_match.strip() == "*" or any(_plain(tag) == opaque for _, tag in _tags(if_none_match))
 
 
 def precondition_holds(if_match: str | None, etags: Collection[str], *, exists: bool = True) -> bool:
@@ -50,12 +61,12 @@ def precondition_holds(if_match: str | None, etags: Collection[str], *, exists: 
     if if_match.strip() == "*":
         return exists
     strong = {_plain(tag) for tag in etags if not tag.startswith("W/")}
-    return exists and any(tag in strong for weak, tag in _tags(if_match) if not weak)
+    return exists and any(_plain(tag) in strong for weak, tag in _tags(if_match) if not weak)
 
 
 def _tags(field: str) -> list[tuple[str, str]]:
     """Return the tags of a well-formed list. A malformed one has none, which is safe in both directions."""
-    return [(weak, _plain(tag)) for weak, tag in _TAG.findall(field)] if _LIST.fullmatch(field) else []
+    return _TAG.findall(field) if _LIST.fullmatch(field) else []
 
 
 def _plain(tag: str) -> str:

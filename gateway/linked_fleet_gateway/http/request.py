@@ -160,6 +160,8 @@ class Request(_Resolved, StarletteRequest):
 
     is_safe = False
     """True once the method is known to be safe at the resource."""
+    has_empty_body = False
+    """True once a body without a single byte has been read."""
 
 
 class WebSocket(_Resolved, StarletteWebSocket):

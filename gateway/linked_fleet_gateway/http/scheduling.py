@@ -28,8 +28,8 @@ URGENT = _STOPS | {"cancel"}
 
 
 def is_urgent(scope: Scope) -> bool:
-    """Return True for a request that stops robots."""
-    return scope.get("method") == "POST" and scope["path"].rpartition("/")[2] in URGENT
+    """Return True for a request that stops robots. A slash at the end of the path changes nothing."""
+    return scope.get("method") == "POST" and scope["path"].rstrip("/").rpartition("/")[2] in URGENT
 
 
 class StopPriority:
@@ -45,7 +45,7 @@ class StopPriority:
 
     async def wait_unless_urgent(self, scope: Scope) -> None:
         """Wait for the turn of a request; a stop does not wait."""
-        if not is_urgent(scope) and scope["path"] not in self._carriers:
+        if not is_urgent(scope) and scope["path"].rstrip("/") not in self._carriers:
             await self.wait_for_turn()
 
     async def wait_for_turn(self) -> None:

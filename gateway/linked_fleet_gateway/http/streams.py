@@ -10,7 +10,7 @@ from linked_fleet_gateway.base.errors import Conflict, NotAcceptable
 from linked_fleet_gateway.http.arrival import names_event_stream
 from linked_fleet_gateway.http.audit import record_request
 from linked_fleet_gateway.http.callers import require_subtree
-from linked_fleet_gateway.http.event_stream import CANCELLED_ID, serve_event_stream
+from linked_fleet_gateway.http.event_stream import CACHE_CONTROL, CANCELLED_ID, serve_event_stream
 from linked_fleet_gateway.http.fields import field
 from linked_fleet_gateway.http.negotiation import choose, parse_accept, weight
 from linked_fleet_gateway.http.request import Connection, Request, WebSocket
@@ -91,7 +91,7 @@ class EventStream:
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         headers = [(b"link", subscription_link(self._subscription).encode("latin-1")), (b"vary", b"Accept")]
         if self._head:  # HEAD creates nothing, so there is no link either
-            headers = [(b"content-type", EVENT_STREAM.encode()), (b"cache-control", b"no-store"), headers[1]]
+            headers = [(b"content-type", EVENT_STREAM.encode()), (b"cache-control", CACHE_CONTROL), headers[1]]
             await send({"type": "http.response.start", "status": 200, "headers": headers})
             await send({"type": "http.response.body", "body": b""})
             return

@@ -19,6 +19,7 @@ from linked_fleet_gateway.base.errors import (
     StoreDown,
     TooManySubscriptions,
     UnprocessableContent,
+    UpgradeRequired,
 )
 from linked_fleet_gateway.http.body import body_type, convert_body, parse_body
 from linked_fleet_gateway.http.callers import require_subtree
@@ -80,6 +81,23 @@ def _number(text: str | None, name: str, most: float) -> float:
 def wants_callback(request: Request) -> bool:
     """Return True for a GET with ``Upgrade: callback`` (paper R0.16)."""
     return _asks_upgrade_to("callback", request)
+
+
+def check_upgrade(request: Request, resource: Resource) -> None:
+    """Raise UpgradeRequired for a GET with a Callback whose Upgrade is missing, as behind many proxies and in HTTP/2.
+
+    BadRequest in a version of HTTP that has no Upgrade.
+    """
+    if request.method != "GET" or b"callback" not in request.arrival.fields or wants_callback(request):
+        return
+    container = request.base + container_path(resource.owner_path)
+    detail = (
+        "The request has a Callback, but no Connection: Upgrade with Upgrade: callback; proxies and HTTP/2 remove them."
+        f" Nothing has been subscribed to. POST a description of the subscription to {container} instead."
+    )
+    if request.scope["http_version"] != "1.1":
+        raise BadRequest(detail)
+    raise UpgradeRequired(detail, protocol="callback")
 
 
 def check_handshake(request: Request) -> None:

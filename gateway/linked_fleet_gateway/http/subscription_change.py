@@ -7,7 +7,6 @@ from starlette.responses import Response
 
 from linked_fleet_gateway.base.errors import InsufficientScope, NotFound, UnprocessableContent
 from linked_fleet_gateway.http.callers import require_subtree
-from linked_fleet_gateway.http.invoke import reject_dry_run
 from linked_fleet_gateway.http.preconditions import await_preconditions
 from linked_fleet_gateway.http.request import Request
 from linked_fleet_gateway.http.scheduling import Offload
@@ -34,7 +33,6 @@ async def change_subscription(request: Request, affordance: ChangeSubscription) 
     """Delete or change a subscription. The response is 204."""
     if request.method == "DELETE":
         return await cancel_subscription(request, affordance)
-    reject_dry_run(request)
     subscriptions: Subscriptions = request.services.subscriptions
     path = subscription_path(affordance.record.subscription)
     update = await read_patch(request, request.base + path)

@@ -24,7 +24,7 @@ from linked_fleet_gateway.base.errors import (
 )
 from linked_fleet_gateway.http.body import body_type, convert_body, parse_body, parse_form
 from linked_fleet_gateway.http.fields import field, parameters, split
-from linked_fleet_gateway.http.invoke import lock_token, reject_dry_run
+from linked_fleet_gateway.http.invoke import lock_token
 from linked_fleet_gateway.http.negotiation import choose
 from linked_fleet_gateway.http.preconditions import resolve_under_preconditions
 from linked_fleet_gateway.http.request import Request
@@ -33,6 +33,7 @@ from linked_fleet_gateway.rdf.sparql_update import Operation, apply_update, pars
 from linked_fleet_gateway.rdf.validation import ground_statements, refuse_statements
 from linked_fleet_gateway.rdf.vocabulary import LDP, LF
 from linked_fleet_gateway.resources.affordance import FORM_TYPES, Control, PutSetting
+from linked_fleet_gateway.resources.annotations import MAX_ANNOTATION_TRIPLES
 from linked_fleet_gateway.resources.body_values import Body, Setting, validate_body
 from linked_fleet_gateway.resources.paths import lease_path
 from linked_fleet_gateway.resources.resource import Resource
@@ -79,14 +80,9 @@ def apply_patch(operations: Sequence[Operation], resource: Resource, base: str, 
     return after
 
 
-# All of them are in every description and on every page of the robot.
-MAX_ANNOTATION_TRIPLES = 256
-
-
 async def control_lease(request: Request, affordance: Control) -> Response:
     """PUT takes or renews the lease and returns its ``Lock-Token``; DELETE releases it with that token."""
     shared = _shared(request)
-    reject_dry_run(request)
     robot, token = affordance.robot, lock_token(request)
     if request.method == "DELETE":
         if not token:
@@ -119,7 +115,6 @@ def _shared(request: Request) -> ReplicatedInvocations:
 
 async def put_setting(request: Request, affordance: PutSetting) -> Response:
     shared = _shared(request)
-    reject_dry_run(request)
     setting = affordance.setting
     change = await _change(request, setting)
     while True:
@@ -154,10 +149,14 @@ async def _change(request: Request, setting: Setting) -> Callable[[Resource], st
 async def _read_setting(request: Request, setting: Setting) -> list[Triple]:
     iri, shape = request.base + setting.path, setting.shape
     if shape is None:
-        media_type = body_type(request)
-        return await convert_body(
-            request, lambda body: parse_body(body, media_type, iri, request.base, MAX_ANNOTATION_TRIPLES)
-        )
+        media_type, present = body_type(request), request.tree().resolve(setting.path)
+        shown = len(present.full_graph(request.base).triples) if isinstance(present, Resource) else 0
+        # What is shown can be sent back, with the statements of the agent.
+        limit = MAX_ANNOTATION_TRIPLES + shown
+        triples = await convert_body(request, lambda body: parse_body(body, media_type, iri, request.base, limit))
+        if request.has_empty_body:
+            raise UnprocessableContent("Nothing would be left of the annotations; DELETE removes them.")
+        return triples
 
     media_type, form = body_type(request, FORM_TYPES), partial(_form, shape)
     return await convert_body(request, lambda body: parse_form(body, media_type, iri, request.base, form))

@@ -25,8 +25,12 @@ _LEXICAL = {XSD.decimal: _DECIMAL, XSD.float: _FLOAT, XSD.double: _FLOAT}
 _XML_NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_.-]*\Z")
 
 
-def find_root(body: Sequence[Triple], target: NamedNode) -> Node:
-    """Return ``<>``, else the only subject that is not an object."""
+def find_root(body: Sequence[Triple], target: NamedNode, *, creates_member: bool = False) -> Node:
+    """Return ``<>``, else the only subject that is not an object: a blank node.
+
+    ``creates_member``: the body describes a new member of the container ``target``. Raises UnprocessableContent for no
+    such root, or for one that is another resource.
+    """
     subjects = dict.fromkeys(t.subject for t in body)
     if target in subjects:
         return target
@@ -39,7 +43,22 @@ def find_root(body: Sequence[Triple], target: NamedNode) -> Node:
             "that is nobody's object.",
             constraint=target.value,
         )
-    return roots[0]  # type: ignore[return-value]
+    return check_root(roots[0], target, creates_member=creates_member)  # type: ignore[arg-type]
+
+
+def check_root(root: Node, target: NamedNode, *, creates_member: bool = False) -> Node:
+    """Return the root of a body for ``target``. Raises UnprocessableContent if it is another resource.
+
+    A description of a member can be sent to its container, to create another one.
+    """
+    is_member = creates_member and root.value.startswith(target.value.rstrip("/") + "/")
+    if isinstance(root, BlankNode) or root == target or is_member:
+        return root
+    raise UnprocessableContent(
+        f"The body is about <{root.value[:_LONGEST_IRI]}>, but it was sent to <{target.value}>. "
+        "Its subject is <> (the request URI) or a blank node. Nothing has changed.",
+        constraint=target.value,
+    )
 
 
 def check_writable(triples: Sequence[Triple], constraint: str) -> None:

@@ -4,7 +4,8 @@
 """
 
 from dataclasses import dataclass
-from typing import ClassVar, Protocol
+from enum import Enum
+from typing import ClassVar, Final, Protocol
 
 from linked_fleet_gateway.fleet.invocations import Invocation
 from linked_fleet_gateway.fleet.robot import Robot
@@ -20,8 +21,39 @@ FORM_TYPES = (*BODY_TYPES, JSON)
 """Media types of bodies for which a shape also defines a plain JSON form."""
 
 
+class Demand(Enum):
+    """A demand that a write has in its header fields.
+
+    A handler that ignored it would do what the client has excluded.
+    """
+
+    DRY_RUN = "Prefer: dry-run"
+    RESPONSE = "Prefer: return, respond-async, wait"
+    IDEMPOTENCY_KEY = "Idempotency-Key"
+    LOCK_TOKEN = "Lock-Token"  # noqa: S105 (the name of a field)
+    PRECONDITIONS = "If-Match, If-None-Match"
+    """Evaluated by the core, except for resources that an extension answers itself (``Resource.remote``)."""
+    OTHER_PRECONDITIONS = "If-Unmodified-Since, If"
+
+
+Honours = frozenset[Demand]
+NOTHING: Final[Honours] = frozenset()
+EVERYTHING: Final[Honours] = frozenset(Demand)
+"""For methods that change nothing, and for stops, which no field prevents."""
+
+
+def honoured_by(affordance: object) -> Honours:
+    """Return the demands that the handler honours: ``honours`` of the affordance, without it nothing."""
+    found: Honours = getattr(affordance, "honours", NOTHING)
+    return found
+
+
 class Affordance(Protocol):
-    """Attributes of all affordances. An extension brings its own type together with a handler."""
+    """Attributes of all affordances. An extension brings its own type together with a handler.
+
+    The handler of an affordance with an attribute ``honours``, a set of demands, honours these. The core refuses all
+    others before it calls the handler.
+    """
 
     @property
     def methods(self) -> tuple[str, ...]: ...
@@ -37,6 +69,10 @@ class Affordance(Protocol):
     @property
     def reads(self) -> bool:
         """True if its methods are safe (RFC 9110, 9.2.1)."""
+
+
+_OF_MOTIONS: Final = frozenset({Demand.DRY_RUN, Demand.RESPONSE, Demand.IDEMPOTENCY_KEY, Demand.LOCK_TOKEN})
+_OF_LEASES: Final = frozenset({Demand.LOCK_TOKEN})
 
 
 class _Writes:
@@ -62,6 +98,10 @@ class Invoke(_Writes):
         """An action with a body is a motion and needs ``ACT``; one without stops and needs ``STOP``."""
         return (Right.ACT,) if self.offer.takes_body else (Right.STOP,)
 
+    @property
+    def honours(self) -> Honours:
+        return _OF_MOTIONS if self.offer.takes_body else EVERYTHING
+
 
 @dataclass(frozen=True)
 class EndInvocation(_Writes):
@@ -70,6 +110,7 @@ class EndInvocation(_Writes):
     invocation: Invocation
     keep_record: bool
     body_types: ClassVar[tuple[str, ...]] = ()
+    honours: ClassVar[Honours] = EVERYTHING - {Demand.DRY_RUN}
 
     @property
     def methods(self) -> tuple[str, ...]:
@@ -86,6 +127,7 @@ class PutSetting(_Writes):
 
     setting: Setting
     needs: ClassVar[tuple[Right, ...]] = (Right.ADMIN,)
+    honours: ClassVar[Honours] = _OF_LEASES
 
     @property
     def methods(self) -> tuple[str, ...]:
@@ -104,6 +146,7 @@ class PutTarget(_Writes):
     methods: ClassVar[tuple[str, ...]] = ("PUT",)
     body_types: ClassVar[tuple[str, ...]] = FORM_TYPES
     needs: ClassVar[tuple[Right, ...]] = (Right.ACT,)
+    honours: ClassVar[Honours] = _OF_MOTIONS
 
 
 @dataclass(frozen=True)
@@ -114,6 +157,7 @@ class Control(_Writes):
     methods: ClassVar[tuple[str, ...]] = ("PUT", "DELETE")
     body_types: ClassVar[tuple[str, ...]] = FORM_TYPES
     needs: ClassVar[tuple[Right, ...]] = (Right.ACT,)
+    honours: ClassVar[Honours] = _OF_LEASES
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from hashlib import blake2b
 from pyoxigraph import BlankNode, Literal, NamedNode, RdfFormat, Triple, serialize
 
 from linked_fleet_agent.wire.keys import unescape
-from linked_fleet_gateway.base.errors import UnprocessableContent
+from linked_fleet_gateway.base.errors import PayloadTooLarge, UnprocessableContent
 from linked_fleet_gateway.fleet.robot import Annotations, Robot
 from linked_fleet_gateway.rdf.graph import UNITS, Graph, Node
 from linked_fleet_gateway.rdf.serialise import ParseError, parse
@@ -197,6 +197,8 @@ def is_reserved(triple: Triple, base: str) -> bool:
 
 
 MAX_ANNOTATIONS = 65_536  # characters, as in the wire protocol
+MAX_ANNOTATION_TRIPLES = 256
+"""Limit of statements of clients. All of them are in every description and on every page of the robot."""
 # matches N-Triples terms, so that IRIs within literals are left alone
 _TERM = re.compile(r'"(?:[^"\\]++|\\.)*+"|<[^>]*>')
 
@@ -207,7 +209,7 @@ def read_annotations(
     """Return the statements that are not the agent's, with IRIs relative to the fleet, valid under every base URL.
 
     ``current`` describes the resource ``iri`` as it is. Raises UnprocessableContent for terms reserved for the gateway,
-    and for statements that are not connected to the robot.
+    and for statements that are not connected to the robot; PayloadTooLarge for too many.
     """
     path, constraint = robot_path(robot.name), f"{iri}/blueprint"
     subject = NamedNode(base + path)
@@ -230,6 +232,10 @@ def read_annotations(
         subject,
         subject.value,
     )
+    if len(mine) > MAX_ANNOTATION_TRIPLES:
+        raise PayloadTooLarge(
+            f"The annotations of clients would have {len(mine)} statements; {MAX_ANNOTATION_TRIPLES} are the most."
+        )
     written = serialize(mine, format=RdfFormat.N_TRIPLES)
     assert written is not None  # nothing is written to a file
     text = _TERM.sub(lambda term: _relative(term[0], base, path), written.decode())

@@ -13,6 +13,7 @@ from linked_fleet_gateway.rdf.shapes import SUBSCRIPTIONS, load_turtle
 from linked_fleet_gateway.rdf.validation import (
     Terms,
     check_lexical_forms,
+    check_root,
     find_root,
     refuse_statements,
     unused_statements,
@@ -214,12 +215,12 @@ def _focus(body: Sequence[Triple], container: NamedNode) -> Node:
     """Return the only hybrit:Subscription, so that Figure 4 can be posted unchanged; else the root of the body."""
     typed = list(dict.fromkeys(t.subject for t in body if t.predicate == RDF.type and t.object == HYBRIT.Subscription))
     if len(typed) == 1:
-        return typed[0]  # type: ignore[return-value]
+        return check_root(typed[0], container, creates_member=True)  # type: ignore[arg-type]
     if len(typed) > 1 and container not in typed:
         raise UnprocessableContent(
             f"The body describes {len(typed)} subscriptions; post one at a time.", constraint=container.value
         )
-    return find_root(body, container)
+    return find_root(body, container, creates_member=True)
 
 
 def _left(body: Sequence[Triple], focus: Node, container: NamedNode) -> list[Triple]:

@@ -64,13 +64,18 @@ class Tree:
         """Return the resource at ``path`` (percent-decoded, with leading slash), a redirect to its canonical path, or
         None.
         """
+        found = self._resolve(path)
+        if found is not None or not path.endswith("/") or path.endswith("//"):
+            return found
+        return Redirect(path[:-1]) if isinstance(self._resolve(path[:-1]), Resource) else None
+
+    def _resolve(self, path: str) -> Found:
         if path == "/":
             return self._things.fleet()
         head, *rest = path[1:].split("/")
         # Only these paths can be resources of the fleet itself, whose links to all robots are costly.
-        reserved = head in reserved_at_root() and rest in ([], [""])
-        if reserved and (found := self._at_root(head)) is not None:
-            return Redirect(found.path) if rest else found
+        if head in reserved_at_root() and not rest and (found := self._at_root(head)) is not None:
+            return found
         if head == "subscriptions":
             return self._things.owned_resource(self._things.fleet(), [head, *rest], ())
         if (branch := self._branches.fleet_branch(head)) is not None:
@@ -85,12 +90,7 @@ class Tree:
             return None
         if not rest:
             return Redirect(robot_path(robot.name))
-        if rest[-1] == "" and rest != [""]:
-            other = path[:-1]
-            if other.endswith("/"):
-                return None
-            return Redirect(other) if isinstance(self.resolve(other), Resource) else None
-        return self._in_robot(robot, rest)
+        return None if rest[-1] == "" and rest != [""] else self._in_robot(robot, rest)
 
     # -- fleet ------------------------------------------------------------------------------------------------------
 

@@ -104,10 +104,21 @@ def test_other_vocabularies_are_kept_with_the_input(bench: Any) -> None:
     assert bench.body(_ROTATE, _ONE.replace("<>", "[]")).root != NamedNode(bench.base + _ROTATE)
 
 
-def test_an_input_may_have_the_name_of_one_of_its_predicates(bench: Any) -> None:
-    """It gets the name that every input has, and keeps its predicates."""
+@pytest.mark.parametrize(
+    "subject",
+    ["vom:numericalValue", "</r/other>", "</r/elbow>", "</other/elbow/actions/rotate>", "<rotate/x>", "<#it>", "<?q>"],
+)
+def test_an_input_about_another_resource_is_refused(bench: Any, subject: str) -> None:
     bench.robot(_elbow())
-    body = bench.body(_ROTATE, _ONE.replace("<>", "vom:numericalValue"))
+    with pytest.raises(UnprocessableContent, match=r"Its subject is <> .* or a blank node") as refusal:
+        bench.body(_ROTATE, _ONE.replace("<>", subject))
+    assert refusal.value.members["constraint"] == bench.base + _ROTATE
+
+
+@pytest.mark.parametrize("subject", ["<>", "[]", "_:it", "<rotate>", f"<http://example.org{_ROTATE}>"])
+def test_an_input_is_about_its_action(bench: Any, subject: str) -> None:
+    bench.robot(_elbow())
+    body = bench.body(_ROTATE, _ONE.replace("<>", subject))
     assert body.quantity(body.root) == 1
     assert f"_:input <{VOM.numericalValue.value}> " in input_ntriples(body)
 

@@ -106,6 +106,36 @@ def test_the_extension_counts_and_can_be_reset(here: Here) -> None:
     assert here.browser.http.put(here.url).status_code == 405
 
 
+@pytest.mark.parametrize(
+    ("fields", "status"),
+    [
+        ({"prefer": "dry-run"}, 400),
+        ({"prefer": "wait=1;x=y, Dry-Run=1"}, 400),
+        ({"prefer": "handling=strict, return=representation"}, 400),
+        ({"prefer": "handling=strict, unheard-of"}, 400),
+        ({"idempotency-key": '"once"'}, 400),
+        ({"lock-token": "<urn:uuid:12345678-1234-1234-1234-123456789abc>"}, 400),
+        ({"if-match": '"other"'}, 412),
+        ({"if-none-match": "*"}, 412),
+        ({"if-unmodified-since": "Sat, 29 Oct 1994 19:43:31 GMT"}, 412),
+        ({"if": "(<urn:uuid:12345678-1234-1234-1234-123456789abc>)"}, 412),
+    ],
+)
+def test_the_core_refuses_what_the_extension_does_not_honour(here: Here, fields: dict[str, str], status: int) -> None:
+    here.turn(0.0)
+    assert here.browser.http.post(here.url).status_code == 204
+    here.turn(0.25)
+    here.turn(0.0)
+    answer = here.browser.http.post(here.url, headers=fields)
+    assert answer.status_code == status, answer.text
+    assert here.turned() == 0.5
+
+
+@pytest.mark.parametrize("prefer", ["return=minimal", "wait=1", "handling=lenient, unheard-of", "handling=strict"])
+def test_preferences_that_exclude_nothing_are_taken(here: Here, prefer: str) -> None:
+    assert here.browser.http.post(here.url, headers={"prefer": prefer}).status_code == 204
+
+
 def test_subscribers_hear_what_the_extension_tells_the_fan_out(here: Here) -> None:
     with events(here.url, "text/event-stream") as stream:
         assert here.browser.http.post(here.url).status_code == 204

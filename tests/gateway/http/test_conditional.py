@@ -4,7 +4,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from linked_fleet_gateway.http.representation import etag, not_modified, precondition_holds
+from linked_fleet_gateway.http.negotiation import coded_tag
+from linked_fleet_gateway.http.representation import etag, names_state, not_modified, precondition_holds
 
 TAG = etag(b"body")
 
@@ -52,6 +53,15 @@ def test_not_modified(header: str | None, expected: bool) -> None:
 def test_precondition(header: str | None, expected: bool) -> None:
     """Strong comparison with the tag of any representation; a malformed list matches nothing."""
     assert precondition_holds(header, [etag(b"other"), TAG]) is expected
+
+
+@pytest.mark.parametrize("coding", ["gzip", "br"])
+def test_a_read_compares_the_coding_and_a_write_does_not(coding: str) -> None:
+    coded = coded_tag(TAG, coding)
+    assert [not_modified(each, coded) for each in (TAG, coded, f"W/{coded}")] == [False, True, True]
+    assert [not_modified(each, TAG) for each in (TAG, coded)] == [True, False]
+    assert all(precondition_holds(each, [TAG]) and names_state(each, TAG) for each in (TAG, coded))
+    assert names_state("*", TAG) and not names_state(None, TAG) and not names_state('"x"', TAG)
 
 
 def test_precondition_without_resource() -> None:

@@ -136,7 +136,15 @@ def test_spellings_of_a_path(browser: Browser) -> None:
         answer = get(root + path)
         assert answer.status_code == 404, path[:80]
         assert len(answer.content) < 2000
-    for path in ("baxter/head_pan", "vocabulary", "baxter/linkset"):
+    for path in (
+        "baxter/head_pan",
+        "vocabulary",
+        "baxter/linkset",
+        "world/objects",
+        "query",
+        "actions/stopAll",
+        "rules",
+    ):
         answer = get(f"{root}{path}/?a=b")
         assert (answer.status_code, answer.headers["location"]) == (308, f"{root}{path}?a=b")
 

@@ -89,7 +89,7 @@ async def test_stream_as_an_event_source_reads_it() -> None:
         response = await anext(chunks)
         assert response.status_code == 200
         assert response.headers["content-type"] == "text/event-stream"
-        assert response.headers["cache-control"] == "no-store"
+        assert response.headers["cache-control"] == "no-store, no-transform"
         assert response.headers["link"] == "<x>; rel=y"
         while not source.events:
             await anext(chunks)

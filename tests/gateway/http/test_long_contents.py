@@ -55,3 +55,5 @@ def test_a_client_that_knows_long_contents_gets_304(here: AuthenticatedGateway, 
     tag = _get(here, coding).headers["etag"]
     again = _get(here, coding, **{"if-none-match": tag})
     assert (again.status_code, again.content, again.headers["etag"]) == (304, b"", tag)
+    other = _get(here, "gzip" if coding == "identity" else "identity", **{"if-none-match": tag})
+    assert other.status_code == 200 and other.headers["etag"] != tag

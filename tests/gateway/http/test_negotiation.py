@@ -42,6 +42,14 @@ def test_choose(accept: str | None, chosen: str | None) -> None:
     assert choose(accept, OFFERED) == chosen
 
 
+@pytest.mark.parametrize(
+    ("accept", "taken"), [("header=present", True), ("charset=UTF-8; header=present", True), ("header=absent", False)]
+)
+def test_all_csv_has_a_header_line(accept: str, taken: bool) -> None:
+    """RFC 4180, 3."""
+    assert (choose(f"text/csv; {accept}", ("application/json", "text/csv")) == "text/csv") is taken
+
+
 @given(st.text() | st.text('*/;,q=.01"\\ textrl-'))
 def test_any_header_is_survived(header: str) -> None:
     """No header makes negotiation fail, and every weight is valid."""

@@ -1,5 +1,7 @@
 """RFC 7240."""
 
+from dataclasses import replace
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -18,12 +20,28 @@ from linked_fleet_gateway.http.fields import Prefer, parse_prefer
         ("wait=" + "9" * 5000, Prefer(wait_s=60.0)),
         ("wait=-1, return=everything, respond-async=no, ;;,=", Prefer()),
         ("return=minimal, return=representation", Prefer("minimal")),
-        ("lenient, handling=strict", Prefer()),
+        ("lenient, handling=strict", Prefer(strict=True)),
+        ("handling=lenient", Prefer()),
     ],
 )
 def test_parse(header: str | None, expected: Prefer) -> None:
     """Known preferences count, the first of repeated ones; malformed or unknown ones are ignored."""
-    assert parse_prefer(header) == expected
+    assert replace(parse_prefer(header), ignored=()) == expected
+
+
+@pytest.mark.parametrize(
+    ("header", "ignored"),
+    [
+        ("return=minimal, respond-async, wait=1, dry-run, dry-run=1, handling=strict, handling=lenient", ()),
+        (
+            "wait=-1, return=everything;x, respond-async=no, a b",
+            ("wait=-1", "return=everything;x", "respond-async=no", "a b"),
+        ),
+        ("unheard-of, handling=other", ("unheard-of", "handling=other")),
+    ],
+)
+def test_unknown_and_malformed_members_are_listed(header: str, ignored: tuple[str, ...]) -> None:
+    assert parse_prefer(header).ignored == ignored
 
 
 @given(st.text() | st.text('return=minimal;,"\\ wait1'))

@@ -120,7 +120,7 @@ def test_a_client_above_its_rate_gets_retry_after_and_can_still_stop() -> None:
         status, fields, body = _ask(pace, "GET", "/", kind)
         assert (status, fields["retry-after"], fields["content-type"]) == (429, "10", "application/problem+json")
         assert json.loads(body)["type"].endswith("#too-many-requests")
-    for segment in ("stop", "stopAll", "hold", "cancel"):
+    for segment in ("stop", "stopAll", "hold", "cancel", "stop/"):
         for _ in range(20):
             assert _ask(pace, "POST", f"/ur5/actions/{segment}")[0] == 200
     assert _ask(pace, "GET", "/ur5/actions/stop")[0] == 429

@@ -37,7 +37,7 @@ def _served(first: list[dict[str, str]], then: dict[str, str]) -> list[str]:
 _OTHERS = [_scope(f"/r/{number}", "GET") for number in range(50)]
 
 
-@pytest.mark.parametrize("segment", sorted(URGENT))
+@pytest.mark.parametrize("segment", [*sorted(URGENT), "stop/"])
 def test_stops_overtake_waiting_requests(segment: str) -> None:
     served = _served(_OTHERS, _scope(f"/r/actions/{segment}"))
     assert served.index(f"/r/actions/{segment}") <= 2

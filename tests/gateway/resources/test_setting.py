@@ -216,7 +216,7 @@ def test_a_pose_of_the_robot_is_no_other_pose() -> None:
 
 def test_annotations_are_bounded() -> None:
     """By the limit of the Zenoh protocol."""
-    many = ", ".join(f'"{index:04d}{"x" * 200}"' for index in range(900))
+    many = ", ".join(f'"{index:04d}{"x" * 800}"' for index in range(200))
     with pytest.raises(UnprocessableContent, match=str(MAX_ANNOTATIONS)):
         _admit("annotations", f"<./> ex:says {many[: many.rindex(',')]} .")
 

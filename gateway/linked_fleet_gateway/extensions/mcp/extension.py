@@ -36,7 +36,7 @@ from linked_fleet_gateway.rdf.json_input import ParseError, load_json
 from linked_fleet_gateway.rdf.serialise import JSON
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, RDFS
 from linked_fleet_gateway.resources.branches import FleetBranch, Found, RequestView
-from linked_fleet_gateway.resources.resource import Redirect, Resource
+from linked_fleet_gateway.resources.resource import Resource
 from linked_fleet_gateway.runtime.background import cancel_tasks
 
 PATH, _TITLE = "/mcp", "Model Context Protocol"
@@ -58,7 +58,7 @@ class PostMessage:
 
 def _resolve(view: RequestView, rest: list[str]) -> Found:
     if rest:
-        return Redirect(PATH) if rest == [""] else None
+        return None
 
     def describe(graph: Graph) -> None:
         graph.add(view.iri(PATH), DCTERMS.title, Literal(_TITLE))

@@ -23,6 +23,7 @@ _ANSWERS = {
     "421": "The fleet is not known under this authority.",
     "422": "The body breaks the shape that the resource links; `report` says where.",
     "429": "The client asks too often, or has too much that has not ended.",
+    "431": "A header field has too many members.",
     "500": "The gateway failed.",
     "501": "The gateway does not offer this part of a standard.",
     "503": "The robot is offline or faulty, or the gateway is too busy.",

@@ -43,7 +43,7 @@ TYPE = "application/vnd.oai.openapi+json;version=3.1"
 VERSION = "3.1.0"
 _KEPT = 8
 _METHODS = ("get", "put", "post", "patch", "delete")
-_ALWAYS, _SECURED = ("400", "404", "406", "421", "429", "500", "503"), ("401", "403")
+_ALWAYS, _SECURED = ("400", "404", "406", "421", "429", "431", "500", "503"), ("401", "403")
 
 
 class Document(NamedTuple):

@@ -275,7 +275,7 @@ class FleetPaths:
         body = {JSONLD if shape is None else JSON: {"schema": component_ref("schemas", f"{of}Input")}}
         found = {
             "put": write_operation(f"put{of}", "Replace it", CHANGED_RESPONSE, body, fields),
-            "patch": patch_operation(f"patch{of}", "Change it by a SPARQL update"),
+            "patch": patch_operation(f"patch{of}", "Change it by a SPARQL update", ("IfMatch", "LockToken")),
         }
         removed = write_operation(f"delete{of}", "Remove it", CHANGED_RESPONSE, None, fields)
         return found | ({"delete": removed} if setting.removable else {})

@@ -14,11 +14,12 @@ from linked_fleet_gateway.extensions.query.service import Queries
 from linked_fleet_gateway.identity.rights import Right
 from linked_fleet_gateway.rdf.graph import Graph, integer
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, FORMAT, PREFIXES, RDFS, SD, SH, VOID
+from linked_fleet_gateway.resources.affordance import EVERYTHING, Demand, Honours
 from linked_fleet_gateway.resources.branches import FleetBranch, Found, RequestView
 from linked_fleet_gateway.resources.documents import VOCABULARY
 from linked_fleet_gateway.resources.fleet_functions import FUNCTIONS as FURTHER
 from linked_fleet_gateway.resources.paths import robot_path
-from linked_fleet_gateway.resources.resource import Redirect, Resource
+from linked_fleet_gateway.resources.resource import Resource
 
 PATH = "/query"
 FORM = "application/x-www-form-urlencoded"
@@ -45,6 +46,7 @@ class PostQuery:
     methods: ClassVar[tuple[str, ...]] = ("POST",)
     body_types: ClassVar[tuple[str, ...]] = QUERY_TYPES
     reads: ClassVar[bool] = True
+    honours: ClassVar[Honours] = EVERYTHING - {Demand.RESPONSE}  # a query changes nothing
     needs: ClassVar[tuple[Right, ...]] = (Right.READ,)
 
 
@@ -53,9 +55,7 @@ def branch(queries: Queries) -> FleetBranch:
 
 
 def _resolve(queries: Queries, view: RequestView, rest: list[str]) -> Found:
-    if rest:
-        return Redirect(PATH) if rest == [""] else None
-    return endpoint_resource(Endpoint(queries, view), {})
+    return None if rest else endpoint_resource(Endpoint(queries, view), {})
 
 
 def endpoint_resource(endpoint: Endpoint, counts: Mapping[str, int]) -> Resource:

@@ -41,7 +41,6 @@ from linked_fleet_gateway.extensions.rules.store import Changed, FleetFull, Full
 from linked_fleet_gateway.extensions.rules.template import LF
 from linked_fleet_gateway.http.body import body_type, convert_body, parse_body
 from linked_fleet_gateway.http.fields import field
-from linked_fleet_gateway.http.invoke import reject_dry_run
 from linked_fleet_gateway.http.operations import (
     CHANGED_RESPONSE,
     ID_SCHEMA,
@@ -77,7 +76,6 @@ WORD_S = 86_400
 
 async def post_rule(rules: Rules, request: Request, afforded: MakeRule) -> Response:
     """Create a rule. The response is 201 with Location and description."""
-    reject_dry_run(request)
     _demand_rights(request.caller)
     media_type = body_type(request)
     check_acceptable(request)
@@ -94,7 +92,6 @@ async def post_rule(rules: Rules, request: Request, afforded: MakeRule) -> Respo
 
 async def change_rule(rules: Rules, request: Request, afforded: ChangeRule) -> Response:
     """Replace a rule by PUT, or delete it. Others than the creator can only disable or enable it."""
-    reject_dry_run(request)
     caller, known = request.caller, afforded.known
     own = caller.name == known.rule.creator
     if not own and not caller.has_right(Right.ADMIN, None):

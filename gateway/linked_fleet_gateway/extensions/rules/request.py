@@ -16,6 +16,7 @@ from linked_fleet_gateway.rdf.validation import (
     ShaclValidator,
     Terms,
     check_lexical_forms,
+    check_root,
     find_root,
     refuse_statements,
     unused_statements,
@@ -77,7 +78,10 @@ def parse_rule(triples: Sequence[Triple], iri: str, base: str) -> RuleRequest:
 def _focus(triples: Sequence[Triple], iri: str) -> Node:
     """Return the only ``lf:Rule``, so that a description can be sent back; else the root of the body."""
     typed = list(dict.fromkeys(t.subject for t in triples if t.predicate == RDF.type and t.object == LF.Rule))
-    return typed[0] if len(typed) == 1 else find_root(triples, NamedNode(iri))  # type: ignore[return-value]
+    target, creates = NamedNode(iri), iri.endswith(CONTAINER)
+    if len(typed) == 1:
+        return check_root(typed[0], target, creates_member=creates)  # type: ignore[arg-type]
+    return find_root(triples, target, creates_member=creates)
 
 
 def _present(triples: Sequence[Triple], focus: Node) -> frozenset[Triple]:

@@ -29,7 +29,6 @@ from linked_fleet_gateway.extensions.world.service import World
 from linked_fleet_gateway.http.body import body_type, convert_body, parse_body, parse_form
 from linked_fleet_gateway.http.extension import Core, Extension, Mount
 from linked_fleet_gateway.http.html import NavigationEntry
-from linked_fleet_gateway.http.invoke import reject_dry_run
 from linked_fleet_gateway.http.operations import (
     CHANGED_RESPONSE,
     ID_SCHEMA,
@@ -64,7 +63,6 @@ _LONGEST_NAMED = 200
 
 async def post_object(world: World, request: Request, afforded: PostObject) -> Response:
     """Create an object. The response is 201 with Location."""
-    reject_dry_run(request)
     thing = read_object(await _read(request, request.base + OBJECTS), request.base + OBJECTS, request.base + WORLD)
     id = await world.objects.add(thing)
     return Response(status_code=201, headers={"location": request.base + object_path(id), "cache-control": "no-store"})
@@ -72,7 +70,6 @@ async def post_object(world: World, request: Request, afforded: PostObject) -> R
 
 async def put_object(world: World, request: Request, afforded: PutObject) -> Response:
     """Replace or remove an object. The response is 204."""
-    reject_dry_run(request)
     objects, path = world.objects, object_path(afforded.id)
     change = await _change(request, request.base + path)
     while True:

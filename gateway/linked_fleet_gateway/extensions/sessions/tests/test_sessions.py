@@ -187,3 +187,10 @@ def test_guessing_is_slowed_down(here: AuthenticatedGateway) -> None:
         assert statuses[0] == 401 and statuses[-1] == 429
         assert int(answers[-1].headers["retry-after"]) > 0
         assert client.get(here.root, headers={"authorization": f"Bearer {here.tokens['all']}"}).status_code == 200
+
+
+def test_a_login_cannot_be_rehearsed(here: AuthenticatedGateway) -> None:
+    form = {"token": here.tokens["all"], "then": "/"}
+    for fields in ({"prefer": "dry-run"}, {"if-match": '"1"'}, {"idempotency-key": "1"}):
+        answer = httpx.post(here.root + "login", data=form, headers={"origin": here.root[:-1], **fields})
+        assert answer.status_code in (400, 412) and "set-cookie" not in answer.headers
