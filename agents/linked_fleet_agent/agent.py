@@ -169,6 +169,7 @@ class Agent:
         self._outcomes += self._motions.hold_after_pause(reason)
         self.demonstration.log_ended()
         self._stops.record(self._names, now_ns[0])
+        self._report.repeat_later(now_ns[0])
 
     def _publish_extra_frame(self) -> None:
         """Publish a frame after a stop, for gateways that have not sent it. Many stops in a row share one frame."""

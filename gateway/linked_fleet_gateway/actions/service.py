@@ -297,7 +297,7 @@ class Actions:
         fleet, now_ns = self._live.fleet.robots, time.time_ns()
         robot, asked = FLEET if halt.robots is None else halt.robots[0], self._reached(halt, caller.stoppable_robots)
         of_fleet = fleet if asked is None else asked
-        online = [name for name in of_fleet if fleet[name].online] if halt.robots is None else []
+        online = [name for name in of_fleet if name in fleet and fleet[name].online] if halt.robots is None else []
         invocation = Invocation(
             id=str(uuid.uuid4()),
             robot=robot,
@@ -343,7 +343,7 @@ class Actions:
         """Return the robots that the caller may stop; None for all, known or not."""
         if halt.robots is not None or stops.includes_all:
             return halt.robots
-        return tuple(name for name in self._live.fleet.robots if stops.includes(name))
+        return tuple(name for name in self.lifecycle.stops.known_robots() if stops.includes(name))
 
     async def rehearse_halt(self, halt: Halt, stoppable_robots: View = ALL) -> Rehearsal:
         """Return the invocations that ``halt`` would end."""

@@ -69,7 +69,7 @@ class StopDelivery:
 
         The robots without a reply are owed the stop, and those that are offline too.
         """
-        asked, asked_ns = tuple(self._live.fleet.robots if robots is None else robots), time.time_ns()
+        asked, asked_ns = self.known_robots() if robots is None else tuple(robots), time.time_ns()
         for robot in asked:
             self._owe(OwedStop(robot, stop, asked_ns))
         replies = self._replies[stop.id] = {}
@@ -83,6 +83,10 @@ class StopDelivery:
         if silent:
             log.warning("stop %s is not confirmed and sent again when heard from: %s", stop.id, name_some(silent))
         return replies
+
+    def known_robots(self) -> tuple[str, ...]:
+        """Return all robots that are known, or that this gateway has not met yet and another one has moved."""
+        return tuple(dict.fromkeys((*self._live.fleet.robots, *self._live.invocations.robots_with_open())))
 
     def owes(self, robot: str) -> bool:
         """Return True if the robot has not confirmed some stop."""
