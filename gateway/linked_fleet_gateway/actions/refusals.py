@@ -87,7 +87,7 @@ def unanswered_stop(unanswered: Sequence[str], answered: Sequence[str], location
     """
     some = f"{len(unanswered)} robots ({name_some(unanswered)}) have" if unanswered else "Some robots have"
     whose = f"The agent of {unanswered[0]} has" if len(unanswered) == 1 else some
-    others = f" The other {len(answered)} have confirmed it." if answered else ""
+    others = {0: "", 1: f" {name_some(answered)} has."}.get(len(answered), f" The other {len(answered)} have.")
     return StopUnanswered(
         f"{whose} not confirmed the stop.{others} It is sent again, before anything else, until it is "
         "confirmed. Use the hardware stop if a robot moves.",
