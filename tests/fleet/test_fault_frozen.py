@@ -12,6 +12,9 @@ from tests.fleet.test_fault_partition import test_commands_during_a_partition_ne
 from tests.fleet.test_fault_pause import (
     test_a_robot_goes_on_after_a_pause_shorter_than_the_lease_and_else_holds as pauses,
 )
+from tests.fleet.test_owed_stops import (
+    test_a_robot_that_is_stopped_in_a_long_pause_rests_afterwards as stopped_in_pause,
+)
 
 pytestmark = pytest.mark.processes
 __all__ = ["scene"]
@@ -19,6 +22,10 @@ __all__ = ["scene"]
 
 def test_a_robot_holds_after_a_long_pause_of_the_machine(tmp_path: Path) -> None:
     pauses(tmp_path, whole=True, pause_s=4.0)
+
+
+def test_a_robot_that_is_stopped_while_its_agent_is_paused_stays_at_rest(tmp_path: Path) -> None:
+    stopped_in_pause(tmp_path)
 
 
 def test_a_gateway_that_freezes_is_lost(scene: Scene) -> None:

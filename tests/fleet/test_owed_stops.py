@@ -15,6 +15,7 @@ from browser import LF, Browser
 from commanding import (
     LIFT,
     PAN,
+    STILL_RAD,
     all_see,
     angle,
     arm,
@@ -52,12 +53,12 @@ def _rests(browser: Browser, joint: str = PAN) -> float:
     def still() -> bool:
         before = angle(browser, joint)
         time.sleep(1.0)
-        return angle(browser, joint) == before
+        return abs(angle(browser, joint) - before) < 1e-3
 
     eventually(still, f"{joint} at rest")
     held = angle(browser, joint)
     time.sleep(5.0)
-    assert angle(browser, joint) == held
+    assert angle(browser, joint) == pytest.approx(held, abs=1e-3)
     return held
 
 
@@ -126,6 +127,28 @@ def test_a_stop_given_in_a_pause_is_sent_again_when_the_agent_is_heard_from(tmp_
         assert _rests(browser) < 0.6
         if "location" in answer.headers:
             assert ended(browser, answer.headers["location"]).one(LF.state) == LF.succeeded
+        _moves_again(browser)
+
+
+def test_a_robot_that_is_stopped_in_a_long_pause_rests_afterwards(tmp_path: Path) -> None:
+    """Its agent holds by itself, and confirms the stop that nobody answered."""
+    place = Place(tmp_path)
+    with place.gateway() as (gateway, browser), place.ur5() as agent:
+        live(browser, "ur5")
+        motion = begun(put(browser, of_joint(browser, PAN), slowly(3.0, speed=0.2)))
+        moving(browser, PAN)
+        url = _stop_all(browser)
+        agent.send(signal.SIGSTOP)
+        begun_s = time.monotonic()
+        answer = post(browser, url)
+        time.sleep(max(0.0, begun_s + 3.0 - time.monotonic()))
+        before = angle(browser, PAN)
+        agent.send(signal.SIGCONT)
+        assert (answer.status_code, answer.json()["unanswered"]) == (504, ["ur5"])
+        gateway.said("ur5 has confirmed the repeated stop")
+        assert ended(browser, motion).one(LF.state) in (LF.cancelled, LF.failed)
+        assert _rests(browser) == pytest.approx(before, abs=STILL_RAD)
+        assert ended(browser, answer.headers["location"]).one(LF.state) == LF.succeeded
         _moves_again(browser)
 
 
