@@ -10,9 +10,9 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 
 import zenoh
 
-from linked_fleet_agent.wire.codec import encode, encode_state, layout
+from linked_fleet_agent.wire.codec import decode, encode, encode_state, layout
 from linked_fleet_agent.wire.keys import Keys
-from linked_fleet_agent.wire.messages import WIRE_VERSION, Description, State
+from linked_fleet_agent.wire.messages import WIRE_VERSION, Accepted, Description, State, Stop
 from virtual.loop import current
 
 KEYS = Keys()
@@ -81,6 +81,18 @@ class FakeRobot:
         self._kept.append(self.session.declare_queryable(key, lambda query: query.reply(key, said)))
         token = KEYS.presence(self.name, self.incarnation)
         self._kept.append(self.session.liveliness().declare_token(token))
+        return self
+
+    def confirm_stops(self) -> "FakeRobot":
+        """Answer stops as a robot that stands; without this call nobody answers them."""
+        key = KEYS.robot(self.name, "stop")
+
+        def answer(query: zenoh.Query) -> None:
+            assert query.payload is not None
+            stop = decode(query.payload.to_bytes(), Stop)
+            query.reply(key, encode(Accepted(stop.id, at_ns=time.monotonic_ns())))
+
+        self._kept.append(self.session.declare_queryable(key, answer))
         return self
 
     def frame(self, positions: Sequence[float], incarnation: int | None = None) -> bytes:

@@ -29,7 +29,7 @@ class Hub:
     def __init__(self, session: zenoh.Session, endpoint: str) -> None:
         self.session, self.endpoint = session, endpoint
         self.steps = 0
-        self._actor = FakeRobot(session, "toy").appear()
+        self._actor = FakeRobot(session, "toy").confirm_stops().appear()
 
     @property
     def angle(self) -> float:

@@ -14,7 +14,7 @@ from linked_fleet_agent import safety
 from linked_fleet_agent.demonstration import Demonstration
 from linked_fleet_agent.mesh_files import MeshFiles
 from linked_fleet_agent.motion import Measurements, Motions, Outcome, Sway
-from linked_fleet_agent.pace import every
+from linked_fleet_agent.pace import elapsed_ns, every
 from linked_fleet_agent.plan import ImpossibleError, Plan, joints_of, plan
 from linked_fleet_agent.publications import Cameras, Frames, Report, describe
 from linked_fleet_agent.robot import Reading, Robot
@@ -22,6 +22,7 @@ from linked_fleet_agent.sensors import JointSensor
 from linked_fleet_agent.wire import codec
 from linked_fleet_agent.wire.codec import VersionError, WireError
 from linked_fleet_agent.wire.messages import Accepted, Command, Refused, Reply, Stop
+from linked_fleet_agent.wire.transport import GATEWAY_LEASE_MS
 
 _log = logging.getLogger(__name__)
 _LEAST_APART = 0.1
@@ -95,6 +96,7 @@ class Agent:
         self._seen, self._stops = safety.RecentIds(), safety.Stops()
         self._reading: Reading | None = None
         self._tick_ns: int | None = None
+        self._ran_ns: tuple[int, int] | None = None
         self._gateway_present = False
         self._lost_ns: int | None = None
         self._doubted: Set[str] = frozenset()
@@ -124,6 +126,7 @@ class Agent:
 
     def tick(self, link: Link) -> None:
         """Read and publish the state, hold the robot if no gateway is present, and advance the motions."""
+        self._hold_after_pause()
         now_ns = self._monotonic_ns()
         elapsed_s = 0.0 if self._tick_ns is None else (now_ns - self._tick_ns) / 1e9
         self._tick_ns = now_ns
@@ -136,6 +139,7 @@ class Agent:
 
     def handle(self, payload: bytes) -> bytes:
         """Check one command and start it. The reply is Accepted, or Refused with the reason. Never raises."""
+        self._hold_after_pause()
         command = _decoded(payload, Command)
         if isinstance(command, Refused):
             return codec.encode(command)
@@ -146,6 +150,7 @@ class Agent:
 
     def handle_stop(self, payload: bytes) -> bytes:
         """Execute a stop, even if it is old or a duplicate. It is refused only for unknown joints. Never raises."""
+        self._hold_after_pause()
         stop = _decoded(payload, Stop)
         reply = stop if isinstance(stop, Refused) else safety.check_stop(stop, self._joints) or self._stop(stop)
         if isinstance(reply, Refused):
@@ -153,6 +158,25 @@ class Agent:
         elif self._link is not None:
             asyncio.get_running_loop().call_soon(self._publish_extra_frame)
         return codec.encode(reply)
+
+    def _hold_after_pause(self) -> None:
+        """Hold if this agent has not run for longer than the lease of gateways.
+
+        Whoever moved the robot cannot have seen or stopped it meanwhile (IEC 60204-1, 9.2.3.2: no restart by itself).
+        This precedes everything else in each call from outside, because a command that waited for the end of the pause
+        can come before the first tick.
+        """
+        before_ns, now_ns = self._ran_ns, (self._monotonic_ns(), elapsed_ns())
+        self._ran_ns = now_ns
+        pause_s = max(now - before for now, before in zip(now_ns, before_ns or now_ns, strict=True)) / 1e9
+        if pause_s <= GATEWAY_LEASE_MS / 1000.0:
+            return
+        reason = f"the agent did not run for {pause_s:.1f} s"
+        _log.warning("%s: %s: it or the machine was paused; the robot holds", self.name, reason)
+        self._outcomes += self._motions.hold_after_pause(reason)
+        self.demonstration.log_ended()
+        self._stops.record(self._names, now_ns[0])
+        self._report.repeat_later(now_ns[0])
 
     def _publish_extra_frame(self) -> None:
         """Publish a frame after a stop, for gateways that have not sent it. Many stops in a row share one frame."""

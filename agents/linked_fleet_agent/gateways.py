@@ -124,8 +124,6 @@ class Gateways:
         self._ran_s += min(gap_s, self._period_s + PAUSE_S)
         if gap_s > self._period_s + PAUSE_S:
             self._resumed_s = self._ran_s
-        if gap_s > LEASE_S:
-            _log.warning("%s: the agent did not run for %.1f s: it or the machine was paused", self._robot, gap_s)
 
 
 def _silence(gateway: _Gateway) -> str:

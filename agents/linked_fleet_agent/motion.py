@@ -352,6 +352,18 @@ class Motions:
         self._brake(self._axes)
         return outcomes
 
+    def hold_after_pause(self, reason: str) -> list[Outcome]:
+        """Hold every moving joint at its last setpoint. All motions but stops fail with ``reason``, demonstrations end.
+
+        The robot has stood at that setpoint since the pause began, so a ramp would set it in motion again.
+        """
+        moving = self.driven
+        outcomes = self._end([motion for motion in self._running if not motion.stopping], "failed", reason)
+        self._swaying.clear()
+        for axis in (self._axes[name] for name in moving):
+            axis.follow(hold(axis.position))
+        return outcomes
+
     def fail_all(self, reason: str) -> list[Outcome]:
         """Fail all motions and drop their trajectories, because after a fault positions may differ from setpoints."""
         outcomes = [motion.outcome("failed", reason) for motion in self._running]

@@ -1,7 +1,15 @@
-"""Periodic calls on the event loop."""
+"""Periodic calls on the event loop, and a clock that shows if they were interrupted."""
 
 import asyncio
+import time
 from collections.abc import Callable
+
+_BOOT_CLOCK: int | None = getattr(time, "CLOCK_BOOTTIME", None)
+
+
+def elapsed_ns() -> int:
+    """Return monotonic time in nanoseconds. On Linux it goes on while the machine is suspended."""
+    return time.monotonic_ns() if _BOOT_CLOCK is None else time.clock_gettime_ns(_BOOT_CLOCK)
 
 
 async def every(period_s: float, act: Callable[[], None]) -> None:

@@ -185,6 +185,10 @@ class Report:
             self._again_ns = None
         return [payload for ended_ns, payload in self._ends if now_ns - ended_ns <= KEPT_NS]
 
+    def repeat_later(self, now_ns: int) -> None:
+        """Schedule a repetition of the recent ends, because a connection that is being renewed may lose them."""
+        self._again_ns = now_ns + AGAIN_NS
+
     def due(self, now_ns: int) -> bool:
         """Return True if the progress of running motions is due."""
         if now_ns < self._due_ns:

@@ -3,14 +3,17 @@
 import asyncio
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from linked_fleet_agent import agent
 from linked_fleet_agent.agent import Agent
+from linked_fleet_agent.motion import Sway
+from linked_fleet_agent.pace import elapsed_ns
 from linked_fleet_agent.robot import Facts, JointFacts, Limits, Reading, RobotFaultError
 from linked_fleet_agent.wire import codec
 from linked_fleet_agent.wire.messages import (
@@ -25,6 +28,7 @@ from linked_fleet_agent.wire.messages import (
     State,
     Stop,
 )
+from linked_fleet_agent.wire.transport import GATEWAY_LEASE_MS
 
 
 class Memory:
@@ -82,15 +86,21 @@ class BreakableRobot:
 class Bench:
     """An agent with a brittle robot, a link without a network and a clock."""
 
-    def __init__(self, **robot: Any) -> None:
+    def __init__(self, sways: Iterable[Sway] = (), **robot: Any) -> None:
         self.now_ns = 1_000_000_000
         self.robot, self.link = BreakableRobot(**robot), Memory()
-        self.agent = Agent("b", self.robot, monotonic_ns=lambda: self.now_ns)
+        self.agent = Agent("b", self.robot, sways=sways, monotonic_ns=lambda: self.now_ns)
         self.tick()
 
     def tick(self, times: int = 1) -> None:
         for _ in range(times):
             self.now_ns += 10_000_000
+            self.agent.tick(self.link)
+
+    def wait(self, seconds: int) -> None:
+        """Let time pass in steps of 1 s, which an agent does not take for a pause."""
+        for _ in range(seconds):
+            self.now_ns += 1_000_000_000
             self.agent.tick(self.link)
 
     def command(
@@ -259,6 +269,72 @@ def test_commands_from_before_the_loss_of_all_gateways_are_refused() -> None:
     assert _code(bench.command("a")) == "accepted"
 
 
+_LEASE_NS = GATEWAY_LEASE_MS * 1_000_000
+_FIRST: Mapping[str, Callable[[Bench], object]] = {
+    "a tick": lambda bench: bench.agent.tick(bench.link),
+    "a command that waited": lambda bench: bench.command("waited", Move({"wheel": 1.0})),
+    "a stop that waited": lambda bench: bench.stop("waited", joints=("wheel",)),
+}
+
+
+@pytest.mark.parametrize("first", _FIRST)
+def test_an_agent_that_did_not_run_for_longer_than_the_lease_holds_first(first: str) -> None:
+    """Its motions fail with the reason, and what was requested before never runs, whatever is handled first."""
+    bench = Bench()
+    assert _code(bench.command("before")) == "accepted"
+    bench.tick(10)
+    seen_ns, rest = bench.link.states[-1].monotonic_ns, dict(bench.robot.positions)
+    bench.now_ns += _LEASE_NS + 600_000_000
+    _FIRST[first](bench)
+    assert _code(bench.command("late", Move({"wheel": 1.0}), seen_ns=seen_ns)) == "stale"
+    bench.tick(200)
+    end = bench.end("before")
+    assert (end.state, end.reason) == ("failed", "the agent did not run for 3.1 s")
+    assert bench.link.progress.count(end) == 2  # connections that are being renewed may lose the first
+    assert not [progress for progress in bench.link.progress if progress.id == "late"]
+    assert bench.robot.positions == rest
+    assert _code(bench.command("after")) == "accepted"
+    bench.tick(500)
+    assert bench.robot.positions["arm"] == pytest.approx(1.0, abs=1e-3)
+
+
+def test_a_command_that_waited_for_the_end_of_a_pause_is_stale() -> None:
+    """It is handled before the first tick after the pause."""
+    bench = Bench()
+    bench.now_ns += _LEASE_NS + 1
+    assert _code(bench.command("waited")) == "stale"
+
+
+def test_a_demonstration_ends_with_a_pause() -> None:
+    bench = Bench([Sway("arm", 0.5, 4.0)])
+    bench.tick(50)
+    bench.now_ns += _LEASE_NS + 600_000_000
+    bench.tick(200)
+    rest = dict(bench.robot.positions)
+    bench.tick(400)
+    assert bench.robot.positions == rest
+
+
+def test_a_pause_as_long_as_the_lease_changes_nothing() -> None:
+    bench = Bench()
+    assert _code(bench.command("before")) == "accepted"
+    bench.tick(10)
+    bench.now_ns += _LEASE_NS - 10_000_000
+    bench.tick(500)
+    assert bench.end("before").state == "succeeded"
+
+
+def test_a_suspended_machine_counts_as_a_pause(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The monotonic clock of Linux stands still meanwhile."""
+    bench = Bench()
+    assert _code(bench.command("before")) == "accepted"
+    bench.tick(10)
+    resumed_ns = elapsed_ns() + _LEASE_NS + 600_000_000
+    monkeypatch.setattr(agent, "elapsed_ns", lambda: resumed_ns)
+    bench.tick()
+    assert bench.end("before").state == "failed"
+
+
 def test_a_rehearsal_is_judged_and_answered_and_nothing_moves() -> None:
     """The answer contains duration and end; its id stays free, and a refusal equals that of the real command."""
     bench = Bench()
@@ -360,8 +436,7 @@ def test_a_gateway_that_comes_hears_how_motions_ended_and_what_runs() -> None:
     bench = Bench()
     bench.command("old")
     bench.tick(300)
-    bench.now_ns += 50_000_000_000
-    bench.tick()
+    bench.wait(50)
     bench.command("new", Move({"arm": 0.0}))
     bench.tick(300)
     bench.command("now", Move({"wheel": 100.0}))
@@ -376,10 +451,11 @@ def test_a_gateway_that_comes_hears_how_motions_ended_and_what_runs() -> None:
     ]
     bench.tick()
     assert len(bench.link.progress) == 3
-    bench.now_ns += 10_000_000_000
+    bench.wait(10)
+    bench.link.progress.clear()
     bench.link.arrivals += 1
     bench.tick()
-    assert [p.id for p in bench.link.progress[3:]] == ["new", "now"]
+    assert [p.id for p in bench.link.progress] == ["new", "now"]
 
 
 async def test_a_stop_is_followed_by_a_frame_at_once() -> None:

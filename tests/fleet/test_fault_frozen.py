@@ -9,14 +9,23 @@ from tests.fleet.test_fault_partition import (
     test_a_gateway_that_freezes_is_lost_and_executes_nothing_when_it_goes_on as freezes,
 )
 from tests.fleet.test_fault_partition import test_commands_during_a_partition_never_run as never_runs
-from tests.fleet.test_fault_pause import test_a_robot_goes_on_after_a_pause_and_its_motion_ends_well as goes_on
+from tests.fleet.test_fault_pause import (
+    test_a_robot_goes_on_after_a_pause_shorter_than_the_lease_and_else_holds as pauses,
+)
+from tests.fleet.test_owed_stops import (
+    test_a_robot_that_is_stopped_in_a_long_pause_rests_afterwards as stopped_in_pause,
+)
 
 pytestmark = pytest.mark.processes
 __all__ = ["scene"]
 
 
-def test_a_robot_goes_on_after_a_pause_of_the_machine(tmp_path: Path) -> None:
-    goes_on(tmp_path, whole=True)
+def test_a_robot_holds_after_a_long_pause_of_the_machine(tmp_path: Path) -> None:
+    pauses(tmp_path, whole=True, pause_s=4.0)
+
+
+def test_a_robot_that_is_stopped_while_its_agent_is_paused_stays_at_rest(tmp_path: Path) -> None:
+    stopped_in_pause(tmp_path)
 
 
 def test_a_gateway_that_freezes_is_lost(scene: Scene) -> None:

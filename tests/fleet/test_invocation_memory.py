@@ -209,7 +209,7 @@ def test_the_other_gateway_deletes(pair: tuple[Gateway, Gateway]) -> None:
 
 
 def test_the_other_gateway_shows_what_the_fleet_was_asked(pair: tuple[Gateway, Gateway]) -> None:
-    """stopAll: the robot's answer, and for a robot that cannot answer, that it did not."""
+    """stopAll: the answers of the robots, of which one reports nothing more (others: test_owed_stops.py)."""
     one, other = pair
     motion = _begin(one.browser, PAN)
     fleet = other.browser.page(other.browser.root)
@@ -218,12 +218,7 @@ def test_the_other_gateway_shows_what_the_fleet_was_asked(pair: tuple[Gateway, G
     assert ended(one.browser, motion).one(LF.state) == LF.cancelled
     eventually(lambda: state_at(one, url) is not None, "the invocation at the other gateway")
     eventually(lambda: _answers(one, url).get("ur5") == "succeeded", "the answer of ur5")
-    assert _answers(one, url)["toy"].startswith("unknown")
-    page = one.browser.page(one.here(url))
-    if page.one(LF.state) == LF.failed:  # on a slow machine its deadline is over by now
-        assert reason(page).endswith("before the deadline; the last known state was unknown")
-    else:
-        assert page.one(LF.state) == LF.unknown
+    assert _answers(one, url)["toy"] == "accepted"
 
 
 def _answers(each: Gateway, invocation: str) -> dict[str, str]:

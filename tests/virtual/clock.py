@@ -59,6 +59,7 @@ class Clock:
             "monotonic_ns": lambda: self.monotonic_ns,
             "perf_counter": lambda: self.monotonic_s,
             "perf_counter_ns": lambda: self.monotonic_ns,
+            "clock_gettime_ns": lambda clock: self.monotonic_ns,
         }
         own, really = threading.get_ident(), time.sleep
 

@@ -126,13 +126,18 @@ class VirtualProcess:
     def send(self, number: signal.Signals) -> None:
         """Send a signal: SIGTERM and SIGINT end it regularly; SIGKILL, SIGSTOP and SIGCONT act as usual."""
         act: dict[signal.Signals, Callable[[], object]] = {
-            signal.SIGKILL: self._process.kill,
+            signal.SIGKILL: self._kill,
             signal.SIGSTOP: self._process.stop,
             signal.SIGCONT: self._process.go_on,
         }
         act.get(number, lambda: self._process.run(self._ending))()
         if not self._loop.is_running():
             self._loop.run_for(0)
+
+    def _kill(self) -> None:
+        self._process.kill()
+        # What it raises when it is cancelled at the end of the test, in which it can reach nobody, is of no interest.
+        self._task.add_done_callback(lambda task: task.cancelled() or task.exception())
 
     def kill_child(self, module: str) -> None:
         """Kill a real child process, identified by its module."""

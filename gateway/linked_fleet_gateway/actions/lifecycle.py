@@ -12,10 +12,12 @@ from types import TracebackType
 from typing import Self
 
 from linked_fleet_agent.wire.messages import WIRE_VERSION, Accepted, Progress, Refused, Reply, Stop
-from linked_fleet_gateway.actions.refusals import translate_store_errors
+from linked_fleet_gateway.actions.refusals import translate_store_errors, unanswered_stop
 from linked_fleet_gateway.actions.replicated_invocations import ReplicatedInvocations
+from linked_fleet_gateway.actions.stop_delivery import ANSWER_TIMEOUT_S
 from linked_fleet_gateway.actions.store import ActionStore
-from linked_fleet_gateway.base.errors import AgentTimeout, Conflict
+from linked_fleet_gateway.base.errors import Conflict
+from linked_fleet_gateway.fleet.invocation import has_ended, reported_state
 from linked_fleet_gateway.fleet.invocations import FLEET, Invocation, InvocationState
 from linked_fleet_gateway.resources.invocation import invocation_path
 from linked_fleet_gateway.runtime.background import cancel_tasks, supervised
@@ -64,13 +66,13 @@ class Waiters:
             event.set()
 
 
-ANSWER_TIMEOUT_S = 2.0
 REPORT_TIMEOUT_S = 15.0
 """Time after the answer, or after a report of progress, in which an invocation must be reported again."""
 _LAST_WORD_S = 1.0  # the end of a motion may arrive after the answer to a stop
 _EXPIRY_INTERVAL_S = 1.0
 _PATIENCE = 3.0  # factor of the duration stated by the agent, after which a motion is given up
-_SILENT = "unknown: no answer"
+_OWED = "the stop is sent again until the robot answers"
+_SILENT = f"unknown: no answer; {_OWED}"
 
 
 class Lifecycle:
@@ -80,8 +82,11 @@ class Lifecycle:
         self._live, self._store = live, store
         self.waiters = Waiters()
         self.replicated_state = ReplicatedInvocations(live, store, self.stop_motion, self.waiters.wake)
+        self.stops = self.replicated_state.stops
+        self.stops.on_late_reply = self._record_late_reply
         self.command_metrics = CommandMetrics()
         self._tasks: list[asyncio.Task[None]] = []
+        self._judging: set[asyncio.Task[None]] = set()
         live.on_progress, live.on_lost = self._progressed, self._lost
 
     async def __aenter__(self) -> Self:
@@ -92,7 +97,7 @@ class Lifecycle:
     async def __aexit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        await cancel_tasks(self._tasks)
+        await cancel_tasks([*self._tasks, *self._judging])
         await self.replicated_state.__aexit__(kind, error, trace)
 
     # -- states -----------------------------------------------------------------------------------------------------
@@ -131,20 +136,23 @@ class Lifecycle:
         """Record that the agent has not replied, unless it has reported on the invocation meanwhile."""
         if invocation.state is InvocationState.ACCEPTED:
             invocation.state = InvocationState.UNKNOWN
-            invocation.reason = "the agent gave no answer; progress or the deadline will settle it"
+            settles = "progress or the deadline will settle it" if invocation.stops is None else _OWED
+            invocation.reason = f"the agent gave no answer; {settles}"
             self.replicated_state.save(invocation)
             self._announce(invocation)
 
-    def record_fleet_replies(self, invocation: Invocation, online: Iterable[str], replies: dict[str, Reply]) -> None:
-        """Record the replies of robots to a stop of the fleet; a robot without reply stays unknown."""
-        for name in (*online, *(name for name in replies if name not in invocation.robots)):
-            reply = replies.get(name)
-            if isinstance(reply, Refused):
-                self._live.invocations.answer(invocation, name, f"refused: {reply.reason}")
-            elif reply is None and invocation.robots.get(name) == InvocationState.ACCEPTED.value:
-                self._live.invocations.answer(invocation, name, _SILENT)
-            elif reply is not None:
-                invocation.robots.setdefault(name, InvocationState.ACCEPTED.value)
+    def record_fleet_replies(
+        self, invocation: Invocation, online: Iterable[str], replies: dict[str, Reply]
+    ) -> tuple[list[str], list[str]]:
+        """Record the replies of robots to a stop of the fleet; a robot without reply stays unknown.
+
+        Return the robots that have not answered, and those that have. A report on the stop is an answer too.
+        """
+        unanswered = [name for name in online if name not in replies and self._is_silent(invocation, name)]
+        for name in unanswered:
+            self._live.invocations.answer(invocation, name, _SILENT)
+        for name, reply in replies.items():
+            self._record_part(invocation, name, reply)
         accepted = [reply for reply in replies.values() if isinstance(reply, Accepted)]
         invocation.preempts = tuple(id for reply in accepted for id in reply.preempts)
         invocation.duration_s = max((reply.duration_s for reply in accepted), default=0.0)
@@ -155,6 +163,38 @@ class Lifecycle:
             self._settle(invocation)
         else:
             self._announce(invocation)
+        return unanswered, [name for name in invocation.robots if name not in unanswered]
+
+    def _is_silent(self, invocation: Invocation, robot: str) -> bool:
+        """Return True if a robot without a reply has not reported on its part of a stop of the fleet either."""
+        return self.stops.owes(robot) and not _is_reported(invocation.robots.get(robot, ""))
+
+    def _record_part(self, invocation: Invocation, robot: str, reply: Reply) -> None:
+        """Record the reply of a robot to a stop of the fleet, unless it has reported more already."""
+        if isinstance(reply, Refused):
+            self._live.invocations.answer(invocation, robot, f"refused: {reply.reason}")
+        elif not _is_reported(invocation.robots.get(robot, "")):
+            self._live.invocations.answer(invocation, robot, InvocationState.ACCEPTED.value)
+
+    def _record_late_reply(self, robot: str, stop: Stop, reply: Reply) -> None:
+        """Record the reply to a stop that was sent again."""
+        self.command_metrics.count_reply(robot, reply)
+        invocation = self._live.invocations.get(stop.command or stop.id)
+        if invocation is None or invocation.is_final:
+            return
+        if stop.command:
+            task = asyncio.create_task(self._judge_stop(invocation, reply), name=f"stopped {invocation.id}")
+            self._judging.add(task)
+            task.add_done_callback(self._judging.discard)
+        elif invocation.robot == FLEET:
+            if isinstance(reply, Accepted):
+                invocation.preempts += tuple(id for id in reply.preempts if id not in invocation.preempts)
+            self._record_part(invocation, robot, reply)
+            self._announce(invocation)
+        elif isinstance(reply, Refused):
+            self.record_refusal(invocation, reply)
+        else:
+            self.record_acceptance(invocation, reply)
 
     def _settle(self, invocation: Invocation) -> None:
         self.replicated_state.store_end(invocation)
@@ -167,13 +207,13 @@ class Lifecycle:
     # -- requests ---------------------------------------------------------------------------------------------------
 
     async def cancel(self, invocation: Invocation, reason: str = "cancelled by a client") -> None:
-        """Stop the motion of an invocation. Raises Conflict if it is over, AgentTimeout without a reply."""
+        """Stop the motion of an invocation. Raises Conflict if it is over, StopUnanswered without a reply."""
         if invocation.state.terminal:
             raise Conflict(f"The invocation has ended already: it {invocation.state}.")
         if invocation.robot == FLEET:
             raise Conflict("Stopping cannot be cancelled; a new motion of a robot ends it.")
         if await self.stop_motion(invocation, reason) is None:
-            raise AgentTimeout(f"The agent of {invocation.robot} gave no answer; whether it stops is unknown.")
+            raise unanswered_stop([invocation.robot], [], "")
 
     async def delete(self, invocation: Invocation) -> None:
         """Stop an invocation if it is not over, and delete it."""
@@ -194,17 +234,21 @@ class Lifecycle:
         An agent that does not know the motion will never start it; an end that has just happened is reported.
         """
         stop = Stop(version=WIRE_VERSION, id=str(uuid.uuid4()), command=invocation.id, reason=reason)
-        replies = await self._live.link.stop((invocation.robot,), stop, ANSWER_TIMEOUT_S)
-        reply = replies.get(invocation.robot)
+        reply = (await self.stops.send((invocation.robot,), stop)).get(invocation.robot)
         self.command_metrics.count_reply(invocation.robot, reply)
+        await self._judge_stop(invocation, reply)
+        return reply
+
+    async def _judge_stop(self, invocation: Invocation, reply: Reply | None) -> None:
+        """Fail a motion whose agent has accepted its stop and does not know it."""
         unknown = isinstance(reply, Accepted) and invocation.id not in reply.preempts
         if unknown and invocation.stops is None and not await self._ended(invocation, _LAST_WORD_S):
             self.fail(invocation, "the agent knows no such motion")
-        return reply
 
     # -- reports ----------------------------------------------------------------------------------------------------
 
     def _progressed(self, robot: str, progress: Progress) -> None:
+        self.stops.note_progress(robot, progress.id)
         invocation = self._live.invocations.get(progress.id)
         if invocation is None:
             self.replicated_state.fetch_soon(robot, progress)
@@ -239,4 +283,11 @@ class Lifecycle:
         for invocation in sorted(invocations.overdue(now_ns), key=self.replicated_state.is_own, reverse=True):
             if await self.replicated_state.is_late(invocation):
                 invocations.expire(invocation, now_ns)
+                if self.stops.is_owed(invocation.robot, invocation.id):
+                    invocation.reason += f"; {_OWED}"
                 self._settle(invocation)
+
+
+def _is_reported(part: str) -> bool:
+    """Return True if a robot has reported on its part of a stop of the fleet, or refused it."""
+    return has_ended(part) or reported_state(part) == InvocationState.RUNNING

@@ -71,6 +71,11 @@ class Keys:
         return f"{self.namespace}:actions:{{{_SETTINGS_TAG}}}"
 
     @property
+    def owed_stops(self) -> str:
+        """Hash of the stops that agents have not confirmed, by tag of the robot and id of the stop."""
+        return f"{self.namespace}:actions:owed"
+
+    @property
     def news(self) -> str:
         """Stream of changes, for other gateways."""
         return f"{self.namespace}:actions:news"

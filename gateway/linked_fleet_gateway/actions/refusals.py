@@ -7,7 +7,7 @@ stalls are detected.
 
 import time
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from datetime import UTC, datetime
 from typing import cast
@@ -21,6 +21,8 @@ from linked_fleet_gateway.base.errors import (
     Controlled,
     MotionRefused,
     RefusedByAgent,
+    StopOwed,
+    StopUnanswered,
     StoreDown,
     TooManyInvocations,
 )
@@ -62,6 +64,44 @@ def agent_timeout(invocation: Invocation, reason: str) -> AgentTimeout:
         f"The agent of {invocation.robot} gave no answer: {reason}. The invocation stays until that is settled.",
         headers={"location": invocation_path(invocation)},
     )
+
+
+def owed_stop_refusal(robot: str, asked_ns: int) -> StopOwed:
+    """Return the refusal of a motion because a stop that was asked for at ``asked_ns`` (wall time) is not confirmed."""
+    asked = datetime.fromtimestamp(asked_ns / 1e9, UTC).isoformat(timespec="seconds")
+    return StopOwed(
+        f"The agent of {robot} has not confirmed the stop of {asked}. It is sent before any motion, as soon as the "
+        "agent is heard from. Ask again then.",
+        reason="an earlier stop was not confirmed",
+    )
+
+
+MAX_NAMED = 1000
+"""Most robots in each list of a problem."""
+
+
+def unanswered_stop(unanswered: Sequence[str], answered: Sequence[str], location: str) -> StopUnanswered:
+    """Return the error for a stop that robots have not confirmed, of which ``unanswered`` are those to name.
+
+    ``location`` is the path of its invocation, or empty.
+    """
+    some = f"{len(unanswered)} robots ({name_some(unanswered)}) have" if unanswered else "Some robots have"
+    whose = f"The agent of {unanswered[0]} has" if len(unanswered) == 1 else some
+    others = {0: "", 1: f" {name_some(answered)} has."}.get(len(answered), f" The other {len(answered)} have.")
+    return StopUnanswered(
+        f"{whose} not confirmed the stop.{others} It is sent again, before anything else, until it is "
+        "confirmed. Use the hardware stop if a robot moves.",
+        unanswered=unanswered[:MAX_NAMED],
+        answered=answered[:MAX_NAMED],
+        headers={"location": location} if location else {},
+    )
+
+
+def name_some(robots: Iterable[str], most: int = 10) -> str:
+    """Return the names of robots, at most ``most`` of them, as part of a sentence."""
+    found = sorted(robots)
+    shown = ", ".join(found[:most])
+    return shown if len(found) <= most else f"{shown} and {len(found) - most} others"
 
 
 @contextmanager

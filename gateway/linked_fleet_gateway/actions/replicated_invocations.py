@@ -11,6 +11,7 @@ from typing import Self
 
 from linked_fleet_agent.wire.messages import Progress
 from linked_fleet_gateway.actions.refusals import translate_store_errors
+from linked_fleet_gateway.actions.stop_delivery import StopDelivery
 from linked_fleet_gateway.actions.store import ActionStore, News, StoreUnavailable
 from linked_fleet_gateway.fleet.invocation import Lease
 from linked_fleet_gateway.fleet.invocations import Invocation
@@ -38,9 +39,15 @@ class ReplicatedInvocations:
     """The local copy, which all reads use; an async context manager."""
 
     def __init__(
-        self, live: Live, store: ActionStore, stop: StopMotion, on_change: Callable[[Invocation], None]
+        self,
+        live: Live,
+        store: ActionStore,
+        stop: StopMotion,
+        on_change: Callable[[Invocation], None],
     ) -> None:
         self._live, self._store, self._stop, self._on_change = live, store, stop, on_change
+        self.stops = StopDelivery(live, store.owed_stops)
+        """Sends stops, and remembers for all gateways those that are not confirmed."""
         self._unsaved: dict[str, Invocation] = {}
         self._unasked: set[str] = set()  # created without the store's permission and not yet stored
         self._to_save = asyncio.Event()
@@ -56,8 +63,9 @@ class ReplicatedInvocations:
         self._tasks: list[asyncio.Task[None]] = []
 
     async def __aenter__(self) -> Self:
+        await self.stops.__aenter__()
         self._tasks = [
-            await follow_changes("invocations, leases and settings", log, self._load, self._hear, self._store.news),
+            await follow_changes("stops, invocations and leases", log, self._load, self._hear, self._store.news),
             supervised(self._save, "save invocations", log, "invocations are not saved", GATHER_S),
             supervised(self._look, "look at leases", log, "leases are not up to date", 0.0),
             supervised(self._watch, "watch leases", log, "motions may outlive their leases", 0.0),
@@ -68,6 +76,7 @@ class ReplicatedInvocations:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         await cancel_tasks([*self._tasks, *self._fetching, *self._stopping.values()])
+        await self.stops.__aexit__(kind, error, trace)
         if self._unsaved:
             await run_last_step(self._save(), log, "the last invocations could not be saved")
         for id in self._unsaved:
@@ -242,6 +251,7 @@ class ReplicatedInvocations:
     # -- tasks ------------------------------------------------------------------------------------------------------
 
     async def _load(self) -> None:
+        await self.stops.load()
         for invocation in await self._store.load_invocations():
             self._put(invocation)
         await self._settings.load()
@@ -253,6 +263,8 @@ class ReplicatedInvocations:
             await self.fetch(news.robot, news.id)
         elif news.kind == "deleted":
             self.forget(news.id)
+        elif news.kind == "stop":
+            await self.stops.refresh((news.robot, news.id))
         elif news.kind == "lease":
             await self._look_at(news.robot)
         else:

@@ -14,7 +14,7 @@ from pyoxigraph import NamedNode
 
 from linked_fleet_agent.wire.messages import WIRE_VERSION, Accepted, Command, Refused, Reply, Stop
 from linked_fleet_gateway.actions.action_handlers import HANDLERS, Handler
-from linked_fleet_gateway.actions.lifecycle import ANSWER_TIMEOUT_S, REPORT_TIMEOUT_S, Lifecycle
+from linked_fleet_gateway.actions.lifecycle import REPORT_TIMEOUT_S, Lifecycle
 from linked_fleet_gateway.actions.plan import ActionRequest, Caller, DeferredPlan, Halt, Motion, Plan, build_command
 from linked_fleet_gateway.actions.refusals import (
     TICK_S,
@@ -25,7 +25,9 @@ from linked_fleet_gateway.actions.refusals import (
     raise_first_refusal,
     required_lease_id,
     translate_store_errors,
+    unanswered_stop,
 )
+from linked_fleet_gateway.actions.stop_delivery import ANSWER_TIMEOUT_S
 from linked_fleet_gateway.actions.store import ActionStore, MotionLimitReached, StoreUnavailable
 from linked_fleet_gateway.base.errors import AgentTimeout, Busy, Conflict, FleetError, MotionRefused
 from linked_fleet_gateway.fleet.invocations import FLEET, Invocation, InvocationState
@@ -33,6 +35,7 @@ from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.identity.rights import ALL, View
 from linked_fleet_gateway.link.fleet_link import NoAnswer
 from linked_fleet_gateway.resources.action_offer import Offer
+from linked_fleet_gateway.resources.invocation import invocation_path
 from linked_fleet_gateway.runtime.background import cancel_tasks, supervised
 from linked_fleet_gateway.subscriptions.live import Live
 
@@ -107,12 +110,14 @@ class Actions:
         """Start a motion. Return the invocation once its agent has accepted it; for a repeated key the first one.
 
         Raises Controlled if another caller has the lease, Changed if a precondition in the body does not hold,
-        RefusedByAgent with the agent's reason, MotionRefused, TooManyInvocations, StoreDown, and AgentTimeout without a
-        reply: the invocation is then "unknown" until progress or its deadline resolves it.
+        RefusedByAgent with the agent's reason, MotionRefused, also before an earlier stop is confirmed,
+        TooManyInvocations, StoreDown, and AgentTimeout without a reply: the invocation is then "unknown" until progress
+        or its deadline resolves it.
         """
         robot, waited_ns = motion.robot, await self._ready(motion, caller)
         if self._stalls.stalled_recently():
             raise Busy("The gateway was held up, and this may have been asked for before: ask again.")
+        self.lifecycle.stops.check_motion(robot.name)
         now_ns = time.time_ns()
         invocation = Invocation(
             id=str(uuid.uuid4()),
@@ -140,6 +145,7 @@ class Actions:
         waited_ns += await self._check(invocation, motion, caller)
         if robot.lease != lease:
             await self._check_lease(invocation, caller)
+        self._check_stops(invocation)
         reply = await self._send(invocation, build_command(invocation.id, motion, waited_ns))
         if isinstance(reply, Refused):
             self.lifecycle.record_refusal(invocation, reply)
@@ -167,13 +173,24 @@ class Actions:
         try:
             await self._findings(motion, caller, invocation.id)
         except MotionRefused as error:
-            invocation.refused = error.code
-            self.lifecycle.fail(invocation, error.reason)
+            self._record_guard(invocation, error)
             raise
         except Exception:  # of whatever kind: others have seen the motion, and it must not stay accepted
             self.lifecycle.fail(invocation, "it could not be checked")
             raise
         return self._stalls.elapsed_ns(began_ns)
+
+    def _check_stops(self, invocation: Invocation) -> None:
+        """Check, right before a motion is sent, that it overtakes no stop that was asked for meanwhile."""
+        try:
+            self.lifecycle.stops.check_motion(invocation.robot)
+        except MotionRefused as error:
+            self._record_guard(invocation, error)
+            raise
+
+    def _record_guard(self, invocation: Invocation, error: MotionRefused) -> None:
+        invocation.refused = error.code
+        self.lifecycle.fail(invocation, error.reason)
 
     async def _check_lease(self, invocation: Invocation, caller: Caller) -> None:
         """Check again if the caller may move the robot, because its lease has changed during the check of the motion.
@@ -230,6 +247,7 @@ class Actions:
     async def rehearse(self, motion: Motion, caller: Caller) -> Rehearsal:
         """Return the effect that ``start`` would have. Raises the same errors."""
         robot, waited_ns = motion.robot, await self._ready(motion, caller)
+        self.lifecycle.stops.check_motion(robot.name)
         if self._quota.is_exhausted(caller.name):
             raise self._quota.limit_error(caller.name)
         with translate_store_errors():
@@ -273,12 +291,13 @@ class Actions:
     async def halt(self, action: str, halt: Halt, caller: Caller) -> Invocation:
         """Stop robots, whoever has a lease and even without Redis.
 
-        Raises AgentTimeout if a single robot does not answer.
+        Raises StopUnanswered, which names those that the caller may see, if a robot that is online does not answer. The
+        stop is then sent again until it does.
         """
         fleet, now_ns = self._live.fleet.robots, time.time_ns()
         robot, asked = FLEET if halt.robots is None else halt.robots[0], self._reached(halt, caller.stoppable_robots)
         of_fleet = fleet if asked is None else asked
-        online = [name for name in of_fleet if fleet[name].online] if halt.robots is None else []
+        online = [name for name in of_fleet if name in fleet and fleet[name].online] if halt.robots is None else []
         invocation = Invocation(
             id=str(uuid.uuid4()),
             robot=robot,
@@ -298,17 +317,22 @@ class Actions:
         except Exception:  # of an extension, for example: the stop is sent nevertheless
             log.exception("invocation %s: the stop is sent before others could hear of it", invocation.id)
         stop = Stop(version=WIRE_VERSION, id=invocation.id, joints=halt.joints, reason="stopped")
-        replies = await self._live.halt(asked, stop, ANSWER_TIMEOUT_S)
+        replies = await self.lifecycle.stops.send(asked, stop)
         for name in {*(halt.robots or online), *replies}:
             self.lifecycle.command_metrics.count_reply(name, replies.get(name))
         self.lifecycle.replicated_state.save_stop(invocation)
         if robot == FLEET:
-            self.lifecycle.record_fleet_replies(invocation, online, replies)
+            unanswered, answered = self.lifecycle.record_fleet_replies(invocation, online, replies)
+            if unanswered:
+                sees, location = caller.visible_robots.includes, invocation_path(invocation)
+                raise unanswered_stop([*filter(sees, unanswered)], [*filter(sees, answered)], location)
             return invocation
         reply = replies.get(robot)
-        if reply is None:
+        if reply is None and not invocation.accepted:  # a report on the stop is an answer too
             self.lifecycle.mark_unknown(invocation)
-            raise agent_timeout(invocation, "it did not say that it stops")
+            raise unanswered_stop([robot], [], invocation_path(invocation))
+        if reply is None:
+            return invocation
         if isinstance(reply, Refused):
             self.lifecycle.record_refusal(invocation, reply)
             raise agent_refusal(fleet[robot], reply)
@@ -319,7 +343,7 @@ class Actions:
         """Return the robots that the caller may stop; None for all, known or not."""
         if halt.robots is not None or stops.includes_all:
             return halt.robots
-        return tuple(name for name in self._live.fleet.robots if stops.includes(name))
+        return tuple(name for name in self.lifecycle.stops.known_robots() if stops.includes(name))
 
     async def rehearse_halt(self, halt: Halt, stoppable_robots: View = ALL) -> Rehearsal:
         """Return the invocations that ``halt`` would end."""

@@ -11,12 +11,14 @@ import uuid
 from collections.abc import AsyncGenerator, Collection, Sequence
 from contextlib import aclosing
 from dataclasses import dataclass
+from functools import partial
 from itertools import chain, compress
 from typing import Literal, Self, cast, get_args
 
 import msgspec
 
 from linked_fleet_gateway.actions import redis_scripts as scripts
+from linked_fleet_gateway.actions.owed_stop_table import OwedStopTable
 from linked_fleet_gateway.actions.redis_scripts import Keys, robot_from_tag, robot_tag, text_hash
 from linked_fleet_gateway.fleet.invocation import Lease
 from linked_fleet_gateway.fleet.invocations import MAX_TERMINAL, Invocation
@@ -49,13 +51,13 @@ _TOGETHER = 16  # changes in one entry
 _LAST_S = 0.5  # to send the rest when this gateway ends
 _MS = 1_000_000  # nanoseconds
 
-NewsKind = Literal["invocation", "deleted", "lease", "settings"]
+NewsKind = Literal["invocation", "deleted", "lease", "settings", "stop"]
 _CHANGES = msgspec.json.Decoder(list[tuple[str, str, str]])
 
 
 @dataclass(frozen=True)
 class News:
-    """A change by another run; ``id`` is that of the invocation, the lease, or the name of the setting."""
+    """A change by another run; ``id`` is that of the invocation, lease or stop, or the name of the setting."""
 
     kind: NewsKind
     robot: str = ""
@@ -95,6 +97,8 @@ class ActionStore:
         self._run = run
         self._retention_s = retention_s
         self._redis = Connection(url, self._keys.news)
+        tell_of_stop = partial(self._tell, "stop")
+        self.owed_stops = OwedStopTable(self._redis, self._keys.owed_stops, retention_s, tell_of_stop)
         self._untold: list[News] = []
         """In the order of the changes."""
         self._to_tell = asyncio.Event()

@@ -13,6 +13,7 @@
     │   ├── Controlled              409     controlled
     │   └── ContainerFull           409     conflict
     ├── MotionRefused               409     motion-refused
+    │   └── StopOwed                503     stop-owed
     ├── PreconditionFailed          412     precondition-failed
     ├── PayloadTooLarge             413     payload-too-large
     ├── UnsupportedMediaType        415     unsupported-media-type
@@ -32,6 +33,7 @@
     ├── IssuerDown                  503     issuer-away
     ├── LibraryMissing              503     library-missing
     └── AgentTimeout                504     agent-silent
+        └── StopUnanswered          504     agent-silent
 
 The problem type (RFC 9457, 3.1.1) of each is ``PROBLEMS`` followed by its code; ``http.problem`` renders them.
 """
@@ -199,6 +201,13 @@ class MotionRefused(FleetError):
         return next((each for each in (cls, *cls.__subclasses__()) if each.code == code), None)
 
 
+class StopOwed(MotionRefused):
+    """An agent has not confirmed a stop of the robot, which no motion may overtake."""
+
+    status, code, title = 503, "stop-owed", "A stop of the robot is not confirmed yet"
+    retry_after_s = 1
+
+
 class Controlled(Conflict):
     """Another caller has the control lease of the robot: ``holder``, until ``expires``."""
 
@@ -364,3 +373,20 @@ class AgentTimeout(FleetError):
     """The agent did not reply in time, so the outcome of the command is unknown."""
 
     status, code, title = 504, "agent-silent", "The robot's agent did not answer in time"
+
+
+class StopUnanswered(AgentTimeout):
+    """Robots have not confirmed a stop, which is repeated until they do; names of robots of either kind."""
+
+    member_names = ("unanswered", "answered")
+
+    def __init__(
+        self,
+        detail: str,
+        *,
+        unanswered: Sequence[str],
+        answered: Sequence[str] = (),
+        headers: Mapping[str, str] | None = None,
+    ) -> None:
+        super().__init__(detail, headers=headers)
+        self.unanswered, self.answered = list(unanswered), list(answered)

@@ -183,6 +183,12 @@ class Fleet:
                 return name
         return None
 
+    def check_next_frame(self, robot: str) -> None:
+        """Let the next frame of a robot be an event, also if it continues a run."""
+        entry = self._entries.get(robot)
+        if entry is not None:
+            entry.robot.check_next_frame()
+
     def check_limits(self, robot: str, now_ns: int) -> Change | None:
         """Compare the latest frame of a robot with the limits in its URDF."""
         entry = self._entries.get(robot)

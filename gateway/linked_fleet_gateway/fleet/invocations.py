@@ -206,6 +206,10 @@ class Invocations:
         """Return the invocations of one robot, or of ``FLEET``, that are not over, newest first."""
         return _newest_first(_still_open(self._open, robot).values())
 
+    def robots_with_open(self) -> list[str]:
+        """Return the robots with invocations that are not over."""
+        return [robot for robot in list(self._open) if robot != FLEET and _still_open(self._open, robot)]
+
     def motions_by(self, client: str) -> int:
         """Return the number of running motions of ``client``; stops do not count."""
         return len(_still_open(self._open_by, client))

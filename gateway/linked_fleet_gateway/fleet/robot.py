@@ -214,7 +214,7 @@ class Robot:
     def describe(self, description: Description) -> None:
         """Store a description; ``fault`` is set if it is unusable."""
         self.count_change()
-        self._close()
+        self.check_next_frame()
         old = self.description
         if old is None or old.urdf != description.urdf:
             self.model = None
@@ -236,7 +236,7 @@ class Robot:
     def reject_description(self, reason: str) -> None:
         """Become faulty because the description is unusable. The robot stays visible."""
         self.count_change()
-        self._close()
+        self.check_next_frame()
         self.description = self.model = None
         self._fault = reason
         self._observations.clear()
@@ -283,7 +283,7 @@ class Robot:
         )
 
     def drop_frame(self) -> None:
-        self._close()
+        self.check_next_frame()
         self._latest = self._frame = None
         self._renew()
 
@@ -293,7 +293,7 @@ class Robot:
         frames, count = self.last_sequence() + 1, self.news[1]
         self.news = (frames, count + 1 if frames == self.news[0] else 1)
 
-    def _close(self) -> None:
+    def check_next_frame(self) -> None:
         """Make the next frame be checked fully before it is stored."""
         self.adopt_latest_frame()
         self._frames.close(self.name)

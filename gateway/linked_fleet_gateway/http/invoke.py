@@ -219,7 +219,8 @@ async def _halt(request: Request, offer: Offer) -> Response:
     if prefer.dry_run:
         return _rehearsal(request, offer, plan, await actions.rehearse_halt(plan, stops))
     with _located(request.base):
-        invocation = await actions.halt(offer.path, plan, Caller(request.caller_name, stoppable_robots=stops))
+        asking = Caller(request.caller_name, stoppable_robots=stops, visible_robots=request.caller.visible_robots)
+        invocation = await actions.halt(offer.path, plan, asking)
     with suppress(NotAcceptable):
         return await _answer(request, invocation, prefer)
     return await _answer(request, invocation, replace(prefer, return_=None))

@@ -180,9 +180,16 @@ class FleetLink:
         return reply
 
     async def stop(
-        self, robots: Collection[str] | None, stop: Stop, timeout_s: float, online: Collection[str] = ()
+        self,
+        robots: Collection[str] | None,
+        stop: Stop,
+        timeout_s: float,
+        online: Collection[str] = (),
+        on_reply: Callable[[str, Reply], None] = lambda robot, reply: None,
     ) -> dict[str, Reply]:
         """Stop these robots, or all. Return the replies that arrive within ``timeout_s``, by robot.
+
+        ``on_reply`` is called for each of them as it arrives.
 
         All are queried concurrently. The named ones or, for a stop of all, those ``online`` are queried once more if
         they have not replied within ``ASK_AGAIN_S``, because an agent that renews its declarations has no queryable for
@@ -200,6 +207,7 @@ class FleetLink:
                 self._incoming.complaints.add(key, reason)
             elif robot is not None and not isinstance(replies.get(robot.robot), Accepted):  # two runs may answer
                 replies[robot.robot] = reply
+                on_reply(robot.robot, reply)
             return reply if only is not None and isinstance(reply, Accepted) else None
 
         async def send(key: str, traceparent: bytes | None, blocking: bool) -> None:

@@ -10,7 +10,7 @@ from types import TracebackType
 
 from linked_fleet_agent.wire.keys import Keys
 from linked_fleet_agent.wire.messages import Accepted, Progress, Reply, Stop
-from linked_fleet_gateway.fleet.events import Event, Frames
+from linked_fleet_gateway.fleet.events import Appeared, Described, Event, Framed, Frames
 from linked_fleet_gateway.fleet.fleet import Change, Fleet
 from linked_fleet_gateway.fleet.invocations import Invocation, Invocations
 from linked_fleet_gateway.fleet.presence import Run, SilentRuns
@@ -55,9 +55,11 @@ class Live:
         self._unchecked = deque[str]()
         self._checks = Turns(self._check_robots)
         self._heard = asyncio.Event()
-        # Set by whoever executes actions: called for lost robots, and for the progress that robots report.
+        # Set by whoever executes actions: called for lost robots, for the progress that robots report, and for robots
+        # that are heard from: by a token, a description, or a frame that ``hear_next_frame`` has asked for.
         self.on_progress: Callable[[str, Progress], None] = lambda robot, progress: None
         self.on_lost: Callable[[str], None] = lambda robot: None
+        self.on_heard: Callable[[str], None] = lambda robot: None
         self.link = FleetLink(
             keys,
             name,
@@ -180,19 +182,38 @@ class Live:
         """Remove a listener; does nothing if it is not registered."""
         self._invocation_listeners.pop(listener, None)
 
-    async def halt(self, robots: Collection[str] | None, stop: Stop, timeout_s: float) -> dict[str, Reply]:
-        """Stop robots, and note when they stopped, so that later requests are not taken for earlier ones."""
+    async def halt(
+        self,
+        robots: Collection[str] | None,
+        stop: Stop,
+        timeout_s: float,
+        on_reply: Callable[[str, Reply], None] = lambda robot, reply: None,
+    ) -> dict[str, Reply]:
+        """Stop robots, and note when they stopped, so that later requests are not taken for earlier ones.
+
+        ``on_reply`` is called for each reply as it arrives.
+        """
         online = [] if robots is not None else [name for name, robot in self.fleet.robots.items() if robot.online]
-        replies = await self.link.stop(robots, stop, timeout_s, online)
-        for name, reply in replies.items():
+
+        def note(name: str, reply: Reply) -> None:
             robot = self.fleet.robots.get(name)
-            if robot is not None and isinstance(reply, Accepted):
+            if robot is not None and isinstance(reply, Accepted) and not stop.command:
                 robot.stopped_ns = reply.at_ns
-        return replies
+            on_reply(name, reply)
+
+        return await self.link.stop(robots, stop, timeout_s, online, note)
+
+    def hear_next_frame(self, robot: str) -> None:
+        """Call ``on_heard`` for the next frame of a robot."""
+        self.fleet.check_next_frame(robot)
 
     def _on_events(self, events: list[Event]) -> None:
         now_ns = time.time_ns()
         for event in events:
+            if isinstance(event, Appeared | Framed):
+                self.on_heard(event.robot)
+            elif isinstance(event, Described):
+                self.on_heard(event.description.robot)
             for change in self.fleet.apply(event, now_ns):
                 if change.what == "frame":
                     self._judged += 1

@@ -344,7 +344,7 @@ def test_lines_about_a_request_bear_its_id_and_its_robot(tmp_path: Path) -> None
         robot = FakeRobot(session, "mute\nrobot").appear()
         eventually(lambda: http.get("/mute~0Arobot/elbow").status_code == 200, "the robot")
         answer = http.post("/actions/stopAll", headers={"x-request-id": "from-the-front.1"})
-        assert (answer.status_code, answer.headers["x-request-id"]) == (204, "from-the-front.1")
+        assert (answer.status_code, answer.headers["x-request-id"]) == (504, "from-the-front.1")
 
         def said(logger: str) -> list[dict[str, str]]:
             lines = [each for each in log(child) if each.get("request") == "from-the-front.1"]
@@ -353,7 +353,7 @@ def test_lines_about_a_request_bear_its_id_and_its_robot(tmp_path: Path) -> None
         (line,) = eventually(lambda: said("linked_fleet_gateway.runtime.metrics"), "a line about it")
         assert (line["robot"], line["level"]) == (robot.name, "info")
         (noted,) = eventually(lambda: said("gateway.audit"), "a line of the audit")
-        assert (noted["what"], noted["target"], noted["outcome"]) == ("POST", "/actions/stopAll", "204")
+        assert (noted["what"], noted["target"], noted["outcome"]) == ("POST", "/actions/stopAll", "504")
         assert line["message"] == "robot mute\nrobot: command silent"
         assert datetime.fromisoformat(line["time"]).tzinfo is not None
         assert [each["robot"] for each in log(child) if "appeared" in each["message"]] == [robot.name]

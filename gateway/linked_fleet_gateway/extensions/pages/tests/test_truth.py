@@ -8,6 +8,7 @@ import pytest
 from playwright.sync_api import Page, expect
 
 from browser import VOM
+from fake_robots import FakeRobot
 from gateway_group import Gateway, Hub
 from running import eventually
 from small_fleet import Place, live
@@ -84,6 +85,19 @@ def test_a_stop_without_reply_is_reported(
         one.process.send(signal.SIGCONT)
     expect(said).to_contain_text("Stop accepted")
     assert button.bounding_box() == place
+    watched.forgive("Failed to load resource")
+
+
+def test_a_stop_that_a_robot_has_not_confirmed_names_it(page: Page, watched: Watched, toy: tuple[Hub, Gateway]) -> None:
+    """It says that the stop is repeated, too, and refers to the hardware stop."""
+    robot, one = toy
+    mute = FakeRobot(robot.session, "mute").appear()
+    eventually(lambda: "mute" in one.get(one.browser.root).text, "the robot")
+    page.goto(one.browser.root)
+    page.locator("form.stop button").click()
+    said = page.locator("form.stop output")
+    expect(said).to_have_text("Not confirmed by mute: the stop is repeated until confirmed. Use the hardware stop.")
+    mute.leave()
     watched.forgive("Failed to load resource")
 
 

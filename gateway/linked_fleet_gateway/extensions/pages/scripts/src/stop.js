@@ -2,6 +2,7 @@
 
 const AGAIN_MS = 2000;
 const ANSWER_MS = 3000;
+const MOST_NAMED = 5;
 const NO_ANSWER = "No answer — use the hardware stop.";
 let latest;
 
@@ -51,7 +52,7 @@ async function stop(form, output) {
       cache: "no-store",
     });
     if (response.ok) tell("done", `Stop accepted at ${new Date().toLocaleTimeString("en-GB")}.`);
-    else tell("error", `Not stopped: ${await reason(response)} Use the hardware stop.`);
+    else tell("error", await reason(response));
   } catch {
     tell("error", NO_ANSWER);
   } finally {
@@ -59,14 +60,21 @@ async function stop(form, output) {
   }
 }
 
-/** A proxy's error page has no problem details. */
+/** A proxy's error page has no problem details. Robots that have not answered are stopped as soon as they do. */
 async function reason(response) {
   try {
-    const { title, detail } = await response.json();
-    return `${title}. ${detail}`;
+    const { title, detail, unanswered } = await response.json();
+    if (!unanswered) return `Not stopped: ${title}. ${detail} Use the hardware stop.`;
+    return `Not confirmed by ${named(unanswered)}: the stop is repeated until confirmed. Use the hardware stop.`;
   } catch {
-    return `status ${response.status}.`;
+    return `Not stopped: status ${response.status}. Use the hardware stop.`;
   }
+}
+
+function named(robots) {
+  if (!robots.length) return "some robots";
+  const shown = robots.slice(0, MOST_NAMED).join(", ");
+  return robots.length > MOST_NAMED ? `${shown} and ${robots.length - MOST_NAMED} others` : shown;
 }
 
 function say(output, state, text) {
