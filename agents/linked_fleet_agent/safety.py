@@ -192,12 +192,14 @@ def _wrong_joint(name: str, joints: Mapping[str, JointFacts]) -> _Problem:
     if joint.mimics is not None:
         return "unknown-joint", f"{name!r} follows {joint.mimics!r} and takes no command; move that joint"
     if joint.passive:
-        return "unknown-joint", f"{name!r} takes no command: it has no actuator"
+        return "unknown-joint", f"{name!r} takes no command: {joint.refusal or 'it has no actuator'}"
     return None
 
 
 def _beyond(joint: JointFacts, target: float) -> _Problem:
     unit, limits = _unit(joint), joint.limits
+    if joint.refusal:
+        return "limits", f"{joint.name!r} is not moved: {joint.refusal}"
     if not math.isfinite(target):
         return "limits", f"the target {target} of {joint.name!r} is not a finite number"
     if abs(target) > FARTHEST:

@@ -11,7 +11,7 @@ from linked_fleet_agent.robots.ros2 import cdr
 from linked_fleet_agent.robots.ros2.address import Address, AddressError, Controller
 from linked_fleet_agent.robots.ros2.joints import JointStates, TrajectoryPoints, time_from_start_s
 from linked_fleet_agent.robots.ros2.session import Mailbox, Outlet, ReceivedMessage, RosSession, Topic
-from linked_fleet_agent.urdf import UrdfError, joints_of, parse
+from linked_fleet_agent.urdf import RobotModel, UrdfError, joints_of
 
 _log = logging.getLogger(__name__)
 
@@ -207,7 +207,7 @@ def facts_of(name: str, arrived: ReceivedMessage) -> Facts:
     names = {joint.name for joint in joints}
     if not 0 < len(names) == len(joints) <= cdr.MAX_JOINTS:
         raise UrdfError(f"{len(joints)} joints with {len(names)} different names are not the joints of a robot")
-    return Facts((parse(urdf).get("name") or name)[:_LONGEST_TITLE], urdf, joints)
+    return Facts(RobotModel.for_urdf(urdf).name[:_LONGEST_TITLE], urdf, joints)
 
 
 def _with_controllers(facts: Facts, controllers: Sequence[Controller]) -> Facts:

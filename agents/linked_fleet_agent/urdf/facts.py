@@ -1,0 +1,44 @@
+"""The facts about joints that drivers need."""
+
+from dataclasses import dataclass
+
+from linked_fleet_agent.urdf.joints import JointKind
+from linked_fleet_agent.urdf.limits import NO_LIMITS, Limits
+from linked_fleet_agent.urdf.model import RobotModel
+
+
+@dataclass(frozen=True)
+class JointFacts:
+    """One movable joint of one degree of freedom; ``mimics`` names the joint that it follows, if any.
+
+    A ``continuous`` joint turns endlessly: positions a whole turn apart are equal. A ``passive`` joint is measured but
+    takes no commands. ``refusal`` says why the description does not let the joint be moved; empty if it does.
+    """
+
+    name: str
+    linear: bool = False
+    limits: Limits = NO_LIMITS
+    mimics: str | None = None
+    continuous: bool = False
+    passive: bool = False
+    refusal: str = ""
+
+
+def joints_of(urdf: str) -> tuple[JointFacts, ...]:
+    """Return all joints of one degree of freedom in document order, mimic joints included.
+
+    Raises UrdfError if the text is not the description of one robot.
+    """
+    return tuple(
+        JointFacts(
+            name=joint.name,
+            linear=joint.kind is JointKind.PRISMATIC,
+            limits=joint.limits,
+            mimics=None if joint.mimic is None else joint.mimic.joint,
+            continuous=joint.kind is JointKind.CONTINUOUS,
+            passive=bool(joint.refusal),
+            refusal=joint.refusal or joint.unranged,
+        )
+        for joint in RobotModel.for_urdf(urdf).joints.values()
+        if joint.movable
+    )
