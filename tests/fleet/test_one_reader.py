@@ -72,6 +72,11 @@ def _on_pages(urdf: str) -> np.ndarray:
     return _in_resources(served)
 
 
+def _collision_shape_of_tool(urdf: str) -> np.ndarray:
+    robot = build_robot(urdf.replace('<link name="tool">', f'<link name="tool"><collision>{BAR}</collision>'))
+    return robot.geometry.geometryObjects[0].placement.homogeneous
+
+
 def _collision_shape(urdf: str) -> np.ndarray:
     robot = build_robot(urdf)
     return robot.geometry.geometryObjects[0].placement.homogeneous
@@ -114,6 +119,103 @@ def test_agent_and_gateway_refuse_a_robot_with_one_sentence(urdf: str, sentence:
     by_gateway = read_by_gateway(urdf, ("j1", "j2"))
     assert sentence in by_agent.refusal
     assert by_agent.refusal.endswith(by_gateway.refusal) and by_gateway.refusal
+
+
+_DECLARED = '<?xml version="1.0" encoding="{}"?>\n<!-- Gerät -->\n'
+_JOINTS = (("j1", True), ("j2", True))
+
+ACCEPTED = {
+    "default namespace": arm(attributes=' xmlns="http://www.ros.org"').encode(),
+    "another default namespace": arm(attributes=' xmlns="http://drake.mit.edu"').encode(),
+    "namespace of xacro that is not used": arm(attributes=' xmlns:xacro="http://www.ros.org/wiki/xacro"').encode(),
+    "declared prefix": arm(attributes=' xmlns:x="http://x"', more='<x:y a="${b}"/>').encode(),
+    "undeclared prefix of an attribute": arm(LIMIT.replace("<limit", '<limit drake:acceleration="2"')).encode(),
+    "undeclared prefix of an element": arm(more='<drake:thing name="n"><drake:more/></drake:thing>').encode(),
+    "expression in what others read": arm(more="<gazebo><plugin a='$(find p)/x'/></gazebo>").encode(),
+    "UTF-8": arm(prolog=_DECLARED.format("UTF-8")).encode(),
+    "UTF-8 with byte order mark": arm(prolog=_DECLARED.format("UTF-8")).encode("utf-8-sig"),
+    "Latin-1": arm(prolog=_DECLARED.format("ISO-8859-1")).encode("latin-1"),
+    "Windows": arm(prolog=_DECLARED.format("windows-1252")).encode("cp1252"),
+    "Latin-1 that is not declared": arm(prolog="<!-- Gerät -->").encode("latin-1"),
+    "UTF-16": arm(prolog=_DECLARED.format("UTF-16")).encode("utf-16"),
+    "UTF-16 without byte order mark": arm(prolog=_DECLARED.format("UTF-16")).encode("utf-16-be"),
+    "lines before the declaration": ("\n \n" + arm(prolog=_DECLARED.format("UTF-8"))).encode(),
+    "hyphens in a comment": arm(prolog="<!-- a -- b ---->").encode(),
+    "end of a C string": arm().encode() + b"\x00",
+    "two axes": arm('<axis xyz="1 0 0"/>' + LIMIT).encode(),
+    "commas between numbers": arm('<origin xyz="0, 0, 0.4"/>' + LIMIT).encode(),
+    "carriage returns": arm().replace("><", ">\r\n<").encode(),
+}
+
+
+@pytest.mark.parametrize("content", ACCEPTED.values(), ids=ACCEPTED)
+def test_agent_and_gateway_read_what_is_in_the_field(content: bytes, tmp_path: Path) -> None:
+    by_agent, text = read_by_agent(content, tmp_path)
+    assert by_agent.joints == _JOINTS, by_agent.refusal
+    assert read_by_gateway(text, ("j1", "j2")).joints == _JOINTS
+    assert np.isfinite(_in_pinocchio(text)).all() and np.isfinite(_on_pages(text)).all()
+
+
+def test_the_first_of_two_axes_is_read_everywhere_and_the_second_is_reported() -> None:
+    urdf = arm('<axis xyz="1 0 0"/>' + LIMIT)
+    for read in (_in_resources, _in_pinocchio, _in_mujoco, _on_pages, _collision_shape_of_tool):
+        assert read(urdf) == pytest.approx(read(arm()), abs=1e-9)
+    assert RobotModel.parse(urdf).findings_about("joint", "j1") == [
+        "Joint 'j1' has 2 elements <axis>; the first one is read."
+    ]
+
+
+def test_a_file_in_no_declared_encoding_is_reported(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    read_by_agent(ACCEPTED["Latin-1 that is not declared"], tmp_path)
+    assert any("r: robot.urdf: line 1 is not UTF-8" in message for message in caplog.messages)
+
+
+XACRO = {
+    "include": (arm(more='<xacro:include filename="x"/>'), "the robot contains the element <xacro:include>"),
+    "macro in a link": (
+        arm(upper='<xacro:inertia mass="1"/>', attributes=' xmlns:xacro="http://www.ros.org/wiki/xacro"'),
+        "link 'upper' contains the element <xacro:inertia>",
+    ),
+    "another prefix": (
+        arm(more="<x:macro/>", attributes=' xmlns:x="http://www.ros.org/wiki/xacro"'),
+        "the robot contains the element <x:macro>",
+    ),
+    "expression": (
+        arm(f'<origin rpy="0 0 ${{pi/2}}"/>{LIMIT}'),
+        "joint 'j1' contains the expression '${pi/2}' (rpy of <origin>)",
+    ),
+    "substitution": (
+        arm(upper=f'{INERTIAL}<visual><geometry><mesh filename="$(find p)/a.stl"/></geometry></visual>'),
+        "link 'upper' contains the expression '$(find p)' (filename of <mesh>)",
+    ),
+    "name of the robot": (
+        arm().replace('name="r"', 'name="${n}"'),
+        "the robot contains the expression '${n}'",
+    ),
+}
+
+
+@pytest.mark.parametrize(("urdf", "sentence"), XACRO.values(), ids=XACRO)
+def test_what_xacro_left_is_refused_with_its_place(urdf: str, sentence: str, tmp_path: Path) -> None:
+    by_agent, _ = read_by_agent(urdf.encode(), tmp_path)
+    by_gateway = read_by_gateway(urdf, ("j1", "j2"))
+    assert sentence in by_agent.refusal and by_agent.refusal.endswith(by_gateway.refusal)
+    assert "xacro FILE.xacro > FILE.urdf" in by_gateway.refusal
+
+
+@pytest.mark.parametrize(
+    ("content", "sentence"),
+    [
+        (arm(prolog=_DECLARED.format("UTF-8")).encode("latin-1"), "no text in its encoding UTF-8"),
+        (arm(prolog=_DECLARED.format("klingon")).encode(), "encoding 'klingon', which is unknown"),
+        (arm(prolog=_DECLARED.format("hex")).encode(), "encoding 'hex', which is unknown"),
+        (b"\xff\xfe<", "no text in its encoding utf-16"),
+        (arm(prolog="\n\n<!-- -->").replace("</robot>", "</rob>").encode(), "mismatched tag in line 3"),
+        (arm().encode()[:-20], "no well-formed XML"),
+    ],
+)
+def test_bytes_that_are_no_text_are_refused(content: bytes, sentence: str, tmp_path: Path) -> None:
+    assert sentence in read_by_agent(content, tmp_path)[0].refusal
 
 
 def test_a_refused_robot_is_shown_with_the_reason_and_without_joints() -> None:

@@ -49,7 +49,7 @@ def decode(content: bytes, source: str = "the description") -> str:
         raise UrdfError(f"the XML declaration names the encoding {encoding!r}, which is unknown") from None
     except UnicodeDecodeError as error:
         if declared or encoding != "utf-8":
-            raise UrdfError(f"the file is not text in its encoding {encoding}: {error.reason}") from error
+            raise UrdfError(f"the file is no text in its encoding {encoding}: {error.reason}") from error
         line = content.count(b"\n", 0, error.start) + 1
         _log.warning("%s: line %d is not UTF-8 and no encoding is declared; it is read as Latin-1", source, line)
         return content.decode("latin-1")
@@ -99,7 +99,7 @@ class _Reader:
         start = text.lstrip("\ufeff \t\r\n")
         skipped = text.count("\n", 0, len(text) - len(start))
         try:
-            self._parser.Parse(start, True)
+            self._parser.Parse(start.rstrip("\x00 \t\r\n"), True)
         except expat.ExpatError as error:
             error.lineno += skipped
             raise

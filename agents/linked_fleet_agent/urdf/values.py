@@ -95,11 +95,13 @@ def vector(element: Element | None, attribute: str, default: Vector, where: str)
     return x, y, z
 
 
+_COMMA: Final = re.compile(r",(?=\s)")
 _COUNTS: Final = {3: "three", 4: "four"}
 
 
 def numbers(text: str, count: int, where: str) -> list[float]:
-    parts = text.split()
+    """Return this many finite numbers, between which commas may stand beside the space. Raises UrdfError."""
+    parts = _COMMA.sub(" ", text).split()
     if len(parts) != count:
         raise UrdfError(f"{where} is {text[:60]!r}, not {_COUNTS[count]} numbers")
     return [number(part, where) for part in parts]
