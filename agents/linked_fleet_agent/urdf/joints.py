@@ -1,5 +1,6 @@
 """The joints of a description. A joint that cannot be commanded is refused, and the robot keeps the others."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import Final
@@ -9,6 +10,7 @@ from linked_fleet_agent.urdf.document import UrdfError
 from linked_fleet_agent.urdf.limits import Limits, Range, limits_of
 from linked_fleet_agent.urdf.poses import Pose, pose_of
 from linked_fleet_agent.urdf.values import (
+    Finding,
     Findings,
     Vector,
     name_of,
@@ -93,14 +95,14 @@ def joints_by_name(robot: Element, findings: Findings) -> dict[str, Joint]:
     return {name: _with_leader(joint, found) for name, joint in found.items()}
 
 
-def report_refusals(joints: dict[str, Joint], findings: Findings) -> None:
-    """Report the joints that take no commands, or none to move."""
+def refusals(joints: dict[str, Joint]) -> Iterator[Finding]:
+    """Yield the findings about joints that take no commands, or none to move."""
     for joint in joints.values():
         subject = named("joint", joint.name)
         if joint.refusal:
-            findings.add("joint", joint.name, f"{subject} takes no commands: {joint.refusal}.")
+            yield Finding("joint", joint.name, f"{subject} takes no commands: {joint.refusal}.")
         elif joint.unranged:
-            findings.add("joint", joint.name, f"{subject} can be held but not moved: {joint.unranged}.")
+            yield Finding("joint", joint.name, f"{subject} can be held but not moved: {joint.unranged}.")
 
 
 def _joint(element: Element, name: str, findings: Findings) -> Joint:

@@ -16,7 +16,7 @@ from xml.etree.ElementTree import Element
 from linked_fleet_agent.urdf.document import UrdfError, parse
 from linked_fleet_agent.urdf.geometry import Colour, Shape, colours_of, shapes_of
 from linked_fleet_agent.urdf.inertials import Inertial, inertial_of
-from linked_fleet_agent.urdf.joints import Joint, joints_by_name, report_refusals
+from linked_fleet_agent.urdf.joints import Joint, joints_by_name, refusals
 from linked_fleet_agent.urdf.values import About, Finding, Findings, name_of
 
 MAX_LINKS: Final = 2048
@@ -39,7 +39,7 @@ class Link:
 class RobotModel:
     """A tree: one root, every other link below exactly one joint. Both mappings keep file order.
 
-    ``findings`` are sentences about what was left out, repaired or refused.
+    ``findings`` are sentences about what was left out, repaired or refused; refused joints come first.
     """
 
     name: str
@@ -83,8 +83,8 @@ class RobotModel:
             name: _link(element, name, above.get(name), tuple(below[name]), colours, findings)
             for name, element in elements.items()
         }
-        report_refusals(joints, findings)
-        return cls(name_of(robot, "the robot"), root, joints, links, tuple(findings.found))
+        found = (*refusals(joints), *findings.found)
+        return cls(name_of(robot, "the robot"), root, joints, links, found)
 
 
 # A fleet has many robots but few models, which take most of a robot's memory and of its time to join.
