@@ -61,7 +61,8 @@ def new_incarnation() -> int:
 class Agent:
     """One robot. ``description`` and ``incarnation`` never change; everything runs on one event loop.
 
-    Raises ValueError if a demonstration names a joint that takes no commands.
+    Raises ValueError if a demonstration names a joint that takes no commands, UrdfError for a description that gateways
+    would refuse.
     """
 
     def __init__(

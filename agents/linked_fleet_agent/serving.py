@@ -7,10 +7,11 @@ from typing import Protocol
 
 from linked_fleet_agent.agent import Agent
 from linked_fleet_agent.link import RobotLink
-from linked_fleet_agent.robots.catalogue import load
+from linked_fleet_agent.robots.catalogue import UnavailableError, load
 from linked_fleet_agent.settings import AgentSettings, SettingsError
 from linked_fleet_agent.tracing import Tracing
 from linked_fleet_agent.transport import Session
+from linked_fleet_agent.urdf import UrdfError
 from linked_fleet_agent.wire.keys import Keys
 from linked_fleet_agent.wire.trust import Credentials
 from linked_fleet_agent.zenoh_session import open_session
@@ -46,6 +47,8 @@ def make_agent(settings: AgentSettings, index: int) -> Agent:
     sways = [sway for name, sway in settings.sways if name == choice.name]
     try:
         return Agent(choice.name, robot, rate_hz=settings.rate_hz, sways=sways)
+    except UrdfError as error:
+        raise UnavailableError(f"{choice.name}: its description is refused: {error}") from error
     except ValueError as error:
         raise SettingsError(f"--sway: {error}") from error
 

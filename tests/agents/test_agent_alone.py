@@ -26,6 +26,10 @@ from linked_fleet_agent.wire.messages import (
     Stop,
 )
 
+_URDF = """<robot name="brittle"><link name="base"/><link name="a"/><link name="b"/>
+  <joint name="arm" type="continuous"><parent link="base"/><child link="a"/></joint>
+  <joint name="wheel" type="continuous"><parent link="base"/><child link="b"/></joint></robot>"""
+
 
 class Memory:
     """A link without a network."""
@@ -58,7 +62,7 @@ class BreakableRobot:
         self.stops = 0
 
     def describe(self) -> Facts:
-        return Facts("brittle", "<robot/>", (JointFacts("arm"), JointFacts("wheel", continuous=True)))
+        return Facts("brittle", _URDF, (JointFacts("arm"), JointFacts("wheel", continuous=True)))
 
     def read(self, now_s: float) -> Reading:
         if self.broken:

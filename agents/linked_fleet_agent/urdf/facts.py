@@ -1,5 +1,7 @@
 """The facts about joints that drivers need."""
 
+from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from linked_fleet_agent.urdf.joints import JointKind
@@ -22,6 +24,18 @@ class JointFacts:
     continuous: bool = False
     passive: bool = False
     refusal: str = ""
+
+
+def joint_mismatch(model: RobotModel, names: Sequence[str]) -> str:
+    """Return how the joints that an agent measures contradict its description; empty if they do not."""
+    repeated = next((name for name, count in Counter(names).items() if count > 1), None)
+    if repeated is not None:
+        return f"the description lists joint {repeated[:128]!r} twice"
+    for name in names:
+        joint = model.joints.get(name)
+        if joint is None or not joint.movable:
+            return f"the description lists joint {name[:128]!r}, which its URDF does not have as a movable joint"
+    return ""
 
 
 def joints_of(urdf: str) -> tuple[JointFacts, ...]:
