@@ -18,6 +18,10 @@ class RobotFaultError(Exception):
     """The robot cannot be read or driven now. The agent reports it and holds until a read succeeds again."""
 
 
+class NewDescriptionError(Exception):
+    """The robot has described itself anew. The agent ends this run and begins another one with the new facts."""
+
+
 @dataclass(frozen=True)
 class Facts:
     """Facts about a robot that are known while it is offline; ``joints`` gives the order of every array in a Reading.
@@ -49,7 +53,10 @@ class Robot(Protocol):
     """A driver. All methods are called from one thread and should return within about a millisecond."""
 
     def describe(self) -> Facts:
-        """Return the facts. Works while the robot is offline and never changes."""
+        """Return the facts. Works while the robot is offline and never changes.
+
+        A robot whose facts change raises NewDescriptionError in ``read``, and is loaded again.
+        """
 
     def read(self, now_s: float) -> Reading:
         """Measure. A simulation first advances to ``now_s`` (monotonic seconds); hardware ignores it.

@@ -2,11 +2,14 @@
 
 import asyncio
 import logging
+from collections.abc import Callable
 from contextlib import AbstractAsyncContextManager
+from functools import partial
 from typing import Protocol
 
 from linked_fleet_agent.agent import Agent
 from linked_fleet_agent.link import RobotLink
+from linked_fleet_agent.robot import NewDescriptionError
 from linked_fleet_agent.robots.catalogue import UnavailableError, load
 from linked_fleet_agent.settings import AgentSettings, SettingsError
 from linked_fleet_agent.tracing import Tracing
@@ -17,6 +20,8 @@ from linked_fleet_agent.wire.trust import Credentials
 from linked_fleet_agent.zenoh_session import open_session
 
 _log = logging.getLogger("linked_fleet_agent")
+
+_AGAIN_S = 5.0
 
 
 class Opener(Protocol):
@@ -56,30 +61,54 @@ def make_agent(settings: AgentSettings, index: int) -> Agent:
 async def serve(
     settings: AgentSettings, agents: list[Agent], tracing: Tracing | None = None, opener: Opener = open_session
 ) -> None:
-    """Serve all robots over one session until cancelled. Raises an ExceptionGroup of the errors of failed robots."""
+    """Serve all robots over one session until cancelled. Raises an ExceptionGroup of the errors of failed robots.
+
+    The agent of a robot that describes itself anew is replaced in ``agents``.
+    """
     async with (
         opener(
             settings.zenoh_connect, settings.zenoh_listen, settings.lease_ms, settings.credentials, settings.keys
         ) as session,
         asyncio.TaskGroup() as tasks,
     ):
-        for agent in agents:
-            link = RobotLink(
-                session,
-                settings.keys,
-                robot=agent.name,
-                incarnation=agent.incarnation,
-                description=agent.description,
-                on_command=agent.handle,
-                on_stop=agent.handle_stop,
-                on_mesh=agent.mesh,
-                on_picture=agent.picture if agent.has_cameras else None,
-                lease_ms=settings.lease_ms,
-                tracing=tracing,
-            )
-            tasks.create_task(_serve_robot(agent, link))
+        for index in range(len(agents)):
+            tasks.create_task(_serve_robot(settings, agents, index, partial(_link, settings, session, tracing)))
 
 
-async def _serve_robot(agent: Agent, link: RobotLink) -> None:
-    async with link:
-        await agent.run(link)
+def _link(settings: AgentSettings, session: Session, tracing: Tracing | None, agent: Agent) -> RobotLink:
+    return RobotLink(
+        session,
+        settings.keys,
+        robot=agent.name,
+        incarnation=agent.incarnation,
+        description=agent.description,
+        on_command=agent.handle,
+        on_stop=agent.handle_stop,
+        on_mesh=agent.mesh,
+        on_picture=agent.picture if agent.has_cameras else None,
+        lease_ms=settings.lease_ms,
+        tracing=tracing,
+    )
+
+
+async def _serve_robot(
+    settings: AgentSettings, agents: list[Agent], index: int, link: Callable[[Agent], RobotLink]
+) -> None:
+    """Serve one robot; when it describes itself anew, with another run of its agent."""
+    while True:
+        agent = agents[index]
+        try:
+            async with link(agent) as declared:
+                await agent.run(declared)
+        except NewDescriptionError:
+            _log.warning("%s: it has described itself anew; another run begins", agent.name)
+            agents[index] = await _loaded_again(settings, index)
+
+
+async def _loaded_again(settings: AgentSettings, index: int) -> Agent:
+    while True:
+        try:
+            return await asyncio.to_thread(make_agent, settings, index)
+        except UnavailableError as error:
+            _log.warning("%s; the next attempt is in %g s", error, _AGAIN_S)
+            await asyncio.sleep(_AGAIN_S)

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from linked_fleet_agent.agent import Agent
-from linked_fleet_agent.robot import Facts, JointFacts, Reading, RobotFaultError
+from linked_fleet_agent.robot import Facts, JointFacts, NewDescriptionError, Reading, RobotFaultError
 from linked_fleet_agent.wire import codec
 from linked_fleet_agent.wire.messages import (
     Accepted,
@@ -54,7 +54,7 @@ class Memory:
 class BreakableRobot:
     """A robot with two joints that reach every setpoint at once, and that can be broken."""
 
-    broken = unstoppable = short = False
+    broken = unstoppable = short = anew = False
     effort: Any = math.nan
 
     def __init__(self) -> None:
@@ -67,6 +67,8 @@ class BreakableRobot:
     def read(self, now_s: float) -> Reading:
         if self.broken:
             raise RobotFaultError("cable out")
+        if self.anew:
+            raise NewDescriptionError("it describes itself anew")
         return Reading(tuple(self.positions.values()), (math.nan,) * (1 if self.short else 2), (self.effort,) * 2)
 
     def apply(self, setpoints: Mapping[str, float]) -> Mapping[str, float]:
@@ -389,3 +391,15 @@ async def test_a_stop_is_followed_by_a_frame_at_once() -> None:
     assert len(bench.link.states) == before + 1
     running.cancel()
     await asyncio.wait({running})
+
+
+def test_a_robot_that_describes_itself_anew_holds_and_ends_its_run() -> None:
+    bench = Bench()
+    bench.command("a")
+    bench.tick(20)
+    before = bench.robot.stops
+    bench.robot.anew = True
+    with pytest.raises(NewDescriptionError):
+        bench.tick()
+    assert bench.robot.stops == before + 1
+    assert bench.end("a").state == "failed" and "describes itself anew" in bench.end("a").reason

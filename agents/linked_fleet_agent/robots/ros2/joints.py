@@ -42,7 +42,8 @@ class JointStates:
 
     def update(self, state: JointState, arrived_s: float) -> None:
         """Store a message. A joint whose stamp equals that of its last message is a repetition and is ignored."""
-        for name, *values in zip(state.names, state.positions, state.velocities, state.efforts, strict=True):
+        for stated, *values in zip(state.names, state.positions, state.velocities, state.efforts, strict=True):
+            name = stated.strip()  # as in the description
             if name not in self._joints:
                 self._warn_of_unknown(name)
                 continue
