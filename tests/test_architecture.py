@@ -44,6 +44,7 @@ PAGES = (
     "docs/SETTINGS.md",
     "gateway/linked_fleet_gateway/extensions/rules/README.md",
     "docs/ROS2.md",
+    "docs/DESCRIPTIONS.md",
     "gateway/linked_fleet_gateway/extensions/world/README.md",
     "gateway/linked_fleet_gateway/shacl/CONFORMANCE.md",
 )

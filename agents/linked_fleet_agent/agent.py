@@ -17,7 +17,7 @@ from linked_fleet_agent.motion import Measurements, Motions, Outcome, Sway
 from linked_fleet_agent.pace import elapsed_ns, every
 from linked_fleet_agent.plan import ImpossibleError, Plan, joints_of, plan
 from linked_fleet_agent.publications import Cameras, Frames, Report, describe
-from linked_fleet_agent.robot import Reading, Robot
+from linked_fleet_agent.robot import NewDescriptionError, Reading, Robot
 from linked_fleet_agent.sensors import JointSensor
 from linked_fleet_agent.wire import codec
 from linked_fleet_agent.wire.codec import VersionError, WireError
@@ -64,7 +64,8 @@ def new_incarnation() -> int:
 class Agent:
     """One robot. ``description`` and ``incarnation`` never change; everything runs on one event loop.
 
-    Raises ValueError if a demonstration names a joint that takes no commands.
+    Raises ValueError if a demonstration names a joint that takes no commands, UrdfError for a description that gateways
+    would refuse.
     """
 
     def __init__(
@@ -101,6 +102,7 @@ class Agent:
         self._lost_ns: int | None = None
         self._doubted: Set[str] = frozenset()
         self._fault: str | None = None
+        self._described_anew: NewDescriptionError | None = None
         self._outcomes: list[Outcome] = []
         self._report = Report(self.incarnation)
         self._meshes = MeshFiles(name, self._facts.meshes)
@@ -113,7 +115,10 @@ class Agent:
         )
 
     async def run(self, link: Link) -> None:
-        """Tick at ``rate_hz`` until cancelled, then hold and close the robot. Missed ticks are skipped, not made up."""
+        """Tick at ``rate_hz`` until cancelled, then hold and close the robot. Missed ticks are skipped, not made up.
+
+        Raises NewDescriptionError if the robot has described itself anew.
+        """
         self._link = link
         try:
             await every(1.0 / self.rate_hz, partial(self.tick, link))
@@ -136,6 +141,8 @@ class Agent:
         if self._reading is not None:
             self._move(self._reading, elapsed_s)
         self._publish_progress(link, now_ns)
+        if self._described_anew is not None:
+            raise self._described_anew
 
     def handle(self, payload: bytes) -> bytes:
         """Check one command and start it. The reply is Accepted, or Refused with the reason. Never raises."""
@@ -287,6 +294,7 @@ class Agent:
             if math.isinf(math.hypot(*reading.positions, *reading.velocities, *reading.efforts)):
                 raise ValueError("a measured value is infinite")
         except Exception as error:  # noqa: BLE001 - a driver may raise whatever its hardware library does
+            self._described_anew = error if isinstance(error, NewDescriptionError) else None
             self._fail(error, "read")
             return None
         if self._fault is not None:

@@ -4,6 +4,7 @@ Independent of Zenoh. Each picture is taken on request and shows the robot in a 
 a period, and the ends of motions are repeated for gateways that arrive later. ``Report`` is pure.
 """
 
+import logging
 import math
 import time
 from collections import deque
@@ -12,6 +13,8 @@ from itertools import islice
 
 from linked_fleet_agent.motion import Outcome
 from linked_fleet_agent.robot import CameraRobot, Facts, PictureError, Reading, Robot
+from linked_fleet_agent.urdf import RobotModel, UrdfError
+from linked_fleet_agent.urdf.facts import joint_mismatch
 from linked_fleet_agent.wire import codec
 from linked_fleet_agent.wire.codec import PictureHeader, WireError, encode_picture
 from linked_fleet_agent.wire.messages import (
@@ -24,6 +27,8 @@ from linked_fleet_agent.wire.messages import (
     Progress,
     State,
 )
+
+_log = logging.getLogger(__name__)
 
 
 class Frames:
@@ -70,7 +75,16 @@ def describe(
     meshes: tuple[Mesh, ...],
     cameras: tuple[Camera, ...],
 ) -> Description:
-    """Return the description of a robot, which holds for one run of its agent."""
+    """Return the description of a robot, which holds for one run of its agent, and log what it leaves out.
+
+    Raises UrdfError for a description that gateways would refuse.
+    """
+    model, joints = RobotModel.for_urdf(facts.urdf), tuple(joint.name for joint in facts.joints)
+    mismatch = joint_mismatch(model, joints)
+    if mismatch:
+        raise UrdfError(mismatch)
+    for finding in model.findings:
+        _log.info("%s: %s", name, finding.sentence)
     return Description(
         version=WIRE_VERSION,
         robot=name,
@@ -78,7 +92,7 @@ def describe(
         title=facts.title,
         urdf=facts.urdf,
         base="floating" if facts.floating else "fixed",
-        joints=tuple(joint.name for joint in facts.joints),
+        joints=joints,
         rate_hz=rate_hz,
         capabilities=("move", "follow", "stop"),
         annotations=facts.annotations,

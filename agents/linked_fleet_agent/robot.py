@@ -1,11 +1,12 @@
 """The interface of robot drivers. SI units: rad, m, N·m or N."""
 
-import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Protocol, runtime_checkable
 
+from linked_fleet_agent.urdf.facts import JointFacts as JointFacts
+from linked_fleet_agent.urdf.limits import Limits as Limits
 from linked_fleet_agent.wire.messages import Base, Camera, PictureFormat
 
 
@@ -17,54 +18,8 @@ class RobotFaultError(Exception):
     """The robot cannot be read or driven now. The agent reports it and holds until a read succeeds again."""
 
 
-@dataclass(frozen=True)
-class Limits:
-    """Limits of one joint in rad, rad/s, N·m (revolute) or m, m/s, N (prismatic); None is unbounded or unknown."""
-
-    lower: float | None = None
-    upper: float | None = None
-    velocity: float | None = None
-    effort: float | None = None
-
-    def clamp(self, position: float) -> float:
-        """Return the position nearest to ``position`` within the limits."""
-        if self.lower is not None:
-            position = max(position, self.lower)
-        return position if self.upper is None else min(position, self.upper)
-
-    def including(self, position: float) -> "Limits":
-        """Return the limits, extended to a ``position`` beyond them; NaN extends nothing."""
-        lower = None if self.lower is None else min(self.lower, position)
-        upper = None if self.upper is None else max(self.upper, position)
-        return replace(self, lower=lower, upper=upper)
-
-
-@dataclass(frozen=True)
-class JointFacts:
-    """One movable joint of one degree of freedom; ``mimics`` names the joint that it follows, if any.
-
-    A ``continuous`` joint turns endlessly: positions a whole turn apart are equal. A ``passive`` joint is measured but
-    has no actuator that takes commands. A motion succeeds when the joint stands within ``tolerance`` (rad or m) of its
-    target; None derives it from the resolution that its sensor shows.
-    """
-
-    name: str
-    linear: bool = False
-    limits: Limits = Limits()
-    mimics: str | None = None
-    continuous: bool = False
-    passive: bool = False
-    tolerance: float | None = None
-
-    @property
-    def unit(self) -> str:
-        """The unit of positions: m or rad."""
-        return "m" if self.linear else "rad"
-
-    def difference(self, position: float, other: float) -> float:
-        """Return ``position`` minus ``other``; for a continuous joint the nearest of the equal ways, from -π to π."""
-        way = position - other
-        return math.remainder(way, math.tau) if self.continuous and math.isfinite(way) else way
+class NewDescriptionError(Exception):
+    """The robot has described itself anew. The agent ends this run and begins another one with the new facts."""
 
 
 @dataclass(frozen=True)
@@ -106,7 +61,10 @@ class Robot(Protocol):
     """A driver. All methods are called from one thread and should return within about a millisecond."""
 
     def describe(self) -> Facts:
-        """Return the facts. Works while the robot is offline and never changes."""
+        """Return the facts. Works while the robot is offline and never changes.
+
+        A robot whose facts change raises NewDescriptionError in ``read``, and is loaded again.
+        """
 
     def read(self, now_s: float) -> Reading:
         """Measure. A simulation first advances to ``now_s`` (monotonic seconds); hardware ignores it.

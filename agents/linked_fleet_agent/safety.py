@@ -8,7 +8,7 @@ from itertools import pairwise
 import msgspec
 
 from linked_fleet_agent.plan import joints_of
-from linked_fleet_agent.robot import JointFacts
+from linked_fleet_agent.robot import JointFacts, Limits
 from linked_fleet_agent.wire.messages import Accepted, Command, Expectation, Follow, Move, RefusalCode, Refused, Stop
 
 # A target computed in degrees or by inverse kinematics may exceed its limit by rounding. That much is clamped silently.
@@ -116,7 +116,8 @@ def far_outside(names: Iterable[str], measured: Mapping[str, float], joints: Map
     """Return a sentence about the first joint that is too far outside its limits to be moved; empty if none is."""
     for name in names:
         joint = joints[name]
-        outside = abs(joint.limits.clamp(measured[name]) - measured[name])
+        stops = joint.limits if joint.stops == (None, None) else Limits(*joint.stops)
+        outside = abs(stops.clamp(measured[name]) - measured[name])
         if outside > (MAX_OUTSIDE_M if joint.linear else MAX_OUTSIDE_RAD):
             return (
                 f"{name!r} is measured at {measured[name]:.6g} {joint.unit}, {outside:.3g} {joint.unit} outside its "
@@ -205,12 +206,14 @@ def _wrong_joint(name: str, joints: Mapping[str, JointFacts]) -> _Problem:
     if joint.mimics is not None:
         return "unknown-joint", f"{name!r} follows {joint.mimics!r} and takes no command; move that joint"
     if joint.passive:
-        return "unknown-joint", f"{name!r} takes no command: it has no actuator"
+        return "unknown-joint", f"{name!r} takes no command: {joint.refusal or 'it has no actuator'}"
     return None
 
 
 def _beyond(joint: JointFacts, target: float) -> _Problem:
     unit, limits = joint.unit, joint.limits
+    if joint.refusal:
+        return "limits", f"{joint.name!r} is not moved: {joint.refusal}"
     if not math.isfinite(target):
         return "limits", f"the target {target} of {joint.name!r} is not a finite number"
     if abs(target) > FARTHEST:

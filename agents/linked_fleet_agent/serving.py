@@ -8,10 +8,12 @@ from typing import NamedTuple, Protocol
 
 from linked_fleet_agent.agent import Agent, new_incarnation
 from linked_fleet_agent.link import AbsentRobot, DuplicateNameError, RobotLink
+from linked_fleet_agent.robot import NewDescriptionError
 from linked_fleet_agent.robots.catalogue import UnavailableError, awaited, load
 from linked_fleet_agent.settings import AgentSettings, SettingsError
 from linked_fleet_agent.tracing import Tracing
 from linked_fleet_agent.transport import Session
+from linked_fleet_agent.urdf import UrdfError
 from linked_fleet_agent.wire.keys import Keys
 from linked_fleet_agent.wire.trust import Credentials
 from linked_fleet_agent.zenoh_session import open_session
@@ -57,6 +59,8 @@ def make_agent(settings: AgentSettings, index: int) -> Agent:
     sways = [sway for name, sway in settings.sways if name == choice.name]
     try:
         return Agent(choice.name, robot, rate_hz=settings.rate_hz, sways=sways)
+    except UrdfError as error:
+        raise UnavailableError(f"{choice.name}: its description is refused: {error}") from error
     except ValueError as error:
         raise SettingsError(f"--sway: {error}") from error
 
@@ -100,21 +104,47 @@ async def serve(
         ) as session,
         asyncio.TaskGroup() as tasks,
     ):
-        served = _Served(settings, session, tracing)
+        served = _Served(settings, session, tracing, agents)
         for agent in list(agents):
-            tasks.create_task(served.run(agent) if alone else served.keep_running(agent))
+            tasks.create_task(served.keep_running(agent, alone))
         for each in absent:
-            tasks.create_task(served.wait_for(each, agents, alone))
+            tasks.create_task(served.wait_for(each, alone))
 
 
 class _Served:
     """The robots on one session."""
 
-    def __init__(self, settings: AgentSettings, session: Session, tracing: Tracing | None) -> None:
-        self._settings, self._session, self._tracing = settings, session, tracing
+    def __init__(
+        self, settings: AgentSettings, session: Session, tracing: Tracing | None, agents: MutableSequence[Agent]
+    ) -> None:
+        self._settings, self._session, self._tracing, self._agents = settings, session, tracing, agents
 
-    async def run(self, agent: Agent) -> None:
-        """Serve a robot until cancelled. Raises DuplicateNameError."""
+    async def wait_for(self, absent: Absent, alone: bool) -> None:
+        """Serve a robot of the settings once it can be used."""
+        await self.keep_running(await self._loaded(absent), alone)
+
+    async def keep_running(self, agent: Agent, alone: bool) -> None:
+        """Serve a robot until cancelled. One that describes itself anew gets another agent.
+
+        One of several robots whose name is taken is tried again. Raises DuplicateNameError for one ``alone``.
+        """
+        delay_s = FIRST_DELAY_S
+        while True:
+            try:
+                await self._run(agent)
+            except DuplicateNameError as error:
+                if alone:
+                    raise
+                _log.warning("%s; the robot is tried again in %g s, and the others go on", error, delay_s)
+                await asyncio.sleep(delay_s)
+                delay_s = min(2.0 * delay_s, LONGEST_DELAY_S)
+            except NewDescriptionError:
+                _log.warning("%s: it has described itself anew; another run begins", agent.name)
+                self._agents.remove(agent)
+                place = [choice.name for choice in self._settings.robots].index(agent.name)
+                agent = await self._loaded(Absent(place, f"{agent.name}: it has described itself anew"))
+
+    async def _run(self, agent: Agent) -> None:
         link = RobotLink(
             self._session,
             self._settings.keys,
@@ -131,19 +161,8 @@ class _Served:
         async with link:
             await agent.run(link)
 
-    async def keep_running(self, agent: Agent) -> None:
-        """Serve one of several robots. One whose name is taken is tried again, because the others must go on."""
-        delay_s = FIRST_DELAY_S
-        while True:
-            try:
-                await self.run(agent)
-            except DuplicateNameError as error:
-                _log.warning("%s; the robot is tried again in %g s, and the others go on", error, delay_s)
-            await asyncio.sleep(delay_s)
-            delay_s = min(2.0 * delay_s, LONGEST_DELAY_S)
-
-    async def wait_for(self, absent: Absent, agents: MutableSequence[Agent], alone: bool) -> None:
-        """Try to load a robot until that succeeds, then serve it. Gateways see the reason meanwhile."""
+    async def _loaded(self, absent: Absent) -> Agent:
+        """Try to load a robot until that succeeds. Gateways see the reason meanwhile."""
         keys, name, delay_s = self._settings.keys, self._settings.robots[absent.place].name, FIRST_DELAY_S
         with AbsentRobot(self._session, keys, name, new_incarnation(), absent.reason) as shown:
             while True:
@@ -155,5 +174,5 @@ class _Served:
                     _log.warning("%s; the robot is tried again in %g s", error, delay_s)
                 await asyncio.sleep(delay_s)
                 delay_s = min(2.0 * delay_s, LONGEST_DELAY_S)
-        agents.append(agent)
-        await (self.run(agent) if alone else self.keep_running(agent))
+        self._agents.append(agent)
+        return agent

@@ -14,7 +14,7 @@ from linked_fleet_agent import agent
 from linked_fleet_agent.agent import Agent
 from linked_fleet_agent.motion import Sway
 from linked_fleet_agent.pace import elapsed_ns
-from linked_fleet_agent.robot import Facts, JointFacts, Limits, Reading, RobotFaultError
+from linked_fleet_agent.robot import Facts, JointFacts, Limits, NewDescriptionError, Reading, RobotFaultError
 from linked_fleet_agent.wire import codec
 from linked_fleet_agent.wire.messages import (
     Accepted,
@@ -29,6 +29,10 @@ from linked_fleet_agent.wire.messages import (
     Stop,
 )
 from linked_fleet_agent.wire.transport import GATEWAY_LEASE_MS
+
+_URDF = """<robot name="brittle"><link name="base"/><link name="a"/><link name="b"/>
+  <joint name="arm" type="continuous"><parent link="base"/><child link="a"/></joint>
+  <joint name="wheel" type="continuous"><parent link="base"/><child link="b"/></joint></robot>"""
 
 
 class Memory:
@@ -54,7 +58,7 @@ class Memory:
 class BreakableRobot:
     """A robot with two joints that reach every setpoint at once, and that can be broken."""
 
-    broken = unstoppable = short = False
+    broken = unstoppable = short = anew = False
     effort: Any = math.nan
 
     def __init__(self, limits: Limits = Limits(), arm: float = 0.0) -> None:  # noqa: B008 - it is frozen
@@ -63,11 +67,13 @@ class BreakableRobot:
         self._joints = (JointFacts("arm", limits=limits), JointFacts("wheel", continuous=True))
 
     def describe(self) -> Facts:
-        return Facts("brittle", "<robot/>", self._joints)
+        return Facts("brittle", _URDF, self._joints)
 
     def read(self, now_s: float) -> Reading:
         if self.broken:
             raise RobotFaultError("cable out")
+        if self.anew:
+            raise NewDescriptionError("it describes itself anew")
         return Reading(tuple(self.positions.values()), (math.nan,) * (1 if self.short else 2), (self.effort,) * 2)
 
     def apply(self, setpoints: Mapping[str, float]) -> Mapping[str, float]:
@@ -473,3 +479,15 @@ async def test_a_stop_is_followed_by_a_frame_at_once() -> None:
     assert len(bench.link.states) == before + 1
     running.cancel()
     await asyncio.wait({running})
+
+
+def test_a_robot_that_describes_itself_anew_holds_and_ends_its_run() -> None:
+    bench = Bench()
+    bench.command("a")
+    bench.tick(20)
+    before = bench.robot.stops
+    bench.robot.anew = True
+    with pytest.raises(NewDescriptionError):
+        bench.tick()
+    assert bench.robot.stops == before + 1
+    assert bench.end("a").state == "failed" and "describes itself anew" in bench.end("a").reason

@@ -14,7 +14,7 @@ from linked_fleet_agent.robots.ros2.address import AddressError, parse_address
 from linked_fleet_agent.robots.ros2.joints import JointStates, TrajectoryPoints
 from linked_fleet_agent.robots.ros2.robot import facts_of
 from linked_fleet_agent.robots.ros2.session import ReceivedMessage
-from linked_fleet_agent.urdf import UrdfError
+from linked_fleet_agent.urdf import UrdfError, joints_of
 from ros2_robot import STORE, URDF, joint_state, text
 
 _JOINTS = ("pan", "lift", "grip", "thumb_grip")
@@ -31,7 +31,7 @@ class RosSide:
     """The state of one robot's driver for one episode; its clock advances by 10 ms each time."""
 
     def __init__(self) -> None:
-        self._states = JointStates("arm", _JOINTS, "/joint_states", 0.5)
+        self._states = JointStates("arm", joints_of(URDF), "/joint_states", 0.5)
         self._follower = TrajectoryPoints("/c/joint_trajectory", _JOINTS[:3])
         self._now_s = 0.0
 
@@ -56,6 +56,8 @@ class RosSide:
         for row in (reading.positions, reading.velocities, reading.efforts):
             assert len(row) == len(_JOINTS)
             assert not any(math.isinf(value) for value in row), "infinite is unknown"
+        for name in reading.faults:
+            assert math.isnan(reading.positions[_JOINTS.index(name)]), "a sensor that contradicts itself is unknown"
         self._send(random)
 
     def description(self, random: Random) -> None:
@@ -79,8 +81,8 @@ class RosSide:
             assert name.startswith("/") and not set(name) & set("*$?#% ") and "//" not in name, name
 
     def _send(self, random: Random) -> None:
-        measured = {name: self._states.position(name, self._now_s) for name in _JOINTS}
-        sent = self._follower.next({random.choice(_JOINTS[:3]): random.uniform(-2, 2)}, measured, self._now_s)
+        setpoints = {name: random.uniform(-2, 2) for name in random.sample(_JOINTS[:3], random.randint(1, 3))}
+        sent = self._follower.next(setpoints, self._now_s)
         payload = cdr.write_trajectory(list(sent), list(sent.values()), random.choice((0.05, 0.5)))
         read: Any = STORE.deserialize_cdr(payload, "trajectory_msgs/msg/JointTrajectory")
         assert read.joint_names == list(sent)

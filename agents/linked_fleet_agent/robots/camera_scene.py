@@ -1,8 +1,8 @@
 """The rendered scene of a robot: visual geometry on a floor under a light, seen through its cameras."""
 
 import math
-import xml.etree.ElementTree as ElementTree
 from collections.abc import Mapping
+from dataclasses import replace
 from io import BytesIO
 from pathlib import Path
 
@@ -11,8 +11,11 @@ import numpy as np
 from PIL import Image
 
 from linked_fleet_agent.robots.camera_client import PictureRequest, Scene
-from linked_fleet_agent.robots.urdf_repair import find_mesh, repaired_urdf
-from linked_fleet_agent.urdf import parse
+from linked_fleet_agent.robots.urdf_repair import find_mesh, mesh_path, repaired_urdf
+from linked_fleet_agent.urdf import RobotModel
+from linked_fleet_agent.urdf.geometry import MeshShape, Shape
+from linked_fleet_agent.urdf.model import Link
+from linked_fleet_agent.urdf.writer import plain_element
 from linked_fleet_agent.wire.messages import Camera
 
 _QUALITY, _COMPRESSION = 80, 3
@@ -139,24 +142,18 @@ def _add_surroundings(spec: mujoco.MjSpec) -> None:
 
 def _visible(scene: Scene) -> str:
     """Return the URDF with only the drawable geometry of each link."""
-    root, near = parse(scene.urdf), Path(scene.file)
-    for link in root.findall("link"):
-        shown = _drawable(link, "visual", near) or _drawable(link, "collision", near)
-        for element in (*link.findall("visual"), *link.findall("collision")):
-            if element not in shown:
-                link.remove(element)
-        for element in shown:
-            element.tag = "visual"
-    return repaired_urdf(root, scene.robot)
+    model, near = RobotModel.for_urdf(scene.urdf), Path(scene.file)
+    links = {name: replace(link, collisions=(), visuals=_drawable(link, near)) for name, link in model.links.items()}
+    return repaired_urdf(plain_element(replace(model, links=links), lambda uri: mesh_path(uri, near)), scene.robot)
 
 
-def _drawable(link: ElementTree.Element, tag: str, near: Path) -> list[ElementTree.Element]:
-    """Return the geometries of a link if MuJoCo can draw all of them; their meshes are set to file paths."""
-    found = link.findall(tag)
-    for mesh in (element.find("geometry/mesh") for element in found):
-        path = find_mesh(mesh.get("filename", ""), near) if mesh is not None else None
-        if mesh is not None and path is None:
-            return []
-        if mesh is not None:
-            mesh.set("filename", str(path))
-    return found
+def _drawable(link: Link, near: Path) -> tuple[Shape, ...]:
+    """Return the visual shapes of a link if MuJoCo can draw all of them, otherwise its collision shapes likewise."""
+    for shapes in (link.visuals, link.collisions):
+        if shapes and all(_can_draw(shape, near) for shape in shapes):
+            return shapes
+    return ()
+
+
+def _can_draw(shape: Shape, near: Path) -> bool:
+    return not isinstance(shape.geometry, MeshShape) or find_mesh(shape.geometry.uri, near) is not None

@@ -12,7 +12,7 @@ from linked_fleet_agent.mesh_files import mesh_files
 from linked_fleet_agent.robot import Facts, JointFacts, Robot
 from linked_fleet_agent.robots.camera_client import probe, with_availability
 from linked_fleet_agent.robots.ros2.address import SCHEME, Address, AddressError, parse_address
-from linked_fleet_agent.urdf import UrdfError, joints_of
+from linked_fleet_agent.urdf import UrdfError, decode, joints_of
 from linked_fleet_agent.wire.keys import escape
 from linked_fleet_agent.wire.messages import Camera
 
@@ -252,14 +252,14 @@ def _simulate(name: str, model: Model, path: Path) -> Robot:
             f"simulated robots need MuJoCo ({error}): pip install 'linked-fleet-agent[sim]'"
         ) from error
     try:
-        facts = facts_of(model, path.read_text(encoding="utf-8"))
+        facts = facts_of(model, decode(path.read_bytes(), f"{name}: {path.name}"))
         facts = replace(facts, meshes=mesh_files(facts.urdf, path))
         way, reason = ("", "") if sight is None else sight.result
         facts = replace(facts, cameras=with_availability(model.cameras, reason))
         return MujocoRobot(name, facts, model.home, model.home_height_m, path, way)
     except OSError as error:
         raise UnavailableError(f"{name}: {path} cannot be read: {error.strerror}") from error
-    except (UrdfError, UnicodeDecodeError) as error:
+    except UrdfError as error:
         raise UnavailableError(f"{name}: {path} is not a URDF: {error}") from error
     except ValueError as error:
         raise UnavailableError(str(error)) from error

@@ -5,13 +5,15 @@ Every repair is logged with the names of the robot and the link or joint.
 
 import logging
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 
 from linked_fleet_agent.mesh_files import locate_mesh
-from linked_fleet_agent.urdf import parse
+from linked_fleet_agent.urdf import RobotModel
+from linked_fleet_agent.urdf.geometry import MeshShape
+from linked_fleet_agent.urdf.poses import Pose, pose_of, rotation
+from linked_fleet_agent.urdf.writer import add_origin, plain_element
 
 _log = logging.getLogger(__name__)
 
@@ -19,6 +21,8 @@ TINY_MASS_KG = 1e-3
 TINY_INERTIA_KG_M2 = 1e-6
 _AXES = (("ixx", "ixy", "ixz"), ("ixy", "iyy", "iyz"), ("ixz", "iyz", "izz"))
 _CONSTANT_INERTIA = 1e-12
+# MuJoCo refuses bodies below its mjMINVAL of 1e-15.
+_LEAST_MASS_KG, _LEAST_INERTIA_KG_M2 = 1e-12, 1e-14
 
 
 def simulable_urdf(urdf: str, robot: str, meshes_from: Path | None = None) -> str:
@@ -26,56 +30,76 @@ def simulable_urdf(urdf: str, robot: str, meshes_from: Path | None = None) -> st
 
     Meshes are dropped, unless ``meshes_from`` is the path of the URDF file that mesh paths are relative to.
     """
-    root = parse(urdf)
-    _drop_pictures(root)
-    for mesh, link in _collision_meshes(root):
-        _resolve_or_drop(mesh, link, meshes_from, robot)
+    model = RobotModel.for_urdf(urdf)
+    root = plain_element(model, lambda uri: None if meshes_from is None else mesh_path(uri, meshes_from))
+    for link in root.findall("link"):
+        for visual in link.findall("visual"):
+            link.remove(visual)
+    if meshes_from is not None:
+        _report_missing_meshes(model, robot, meshes_from)
     return repaired_urdf(root, robot)
 
 
 def repaired_urdf(root: ElementTree.Element, robot: str) -> str:
-    """Return the URDF for MuJoCo from an element that has only the meshes to be loaded. Raises UrdfError."""
+    """Return the URDF for MuJoCo from a plain element that has only the shapes to be loaded."""
     _weld_many_dof_joints(root, robot)
     _rename_world(root)
+    _replace_capsules(root)
     _repair_inertias(root, robot)
-    for old in root.findall("mujoco"):
-        root.remove(old)
     extension = ElementTree.SubElement(root, "mujoco")
     ElementTree.SubElement(extension, "compiler", fusestatic="false", discardvisual="false", strippath="false")
     return ElementTree.tostring(root, encoding="unicode")
 
 
-def _drop_pictures(root: ElementTree.Element) -> None:
-    for link in root.findall("link"):
-        for visual in link.findall("visual"):
-            link.remove(visual)
+def _report_missing_meshes(model: RobotModel, robot: str, near: Path) -> None:
+    for link in model.links.values():
+        for shape in link.collisions:
+            if isinstance(shape.geometry, MeshShape) and find_mesh(shape.geometry.uri, near) is None:
+                _log.warning(
+                    "%s: link %s: collision mesh %r is not here or not STL or OBJ; left out",
+                    robot,
+                    link.name,
+                    shape.geometry.uri,
+                )
 
 
-def _collision_meshes(root: ElementTree.Element) -> Iterator[tuple[ElementTree.Element, ElementTree.Element]]:
-    for link in root.findall("link"):
-        for collision in link.findall("collision"):
-            if collision.find("geometry/mesh") is not None:
-                yield collision, link
-
-
-def _resolve_or_drop(collision: ElementTree.Element, link: ElementTree.Element, near: Path | None, robot: str) -> None:
-    mesh = collision.find("geometry/mesh")
-    assert mesh is not None
-    uri = mesh.get("filename", "")
-    path = None if near is None else find_mesh(uri, near)
-    if path is not None:
-        mesh.set("filename", str(path))
-        return
-    link.remove(collision)
-    if near is not None:
-        _log.warning(
-            "%s: link %s: collision mesh %r is not here or not STL or OBJ; left out", robot, link.get("name"), uri
-        )
+def mesh_path(uri: str, near: Path) -> str | None:
+    """Return the path of ``find_mesh`` as text."""
+    found = find_mesh(uri, near)
+    return None if found is None else str(found)
 
 
 def find_mesh(uri: str, near: Path) -> Path | None:
     """Return the file of a mesh URI (package, file or relative) of the URDF ``near``, if MuJoCo can read its format."""
     return locate_mesh(uri, near) if Path(uri).suffix.lower() in (".stl", ".obj") else None
+
+
+def _replace_capsules(root: ElementTree.Element) -> None:
+    """Replace capsules, which MuJoCo does not read from URDF, by a cylinder and two spheres."""
+    for link in root.findall("link"):
+        for part in [*link.findall("collision"), *link.findall("visual")]:
+            capsule = part.find("geometry/capsule")
+            if capsule is None:
+                continue
+            radius, length = capsule.get("radius", ""), float(capsule.get("length", ""))
+            pose = pose_of(part.find("origin"), f"a shape of link {link.get('name')!r}")
+            link.remove(part)
+            link.append(_part(part.tag, pose, "cylinder", radius=radius, length=repr(length)))
+            for end in (-length / 2, length / 2):
+                link.append(_part(part.tag, _along_z(pose, end), "sphere", radius=radius))
+
+
+def _part(tag: str, pose: Pose, form: str, **size: str) -> ElementTree.Element:
+    part = ElementTree.Element(tag)
+    add_origin(part, pose)
+    ElementTree.SubElement(ElementTree.SubElement(part, "geometry"), form, size)
+    return part
+
+
+def _along_z(pose: Pose, distance_m: float) -> Pose:
+    rows = rotation(pose.orientation_xyzw)
+    x, y, z = (at + row[2] * distance_m for at, row in zip(pose.position_m, rows, strict=True))
+    return Pose((x, y, z), pose.orientation_xyzw)
 
 
 def _weld_many_dof_joints(root: ElementTree.Element, robot: str) -> None:
@@ -101,14 +125,14 @@ def _repair_inertias(root: ElementTree.Element, robot: str) -> None:
     moving = _moving_links(root)
     for link in root.findall("link"):
         name, inertial = link.get("name", ""), link.find("inertial")
-        if inertial is not None and _mass(inertial) <= 0.0:
+        if inertial is not None and _mass(inertial) < _LEAST_MASS_KG:
             link.remove(inertial)
             inertial = None
             _log.info("%s: link %s has an inertial without mass; left out", robot, name)
         if inertial is not None:
             _repair_tensor(inertial, robot, name)
         elif name in moving:
-            _log.warning("%s: moving link %s has no inertial; it gets %g kg", robot, name, TINY_MASS_KG)
+            _log.warning("%s: moving link %s has no usable inertial; it gets %g kg", robot, name, TINY_MASS_KG)
             link.append(_tiny_inertial())
 
 
@@ -144,7 +168,7 @@ def nearest_physical(inertia: np.ndarray) -> np.ndarray:
     """
     principal, axes = np.linalg.eigh((inertia + inertia.T) / 2.0)
     floor = max(TINY_INERTIA_KG_M2 * 1e-3, 1e-6 * float(np.abs(principal).max()))
-    sound = np.sort(np.maximum(principal, floor)) if principal.min() <= 0.0 else principal
+    sound = np.sort(np.maximum(principal, floor)) if principal.min() < _LEAST_INERTIA_KG_M2 else principal
     missing = sound[2] - sound[0] - sound[1]
     if missing > 0.0:
         # Slightly more than half each, so that rounding in the text form does not undo it.

@@ -172,15 +172,13 @@ def _moved(ball: BoundingSphere, joint: Joint, between: tuple[float, float]) -> 
 def _range(model: RobotModel, joint: Joint, movable: Collection[str]) -> tuple[float, float]:
     """Return the range of positions of the joint."""
     factor, offset = 1.0, 0.0
-    for _ in model.joints:  # mimic joints may form chains and, in a hostile URDF, cycles
-        if joint.mimic is None:
-            break
+    while joint.mimic is not None:  # chains end at a joint that moves by itself
         offset += factor * joint.mimic.offset
         factor *= joint.mimic.multiplier
         joint = model.joints[joint.mimic.joint]
     lower, upper = joint.limits.lower, joint.limits.upper
     bounded = joint.name in movable and joint.kind is not JointKind.CONTINUOUS
-    if not bounded or lower is None or upper is None or joint.mimic is not None:
+    if not bounded or lower is None or upper is None:
         return _ANYWHERE
     ends = factor * lower + offset, factor * upper + offset
     return min(ends), max(ends)

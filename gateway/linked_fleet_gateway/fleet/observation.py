@@ -19,19 +19,22 @@ TOLERANCE_M = 0.002
 FAULTY_AFTER_NS = 1_000_000_000
 
 Bounds = tuple[float, float]
-_ENDLESS: Bounds = (-math.inf, math.inf)
 
 
 def bounds_of(model: RobotModel, joints: Sequence[str]) -> Mapping[str, Bounds]:
-    """Return the limits of each joint (rad or m) widened by the tolerance; infinite if there are none."""
+    """Return the stops of each joint (rad or m) widened by the tolerance; infinite if there are none.
+
+    A joint between a soft limit and its stop is where it can be, though it is not sent there.
+    """
     found = {}
     for name in joints:
-        joint, (lower, upper) = model.joints[name], _ENDLESS
-        limits = joint.limits
-        if limits.lower is not None and limits.upper is not None and limits.lower <= limits.upper:
-            tolerance = TOLERANCE_M if joint.kind is JointKind.PRISMATIC else TOLERANCE_RAD
-            lower, upper = limits.lower - tolerance, limits.upper + tolerance
-        found[name] = (lower, upper)
+        joint = model.joints[name]
+        lower, upper = joint.stops
+        tolerance = TOLERANCE_M if joint.kind is JointKind.PRISMATIC else TOLERANCE_RAD
+        found[name] = (
+            -math.inf if lower is None else lower - tolerance,
+            math.inf if upper is None else upper + tolerance,
+        )
     return found
 
 

@@ -5,6 +5,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Literal
 
+from linked_fleet_agent.urdf.facts import joint_mismatch
 from linked_fleet_agent.wire.codec import MAX_JOINTS, Header, WireError, decode_state, layout
 from linked_fleet_agent.wire.messages import Description, State
 from linked_fleet_gateway.fleet.events import Frames, Latest, Received
@@ -312,12 +313,11 @@ class Robot:
 def _mismatch(description: Description, model: RobotModel) -> str | None:
     """Return how the description contradicts its URDF or the wire protocol; None if it does not."""
     joints = description.joints
-    if len(set(joints)) != len(joints) or len(joints) > MAX_JOINTS:
-        return f"the description lists a joint twice, or more than {MAX_JOINTS} joints"
-    for name in joints:
-        joint = model.joints.get(name)
-        if joint is None or not joint.movable:
-            return f"the description lists joint {name!r}, which its URDF does not have as a movable joint"
+    if len(joints) > MAX_JOINTS:
+        return f"the description lists more than {MAX_JOINTS} joints"
+    mismatch = joint_mismatch(model, joints)
+    if mismatch:
+        return mismatch
     if description.layout != layout(len(joints), description.base == "floating"):
         return f"the layout in the description is not that of a frame of {len(joints)} joints and its base"
     return None

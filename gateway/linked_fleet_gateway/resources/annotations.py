@@ -22,6 +22,7 @@ from linked_fleet_gateway.rdf.graph import UNITS, Graph, Node
 from linked_fleet_gateway.rdf.serialise import ParseError, parse
 from linked_fleet_gateway.rdf.validation import check_writable, refuse_statements, statements_by_subject
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, LDP, LF, NUMERIC, RDF, ROS, SH, SOSA, VOM, XHV
+from linked_fleet_gateway.resources.joint_kinds import POSITION_RESOLUTION
 from linked_fleet_gateway.resources.paths import reserved_in_robot, robot_path
 
 log = logging.getLogger(__name__)
@@ -29,6 +30,7 @@ log = logging.getLogger(__name__)
 # base for parsing, below which IRIs contain the names of joints, independent of the request
 _BASE = "http://robot.invalid/r/"
 _LONGEST = 128
+_ROUNDING = POSITION_RESOLUTION / 2  # of a position that was read at its limit; actions clamp it
 
 
 def named_poses(robot: Robot) -> Mapping[str, Mapping[str, float]]:
@@ -46,7 +48,7 @@ def _possible(robot: Robot, targets: Mapping[str, float]) -> bool:
         if joint is None or not joint.commandable:
             return False
         low, high = joint.limits.lower, joint.limits.upper
-        if (low is not None and position < low) or (high is not None and position > high):
+        if (low is not None and position < low - _ROUNDING) or (high is not None and position > high + _ROUNDING):
             return False
     return True
 

@@ -7,7 +7,7 @@ from functools import lru_cache
 
 from pyoxigraph import Literal, NamedNode
 
-from linked_fleet_gateway.fleet.model import Joint, Link
+from linked_fleet_gateway.fleet.model import Joint, Link, RobotModel
 from linked_fleet_gateway.fleet.observation import Observation
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.rdf.graph import Graph, timestamp
@@ -20,6 +20,7 @@ from linked_fleet_gateway.resources.properties import joint_properties, link_pro
 from linked_fleet_gateway.resources.property import LINK_STATEMENTS, Measurement, Property
 
 _SECOND_NS = 1_000_000_000
+_MOST_FINDINGS = 32
 Links = Iterable[tuple[NamedNode, str]]
 
 
@@ -107,6 +108,7 @@ class Describer:
         if robot.model is None or robot.description is None:
             return
         self._model_name(graph, iri, robot)
+        graph.add(iri, LF.finding, *map(Literal, _all_findings(robot.model)))
         graph.add(iri, LF.baseMobility, Literal(robot.description.base))
         graph.add(iri, LF.rootLink, self.iri(link_path(robot.name, robot.model, robot.model.root)))
         graph.add(iri, LF.model, self.iri(model_path(robot.name)))
@@ -126,6 +128,7 @@ class Describer:
         iri = self.iri(path)
         self._introduce_joint(graph, robot, joint)
         self._interface(graph, path, kind.shape)
+        graph.add(iri, LF.finding, *map(Literal, robot.model.findings_about("joint", joint.name)))
         self._actions(graph, iri, joint_offers(robot, joint))
         graph.add(iri, RDFS.seeAlso, self.iri(robot_path(robot.name)))
         graph.add(iri, DCTERMS.isPartOf, self.iri(robot_path(robot.name)))
@@ -149,6 +152,7 @@ class Describer:
         iri = self.iri(path)
         self._introduce_link(graph, robot, link.name)
         self._interface(graph, path, LF.LinkShape)
+        graph.add(iri, LF.finding, *map(Literal, robot.model.findings_about("link", link.name)))
         graph.add(iri, RDFS.seeAlso, self.iri(robot_path(robot.name)))
         graph.add(iri, DCTERMS.isPartOf, self.iri(robot_path(robot.name)))
         self._presence_if_not_online(graph, iri, robot)
@@ -243,6 +247,13 @@ class Describer:
 
     def _annotations(self, graph: Graph, iri: NamedNode, robot: Robot) -> None:
         annotate(graph, iri, robot.annotations, self.base + robot_path(robot.name))
+
+
+def _all_findings(model: RobotModel) -> list[str]:
+    """Return the findings of a robot and its parts; beyond ``_MOST_FINDINGS`` their number."""
+    found = [each.sentence for each in model.findings]
+    rest = len(found) - _MOST_FINDINGS
+    return found if rest <= 0 else [*found[:_MOST_FINDINGS], f"{rest} more findings are shown at joints and links."]
 
 
 def last_frame(robot: Robot) -> tuple[Observation, ...]:

@@ -1,4 +1,7 @@
-"""The limits of joints as numbers of shapes: rounded inwards, in every unit that a body may use."""
+"""The limits of joints as numbers of shapes, in every unit that a body may use.
+
+They are rounded inwards. A position at its limit that is shown rounded outwards is accepted as well.
+"""
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -8,9 +11,10 @@ from decimal import Decimal
 from pyoxigraph import Literal, NamedNode
 
 from linked_fleet_gateway.fleet.model import Joint, JointKind
+from linked_fleet_gateway.fleet.observation import rounded
 from linked_fleet_gateway.rdf.graph import ANGULAR, LINEAR, Dimension, Unit, lexical
 from linked_fleet_gateway.rdf.vocabulary import LF, XSD
-from linked_fleet_gateway.resources.joint_kinds import kind_of
+from linked_fleet_gateway.resources.joint_kinds import POSITION_RESOLUTION, kind_of
 
 _DIGITS = 6  # limits are rounded inwards to a millionth of the unit, so that the robot accepts what the shape accepts
 MAX_TURNS = 10  # most turns of a continuous joint in one motion
@@ -42,7 +46,15 @@ def position_bounds(joint: Joint, unit: Unit) -> tuple[float, float]:
         return 0.0, round(math.tau / unit.si, _DIGITS)
     low, high = joint.limits.lower, joint.limits.upper
     assert low is not None and high is not None
-    return _inwards(low / unit.si, high / unit.si)
+    (low_exact, high_exact), (low_shown, high_shown) = (
+        _inwards(below / unit.si, above / unit.si) for below, above in ((low, high), map(_shown, (low, high)))
+    )
+    return min(low_exact, low_shown), max(high_exact, high_shown)
+
+
+def _shown(position: float) -> float:
+    """Return a position as it is read: whoever reads it at the limit can send it back. Actions clamp it."""
+    return rounded(position, POSITION_RESOLUTION)
 
 
 def _inwards(low: float, high: float) -> tuple[float, float]:

@@ -133,7 +133,7 @@ def link_properties(robot: Robot, link: Link, segment: str | None = None) -> lis
         graph.vector(iri, LF.position, inertial.centre_m if inertial else None, METRE)
 
     def inertia(graph: Graph, iri: NamedNode, _: Measurement) -> None:
-        moments = inertial.inertia_kg_m2 if inertial else (None,) * 6
+        moments = (inertial.inertia_kg_m2 if inertial else None) or (None,) * 6
         for term, value in zip((LF.ixx, LF.ixy, LF.ixz, LF.iyy, LF.iyz, LF.izz), moments, strict=True):
             graph.scalar(iri, term, value, KILOGRAM_SQUARE_METRE)
 

@@ -15,7 +15,7 @@ from linked_fleet_agent.agent import Agent
 from linked_fleet_agent.robot import Facts
 from linked_fleet_agent.robots.ros2.address import parse_address
 from linked_fleet_agent.robots.ros2.robot import Ros2Robot, facts_of
-from linked_fleet_agent.robots.ros2.session import ReceivedMessage, RosSession
+from linked_fleet_agent.robots.ros2.session import Mailbox, ReceivedMessage, RosSession
 from linked_fleet_agent.wire import codec
 from linked_fleet_agent.wire.messages import Accepted, Command, Move, Progress, Refused, Reply, State, Stop
 from ros2_robot import STORE, joint_state, text
@@ -105,7 +105,8 @@ class Bench:
         self.arm = Arm({"shoulder": 0.0, "turntable": 0.0} | positions)
         self.frames: list[State] = []
         self.progress: list[Progress] = []
-        driver = Ros2Robot("arm", parse_address("ros2:tcp/127.0.0.1:1?stale=0.5"), _facts(), cast(RosSession, self.arm))
+        address, session = parse_address("ros2:tcp/127.0.0.1:1?stale=0.5"), cast(RosSession, self.arm)
+        driver = Ros2Robot("arm", address, _facts(), session, Mailbox(1, 1))
         self.agent = Agent("arm", driver)
         self.path = [dict(self.arm.positions)]
         self.run(0.5)

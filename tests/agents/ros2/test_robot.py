@@ -64,11 +64,12 @@ def test_ros_sees_a_node_that_listens_and_publishes(robot: RosRobot, driver: Ros
     node = "%/%/linked_fleet_agent"
     wanted = (
         rf"{session}/\d/NN/{node}",
+        rf"{session}/\d/MS/{node}/%robot_description/std_msgs::msg::dds_::String_/{hashes}/:1:,1:,:,:,,",
         rf"{session}/\d/MS/{node}/%joint_states/sensor_msgs::msg::dds_::JointState_/{hashes}/::,1:,:,:,,",
         rf"{session}/\d/MP/{node}/%joint_trajectory_controller%joint_trajectory"
         rf"/trajectory_msgs::msg::dds_::JointTrajectory_/{hashes}/::,1:,:,:,,",
     )
-    assert len(said) == 3
+    assert len(said) == 4
     assert all(any(re.fullmatch(each, token) for token in said) for each in wanted), said
 
 

@@ -1,5 +1,6 @@
 """The served URDF: meshes at their addresses, and nothing that a browser would load or run."""
 
+from operator import mul
 from xml.etree import ElementTree
 
 import pytest
@@ -57,13 +58,15 @@ def test_nothing_of_other_vocabularies_is_passed_on(hostile: str) -> None:
 
 def test_text_stays_text() -> None:
     evil = "&lt;/robot&gt;&quot;&apos;&lt;script&gt;"
-    robot = _shown(f'<visual name="{evil}">{evil}</visual>')
-    assert robot.find("link/visual").get("name") == robot.find("link/visual").text == "</robot>\"'<script>"
+    robot = f'<robot name="{evil}"><link name="{evil}">{evil}</link></robot>'
+    shown = ElementTree.fromstring(urdf_with_mesh_addresses(robot, ADDRESSES))
+    assert shown.get("name") == shown.find("link").get("name") == "</robot>\"'<script>"
 
 
 def test_deeply_nested_xml_is_refused() -> None:
     depth = 50_000
-    assert len(urdf_with_mesh_addresses(f'<robot name="r">{"<a>" * depth}{"</a>" * depth}</robot>', {})) < 1000
+    with pytest.raises(ModelError, match="nested deeper"):
+        urdf_with_mesh_addresses(f'<robot name="r">{"<a>" * depth}{"</a>" * depth}</robot>', {})
 
 
 @pytest.mark.parametrize("urdf", ["", "<robot>", '<!DOCTYPE r [<!ENTITY x "y">]><robot name="r">&x;</robot>'])
@@ -76,4 +79,12 @@ def test_xml_with_a_doctype_is_refused(urdf: str) -> None:
 def test_real_robots_keep_their_kinematics(name: str) -> None:
     urdf = (data_folder() / MODELS[name].file).read_text()
     before, after = RobotModel.parse(urdf), RobotModel.parse(urdf_with_mesh_addresses(urdf, {}).decode())
-    assert (before.joints, before.links) == (after.joints, after.links)
+    assert list(before.joints) == list(after.joints)
+    for old, new in zip(before.joints.values(), after.joints.values(), strict=True):
+        assert (old.kind, old.parent, old.child, old.mimic) == (new.kind, new.parent, new.child, new.mimic)
+        assert new.stops == (old.stops if old.movable else (None, None))
+        assert new.axis == pytest.approx(old.axis, abs=1e-15)
+        assert new.origin.position_m == old.origin.position_m
+        assert abs(sum(map(mul, new.origin.orientation_xyzw, old.origin.orientation_xyzw))) == pytest.approx(
+            1, abs=1e-15
+        )

@@ -6,11 +6,12 @@ from operator import ge, le
 from typing import Any
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from linked_fleet_gateway.base.errors import UnprocessableContent
 from linked_fleet_gateway.fleet.model import RobotModel
+from linked_fleet_gateway.fleet.observation import rounded
 from linked_fleet_gateway.rdf.graph import DEGREE, METRE, MILLIMETRE, RADIAN, UNITS
 from linked_fleet_gateway.rdf.shapes import load_turtle
 from linked_fleet_gateway.rdf.vocabulary import LF, XSD
@@ -40,13 +41,17 @@ def _admitted(bench: Any, path: str, body: str) -> bool:
 @settings(derandomize=True)
 @given(_ends, _ends, st.sampled_from([DEGREE, RADIAN, MILLIMETRE, METRE]))
 def test_bounds_are_rounded_inwards(one: float, other: float, unit: Any) -> None:
-    """To a millionth of the unit and never by more, with a tolerance of a thousandth of that for binary fractions."""
+    """To a millionth of the unit, or outwards to the position that is shown at the limit.
+
+    A thousandth of that is tolerated for binary fractions.
+    """
     low, high = sorted((one, other))
+    assume(low or high)  # two zeros state no range
     kind = "revolute" if unit in (DEGREE, RADIAN) else "prismatic"
     joint = RobotModel.parse(_URDF.format(kind, low, high)).joints["j"]
     stated = position_bounds(joint, unit)
-    assert -1.1e-9 <= stated[0] - low / unit.si <= 1.1e-6
-    assert -1.1e-9 <= high / unit.si - stated[1] <= 1.1e-6
+    assert min(-1.1e-9, (rounded(low, 1e-5) - low) / unit.si - 1.1e-9) <= stated[0] - low / unit.si <= 1.1e-6
+    assert min(-1.1e-9, (high - rounded(high, 1e-5)) / unit.si - 1.1e-9) <= high / unit.si - stated[1] <= 1.1e-6
     limits = [float(each.value) for each in (minimum_literal(stated[0]), maximum_literal(stated[1]))]
     assert limits == pytest.approx(stated, rel=5e-15)
 
@@ -84,6 +89,26 @@ def test_the_shape_admits_its_bounds_and_nothing_past_them(bench: Any) -> None:
         assert _admitted(bench, "/r/elbow/actions/rotate", body.format(value, unit)) is good, value
     for value, good in (("0", True), ("359.999999", True), ("360", False), ("-0.000001", False)):
         assert _admitted(bench, "/r/wheel/actions/rotate", body.format(value, "DEG")) is good, value
+
+
+@pytest.mark.parametrize("limit", [0.820305, 0.820306, 0.820304, 0.8203049, -0.820305, math.pi, -math.pi, 1e-7])
+def test_a_position_as_it_is_read_is_a_valid_target(bench: Any, limit: float) -> None:
+    """Values are shown in steps of 1e-5 rad, so a joint at its limit may be shown beyond it."""
+    other = limit + math.copysign(1.0, limit)
+    low, high = sorted((limit, other))
+    bench.robot({"elbow": ("revolute", f'<limit lower="{low!r}" upper="{high!r}" velocity="1" effort="1"/>')}, [limit])
+    (shown,) = [
+        triple.object.value
+        for triple in bench.described("/r/elbow/rotation").triples
+        if triple.predicate.value.endswith("numericalValue")
+    ]
+    body = f"<> vom:numericalValue {shown} ; vom:unit unit:RAD ."
+    motion = bench.plan("/r/elbow/actions/rotate", body)
+    (target,) = motion.targets.values()
+    assert low <= target <= high
+    assert target == pytest.approx(limit, abs=5.1e-6)
+    beyond = float(shown) - math.copysign(1e-5, limit)
+    assert not _admitted(bench, "/r/elbow/actions/rotate", body.replace(shown, repr(beyond)))
 
 
 def test_speeds_are_above_zero_and_within_the_joints_own(bench: Any) -> None:

@@ -54,7 +54,8 @@ class JointStates:
 
         One with stamp and values of the last message is a repetition and ignored, if the stamps of others change.
         """
-        for name, *values in zip(state.names, state.positions, state.velocities, state.efforts, strict=True):
+        for stated, *values in zip(state.names, state.positions, state.velocities, state.efforts, strict=True):
+            name = stated.strip()  # as in the description
             if name not in self._joints:
                 self._warn_of_unknown(name)
                 continue

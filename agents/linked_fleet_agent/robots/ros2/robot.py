@@ -6,12 +6,12 @@ import time
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 
-from linked_fleet_agent.robot import Facts, JointFacts, Reading, RobotFaultError
+from linked_fleet_agent.robot import Facts, JointFacts, NewDescriptionError, Reading, RobotFaultError
 from linked_fleet_agent.robots.ros2 import cdr
 from linked_fleet_agent.robots.ros2.address import Address, AddressError, Controller
 from linked_fleet_agent.robots.ros2.joints import JointStates, TrajectoryPoints, time_from_start_s
 from linked_fleet_agent.robots.ros2.session import Mailbox, Outlet, ReceivedMessage, RosSession, Topic
-from linked_fleet_agent.urdf import UrdfError, joints_of, parse
+from linked_fleet_agent.urdf import RobotModel, UrdfError, joints_of
 
 _log = logging.getLogger(__name__)
 
@@ -26,10 +26,11 @@ _NODE = "linked_fleet_agent"
 class Ros2Robot:
     """Driver over three topics: it reads ``/robot_description`` and ``/joint_states`` and sends ``JointTrajectory``."""
 
-    def __init__(self, name: str, address: Address, facts: Facts, session: RosSession) -> None:
+    def __init__(self, name: str, address: Address, facts: Facts, session: RosSession, descriptions: Mailbox) -> None:
         coupled = tuple(tuple(_joints_of(one, facts.joints)) for one in address.controllers)
         joints = tuple(replace(joint, tolerance=address.tolerance) for joint in facts.joints)
         self._name, self._facts, self._session = name, replace(facts, joints=joints, coupled=coupled), session
+        self._descriptions, self._refused = descriptions, ""
         self._limits = {joint.name: joint.limits for joint in facts.joints}
         self._states = JointStates(name, facts.joints, address.states, address.stale_s)
         self._inbox = session.listen(_topic(address, address.states, cdr.JOINT_STATE), cdr.MAX_STATE_BYTES)
@@ -50,8 +51,10 @@ class Ros2Robot:
         deadline_s = time.monotonic() + timeout_s
         session = _opened(name, address, deadline_s)
         try:
-            facts = _described(name, address, session, deadline_s)
-            robot = cls(name, address, facts, session)
+            topic = _topic(address, address.description, cdr.STRING)
+            descriptions = session.listen_latched(topic, cdr.MAX_TEXT_BYTES)
+            facts = _described(name, address, topic, descriptions, deadline_s)
+            robot = cls(name, address, facts, session, descriptions)
             robot.wait_for_peers()
         except BaseException:
             session.close()
@@ -71,7 +74,12 @@ class Ros2Robot:
         return self._facts
 
     def read(self, now_s: float) -> Reading:
-        """Return the last joint states, by arrival time. Raises RobotFaultError if none arrived recently."""
+        """Return the last joint states, by arrival time.
+
+        Raises RobotFaultError if none arrived recently or the last description is refused, NewDescriptionError if a
+        different one has arrived.
+        """
+        self._check_descriptions()
         here_s = time.monotonic()
         self._cycle_s, self._read_s = here_s - self._read_s, here_s
         for arrived in self._inbox.fetch():
@@ -144,6 +152,22 @@ class Ros2Robot:
         now_s = time.monotonic()
         return {name: self._states.position(name, now_s) for name in self._limits}
 
+    def _check_descriptions(self) -> None:
+        for arrived in self._descriptions.fetch():
+            try:
+                said = facts_of(self._name, arrived)
+            except cdr.CdrError as error:
+                _log.warning("%s: a message that is no description is ignored: %s", self._name, error)
+                continue
+            except UrdfError as error:
+                self._refused = f"the robot sent a new description, which is refused: {error}"
+                continue
+            self._refused = ""
+            if said.urdf != self._facts.urdf:
+                raise NewDescriptionError("the robot sent a new description")
+        if self._refused:
+            raise RobotFaultError(self._refused)
+
     def _take(self, arrived: ReceivedMessage) -> None:
         try:
             if arrived.payload is None:
@@ -179,27 +203,18 @@ def _opened(name: str, address: Address, deadline_s: float) -> RosSession:
             time.sleep(_LOOK_S)
 
 
-def _described(name: str, address: Address, session: RosSession, deadline_s: float) -> Facts:
-    topic = _topic(address, address.description, cdr.STRING)
-    box, end = session.listen_latched(topic, cdr.MAX_TEXT_BYTES)
-    try:
-        return _with_controllers(_first(name, box, deadline_s), address.controllers)
-    except TimeoutError as error:
-        raise TimeoutError(f"no robot description came on {topic.name} in domain {address.domain}") from error
-    finally:
-        end()
-
-
-def _first(name: str, box: Mailbox, deadline_s: float) -> Facts:
-    """Return the facts of the first valid description."""
+def _described(name: str, address: Address, topic: Topic, box: Mailbox, deadline_s: float) -> Facts:
+    """Return the facts of the first valid description. Raises TimeoutError with the reason of the last refusal."""
+    refused = ""
     while time.monotonic() < deadline_s:
         for arrived in box.fetch():
             try:
-                return facts_of(name, arrived)
+                return _with_controllers(facts_of(name, arrived), address.controllers)
             except (cdr.CdrError, UrdfError) as error:
-                _log.warning("%s: bad description: %.200s", name, error)
+                refused = f": the last one is refused: {error}"
+                _log.warning("%s: bad description: %s", name, error)
         time.sleep(_LOOK_S)
-    raise TimeoutError
+    raise TimeoutError(f"no usable robot description came on {topic.name} in domain {address.domain}{refused}")
 
 
 def facts_of(name: str, arrived: ReceivedMessage) -> Facts:
@@ -211,7 +226,7 @@ def facts_of(name: str, arrived: ReceivedMessage) -> Facts:
     names = {joint.name for joint in joints}
     if not 0 < len(names) == len(joints) <= cdr.MAX_JOINTS:
         raise UrdfError(f"{len(joints)} joints with {len(names)} different names are not the joints of a robot")
-    return Facts((parse(urdf).get("name") or name)[:_LONGEST_TITLE], urdf, joints)
+    return Facts(RobotModel.for_urdf(urdf).name[:_LONGEST_TITLE], urdf, joints)
 
 
 def _with_controllers(facts: Facts, controllers: Sequence[Controller]) -> Facts:

@@ -9,7 +9,6 @@ import secrets
 import struct
 import time
 from collections import deque
-from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass
 from typing import Any, Literal, NamedTuple
@@ -150,21 +149,13 @@ class RosSession:
         self._show("MS", topic, KEEP_LAST_ONE)
         return box
 
-    def listen_latched(self, topic: Topic, longest: int) -> tuple[Mailbox, Callable[[], None]]:
-        """Subscribe, and fetch the last earlier message too (transient local).
-
-        The second result ends the subscription.
-        """
+    def listen_latched(self, topic: Topic, longest: int) -> Mailbox:
+        """Subscribe, and fetch the last earlier message too (transient local)."""
         box = Mailbox(longest, _MOST_DESCRIPTIONS)
         history = ext.HistoryConfig(detect_late_publishers=True, max_samples=1)
-        subscriber: Any = ext.declare_advanced_subscriber(self._session, topic.key, box.put, history=history)
-        token = self._session.liveliness().declare_token(self._next_token("MS", topic, LATCHED))
-
-        def end() -> None:
-            token.undeclare()
-            subscriber.undeclare()
-
-        return box, end
+        self._keep(ext.declare_advanced_subscriber(self._session, topic.key, box.put, history=history))
+        self._show("MS", topic, LATCHED)
+        return box
 
     def outlet(self, topic: Topic) -> Outlet:
         """Return a publisher that drops messages under congestion."""

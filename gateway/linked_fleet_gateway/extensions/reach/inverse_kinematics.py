@@ -81,7 +81,7 @@ def reach(
     ``base`` is the frame of the root link; ``world`` differs from it only for a floating base, whose present pose is
     then needed. A joint without ``limits`` is unbounded, a position outside them is clamped, and a continuous joint
     makes half a turn at most. A joint that mimics a movable one, also indirectly, follows it, and its limits apply. A
-    joint that mimics itself, or with a factor or offset above 1000, does not move.
+    joint that mimics with a factor or offset above 1000 does not move.
 
     Raises Unreachable; ModelError if the robot is too large to compute; ValueError naming an unknown or non-finite
     number: a joint between root and link, the base, the target, a limit.

@@ -73,15 +73,14 @@ def _whole(urdf: str, floating: bool) -> tuple[RobotModel, pin.Model]:
 def _joint(robot: RobotModel, joint: Joint) -> ChainJoint:
     if not joint.movable:
         raise ValueError(f"the position of {joint.kind} joint {joint.name!r} is unknown")
-    driver, factor, offset, seen = joint, 1.0, 0.0, {joint.name}
+    driver, factor, offset = joint, 1.0, 0.0
     while driver.mimic is not None:
         mimic = driver.mimic
         offset += factor * mimic.offset
         factor *= mimic.multiplier
         driver = robot.joints[mimic.joint]
-        if driver.name in seen or not max(abs(factor), abs(offset)) <= _STEEPEST:
+        if not max(abs(factor), abs(offset)) <= _STEEPEST:
             return ChainJoint(joint.name, joint.kind, "", 0.0, 0.0)
-        seen.add(driver.name)
     return ChainJoint(joint.name, joint.kind, driver.name, factor, offset)
 
 

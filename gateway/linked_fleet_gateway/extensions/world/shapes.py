@@ -13,12 +13,14 @@ import coal
 import numpy as np
 import pinocchio as pin
 
+from linked_fleet_agent.urdf import geometry as forms
+from linked_fleet_agent.urdf.poses import pose_of
 from linked_fleet_gateway.extensions.world.robot import Body, Robot, self_collision_pairs
 from linked_fleet_gateway.extensions.world.scene import Box, Cylinder, Geometry, Sphere
 from linked_fleet_gateway.extensions.world.surfaces import Array, Surface
 from linked_fleet_gateway.fleet.model import Joint, JointKind, RobotModel
 from linked_fleet_gateway.fleet.pinocchio_model import build_model
-from linked_fleet_gateway.fleet.xml import ModelError, parse_xml, quaternion, required_number, rotation, vector
+from linked_fleet_gateway.fleet.xml import ModelError, parse_xml, rotation
 
 Surfaces = Callable[[str], Surface]
 """Returns the mesh with a URI in the URDF. Raises ModelError if it is unusable."""
@@ -26,7 +28,6 @@ Surfaces = Callable[[str], Surface]
 _MOST_BODIES = 1_000
 _MOST_M = 1e6
 _POINT_M = 1e-9  # above zero, which would mean that the joint does not move the body
-_ZERO, _ONE = (0.0, 0.0, 0.0), (1.0, 1.0, 1.0)
 
 
 def needed_meshes(urdf: str, offered: Set[str]) -> set[str]:
@@ -70,9 +71,8 @@ def _is_known(part: Element, offered: Set[str]) -> bool:
 
 
 def _place(part: Element, name: str) -> pin.SE3:
-    origin = part.find("origin")
-    turned = np.array(rotation(quaternion(vector(origin, "rpy", _ZERO, name))))
-    return pin.SE3(turned, np.array(vector(origin, "xyz", _ZERO, name)))
+    origin = pose_of(part.find("origin"), f"a shape of link {name!r}")
+    return pin.SE3(np.array(rotation(origin.orientation_xyzw)), np.array(origin.position_m))
 
 
 def _body(link: str, joint: int, shape: coal.CollisionGeometry, surface: Surface | None) -> Body:
@@ -85,19 +85,19 @@ def _body(link: str, joint: int, shape: coal.CollisionGeometry, surface: Surface
 
 def _shape(part: Element, surfaces: Surfaces | None, name: str) -> tuple[coal.CollisionGeometry, Surface | None]:
     """Return the shape and, if it is not convex, its surface."""
-    geometry = part.find("geometry")
-    form = None if geometry is None else next(iter(geometry), None)
-    if form is not None and form.tag == "mesh" and surfaces is not None:
-        surface = surfaces(form.get("filename", "")).scaled(np.array(vector(form, "scale", _ONE, name)))
-        return (surface.hull, None) if surface.fills_hull else (surface.exact_shape(), surface)
-    if form is not None and form.tag == "box":
-        return coal.Box(*vector(form, "size", _ZERO, name)), None
-    if form is not None and form.tag in ("sphere", "cylinder"):
-        radius = required_number(form, "radius", f"a shape of {name}")
-        if form.tag == "sphere":
+    match forms.geometry_of(part, f"a shape of link {name!r}"):
+        case forms.Box(size):
+            return coal.Box(*size), None
+        case forms.Sphere(radius):
             return coal.Sphere(radius), None
-        return coal.Cylinder(radius, required_number(form, "length", f"a shape of {name}")), None
-    raise ModelError(f"link {name!r} has a shape that is neither box, sphere, cylinder nor mesh")
+        case forms.Cylinder(radius, length):
+            return coal.Cylinder(radius, length), None
+        case forms.Capsule(radius, length):
+            return coal.Capsule(radius, length), None
+        case forms.MeshShape(uri, scale) if surfaces is not None:
+            surface = surfaces(uri).scaled(np.array(scale))
+            return (surface.hull, None) if surface.fills_hull else (surface.exact_shape(), surface)
+    raise ModelError(f"link {name!r} has a mesh that is not available")
 
 
 def _reach(tree: RobotModel, model: pin.Model, geometry: pin.GeometryModel, bodies: list[Body]) -> Array:

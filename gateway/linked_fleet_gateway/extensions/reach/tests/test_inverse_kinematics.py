@@ -248,12 +248,8 @@ def test_a_mimic_joint_follows_through_another() -> None:
     assert found.positions == pytest.approx({"shoulder": 1.0}, abs=1e-4)
 
 
-@pytest.mark.parametrize("joint, factor", [("elbow", 1e300), ("shoulder", 1)])
-def test_a_mimic_joint_that_cannot_follow_stays(joint: str, factor: float) -> None:
-    urdf = following(joint, factor, 0)
-    if joint == "shoulder":  # the two mimic each other
-        urdf = urdf.replace("<axis xyz='0 0 1'/></joint>", "<axis xyz='0 0 1'/><mimic joint='finger'/></joint>", 1)
-    assert arm((0, 0.7, 0), urdf=urdf, link="f", finger=0.7).positions == {}
+def test_a_mimic_joint_that_cannot_follow_stays() -> None:
+    assert arm((0, 0.7, 0), urdf=following("elbow", 1e300, 0), link="f", finger=0.7).positions == {}
 
 
 @pytest.mark.parametrize("joint", ["shoulder", "elbow"])

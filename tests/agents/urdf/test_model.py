@@ -6,7 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from linked_fleet_gateway.fleet.model import JointKind, Limits, Mimic, ModelError, RobotModel
+from linked_fleet_agent.urdf import RobotModel, UrdfError
+from linked_fleet_agent.urdf.joints import JointKind, Mimic
+from linked_fleet_agent.urdf.limits import Limits
 
 ROBOTS = Path(site.getsitepackages()[0]) / "cmeel.prefix/share/example-robot-data/robots"
 
@@ -119,24 +121,17 @@ def test_an_indefinite_inertia_is_described_and_no_error() -> None:
         (robot("<link name='c'/>" + PAIR + joint() + joint(name="k", ends="ba")), "cycle"),
         (robot(PAIR + joint() + joint(name="k")), "child of both 'j' and 'k'"),
         (robot(PAIR + joint() + joint()), "two joints are called 'j'"),
-        (robot(PAIR + joint(kind="hinge")), "type 'hinge'"),
         (robot(PAIR + "<joint name='j' type='fixed'><child link='b'/></joint>"), "lacks its parent"),
-        (robot(PAIR + joint("<axis xyz='0 0 0'/>")), "no direction"),
-        (robot(PAIR + joint("<axis xyz='1 0'/>")), "not three numbers"),
         (robot(PAIR + joint("<origin xyz='0 nan 0'/>")), "not a finite number"),
         (robot(PAIR + joint("<origin xyz='0 1e999 0'/>")), "not a finite number"),
-        (robot(PAIR + joint("<limit lower='1_0' upper='20'/>")), "not a finite number"),
-        (robot(PAIR + joint("<limit lower='2' upper='1'/>")), "above its upper limit"),
-        (robot(PAIR + joint("<mimic joint='x'/>")), "no other joint"),
-        (robot(PAIR + joint("<mimic joint='j'/>")), "no other joint"),
-        (robot("<link name='a'><inertial/></link>"), "mass of link 'a' lacks value"),
-        (robot("<link name='a'><inertial><mass value='-1'/></inertial></link>"), "below zero"),
-        (robot("<link name='a'><inertial><mass value='1'/></inertial></link>"), "inertia of link 'a' lacks ixx"),
         ("<robot name='\ud800'/>", "no text that XML allows"),
+        (f"<robot name='r'>{'<a>' * 5000}{'</a>' * 5000}</robot>", "nested deeper than 64"),
+        (f"<robot name='r'>{'<a/>' * 200_000}</robot>", "more than 200000 elements"),
+        (f"<robot name='r'>{' ' * 8_000_000}</robot>", "8000024 characters"),
     ],
 )
 def test_a_broken_urdf_is_refused_with_a_sentence(text: str, sentence: str) -> None:
-    with pytest.raises(ModelError, match=sentence):
+    with pytest.raises(UrdfError, match=sentence):
         RobotModel.parse(text)
 
 
@@ -145,5 +140,5 @@ def test_depth_and_number_of_links_are_bounded() -> None:
         f"<joint name='j{i}' type='fixed'><parent link='l{i}'/><child link='l{i + 1}'/></joint>" for i in range(2047)
     )
     assert len(RobotModel.parse(robot(deep)).links) == 2048
-    with pytest.raises(ModelError, match="more than 2048 links"):
+    with pytest.raises(UrdfError, match="more than 2048 links"):
         RobotModel.parse(robot("<link name='x'/>" + deep))
