@@ -16,7 +16,7 @@ from xml.etree.ElementTree import Element
 from linked_fleet_agent.urdf.document import UrdfError, parse
 from linked_fleet_agent.urdf.geometry import Colour, Shape, colours_of, shapes_of
 from linked_fleet_agent.urdf.inertials import Inertial, inertial_of
-from linked_fleet_agent.urdf.joints import Joint, joints_by_name, refusals
+from linked_fleet_agent.urdf.joints import Joint, Mimic, joints_by_name, refusals
 from linked_fleet_agent.urdf.values import About, Finding, Findings, name_of
 
 MAX_LINKS: Final = 2048
@@ -52,6 +52,16 @@ class RobotModel:
     def unknown_positions(self) -> Mapping[str, float]:
         """NaN for each joint with one degree of freedom, by name."""
         return {joint.name: math.nan for joint in self.joints.values() if joint.movable}
+
+    @cached_property
+    def mimics(self) -> tuple[tuple[str, Mimic], ...]:
+        """The joints that mimic another one, each after the joint that it mimics."""
+        found: dict[str, Mimic] = {}
+        waiting = {joint.name: joint.mimic for joint in self.joints.values() if joint.mimic is not None}
+        while ready := {name: mimic for name, mimic in waiting.items() if mimic.joint not in waiting}:
+            found |= ready
+            waiting = {name: mimic for name, mimic in waiting.items() if name not in ready}
+        return tuple(found.items())
 
     def findings_about(self, about: About, name: str) -> list[str]:
         """Return the sentences about one joint or link."""

@@ -9,7 +9,7 @@ import struct
 from collections.abc import Mapping, Sequence
 from decimal import Decimal
 from functools import lru_cache
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 from linked_fleet_agent.wire.codec import layout
 from linked_fleet_gateway.fleet.model import JointKind, RobotModel
@@ -68,16 +68,19 @@ def _offset(floating: bool) -> int:
 MAX_HELD = 16_384  # several times the number of values of the largest robot
 
 
+Mark = Literal["", "outside", "derived"]
+
+
 class Observation(NamedTuple):
     """Rounded values, and the wall time (ns, agent) and sequence of the frame in which they last changed.
 
-    ``outside`` says that the value is a position outside the limits of its joint.
+    ``mark`` says that the value is a position outside the limits of its joint, or derived from another joint.
     """
 
     values: tuple[float, ...]
     wall_ns: int | None
     sequence: int | None = None
-    outside: bool = False
+    mark: Mark = ""
 
 
 class Observations:
@@ -94,14 +97,16 @@ class Observations:
         wall_ns: int | None,
         sequence: int | None = None,
         bounds: Bounds | None = None,
+        derived: bool = False,
     ) -> Observation:
         held = self._held.get(key)
-        if held is not None and not differ(held.values, values, resolution):
+        if held is not None and not differ(held.values, values, resolution) and (held.mark == "derived") == derived:
             return held
         if held is None and len(self._held) >= MAX_HELD:
             del self._held[next(iter(self._held))]
         outside = bounds is not None and is_outside(values[0], bounds)
-        fresh = Observation(tuple([rounded(value, resolution) for value in values]), wall_ns, sequence, outside)
+        mark: Mark = "derived" if derived else "outside" if outside else ""
+        fresh = Observation(tuple([rounded(value, resolution) for value in values]), wall_ns, sequence, mark)
         self._held[key] = fresh
         return fresh
 

@@ -1,7 +1,7 @@
 """One robot as the gateway knows it: presence, description and latest frame."""
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping, Set
 from dataclasses import dataclass
 from typing import Literal
 
@@ -30,6 +30,7 @@ class _Present:
     decoded: bool = False
     state: State | None = None
     positions: Mapping[str, float] | None = None
+    derived: Set[str] = frozenset()
     poses: LinkPoses | None = None
 
 
@@ -154,8 +155,16 @@ class Robot:
             frame, found = self.frame, {} if self.model is None else dict(self.model.unknown_positions)
             if frame is not None:
                 found.update(zip(self._index, frame.positions, strict=True))
-            present.positions = found
+            present.positions, present.derived = found, frozenset(self._derive(found))
         return present.positions
+
+    def _derive(self, positions: dict[str, float]) -> Iterator[str]:
+        """Add the positions of joints that mimic others and are not measured themselves. Yield their names."""
+        for name, mimic in () if self.model is None else self.model.mimics:
+            leader = positions.get(mimic.joint, math.nan)
+            if math.isnan(positions.get(name, math.nan)) and math.isfinite(leader):
+                positions[name] = mimic.multiplier * leader + mimic.offset
+                yield name
 
     def link_pose(self, link: str) -> Pose | None:
         """Return the pose in the world frame (fixed base: the frame of the root link); None if unknown."""
@@ -177,11 +186,16 @@ class Robot:
         return self._observations.observe(key, values, resolution, present.wall_ns, present.sequence)
 
     def observe_joint(self, joint: str, row: Row, resolution: float) -> Observation:
-        """Return a measured value of a joint; a position is marked if it is outside its limits."""
+        """Return a measured value of a joint; a position is marked if it is outside its limits, or derived."""
         frame, index, present = self.frame, self._index.get(joint), self._present
         value = math.nan if frame is None or index is None else getattr(frame, row)[index]
+        if value != value and row == "positions":
+            value = self.positions.get(joint, math.nan)
         bounds, key = self._bounds.get(joint) if row == "positions" else None, f"{joint}/{row}"
-        return self._observations.observe(key, (value,), resolution, present.wall_ns, present.sequence, bounds)
+        return self._observations.observe(
+            key, (value,), resolution, present.wall_ns, present.sequence, bounds,
+            row == "positions" and joint in present.derived,
+        )  # fmt: skip
 
     def joints_outside_limits(self) -> list[tuple[str, float]]:
         """Return the joints whose positions in the present frame are outside their limits."""

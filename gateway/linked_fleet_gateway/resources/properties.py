@@ -8,7 +8,7 @@ from pyoxigraph import Literal, NamedNode
 
 from linked_fleet_agent.wire.messages import Base
 from linked_fleet_gateway.fleet.model import Joint, Link, Pose
-from linked_fleet_gateway.fleet.observation import Observation
+from linked_fleet_gateway.fleet.observation import Mark, Observation
 from linked_fleet_gateway.fleet.robot import Robot, Row
 from linked_fleet_gateway.rdf.graph import (
     KILOGRAM,
@@ -34,7 +34,7 @@ from linked_fleet_gateway.resources.joint_kinds import (
     VELOCITY_RESOLUTION,
     kind_of,
 )
-from linked_fleet_gateway.resources.paths import joint_path
+from linked_fleet_gateway.resources.paths import joint_path, robot_path
 from linked_fleet_gateway.resources.property import ROBOT_PROPERTIES, Measurement, Property, Sampler
 from linked_fleet_gateway.resources.settable import (
     ABSOLUTE,
@@ -77,9 +77,16 @@ def _measured(segment: str, predicate: NamedNode, joint: Joint, sampler: Sampler
     return Property(segment, predicate, (LF.ScalarProperty,), shape, title, describe, sampler)
 
 
-def _mark(graph: Graph, node: Node, outside: bool) -> None:
-    if outside:
+def _mark(graph: Graph, node: Node, mark: Mark, base: str, robot: Robot, joint: Joint) -> None:
+    """Say that a position is outside its limits, or derived from the joint that this one mimics."""
+    if mark == "outside":
         graph.add(node, LF.outOfLimits, Literal("true", datatype=XSD.boolean))
+    elif mark == "derived" and joint.mimic is not None:
+        graph.add(node, LF.derivedFrom, NamedNode(base + joint_path(robot.name, joint.mimic.joint)))
+
+
+def _base_of(iri: NamedNode, robot: Robot, joint: Joint, segment: str) -> str:
+    return iri.value[: -len(f"{joint_path(robot.name, joint.name)}/{segment}")]
 
 
 _Makers = dict[str, Callable[[], Property]]
@@ -195,7 +202,7 @@ def robot_properties(robot: Robot, iri_of: Callable[[str], NamedNode]) -> list[P
 def _rotation(robot: Robot, joint: Joint) -> Property:
     def describe(graph: Graph, iri: NamedNode, seen: Measurement) -> None:
         graph.scalar(iri, SPATIAL.rotationAngle, seen.values[0], RADIAN)
-        _mark(graph, iri, any(seen.outside_limits))
+        _mark(graph, iri, next(iter(seen.marks), ""), _base_of(iri, robot, joint, "rotation"), robot, joint)
         graph.vector(iri, SPATIAL.rotationAxis, joint.axis, None)
         graph.result_time(iri, seen.wall_ns)
 
@@ -207,7 +214,7 @@ def _rotation(robot: Robot, joint: Joint) -> Property:
 def _translation(robot: Robot, joint: Joint) -> Property:
     def describe(graph: Graph, iri: NamedNode, seen: Measurement) -> None:
         graph.scalar(iri, LF.displacement, seen.values[0], METRE)
-        _mark(graph, iri, any(seen.outside_limits))
+        _mark(graph, iri, next(iter(seen.marks), ""), _base_of(iri, robot, joint, "translation"), robot, joint)
         graph.vector(iri, LF.translationAxis, joint.axis, None)
         graph.result_time(iri, seen.wall_ns)
 
@@ -249,7 +256,7 @@ def _mimic(robot: Robot, joint: Joint) -> Property:
     dimension = kind_of(joint).dimension
 
     def describe(graph: Graph, iri: NamedNode, _: Measurement) -> None:
-        base = iri.value[: -len(f"{joint_path(robot.name, joint.name)}/mimic")]
+        base = _base_of(iri, robot, joint, "mimic")
         graph.add(iri, LF.mimicsJoint, NamedNode(base + joint_path(robot.name, mimic.joint)))
         graph.scalar(iri, LF.multiplier, mimic.multiplier, UNITLESS)
         graph.scalar(iri, LF.offset, mimic.offset, dimension.position if dimension else UNITLESS)
@@ -317,15 +324,17 @@ def _joint_state(
     graph: Graph, iri: NamedNode, robot: Robot, iri_of: Callable[[str], NamedNode], seen: Measurement
 ) -> None:
     """Describe the values of every joint that frames contain, and the layout of the binary frame (D5)."""
-    outside = seen.outside_limits[::3] or (False,) * (len(seen.values) // 3)
-    rows = zip(seen.values[::3], seen.values[1::3], seen.values[2::3], outside, strict=True)
-    for joint, (position, velocity, effort, marked) in zip(_movable(robot), rows, strict=True):
+    unmarked: Mark = ""
+    marks = seen.marks[::3] or (unmarked,) * (len(seen.values) // 3)
+    rows = zip(seen.values[::3], seen.values[1::3], seen.values[2::3], marks, strict=True)
+    base = iri.value[: -len(f"{robot_path(robot.name)}jointState")]
+    for joint, (position, velocity, effort, mark) in zip(_movable(robot), rows, strict=True):
         dimension = kind_of(joint).dimension
         assert dimension is not None
         sample = graph.blank(LF.JointSample)
         graph.add(iri, LF.sample, sample)
         graph.add(sample, LF.ofJoint, iri_of(joint_path(robot.name, joint.name)))
-        _mark(graph, sample, marked)
+        _mark(graph, sample, mark, base, robot, joint)
         for predicate, value, unit_term, unit in (
             (LF.position, position, LF.positionUnit, dimension.position),
             (LF.velocity, velocity, LF.velocityUnit, dimension.velocity),

@@ -9,7 +9,7 @@ from pyoxigraph import NamedNode
 
 from linked_fleet_gateway.base.lazy_imports import LazyObjects
 from linked_fleet_gateway.fleet.model import Link
-from linked_fleet_gateway.fleet.observation import Observation
+from linked_fleet_gateway.fleet.observation import Mark, Observation
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.rdf.graph import Graph
 from linked_fleet_gateway.resources.action_offer import Offer
@@ -21,16 +21,16 @@ class Measurement(NamedTuple):
 
     values: tuple[float, ...] = ()
     wall_ns: int | None = None
-    outside_limits: tuple[bool, ...] = ()
-    """For each observation, True if it is a position outside its limits."""
+    marks: tuple[Mark, ...] = ()
+    """The mark of each observation."""
 
     @classmethod
     def from_observations(cls, observations: Sequence[Observation]) -> Self:
         if len(observations) == 1:
-            return cls(observations[0].values, observations[0].wall_ns, (observations[0].outside,))
+            return cls(observations[0].values, observations[0].wall_ns, (observations[0].mark,))
         stamps = [each.wall_ns for each in observations if each.wall_ns is not None]
         values = tuple(chain.from_iterable(each.values for each in observations))
-        return cls(values, max(stamps, default=None), tuple([each.outside for each in observations]))
+        return cls(values, max(stamps, default=None), tuple([each.mark for each in observations]))
 
 
 Describe = Callable[[Graph, NamedNode, Measurement], None]

@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 from pyoxigraph import NamedNode
 
-from linked_fleet_gateway.fleet.observation import Observation
+from linked_fleet_gateway.fleet.observation import Mark, Observation
 from linked_fleet_gateway.rdf.graph import Graph, lexical, timestamp
 from linked_fleet_gateway.rdf.serialise import RDF_TYPES, TEXT_TYPES, WriteError
 from linked_fleet_gateway.rdf.templates import Template, render_graph
@@ -39,13 +39,13 @@ class Versions(NamedTuple):
 
 
 class _Form(NamedTuple):
-    """The state that determines the constant text: unknown values, values outside limits, and optional statements.
+    """The state that determines the constant text: unknown values, marks of values, and optional statements.
 
     Each field has one tuple for each of ``Resource.samplers`` and ``Resource.silent_samplers``.
     """
 
     unknown: tuple[tuple[bool, ...], ...]
-    outside: tuple[tuple[bool, ...], ...]
+    marks: tuple[tuple[Mark, ...], ...]
     timed: tuple[bool, ...]
     versions: int
 
@@ -91,7 +91,7 @@ class Rendering:
         said = 0 if versions is None else 1 if versions.previous is None else 2
         form = _Form(
             tuple([tuple([value != value for value in seen.values]) for seen in measurements]),
-            tuple([seen.outside_limits for seen in measurements]),
+            tuple([seen.marks for seen in measurements]),
             tuple([seen.wall_ns is not None for seen in measurements]),
             said,
         )
@@ -106,9 +106,9 @@ class Rendering:
     def _compile(self, form: _Form) -> Template:
         markers = _Markers(sum(map(len, form.unknown)), len(form.timed))
         measurements, first = list[Measurement](), 0
-        for look, (of_look, outside, timed) in enumerate(zip(form.unknown, form.outside, form.timed, strict=True)):
+        for look, (of_look, marks, timed) in enumerate(zip(form.unknown, form.marks, form.timed, strict=True)):
             values = [math.nan if unknown else markers.value(index) for index, unknown in enumerate(of_look, first)]
-            measurements.append(Measurement(tuple(values), markers.time_ns(look) if timed else None, outside))
+            measurements.append(Measurement(tuple(values), markers.time_ns(look) if timed else None, marks))
             first += len(of_look)
         graph = Graph()
         assert self._resource.describe_measured is not None

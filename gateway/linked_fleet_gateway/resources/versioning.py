@@ -30,7 +30,7 @@ class Reading(Struct):
         for ours, theirs in zip(self.observations, other.observations, strict=True):
             if ours is theirs:
                 continue
-            if ours.outside != theirs.outside or differ(ours.values, theirs.values, deadband):
+            if ours.mark != theirs.mark or differ(ours.values, theirs.values, deadband):
                 return False
         return True
 
