@@ -323,8 +323,12 @@ def _orders() -> list[tuple[str, ...]]:
     return found
 
 
+def _is_in_pause(order: tuple[str, ...]) -> bool:
+    return "pause+" in order and order.index("pause+") < order.index("stop") < order.index("pause-")
+
+
 _ORDERS = _orders()
-_OFTEN = Random(37).sample(_ORDERS, 24)
+_OFTEN = {*Random(37).sample(_ORDERS, 12), *Random(37).sample([each for each in _ORDERS if _is_in_pause(each)], 12)}
 
 
 @pytest.mark.parametrize(
