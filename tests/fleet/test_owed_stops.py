@@ -30,6 +30,7 @@ from commanding import (
     slowly,
 )
 from gateway_group import gateways, hub
+from mcp_client import mcp_session, text_of
 from parallel import pool
 from redis_servers import Servers
 from running import Process, eventually, process
@@ -205,6 +206,17 @@ def test_stop_all_tells_who_has_not_answered(tmp_path: Path) -> None:
             gateway.said("ur5 has confirmed the repeated stop")
 
 
+def test_the_stop_tool_names_who_has_not_answered(tmp_path: Path) -> None:
+    place = Place(tmp_path)
+    with place.gateway() as (_, browser), place.ur5() as agent, mcp_session(place.root) as assistant:
+        live(browser, "ur5")
+        agent.send(signal.SIGSTOP)
+        result = assistant.call("stop", target="/")
+        assert (result["isError"], result["structuredContent"]["unanswered"]) == (True, ["ur5"])
+        assert "The agent of ur5 has not confirmed the stop. It is sent again" in text_of(result)
+        agent.send(signal.SIGCONT)
+
+
 def test_another_gateway_sends_the_stop_of_one_that_died(memory: Servers) -> None:
     with hub() as stage, arm(stage.endpoint) as agent, gateways(stage, memory.url) as two:
         all_see(two)
@@ -323,8 +335,12 @@ def _orders() -> list[tuple[str, ...]]:
     return found
 
 
+def _is_in_pause(order: tuple[str, ...]) -> bool:
+    return "pause+" in order and order.index("pause+") < order.index("stop") < order.index("pause-")
+
+
 _ORDERS = _orders()
-_OFTEN = Random(37).sample(_ORDERS, 24)
+_OFTEN = {*Random(37).sample(_ORDERS, 12), *Random(37).sample([each for each in _ORDERS if _is_in_pause(each)], 12)}
 
 
 @pytest.mark.parametrize(

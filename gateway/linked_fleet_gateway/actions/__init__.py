@@ -3,6 +3,6 @@
 ``admission``: the guard of a body, which is the shape that the action's description links. ``action_handlers``: from an
 admitted body to a ``plan``, in which nothing has happened yet. ``service``, ``lifecycle``: plan → invocation in Redis →
 command → word of the agent → progress → end; guards of motions come before. ``replicated_invocations``: this gateway's
-copy of invocations, leases and settings. ``refusals``: bounds, and how refusals are answered. ``store``,
-``redis_scripts``: Redis.
+copy of invocations, leases and settings. ``stop_delivery``: stops, until agents confirm them. ``refusals``: bounds, and
+how refusals are answered. ``store``, ``owed_stop_table``, ``redis_scripts``: Redis.
 """

@@ -178,6 +178,11 @@ class MetricsCollector(Collector):
             "command_acceptance_seconds", "From a request to the acceptance by the agent.",
             self.actions.lifecycle.command_metrics.acceptance_latency,
         )  # fmt: skip
+        yield gauge(
+            "robots_owed_a_stop",
+            "Robots whose agents have not confirmed a stop.",
+            self.actions.lifecycle.stops.robot_count,
+        )
         yield gauge("invocations_open", "Invocations known here that have not ended.", self.live.invocations.open_count)
 
 

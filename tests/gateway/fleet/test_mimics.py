@@ -88,7 +88,7 @@ def test_the_mark_goes_when_the_joint_is_measured() -> None:
     hand.stand(0.0, NAN, 0.1)
     assert hand.sources("/h/r/translation") == ["/h/l"]
     told = json.loads(hand.resource("/h/r/translation").documents["application/json"]())
-    assert (told["derivedFrom"], told["value"]) == ("/h/l", -0.09)
+    assert (told["derivedFrom"], told["value"]) == (f"{BASE}/h/l", -0.09)
     hand.stand(0.0, -0.09, 0.1)
     assert hand.sources("/h/r/translation") == []
     hand.stand(0.0, NAN, 0.1)
