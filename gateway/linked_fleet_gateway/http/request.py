@@ -16,6 +16,7 @@ from starlette.websockets import WebSocket as StarletteWebSocket
 from linked_fleet_gateway.actions.service import Actions
 from linked_fleet_gateway.http.answers import Reply, ResponseCache
 from linked_fleet_gateway.http.arrival import Scheme, arrival_of
+from linked_fleet_gateway.http.awaited_robots import AwaitedRobots
 from linked_fleet_gateway.http.fields import field as field_of
 from linked_fleet_gateway.http.html import HtmlWriter, Reader
 from linked_fleet_gateway.http.representation import Representations
@@ -60,6 +61,8 @@ class Services:
     stop_priority: StopPriority = field(default_factory=StopPriority)
     rates: TokenBuckets = field(default_factory=lambda: TokenBuckets(0.0))
     """Rate limits by client."""
+    awaited_robots: AwaitedRobots = field(default_factory=AwaitedRobots)
+    """Robots that may still come, and the streams that wait for them."""
     response_cache: ResponseCache = field(default_factory=ResponseCache)
     representations: Representations = field(default_factory=Representations)
     registry: CollectorRegistry = field(default_factory=CollectorRegistry)
