@@ -304,7 +304,7 @@ def _read_by(request: Request, found: Resource) -> Resource:
         rights=reader.rights,
         may_read_audit=reader.may_read_audit,
         links_subscriptions=request.caller.has_any_right(SUBSCRIPTIONS_RIGHTS, robot_of(found.path)),
-        warning=store_warning(request.services.embedded),
+        warning=store_warning(request.services),
     )
     return add_audit_link(request, found)
 

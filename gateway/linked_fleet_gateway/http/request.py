@@ -28,6 +28,7 @@ from linked_fleet_gateway.resources.things import NO_SUBSCRIPTIONS, Subscription
 from linked_fleet_gateway.resources.tree import Tree
 from linked_fleet_gateway.runtime.audit_log import AuditLog
 from linked_fleet_gateway.runtime.embedded_redis import EmbeddedRedis
+from linked_fleet_gateway.runtime.store_marker import StoreMarker
 from linked_fleet_gateway.subscriptions.live import Live
 from linked_fleet_gateway.subscriptions.service import Subscriptions
 
@@ -55,6 +56,8 @@ class Services:
     audit: AuditLog
     identities: Identities | None
     embedded: EmbeddedRedis | None
+    store_marker: StoreMarker | None = None
+    """Notices lost data of an external Redis."""
     offload: Offload = field(default_factory=Offload)
     writing_offload: Offload = field(default_factory=partial(Offload, sys.maxsize))
     """Writes long representations; the number of connections is their only limit."""
