@@ -59,12 +59,20 @@ class Issuer:
         self.silent = False
         self._server.release()
 
-    def token(self, key: Key | None = None, algorithm: str | None = None, secret: Any = None, **claims: Any) -> str:
+    def token(
+        self,
+        key: Key | None = None,
+        algorithm: str | None = None,
+        secret: Any = None,
+        *,
+        typ: str | None = "JWT",
+        **claims: Any,
+    ) -> str:
         """Return a token of this issuer; ``claims`` replace its usual claims, None removes one."""
         key, now_s = key or self.keys[0], int(time.time())
         said = {"iss": self.url, "aud": AUDIENCE, "sub": self.subject, "iat": now_s, "exp": now_s + 300}
         said = {name: value for name, value in (said | self.claims | claims).items() if value is not None}
-        return jwt.encode(said, secret or key.private, algorithm or key.algorithm, headers={"kid": key.kid})
+        return jwt.encode(said, secret or key.private, algorithm or key.algorithm, headers={"kid": key.kid, "typ": typ})
 
     # -- what it is asked ---------------------------------------------------------------------------------------------
 

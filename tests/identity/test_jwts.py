@@ -81,11 +81,28 @@ def test_invalid_tokens_are_refused(issuer: Issuer) -> None:
         "without audience": issuer.token(aud=None),
         "unknown key": issuer.token(Key("second")),
         "no algorithm": jwt.encode({"sub": "ada", "iss": issuer.url, "aud": AUDIENCE, "exp": now_s + 9}, "", "none"),
+        "end as a string": issuer.token(exp=str(now_s + 60)),
+        "start as a string": issuer.token(nbf=str(now_s - 60)),
+        "time of issue as a string": issuer.token(iat=str(now_s - 60)),
+        "a security event": issuer.token(events={"http://schemas.openid.net/event/backchannel-logout": {}}),
         "no token": "a.b.c",
         "nothing": "",
     }
     for what, said in zip(refused, claims_of(issuer, *refused.values()), strict=True):
         assert isinstance(said, str), what
+
+
+@pytest.mark.parametrize(
+    ("typ", "believed"),
+    [
+        (None, True), ("JWT", True), ("jwt", True), ("at+jwt", True), ("application/at+JWT", True),
+        ("logout+jwt", False), ("dpop+jwt", False), ("secevent+jwt", False), ("application/logout+jwt", False),
+    ],
+)  # fmt: skip
+def test_a_token_of_another_type_is_no_credential(issuer: Issuer, typ: str | None, believed: bool) -> None:
+    """RFC 8725, 3.11."""
+    (said,) = claims_of(issuer, issuer.token(typ=typ))
+    assert isinstance(said, dict) is believed
 
 
 def test_clocks_may_differ_by_half_a_minute(issuer: Issuer) -> None:

@@ -39,6 +39,7 @@ from linked_fleet_gateway.resources.shape_parameters import COMPLETIONS
 from linked_fleet_gateway.runtime.audit_log import AuditLog
 from linked_fleet_gateway.runtime.embedded_redis import EmbeddedRedis
 from linked_fleet_gateway.runtime.metrics import RequestMetrics
+from linked_fleet_gateway.runtime.store_marker import StoreMarker
 from linked_fleet_gateway.runtime.tracing import Tracing
 from linked_fleet_gateway.shacl import Compiler, Unsupported
 from linked_fleet_gateway.subscriptions.live import Live
@@ -135,6 +136,9 @@ def create_app(settings: GatewaySettings, tracing: Tracing | None = None, open_s
             mounts = await mount_extensions(extensions, core, stack)
             await live.admit_robots()
             store = await stack.enter_async_context(SubscriptionStore(url, settings.namespace, run))
+            marker = None
+            if embedded is None:
+                marker = await stack.enter_async_context(StoreMarker(url, settings.namespace))
             network = stack.enter_context(closing(Network(settings.callback_allow, ports=settings.callback_ports)))
             subscriptions = Subscriptions(
                 store, run, live.fan_out, network,
@@ -147,7 +151,7 @@ def create_app(settings: GatewaySettings, tracing: Tracing | None = None, open_s
                 live, subscriptions, actions, requests, sampler, embedded, [each.metrics for each in mounts]
             )
             app.services = Services(
-                live, actions, subscriptions, audit, identities, embedded,
+                live, actions, subscriptions, audit, identities, embedded, marker,
                 stop_priority=StopPriority(carriers), rates=rates,
                 representations=create_representations(mounts), registry=create_registry(numbers),
                 schemes=[each.scheme for each in mounts if each.scheme is not None],

@@ -23,6 +23,7 @@ from linked_fleet_gateway.base.errors import (
 )
 from linked_fleet_gateway.http.answers import Reply
 from linked_fleet_gateway.http.audit import add_audit_link, audit_resource, is_audit_path, record_request
+from linked_fleet_gateway.http.awaiting_stream import AwaitingStream, awaits_robot
 from linked_fleet_gateway.http.callers import SUBSCRIPTIONS_RIGHTS, require_right, visible_subscriptions
 from linked_fleet_gateway.http.demands import check_demands, refuse_demands
 from linked_fleet_gateway.http.extension import Mount, Reader, Writer
@@ -142,6 +143,8 @@ class Endpoint:
     async def _answered(self, request: Request) -> ASGIApp:
         try:
             return await self._answer(request)
+        except NotFound as error:
+            return AwaitingStream(request, self._answer) if awaits_robot(request) else problem_response(request, error)
         except ClientDisconnect:
             raise
         except FleetError as error:
@@ -301,7 +304,7 @@ def _read_by(request: Request, found: Resource) -> Resource:
         rights=reader.rights,
         may_read_audit=reader.may_read_audit,
         links_subscriptions=request.caller.has_any_right(SUBSCRIPTIONS_RIGHTS, robot_of(found.path)),
-        warning=store_warning(request.services.embedded),
+        warning=store_warning(request.services),
     )
     return add_audit_link(request, found)
 

@@ -20,17 +20,22 @@ _LINE_ENDS = re.compile(rb"\r\n|\n|\r")
 # Only the line of a comment: the blank line of a block would set the client's last event id to the last one of this
 # connection, which is empty if the client has resumed with the present version (9.2.6).
 _HEARTBEAT, _HEARTBEAT_CHUNK = b":\n", b"2\r\n:\n\r\n"
-_OPENING = b": linked fleet\nretry: 2000\n"
+OPENING = b": linked fleet\nretry: 2000\n"
 _RETURN = b"retry: %d\n"
 _RETURN_MS = (100, 1000)  # spreads the return of clients when a gateway ends
 _FINAL = b"id: " + CANCELLED_ID.encode() + b"\n\n"  # without data it sets the id but dispatches no event
 CACHE_CONTROL = b"no-store, no-transform"
 """A proxy that compressed the stream would hold the events back (RFC 9111, 5.2.2.6)."""
-_HEADERS = [
+STREAM_FIELDS = [
     (b"content-type", b"text/event-stream"),
     (b"cache-control", CACHE_CONTROL),
     (b"x-accel-buffering", b"no"),  # nginx would buffer the events
 ]
+
+
+def comment(text: str = "") -> bytes:
+    """Return a comment of one line, which clients ignore."""
+    return b": %b\n" % text.encode() if text else _HEARTBEAT
 
 
 def event_bytes(message: Message) -> bytes:
@@ -106,8 +111,8 @@ async def serve_event_stream(
         outlet.end(Ending.SHUTDOWN)
     listener = asyncio.create_task(_listen(receive, outlet))
     try:
-        await send({"type": "http.response.start", "status": 200, "headers": [*_HEADERS, *headers]})
-        await send({"type": "http.response.body", "body": _OPENING, "more_body": True})
+        await send({"type": "http.response.start", "status": 200, "headers": [*STREAM_FIELDS, *headers]})
+        await send({"type": "http.response.body", "body": OPENING, "more_body": True})
         feed = await start(outlet)
         _follow(http, outlet, feed, heartbeat_s)
         await outlet.ended.wait()

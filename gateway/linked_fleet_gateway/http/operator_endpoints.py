@@ -15,10 +15,9 @@ from starlette.responses import JSONResponse, Response
 from linked_fleet_gateway.base.errors import FleetError, InsufficientScope
 from linked_fleet_gateway.http.callers import identify_bearer
 from linked_fleet_gateway.http.problem import problem
-from linked_fleet_gateway.http.request import Gateway, gateway_of, html_of
+from linked_fleet_gateway.http.request import Gateway, Services, gateway_of, html_of
 from linked_fleet_gateway.identity.rights import Right
 from linked_fleet_gateway.runtime.damaged_data import damage_warning
-from linked_fleet_gateway.runtime.embedded_redis import EmbeddedRedis
 
 
 async def live(request: Request) -> Response:
@@ -29,12 +28,12 @@ async def live(request: Request) -> Response:
 async def ready(request: Request) -> Response:
     """Return 200, or 503 with what is missing: Zenoh, Redis, the checks of motions, or because it is shutting down.
 
-    Two states are only warnings, because the gateway serves everything including ``stop``: damaged data of the embedded
-    server, and shapes being prepared for a robot that joins a gateway that was ready before.
+    Two states are only warnings, because the gateway serves everything including ``stop``: damaged or lost data of
+    Redis, and shapes being prepared for a robot that joins a gateway that was ready before.
     """
     gateway = gateway_of(request.scope)
     missing = list(_missing(gateway))
-    warnings = [warning for warning in (store_warning(gateway.services.embedded),) if warning]
+    warnings = [warning for warning in (store_warning(gateway.services),) if warning]
     if not missing:
         (warnings if gateway.has_been_ready else missing).extend(gateway.services.not_ready_reasons())
     more = {"warnings": warnings} if warnings else {}
@@ -44,9 +43,11 @@ async def ready(request: Request) -> Response:
     return JSONResponse({"status": "ready", **more})
 
 
-def store_warning(embedded: EmbeddedRedis | None) -> str:
-    """Return a sentence about data that the embedded server could not load; empty if there is none."""
-    return "" if embedded is None else damage_warning(embedded.damaged_copies)
+def store_warning(services: Services) -> str:
+    """Return a sentence about data that the embedded server could not load or an external one has lost, or empty."""
+    if services.store_marker is not None:
+        return services.store_marker.loss
+    return "" if services.embedded is None else damage_warning(services.embedded.damaged_copies)
 
 
 def _missing(gateway: Gateway) -> Iterator[str]:

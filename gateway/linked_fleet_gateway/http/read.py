@@ -191,7 +191,10 @@ def _fields(request: Request, resource: Resource, media_type: str) -> tuple[dict
         )
     elif media_type.endswith("xml"):
         headers["content-security-policy"] = _NOTHING
-    return headers, {"content-type": content_type(media_type)} | method_headers(resource, allowed_methods(resource))
+    of_content = {"content-type": content_type(media_type)}
+    if (name := resource.file_names.get(media_type)) is not None:
+        of_content["content-disposition"] = f'attachment; filename="{name}"'
+    return headers, of_content | method_headers(resource, allowed_methods(resource))
 
 
 class _Ready(Response):

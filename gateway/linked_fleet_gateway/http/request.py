@@ -16,6 +16,7 @@ from starlette.websockets import WebSocket as StarletteWebSocket
 from linked_fleet_gateway.actions.service import Actions
 from linked_fleet_gateway.http.answers import Reply, ResponseCache
 from linked_fleet_gateway.http.arrival import Scheme, arrival_of
+from linked_fleet_gateway.http.awaited_robots import AwaitedRobots
 from linked_fleet_gateway.http.fields import field as field_of
 from linked_fleet_gateway.http.html import HtmlWriter, Reader
 from linked_fleet_gateway.http.representation import Representations
@@ -27,6 +28,7 @@ from linked_fleet_gateway.resources.things import NO_SUBSCRIPTIONS, Subscription
 from linked_fleet_gateway.resources.tree import Tree
 from linked_fleet_gateway.runtime.audit_log import AuditLog
 from linked_fleet_gateway.runtime.embedded_redis import EmbeddedRedis
+from linked_fleet_gateway.runtime.store_marker import StoreMarker
 from linked_fleet_gateway.subscriptions.live import Live
 from linked_fleet_gateway.subscriptions.service import Subscriptions
 
@@ -54,12 +56,16 @@ class Services:
     audit: AuditLog
     identities: Identities | None
     embedded: EmbeddedRedis | None
+    store_marker: StoreMarker | None = None
+    """Notices lost data of an external Redis."""
     offload: Offload = field(default_factory=Offload)
     writing_offload: Offload = field(default_factory=partial(Offload, sys.maxsize))
     """Writes long representations; the number of connections is their only limit."""
     stop_priority: StopPriority = field(default_factory=StopPriority)
     rates: TokenBuckets = field(default_factory=lambda: TokenBuckets(0.0))
     """Rate limits by client."""
+    awaited_robots: AwaitedRobots = field(default_factory=AwaitedRobots)
+    """Robots that may still come, and the streams that wait for them."""
     response_cache: ResponseCache = field(default_factory=ResponseCache)
     representations: Representations = field(default_factory=Representations)
     registry: CollectorRegistry = field(default_factory=CollectorRegistry)

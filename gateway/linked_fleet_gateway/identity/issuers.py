@@ -185,6 +185,8 @@ def _algorithm(key: dict[str, Any]) -> str | None:
 
 LEEWAY_S = 30
 MOST_CHARACTERS = 16_384
+_TYPES = ("jwt", "at+jwt")
+"""Kinds of tokens of identities and of access (RFC 7519, 5.1; RFC 9068, 2.1)."""
 
 
 class BadToken(Exception):  # noqa: N818 -- named like the other outcomes
@@ -212,6 +214,7 @@ async def verify_token(text: str, issuer: Issuer, keys: IssuerKeys, audience: st
         header = jwt.get_unverified_header(text)
     except (jwt.PyJWTError, ValueError, RecursionError) as error:
         raise BadToken("it is no JSON Web Token") from error
+    _check_type(header.get("typ"))
     kid = header.get("kid")
     found = await keys.find(kid) if isinstance(kid, str) else None
     if found is None:
@@ -235,7 +238,23 @@ async def verify_token(text: str, issuer: Issuer, keys: IssuerKeys, audience: st
         raise BadToken("it is for another audience") from error
     except (jwt.PyJWTError, ValueError, TypeError, OverflowError, RecursionError) as error:
         raise BadToken("it is not signed by its issuer, or does not say what it must") from error
+    _check_claims(said)
     return said
+
+
+def _check_type(kind: object) -> None:
+    """Raise BadToken for a token of another kind, such as one that ends sessions (RFC 8725, 3.11)."""
+    if kind is not None and str(kind).lower().removeprefix("application/") not in _TYPES:
+        raise BadToken(f"its typ is {str(kind)[:40]!r}, not JWT or at+jwt")
+
+
+def _check_claims(said: dict[str, Any]) -> None:
+    """Raise BadToken for a time that is no number (RFC 7519, 2), and for a security event (RFC 8417, 2.2)."""
+    for name in ("exp", "nbf", "iat"):
+        if name in said and (isinstance(said[name], bool) or not isinstance(said[name], int | float)):
+            raise BadToken(f"its {name} is no number")
+    if "events" in said:
+        raise BadToken("it is a security event")
 
 
 def expiry_ns(said: dict[str, Any]) -> int:

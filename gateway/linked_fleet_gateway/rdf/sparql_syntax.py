@@ -11,6 +11,7 @@ from typing import NamedTuple
 from urllib.parse import urljoin
 
 from linked_fleet_gateway.base.errors import BadRequest, PayloadTooLarge
+from linked_fleet_gateway.rdf.vocabulary import PREFIXES
 
 MAX_QUERY_BYTES = 32 * 1024
 MAX_DEPTH = 64
@@ -87,6 +88,7 @@ def parse_query(text: str, base: str) -> Query:
     for each in tokens:
         if each.word == "SERVICE":
             raise syntax_error("SERVICE is not evaluated: the fleet asks nobody else. Ask both, and join.", text, each)
+    _check_prefixes(text, tokens, base)
     names = (re.split(r"[:/#]", each.text.strip("<>"))[-1] for each in tokens if each.kind in ("iri", "name"))
     return Query(text, first, _dataset(text, tokens, base), frozenset(names))
 
@@ -193,6 +195,18 @@ def _dataset(text: str, tokens: list[Token], base: str) -> Dataset:
             into, term = (named, rest[-1]) if rest[0].word == "NAMED" else (default, rest[0])
             into.append(_iri(text, term, prefixes, base))
     return Dataset.from_iris(tuple(default), tuple(named))
+
+
+def _check_prefixes(text: str, tokens: list[Token], base: str) -> None:
+    """Raise BadRequest for a name whose prefix is not declared; the parser would expect an unrelated word there."""
+    declared = _declared(tokens, base)[1]
+    for each in tokens:
+        prefix, colon, _ = each.text.partition(":")
+        if each.kind == "name" and colon and prefix != "_" and prefix not in declared:
+            iri = PREFIXES.get(prefix, "…")
+            raise syntax_error(
+                f"The prefix {prefix}: is not declared; begin with PREFIX {prefix}: <{iri}>.", text, each
+            )
 
 
 def _declared(tokens: list[Token], base: str) -> tuple[str, dict[str, str]]:

@@ -87,6 +87,8 @@ class Resource(Struct, frozen=True):
     has_linkset: bool = False
     layout_path: str | None = None
     """Path of the layout of its binary frames."""
+    file_names: Mapping[str, str] = field(default_factory=dict)
+    """Names under which ``documents`` are saved, by media type (RFC 6266); of characters that need no quoting."""
     immutable: bool = False
     coded_contents: Mapping[str, bytes] = field(default_factory=dict)
     """Its only document in content codings, the preferred one first."""

@@ -21,6 +21,11 @@ Values = Sequence[Term]
 _DISCRIMINATORS = (SHACL.HasValueConstraintComponent, SHACL.InConstraintComponent)
 
 
+def _is_missed(violations: Sequence[Violation]) -> bool:
+    """Return True for the violations of a branch of ``sh:or`` that was not meant."""
+    return any(each.component in _DISCRIMINATORS for each in violations)
+
+
 @dataclass
 class Run:
     """The explanation of one refusal: its remaining number of details, and the explanations found so far."""
@@ -83,7 +88,7 @@ class Either(Constraint):
 
     def explain(self, data: Data, value: Term, run: Run) -> tuple[str, tuple[Violation, ...]]:
         found = [run.detail(shape, data, value) for shape in self.inner]
-        meant = [each for each in found if each and not any(v.component in _DISCRIMINATORS for v in each)]
+        meant = [each for each in found if each and not _is_missed(each)]
         if 0 < len(meant) < len(found):
             best = min(meant, key=len)
             return shortened("; ".join(v.message for v in best)), best
@@ -101,7 +106,14 @@ class Switch(Constraint):
         meant = list(self.applicable(data, value))
         if not meant:
             return f"{run.texts.text(self.predicate)} must be one of {run.texts.list_text(self.table)}", ()
-        best = min((run.detail(shape, data, value) for shape in meant), key=len)
+        found = [run.detail(shape, data, value) for shape in meant]
+        fitting = [each for each in found if each and not _is_missed(each)]
+        if any(found) and not fitting:  # such as a unit of none of the branches: what any of them permits
+            missed = ("; ".join(v.message for v in each if v.component in _DISCRIMINATORS) for each in found)
+            return shortened("; or ".join(filter(None, dict.fromkeys(missed)))), tuple(
+                v for each in found for v in each
+            )
+        best = min(fitting, key=len, default=())
         return shortened("; ".join(v.message for v in best) or f"{run.texts.text(value)} must be {self.expected}"), best
 
     def applicable(self, data: Data, value: Term) -> Iterator["Shape"]:

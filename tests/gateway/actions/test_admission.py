@@ -221,3 +221,43 @@ def test_numbers_with_white_space_are_ill_typed(bench: Any, datatype: str, numbe
     bench.robot(_elbow())
     with pytest.raises(UnprocessableContent, match="must be"):
         bench.body(_ROTATE, f'<> vom:numericalValue "{number}"^^xsd:{datatype} ; vom:unit unit:RAD .')
+
+
+_JOINTS = {
+    "elbow": ("revolute", '<limit lower="-2" upper="2" velocity="1" effort="1"/>'),
+    "slide": ("prismatic", '<limit lower="0" upper="1" velocity="1" effort="1"/>'),
+}
+
+
+@pytest.mark.parametrize(
+    ("joint", "said", "told"),
+    [
+        ("elbow", "vom:numericalValue 100 ; vom:unit unit:RAD", "100 must be at most 2"),
+        ("elbow", "vom:numericalValue -100 ; vom:unit vom:Radian", "-100 must be at least -2"),
+        ("elbow", "vom:numericalValue 500 ; vom:unit unit:DEG", "500 must be at most 114.591559"),
+        ("slide", "vom:numericalValue 500 ; vom:unit unit:M", "500 must be at most 1"),
+        ("slide", "vom:numericalValue 5000 ; vom:unit unit:MilliM", "5000 must be at most 1000"),
+        ("slide", "vom:numericalValue 1 ; vom:unit unit:RAD", "unit:MilliM; or vom:unit: unit:RAD must be unit:M"),
+        ("elbow", "vom:numericalValue 1 ; vom:unit unit:M", "one of maths:Radian, vom:Radian, unit:RAD"),
+        ("elbow", "vom:numericalValue 1 ; vom:unit unit:M", "one of maths:Degree, vom:Degree, unit:DEG"),
+        ("elbow", "vom:numericalValue 1", "unit: must have 1 value or more, and has none"),
+        ("elbow", "vom:unit unit:RAD", "value: must have 1 value or more, and has none"),
+    ],
+)
+@pytest.mark.parametrize(
+    ("path", "body"),
+    [
+        ("/r/actions/moveJoints", "<> lf:target [ lf:ofJoint </r/{}> ; {} ] ."),
+        ("/r/actions/followTrajectory", "<> lf:waypoint [ lf:atTime 1 ; lf:target [ lf:ofJoint </r/{}> ; {} ] ] ."),
+    ],
+)
+def test_a_refusal_is_about_the_joint_and_the_unit_of_the_body(
+    bench: Any, path: str, body: str, joint: str, said: str, told: str
+) -> None:
+    """Each joint has a branch for each of its units, of which one is meant."""
+    bench.robot(_JOINTS)
+    with pytest.raises(UnprocessableContent) as refusal:
+        bench.body(path, body.format(joint, said))
+    assert told in refusal.value.detail
+    if "100" in said or "500" in said:
+        assert "must be one of" not in refusal.value.detail

@@ -1,5 +1,7 @@
 """Facts about a query without parsing it: form, dataset, variables, and unsupported features."""
 
+import re
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -17,7 +19,10 @@ BASE = "http://fleet.example/query"
         ("# SERVICE\nPREFIX : <http://a#> BASE <http://b/> ask {}", "ASK"),
         ("prefix SELECT: <http://a/> CONSTRUCT WHERE { ?s SELECT:x ?o }", "CONSTRUCT"),
         ("DESCRIBE <http://a/SERVICE>", "DESCRIBE"),
-        ('SELECT * { ?service ?p \'SERVICE\', """SERVICE " {""", \'a\'@service ; a:SERVICE _:SERVICE }', "SELECT"),
+        (
+            'PREFIX a:<b>SELECT * { ?service ?p \'SERVICE\', """SERVICE " {""", \'a\'@service ; a:SERVICE _:SERVICE }',
+            "SELECT",
+        ),
     ],
 )
 def test_a_query_is_known_by_its_first_keyword(query: str, form: str) -> None:
@@ -109,3 +114,30 @@ def test_any_text_is_read_or_refused(text: str) -> None:
             look()
         except FleetError as error:
             assert error.status in (400, 413)
+
+
+@pytest.mark.parametrize(
+    ("query", "missing", "column"),
+    [
+        ("SELECT * { ?s foo:bar ?o }", "PREFIX foo: <…>", 15),
+        ("SELECT * { ?s ?p ?o FILTER(foo:bar(?o)) }", "PREFIX foo: <…>", 28),
+        ("SELECT * { ?s lf:title ?o }", "PREFIX lf: <https://w3id.org/linked-fleet#>", 15),
+        ("PREFIX foo: <x> ASK { ?s :bar ?o }", "PREFIX : <…>", 26),
+    ],
+)
+def test_an_undeclared_prefix_is_named(query: str, missing: str, column: int) -> None:
+    with pytest.raises(BadRequest, match=re.escape(missing)) as refusal:
+        parse_query(query, BASE)
+    assert refusal.value.members == {"line": 1, "column": column}
+
+
+@pytest.mark.parametrize(
+    "query",
+    [
+        "PREFIX foo: <x> ASK { _:b foo:bar ?o }",
+        "PREFIX : <x> ASK { :a :b 'foo:bar' # foo:bar\n}",
+        "ASK { <foo:a> a ?b }",
+    ],
+)
+def test_declared_prefixes_and_what_is_none_are_taken(query: str) -> None:
+    assert parse_query(query, BASE).form == "ASK"

@@ -60,16 +60,16 @@ async def read_history(request: Request, found: Resource, past: RecordedHistory)
 
     shown = past.select_page(parse_span(request.query_params.multi_items()))
     async with past.history.worker():
-        response = await asyncio.to_thread(work, shown.resource.with_reader_of(found).replace(query=request.url.query))
+        name = shown.resource.path[1:].replace("/", "-")
+        names = {media_type: f"{name}.{suffix}" for media_type, suffix in _SUFFIXES.items()}
+        selected = shown.resource.with_reader_of(found).replace(query=request.url.query, file_names=names)
+        response = await asyncio.to_thread(work, selected)
     media_type = response.headers.get("content-type", "").partition(";")[0]
     file = media_type in _SUFFIXES
     page, address = shown.file if file else shown.document, request.base + shown.resource.path
     leads = [Link(f"{address}?{query}", rel) for rel, query in (("next", page.next), ("prev", page.previous)) if query]
     if leads:
         response.headers.append("link", link_header(leads, [], limit=_LINK_BYTES))
-    if file:
-        name = shown.resource.path[1:].replace("/", "-")  # contains nothing that would need quoting
-        response.headers["content-disposition"] = f'attachment; filename="{name}.{_SUFFIXES[media_type]}"'
     if len(response.body) <= _PIECE_BYTES:
         return response
     if past.history.files.locked():

@@ -3,7 +3,7 @@
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 from urllib.parse import quote
 
 from linked_fleet_gateway.base.errors import BadRequest
@@ -16,8 +16,14 @@ _SECOND_NS = 1_000_000_000
 _LATEST_NS = 2**63 - 1  # no frame has a later stamp, nor one before 1970
 _VARIABLES = ("from", "to", "last", "limit")
 _TIME = re.compile(r"(\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d)(?:\.(\d{1,9}))?(Z|[+ -]\d\d:\d\d)", re.ASCII)
+_END_OF_DAY = "T24:00:00"
+_MOST_ZONE = timedelta(hours=14)
+_YEAR_DAYS, _MONTH_DAYS = 366, 31
+"""The longest ones, so that nothing of the span is left out."""
 _DURATION = re.compile(
-    r"P(?=[\dT])(?:(\d{1,6})D)?(?:T(?=\d)(?:(\d{1,6})H)?(?:(\d{1,6})M)?(?:(\d{1,6})(?:\.(\d{1,9}))?S)?)?", re.ASCII
+    r"P(?=[\dT])(?:(\d{1,4})Y)?(?:(\d{1,4})M)?(?:(\d{1,6})D)?"
+    r"(?:T(?=\d)(?:(\d{1,6})H)?(?:(\d{1,6})M)?(?:(\d{1,6})(?:\.(\d{1,9}))?S)?)?",
+    re.ASCII,
 )
 
 
@@ -84,7 +90,12 @@ def _time(name: str, text: str) -> int:
         if found is None:
             raise ValueError
         # an unescaped plus sign has been decoded to a space
-        whole = datetime.fromisoformat(found[1] + found[3].replace(" ", "+"))
+        ends_day = found[1].endswith(_END_OF_DAY) and not (found[2] or "").strip("0")
+        local = found[1].replace(_END_OF_DAY, "T00:00:00") if ends_day else found[1]
+        whole = datetime.fromisoformat(local + found[3].replace(" ", "+"))
+        if abs(whole.utcoffset() or timedelta()) > _MOST_ZONE:  # XML Schema 2, 3.3.7
+            raise ValueError
+        whole += timedelta(days=ends_day)
         stamp_ns = int(whole.timestamp()) * _SECOND_NS + int((found[2] or "0").ljust(9, "0"))
         return min(max(stamp_ns, 0), _LATEST_NS)
     except (ValueError, OverflowError):
@@ -96,8 +107,9 @@ def _duration(text: str) -> int:
     found = _DURATION.fullmatch(text)
     if found is None:
         raise BadRequest(f"last is a duration such as PT10S or PT1M, not {text[:40]!r}.")
-    days, hours, minutes, seconds = (int(each or 0) for each in found.groups()[:4])
-    fraction = int((found[5] or "0").ljust(9, "0"))
+    years, months, days, hours, minutes, seconds = (int(each or 0) for each in found.groups()[:6])
+    fraction = int((found[7] or "0").ljust(9, "0"))
+    days += years * _YEAR_DAYS + months * _MONTH_DAYS
     return (((days * 24 + hours) * 60 + minutes) * 60 + seconds) * _SECOND_NS + fraction
 
 

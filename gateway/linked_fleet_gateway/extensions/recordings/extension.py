@@ -160,7 +160,13 @@ class Recorder:
         documents = {MCAP: lambda: _read(file)}
         title = f"Recording of {robot.name}"
         return Resource(
-            f"{path}/{rest[0]}", title, describe_one, source=source, documents=documents, publishes_changes=False
+            f"{path}/{rest[0]}",
+            title,
+            describe_one,
+            source=source,
+            documents=documents,
+            file_names={MCAP: f"{path[1:]}-{rest[0]}.mcap".replace("/", "-")},
+            publishes_changes=False,
         )
 
 

@@ -234,6 +234,10 @@ def test_a_recording_is_found_by_links_and_read_by_the_reader_of_mcap(robot: Bro
     assert str(robot.page(member).one(DCTERMS.format)) == "application/vnd.mcap"
     answer = robot.http.get(member, headers={"accept": "application/vnd.mcap"})
     assert answer.headers["content-type"] == "application/vnd.mcap"
+    name = member.rpartition("/")[2]
+    disposition = answer.headers["content-disposition"]
+    assert disposition.startswith("attachment; filename=") and disposition.endswith(f'{name}.mcap"')
+    assert "content-disposition" not in robot.http.get(member, headers={"accept": "text/turtle"}).headers
     states = read(answer.content)["/joint_states"]
     assert len(states) > 30 and len(states[0][1].name) == 6
     assert len(list((tmp_path / "recordings").glob("*/*.mcap"))) == 1
