@@ -1,5 +1,6 @@
 """The certificate authority of a fleet's Zenoh links: a folder, managed with OpenSSL."""
 
+import re
 import subprocess
 import tempfile
 from collections.abc import Sequence
@@ -9,6 +10,7 @@ from pathlib import Path
 
 AUTHORITY_DAYS, DAYS, RENEWED_DAYS = 3650, 397, 30
 _DAY_S = 86_400
+_HOST = re.compile(r"(DNS|IP Address):([^,\s]+)")
 
 
 class CertificateError(Exception):
@@ -51,6 +53,14 @@ class CertificateAuthority:
             _openssl("x509", *words, "-in", str(request), "-out", str(made))
             certificate.write_bytes(made.read_bytes())
         print(f"{certificate}: made, valid for {DAYS} days")
+
+    def hosts(self, stem: str) -> tuple[str, ...]:
+        """Return the names and addresses of an existing certificate; empty if there is none."""
+        certificate = self.folder / f"{stem}.pem"
+        if not certificate.exists():
+            return ()
+        said = _openssl("x509", "-in", str(certificate), "-noout", "-ext", "subjectAltName", fails=True)
+        return tuple(host for _, host in _HOST.findall(said))
 
     def _key(self, where: str) -> Path:
         """Create a key that only its owner can ever read."""

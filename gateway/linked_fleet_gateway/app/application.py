@@ -133,7 +133,8 @@ def create_app(settings: GatewaySettings, tracing: Tracing | None = None, open_s
                 settings.public_urls, settings.state_path,
                 sections=[settings.section(each.settings) for each in extensions if each.settings],
             )  # fmt: skip
-            mounts = await mount_extensions(extensions, core, stack)
+            mounted = await mount_extensions(extensions, core, stack)
+            mounts = mounted.values()
             await live.admit_robots()
             store = await stack.enter_async_context(SubscriptionStore(url, settings.namespace, run))
             marker = None
@@ -148,7 +149,13 @@ def create_app(settings: GatewaySettings, tracing: Tracing | None = None, open_s
             await stack.enter_async_context(subscriptions)
             sampler = await stack.enter_async_context(Sampler(live.fleet))
             numbers = MetricsCollector(
-                live, subscriptions, actions, requests, sampler, embedded, [each.metrics for each in mounts]
+                live,
+                subscriptions,
+                actions,
+                requests,
+                sampler,
+                embedded,
+                {name: each.metrics for name, each in mounted.items()},
             )
             app.services = Services(
                 live, actions, subscriptions, audit, identities, embedded, marker,

@@ -6,19 +6,27 @@ package metadata, which may be outdated in a checkout. Foreign ones are found by
 
 import logging
 import pkgutil
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from contextlib import AsyncExitStack
 from dataclasses import dataclass, replace
 from importlib import import_module
 from importlib.metadata import entry_points
 from importlib.util import find_spec
+from itertools import chain
+from pkgutil import resolve_name
 from typing import TypeGuard
 
 import linked_fleet_gateway.extensions
+from linked_fleet_gateway.actions.plan import Motion
+from linked_fleet_gateway.base.errors import MotionRefused
+from linked_fleet_gateway.base.faults import Faults
 from linked_fleet_gateway.base.settings import TEXTS, Section, setting
+from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.http.extension import Core, Extension, Mount
 from linked_fleet_gateway.http.representation import Representations
+from linked_fleet_gateway.identity.rights import View
 from linked_fleet_gateway.rdf.shapes import BLUEPRINTS, VOCABULARY, add_files
+from linked_fleet_gateway.rdf.vocabulary import LF
 from linked_fleet_gateway.resources.action_offer import add_kinds
 from linked_fleet_gateway.resources.fleet_functions import FUNCTIONS
 from linked_fleet_gateway.resources.paths import reserve
@@ -137,28 +145,82 @@ def dependency_order(extensions: Sequence[Extension]) -> list[Extension]:
     return list(found.values())
 
 
-async def mount_extensions(extensions: Sequence[Extension], core: Core, stack: AsyncExitStack) -> list[Mount]:
-    """Start the extensions in order and add them to the tree and the guards; ``stack`` ends them."""
+async def mount_extensions(extensions: Sequence[Extension], core: Core, stack: AsyncExitStack) -> dict[str, Mount]:
+    """Start the extensions in order and add them to the tree and the guards; ``stack`` ends them.
+
+    Return them by name, without those that fail, which are faults. If one of these guards motions, all are refused.
+    """
     for extension in BUILT_IN:
         if names := missing_requirements(extension):
             log.warning("The extension %s is off: %s is not installed.", extension.name, " and ".join(names))
-    mounts: list[Mount] = []
+    for extension in extensions:
+        _check_names(extension, core.live.faults)
+    mounts = dict[str, Mount]()
     views = [view for each in extensions for view in each.views]
     operations = [name for each in extensions for name in each.operations]
     navigation = [entry for each in extensions for entry in each.navigation]
     for extension in extensions:
-        services = [service for each in mounts for service in each.services]
+        services = [service for each in mounts.values() for service in each.services]
         known = replace(core, services=services, views=views, operations=operations, navigation=navigation)
-        found = await stack.enter_async_context(extension.start(known))
-        core.live.add_branches(*found.branches)
-        core.actions.handlers.update(found.handlers)
-        if found.guard is not None:
-            core.actions.add_guard(found.guard)
-        mounts.append(found)
+        with core.live.faults.guard("extensions", thing=extension.name):
+            mounts[extension.name] = await _mount(extension, known, stack)
+            continue
+        if extension.guards_motions:
+            reason = core.live.faults.find("extensions", thing=extension.name)
+            core.actions.add_guard(_MissingGuard(reason))
     return mounts
 
 
-def create_representations(mounts: Sequence[Mount]) -> Representations:
+class GuardMissing(MotionRefused):
+    """The guard of motions of an extension is missing, because the extension could not be started."""
+
+    status, code, title = 503, "unchecked", "The motion could not be checked"
+
+
+class _MissingGuard:
+    """Refuses all motions in the place of a guard that could not be started."""
+
+    finding_predicate = LF.unknown
+
+    def __init__(self, reason: str) -> None:
+        self._reason = reason
+
+    async def wait_until_ready(self, robot: Robot, visible_robots: View) -> None:
+        raise self._refusal()
+
+    async def check_path(self, motion: Motion, visible_robots: View, own_id: str) -> bool:
+        raise self._refusal()
+
+    def _refusal(self) -> GuardMissing:
+        detail = f"Motions are refused, because what checks them is missing: {self._reason}. Restart the gateway."
+        return GuardMissing(detail, reason="it could not be checked")
+
+
+def _check_names(extension: Extension, faults: Faults) -> None:
+    """Note the names of a foreign extension that cannot be imported. Those of built-in ones are imported when used."""
+    if type(extension) in map(type, BUILT_IN):
+        return
+    used = (extension.robot_properties, extension.placements, extension.link_statements, extension.functions)
+    for name in chain(*used):
+        with faults.guard("extensions", thing=f"{name} of {extension.name}"):
+            resolve_name(name)
+
+
+async def _mount(extension: Extension, core: Core, stack: AsyncExitStack) -> Mount:
+    """Start one extension. Raises whatever it raises; nothing of it remains then."""
+    async with AsyncExitStack() as own:
+        found = await own.enter_async_context(extension.start(core))
+        if found.guard is not None and not extension.guards_motions:
+            raise ValueError(f"the extension {extension.name} has a guard and does not say so in guards_motions")
+        stack.push_async_exit(own.pop_all())
+    core.live.add_branches(*found.branches)
+    core.actions.handlers.update(found.handlers)
+    if found.guard is not None:
+        core.actions.add_guard(found.guard)
+    return found
+
+
+def create_representations(mounts: Collection[Mount]) -> Representations:
     """Return the representations of the core and its extensions."""
     html = next((each.html for each in mounts if each.html is not None), None)
     return Representations(html, {name: value for each in mounts for name, value in each.formats.items()})

@@ -7,8 +7,8 @@ import asyncio
 import logging
 import time
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
 from types import TracebackType
 from typing import Self
 
@@ -93,19 +93,25 @@ class MetricsCollector(Collector):
     requests: RequestMetrics
     sampler: Sampler
     embedded: EmbeddedRedis | None
-    extensions: Sequence[Callable[[], Iterable[Metric]]] = ()
+    extensions: Mapping[str, Callable[[], Iterable[Metric]]] = field(default_factory=dict)
+    """Functions by the name of their extension."""
 
     def collect(self) -> Iterator[Metric]:
-        yield from self._of_robots()
-        yield from self._of_requests()
-        yield from self._of_subscriptions()
-        yield from self._of_commands()
+        """Yield all metrics but those of a part that fails, which is a fault."""
+        own = (self._of_robots, self._of_requests, self._of_subscriptions, self._of_commands, self._of_parts)
+        for name, collect in {**{each.__name__[1:]: each for each in own}, **self.extensions}.items():
+            found = list[Metric]()
+            with self.live.faults.guard("metrics", thing=name):
+                found = list(collect())
+            yield from found
+        faults = self.live.faults.counts().items()
+        yield gauges("faults", "Things that a part of the gateway cannot describe, and its failures.", "part", faults)
+
+    def _of_parts(self) -> Iterator[Metric]:
         yield histogram("event_loop_lag_seconds", "How late timers of the event loop were.", self.sampler.loop_lag)
         yield gauge("redis_up", "Whether Redis answers.", self.subscriptions.store_is_available)
         set_aside = len(self.embedded.damaged_copies) if self.embedded else 0
         yield gauge("redis_data_set_aside", "Folders of data that the embedded server could not load.", set_aside)
-        for collect in self.extensions:
-            yield from collect()
         yield gauge("zenoh_up", "Whether robots can be heard.", self.live.link.is_connected)
 
     def _of_robots(self) -> Iterator[Metric]:

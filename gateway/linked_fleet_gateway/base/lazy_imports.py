@@ -15,7 +15,7 @@ log = logging.getLogger(__name__)
 
 
 class LazyObjects(Generic[T]):
-    """The objects of one kind, imported on first use."""
+    """The objects of one kind, imported on first use. A name that cannot be imported is logged and left out."""
 
     def __init__(self) -> None:
         self.names: tuple[str, ...] = ()
@@ -27,8 +27,15 @@ class LazyObjects(Generic[T]):
 
     def __iter__(self) -> Iterator[T]:
         if self._objects is None:
-            self._objects = tuple(map(resolve_name, self.names))
+            self._objects = tuple(self._resolve())
         return iter(self._objects)
+
+    def _resolve(self) -> Iterator[Any]:
+        for name in self.names:
+            try:
+                yield resolve_name(name)
+            except Exception:  # whatever a foreign module raises must not hide the objects of others
+                log.exception("%s of an extension cannot be imported and is left out", name)
 
 
 class LazyModule:

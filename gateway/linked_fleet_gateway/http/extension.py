@@ -135,6 +135,8 @@ class Extension:
     """Header fields, in lower case, that pages of other sites may send (CORS), if the operator permits them."""
     response_fields: ClassVar[tuple[str, ...]] = ()
     """Header fields that such pages may read in responses."""
+    guards_motions: ClassVar[bool] = False
+    """True if its ``Mount`` has a ``guard``. If it cannot be started, motions are refused."""
     in_robot: ClassVar[tuple[str, ...]] = ()
     """Segments below a robot reserved for the extension, likewise."""
     vocabulary: ClassVar[tuple[Path, ...]] = ()

@@ -28,12 +28,16 @@ async def live(request: Request) -> Response:
 async def ready(request: Request) -> Response:
     """Return 200, or 503 with what is missing: Zenoh, Redis, the checks of motions, or because it is shutting down.
 
-    Two states are only warnings, because the gateway serves everything including ``stop``: damaged or lost data of
-    Redis, and shapes being prepared for a robot that joins a gateway that was ready before.
+    Three states are only warnings, because the gateway serves everything including ``stop``: damaged or lost data of
+    Redis, shapes being prepared for a robot that joins a gateway that was ready before, and faults of
+    extensions and descriptions.
     """
     gateway = gateway_of(request.scope)
     missing = list(_missing(gateway))
-    warnings = [warning for warning in (store_warning(gateway.services),) if warning]
+    faults = gateway.services.live.faults
+    warnings = [warning for warning in (store_warning(gateway.services),) if warning] + faults.of_parts
+    if faults.robots:  # whoever reads this may not be allowed to know their names
+        warnings.append(f"Some descriptions of {len(faults.robots)} robots are incomplete; the log has the reasons.")
     if not missing:
         (warnings if gateway.has_been_ready else missing).extend(gateway.services.not_ready_reasons())
     more = {"warnings": warnings} if warnings else {}

@@ -7,9 +7,10 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 
-from msgspec import Struct
+from msgspec import Struct, field
 from pyoxigraph import NamedNode, Triple
 
+from linked_fleet_gateway.base.faults import Faults
 from linked_fleet_gateway.fleet.model import Joint, Link, Pose
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.identity.rights import View
@@ -29,6 +30,8 @@ class RequestView(Struct, frozen=True):
     visible_robots: View
     requires_authentication: bool = False
     """True if callers must authenticate."""
+    faults: Faults = field(default_factory=Faults)
+    """The faults of the gateway, in which faces note what they cannot describe."""
 
     def iri(self, path: str) -> NamedNode:
         return NamedNode(self.base + path)

@@ -7,6 +7,7 @@ from functools import lru_cache
 
 from pyoxigraph import Literal, NamedNode
 
+from linked_fleet_gateway.base.faults import Faults
 from linked_fleet_gateway.fleet.model import Joint, Link, RobotModel
 from linked_fleet_gateway.fleet.observation import Observation
 from linked_fleet_gateway.fleet.robot import Robot
@@ -50,8 +51,13 @@ class Describer:
         links: Links,
         graph: Graph,
         activities: Callable[[Robot], RobotActivity] = lambda robot: RobotActivity(),
+        faults: Faults | None = None,
     ) -> Iterator[None]:
-        """Describe the fleet, one robot in each step; ``links`` are predicate and path of its further resources."""
+        """Describe the fleet, one robot in each step; ``links`` are predicate and path of its further resources.
+
+        A robot that cannot be described has the reason as its fault.
+        """
+        faults = faults or Faults()
         root = self.iri("/")
         graph.a(root, HYBRIT.RoboticThing, LF.Fleet, LDP.BasicContainer, LDP.Container)
         graph.add(root, DCTERMS.title, Literal("Linked Fleet"))
@@ -64,17 +70,25 @@ class Describer:
         graph.add(root, LDP.contains, *(self.iri(robot_path(robot.name)) for robot in robots))
         for robot in robots:
             yield
-            iri = self.iri(robot_path(robot.name))
-            graph.a(iri, HYBRIT.RoboticThing, LF.Robot)
-            graph.add(iri, DCTERMS.title, Literal(robot.title))
-            self.presence(graph, iri, robot)
-            self._model_name(graph, iri, robot)
-            does = activities(robot)
-            graph.add(iri, LF.currentTask, *(self.iri(task) for task in does.tasks))
-            if does.moved_ns is not None:
-                graph.add(iri, LF.lastMoved, timestamp(does.moved_ns, resolution_ns=_SECOND_NS))
-            if does.battery_percent is not None:
-                graph.add(iri, LF.batteryCharge, Literal(f"{does.battery_percent:.1f}", datatype=XSD.decimal))
+            with faults.guard("the fleet", robot.name):
+                self._introduce(graph, robot, activities)
+            if not robot.fault and (reason := faults.find("the fleet", robot.name)):
+                graph.add(self.iri(robot_path(robot.name)), LF.fault, Literal(reason))
+        graph.add(root, LF.fault, *map(Literal, faults.of_parts))
+
+    def _introduce(self, graph: Graph, robot: Robot, activities: Callable[[Robot], RobotActivity]) -> None:
+        """Describe a robot as its fleet lists it."""
+        iri = self.iri(robot_path(robot.name))
+        graph.a(iri, HYBRIT.RoboticThing, LF.Robot)
+        graph.add(iri, DCTERMS.title, Literal(robot.title))
+        self.presence(graph, iri, robot)
+        self._model_name(graph, iri, robot)
+        does = activities(robot)
+        graph.add(iri, LF.currentTask, *(self.iri(task) for task in does.tasks))
+        if does.moved_ns is not None:
+            graph.add(iri, LF.lastMoved, timestamp(does.moved_ns, resolution_ns=_SECOND_NS))
+        if does.battery_percent is not None:
+            graph.add(iri, LF.batteryCharge, Literal(f"{does.battery_percent:.1f}", datatype=XSD.decimal))
 
     def robot(
         self,

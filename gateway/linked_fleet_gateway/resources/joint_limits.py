@@ -17,6 +17,7 @@ from linked_fleet_gateway.rdf.vocabulary import LF, XSD
 from linked_fleet_gateway.resources.joint_kinds import POSITION_RESOLUTION, kind_of
 
 _DIGITS = 6  # limits are rounded inwards to a millionth of the unit, so that the robot accepts what the shape accepts
+_FARTHEST = 1e9  # of any unit; a number beyond is no limit, and has no whole millionths in a double
 MAX_TURNS = 10  # most turns of a continuous joint in one motion
 _FASTEST = {ANGULAR: 10.0, LINEAR: 10.0}  # rad/s or m/s, stated for a joint without a velocity limit
 
@@ -58,6 +59,8 @@ def _shown(position: float) -> float:
 
 
 def _inwards(low: float, high: float) -> tuple[float, float]:
+    """Return both limits in a millionth of the unit, and at most ``_FARTHEST``: files have limits of 1.8e308."""
+    low, high = max(low, -_FARTHEST), min(high, _FARTHEST)
     scale = 10**_DIGITS
     return math.ceil(low * scale - 1e-3) / scale, math.floor(high * scale + 1e-3) / scale
 

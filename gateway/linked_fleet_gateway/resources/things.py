@@ -65,7 +65,8 @@ class Things:
         )
 
     def _describe_fleet(self, graph: Graph) -> Iterator[None]:
-        return self.describer.fleet(self._view.robots, self._branches.fleet_links(), graph, self._activity)
+        links = self._branches.fleet_links()
+        return self.describer.fleet(self._view.robots, links, graph, self._activity, self._view.faults)
 
     def _members(self) -> list[tuple[str, str, str, RobotActivity, tuple[str, int | None, str | None]]]:
         return [

@@ -5,6 +5,7 @@ from itertools import chain
 
 from pyoxigraph import NamedNode
 
+from linked_fleet_gateway.base.faults import Faults
 from linked_fleet_gateway.fleet.fleet import Fleet
 from linked_fleet_gateway.fleet.invocations import FLEET, Invocations
 from linked_fleet_gateway.fleet.model import Joint, Link, RobotModel
@@ -50,6 +51,7 @@ class Tree:
         visible_robots: View = ALL,
         branches: Branches = NO_BRANCHES,
         requires_authentication: bool = False,
+        faults: Faults | None = None,
     ) -> None:
         self._robots: Mapping[str, Robot] = (
             fleet.robots if visible_robots.includes_all else RobotsInView(fleet.robots, visible_robots)
@@ -57,7 +59,9 @@ class Tree:
         self._invocations = InvocationsInView(invocations, visible_robots)
         self._base = base
         self._branches = branches
-        self._view = RequestView(base, self._robots, self._invocations, visible_robots, requires_authentication)
+        self._view = RequestView(
+            base, self._robots, self._invocations, visible_robots, requires_authentication, faults or Faults()
+        )
         self._things = Things(self._view, branches, subscriptions)
 
     def resolve(self, path: str) -> Found:

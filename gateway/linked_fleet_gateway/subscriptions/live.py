@@ -10,6 +10,7 @@ from types import TracebackType
 
 from linked_fleet_agent.wire.keys import Keys
 from linked_fleet_agent.wire.messages import Accepted, Progress, Reply, Stop
+from linked_fleet_gateway.base.faults import Faults
 from linked_fleet_gateway.fleet.events import Appeared, Described, Event, Framed, Frames
 from linked_fleet_gateway.fleet.fleet import Change, Fleet
 from linked_fleet_gateway.fleet.invocations import Invocation, Invocations
@@ -44,6 +45,7 @@ class Live:
         keys = Keys(namespace)
         self.fleet = Fleet(Frames(lambda robot: keys.robot(robot, "state")))
         self.invocations = Invocations()
+        self.faults = Faults()
         self.fan_out = FanOut(self.tree, self.fleet.next_moved)
         self.fleet.frames.watched = self.fan_out.watched_robots
         self._invocation_listeners: dict[Callable[[Invocation], None], None] = {}
@@ -89,6 +91,7 @@ class Live:
         loop = asyncio.get_running_loop()
         self._sweeping = loop.call_later(_SWEEP_S, self._sweep)  # first, so that no error ends the sweeps
         self.fleet.frames.schedule_missed()
+        self.faults.forget_others(self.fleet.robots)
         if not self._unchecked:
             self._unchecked.extend(self.fleet.robots)
             self._finds_silences = self._silences.begin_round(loop.time())
@@ -146,7 +149,7 @@ class Live:
 
     def tree(self, base: str, view: View = ALL, subscriptions: SubscriptionsByOwner = NO_SUBSCRIPTIONS) -> Tree:
         """Return the present resource tree under one base URL as seen by ``view``; ``subscriptions``: those to show."""
-        return Tree(self.fleet, self.invocations, base, subscriptions, view, self._branches, self._secured)
+        return Tree(self.fleet, self.invocations, base, subscriptions, view, self._branches, self._secured, self.faults)
 
     @property
     def branches(self) -> Branches:

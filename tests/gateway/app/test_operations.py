@@ -6,6 +6,7 @@ from types import SimpleNamespace
 from typing import Any, ClassVar, cast
 
 from linked_fleet_gateway.app.extensions import mount_extensions
+from linked_fleet_gateway.base.faults import Faults
 from linked_fleet_gateway.http.extension import Core, Extension, Mount
 
 
@@ -25,7 +26,8 @@ class _Describing(Extension):
 
 
 async def test_descriptions_include_operations_of_extensions_started_later() -> None:
-    live, actions = SimpleNamespace(add_branches=lambda *_: None), SimpleNamespace(handlers={})
+    live = SimpleNamespace(add_branches=lambda *_: None, faults=Faults())
+    actions = SimpleNamespace(handlers={})
     core = Core(*cast(Any, (live, actions, None, None, "", "", "", (), None)))
     async with AsyncExitStack() as stack:
         await mount_extensions([_Describing(), _Gripper()], core, stack)

@@ -11,10 +11,12 @@ from pathlib import Path
 
 from starlette.responses import Response
 
+from linked_fleet_agent.wire.messages import Camera
 from linked_fleet_gateway.base.errors import NotAcceptable, PreconditionFailed
 from linked_fleet_gateway.extensions.cameras.cameras import FORMATS, camera_path, cameras_of, types_of
 from linked_fleet_gateway.extensions.cameras.pictures import Pictures
 from linked_fleet_gateway.extensions.cameras.resources import RobotCamera, cameras_branch
+from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.http.extension import Core, Extension, Mount
 from linked_fleet_gateway.http.fields import field
 from linked_fleet_gateway.http.negotiation import choose
@@ -107,7 +109,10 @@ class CamerasExtension(Extension):
 
 def operations(view: RequestView) -> dict[str, Json]:
     """Return the path items of a robot's cameras and their pictures."""
-    found = [(each, camera) for each in view.robots.values() for camera in cameras_of(each).values()]
+    found = list[tuple[Robot, Camera]]()
+    for robot in view.robots.values():
+        with view.faults.guard("OpenAPI", robot.name, "its cameras"):
+            found += [(robot, camera) for camera in cameras_of(robot).values()]
     if not found:
         return {}
     of = {"robot": segment_schema(last_segment(robot_path(each.name)) for each, _ in found)}

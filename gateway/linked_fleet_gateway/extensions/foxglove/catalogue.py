@@ -31,6 +31,9 @@ def picture_format(formats: Iterable[str]) -> PictureFormat | None:
     return "jpeg" if "jpeg" in formats else "png" if "png" in formats else None
 
 
+_PART = "Foxglove"  # in faults
+
+
 class Catalogue:
     """The advertised channels and services. Ids are never reused, so a late message cannot refer to another channel."""
 
@@ -60,7 +63,9 @@ class Catalogue:
         """Return the parameters by name; only the speed can be set."""
         found = []
         for robot in self._robots():
-            if may_see(caller, robot.name):
+            if not may_see(caller, robot.name):
+                continue
+            with self._live.faults.guard(_PART, robot.name, "its parameters"):
                 said = {"title": robot.title, "presence": robot.presence, "namedPoses": sorted(named_poses(robot))}
                 found += [Parameter(topic(robot.name, what), value) for what, value in said.items()]
                 found.append(Parameter(topic(robot.name, SPEED), robot.speed_scale, "float64"))
@@ -76,15 +81,24 @@ class Catalogue:
         schema = schemas()
         yield Channel(self._id(SCENE), SCENE, schema[SCENE], None, SCENE)
         for robot in robots:
-            found = {topic(robot.name, what): what for what in OF_ROBOT}
-            for camera in cameras_of(robot).values() if self._cameras else ():
-                if not camera.unavailable and picture_format(camera.formats) is not None:
-                    found[camera_path(robot.name, camera.name)] = PICTURES
-            for at, what in found.items():
-                yield Channel(self._id(at), at, schema[what], robot.name, what)
+            with self._live.faults.guard(_PART, robot.name, "its channels"):
+                yield from self._channels_of(robot)
+
+    def _channels_of(self, robot: Robot) -> Iterator[Channel]:
+        schema = schemas()
+        found = {topic(robot.name, what): what for what in OF_ROBOT}
+        for camera in cameras_of(robot).values() if self._cameras else ():
+            if not camera.unavailable and picture_format(camera.formats) is not None:
+                found[camera_path(robot.name, camera.name)] = PICTURES
+        for at, what in found.items():
+            yield Channel(self._id(at), at, schema[what], robot.name, what)
 
     def _find_services(self, robots: Iterable[Robot]) -> Iterator[Service]:
-        for offer in (*fleet_offers(), *(offer for each in robots for offer in robot_offers(each))):
+        offers = [*fleet_offers()]
+        for each in robots:
+            with self._live.faults.guard(_PART, each.name, "its services"):
+                offers += robot_offers(each)
+        for offer in offers:
             if offer.definition.segment in _SERVICES:
                 # The schema of a request has the names of poses and their joints.
                 if (robot := offer.robot) is None or robot.description is None:

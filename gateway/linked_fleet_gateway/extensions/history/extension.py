@@ -159,7 +159,10 @@ def operations(view: RequestView) -> dict[str, Json]:
     """Return the OpenAPI path items of the list of histories, and of histories of robots and measured properties."""
     robots = [each for each in view.robots.values() if each.model is not None]
     of = {"robot": segment_schema(last_segment(robot_path(each.name)) for each in robots)}
-    paths = [path.split("/")[2:] for each in robots for path in measured_paths(each)]
+    paths = list[list[str]]()
+    for each in robots:
+        with view.faults.guard("OpenAPI", each.name, "its histories"):
+            paths += [path.split("/")[2:] for path in measured_paths(each)]
     own, parts = [each for each in paths if len(each) == 1], [each for each in paths if len(each) == 2]
     whole = rdf_get_operation("readHistory", "Recent values of a robot", None, {"csv": CSV, "mcap": MCAP}, _SPAN)
     found = resource_path_items(HISTORIES, {}, "Histories", "The histories of all robots")

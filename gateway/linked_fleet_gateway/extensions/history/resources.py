@@ -39,6 +39,7 @@ from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.rdf.graph import SECOND, Graph
 from linked_fleet_gateway.rdf.serialise import WriteError
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, RDFS
+from linked_fleet_gateway.rdf.vocabulary import LF as CORE_LF
 from linked_fleet_gateway.resources.branches import FleetBranch, Found, PropertyBranch, RequestView, RobotBranch
 from linked_fleet_gateway.resources.describe import Describer
 from linked_fleet_gateway.resources.joint_kinds import kind_of
@@ -202,6 +203,9 @@ def _urdf(robot: str, description: Description | None, base: str) -> bytes:
 HISTORIES = "/" + SEGMENT
 
 
+_LIST = "the list of histories"
+
+
 @dataclass(frozen=True)
 class _Listed:
     robot: Robot
@@ -228,7 +232,10 @@ def _list(history: History, view: RequestView) -> Resource:
         if span != Span():
             raise BadRequest("The list of histories has no spans; each history in it has.")
         robots = [each for each in view.robots.values() if each.model is not None and history.span_s]
-        listed = [_Listed(each, _extent(history, each)) for each in robots]
+        listed = list[_Listed]()
+        for each in robots:
+            with view.faults.guard(_LIST, each.name):
+                listed.append(_Listed(each, _extent(history, each)))
 
         def describe(graph: Graph) -> None:
             _describe(graph, view, history.span_s, listed)
@@ -252,12 +259,21 @@ def _describe(graph: Graph, view: RequestView, span_s: float, listed: Sequence[_
     graph.add(iri, HYBRIT.blueprint, LF.HistoryListShape, NamedNode(iri.value + "/blueprint"))
     graph.scalar(iri, LF.historySpan, span_s, SECOND)
     for each in listed:
-        robot, path = view.iri(robot_path(each.robot.name)), robot_path(each.robot.name) + SEGMENT
-        own = view.iri(path)
-        graph.add(iri, DCTERMS.hasPart, own)
-        graph.a(own, LF.History)
-        graph.add(own, DCTERMS.title, Literal(f"History of {each.robot.name}"))
-        graph.add(own, LF.ofRobot, robot)
-        describe_extent(graph, own, each.page)
-        graph.add(robot, DCTERMS.title, Literal(each.robot.title))
-        say.presence(graph, robot, each.robot)
+        with view.faults.guard(_LIST, each.robot.name, "its row"):
+            _describe_row(graph, view, say, each)
+    for name in view.robots:
+        if reason := view.faults.find(_LIST, name) or view.faults.find(_LIST, name, "its row"):
+            graph.add(view.iri(robot_path(name)), CORE_LF.fault, Literal(reason))
+
+
+def _describe_row(graph: Graph, view: RequestView, say: Describer, each: _Listed) -> None:
+    iri = view.iri(HISTORIES)
+    robot, path = view.iri(robot_path(each.robot.name)), robot_path(each.robot.name) + SEGMENT
+    own = view.iri(path)
+    graph.add(iri, DCTERMS.hasPart, own)
+    graph.a(own, LF.History)
+    graph.add(own, DCTERMS.title, Literal(f"History of {each.robot.name}"))
+    graph.add(own, LF.ofRobot, robot)
+    describe_extent(graph, own, each.page)
+    graph.add(robot, DCTERMS.title, Literal(each.robot.title))
+    say.presence(graph, robot, each.robot)

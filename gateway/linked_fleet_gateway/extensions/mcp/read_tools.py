@@ -25,7 +25,7 @@ from linked_fleet_gateway.resources.action_offer import Offer, fleet_offers, joi
 from linked_fleet_gateway.resources.affordance import Invoke
 from linked_fleet_gateway.resources.joint_kinds import kind_of
 from linked_fleet_gateway.resources.json_form import form_of_input
-from linked_fleet_gateway.resources.paths import joint_path, link_path, robot_path
+from linked_fleet_gateway.resources.paths import joint_path, link_path, robot_of, robot_path
 from linked_fleet_gateway.resources.properties import joint_properties
 from linked_fleet_gateway.runtime.background import time_sliced
 
@@ -125,12 +125,21 @@ class Find(Tool):
                 if len(items) == self.limit:
                     more = True
                     break
-                # The details are made at once, because the robot may change before the next step.
-                items.append(
-                    {"kind": each.kind, "iri": context.view.base + each.path, "title": each.title, **each.details()}
-                )
+                items.append(_item(context, each))
         value = {"items": items, "more": more}
         return CallToolResult(content=[TextContent(text=json.dumps(value))], structured_content=value)
+
+
+_SEARCH = "the search of MCP"
+
+
+def _item(context: MessageContext, found: SearchResult) -> dict[str, Any]:
+    """Return an item; its details are made at once, because the robot may change before the next step."""
+    said = {"kind": found.kind, "iri": context.view.base + found.path, "title": found.title}
+    robot = robot_of(found.path) or ""
+    with context.view.faults.guard(_SEARCH, robot, found.path):
+        return said | found.details()
+    return said | {"fault": context.view.faults.find(_SEARCH, robot, found.path)}
 
 
 def _all(context: MessageContext, name: str) -> Iterator[SearchResult]:
@@ -142,7 +151,11 @@ def _all(context: MessageContext, name: str) -> Iterator[SearchResult]:
     if not name:
         yield from _actions(context, fleet_offers())
     for robot in robots:
-        yield from _in_robot(context, robot)
+        with context.view.faults.guard(_SEARCH, robot.name):
+            yield from _in_robot(context, robot)
+        if reason := context.view.faults.find(_SEARCH, robot.name):
+            told = {"name": robot.name, "fault": reason}
+            yield SearchResult("robot", robot_path(robot.name), robot.title, robot.name, told.copy)
 
 
 def _in_robot(context: MessageContext, robot: Robot) -> Iterator[SearchResult]:

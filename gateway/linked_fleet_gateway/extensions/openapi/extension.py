@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 
 from starlette.responses import Response
 
+from linked_fleet_gateway.base.faults import Faults
 from linked_fleet_gateway.extensions.openapi.components import components
 from linked_fleet_gateway.extensions.openapi.paths import FleetPaths
 from linked_fleet_gateway.extensions.openapi.schemas import forbid_other_members
@@ -42,6 +43,7 @@ PATH = "/openapi.json"
 TYPE = "application/vnd.oai.openapi+json;version=3.1"
 VERSION = "3.1.0"
 _KEPT = 8
+_PART = "OpenAPI"  # in faults
 _METHODS = ("get", "put", "post", "patch", "delete")
 _ALWAYS, _SECURED = ("400", "404", "406", "421", "429", "431", "500", "503"), ("401", "403")
 
@@ -56,9 +58,16 @@ class Document(NamedTuple):
 class Documents:
     """Makes descriptions, one at a time, and caches the recently used ones."""
 
-    def __init__(self, operations: Iterable[str]) -> None:
-        """Create the cache; ``operations`` are the operations of all extensions as ``module:attribute``."""
-        self._operations: list[Operations] = [resolve_name(name) for name in operations]
+    def __init__(self, operations: Iterable[str], faults: Faults | None = None) -> None:
+        """Create the cache; ``operations`` are the operations of all extensions as ``module:attribute``.
+
+        ``faults`` gets those that do not exist.
+        """
+        self._operations = dict[str, Operations]()
+        faults = Faults() if faults is None else faults
+        for name in operations:
+            with faults.guard(_PART, thing=name):
+                self._operations[name] = resolve_name(name)
         self._made: OrderedDict[bytes, Document] = OrderedDict()
         self._turn = asyncio.Lock()
 
@@ -79,15 +88,16 @@ class Documents:
     async def _make(self, view: RequestView) -> Document:
         fleet = FleetPaths(view)
         async for robot in time_sliced(list(view.robots.values())):
-            fleet.add(robot)
+            with view.faults.guard(_PART, robot.name):
+                fleet.add(robot)
         paths: dict[str, Mapping[str, Any]] = {}
-        async for operations in time_sliced(
-            self._operations
-        ):  # the first time they read shapes, some milliseconds each
-            paths |= operations(view)
+        # the first time they read shapes, some milliseconds each
+        async for name, operations in time_sliced(list(self._operations.items())):
+            with view.faults.guard(_PART, thing=name):
+                paths |= operations(view)
         # Schemas of hundreds of joints take a second; their inputs are never modified in place, so a thread may read
         # them.
-        return await asyncio.to_thread(_written, view.base, view.requires_authentication, fleet, paths)
+        return await asyncio.to_thread(_written, view, fleet, paths)
 
 
 async def _version(view: RequestView) -> bytes:
@@ -100,8 +110,10 @@ async def _version(view: RequestView) -> bytes:
     return blake2b("\n".join(facts).encode(), digest_size=16).digest()
 
 
-def _written(base: str, secured: bool, fleet: FleetPaths, more: Mapping[str, Mapping[str, Any]]) -> Document:
+def _written(view: RequestView, fleet: FleetPaths, more: Mapping[str, Mapping[str, Any]]) -> Document:
+    base, secured = view.base, view.requires_authentication
     paths = {**_own_paths(), **dict(fleet.paths()), **more}
+    missing = {name: reason for name in view.robots if (reason := view.faults.find(_PART, name))}
     said: Json = {
         "openapi": VERSION,
         "info": {
@@ -117,6 +129,8 @@ def _written(base: str, secured: bool, fleet: FleetPaths, more: Mapping[str, Map
         "paths": {template: _completed(item, secured) for template, item in paths.items()},
         "components": components(secured, fleet.schemas),
     }
+    if missing:
+        said["x-not-described"] = missing
     if secured:
         said["security"] = [{"bearer": []}]
     body = json.dumps(said, ensure_ascii=False, allow_nan=False).encode()
@@ -164,7 +178,7 @@ class OpenApiExtension(Extension):
     @asynccontextmanager
     async def start(self, core: Core) -> AsyncIterator[Mount]:
         branch = FleetBranch(PATH[1:], None, _resolve, link=("service-desc", TYPE))
-        documents = Documents(core.operations)
+        documents = Documents(core.operations, core.live.faults)
         yield Mount(branches=(branch,), readers={ApiDescription: partial(_read, documents)})
 
 

@@ -46,6 +46,7 @@ class PagesExtension(Extension):
     @asynccontextmanager
     async def start(self, core: Core) -> AsyncIterator[Mount]:
         for name in core.views:
-            add_view(resolve_name(name))
+            with core.live.faults.guard("pages", thing=name):
+                add_view(resolve_name(name))
         set_entries(core.navigation)
         yield Mount(branches=(BRANCH, THUMBNAILS), html=Pages())

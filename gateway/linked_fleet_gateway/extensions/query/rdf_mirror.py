@@ -8,14 +8,16 @@ from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 from typing import NamedTuple
 
-from pyoxigraph import BlankNode, NamedNode, Quad, Store, Triple
+from pyoxigraph import BlankNode, Literal, NamedNode, Quad, Store, Triple
 
+from linked_fleet_gateway.base.faults import Faults
 from linked_fleet_gateway.extensions.query.fleet_mirror import Mirror, MirroredRobot
 from linked_fleet_gateway.fleet.invocation import Invocation
 from linked_fleet_gateway.fleet.model import Joint, Link
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.rdf.graph import Graph, Node, Term
 from linked_fleet_gateway.rdf.shapes import BLUEPRINTS, load_turtle
+from linked_fleet_gateway.rdf.vocabulary import LF
 from linked_fleet_gateway.resources.describe import Describer, last_frame
 from linked_fleet_gateway.resources.documents import VOCABULARY, describe_terms
 from linked_fleet_gateway.resources.invocation import describe_invocation, describe_lease, invocation_path
@@ -97,13 +99,17 @@ class _Robot:
         self.said = self.seen = -1
         self.documents: dict[str, _Document] = {}
         self.values: dict[str, list[_Value]] = {}
+        self.fault = ""
+
+
+_PART = "queries"  # in faults
 
 
 class RdfMirror:
     """The store under one base URL (scheme and authority). ``update`` adopts the state of the mirror."""
 
     def __init__(self, base: str) -> None:
-        self.base, self.store = base, Store()
+        self.base, self.store, self._faults = base, Store(), Faults()
         self._say = StaticDescriber(base)
         self._robots: dict[str, _Robot] = {}
         self._documents = 0
@@ -128,11 +134,24 @@ class RdfMirror:
             self.store.remove_graph(self._robots.pop(name).graph)
         for name, held in mirror.robots.items():
             known = self._robots.setdefault(name, _Robot(self.graph_of(name), held))
-            if known.said != held.said:
-                self._tell(known, held)
-            elif known.seen != held.seen:
-                self._measure(known, held)
+            with self._faults.guard(_PART, name):
+                self._update_robot(known, held)
+            self._note_fault(known, self._faults.find(_PART, name))
             known.said, known.seen = held.said, held.seen
+
+    def _update_robot(self, known: _Robot, held: MirroredRobot) -> None:
+        if known.said != held.said or known.fault:
+            self._tell(known, held)
+        elif known.seen != held.seen:
+            self._measure(known, held)
+
+    def _note_fault(self, known: _Robot, reason: str) -> None:
+        """State the reason why a robot is described in part only."""
+        if known.fault == reason:
+            return
+        iri = known.graph
+        self._exchange(iri, *([Triple(iri, LF.fault, Literal(each))] if each else [] for each in (known.fault, reason)))
+        known.fault = reason
 
     # -- what is said -------------------------------------------------------------------------------------------------
 

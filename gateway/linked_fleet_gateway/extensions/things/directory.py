@@ -4,7 +4,7 @@ A page of the directory in RDF has things with their names and classes, in the o
 extension are here too.
 """
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from hashlib import blake2b
@@ -12,7 +12,7 @@ from hashlib import blake2b
 from pyoxigraph import Literal, NamedNode
 
 from linked_fleet_agent.wire.messages import Description
-from linked_fleet_gateway.extensions.things.td import DIRECTORY, TD, write_description
+from linked_fleet_gateway.extensions.things.td import DIRECTORY, TD, placeholder_description, write_description
 from linked_fleet_gateway.fleet.model import Joint, Link
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.rdf.graph import Graph
@@ -28,6 +28,7 @@ LF = CORE.extended("Directory things")
 
 MOST = 50
 """Most descriptions on one page."""
+_LIST, _THINGS = "the list of things", "things"
 Place = tuple[Robot | None, Joint | Link | None]
 
 
@@ -63,12 +64,16 @@ class Listing:
         found: list[tuple[str, Place]] = [(base + "/", (None, None))]
         async for name, robot in time_sliced(list(self.view.robots.items())):
             found.append((base + robot_path(name), (robot, None)))
-            if (model := robot.model) is not None:
-                for joint in model.joints.values():
-                    found.append((base + joint_path(name, joint.name), (robot, joint)))
-                for link in model.links.values():
-                    found.append((base + link_path(name, model, link.name), (robot, link)))
+            with self.view.faults.guard(_LIST, name):
+                found += list(self._parts(name, robot))
         return sorted(found, key=lambda each: each[0])
+
+    def _parts(self, name: str, robot: Robot) -> Iterator[tuple[str, Place]]:
+        if (model := robot.model) is not None:
+            for joint in model.joints.values():
+                yield self.view.base + joint_path(name, joint.name), (robot, joint)
+            for link in model.links.values():
+                yield self.view.base + link_path(name, model, link.name), (robot, link)
 
     async def version(self, digests: RobotDigests) -> bytes:
         """Return a digest of all facts that descriptions depend on: while it is equal, they are."""
@@ -77,10 +82,15 @@ class Listing:
             facts.update(digests.digest(name, robot))
         return facts.digest()
 
-    def description(self, place: Place) -> bytes:
-        return write_description(self.view, *place)
+    def description(self, id: str, place: Place) -> bytes | None:
+        """Return a description, or one that says why there is no more of it; None if the thing is gone."""
+        robot, part = place
+        about, faults = (robot.name if robot else "", part.name if part else ""), self.view.faults
+        with faults.guard(_THINGS, *about):
+            return write_description(self.view, *place) if self._is_present(place) else None
+        return placeholder_description(id, self.view.requires_authentication, faults.find(_THINGS, *about))
 
-    def is_present(self, place: Place) -> bool:
+    def _is_present(self, place: Place) -> bool:
         """Return True if the robot of a listed part has had no other description since."""
         robot, part = place
         if robot is None or part is None:

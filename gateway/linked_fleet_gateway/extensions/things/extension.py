@@ -98,7 +98,7 @@ class Directory:
             async def is_current() -> bool:
                 return await self._version(listing) == version
 
-            parts = partial(_array, listing, [place for _, place in things[offset:end]])
+            parts = partial(_array, listing, things[offset:end])
             made = await self._kept.make(key, link, parts, is_current)
         headers["link"] = made.link
         if isinstance(made, LongListing):
@@ -151,15 +151,15 @@ def _canonical(things: Sequence[tuple[str, Place]], base: str, *, paged: bool) -
     return [Link(base + DIRECTORY, "canonical", etag=state)]
 
 
-async def _array(listing: Listing, places: Iterable[Place]) -> AsyncIterator[bytes]:
+async def _array(listing: Listing, things: Iterable[tuple[str, Place]]) -> AsyncIterator[bytes]:
     """Yield a JSON array of descriptions, each of which takes milliseconds to render.
 
     If another description of a robot comes meanwhile, its further parts are left out.
     """
     separator = b"["
-    async for place in time_sliced(places):
-        if listing.is_present(place):
-            yield separator + listing.description(place)
+    async for id, place in time_sliced(things):
+        if (said := listing.description(id, place)) is not None:
+            yield separator + said
             separator = b",\n"
     yield b"]" if separator != b"[" else b"[]"
 

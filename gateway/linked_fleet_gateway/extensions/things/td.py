@@ -66,13 +66,12 @@ class Thing:
 
     def td(self, robots: Iterable[str]) -> Json:
         """Return the description. ``robots`` are the visible robots, for the fleet only."""
-        scheme = {"scheme": "bearer", "in": "header"} if self.secured else {"scheme": "nosec"}
         said: Json = {
             "@context": [CONTEXT, {"@language": "en"}],
             "id": self.id,
             "@type": [each.value for each in (HYBRIT.RoboticThing, *self._types())],
             "title": self._title(),
-            "securityDefinitions": {"access": scheme},
+            "securityDefinitions": {"access": _scheme(self.secured)},
             "security": ["access"],
             "properties": {item.segment: self._property(item) for item in self._properties()},
             "actions": {offer.definition.segment: self._action(offer) for offer in self._offers()},
@@ -175,6 +174,23 @@ def write_description(view: RequestView, robot: Robot | None, part: Joint | Link
 def thing_description(thing: Thing, robots: Iterable[str] = ()) -> bytes:
     """Return the bytes of a Thing Description."""
     return json.dumps(thing.td(robots), ensure_ascii=False, allow_nan=False).encode()
+
+
+def placeholder_description(id: str, secured: bool, reason: str) -> bytes:
+    """Return the description of a thing without affordances, because of ``reason``."""
+    said: Json = {
+        "@context": [CONTEXT, {"@language": "en"}],
+        "id": id,
+        "title": f"{id} (not described)",
+        "description": reason,
+        "securityDefinitions": {"access": _scheme(secured)},
+        "security": ["access"],
+    }
+    return json.dumps(said, ensure_ascii=False).encode()
+
+
+def _scheme(secured: bool) -> Json:
+    return {"scheme": "bearer", "in": "header"} if secured else {"scheme": "nosec"}
 
 
 def _describe(item: Property, iri: NamedNode, graph: Any) -> None:

@@ -11,6 +11,7 @@ from functools import cache
 from pyoxigraph import Literal, NamedNode, Triple
 
 from linked_fleet_gateway.base.errors import UnprocessableContent
+from linked_fleet_gateway.base.faults import Faults
 from linked_fleet_gateway.extensions.world.placement import (
     LF,
     PLACEMENT,
@@ -36,6 +37,7 @@ from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.rdf.graph import METRE, Graph, Node
 from linked_fleet_gateway.rdf.validation import refuse_statements
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, HYDRA, LDP, RDF, RDFS
+from linked_fleet_gateway.rdf.vocabulary import LF as CORE_LF
 from linked_fleet_gateway.resources.body_values import Body, validate_body
 from linked_fleet_gateway.resources.json_form import Field, Form, Value, form_of
 from linked_fleet_gateway.resources.paths import link_path, model_path, robot_path
@@ -52,12 +54,18 @@ def object_path(id: str) -> str:
     return f"{OBJECTS}/{id}"
 
 
-def describe_world(graph: Graph, base: str, robots: Iterable[Robot]) -> None:
-    """Describe the frame tree down to the root links, where the joints of each robot continue it."""
+def describe_world(graph: Graph, base: str, robots: Iterable[Robot], faults: Faults) -> None:
+    """Describe the frame tree down to the root links, where the joints of each robot continue it.
+
+    A robot that cannot be described has the reason as its fault.
+    """
     robots = sorted(robots, key=lambda robot: robot.name)
     describe_frame(graph, base, robots)
     for robot in robots:
-        _describe_robot(graph, base, robot)
+        with faults.guard("the world", robot.name):
+            _describe_robot(graph, base, robot)
+        if reason := faults.find("the world", robot.name):
+            graph.add(NamedNode(base + robot_path(robot.name)), CORE_LF.fault, Literal(reason))
 
 
 def describe_frame(graph: Graph, base: str, robots: Iterable[Robot]) -> None:

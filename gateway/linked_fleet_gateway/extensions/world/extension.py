@@ -158,6 +158,7 @@ PREPARING = "the shapes of robots are being prepared for the check of their moti
 
 class WorldExtension(Extension):
     name = "world"
+    guards_motions = True
     at_root = ("world",)
     in_robot = ("placement",)
     robot_properties = ("linked_fleet_gateway.extensions.world.placement:placement",)

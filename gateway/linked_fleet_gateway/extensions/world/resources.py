@@ -83,7 +83,7 @@ def _world(view: RequestView) -> Resource:
     return Resource(
         WORLD,
         "World",
-        lambda graph: describe_world(graph, view.base, robots.values()),
+        lambda graph: describe_world(graph, view.base, robots.values(), view.faults),
         source=Source(
             lambda: [(r.name, r.title, r.description is None, r.settings.get(PLACEMENT)) for r in robots.values()]
         ),

@@ -171,7 +171,7 @@ async def test_parts_that_go_while_the_listing_is_sent_are_left_out(bench: Any, 
     robot = bench.robot({"pan": ("continuous", ""), "tilt": ("continuous", "")})
     view = RequestView(bench.base, MappingProxyType(bench.fleet.robots), InvocationsInView(Invocations(), ALL), ALL)
     listing, sent = Listing(view), b""
-    async for piece in _array(listing, [place for _, place in await listing.things()]):
+    async for piece in _array(listing, await listing.things()):
         if not sent:
             if rejected:
                 robot.reject_description("it is none")
@@ -187,11 +187,11 @@ class _Counted:
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         self.count, self._usual = 0, Listing.description
-        monkeypatch.setattr(Listing, "description", lambda listing, place: self._write(listing, place))
+        monkeypatch.setattr(Listing, "description", lambda listing, id, place: self._write(listing, id, place))
 
-    def _write(self, listing: Listing, place: Any) -> bytes:
+    def _write(self, listing: Listing, id: str, place: Any) -> bytes | None:
         self.count += 1
-        return self._usual(listing, place)
+        return self._usual(listing, id, place)
 
 
 @pytest.mark.parametrize("query", ["", "limit=10", "limit=10&offset=20", "offset=30"])

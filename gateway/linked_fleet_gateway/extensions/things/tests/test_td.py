@@ -256,7 +256,7 @@ def test_the_directory_has_each_thing_once() -> None:
     found = asyncio.run(listing.things())
     assert [id for id, _ in found] == sorted(BASE + path for path in _things())
     for id, place in found:
-        assert _td(f"/things/{id}")["id"] == id == json.loads(listing.description(place))["id"]
+        assert _td(f"/things/{id}")["id"] == id == json.loads(listing.description(id, place) or b"")["id"]
 
 
 def test_classes_are_told() -> None:
