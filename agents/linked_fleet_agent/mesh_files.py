@@ -17,7 +17,12 @@ from linked_fleet_agent.wire.messages import MAX_MESH_BYTES, MAX_MESH_URI, MAX_M
 
 _log = logging.getLogger(__name__)
 
-FORMATS: Mapping[str, str] = {".stl": "model/stl", ".dae": "model/vnd.collada+xml", ".obj": "model/obj"}
+FORMATS: Mapping[str, str] = {
+    ".stl": "model/stl",
+    ".dae": "model/vnd.collada+xml",
+    ".obj": "model/obj",
+    ".glb": "model/gltf-binary",
+}
 """Media types (IANA) by suffix in lower case; meshes of other suffixes are not offered."""
 # Folder names that packages use for URDFs, beside the folder of the meshes.
 _URDF_FOLDERS = ("urdf", "robots", "model", "models")

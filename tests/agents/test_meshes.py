@@ -102,11 +102,11 @@ def test_meshes_that_show_the_robot_come_before_those_of_its_collision_geometry(
 
 
 def test_other_formats_and_missing_files_are_not_in_the_list(urdf: Path) -> None:
-    for name in ("a.STL", "b.glb", "c.Dae", "d.obj"):
+    for name in ("a.STL", "b.glb", "c.Dae", "d.obj", "f.ply"):
         _put(urdf.parent.parent / "meshes" / name)
-    uris = [f"package://arm/meshes/{name}" for name in ("a.STL", "b.glb", "c.Dae", "d.obj", "e.stl")]
+    uris = [f"package://arm/meshes/{name}" for name in ("a.STL", "b.glb", "c.Dae", "d.obj", "e.stl", "f.ply")]
     found = mesh_files(_urdf(*map(_visual, uris), '<visual><geometry><sphere radius="1"/></geometry></visual>'), urdf)
-    assert [path.name for path in found.values()] == ["a.STL", "c.Dae", "d.obj"]
+    assert [path.name for path in found.values()] == ["a.STL", "b.glb", "c.Dae", "d.obj"]
 
 
 @pytest.mark.parametrize("uri", WAYS)
