@@ -52,10 +52,6 @@ class MeshRoots:
         prefixes = environment.get("AMENT_PREFIX_PATH", "").split(os.pathsep)
         return cls(tuple(Path(each) for each in packages if each), tuple(Path(each) for each in prefixes if each))
 
-    def with_folder(self, folder: Path) -> "MeshRoots":
-        """Return the roots with a folder before the others."""
-        return MeshRoots((folder, *self.folders), self.prefixes)
-
     def package(self, name: str) -> Iterator[Path]:
         """Yield the folders that may be the package ``name``."""
         for folder in self.folders:
@@ -184,6 +180,10 @@ def _in_package(package: str, inside: str, file: Path | None, roots: MeshRoots) 
 
 def _by_path(path: str, file: Path | None, roots: MeshRoots) -> Iterator[tuple[Path, Path]]:
     """Yield the candidates of an absolute or relative path: relative to the URDF, then to the roots."""
+    share, _, installed = path.rpartition("/share/")  # of another machine, where the package is installed
+    if share and file is None:
+        package, _, inside = installed.partition("/")
+        yield from _in_package(package, inside, file, roots)
     allowed = roots.folders + tuple(prefix / "share" for prefix in roots.prefixes)
     below = re.sub(r"^(?:\.{0,2}/)+", "", path)
     if file is not None:

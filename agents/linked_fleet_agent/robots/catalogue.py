@@ -167,7 +167,7 @@ def load(name: str, source: str, floating: bool = False, roots: MeshRoots = NO_R
     answer.
     """
     if source.startswith(SCHEME):
-        return _find(name, source, floating)
+        return _find(name, source, floating, roots)
     model = MODELS.get(source)
     if model is not None:
         return _simulate(name, model, data_folder() / model.file, roots)
@@ -205,7 +205,7 @@ def poses_of(model: Model, joints: Sequence[JointFacts]) -> dict[str, dict[str, 
     return {title: {name: commanded[name].clamp(at) for name, at in pose.items()} for title, pose in poses.items()}
 
 
-def _find(name: str, source: str, floating: bool) -> Robot:
+def _find(name: str, source: str, floating: bool, roots: MeshRoots) -> Robot:
     if floating:
         raise UnavailableError(f"{name}: joint states have no pose of a floating base; leave out `floating`")
     try:
@@ -218,7 +218,7 @@ def _find(name: str, source: str, floating: bool) -> Robot:
     except AddressError as error:
         raise UnavailableError(f"{name}: {error}") from error
     try:
-        return Ros2Robot.find(name, address)
+        return Ros2Robot.find(name, address, roots=roots)
     except (AddressError, ConnectionError, TimeoutError) as error:
         raise UnavailableError(f"{name}: {error}") from error
 

@@ -3,6 +3,7 @@
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from urllib.parse import parse_qsl
 
 SCHEME = "ros2:"
@@ -30,7 +31,8 @@ class Controller:
 class Address:
     """A Zenoh endpoint of the ROS 2 side, and the topics of one robot there, by their full names.
 
-    The robot counts as not measurable after ``stale_s`` without joint states.
+    The robot counts as not measurable after ``stale_s`` without joint states. ``meshes`` are folders of this machine
+    with the packages, or the meshes, that the description names.
     """
 
     endpoint: str
@@ -39,13 +41,14 @@ class Address:
     description: str = "/robot_description"
     controllers: tuple[Controller, ...] = (Controller("/joint_trajectory_controller/joint_trajectory"),)
     stale_s: float = 0.5
+    meshes: tuple[Path, ...] = ()
 
 
 def parse_address(text: str) -> Address:
     """Parse ``ros2:ENDPOINT?domain=0&namespace=/arm&…``. Raises AddressError.
 
     Topics without a leading slash are relative to the namespace. ``commands=TOPIC:JOINT;JOINT`` may be repeated, once
-    for each controller.
+    for each controller, and ``meshes=FOLDER`` for each folder.
     """
     endpoint, separator, query = text.removeprefix(SCHEME).partition("?")
     if not text.startswith(SCHEME) or not _ENDPOINT.fullmatch(endpoint):
@@ -53,6 +56,7 @@ def parse_address(text: str) -> Address:
     given = _options(query) if separator else {}
     namespace = _namespace(_one(given, "namespace", "/"))
     commands = given.pop("commands", ["joint_trajectory_controller/joint_trajectory"])
+    folders = given.pop("meshes", [])
     address = Address(
         endpoint=endpoint,
         domain=_domain(_one(given, "domain", "0")),
@@ -60,9 +64,10 @@ def parse_address(text: str) -> Address:
         description=_topic(_one(given, "description", "robot_description"), namespace),
         controllers=_controllers(commands, namespace),
         stale_s=_stale(_one(given, "stale", "0.5")),
+        meshes=tuple(_folder(each) for each in folders),
     )
     if given:
-        known = "domain, namespace, states, description, commands and stale"
+        known = "domain, namespace, states, description, commands, stale and meshes"
         raise AddressError(f"{next(iter(given))!r} is not an option of a ROS 2 robot; the options are {known}")
     return address
 
@@ -98,6 +103,12 @@ def _stale(text: str) -> float:
     if not re.fullmatch(r"[0-9]{1,2}(\.[0-9]{1,6})?", text) or not least <= float(text) <= most:
         raise AddressError(f"stale={text!r} is not a number of seconds from {least:g} to {most:g}")
     return float(text)
+
+
+def _folder(text: str) -> Path:
+    if not Path(text).is_dir():
+        raise AddressError(f"meshes={text!r} is not a folder of this machine")
+    return Path(text)
 
 
 def _namespace(text: str) -> str:
