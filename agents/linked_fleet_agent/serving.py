@@ -47,7 +47,7 @@ class Opener(Protocol):
 def make_agent(settings: AgentSettings, index: int) -> Agent:
     """Load robot ``index`` of the settings. Raises SettingsError, UnavailableError."""
     choice = settings.robots[index]
-    robot = load(choice.name, choice.source, choice.floating)
+    robot = load(choice.name, choice.source, choice.floating, settings.mesh_roots)
     facts = robot.describe()
     _log.info(
         "%s: %s, %d joints, %s base",

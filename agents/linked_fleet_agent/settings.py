@@ -4,7 +4,9 @@ import argparse
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 
+from linked_fleet_agent.mesh_files import NO_ROOTS, MeshRoots
 from linked_fleet_agent.motion import Sway
 from linked_fleet_agent.wire.keys import Keys, escape
 from linked_fleet_agent.wire.trust import Credentials, unauthenticated_endpoints
@@ -53,6 +55,12 @@ SETTINGS = (
         "agent restarts it",
         True,
     ),
+    Setting(
+        "LINKED_FLEET_MESH_ROOTS",
+        "",
+        "folders of packages whose meshes may be served, comma-separated, beside the package of a URDF and those of "
+        "`ROS_PACKAGE_PATH` and `AMENT_PREFIX_PATH`",
+    ),
     Setting("LINKED_FLEET_RATE_HZ", "100", "state frames per second and robot"),
     Setting("LINKED_FLEET_LEASE_MS", "2000", "silence until an agent counts as gone, in milliseconds"),
     Setting("LINKED_FLEET_LOG_LEVEL", "info", "debug, info, warning or error"),
@@ -84,6 +92,7 @@ class AgentSettings:
     zenoh_listen: tuple[str, ...] = ()
     credentials: Credentials | None = None
     sways: tuple[tuple[str, Sway], ...] = ()
+    mesh_roots: MeshRoots = NO_ROOTS
     rate_hz: float = 100.0
     lease_ms: int = 2_000
     log_level: str = "INFO"
@@ -113,6 +122,7 @@ def read_settings(arguments: Sequence[str], environment: Mapping[str, str], host
         zenoh_listen=_parts(text["listen"]),
         credentials=credentials,
         sways=tuple(_sway(part, names, host) for part in _parts(text["sway"])),
+        mesh_roots=_mesh_roots(_parts(text["mesh_roots"]), environment),
         rate_hz=_number("LINKED_FLEET_RATE_HZ", text["rate_hz"], 1, 1_000),
         lease_ms=int(_number("LINKED_FLEET_LEASE_MS", text["lease_ms"], 200, 60_000)),
         log_level=_level(text["log_level"]),
@@ -151,6 +161,13 @@ def _sway(text: str, robots: Sequence[str], host: str) -> tuple[str, Sway]:
     if robot not in robots or not joint:
         raise SettingsError(f"--sway {text}: ROBOT:JOINT with a robot of {', '.join(robots)} is needed")
     return robot, Sway(joint)
+
+
+def _mesh_roots(folders: Sequence[str], environment: Mapping[str, str]) -> MeshRoots:
+    for folder in folders:
+        if not Path(folder).is_dir():
+            raise SettingsError(f"LINKED_FLEET_MESH_ROOTS: {folder!r} is not a folder of this machine")
+    return MeshRoots.from_environment(folders, environment)
 
 
 def _keys(namespace: str) -> Keys:

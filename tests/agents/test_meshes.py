@@ -5,8 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from linked_fleet_agent.mesh_files import MeshError, MeshFiles, locate_mesh, mesh_files
+from linked_fleet_agent.mesh_files import MeshError, MeshFiles, MeshRoots, locate_mesh, mesh_files
 from linked_fleet_agent.robots.catalogue import MODELS, data_folder
+from linked_fleet_agent.settings import SettingsError, read_settings
 from linked_fleet_agent.wire.messages import MAX_MESH_BYTES
 
 WAYS = [
@@ -17,7 +18,24 @@ WAYS = [
     "meshes/a.stl",
     "{package}/meshes/a.stl",
     "file://{package}/meshes/a.stl",
+    "file:{package}/meshes/a.stl",
+    "file://localhost{package}/meshes/a.stl",
+    "model://arm/meshes/a.stl",
+    "package:///meshes/a.stl",
+    "package:///{package}/meshes/a.stl",
+    "package://../meshes/a.stl",
+    "package://arm/meshes//a.stl",
+    "package://arm/meshes/%61.stl",
+    "package://arm/meshes/A.STL",
+    "package://arm/Meshes/a.stl",
+    "package://arm\\meshes\\a.stl",
+    "../../meshes/a.stl",
+    "../../../meshes/a.stl",
+    "./../meshes/a.stl",
+    "..\\meshes\\a.stl",
+    "/meshes/a.stl",
 ]
+"""Spellings of the mesh in the package of the URDF."""
 ESCAPES = [
     "package://arm/../../secret.stl",
     "../../../secret.stl",
@@ -32,6 +50,15 @@ ESCAPES = [
     "package://arm",
     "package://arm/meshes/link.stl",
     "meshes/link.stl",
+    "package://arm/%2e%2e/%2e%2e/secret.stl",
+    "%2e%2e/%2e%2e/%2e%2e/secret.stl",
+    "..\\..\\..\\secret.stl",
+    "package://%2e%2e/secret.stl",
+    "model://../../secret.stl",
+    "file:{outside}",
+    "file://localhost{outside}",
+    "SECRET.STL",
+    "http://127.0.0.1/meshes/a.stl",
 ]
 
 
@@ -75,11 +102,11 @@ def test_meshes_that_show_the_robot_come_before_those_of_its_collision_geometry(
 
 
 def test_other_formats_and_missing_files_are_not_in_the_list(urdf: Path) -> None:
-    for name in ("a.STL", "b.glb", "c.Dae", "d.obj"):
+    for name in ("a.STL", "b.glb", "c.Dae", "d.obj", "f.ply"):
         _put(urdf.parent.parent / "meshes" / name)
-    uris = [f"package://arm/meshes/{name}" for name in ("a.STL", "b.glb", "c.Dae", "d.obj", "e.stl")]
+    uris = [f"package://arm/meshes/{name}" for name in ("a.STL", "b.glb", "c.Dae", "d.obj", "e.stl", "f.ply")]
     found = mesh_files(_urdf(*map(_visual, uris), '<visual><geometry><sphere radius="1"/></geometry></visual>'), urdf)
-    assert [path.name for path in found.values()] == ["a.STL", "c.Dae", "d.obj"]
+    assert [path.name for path in found.values()] == ["a.STL", "b.glb", "c.Dae", "d.obj"]
 
 
 @pytest.mark.parametrize("uri", WAYS)
@@ -109,6 +136,86 @@ def test_no_name_leads_out_of_the_package(urdf: Path, uri: str) -> None:
     link.parent.mkdir()
     link.symlink_to(outside)
     assert locate_mesh(uri.format(outside=outside), urdf) is None
+
+
+@pytest.fixture
+def roots(tmp_path: Path) -> MeshRoots:
+    """Return a workspace, an install prefix, and a folder that is a package, each with its own mesh."""
+    _put(tmp_path / "workspace" / "hand" / "meshes" / "a.stl")
+    _put(tmp_path / "install" / "share" / "gripper" / "meshes" / "b.stl")
+    _put(tmp_path / "checkout" / "package.xml", b"<package><name>legs</name></package>")
+    _put(tmp_path / "checkout" / "meshes" / "c.stl")
+    return MeshRoots((tmp_path / "workspace", tmp_path / "checkout"), (tmp_path / "install",))
+
+
+@pytest.mark.parametrize(
+    ("uri", "file"),
+    [
+        ("package://hand/meshes/a.stl", "workspace/hand/meshes/a.stl"),
+        ("package://Hand/meshes/a.stl", None),
+        ("package://hand/Meshes/A.stl", "workspace/hand/meshes/a.stl"),
+        ("package://gripper/meshes/b.stl", "install/share/gripper/meshes/b.stl"),
+        ("model://gripper/meshes/b.stl", "install/share/gripper/meshes/b.stl"),
+        ("package://legs/meshes/c.stl", "checkout/meshes/c.stl"),
+        ("package://checkout/meshes/c.stl", "checkout/meshes/c.stl"),
+        ("meshes/c.stl", "checkout/meshes/c.stl"),
+        ("hand/meshes/a.stl", "workspace/hand/meshes/a.stl"),
+        ("file://{folder}/workspace/hand/meshes/a.stl", "workspace/hand/meshes/a.stl"),
+        ("package:///{folder}/workspace/hand/meshes/a.stl", "workspace/hand/meshes/a.stl"),
+        ("package://hand/../../secret.stl", None),
+        ("../../secret.stl", None),
+        ("{folder}/secret.stl", None),
+        ("package://hand/meshes/link.stl", None),
+    ],
+)
+@pytest.mark.parametrize("has_file", [True, False])
+def test_meshes_come_from_the_roots_too(
+    tmp_path: Path, roots: MeshRoots, uri: str, file: str | None, has_file: bool
+) -> None:
+    """A description without a file, as of a robot of ROS 2, has the roots alone."""
+    outside = _put(tmp_path / "secret.stl")
+    (tmp_path / "workspace" / "hand" / "meshes" / "link.stl").symlink_to(outside)
+    urdf = _put(tmp_path / "elsewhere" / "urdf" / "r.urdf") if has_file else None
+    found = locate_mesh(uri.format(folder=tmp_path), urdf, roots)
+    assert found == (None if file is None else tmp_path / file)
+
+
+def test_a_path_relative_to_the_urdf_may_lead_into_a_root(tmp_path: Path, roots: MeshRoots) -> None:
+    urdf = _put(tmp_path / "elsewhere" / "urdf" / "r.urdf")
+    assert locate_mesh("../../checkout/meshes/c.stl", urdf, roots) == tmp_path / "checkout" / "meshes" / "c.stl"
+    assert locate_mesh("../../checkout/meshes/c.stl", urdf) is None
+
+
+def test_names_that_differ_in_case_only_are_not_guessed(urdf: Path) -> None:
+    for name in ("Arm.stl", "ARM.stl"):
+        _put(urdf.parent.parent / "meshes" / name)
+    assert locate_mesh("package://arm/meshes/arm.stl", urdf) is None
+    assert locate_mesh("package://arm/meshes/ARM.stl", urdf) == urdf.parent.parent / "meshes" / "ARM.stl"
+
+
+def test_the_roots_are_those_of_ros_after_those_of_the_setting() -> None:
+    environment = {"ROS_PACKAGE_PATH": "/a:/b", "AMENT_PREFIX_PATH": "/opt/ros/jazzy:/ws/install"}
+    roots = MeshRoots.from_environment(["/first"], environment)
+    assert roots.folders == (Path("/first"), Path("/a"), Path("/b"))
+    assert roots.prefixes == (Path("/opt/ros/jazzy"), Path("/ws/install"))
+    assert MeshRoots.from_environment([], {}) == MeshRoots()
+
+
+def test_a_root_that_is_no_folder_is_refused(tmp_path: Path) -> None:
+    environment = {"LINKED_FLEET_MESH_ROOTS": f"{tmp_path}", "LINKED_FLEET_ROBOT": "ur5"}
+    assert read_settings([], environment, "host").mesh_roots == MeshRoots((tmp_path,))
+    with pytest.raises(SettingsError, match="LINKED_FLEET_MESH_ROOTS: '/nowhere' is not a folder"):
+        read_settings(["--mesh-roots", f"{tmp_path},/nowhere"], environment, "host")
+
+
+def test_meshes_that_are_not_offered_are_logged_once_with_their_reasons(
+    urdf: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    uris = ["package://arm/a.stl", "package://arm/b.ply", "mesh", "package://arm/c.stl", "package://arm/c.stl"]
+    assert mesh_files(_urdf(*map(_visual, uris)), urdf, robot="arm") == {}
+    (logged,) = [each.getMessage() for each in caplog.records]
+    assert logged.startswith("arm: 4 of 4 meshes are not offered: 'package://arm/a.stl': there is no such file")
+    assert ".ply is none of the formats .stl" in logged and logged.endswith("; and 1 more")
 
 
 @pytest.mark.parametrize("uri", ["", "a" * 5000 + ".stl", "nul\0.stl"])

@@ -203,7 +203,7 @@ def test_a_mesh_of_an_unknown_type_is_as_if_it_were_not_there(
     observed_fleet: tuple[Process, Browser, zenoh.Session],
 ) -> None:
     _, browser, session = observed_fleet
-    meshes = _said(b"b", "<b>.obj", "model/obj"), _said(b"c", "c.glb", "model/gltf-binary")
+    meshes = _said(b"b", "<b>.obj", "model/obj"), _said(b"c", "c.gltf", "model/gltf+json")
     _appear(session, "typed", *meshes)
     model = _model(browser, live(browser, "typed"))
     (address,) = _addresses(browser, model)

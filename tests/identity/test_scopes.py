@@ -10,6 +10,7 @@ from rdflib import URIRef
 
 from authenticated_gateway import SEEN, AuthenticatedGateway
 from browser import HYBRIT, LDP, LF, Browser, links
+from commanding import PREFIXES
 from running import eventually
 from small_fleet import live
 from subscribers import PATIENCE_S, Socket, refused
@@ -60,6 +61,8 @@ def _deeds(browser: Browser) -> list[RightsCase]:
         "@prefix vom: <http://vocab.arvida.de/2015/06/vom/vocab#> . @prefix unit: <http://qudt.org/vocab/unit/> .\n"
         f"@prefix lf: <{LF}> . <> lf:value [ vom:numericalValue 0.1 ; vom:unit unit:RAD ] ."
     )
+    origin = "lf:position [ maths:x 0 ; maths:y 0 ; maths:z 0 ; vom:unit unit:M ]"
+    accepted = f"{PREFIXES}<> {origin} ; lf:acceptsUnchecked true ."
     title, scale = str(robot.property(LF.TextProperty)), str(robot.one(LF.maximumSpeedScale))
     act, stop, admin = ("actor",), ("stopper", "actor"), ("admin",)
     return [
@@ -74,6 +77,7 @@ def _deeds(browser: Browser) -> list[RightsCase]:
         RightsCase("take control", act, "PUT", str(robot.one(LF.lease)), lease),
         RightsCase("release control", act, "DELETE", str(robot.one(LF.lease))),
         RightsCase("rename", admin, "PUT", title, _PREFIXES + '<> lf:value "x" .'),
+        RightsCase("accept unchecked links", admin, "PUT", str(robot.one(LF.placement)), accepted),
         RightsCase("slow down", admin, "PUT", scale, _PREFIXES + "<> lf:value 1.0 ."),
         RightsCase("subscribe", ("subscriber",), "POST", container, stream),
         RightsCase("subscribe to events", ("subscriber",), "GET", joint.url + "?events"),

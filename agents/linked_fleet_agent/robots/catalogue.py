@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from linked_fleet_agent.mesh_files import mesh_files
+from linked_fleet_agent.mesh_files import NO_ROOTS, MeshRoots, mesh_files
 from linked_fleet_agent.robot import Facts, JointFacts, Robot
 from linked_fleet_agent.robots.camera_client import probe, with_availability
 from linked_fleet_agent.robots.ros2.address import SCHEME, Address, AddressError, parse_address
@@ -159,22 +159,23 @@ MODELS: Mapping[str, Model] = {
 }
 
 
-def load(name: str, source: str, floating: bool = False) -> Robot:
+def load(name: str, source: str, floating: bool = False, roots: MeshRoots = NO_ROOTS) -> Robot:
     """Create the robot ``name`` from ``source``: a catalogue name, the path of a URDF file, or a ``ros2:`` address.
 
-    ``floating`` makes the base of a file a free joint. Raises UnavailableError if the file, the package or MuJoCo is
-    missing, the file cannot be simulated, or the robot does not answer.
+    ``floating`` makes the base of a file a free joint. ``roots`` are further folders of meshes. Raises
+    UnavailableError if the file, the package or MuJoCo is missing, the file cannot be simulated, or the robot does not
+    answer.
     """
     if source.startswith(SCHEME):
-        return _find(name, source, floating)
+        return _find(name, source, floating, roots)
     model = MODELS.get(source)
     if model is not None:
-        return _simulate(name, model, data_folder() / model.file)
+        return _simulate(name, model, data_folder() / model.file, roots)
     path = Path(source)
     if path.suffix != ".urdf" and not path.exists():
         raise UnavailableError(f"{source!r} is neither one of {', '.join(MODELS)} nor a .urdf file")
     return _simulate(
-        name, Model(source, name, f"Described by {path.name}.", floating=floating, home_height_m=0.5), path
+        name, Model(source, name, f"Described by {path.name}.", floating=floating, home_height_m=0.5), path, roots
     )
 
 
@@ -225,7 +226,7 @@ def _address(name: str, source: str, floating: bool) -> Address:
         raise UnavailableError(f"{name}: {error}") from error
 
 
-def _ros2_driver() -> Callable[[str, Address], Robot]:
+def _ros2_driver() -> Callable[..., Robot]:
     try:
         from linked_fleet_agent.robots.ros2.robot import Ros2Robot
     except ImportError as error:
@@ -235,15 +236,15 @@ def _ros2_driver() -> Callable[[str, Address], Robot]:
     return Ros2Robot.find
 
 
-def _find(name: str, source: str, floating: bool) -> Robot:
+def _find(name: str, source: str, floating: bool, roots: MeshRoots) -> Robot:
     address, find = _address(name, source, floating), _ros2_driver()
     try:
-        return find(name, address)
+        return find(name, address, roots=roots)
     except (AddressError, ConnectionError, TimeoutError) as error:
         raise UnavailableError(f"{name}: {error}") from error
 
 
-def _simulate(name: str, model: Model, path: Path) -> Robot:
+def _simulate(name: str, model: Model, path: Path, roots: MeshRoots) -> Robot:
     sight = probe() if model.cameras else None  # runs while MuJoCo is imported, which takes as long
     try:
         from linked_fleet_agent.robots.mujoco_robot import MujocoRobot
@@ -253,7 +254,7 @@ def _simulate(name: str, model: Model, path: Path) -> Robot:
         ) from error
     try:
         facts = facts_of(model, decode(path.read_bytes(), f"{name}: {path.name}"))
-        facts = replace(facts, meshes=mesh_files(facts.urdf, path))
+        facts = replace(facts, meshes=mesh_files(facts.urdf, path, roots, name))
         way, reason = ("", "") if sight is None else sight.result
         facts = replace(facts, cameras=with_availability(model.cameras, reason))
         return MujocoRobot(name, facts, model.home, model.home_height_m, path, way)

@@ -32,6 +32,7 @@ from linked_fleet_gateway.actions.store import ActionStore, MotionLimitReached, 
 from linked_fleet_gateway.base.errors import AgentTimeout, Busy, Conflict, FleetError, MotionRefused
 from linked_fleet_gateway.fleet.invocations import FLEET, Invocation, InvocationState
 from linked_fleet_gateway.fleet.robot import Robot
+from linked_fleet_gateway.fleet.unchecked import Finding, UncheckedLink
 from linked_fleet_gateway.identity.rights import ALL, View
 from linked_fleet_gateway.link.fleet_link import NoAnswer
 from linked_fleet_gateway.resources.action_offer import Offer
@@ -53,8 +54,8 @@ class MotionGuard(Protocol):
     async def wait_until_ready(self, robot: Robot, visible_robots: View) -> None:
         """Wait until motions of a robot can be checked. Raises MotionRefused if that takes too long."""
 
-    async def check_path(self, motion: Motion, visible_robots: View, own_id: str) -> bool:
-        """Check the path of a motion. Return False if the robot has no placement. Raises MotionRefused.
+    async def check_path(self, motion: Motion, visible_robots: View, own_id: str) -> Finding:
+        """Check the path of a motion. A finding is not free if the robot has no placement. Raises MotionRefused.
 
         Other running motions are considered, except the invocation with the id ``own_id``.
         """
@@ -64,12 +65,14 @@ class MotionGuard(Protocol):
 class Rehearsal:
     """The result of a rehearsal: duration, and ids of the invocations that it would end.
 
-    ``findings``: whether each guard found the path free, by its predicate.
+    ``findings``: whether each guard found the path free, by its predicate. ``unchecked``: the links that the guards
+    did not cover, each after its path.
     """
 
     duration_s: float
     preempts: tuple[str, ...]
     findings: Mapping[NamedNode, bool] = field(default_factory=dict)
+    unchecked: tuple[tuple[str, UncheckedLink], ...] = ()
 
 
 class Actions:
@@ -171,13 +174,14 @@ class Actions:
         """
         began_ns = time.monotonic_ns()
         try:
-            await self._findings(motion, caller, invocation.id)
+            found = await self._findings(motion, caller, invocation.id)
         except MotionRefused as error:
             self._record_guard(invocation, error)
             raise
         except Exception:  # of whatever kind: others have seen the motion, and it must not stay accepted
             self.lifecycle.fail(invocation, "it could not be checked")
             raise
+        invocation.unchecked = _unchecked(found)
         return self._stalls.elapsed_ns(began_ns)
 
     def _check_stops(self, invocation: Invocation) -> None:
@@ -204,8 +208,8 @@ class Actions:
             self.lifecycle.fail(invocation, "control of the robot changed while the motion was checked")
             raise
 
-    async def _findings(self, motion: Motion, caller: Caller, own: str) -> dict[NamedNode, bool]:
-        """Return whether each guard found the path free. Raises MotionRefused."""
+    async def _findings(self, motion: Motion, caller: Caller, own: str) -> dict[NamedNode, Finding]:
+        """Return the finding of each guard. Raises MotionRefused."""
         return {
             guard.finding_predicate: await guard.check_path(motion, caller.visible_robots, own)
             for guard in self._guards
@@ -264,7 +268,8 @@ class Actions:
             raise AgentTimeout(f"The agent of {robot.name} gave no answer: {error}.") from error
         if isinstance(reply, Refused):
             raise agent_refusal(robot, reply)
-        return Rehearsal(reply.duration_s, reply.preempts, findings)
+        free = {predicate: finding.free for predicate, finding in findings.items()}
+        return Rehearsal(reply.duration_s, reply.preempts, free, _unchecked(findings))
 
     async def _send(self, invocation: Invocation, command: Command) -> Reply:
         try:
@@ -354,6 +359,10 @@ class Actions:
             raise AgentTimeout(f"The agent of {halt.robots[0]} gave no answer.")
         ends = tuple(id for reply in accepted for id in reply.preempts)
         return Rehearsal(max((reply.duration_s for reply in accepted), default=0.0), ends)
+
+
+def _unchecked(findings: Mapping[NamedNode, Finding]) -> tuple[tuple[str, UncheckedLink], ...]:
+    return tuple(each for finding in findings.values() for each in finding.unchecked)
 
 
 def _is_answered(invocation: Invocation) -> bool:

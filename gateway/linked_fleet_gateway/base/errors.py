@@ -46,7 +46,7 @@ from typing import ClassVar
 from pyoxigraph import BlankNode, Literal, NamedNode
 
 Statement = tuple[NamedNode | BlankNode, NamedNode, NamedNode | BlankNode | Literal]
-Members = dict[str, str | int | float | list[str] | list[float]]
+Members = dict[str, str | int | float | list[str] | list[float] | list[dict[str, str]]]
 PROBLEMS = "https://w3id.org/linked-fleet/problems#"
 REALM = "linked-fleet"
 _CONSTRAINED_BY = "http://www.w3.org/ns/ldp#constrainedBy"  # LDP 4.2.1.6

@@ -8,7 +8,12 @@ from linked_fleet_agent.wire.messages import Mesh
 from linked_fleet_gateway.fleet.model import RobotModel
 from linked_fleet_gateway.fleet.robot import Robot
 
-SUFFIXES: Mapping[str, str] = {"model/stl": "stl", "model/vnd.collada+xml": "dae", "model/obj": "obj"}
+SUFFIXES: Mapping[str, str] = {
+    "model/stl": "stl",
+    "model/vnd.collada+xml": "dae",
+    "model/obj": "obj",
+    "model/gltf-binary": "glb",
+}
 """File suffixes by media type; meshes of other types are ignored."""
 
 

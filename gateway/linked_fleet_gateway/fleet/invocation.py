@@ -4,6 +4,8 @@ import re
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 
+from linked_fleet_gateway.fleet.unchecked import UncheckedLink
+
 
 @dataclass(frozen=True)
 class Lease:
@@ -63,7 +65,8 @@ class Invocation:
     their names (``residual_m``). ``preempts`` are the ids of the invocations that it ended, ``preempted_by`` is the one
     that ended it. ``stops`` are the joints that it stops, empty for all; None for a motion. ``incarnation`` is the run
     of the agent, 0 for several. ``refused`` is the agent's refusal code. ``expired`` means that it failed because no
-    end was reported in time; a later report of the robot overrides this.
+    end was reported in time; a later report of the robot overrides this. ``unchecked`` are the links that the check of
+    the motion did not cover, each after its path.
 
     ``robots`` has the answer of each robot to an invocation of the fleet: a word, which is a state or ``refused``,
     optionally followed by details, as in ``failed: the joint is blocked``. Any other word means that the robot has not
@@ -94,6 +97,7 @@ class Invocation:
     incarnation: int = 0
     refused: str = ""
     expired: bool = False
+    unchecked: tuple[tuple[str, UncheckedLink], ...] = ()
 
     @property
     def is_final(self) -> bool:

@@ -13,6 +13,7 @@ from linked_fleet_gateway.fleet.invocation import Lease
 from linked_fleet_gateway.fleet.kinematics import ORIGIN, LinkPoses, base_pose
 from linked_fleet_gateway.fleet.model import ModelError, Pose, RobotModel
 from linked_fleet_gateway.fleet.observation import Bounds, Observation, Observations, bounds_of, joints_outside
+from linked_fleet_gateway.fleet.unchecked import UncheckedLink
 
 Row = Literal["positions", "velocities", "efforts"]
 """The measured values of joints (SI units)."""
@@ -60,6 +61,8 @@ class Robot:
         """Settings made by clients: ``title``, ``annotations`` (Turtle), ``maximumSpeedScale`` …"""
         self.targets: dict[str, float] = {}
         """The valid target positions of joints (rad or m)."""
+        self.unchecked: tuple[UncheckedLink, ...] = ()
+        """The links that checks of motions do not cover, once its shapes are prepared."""
         self.stopped_ns = -1
         """The time of its last stop by this gateway (monotonic time of the agent)."""
         self._complain = complain
@@ -233,6 +236,7 @@ class Robot:
         old = self.description
         if old is None or old.urdf != description.urdf:
             self.model = None
+            self.unchecked = ()
         self.description, self._fault, self.limit_fault, self._usable = description, None, None, False
         try:
             self.model = self.model or RobotModel.for_urdf(description.urdf)

@@ -289,6 +289,7 @@ def _rehearsal(request: Request, offer: Offer, plan: Motion | Halt, rehearsed: R
             rehearsed.duration_s,
             known,
             rehearsed.findings,
+            rehearsed.unchecked,
         )
 
     def plain() -> bytes:

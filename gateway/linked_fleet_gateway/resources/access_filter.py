@@ -4,7 +4,9 @@ from collections.abc import Iterator, Mapping
 
 from linked_fleet_gateway.fleet.invocations import FLEET, Invocation, Invocations
 from linked_fleet_gateway.fleet.robot import Robot
+from linked_fleet_gateway.fleet.unchecked import UncheckedLink
 from linked_fleet_gateway.identity.rights import View
+from linked_fleet_gateway.resources.paths import robot_of
 
 
 class RobotsInView(Mapping[str, Robot]):
@@ -52,6 +54,14 @@ class InvocationsInView:
         if self._visible_robots.includes_all:
             return invocation.robots
         return {robot: answer for robot, answer in invocation.robots.items() if self._visible_robots.includes(robot)}
+
+    def unchecked(self, invocation: Invocation) -> list[tuple[str, UncheckedLink]]:
+        """Return the links of visible robots that the check of a motion did not cover."""
+        return [each for each in invocation.unchecked if self._includes(each[0])]
+
+    def _includes(self, path: str) -> bool:
+        robot = robot_of(path)
+        return robot is not None and self._visible_robots.includes(robot)
 
     def _seen(self, invocations: list[Invocation]) -> list[Invocation]:
         return invocations if self._visible_robots.includes_all else [each for each in invocations if self._shows(each)]

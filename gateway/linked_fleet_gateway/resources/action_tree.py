@@ -48,7 +48,8 @@ def invocation_of(robot: Robot | None, invocation: Invocation, invocations: Invo
     def describe(graph: Graph) -> None:
         ids = (*invocation.preempts, invocation.preempted_by)
         others = {id: other for id in ids if (other := invocations.get(id)) is not None}
-        describe_invocation(graph, base, robot, invocation, others, invocations.answers(invocation))
+        answers, unchecked = invocations.answers(invocation), invocations.unchecked(invocation)
+        describe_invocation(graph, base, robot, invocation, others, answers, unchecked)
 
     path = invocation_path(invocation)
     resource = Resource(
@@ -72,6 +73,7 @@ def _facts(invocation: Invocation) -> tuple[object, ...]:
         invocation.preempts,
         invocation.preempted_by,
         list(invocation.robots.items()),
+        invocation.unchecked,
     )
 
 

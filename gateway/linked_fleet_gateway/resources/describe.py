@@ -15,6 +15,7 @@ from linked_fleet_gateway.rdf.graph import Graph, timestamp
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, LDP, LF, RDFS, ROS, SOSA, XHV, XSD
 from linked_fleet_gateway.resources.action_offer import Offer, fleet_offers, joint_offers, robot_offers
 from linked_fleet_gateway.resources.annotations import annotate
+from linked_fleet_gateway.resources.invocation import describe_unchecked, unchecked_links
 from linked_fleet_gateway.resources.joint_kinds import kind_of
 from linked_fleet_gateway.resources.paths import joint_path, lease_path, link_path, model_path, robot_path
 from linked_fleet_gateway.resources.properties import joint_properties, link_properties, robot_properties
@@ -121,6 +122,7 @@ class Describer:
         self._annotations(graph, iri, robot)
         if robot.model is None or robot.description is None:
             return
+        describe_unchecked(graph, iri, self.base, unchecked_links(robot))
         self._model_name(graph, iri, robot)
         graph.add(iri, LF.finding, *map(Literal, _all_findings(robot.model)))
         graph.add(iri, LF.baseMobility, Literal(robot.description.base))

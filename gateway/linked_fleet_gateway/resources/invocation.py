@@ -9,10 +9,11 @@ from pyoxigraph import BlankNode, Literal, NamedNode, RdfFormat, parse
 
 from linked_fleet_gateway.fleet.invocations import Invocation, InvocationState
 from linked_fleet_gateway.fleet.robot import Robot
+from linked_fleet_gateway.fleet.unchecked import UncheckedLink
 from linked_fleet_gateway.rdf.graph import METRE, RADIAN, SECOND, UNITLESS, Graph, Node, Unit, number, timestamp
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HTTP, HYBRIT, LDP, LF, METHODS, PROV, RDFS, SOSA
 from linked_fleet_gateway.resources.joint_kinds import kind_of
-from linked_fleet_gateway.resources.paths import joint_path, lease_path, robot_path
+from linked_fleet_gateway.resources.paths import joint_path, lease_path, link_path, robot_path
 
 STATES = {
     InvocationState.ACCEPTED: LF.accepted,
@@ -29,6 +30,8 @@ _FACTS: dict[str, tuple[NamedNode, Unit]] = {
 }
 MOST_SUMMARISED = 100
 """Members of a container that are summarised; others are listed with their state only."""
+Unchecked = Iterable[tuple[str, UncheckedLink]]
+"""Links that a check did not cover, each after its path."""
 ROOT = BlankNode("input")
 """The root of a stored body."""
 
@@ -40,11 +43,12 @@ def describe_invocation(
     invocation: Invocation,
     others: Mapping[str, Invocation],
     answers: Mapping[str, str],
+    unchecked: Unchecked = (),
 ) -> None:
     """Describe an invocation.
 
     ``others`` are the known invocations that it ended and the one that ended it. ``answers`` are those of the robots to
-    an invocation of the fleet.
+    an invocation of the fleet. ``unchecked`` are the links that the check of the motion did not cover.
     """
     iri = NamedNode(base + invocation_path(invocation))
     graph.a(iri, PROV.Activity, LF.Invocation, SOSA.Actuation)
@@ -75,6 +79,7 @@ def describe_invocation(
         graph.add(iri, SOSA.actsOnProperty, *_moved(base, robot, invocation.targets))
         describe_positions(graph, iri, LF.target, base, robot, invocation.targets)
         describe_positions(graph, iri, LF.result, base, robot, invocation.result)
+    describe_unchecked(graph, iri, base, unchecked)
     for name, answer in sorted(answers.items()):
         node = graph.blank()
         graph.add(iri, LF.answer, node)
@@ -92,10 +97,12 @@ def describe_rehearsal(
     duration_s: float,
     preempts: Iterable[Invocation],
     findings: Mapping[NamedNode, bool],
+    unchecked: Unchecked = (),
 ) -> None:
     """Describe the effect that the action would have, for the preference ``dry-run``.
 
     ``findings``: whether the guards of motions found the path free, by their predicates; False if it is unknown.
+    ``unchecked``: the links that they did not cover.
     """
     iri = graph.blank(LF.Rehearsal)
     graph.add(iri, DCTERMS.title, Literal(f"Rehearsal of {action}; nothing has moved"))
@@ -106,9 +113,27 @@ def describe_rehearsal(
         graph.scalar(iri, predicate, value, unit)
     for predicate, free in findings.items():
         graph.add(iri, predicate, Literal(True) if free else LF.unknown)
+    describe_unchecked(graph, iri, base, unchecked)
     graph.add(iri, LF.preempts, *(NamedNode(base + invocation_path(each)) for each in preempts))
     if robot is not None:
         describe_positions(graph, iri, LF.target, base, robot, targets)
+
+
+def unchecked_links(robot: Robot) -> tuple[tuple[str, UncheckedLink], ...]:
+    """Return the links of a robot that checks of motions do not cover, each after its path."""
+    model = robot.model
+    return () if model is None else tuple((link_path(robot.name, model, each.link), each) for each in robot.unchecked)
+
+
+def describe_unchecked(graph: Graph, iri: Node, base: str, unchecked: Unchecked) -> None:
+    """Add the links that a check does not cover, each with its mesh and the reason."""
+    for path, each in unchecked:
+        node = graph.blank()
+        graph.add(iri, LF.unchecked, node)
+        graph.add(node, LF.ofLink, NamedNode(base + path))
+        if each.mesh:
+            graph.add(node, LF.meshUri, Literal(each.mesh))
+        graph.add(node, LF.reason, Literal(each.reason))
 
 
 def describe_cancel(graph: Graph, base: str, invocation: Invocation) -> None:

@@ -95,13 +95,17 @@ class Things:
             ),
             samplers=_samplers(properties),
             silent_samplers=(lambda: last_frame(robot),),
-            source=_thing(robot, properties, lambda: (self._tasks(robot), self._branches.robot_links(robot, path))),
+            source=_thing(robot, properties, lambda: self._changing(robot, path)),
             own_paths=_own(path, properties, actions),
             part_paths=tuple(part_paths(robot)),
             documents=self._branches.thing_documents(self._view, robot),
             constant_media_types=self._branches.constant_media_types,
             has_linkset=True,
         )
+
+    def _changing(self, robot: Robot, path: str) -> tuple[object, ...]:
+        """Return what its description contains beside its properties."""
+        return self._tasks(robot), self._branches.robot_links(robot, path), robot.unchecked
 
     def _tasks(self, robot: Robot) -> list[str]:
         """Return the paths of the robot's running invocations (D4)."""

@@ -1,5 +1,7 @@
 """The address of a ROS 2 robot, parsed from a setting."""
 
+from pathlib import Path
+
 import pytest
 
 from linked_fleet_agent.robots.ros2.address import Address, AddressError, Controller, parse_address
@@ -39,6 +41,10 @@ def test_valid_addresses_are_parsed(options: str, expected: Address) -> None:
     assert parse_address(AT + options) == expected
 
 
+def test_the_folders_of_meshes_are_those_of_this_machine(tmp_path: Path) -> None:
+    assert parse_address(f"{AT}?meshes={tmp_path}&meshes=/").meshes == (tmp_path, Path("/"))
+
+
 @pytest.mark.parametrize(
     ("text", "named"),
     [
@@ -55,6 +61,7 @@ def test_valid_addresses_are_parsed(options: str, expected: Address) -> None:
         (f"{AT}?tolerance=0.2", "not a number above 0 and up to 0.1"),
         (f"{AT}?tolerance=1e-3", "not a number above 0 and up to 0.1"),
         (f"{AT}?domain=-1", "from 0 to 232"),
+        (f"{AT}?meshes=/no/such/folder", "'/no/such/folder' is not a folder"),
         (f"{AT}?domain=1&domain=2", "'domain' is given 2 times"),
         (f"{AT}?Domain=1", "'Domain' is not an option"),
         (f"{AT}?namespace=arm", "not a ROS namespace"),

@@ -3,6 +3,7 @@
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from urllib.parse import parse_qsl
 
 SCHEME = "ros2:"
@@ -32,7 +33,8 @@ class Address:
     """A Zenoh endpoint of the ROS 2 side, and the topics of one robot there, by their full names.
 
     The robot counts as not measurable after ``stale_s`` without joint states. A motion succeeds when its joints stand
-    within ``tolerance`` (rad or m) of their targets; None derives it from the joint states.
+    within ``tolerance`` (rad or m) of their targets; None derives it from the joint states. ``meshes`` are folders of
+    this machine with the packages, or the meshes, that the description names.
     """
 
     endpoint: str
@@ -42,13 +44,14 @@ class Address:
     controllers: tuple[Controller, ...] = (Controller("/joint_trajectory_controller/joint_trajectory"),)
     stale_s: float = 0.5
     tolerance: float | None = None
+    meshes: tuple[Path, ...] = ()
 
 
 def parse_address(text: str) -> Address:
     """Parse ``ros2:ENDPOINT?domain=0&namespace=/arm&…``. Raises AddressError.
 
     Topics without a leading slash are relative to the namespace. ``commands=TOPIC:JOINT;JOINT`` may be repeated, once
-    for each controller.
+    for each controller, and ``meshes=FOLDER`` for each folder.
     """
     endpoint, separator, query = text.removeprefix(SCHEME).partition("?")
     if not text.startswith(SCHEME) or not _ENDPOINT.fullmatch(endpoint):
@@ -56,6 +59,7 @@ def parse_address(text: str) -> Address:
     given = _options(query) if separator else {}
     namespace = _namespace(_one(given, "namespace", "/"))
     commands = given.pop("commands", ["joint_trajectory_controller/joint_trajectory"])
+    folders = given.pop("meshes", [])
     address = Address(
         endpoint=endpoint,
         domain=_domain(_one(given, "domain", "0")),
@@ -64,9 +68,10 @@ def parse_address(text: str) -> Address:
         controllers=_controllers(commands, namespace),
         stale_s=_stale(_one(given, "stale", "0.5")),
         tolerance=_tolerance(_one(given, "tolerance", "")),
+        meshes=tuple(_folder(each) for each in folders),
     )
     if given:
-        known = "domain, namespace, states, description, commands, stale and tolerance"
+        known = "domain, namespace, states, description, commands, stale, tolerance and meshes"
         raise AddressError(f"{next(iter(given))!r} is not an option of a ROS 2 robot; the options are {known}")
     return address
 
@@ -110,6 +115,12 @@ def _tolerance(text: str) -> float | None:
     if not re.fullmatch(r"0?\.[0-9]{1,6}", text) or not 0.0 < float(text) <= WIDEST_TOLERANCE:
         raise AddressError(f"tolerance={text!r} is not a number above 0 and up to {WIDEST_TOLERANCE:g} (rad or m)")
     return float(text)
+
+
+def _folder(text: str) -> Path:
+    if not Path(text).is_dir():
+        raise AddressError(f"meshes={text!r} is not a folder of this machine")
+    return Path(text)
 
 
 def _namespace(text: str) -> str:

@@ -6,6 +6,7 @@ import time
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 
+from linked_fleet_agent.mesh_files import NO_ROOTS, MeshRoots, mesh_files
 from linked_fleet_agent.robot import Facts, JointFacts, NewDescriptionError, Reading, RobotFaultError
 from linked_fleet_agent.robots.ros2 import cdr
 from linked_fleet_agent.robots.ros2.address import Address, AddressError, Controller
@@ -42,8 +43,12 @@ class Ros2Robot:
         self._read_s = self._cycle_s = 0.0
 
     @classmethod
-    def find(cls, name: str, address: Address, timeout_s: float = TIMEOUT_S) -> "Ros2Robot":
+    def find(
+        cls, name: str, address: Address, timeout_s: float = TIMEOUT_S, roots: MeshRoots = NO_ROOTS
+    ) -> "Ros2Robot":
         """Connect to the robot at ``address``: wait for its description, and briefly for joint states and controllers.
+
+        Its meshes are in the folders of the address, and in ``roots``.
 
         Raises ConnectionError if the endpoint does not answer within ``timeout_s``, TimeoutError if no description
         arrives, AddressError if a controller names joints that the robot does not have.
@@ -54,6 +59,7 @@ class Ros2Robot:
             topic = _topic(address, address.description, cdr.STRING)
             descriptions = session.listen_latched(topic, cdr.MAX_TEXT_BYTES)
             facts = _described(name, address, topic, descriptions, deadline_s)
+            facts = with_meshes(name, facts, address, roots)
             robot = cls(name, address, facts, session, descriptions)
             robot.wait_for_peers()
         except BaseException:
@@ -227,6 +233,12 @@ def facts_of(name: str, arrived: ReceivedMessage) -> Facts:
     if not 0 < len(names) == len(joints) <= cdr.MAX_JOINTS:
         raise UrdfError(f"{len(joints)} joints with {len(names)} different names are not the joints of a robot")
     return Facts(RobotModel.for_urdf(urdf).name[:_LONGEST_TITLE], urdf, joints)
+
+
+def with_meshes(name: str, facts: Facts, address: Address, roots: MeshRoots) -> Facts:
+    """Return the facts with the meshes in the folders of the address and in ``roots``."""
+    all_roots = MeshRoots((*address.meshes, *roots.folders), roots.prefixes)
+    return replace(facts, meshes=mesh_files(facts.urdf, None, all_roots, name))
 
 
 def _with_controllers(facts: Facts, controllers: Sequence[Controller]) -> Facts:

@@ -7,7 +7,7 @@ from pyoxigraph import BlankNode, NamedNode
 
 from linked_fleet_gateway.base.lazy_imports import LazyModule
 from linked_fleet_gateway.extensions.pages import texts
-from linked_fleet_gateway.extensions.pages.thing_views import actions
+from linked_fleet_gateway.extensions.pages.thing_views import actions, unchecked_links
 from linked_fleet_gateway.extensions.pages.values import Facts, Link, Number, State, Value
 from linked_fleet_gateway.extensions.pages.views import Part
 from linked_fleet_gateway.rdf.turtle import Term
@@ -58,8 +58,9 @@ def invocation(facts: Facts, iri: NamedNode) -> Part:
         "joints": [JointTarget(facts.link(each), targets.get(each), results.get(each)) for each in joints],
         "actions": actions(facts, iri),
         "open": facts.one(iri, HYBRIT.action) is not None,
+        "unchecked": unchecked_links(facts, iri),
     }
-    shown = {LF.state, LF.progress, LF.reason, LF.input, LF.target, LF.result, HYBRIT.action}
+    shown = {LF.unchecked, LF.state, LF.progress, LF.reason, LF.input, LF.target, LF.result, HYBRIT.action}
     return Part(more, shown, title=_motion(facts, iri) if "/invocations/" in iri.value else "")
 
 

@@ -151,6 +151,15 @@ class JointRow:
 
 
 @dataclass(frozen=True)
+class UncheckedLink:
+    """A link that checks of motions do not cover; ``mesh`` is empty if it has none."""
+
+    link: Link
+    mesh: str
+    reason: str
+
+
+@dataclass(frozen=True)
 class NamedPose:
     name: str
     targets: Sequence[tuple[Link, Number]]
@@ -180,10 +189,29 @@ def robot(facts: Facts, iri: NamedNode) -> Part:
         "poses": [_pose(facts, each) for each in facts.all(iri, LF.namedPose)],
         "cards": [of for _, of in settings],
         "comment": facts.text(iri, RDFS.comment),
+        "unchecked": unchecked_links(facts, iri),
     }
-    shown = PRESENCE | {DCTERMS.hasPart, HYBRIT.property, HYBRIT.action, LF.currentTask, LF.namedPose, RDFS.comment}
+    shown = PRESENCE | {
+        LF.unchecked,
+        DCTERMS.hasPart,
+        HYBRIT.property,
+        HYBRIT.action,
+        LF.currentTask,
+        LF.namedPose,
+        RDFS.comment,
+    }
     properties = {each for each in facts.all(iri, HYBRIT.property) if isinstance(each, NamedNode)}
     return Part(more, shown | _leading(facts, iri), {*joints, *links, *properties})
+
+
+def unchecked_links(facts: Facts, iri: NamedNode) -> list[UncheckedLink]:
+    """Return the links that a check does not cover, in the order of the description."""
+    nodes = [each for each in facts.all(iri, LF.unchecked) if isinstance(each, BlankNode)]
+    return [
+        UncheckedLink(facts.link(link), facts.text(each, LF.meshUri), facts.text(each, LF.reason))
+        for each in nodes
+        if isinstance(link := facts.one(each, LF.ofLink), NamedNode)
+    ]
 
 
 def _parts(facts: Facts, iri: NamedNode) -> tuple[list[NamedNode], list[NamedNode]]:

@@ -77,7 +77,7 @@ def _tell(held: MirroredRobot, said: RobotFacts) -> None:
     elif said.description != robot.description:
         robot.describe(said.description)
     robot.online, robot.heard_ns, robot.lease = said.online, said.last_seen_ns, said.lease
-    robot.limit_fault = said.limit_fault
+    robot.limit_fault, robot.unchecked = said.limit_fault, said.unchecked
     robot.settings, robot.targets = said.settings, said.targets
     held.branches, held.invocations = said.branches, said.invocations
     held.said += 1

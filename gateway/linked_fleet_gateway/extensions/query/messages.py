@@ -12,6 +12,7 @@ from msgspec import Struct
 from linked_fleet_agent.wire.messages import Description
 from linked_fleet_gateway.fleet.invocation import Invocation, Lease
 from linked_fleet_gateway.fleet.model import Pose
+from linked_fleet_gateway.fleet.unchecked import UncheckedLink
 from linked_fleet_gateway.http.html import NOBODY, Reader
 from linked_fleet_gateway.rdf.shapes import ACTIONS, BLUEPRINTS, VOCABULARY, add_files, added_files
 from linked_fleet_gateway.resources.action_offer import add_kinds
@@ -34,6 +35,7 @@ class RobotFacts(Struct, frozen=True, kw_only=True):
     description: Description | None
     fault: str | None
     limit_fault: str | None
+    unchecked: tuple[UncheckedLink, ...]
     last_seen_ns: int | None
     lease: Lease | None
     settings: dict[str, str]

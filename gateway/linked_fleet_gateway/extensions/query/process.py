@@ -100,6 +100,7 @@ def _said(robot: Robot, invocations: list[Invocation], branches: list[Member]) -
         description=robot.description,
         fault=robot.fault,
         limit_fault=robot.limit_fault,
+        unchecked=robot.unchecked,
         last_seen_ns=robot.last_seen_ns,
         lease=robot.lease,
         settings=dict(robot.settings),

@@ -21,7 +21,7 @@ from linked_fleet_gateway.rdf.vocabulary import LF
 from linked_fleet_gateway.resources.describe import Describer, last_frame
 from linked_fleet_gateway.resources.documents import VOCABULARY, describe_terms
 from linked_fleet_gateway.resources.invocation import describe_invocation, describe_lease, invocation_path
-from linked_fleet_gateway.resources.paths import joint_path, link_path, robot_path
+from linked_fleet_gateway.resources.paths import joint_path, link_path, robot_of, robot_path
 from linked_fleet_gateway.resources.property import Measurement, Property
 from linked_fleet_gateway.resources.resource import run_steps
 
@@ -190,7 +190,8 @@ class RdfMirror:
     def _invocation(
         self, robot: Robot, one: Invocation, others: dict[str, Invocation], _: StaticDescriber, graph: Graph
     ) -> None:
-        describe_invocation(graph, self.base, robot, one, others, {})
+        own = [each for each in one.unchecked if robot_of(each[0]) == robot.name]  # the caller may not see other robots
+        describe_invocation(graph, self.base, robot, one, others, {}, own)
 
     def _write_parts(self, known: _Robot, robot: Robot) -> None:
         assert robot.model is not None

@@ -28,7 +28,7 @@ else:
 
 log = logging.getLogger(__name__)
 
-LF = CORE.extended("Reach ofLink canReach")
+LF = CORE.extended("Reach canReach")
 
 TOLERANCE_M = 5e-5
 

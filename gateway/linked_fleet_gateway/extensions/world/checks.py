@@ -20,23 +20,34 @@ from typing import Self
 from linked_fleet_agent.wire.messages import Follow, Move
 from linked_fleet_gateway.actions.plan import Motion
 from linked_fleet_gateway.base.errors import Busy
-from linked_fleet_gateway.extensions.world.collisions import Collides, Collisions, Unchecked
+from linked_fleet_gateway.extensions.world.collisions import Collides, Collisions, Unchecked, UncheckedLinks
 from linked_fleet_gateway.extensions.world.descriptions import object_path
 from linked_fleet_gateway.extensions.world.messages import (
     Check,
     CheckFailed,
     CollisionFound,
+    Free,
     MotionPath,
     PathSegment,
     Placement,
     Positions,
+    UncheckedNear,
 )
-from linked_fleet_gateway.extensions.world.placement import LF, has_placement, placement_of, pose_in_world
+from linked_fleet_gateway.extensions.world.placement import (
+    LF,
+    accepts_unchecked,
+    has_placement,
+    placement_of,
+    pose_in_world,
+)
 from linked_fleet_gateway.extensions.world.process import Checker, Preparation, is_placed, key_of
 from linked_fleet_gateway.extensions.world.scene import SceneObject
 from linked_fleet_gateway.fleet.model import Pose, RobotModel
 from linked_fleet_gateway.fleet.robot import Robot
+from linked_fleet_gateway.fleet.unchecked import Finding, in_words
+from linked_fleet_gateway.fleet.xml import Vector
 from linked_fleet_gateway.identity.rights import View
+from linked_fleet_gateway.resources.invocation import unchecked_links
 from linked_fleet_gateway.resources.paths import link_path
 from linked_fleet_gateway.runtime.worker import IDLE_S
 from linked_fleet_gateway.subscriptions.live import Live
@@ -164,27 +175,27 @@ class Checks:
         finally:
             self._early -= 1
 
-    async def check_path(self, motion: Motion, visible_robots: View, own_id: str) -> bool:
+    async def check_path(self, motion: Motion, visible_robots: View, own_id: str) -> Finding:
         """Check a motion.
 
-        Return False if the robot has no placement. Raises Collides; Unchecked, also if too many wait.
+        The finding is not free if the robot has no placement. Raises Collides, UncheckedLinks; Unchecked, also if too
+        many wait.
         """
         if not has_placement(motion.robot):
-            return False
+            return Finding(False)
         if self._waiting >= MOST_WAITING:
             raise Unchecked(f"{MOST_WAITING} motions are being checked; try again.")
         self._waiting += 1
         try:
             async with asyncio.timeout(_TIMEOUT_S):
                 with self._checker.in_use():  # between the preparation and the check too
-                    await self._check(motion, visible_robots, own_id)
+                    return await self._check(motion, visible_robots, own_id)
         except TimeoutError as error:
             raise Unchecked("The check of the motion took too long; try again.") from error
         finally:
             self._waiting -= 1
-        return True
 
-    async def _check(self, motion: Motion, sees: View, own: str) -> None:
+    async def _check(self, motion: Motion, sees: View, own: str) -> Finding:
         await self._prepare_around(motion.robot, sees)
         # Nothing is awaited between the next two steps, so that no robot that has come meanwhile is left out.
         robots = self._prepared_around(motion.robot, sees)
@@ -197,7 +208,13 @@ class Checks:
             raise collides
         if isinstance(answer, CheckFailed):
             raise Unchecked(f"It is unknown if {motion.robot.name} would collide: {answer.reason}.")
+        if isinstance(answer, UncheckedNear):
+            raise self._unchecked_links(motion.robot, answer)
+        assert isinstance(answer, Free)
         self._collisions.forget(motion.robot.name)
+        near = [self._live.fleet.robots.get(name) for name in answer.unchecked]
+        known = [motion.robot, *(each for each in near if each is not None)]
+        return Finding(answer.covered, tuple(link for each in known for link in unchecked_links(each)))
 
     def _around(self, robot: Robot, sees: View) -> list[Robot]:
         """Return the robots near enough to collide, including the robot itself. Raises Unchecked."""
@@ -212,9 +229,15 @@ class Checks:
             if is_placed(each):
                 if math.dist(_base(each, sees).position_m, here) <= NEAR_M:
                     found.append(each)
-            elif (placement := placement_of(each)) is not None and math.dist(placement.position_m, here) <= NEAR_M:
+            elif self._is_unknown_near(each, here):
                 raise Unchecked(f"The shape of {_name(each, sees)} is unknown, because it has no usable description.")
         return found
+
+    def _is_unknown_near(self, robot: Robot, here: Vector) -> bool:
+        """Return True if a robot without a usable description stands nearby, and its placement does not accept that."""
+        placement = placement_of(robot)
+        near = placement is not None and math.dist(placement.position_m, here) <= NEAR_M
+        return near and not accepts_unchecked(robot)
 
     def _perhaps_around(self, robot: Robot) -> list[Robot]:
         """Return the robots near enough to collide, and those whose place is not known yet."""
@@ -253,7 +276,7 @@ class Checks:
                 f"It is unknown if {robot.name} would collide, because the place of {missing[0]} is unknown."
             )
         return Check(
-            Placement(robot.name, self._preparation.key(robot), _base(robot, sees)),
+            _asked(robot, self._preparation.key(robot), _base(robot, sees)),
             paths_of(motion.motion, start, self._underway(robot, own)),
             tuple(self._stood(each, sees) for each in robots if each is not robot),
             tuple(Placement(id, key_of(thing), thing.pose) for id, thing in self._objects.items()),
@@ -263,7 +286,8 @@ class Checks:
     def _stood(self, robot: Robot, sees: View) -> Placement:
         name = robot.name if sees.includes(robot.name) else ""
         configurations = sampled_configurations(_positions(robot), self._underway(robot, ""))
-        return Placement(name, self._preparation.key(robot), _base(robot, sees), configurations)
+        accepted = accepts_unchecked(robot)
+        return Placement(name, self._preparation.key(robot), _base(robot, sees), configurations, accepted)
 
     def _underway(self, robot: Robot, own: str) -> dict[str, float]:
         """Return the targets of the robot's joints in other motions that have not ended."""
@@ -272,6 +296,24 @@ class Checks:
             if invocation.id != own:
                 ends |= invocation.targets
         return ends
+
+    def _unchecked_links(self, robot: Robot, near: UncheckedNear) -> UncheckedLinks:
+        """Return the refusal of a motion whose robot, or whose neighbour, has links that the check does not cover."""
+        thing = self._objects.get(near.name) if near.kind == "object" else None
+        met = near.name or "another robot" if thing is None else thing.title
+        if near.own:
+            links, whose, reason = unchecked_links(robot), robot.name, "parts of the robot that no check covers"
+        else:
+            other = self._live.fleet.robots.get(near.name)
+            links, whose, met = () if other is None else unchecked_links(other), met, robot.name
+            reason = "parts of another robot that no check covers"
+        named = f": {in_words(link for _, link in links)}" if links else ""
+        advice = f"Let its agent offer the shapes, or PUT lf:acceptsUnchecked true in the placement of {whose}"
+        return UncheckedLinks(
+            f"The check does not cover parts of {whose} that may meet {met}{named}. {advice}.",
+            unchecked=links,
+            reason=f"{reason} might collide",
+        )
 
     def _collision(self, robot: Robot, model: RobotModel, met: CollisionFound) -> Collides:
         """Return the collision of a robot that had this model when it was checked."""
@@ -306,6 +348,10 @@ def _name(robot: Robot, sees: View) -> str:
 
 def _positions(robot: Robot) -> Positions:
     return {name: position for name, position in robot.positions.items() if position == position}
+
+
+def _asked(robot: Robot, key: str, base: Pose) -> Placement:
+    return Placement(robot.name, key, base, accepts_unchecked=accepts_unchecked(robot))
 
 
 def _base(robot: Robot, sees: View) -> Pose:

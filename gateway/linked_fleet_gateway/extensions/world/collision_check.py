@@ -19,6 +19,7 @@ import coal
 import numpy as np
 import numpy.typing as npt
 
+from linked_fleet_gateway.extensions.world.coverage import has_unchecked_near, unchecked_near
 from linked_fleet_gateway.extensions.world.messages import (
     Answer,
     Check,
@@ -80,9 +81,15 @@ def check(asked: Check, robots: Mapping[str, Robot], objects: Mapping[str, coal.
         missing = [each.key for each in (asked.robot, *asked.robots) if each.key not in robots]
         if missing or any(each.key not in objects for each in asked.objects):
             raise UnknownPosition("something of it has to be prepared again")
+        if (near := unchecked_near(asked, robots, objects)) is not None:
+            return near
         robot = robots[asked.robot.key]
         things = [*object_bodies(asked, objects), *other_robot_bodies(asked, robots)]
-        return _Sweep(asked, robot, things, ends_s).answer()
+        answer = _Sweep(asked, robot, things, ends_s).answer()
+        if isinstance(answer, Free):
+            unchecked = tuple(each.name for each in asked.robots if has_unchecked_near(asked, each, robots))
+            return Free(answer.samples, unchecked, bool(robot.bodies) or not robot.unchecked)
+        return answer
     except UnknownPosition as error:
         return CheckFailed(str(error))
 

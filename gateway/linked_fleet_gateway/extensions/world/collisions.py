@@ -1,7 +1,7 @@
 """Motions refused because of a collision: the latest of each robot, until one of its motions is found free.
 
 Each gateway knows those that it has refused itself, including rehearsals, and forgets them when it ends. Errors of the
-check: ``Collides`` (409, collision), ``Unchecked`` (503, unchecked).
+check: ``Collides`` (409, collision), ``UncheckedLinks`` (409, unchecked-links), ``Unchecked`` (503, unchecked).
 """
 
 import time
@@ -13,6 +13,7 @@ from pyoxigraph import Literal, NamedNode
 
 from linked_fleet_gateway.base.errors import Members, MotionRefused
 from linked_fleet_gateway.extensions.world.placement import LF, WORLD
+from linked_fleet_gateway.fleet.unchecked import UncheckedLink
 from linked_fleet_gateway.fleet.xml import Vector
 from linked_fleet_gateway.rdf.graph import METRE, Graph, timestamp
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, RDFS
@@ -64,6 +65,24 @@ class Unchecked(MotionRefused):
 
     def __init__(self, detail: str, *, reason: str = "") -> None:
         super().__init__(detail, reason=reason or "it could not be checked for collisions")
+
+
+class UncheckedLinks(MotionRefused):
+    """Links that the check does not cover may meet something; ``unchecked`` are the links, each after its path."""
+
+    status, code, title = 409, "unchecked-links", "Parts that no check covers might collide"
+
+    def __init__(self, detail: str, *, unchecked: Sequence[tuple[str, UncheckedLink]] = (), reason: str = "") -> None:
+        super().__init__(detail, reason=reason)
+        self.unchecked = list(unchecked)
+
+    def locate(self, base: str) -> None:
+        self.unchecked = [(base + path, each) for path, each in self.unchecked]
+
+    @property
+    def members(self) -> Members:
+        links = [{"link": path, "mesh": each.mesh, "reason": each.reason} for path, each in self.unchecked]
+        return {"unchecked": links} if links else {}
 
 
 COLLISIONS = f"{WORLD}/collisions"

@@ -16,8 +16,8 @@ from linked_fleet_gateway.extensions.world.placement import (
     LF,
     PLACEMENT,
     WORLD,
+    describe_placement,
     describe_pose,
-    placement_of,
     read_pose,
     read_vector,
 )
@@ -98,7 +98,7 @@ def _describe_robot(graph: Graph, base: str, robot: Robot) -> None:
     graph.add(placement, RDFS.seeAlso, iri)
     graph.add(placement, HYBRIT.blueprint, LF.PlacementShape, NamedNode(placement.value + "/blueprint"))
     graph.add(placement, HYBRIT.consumes, LF.PlacementInput)
-    describe_pose(graph, placement, placement_of(robot))
+    describe_placement(graph, placement, robot)
     graph.add(placement, LF.inFrame, NamedNode(base + WORLD))
 
 

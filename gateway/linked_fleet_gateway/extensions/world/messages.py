@@ -6,6 +6,7 @@ from msgspec import Struct
 
 from linked_fleet_gateway.extensions.world.scene import Geometry
 from linked_fleet_gateway.fleet.model import Pose
+from linked_fleet_gateway.fleet.unchecked import UncheckedLink
 from linked_fleet_gateway.fleet.xml import Vector
 
 Positions = dict[str, float]
@@ -15,12 +16,15 @@ Kind = Literal["self", "robot", "object"]
 class Prepare(Struct, frozen=True, tag="prepare"):
     """Build the shapes of a robot, stored under ``key``. ``meshes`` maps URIs in the URDF to file names.
 
-    A file name is the digest of a mesh with the suffix of its format. The answer may be MeshesMissing.
+    A file name is the digest of a mesh with the suffix of its format. ``unusable`` are the reasons, by file name, why
+    meshes cannot be used. With ``unusable_robot`` no shape is built, for this reason. The answer may be MeshesMissing.
     """
 
     key: str
     urdf: str
     meshes: dict[str, str]
+    unusable: dict[str, str] = {}
+    unusable_robot: str = ""
 
 
 class PrepareMesh(Struct, frozen=True, tag="mesh"):
@@ -41,13 +45,14 @@ class Placement(Struct, frozen=True):
     """The placement of a prepared robot or object: its ``name`` in answers, and ``base``, its root pose in the world.
 
     ``configurations`` are all joint positions in which it may be met: the first is complete, others contain only what
-    differs.
+    differs. With ``accepts_unchecked`` the links that the check does not cover are ignored.
     """
 
     name: str
     key: str
     base: Pose
     configurations: tuple[Positions, ...] = ()
+    accepts_unchecked: bool = False
 
 
 class PathSegment(Struct, frozen=True):
@@ -81,7 +86,9 @@ class Check(Struct, frozen=True, tag="check"):
 
 
 class Ready(Struct, frozen=True, tag="ready"):
-    pass
+    """It is prepared; no check covers the ``unchecked`` links of the robot."""
+
+    unchecked: tuple[UncheckedLink, ...] = ()
 
 
 class MeshesMissing(Struct, frozen=True, tag="lacks"):
@@ -91,9 +98,26 @@ class MeshesMissing(Struct, frozen=True, tag="lacks"):
 
 
 class Free(Struct, frozen=True, tag="free"):
-    """The path is free; ``samples`` is the number of places that were checked."""
+    """The path is free; ``samples`` is the number of places that were checked.
+
+    ``unchecked`` are the names of the other robots nearby that have unchecked links, which their placements accept.
+    ``covered`` is False if no link of the robot was checked.
+    """
 
     samples: int
+    unchecked: tuple[str, ...] = ()
+    covered: bool = True
+
+
+class UncheckedNear(Struct, frozen=True, tag="near"):
+    """Links that the check does not cover may meet something. The links are those of the moving robot, if ``own``.
+
+    ``name`` is the object or the other robot.
+    """
+
+    own: bool
+    kind: Kind
+    name: str
 
 
 class CollisionFound(Struct, frozen=True, tag="meets"):
@@ -115,4 +139,4 @@ class CheckFailed(Struct, frozen=True, tag="unable"):
 
 
 Question = Prepare | PrepareMesh | PrepareObject | Check
-Answer = Ready | MeshesMissing | Free | CollisionFound | CheckFailed
+Answer = Ready | MeshesMissing | Free | CollisionFound | UncheckedNear | CheckFailed

@@ -9,7 +9,8 @@ import math
 from functools import lru_cache
 
 import msgspec
-from pyoxigraph import NamedNode
+from msgspec import Struct
+from pyoxigraph import Literal, NamedNode
 
 from linked_fleet_gateway.base.errors import UnprocessableContent
 from linked_fleet_gateway.fleet.kinematics import compose
@@ -27,7 +28,7 @@ LF = CORE.extended(
     "World Placement SceneObject SceneObjects Obstacle KeepOutZone Box Sphere Cylinder TriangleMesh"
     " WorldShape PlacementShape PlacementInput SceneObjectShape SceneObjectsShape SceneObjectInput"
     " PoseInFrameShape PoseInFrame world placement inFrame poseOf objects poses geometry size radius"
-    " length stl Collisions Collision CollisionsShape collisions collision meets collisionFree"
+    " length stl Collisions Collision CollisionsShape collisions collision meets collisionFree acceptsUnchecked"
 )
 
 log = logging.getLogger(__name__)
@@ -38,8 +39,17 @@ _UNIT_LENGTH = 1e-3  # tolerance of a quaternion's length
 _UPRIGHT: Quaternion = (0.0, 0.0, 0.0, 1.0)
 
 
+class _Record(Struct, frozen=True, omit_defaults=True):
+    """A stored placement: the members of a pose, and whether the check may ignore links that it does not cover."""
+
+    position_m: Vector
+    orientation_xyzw: Quaternion
+    accepts_unchecked: bool = False
+
+
 def read_placement(body: Body) -> str:
-    return msgspec.json.encode(read_pose(body)).decode()
+    pose, accepted = read_pose(body), body.text(body.root, LF.acceptsUnchecked) in ("true", "1")
+    return msgspec.json.encode(_Record(pose.position_m, pose.orientation_xyzw, accepted)).decode()
 
 
 def has_placement(robot: Robot) -> bool:
@@ -49,14 +59,25 @@ def has_placement(robot: Robot) -> bool:
 
 def placement_of(robot: Robot) -> Pose | None:
     """Return the placement of a robot; None if it has none, or one that cannot be read."""
+    held = _record_of(robot)
+    return None if held is None else Pose(held.position_m, held.orientation_xyzw)
+
+
+def accepts_unchecked(robot: Robot) -> bool:
+    """Return True if the placement accepts that the check does not cover some links of the robot."""
+    held = _record_of(robot)
+    return held is not None and held.accepts_unchecked
+
+
+def _record_of(robot: Robot) -> _Record | None:
     record = robot.settings.get(PLACEMENT)
     return None if record is None else _decoded(robot.name, record)
 
 
 @lru_cache(maxsize=4096)
-def _decoded(robot: str, record: str) -> Pose | None:
+def _decoded(robot: str, record: str) -> _Record | None:
     try:
-        return msgspec.json.decode(record, type=Pose)
+        return msgspec.json.decode(record, type=_Record)
     except ValueError:
         log.error("the placement of %s cannot be read: %.200r", robot, record)  # once, because the result is kept
         return None
@@ -100,9 +121,16 @@ def _number(body: Body, node: Node, axis: NamedNode) -> float:
     return value
 
 
+def describe_placement(graph: Graph, iri: Node, robot: Robot) -> None:
+    """Describe where the robot stands and, if it does, that its unchecked links are accepted."""
+    describe_pose(graph, iri, placement_of(robot))
+    if accepts_unchecked(robot):
+        graph.add(iri, LF.acceptsUnchecked, Literal(True))
+
+
 def placement(robot: Robot) -> Property:
     def describe(graph: Graph, iri: NamedNode, _: Measurement) -> None:
-        describe_pose(graph, iri, placement_of(robot))
+        describe_placement(graph, iri, robot)
         root = iri.value.removesuffix(robot_path(robot.name) + PLACEMENT)
         graph.add(iri, LF.inFrame, NamedNode(root + WORLD))
         graph.add(iri, HYBRIT.consumes, LF.PlacementInput)

@@ -31,6 +31,7 @@ from linked_fleet_gateway.extensions.world.placement import placement_of
 from linked_fleet_gateway.extensions.world.scene import MAX_OBJECTS, SceneObject
 from linked_fleet_gateway.fleet.geometry import file_name, meshes_of
 from linked_fleet_gateway.fleet.robot import Robot
+from linked_fleet_gateway.fleet.unchecked import UncheckedLink, in_words
 from linked_fleet_gateway.runtime.background import cancel_tasks, supervised
 from linked_fleet_gateway.runtime.worker import IDLE_S, Worker
 from linked_fleet_gateway.subscriptions.live import Live
@@ -38,7 +39,7 @@ from linked_fleet_gateway.subscriptions.live import Live
 _log = logging.getLogger(__name__)
 
 _HEAD_BYTES = 4
-_MAX_ANSWER_BYTES = 128 * 1024  # digests of all the meshes of a robot
+_MAX_ANSWER_BYTES = 2 * 2**20  # digests of all the meshes of a robot, or all its links and why they are unchecked
 _ANSWERS = msgspec.msgpack.Decoder(Answer)
 NO_ANSWER = CheckFailed("the process that checks motions gave no answer")
 
@@ -130,6 +131,7 @@ class Checker:
 
 _PREPARE_S, _OBJECT_S = 60.0, 3.0
 _LOOK_S = 0.5
+_ENDED = "the process that checks motions ended several times"
 _MOST_TRIES = 3  # attempts for a robot during whose preparation the process ended, possibly for another reason
 
 
@@ -140,8 +142,11 @@ class Preparation:
         self._live, self._checker = live, checker
         self._under_way: dict[str, asyncio.Task[None]] = {}
         self._unusable: dict[str, str] = {}
+        self._unchecked: dict[str, tuple[UncheckedLink, ...]] = {}
+        self._unusable_meshes: dict[str, dict[str, str]] = {}
+        self._logged: set[str] = set()
         self._unheard: set[str] = set()
-        self._ended = Counter[str]()
+        self._ended = Counter[tuple[str, str]]()  # by key, and by mesh or empty
         self._keys: dict[str, tuple[Description, str]] = {}
         self._tasks: list[asyncio.Task[None]] = []
 
@@ -204,7 +209,10 @@ class Preparation:
     def _begin(self, robot: Robot) -> asyncio.Task[None] | None:
         """Start the preparation of a robot; return None if there is nothing to do."""
         key = self.key(robot)
-        if self._checker.is_prepared(key) or key in self._unusable:
+        if self._checker.is_prepared(key):
+            self._show_unchecked(robot, key)
+            return None
+        if key in self._unusable:
             return None
         task = self._under_way.get(key)
         if task is None:
@@ -219,36 +227,61 @@ class Preparation:
             self._unheard.add(key)
             _log.info("the shape of %s is not available: %s", robot.name, error.detail)
             return
-        if answer == NO_ANSWER:
-            self._ended[key] += 1
-            if self._ended[key] < _MOST_TRIES:
-                return
-        if isinstance(answer, CheckFailed):
+        if isinstance(answer, Ready):
+            self._unchecked[key] = answer.unchecked
+            self._show_unchecked(robot, key)
+        elif isinstance(answer, CheckFailed) and answer != NO_ANSWER:
             self._unusable[key] = answer.reason
             _log.warning("no motion near %s can be checked: %s", robot.name, answer.reason)
+
+    def _show_unchecked(self, robot: Robot, key: str) -> None:
+        """Store the unchecked links of a robot where its resource shows them, and log them once."""
+        unchecked = self._unchecked.get(key, ())
+        if robot.unchecked == unchecked:
+            return
+        robot.unchecked = unchecked
+        robot.count_change()
+        self._live.fan_out.mark_robot_changed(robot.name)
+        if unchecked and key not in self._logged:
+            self._logged.add(key)
+            _log.warning("%d links of %s are not checked: %s", len(unchecked), robot.name, in_words(unchecked))
 
     async def _told(self, robot: Robot, key: str) -> Answer:
         """Return the answer after sending all missing meshes. Raises FleetError for a mesh that is not available."""
         assert robot.description is not None
         meshes = {uri: (file_name(mesh), mesh) for uri, mesh in meshes_of(robot).items()}
-        question = Prepare(key, robot.description.urdf, {uri: name for uri, (name, _) in meshes.items()})
-        answer = await self._checker.ask(question, _PREPARE_S)
-        if not isinstance(answer, MeshesMissing):
-            return answer
-        by_name = dict(meshes.values())
-        for name in answer.meshes:
-            content = await self._live.meshes.get(robot, by_name[name])
-            read = await self._checker.ask(PrepareMesh(name, content), _PREPARE_S)
-            if isinstance(read, CheckFailed):
-                return read if read == NO_ANSWER else CheckFailed(f"the mesh {by_name[name].uri}: {read.reason}")
-        answer = await self._checker.ask(question, _PREPARE_S)
-        return CheckFailed("its meshes are too large to be kept") if isinstance(answer, MeshesMissing) else answer
+        names, by_name = {uri: name for uri, (name, _) in meshes.items()}, dict(meshes.values())
+        unusable = self._unusable_meshes.setdefault(key, {})
+        sent: set[str] = set()
+        while True:
+            why = f"{_ENDED} while it prepared the robot" if self._ended[key, ""] >= _MOST_TRIES else ""
+            question = Prepare(key, robot.description.urdf, names, unusable, why)
+            answer = await self._checker.ask(question, _PREPARE_S)
+            if not isinstance(answer, MeshesMissing):
+                self._ended[key, ""] += answer == NO_ANSWER
+                return answer
+            unusable |= dict.fromkeys(sent.intersection(answer.meshes), "it is too large to be kept")
+            for name in set(answer.meshes) - sent:
+                sent.add(name)
+                content = await self._live.meshes.get(robot, by_name[name])
+                read = await self._checker.ask(PrepareMesh(name, content), _PREPARE_S)
+                if read == NO_ANSWER:
+                    self._ended[key, name] += 1
+                    if self._ended[key, name] < _MOST_TRIES:
+                        return read
+                    unusable[name] = f"{_ENDED} while it read the mesh"
+                elif isinstance(read, CheckFailed):
+                    unusable[name] = read.reason
 
     async def _look(self) -> None:
         """Prepare newly placed robots, so that the first motion need not wait."""
         self._forget()
         for robot in self._live.fleet.robots.values():
-            if is_placed(robot) and not self._checker.was_prepared(self.key(robot)):
+            if not is_placed(robot):
+                continue
+            if self._checker.was_prepared(key := self.key(robot)):
+                self._show_unchecked(robot, key)
+            else:
                 self._begin(robot)
 
     def _forget(self) -> None:
@@ -256,8 +289,11 @@ class Preparation:
         robots = self._live.fleet.robots
         self._keys = {name: held for name, held in self._keys.items() if name in robots}
         present = {key for _, key in self._keys.values()}
+        self._unchecked = {key: links for key, links in self._unchecked.items() if key in present}
         self._unusable = {key: why for key, why in self._unusable.items() if key in present}
-        self._ended = Counter({key: times for key, times in self._ended.items() if key in present})
+        self._unusable_meshes = {key: held for key, held in self._unusable_meshes.items() if key in present}
+        self._ended = Counter({key: times for key, times in self._ended.items() if key[0] in present})
+        self._logged &= present
         self._unheard &= present
         self._checker.forget_others(present)
 

@@ -15,6 +15,7 @@ import pinocchio as pin
 
 from linked_fleet_gateway.extensions.world.surfaces import Array, Surface
 from linked_fleet_gateway.fleet.model import JointKind, RobotModel
+from linked_fleet_gateway.fleet.unchecked import UncheckedLink
 
 
 @dataclass(frozen=True)
@@ -49,6 +50,10 @@ class Robot:
 
     pairs: tuple[tuple[int, int], ...] = ()
     """Pairs of bodies to check against each other."""
+    unchecked: tuple[UncheckedLink, ...] = ()
+    """The links that are not covered by the bodies."""
+    unchecked_m: float = 0.0
+    """Bound of the distance of these links from the root."""
 
     @property
     def radius_m(self) -> float:

@@ -1,12 +1,13 @@
 """Collision shapes of robots and objects for coal: primitives and meshes. Metre.
 
-Runs in the check process. A link has its collision geometry; if the agent does not serve a mesh of that, its visual
-geometry is used. A link without either has no shape.
+Runs in the check process. A link has its collision geometry; if a part of that cannot be used, its visual geometry
+replaces it. If that cannot be used either, the link is unchecked, with the reason. A link without collision geometry
+has no shape, as in every URDF, whatever it looks like.
 """
 
 import struct
-from collections.abc import Callable, Set
-from dataclasses import replace
+from collections.abc import Callable, Iterator, Set
+from dataclasses import dataclass, field, replace
 from xml.etree.ElementTree import Element
 
 import coal
@@ -15,59 +16,134 @@ import pinocchio as pin
 
 from linked_fleet_agent.urdf import geometry as forms
 from linked_fleet_agent.urdf.poses import pose_of
+from linked_fleet_gateway.extensions.world.coverage import bound_m
 from linked_fleet_gateway.extensions.world.robot import Body, Robot, self_collision_pairs
 from linked_fleet_gateway.extensions.world.scene import Box, Cylinder, Geometry, Sphere
 from linked_fleet_gateway.extensions.world.surfaces import Array, Surface
 from linked_fleet_gateway.fleet.model import Joint, JointKind, RobotModel
 from linked_fleet_gateway.fleet.pinocchio_model import build_model
+from linked_fleet_gateway.fleet.unchecked import UncheckedLink
 from linked_fleet_gateway.fleet.xml import ModelError, parse_xml, rotation
 
 Surfaces = Callable[[str], Surface]
 """Returns the mesh with a URI in the URDF. Raises ModelError if it is unusable."""
 
+_Solid = tuple[coal.CollisionGeometry, Surface | None]
+"""A shape and, if it is not convex, its surface."""
+_Placed = tuple[pin.Frame, pin.SE3, _Solid]
+
 _MOST_BODIES = 1_000
+_LONGEST_URI, _LONGEST_REASON = 200, 300
 _MOST_M = 1e6
 _POINT_M = 1e-9  # above zero, which would mean that the joint does not move the body
 
 
-def needed_meshes(urdf: str, offered: Set[str]) -> set[str]:
-    """Return the URIs of the needed meshes, of those ``offered``. Raises ModelError."""
-    parts = [part for link in parse_xml(urdf).findall("link") for part in _parts(link, offered)]
-    meshes = [part.find("geometry/mesh") for part in parts]
-    return {mesh.get("filename", "") for mesh in meshes if mesh is not None}
+def needed_meshes(urdf: str, usable: Set[str]) -> set[str]:
+    """Return the URIs of the needed meshes, of those ``usable``. Raises ModelError."""
+    parts = [part for link in parse_xml(urdf).findall("link") for part in _candidates(link, usable)]
+    return {uri for part in parts if (uri := _mesh_uri(part)) in usable}
 
 
 def build_robot(urdf: str, offered: Set[str] = frozenset(), surfaces: Surfaces | None = None) -> Robot:
-    """Build a robot; ``surfaces`` returns the meshes that are ``offered``.
+    """Build a robot; ``surfaces`` returns the meshes that are ``offered``. Links that cannot be used are unchecked.
 
-    Raises ModelError for an unusable URDF or mesh.
+    Raises ModelError for a URDF that describes no robot.
     """
-    model, tree, geometry = build_model(urdf, False), RobotModel.parse(urdf), pin.GeometryModel()
-    bodies: list[Body] = []
-    for element in parse_xml(urdf).findall("link"):
-        link = element.get("name", "").strip()
-        frame = model.frames[model.getFrameId(link, pin.FrameType.BODY)]
-        for part in _parts(element, offered):
-            if len(bodies) == _MOST_BODIES:
-                raise ModelError(f"the robot has more than {_MOST_BODIES} shapes")
-            body = _body(link, frame.parentJoint, *_shape(part, surfaces, link))
-            placed = frame.placement * _place(part, link)
-            geometry.addGeometryObject(pin.GeometryObject(f"{len(bodies)}", frame.parentJoint, placed, body.shape))
-            bodies.append(body)
-    robot = Robot(tree, model, geometry, tuple(bodies), _reach(tree, model, geometry, bodies))
-    return replace(robot, pairs=tuple(self_collision_pairs(robot)))
+    try:
+        return _Builder(urdf, offered, surfaces).build()
+    except (ModelError, MemoryError, RuntimeError, ValueError, LookupError) as error:
+        return build_unchecked_robot(urdf, str(error) or "its shapes take too much memory")
 
 
-def _parts(link: Element, offered: Set[str]) -> list[Element]:
+def build_unchecked_robot(urdf: str, reason: str) -> Robot:
+    """Build a robot without shapes, all of whose links are unchecked. Raises ModelError for an unusable URDF."""
+    tree, model, geometry = RobotModel.parse(urdf), pin.Model(), pin.GeometryModel()
+    links = [_name(each) for each in parse_xml(urdf).findall("link") if each.find("collision") is not None]
+    unchecked = tuple(UncheckedLink(link, "", reason[:_LONGEST_REASON]) for link in links)
+    reach = np.zeros((model.njoints, 0))
+    return Robot(tree, model, geometry, (), reach, (), unchecked, bound_m(tree, links))
+
+
+@dataclass
+class _Builder:
+    """A robot being built from its URDF."""
+
+    urdf: str
+    offered: Set[str]
+    surfaces: Surfaces | None
+    bodies: list[Body] = field(default_factory=list)
+    unchecked: list[UncheckedLink] = field(default_factory=list)
+
+    def build(self) -> Robot:
+        self.model, self.tree = build_model(self.urdf, False), RobotModel.parse(self.urdf)
+        self.geometry = pin.GeometryModel()
+        for element in parse_xml(self.urdf).findall("link"):
+            self._add_link(element)
+        reach = _reach(self.tree, self.model, self.geometry, self.bodies)
+        far_m = bound_m(self.tree, (each.link for each in self.unchecked))
+        robot = Robot(self.tree, self.model, self.geometry, tuple(self.bodies), reach, (), tuple(self.unchecked), far_m)
+        return replace(robot, pairs=tuple(self_collision_pairs(robot)))
+
+    def _add_link(self, element: Element) -> None:
+        """Add the bodies of a link; what replaces a part that cannot be used covers the whole link."""
+        found, failed = self._solids(element, element.findall("collision"))
+        if failed is not None and (visuals := element.findall("visual")):
+            replaced, failed_too = self._solids(element, visuals)
+            if failed_too is None:
+                found, failed = replaced, None
+        for frame, placed, solid in found:
+            body = _body(_name(element), frame.parentJoint, *solid)
+            name = f"{len(self.bodies)}"
+            self.geometry.addGeometryObject(pin.GeometryObject(name, frame.parentJoint, placed, body.shape))
+            self.bodies.append(body)
+        if failed is not None:
+            self.unchecked.append(failed)
+
+    def _solids(self, element: Element, parts: list[Element]) -> tuple[list[_Placed], UncheckedLink | None]:
+        """Return the shapes of the usable parts, and the first part that cannot be used."""
+        found: list[_Placed] = []
+        link, failed = _name(element), None
+        for part in parts:
+            try:
+                if len(self.bodies) + len(found) >= _MOST_BODIES:
+                    raise ModelError(f"the robot has more than {_MOST_BODIES} shapes")
+                frame = self._frame(element)
+                solid = self._solid(part, link)
+                _body(link, frame.parentJoint, *solid)
+                found.append((frame, frame.placement * _place(part, link), solid))
+            except (ModelError, MemoryError, RuntimeError, ValueError) as error:
+                failed = failed or UncheckedLink(link, _mesh_uri(part)[:_LONGEST_URI], str(error)[:_LONGEST_REASON])
+        return found, failed
+
+    def _frame(self, element: Element) -> pin.Frame:
+        """Return the frame of a link, whose name Pinocchio keeps as it is in the file."""
+        for name in (element.get("name", ""), _name(element)):
+            if self.model.existFrame(name, pin.FrameType.BODY):
+                return self.model.frames[self.model.getFrameId(name, pin.FrameType.BODY)]
+        raise ModelError("Pinocchio does not know this link")
+
+    def _solid(self, part: Element, link: str) -> _Solid:
+        is_mesh, uri = part.find("geometry/mesh") is not None, _mesh_uri(part)
+        if is_mesh and (self.surfaces is None or uri not in self.offered):
+            raise ModelError("the agent does not offer it")
+        return _shape(part, self.surfaces, link)
+
+
+def _name(link: Element) -> str:
+    return link.get("name", "").strip()
+
+
+def _candidates(link: Element, usable: Set[str]) -> Iterator[Element]:
+    """Yield the parts of a link of which shapes may be built."""
     parts = link.findall("collision")
-    if all(_is_known(part, offered) for part in parts):
-        return parts
-    return [part for part in link.findall("visual") if _is_known(part, offered)]
+    yield from parts
+    if any((uri := _mesh_uri(part)) and uri not in usable for part in parts):
+        yield from link.findall("visual")
 
 
-def _is_known(part: Element, offered: Set[str]) -> bool:
+def _mesh_uri(part: Element) -> str:
     mesh = part.find("geometry/mesh")
-    return mesh is None or mesh.get("filename", "") in offered
+    return "" if mesh is None else mesh.get("filename", "")
 
 
 def _place(part: Element, name: str) -> pin.SE3:

@@ -24,6 +24,7 @@ import coal
 import numpy as np
 import numpy.typing as npt
 
+from linked_fleet_gateway.extensions.world.mesh_formats import collada_unit_m, with_plain_root
 from linked_fleet_gateway.fleet.xml import ModelError
 
 _log = logging.getLogger(__name__)
@@ -90,7 +91,10 @@ class Surface:
 
 
 def read_mesh(suffix: str, content: bytes) -> Surface:
-    """Parse an STL, COLLADA or OBJ file. Raises ModelError if it is unusable."""
+    """Parse an STL, COLLADA, OBJ or binary glTF file. Raises ModelError if it is unusable."""
+    if suffix == "glb":
+        content = with_plain_root(content)
+    metre = collada_unit_m(content) if suffix == "dae" else 1.0
     with tempfile.NamedTemporaryFile(suffix=f".{suffix}") as file:
         file.write(content)
         file.flush()
@@ -98,7 +102,7 @@ def read_mesh(suffix: str, content: bytes) -> Surface:
             mesh = coal.MeshLoader().load(file.name, np.ones(3))
         except (ValueError, RuntimeError) as error:
             raise ModelError(f"it cannot be read as {suffix}") from error
-    vertices = np.array(mesh.vertices(), dtype=float).reshape(-1, 3)
+    vertices = metre * np.array(mesh.vertices(), dtype=float).reshape(-1, 3)
     if not (np.abs(vertices) < _MOST).all():  # also refuses NaN
         raise ModelError("it has vertices out of all bounds")
     if mesh.num_tris > MOST_TRIANGLES:
@@ -174,10 +178,10 @@ def winding_number(surface: Surface, point: Array) -> float:
 
 
 MOST_BYTES = 256 * 2**20
-_MAGIC = b"linked fleet mesh 1\n"  # increment the number with every change of how meshes are parsed
+_MAGIC = b"linked fleet mesh 2\n"  # increment the number with every change of how meshes are parsed
 _HEAD = struct.Struct("<?II")
 _DIGEST_BYTES = 32
-_NAME = re.compile(r"[0-9a-f]{64}\.(stl|dae|obj)")
+_NAME = re.compile(r"[0-9a-f]{64}\.(stl|dae|obj|glb)")
 
 
 class MeshCache:

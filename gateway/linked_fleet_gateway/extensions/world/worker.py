@@ -18,7 +18,12 @@ from linked_fleet_gateway.extensions.world.messages import (
     Ready,
 )
 from linked_fleet_gateway.extensions.world.robot import Robot
-from linked_fleet_gateway.extensions.world.shapes import build_object_shape, build_robot, needed_meshes
+from linked_fleet_gateway.extensions.world.shapes import (
+    build_object_shape,
+    build_robot,
+    build_unchecked_robot,
+    needed_meshes,
+)
 from linked_fleet_gateway.extensions.world.surfaces import MeshCache, Surface, read_mesh
 from linked_fleet_gateway.fleet.xml import ModelError
 
@@ -53,17 +58,29 @@ class Worker:
             else:
                 self._objects[question.key] = build_object_shape(question.geometry)
         except (ModelError, MemoryError, RuntimeError) as error:
-            return CheckFailed(f"its shape cannot be used: {error}")
+            return CheckFailed(str(error) or "it takes too much memory")
         return Ready()
 
     def _prepare(self, asked: Prepare) -> Answer:
-        names = {uri: asked.meshes[uri] for uri in needed_meshes(asked.urdf, asked.meshes.keys())}
+        if asked.unusable_robot:
+            return self._ready(asked.key, build_unchecked_robot(asked.urdf, asked.unusable_robot))
+        usable = {uri for uri, name in asked.meshes.items() if name not in asked.unusable}
+        names = {uri: asked.meshes[uri] for uri in needed_meshes(asked.urdf, usable)}
         found = {name: self._mesh(name) for name in set(names.values())}
         if lacking := sorted(name for name, surface in found.items() if surface is None):
             return MeshesMissing(tuple(lacking))
         surfaces = {uri: surface for uri, name in names.items() if (surface := found[name]) is not None}
-        self._robots[asked.key] = build_robot(asked.urdf, asked.meshes.keys(), surfaces.__getitem__)
-        return Ready()
+
+        def surface_of(uri: str) -> Surface:
+            if uri not in surfaces:
+                raise ModelError(asked.unusable.get(asked.meshes[uri], "it was not loaded"))
+            return surfaces[uri]
+
+        return self._ready(asked.key, build_robot(asked.urdf, asked.meshes.keys(), surface_of))
+
+    def _ready(self, key: str, robot: Robot) -> Ready:
+        self._robots[key] = robot
+        return Ready(robot.unchecked)
 
     def _mesh(self, name: str) -> Surface | None:
         if (held := self._meshes.get(name)) is not None:

@@ -1,6 +1,8 @@
 """Hostile robots: whatever they serve, their pages keep working, the Stop button first."""
 
 import hashlib
+import json
+import struct
 from collections.abc import Iterator
 
 import pytest
@@ -28,11 +30,26 @@ def _doubling() -> bytes:
     return COLLADA.format(nodes="".join(twice) + "<node id='n40'/>").encode()
 
 
+def _glb(nodes: list[dict[str, object]]) -> bytes:
+    """Return a binary glTF without a binary chunk; its mesh claims a million points."""
+    document = {
+        "asset": {"version": "2.0"}, "scenes": [{"nodes": [0]}], "nodes": nodes,
+        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}}]}],
+        "accessors": [{"bufferView": 0, "componentType": 5126, "count": 10**6, "type": "VEC3"}],
+        "bufferViews": [{"buffer": 0, "byteLength": 12}], "buffers": [{"byteLength": 12}],
+    }  # fmt: skip
+    text = json.dumps(document).encode()
+    text += b" " * (-len(text) % 4)
+    return struct.pack("<4sIII4s", b"glTF", 2, 20 + len(text), len(text), b"JSON") + text
+
+
 # Each would block a script that reads it in the usual way for minutes or for ever.
 FILES = {
     "nodes that repeat nodes": ("a.dae", "model/vnd.collada+xml", _doubling()),
     "facets that never end": ("a.stl", "model/stl", b"solid x " + b"facet " * 400_000 + b" endsolid x"),
     "more facets than there are": ("a.stl", "model/stl", bytes(80) + (10**8).to_bytes(4, "little") + bytes(500)),
+    "a node that contains itself": ("a.glb", "model/gltf-binary", _glb(nodes=[{"children": [0]}])),
+    "more numbers than there are": ("a.glb", "model/gltf-binary", _glb(nodes=[{"mesh": 0}])),
     "a million objects": ("a.obj", "model/obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\n" + b"o a\nf 1 2 3\n" * 1_000_000),
 }
 

@@ -16,12 +16,15 @@ from linked_fleet_gateway.app.application import create_live
 from linked_fleet_gateway.app.settings import GatewaySettings
 from linked_fleet_gateway.extensions.world import checks
 from linked_fleet_gateway.extensions.world.checks import Checks
-from linked_fleet_gateway.extensions.world.collisions import Collides, Unchecked
+from linked_fleet_gateway.extensions.world.collisions import Collides, Unchecked, UncheckedLinks
+from linked_fleet_gateway.extensions.world.messages import Answer, Prepare, PrepareMesh, Question
 from linked_fleet_gateway.extensions.world.placement import PLACEMENT, placement_of
+from linked_fleet_gateway.extensions.world.process import Checker
 from linked_fleet_gateway.extensions.world.scene import SceneObject
 from linked_fleet_gateway.fleet.events import Appeared, Described, DescriptionRejected, Framed, Vanished
 from linked_fleet_gateway.fleet.model import Pose
 from linked_fleet_gateway.fleet.robot import Robot
+from linked_fleet_gateway.fleet.unchecked import Finding, UncheckedLink
 from linked_fleet_gateway.identity.rights import ALL, View, view
 from linked_fleet_gateway.link.fleet_link import NoAnswer
 from linked_fleet_gateway.link.meshes import Meshes
@@ -56,30 +59,32 @@ class Scene:
         self.asked: dict[str, asyncio.Event] = {}
         self.let: dict[str, asyncio.Event] = {}
         self.silent: set[str] = set()
+        self.broken: set[str] = set()
 
     async def _ask(self, robot: str, mesh: Mesh, timeout_s: float) -> bytes:
         self.asked[robot].set()
         await self.let[robot].wait()
         if robot in self.silent:
             raise NoAnswer("it says nothing")
-        return content(robot)
+        return b"\0" * 200 if robot in self.broken else content(robot)
 
-    def robot(self, name: str, x: float = 0.0, let: bool = False) -> Robot:
+    def robot(self, name: str, x: float = 0.0, let: bool = False, mesh: str = "u.stl", **record: object) -> Robot:
         """Add a rod that rotates above a channel; all robots look different."""
         self.asked[name], self.let[name] = asyncio.Event(), asyncio.Event()
         if let:
             self.let[name].set()
-        digest = hashlib.sha256(content(name)).hexdigest()
-        mesh = Mesh(uri="u.stl", sha256=digest, size=len(content(name)), type="model/stl")
+        served = b"\0" * 200 if name in self.broken else content(name)
+        digest = hashlib.sha256(served).hexdigest()
+        offered = Mesh(uri="u.stl", sha256=digest, size=len(served), type="model/stl")
         urdf = (
-            f"<robot name='{name}'><link name='foot'><collision><geometry><mesh filename='u.stl'/></geometry>"
+            f"<robot name='{name}'><link name='foot'><collision><geometry><mesh filename='{mesh}'/></geometry>"
             f"</collision></link><link name='rod'><collision><origin xyz='0 .5 0'/><geometry><box size='.3 .02 .02'/>"
             f"</geometry></collision></link><joint name='turn' type='continuous'><parent link='foot'/>"
             f"<child link='rod'/><axis xyz='0 1 0'/></joint></robot>"
         )
         description = Description(
             version=1, robot=name, incarnation=1, title=name, urdf=urdf, joints=("turn",), rate_hz=100,
-            capabilities=("move",), layout=layout(1, False), meshes=(mesh,),
+            capabilities=("move",), layout=layout(1, False), meshes=(offered,),
         )  # fmt: skip
         state = State(
             incarnation=1, sequence=1, monotonic_ns=1, wall_ns=1, positions=(0.0,), velocities=(0.0,), efforts=(0.0,)
@@ -87,7 +92,8 @@ class Scene:
         for event in (Appeared(name, 1), Described(description), Framed(name, encode_state(state))):
             self.live.fleet.apply(event, 1)
         robot = self.live.fleet.robots[name]
-        robot.settings[PLACEMENT] = msgspec.json.encode(Pose((x, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))).decode()
+        pose = {"position_m": (x, 0.0, 0.0), "orientation_xyzw": (0.0, 0.0, 0.0, 1.0)}
+        robot.settings = {PLACEMENT: msgspec.json.encode(pose | record).decode()}
         return robot
 
     @property
@@ -99,9 +105,11 @@ class Scene:
         await self.worker.process.wait()
 
     async def is_free(self, robot: Robot, sees: View = ALL) -> bool:
-        return await self.checks.check_path(
-            Motion(robot, Move({"turn": 1.0}), {"turn": 1.0}, RobotTime(1, 1)), sees, ""
-        )
+        return (await self.finding(robot, sees)).free
+
+    async def finding(self, robot: Robot, sees: View = ALL) -> Finding:
+        motion = Motion(robot, Move({"turn": 1.0}), {"turn": 1.0}, RobotTime(1, 1))
+        return await self.checks.check_path(motion, sees, "")
 
 
 @asynccontextmanager
@@ -242,6 +250,80 @@ async def test_a_collision_with_an_invisible_robot_does_not_tell_its_place(tmp_p
             await scene.is_free(robot, view(frozenset({"here"}), "somebody"))
         assert whole.value.point is not None and part.value.point is None
         assert len(part.value.things) == len(part.value.names) == 1
+
+
+async def test_unchecked_links_are_shown_logged_once_and_named_in_findings(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    async with scene_in(tmp_path) as scene:
+        robot = scene.robot("gappy", mesh="none.stl")
+        for _ in range(2):
+            await scene.checks.wait_until_ready(robot, ALL)
+            found = await scene.finding(robot)
+        link = UncheckedLink("foot", "none.stl", "the agent does not offer it")
+        assert robot.unchecked == (link,) and found == Finding(True, (("/gappy/foot", link),))
+        logged = [each.getMessage() for each in caplog.records if "not checked" in each.getMessage()]
+        assert logged == ["1 links of gappy are not checked: foot (none.stl: the agent does not offer it)"]
+
+
+async def test_a_mesh_that_cannot_be_read_leaves_its_link_unchecked(tmp_path: Path) -> None:
+    async with scene_in(tmp_path) as scene:
+        scene.broken.add("odd")
+        robot = scene.robot("odd", let=True)
+        await scene.checks.wait_until_ready(robot, ALL)
+        assert scene.checks.prepared
+        assert [(each.link, each.reason) for each in robot.unchecked] == [("foot", "it cannot be read as stl")]
+
+
+async def test_motions_beside_unchecked_links_are_refused_and_name_what_the_caller_may_see(tmp_path: Path) -> None:
+    async with scene_in(tmp_path) as scene:
+        robot, gappy = scene.robot("here", let=True), scene.robot("gappy", x=1.0, mesh="none.stl")
+        for each in (robot, gappy):
+            await scene.checks.wait_until_ready(each, ALL)
+        with pytest.raises(UncheckedLinks, match=r"gappy that may meet here: foot .*placement of gappy") as whole:
+            await scene.finding(robot)
+        assert [path for path, _ in whole.value.unchecked] == ["/gappy/foot"] and "gappy" not in whole.value.reason
+        with pytest.raises(UncheckedLinks, match="parts of another robot that may meet here") as part:
+            await scene.finding(robot, view(frozenset({"here"}), "somebody"))
+        assert part.value.members == {}
+        with pytest.raises(UncheckedLinks, match="parts of gappy that may meet here: foot"):
+            await scene.finding(gappy)
+
+
+async def test_a_neighbour_whose_placement_accepts_its_unchecked_links_is_named(tmp_path: Path) -> None:
+    async with scene_in(tmp_path) as scene:
+        robot = scene.robot("here", let=True)
+        gappy = scene.robot("gappy", x=1.0, mesh="none.stl", accepts_unchecked=True)
+        await scene.checks.wait_until_ready(robot, ALL)
+        assert [path for path, _ in (await scene.finding(robot)).unchecked] == ["/gappy/foot"]
+        assert (await scene.finding(robot, view(frozenset({"here"}), "somebody"))).unchecked == ()
+        assert (await scene.finding(gappy)).free
+
+
+@pytest.mark.parametrize("ends_in", ["prepare", "mesh"])
+async def test_an_input_that_ends_the_process_makes_its_own_links_unchecked(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, ends_in: str
+) -> None:
+    """Motions of others go on. An answer that does not come stands for a process that ended."""
+    exchange = Checker._exchange
+
+    async def ends(checker: Checker, question: Question) -> Answer:
+        deadly = isinstance(question, PrepareMesh) if ends_in == "mesh" else (
+            isinstance(question, Prepare) and "deadly" in question.urdf and not question.unusable_robot)  # fmt: skip
+        if deadly:
+            raise EOFError("it ended")
+        return await exchange(checker, question)
+
+    monkeypatch.setattr(Checker, "_exchange", ends)
+    async with scene_in(tmp_path) as scene:
+        robot = scene.robot("deadly", let=True)
+        for _ in range(4):
+            await scene.checks.wait_until_ready(robot, ALL)
+        assert scene.checks.prepared and {each.link for each in robot.unchecked} >= {"foot"}
+        assert "ended several times" in robot.unchecked[0].reason
+        other = scene.robot("other", x=5.0, mesh="", let=True)
+        await scene.checks.wait_until_ready(other, ALL)
+        assert (await scene.finding(other)).free
 
 
 async def test_a_robot_without_usable_shapes_is_refused_and_delays_nobody(tmp_path: Path) -> None:

@@ -113,8 +113,14 @@ function rehearsed(form, graph, full = true) {
   }
   if (full) for (const target of graph.values(root, lf("target"))) lines.push(targetOf(graph, `_:${target.value}`));
   for (const { value } of facts.get(lf("preempts")) ?? []) lines.push(`it would end ${localName(value)}`);
+  for (const { value } of facts.get(lf("unchecked")) ?? []) lines.push(uncheckedLink(graph, `_:${value}`));
   answer(form, "rehearsed", strong("It would work; nothing has moved."), list(lines));
   form.dispatchEvent(new CustomEvent("rehearsed", { bubbles: true, detail: graph }));
+}
+
+function uncheckedLink(graph, node) {
+  const [link, mesh, reason] = ["ofLink", "meshUri", "reason"].map((each) => graph.value(node, lf(each))?.value ?? "");
+  return `not checked for collisions: ${localName(link)} (${mesh ? `${mesh}: ` : ""}${reason})`;
 }
 
 function targetOf(graph, node) {

@@ -58,7 +58,8 @@ export function checkCollada({ nodes }) {
   for (const id of Object.keys(nodes)) limit(size(id));
 }
 
-function limit(objects) {
+/** @throws {Error} if a file has more objects than can be drawn */
+export function limit(objects) {
   if (objects > MOST_OBJECTS) throw new Error(`it has more than ${MOST_OBJECTS} objects`);
 }
 

@@ -9,6 +9,7 @@ import URDFLoader from "urdf-loader";
 
 import { Budget, checkCollada, checkObj, checkSize, stl } from "./scene_files.js";
 import { weld } from "./scene_geometry.js";
+import { glb } from "./scene_glb.js";
 import { skeleton } from "./scene_skeleton.js";
 
 const AT_ONCE = 4;
@@ -80,7 +81,7 @@ function ownUrl(filename, address) {
   const base = new URL(address, document.baseURI);
   if (!filename || !URL.canParse(filename, base)) return undefined;
   const url = new URL(filename, base);
-  return url.origin === location.origin && /\.(stl|dae|obj)$/.test(url.pathname) ? url.pathname : undefined;
+  return url.origin === location.origin && /\.(stl|dae|obj|glb)$/.test(url.pathname) ? url.pathname : undefined;
 }
 
 /**
@@ -122,6 +123,7 @@ async function fetchMesh(url, signal) {
   checkSize(answer);
   if (url.endsWith(".dae")) return collada(await answer.text());
   if (url.endsWith(".obj")) return object(await answer.text());
+  if (url.endsWith(".glb")) return glb(await answer.arrayBuffer());
   const geometry = stl(await answer.arrayBuffer());
   if (geometry.attributes.position.count <= CREASED) return new Mesh(toCreasedNormals(geometry, CREASE_RAD));
   geometry.computeVertexNormals();

@@ -1,0 +1,36 @@
+"""Links that checks of motions do not cover. Pure values."""
+
+from collections.abc import Iterable
+
+from msgspec import Struct
+
+_MOST_NAMED = 3
+
+
+class UncheckedLink(Struct, frozen=True):
+    """A link that no check of motions covers.
+
+    ``mesh`` is the URI of the mesh concerned, empty if it is another shape. ``reason`` says in words why.
+    """
+
+    link: str
+    mesh: str
+    reason: str
+
+
+class Finding(Struct, frozen=True):
+    """The result of the check of a path: ``free`` is False if it is unknown.
+
+    ``unchecked`` are the links that the check did not cover, each after its path.
+    """
+
+    free: bool
+    unchecked: tuple[tuple[str, UncheckedLink], ...] = ()
+
+
+def in_words(links: Iterable[UncheckedLink]) -> str:
+    """Return the first links with their meshes and reasons, and the number of the others."""
+    known = list(links)
+    named = [f"{each.link} ({each.mesh + ': ' if each.mesh else ''}{each.reason})" for each in known[:_MOST_NAMED]]
+    more = len(known) - len(named)
+    return "; ".join(named) + (f"; and {more} more" if more else "")
