@@ -76,12 +76,12 @@ def built(tool: str, **more: str) -> Robot:
         (
             part("collision", "<cylinder radius='1' length='0'/>"),
             "",
-            "a cylinder with length 0.0, which must be above zero",
+            "with length 0.0, which must be above",
         ),
         (
             part("collision", "<cylinder radius='-1' length='1'/>"),
             "",
-            "a cylinder with radius -1.0, which must be above zero",
+            "with radius -1.0, which must be above",
         ),
         (part("collision", "<sphere radius='1e7'/>"), "", "too large"),
         (part("collision", "<torus/>"), "", "is none of box, sphere, cylinder, capsule, mesh"),
