@@ -16,7 +16,7 @@ from linked_fleet_agent.mesh_files import MeshFiles
 from linked_fleet_agent.motion import Measurements, Motions, Outcome, Sway
 from linked_fleet_agent.pace import elapsed_ns, every
 from linked_fleet_agent.plan import ImpossibleError, Plan, joints_of, plan
-from linked_fleet_agent.publications import Cameras, Frames, Report, describe
+from linked_fleet_agent.publications import Cameras, Conditions, Frames, Report, describe
 from linked_fleet_agent.robot import NewDescriptionError, Reading, Robot
 from linked_fleet_agent.sensors import JointSensor
 from linked_fleet_agent.wire import codec
@@ -54,6 +54,8 @@ class Link(Protocol):
 
         If ``final``, the message says how a motion ended and is sent reliably; others may be dropped.
         """
+
+    def publish_condition(self, payload: bytes) -> None: ...
 
 
 def new_incarnation() -> int:
@@ -105,6 +107,7 @@ class Agent:
         self._described_anew: NewDescriptionError | None = None
         self._outcomes: list[Outcome] = []
         self._report = Report(self.incarnation)
+        self._conditions = Conditions(self.incarnation)
         self._meshes = MeshFiles(name, self._facts.meshes)
         self._cameras = Cameras(robot, self._facts.cameras)
         self._link: Link | None = None
@@ -141,6 +144,9 @@ class Agent:
         if self._reading is not None:
             self._move(self._reading, elapsed_s)
         self._publish_progress(link, now_ns)
+        faults = {} if self._reading is None else self._reading.faults
+        if (condition := self._conditions.due(self._fault or "", faults, link.arrivals, now_ns)) is not None:
+            link.publish_condition(condition)
         if self._described_anew is not None:
             raise self._described_anew
 

@@ -106,6 +106,9 @@ class RobotLink:
     def publish_progress(self, payload: bytes, final: bool) -> None:
         self._put(self._ends if final else self._progress, payload)
 
+    def publish_condition(self, payload: bytes) -> None:
+        self._put(self._conditions, payload)
+
     def _put(self, publisher: Publisher, payload: bytes) -> None:
         try:
             publisher.put(payload)
@@ -123,6 +126,8 @@ class RobotLink:
         self._states = declare(session.declare_publisher(state, reliable=False, express=False))
         self._progress = declare(session.declare_publisher(progress, reliable=False, express=True))
         self._ends = declare(session.declare_publisher(progress, reliable=True, express=True))
+        condition = keys.robot(robot, "condition")
+        self._conditions = declare(session.declare_publisher(condition, reliable=True, express=False))
         self._gateways.declare()
         self._declare_visible()
 

@@ -18,9 +18,11 @@ from linked_fleet_agent.urdf.facts import joint_mismatch
 from linked_fleet_agent.wire import codec
 from linked_fleet_agent.wire.codec import PictureHeader, WireError, encode_picture
 from linked_fleet_agent.wire.messages import (
+    MAX_SENSOR_FAULTS,
     WIRE_VERSION,
     Base,
     Camera,
+    Condition,
     Description,
     Mesh,
     PictureQuery,
@@ -209,3 +211,30 @@ class Report:
             return False
         self._due_ns = now_ns + PERIOD_NS
         return True
+
+
+CONDITION_NS = 1_000_000_000
+"""Period of the conditions of a robot with a fault."""
+
+
+class Conditions:
+    """The condition of a robot in one run of its agent: published when it changes, and repeated while it is bad."""
+
+    def __init__(self, incarnation: int) -> None:
+        self._incarnation = incarnation
+        self._last: tuple[str, Mapping[str, str]] = ("", {})
+        self._arrivals, self._due_ns = 0, 0
+
+    def due(self, fault: str, sensors: Mapping[str, str], arrivals: int, now_ns: int) -> bytes | None:
+        """Return the message to publish now; None if there is none.
+
+        A good condition is published once, and for each gateway that arrives.
+        """
+        changed = (fault, sensors) != self._last or arrivals != self._arrivals
+        if not changed and (not (fault or sensors) or now_ns < self._due_ns):
+            return None
+        self._last, self._arrivals, self._due_ns = (fault, dict(sensors)), arrivals, now_ns + CONDITION_NS
+        told = {name: sentence[:512] for name, sentence in islice(sensors.items(), MAX_SENSOR_FAULTS)}
+        return codec.encode(
+            Condition(version=WIRE_VERSION, incarnation=self._incarnation, fault=fault[:1024], sensors=told)
+        )

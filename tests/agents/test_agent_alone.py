@@ -19,6 +19,7 @@ from linked_fleet_agent.wire import codec
 from linked_fleet_agent.wire.messages import (
     Accepted,
     Command,
+    Condition,
     Expectation,
     Follow,
     Move,
@@ -44,12 +45,16 @@ class Memory:
     def __init__(self) -> None:
         self.states: list[State] = []
         self.progress: list[Progress] = []
+        self.conditions: list[Condition] = []
 
     def watch_gateways(self, period_s: float) -> None:
         """Do nothing: the test says which gateways are present."""
 
     def publish_state(self, payload: bytes) -> None:
         self.states.append(codec.decode_state(payload))
+
+    def publish_condition(self, payload: bytes) -> None:
+        self.conditions.append(codec.decode(payload, Condition))
 
     def publish_progress(self, payload: bytes, final: bool) -> None:
         self.progress.append(codec.decode(payload, Progress))
@@ -159,6 +164,29 @@ def test_a_joint_outside_its_limits_is_moved_back_unless_it_is_nonsense(at: floa
     assert _code(reply) == code
     assert not isinstance(reply, Refused) or "outside its limits: check its sensor" in reply.reason
     assert _code(bench.command("b", Move({"wheel": 2.0}))) == "accepted"
+
+
+def test_the_condition_of_a_robot_is_told_when_it_changes_and_while_it_is_bad() -> None:
+    """Once if it is good, each second if it is not, and to each gateway that arrives."""
+    bench = Bench()
+    bench.tick(300)
+    assert [(each.fault, each.sensors) for each in bench.link.conditions] == [("", {})]
+    bench.robot.broken = True
+    bench.tick(250)
+    assert [each.fault for each in bench.link.conditions[1:]] == ["read failed: cable out"] * 3
+    bench.robot.broken = False
+    bench.tick(300)
+    assert [each.fault for each in bench.link.conditions[4:]] == [""]
+    bench.robot.positions["arm"] = 3.0
+    bench.tick(2)
+    assert list(bench.link.conditions[-1].sensors) == ["arm"]
+    assert "contradicts itself" in bench.link.conditions[-1].sensors["arm"]
+    bench.tick(300)
+    assert bench.link.conditions[-1].sensors == {}
+    count = len(bench.link.conditions)
+    bench.link.arrivals += 1
+    bench.tick()
+    assert len(bench.link.conditions) == count + 1
 
 
 def test_a_driver_that_leaves_out_a_joint_has_a_fault() -> None:

@@ -31,6 +31,9 @@ class Bench:
     def publish_state(self, payload: bytes) -> None:
         self.positions = codec.decode_state(payload).positions
 
+    def publish_condition(self, payload: bytes) -> None:
+        """Ignore it."""
+
     def publish_progress(self, payload: bytes, final: bool) -> None:
         """Do nothing: nobody listens."""
 

@@ -104,6 +104,9 @@ class Gateway:
     def publish_state(self, payload: bytes) -> None:
         self.seen_ns = codec.decode_state(payload).monotonic_ns
 
+    def publish_condition(self, payload: bytes) -> None:
+        """Ignore it."""
+
     def publish_progress(self, payload: bytes, final: bool) -> None:
         """Ignore it."""
 

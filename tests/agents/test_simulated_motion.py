@@ -40,6 +40,9 @@ class Bench:
     def publish_state(self, payload: bytes) -> None:
         self.frames.append(codec.decode_state(payload))
 
+    def publish_condition(self, payload: bytes) -> None:
+        """Ignore it."""
+
     def publish_progress(self, payload: bytes, final: bool) -> None:
         self.progress.append(codec.decode(payload, Progress))
 

@@ -81,6 +81,9 @@ class CheckingLink:
     def publish_state(self, payload: bytes) -> None:
         decode_state(payload)
 
+    def publish_condition(self, payload: bytes) -> None:
+        """Ignore it."""
+
     def publish_progress(self, payload: bytes, final: bool) -> None:
         decode(payload, Progress)
 

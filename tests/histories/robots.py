@@ -110,6 +110,9 @@ class Toy(Witnessed):
         for live in self._gateways:
             live.fleet.apply(Framed(self.name, payload), time.time_ns())
 
+    def publish_condition(self, payload: bytes) -> None:
+        """Ignore it."""
+
     def publish_progress(self, payload: bytes, final: bool) -> None:
         progress, loop = decode(payload, Progress), asyncio.get_running_loop()
         for live, context in self._gateways.items():

@@ -14,6 +14,7 @@ from linked_fleet_agent.wire.messages import (
     WIRE_VERSION,
     Accepted,
     Command,
+    Condition,
     Description,
     Move,
     Progress,
@@ -22,7 +23,15 @@ from linked_fleet_agent.wire.messages import (
     State,
     Stop,
 )
-from linked_fleet_gateway.fleet.events import Appeared, Described, DescriptionRejected, Event, Framed, Vanished
+from linked_fleet_gateway.fleet.events import (
+    Appeared,
+    Conditioned,
+    Described,
+    DescriptionRejected,
+    Event,
+    Framed,
+    Vanished,
+)
 from linked_fleet_gateway.link.fleet_link import ASK_AGAIN_S, FleetLink, NoAnswer
 from linked_fleet_gateway.link.transport import Answer, Question
 from serving import until
@@ -177,15 +186,19 @@ async def test_a_gateway_receives_robots_that_see_it(part: Memory) -> None:
         agent = Agent(part, session)
         news = Progress(version=WIRE_VERSION, id="c1", incarnation=1, state="running", wall_ns=1)
 
+        condition = Condition(version=WIRE_VERSION, incarnation=1, fault="cable out")
+
         def meet(key: str, present: bool) -> None:
             agent.publish(KEYS.robot("r", "progress"), encode(news))
             agent.publish(KEYS.robot("r", "state"), frame(3))
+            agent.publish(KEYS.robot("r", "condition"), encode(condition))
 
         part.keep(session.subscribe_tokens(KEYS.all_gateways, meet))
         agent.be(description())
         await gateway.link.join()
         await gateway.until(lambda: ("r", news) in gateway.progress)
         await gateway.seen(Framed("r", frame(3)))
+        await gateway.seen(Conditioned("r", condition))
 
 
 @in_memory

@@ -255,13 +255,17 @@ async def test_undeliverable_publications_are_dropped_and_logged_once(
 async def test_an_agent_publishes_under_its_own_keys(part: Network) -> None:
     gateway, session = await part.gateway(), await part.agent("r")
     heard = set[tuple[str, object]]()
-    for key in (KEYS.all_states, KEYS.all_progress):
+    for key in (KEYS.all_states, KEYS.all_progress, KEYS.all_conditions):
         await gateway.subscribe(key, 100, lambda key, payload: heard.add((key, payload)))
     async with link(session) as robot:
-        while len(heard) < 3:
+        while len(heard) < 4:
             robot.publish_state(b"state")
+            robot.publish_condition(b"condition")
             robot.publish_progress(b"running", final=False)
             robot.publish_progress(b"succeeded", final=True)
             await asyncio.sleep(0.01)
     progress = KEYS.robot("r", "progress")
-    assert heard == {(KEYS.robot("r", "state"), b"state"), (progress, b"running"), (progress, b"succeeded")}
+    assert heard == {
+        (KEYS.robot("r", "state"), b"state"), (KEYS.robot("r", "condition"), b"condition"), (progress, b"running"),
+        (progress, b"succeeded"),
+    }  # fmt: skip

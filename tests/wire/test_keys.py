@@ -30,6 +30,7 @@ def test_expressions_match_the_keys_they_are_for(robot: str) -> None:
         (keys.all_presence, keys.presence(robot, 7)),
         (keys.all_states, keys.robot(robot, "state")),
         (keys.all_progress, keys.robot(robot, "progress")),
+        (keys.all_conditions, keys.robot(robot, "condition")),
         (keys.all_stops, keys.robot(robot, "stop")),
         (keys.all_gateways, keys.gateway(robot)),
         (keys.all_heartbeats, keys.heartbeat(robot)),

@@ -21,6 +21,7 @@ KINDS: dict[str, Any] = {
     "command": messages.Command,
     "stop": messages.Stop,
     "progress": messages.Progress,
+    "condition": messages.Condition,
     "glance": messages.PictureQuery,
 }
 
@@ -122,7 +123,7 @@ def test_the_fields_of_a_command_that_have_a_default_are_explained() -> None:
 
 def test_the_key_table_is_what_keys_are_built_from() -> None:
     documented = {row[0] for row in table("key", "kind", "declared or published by", "read by")}
-    kinds: tuple[Any, ...] = ("description", "state", "command", "stop", "progress", "mesh", "picture")
+    kinds: tuple[Any, ...] = ("description", "state", "command", "stop", "progress", "condition", "mesh", "picture")
     built = {Keys().robot("ROBOT", kind) for kind in kinds}
     built |= {Keys().presence("ROBOT", 1).replace("/1", "/{incarnation}")}
     built |= {Keys().gateway("GATEWAY"), Keys().heartbeat("GATEWAY")}

@@ -16,6 +16,7 @@ from linked_fleet_agent.wire.messages import (
     WIRE_VERSION,
     Base,
     Command,
+    Condition,
     Description,
     Field,
     PictureFormat,
@@ -34,8 +35,8 @@ _HEADER = struct.Struct(_HEADER_FORMAT)
 _BASE_VALUES = 13
 _ROWS = ("positions", "velocities", "efforts")
 
-Message = Description | Command | Stop | Progress | PictureQuery
-_M = TypeVar("_M", Description, Command, Stop, Progress, PictureQuery)
+Message = Description | Command | Stop | Progress | Condition | PictureQuery
+_M = TypeVar("_M", Description, Command, Stop, Progress, Condition, PictureQuery)
 
 
 class WireError(ValueError):

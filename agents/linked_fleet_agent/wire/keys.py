@@ -46,11 +46,11 @@ def unescape(segment: str, reserved: Container[str] = ()) -> str:
     raise ValueError(f"{segment!r} is not the segment of a name")
 
 
-Kind = Literal["description", "state", "command", "stop", "progress", "mesh", "picture", "presence"]
+Kind = Literal["description", "state", "command", "stop", "progress", "condition", "mesh", "picture", "presence"]
 
 _NAMESPACE = re.compile(r"[A-Za-z0-9_.-]+(/[A-Za-z0-9_.-]+)*")
 _ROBOT_KEY = re.compile(
-    r"robot/([^/*$?#]+)/(description|state|command|stop|progress|mesh|picture|presence)(?:/(0|[1-9][0-9]{0,18}))?"
+    r"robot/([^/*$?#]+)/(description|state|command|stop|progress|condition|mesh|picture|presence)(?:/(0|[1-9][0-9]{0,18}))?"
 )
 _GATEWAY_KEY = re.compile(r"gateway/([^/*$?#]+)(?:/heartbeat)?")
 
@@ -75,7 +75,9 @@ class Keys:
             raise ValueError(f"namespace {self.namespace!r} is not a plain Zenoh key such as 'fleet' or 'site/hall-2'")
 
     def robot(
-        self, robot: str, kind: Literal["description", "state", "command", "stop", "progress", "mesh", "picture"]
+        self,
+        robot: str,
+        kind: Literal["description", "state", "command", "stop", "progress", "condition", "mesh", "picture"],
     ) -> str:
         return f"{self.namespace}/robot/{escape(robot)}/{kind}"
 
@@ -111,6 +113,10 @@ class Keys:
     @property
     def all_progress(self) -> str:
         return self.all_of_kind("progress")
+
+    @property
+    def all_conditions(self) -> str:
+        return self.all_of_kind("condition")
 
     @property
     def all_stops(self) -> str:

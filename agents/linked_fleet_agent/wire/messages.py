@@ -194,6 +194,22 @@ class Refused(Struct, frozen=True, tag="refused"):
 Reply = Accepted | Refused
 
 
+MAX_SENSOR_FAULTS = 64
+
+
+class Condition(Struct, frozen=True, kw_only=True):
+    """The condition of a robot, as its agent sees it.
+
+    ``fault`` is why the robot cannot be read or driven now, empty if it can. ``sensors`` has a sentence for each joint
+    whose sensor cannot be believed.
+    """
+
+    version: int
+    incarnation: Unsigned
+    fault: Annotated[str, Meta(max_length=1024)] = ""
+    sensors: Annotated[dict[Name, Annotated[str, Meta(max_length=512)]], Meta(max_length=MAX_SENSOR_FAULTS)] = {}
+
+
 class Progress(Struct, frozen=True, kw_only=True):
     """State of an accepted command; ``positions`` are the measured positions of its joints at ``wall_ns``.
 

@@ -136,9 +136,10 @@ def router_access_control(keys: Keys, agents: Mapping[str, Iterable[str] | None]
     """
     names = [common_name(agent) for agent in agents]
     access = _Access()
+    published = [keys.all_states, keys.all_progress, keys.all_conditions]
     access.grant("out", [GATEWAY, ROUTER, *names], "egress", _EVERYTHING, [keys.all_keys])
     access.grant("routers", [ROUTER], "ingress", _EVERYTHING, [keys.all_keys])
-    access.grant("gateways hear", [GATEWAY], "ingress", ["declare_subscriber"], [keys.all_states, keys.all_progress])
+    access.grant("gateways hear", [GATEWAY], "ingress", ["declare_subscriber"], published)
     access.grant("gateways ask", [GATEWAY], "ingress", ["query"], [keys.all_of_kind(kind) for kind in _ASKED])
     access.grant("gateways see", [GATEWAY], "ingress", _WATCHING, [keys.all_presence])
     access.grant("gateways are", [GATEWAY], "ingress", ["liveliness_token"], [keys.all_gateways])

@@ -56,7 +56,15 @@ class Framed:
     payload: bytes
 
 
-Event = Appeared | Vanished | Described | DescriptionRejected | Framed
+@dataclass(frozen=True)
+class Conditioned:
+    """An agent has sent the condition of its robot."""
+
+    robot: str
+    condition: messages.Condition
+
+
+Event = Appeared | Vanished | Described | DescriptionRejected | Framed | Conditioned
 
 
 MAX_KEYS = 20_000
@@ -73,8 +81,8 @@ Payload = bytes | int  # of a payload that is too large only its size is kept
 class Batch:
     """Messages since the last batch.
 
-    ``presence`` by key (True: present), ``states``: the latest state by key of frames that need a full check,
-    ``progress`` in order. ``progress_counts`` by key, ``tokens`` the entries of ``presence`` by robot.
+    ``presence`` by key (True: present), ``states``: by key the latest condition, and the latest frame that needs a full
+    check, ``progress`` in order. ``progress_counts`` by key, ``tokens`` the entries of ``presence`` by robot.
     ``presence_lost`` says that some presence did not fit.
     """
 

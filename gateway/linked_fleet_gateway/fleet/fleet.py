@@ -19,7 +19,16 @@ from typing import Any, Literal
 from linked_fleet_agent.wire.codec import WireError, read_header
 from linked_fleet_agent.wire.messages import Description
 from linked_fleet_gateway.fleet.answers import RejectedMessages
-from linked_fleet_gateway.fleet.events import Appeared, Described, DescriptionRejected, Event, Framed, Frames, Vanished
+from linked_fleet_gateway.fleet.events import (
+    Appeared,
+    Conditioned,
+    Described,
+    DescriptionRejected,
+    Event,
+    Framed,
+    Frames,
+    Vanished,
+)
 from linked_fleet_gateway.fleet.invocation import Lease
 from linked_fleet_gateway.fleet.limit_watch import LimitWatch
 from linked_fleet_gateway.fleet.observation import Observation
@@ -125,6 +134,7 @@ class Fleet:
             Described: self._described,
             DescriptionRejected: self._not_described,
             Framed: self._framed,
+            Conditioned: self._conditioned,
         }
 
     @property
@@ -335,6 +345,18 @@ class Fleet:
             return []
         robot.store_frame(header, event.payload, now_ns)
         return [Change(event.robot, "frame")] if robot.described else []
+
+    def _conditioned(self, event: Conditioned, now_ns: int) -> list[Change]:
+        entry, said = self._entries.get(event.robot), event.condition
+        if entry is None or entry.robot.incarnation != said.incarnation:
+            self.dropped[event.robot if entry else "(unknown)"] += 1
+            return []
+        robot, before = entry.robot, entry.robot.presence
+        robot.heard_ns = now_ns
+        if not robot.set_condition(said):
+            return []
+        what = robot.presence
+        return [Change(robot.name, "configured" if what == before else "faulty" if what == "faulty" else "recovered")]
 
     def _enter(self, name: str) -> tuple[_Entry | None, list[Change]]:
         """Return a new entry, at the limit in place of the robot that was offline longest; None without one."""

@@ -7,7 +7,7 @@ from typing import Literal
 
 from linked_fleet_agent.urdf.facts import joint_mismatch
 from linked_fleet_agent.wire.codec import MAX_JOINTS, Header, WireError, decode_state, layout
-from linked_fleet_agent.wire.messages import Description, State
+from linked_fleet_agent.wire.messages import Condition, Description, State
 from linked_fleet_gateway.fleet.events import Frames, Latest, Received
 from linked_fleet_gateway.fleet.invocation import Lease
 from linked_fleet_gateway.fleet.kinematics import ORIGIN, LinkPoses, base_pose
@@ -71,6 +71,10 @@ class Robot:
         """True if the description can be used, whichever run it is of."""
         self.limit_fault: str | None = None
         """A sentence if positions have been outside the limits of the URDF for a while."""
+        self.agent_fault = ""
+        """A sentence why its agent cannot read or drive it; empty if it can."""
+        self.sensor_faults: Mapping[str, str] = {}
+        """By joint a sentence why its sensor cannot be believed, as its agent says."""
         self._index: Mapping[str, int] = {}
         """Place of each joint in the rows of a frame."""
         self._bounds: Mapping[str, Bounds] = {}
@@ -83,7 +87,7 @@ class Robot:
     @property
     def fault(self) -> str | None:
         """A sentence about what restricts this robot; None if nothing does."""
-        return self._fault or self.limit_fault
+        return self._fault or self.agent_fault or self.limit_fault or next(iter(self.sensor_faults.values()), None)
 
     @property
     def presence(self) -> Literal["online", "offline", "faulty"]:
@@ -215,8 +219,17 @@ class Robot:
         self.news = (0, 0)
         self.targets = {}
         self._fault = self.limit_fault = None
+        self.agent_fault, self.sensor_faults = "", {}
         self.drop_frame()
         self._observations.clear()
+
+    def set_condition(self, condition: Condition) -> bool:
+        """Store what the agent says about its robot. Return False if it says nothing new."""
+        if (condition.fault, condition.sensors) == (self.agent_fault, self.sensor_faults):
+            return False
+        self.agent_fault, self.sensor_faults = condition.fault, condition.sensors
+        self.count_change()
+        return True
 
     def set_online(self, online: bool) -> None:
         self.online = online

@@ -7,16 +7,16 @@ from functools import partial
 
 from linked_fleet_agent.wire.codec import WireError, decode
 from linked_fleet_agent.wire.keys import Keys, RobotKey
-from linked_fleet_agent.wire.messages import Progress
+from linked_fleet_agent.wire.messages import Condition, Progress
 from linked_fleet_gateway.fleet.answers import RejectedMessages
-from linked_fleet_gateway.fleet.events import Batch, Event, Framed, Frames, Inbox, Payload
+from linked_fleet_gateway.fleet.events import Batch, Conditioned, Event, Framed, Frames, Inbox, Payload
 from linked_fleet_gateway.link.discovery import Discovery
 from linked_fleet_gateway.link.transport import Session
 from linked_fleet_gateway.runtime.background import TURN_S, Turns
 
 _log = logging.getLogger(__name__)
 
-MAX_STATE_BYTES = MAX_PROGRESS_BYTES = 65_536
+MAX_STATE_BYTES = MAX_PROGRESS_BYTES = MAX_CONDITION_BYTES = 65_536
 
 
 class Incoming:
@@ -46,6 +46,7 @@ class Incoming:
         """Subscribe to frames first and to tokens last, so that no frame of a visible robot is missed."""
         await session.subscribe_frames(self._keys.all_states, MAX_STATE_BYTES, self._hear_state)
         await session.subscribe(self._keys.all_progress, MAX_PROGRESS_BYTES, self._inbox.put_progress)
+        await session.subscribe(self._keys.all_conditions, MAX_CONDITION_BYTES, self._inbox.put_state)
         await session.subscribe_tokens(self._keys.all_presence, self._inbox.put_presence)
 
     def close(self) -> None:
@@ -98,11 +99,23 @@ class Incoming:
 
     def _framed(self, key: str, payload: Payload) -> None:
         robot = self.parse(key)
-        if robot is not None and isinstance(payload, bytes):
+        if robot is None:
+            return
+        if not isinstance(payload, bytes):
+            self._too_large(robot.robot, payload)
+        elif robot.kind == "condition":
+            self._conditioned(robot.robot, payload)
+        else:
             self._discovery.record_frame(robot.robot)
             self._on_events([Framed(robot.robot, payload)])
-        elif robot is not None:
-            self._too_large(robot.robot, payload)
+
+    def _conditioned(self, robot: str, payload: bytes) -> None:
+        try:
+            said = decode(payload, Condition)
+        except WireError as error:
+            self.complaints.add(robot, error)
+        else:
+            self._on_events([Conditioned(robot, said)])
 
     def _too_large(self, sender: str, size: Payload) -> None:
         self.complaints.add(sender, f"a payload of {size!r} bytes, which is too large")

@@ -145,6 +145,8 @@ class Describer:
         self._introduce_joint(graph, robot, joint)
         self._interface(graph, path, kind.shape)
         graph.add(iri, LF.finding, *map(Literal, robot.model.findings_about("joint", joint.name)))
+        if (fault := robot.sensor_faults.get(joint.name)) is not None:
+            graph.add(iri, LF.fault, Literal(fault))
         self._actions(graph, iri, joint_offers(robot, joint))
         graph.add(iri, RDFS.seeAlso, self.iri(robot_path(robot.name)))
         graph.add(iri, DCTERMS.isPartOf, self.iri(robot_path(robot.name)))

@@ -78,6 +78,7 @@ def _tell(held: MirroredRobot, said: RobotFacts) -> None:
         robot.describe(said.description)
     robot.online, robot.heard_ns, robot.lease = said.online, said.last_seen_ns, said.lease
     robot.limit_fault, robot.unchecked = said.limit_fault, said.unchecked
+    robot.agent_fault, robot.sensor_faults = said.agent_fault, said.sensor_faults
     robot.settings, robot.targets = said.settings, said.targets
     held.branches, held.invocations = said.branches, said.invocations
     held.said += 1

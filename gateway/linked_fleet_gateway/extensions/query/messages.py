@@ -35,6 +35,8 @@ class RobotFacts(Struct, frozen=True, kw_only=True):
     description: Description | None
     fault: str | None
     limit_fault: str | None
+    agent_fault: str
+    sensor_faults: dict[str, str]
     unchecked: tuple[UncheckedLink, ...]
     last_seen_ns: int | None
     lease: Lease | None

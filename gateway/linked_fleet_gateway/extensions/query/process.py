@@ -100,6 +100,8 @@ def _said(robot: Robot, invocations: list[Invocation], branches: list[Member]) -
         description=robot.description,
         fault=robot.fault,
         limit_fault=robot.limit_fault,
+        agent_fault=robot.agent_fault,
+        sensor_faults=dict(robot.sensor_faults),
         unchecked=robot.unchecked,
         last_seen_ns=robot.last_seen_ns,
         lease=robot.lease,
