@@ -113,9 +113,9 @@ class Place:
         return self.browser.http.request(write.method, write.url, content=content or None, headers=headers)
 
     def state(self) -> dict[str, str]:
-        """Return all resources as text, except the audit and parts of histories."""
+        """Return all resources as text, except the audit, parts of histories and the progress of deliveries."""
         return {
-            page.url: page.response.text
+            page.url: "" if "/subscriptions" in page.url else page.response.text
             for page in walk(self.browser.root, self.browser.http)
             if not _VARIES.search(page.url)
         }

@@ -2,6 +2,8 @@
 
 import contextlib
 import re
+import socket
+import time
 from collections.abc import Iterator
 
 import httpx
@@ -485,3 +487,20 @@ def test_an_empty_body_has_the_hint_for_curl(browser: Browser, method: str, path
             continue
         assert answer.status_code in (400, 422), answer.text
         assert ("--data-raw" in answer.json()["detail"]) is hinted, answer.text
+
+
+def test_a_precondition_holds_until_the_body_has_arrived(browser: Browser, crate: str) -> None:
+    """Another client changes the container while the body of a POST is on its way."""
+    url, body = httpx.URL(_objects(browser)), (PREFIXES + _CRATE).encode()
+    tag = browser.http.get(str(url), headers={"accept": "text/turtle"}).headers["etag"]
+    head = (
+        f"POST {url.path} HTTP/1.1\r\nHost: {url.netloc.decode()}\r\nIf-Match: {tag}\r\nConnection: close\r\n"
+        f"Content-Type: text/turtle\r\nContent-Length: {len(body)}\r\n\r\n"
+    )
+    with contextlib.closing(socket.create_connection((url.host, url.port))) as slow:
+        slow.sendall(head.encode() + body[:100])
+        time.sleep(1)
+        assert browser.http.delete(crate).status_code == 204
+        slow.sendall(body[100:])
+        assert slow.recv(65536).startswith(b"HTTP/1.1 412 ")
+    assert "crate" not in browser.http.get(str(url), headers={"accept": "text/turtle"}).text

@@ -193,6 +193,8 @@ class Endpoint:
                 )  # other refusals come before a failed precondition (RFC 9110, 13.2.1)
             await await_preconditions(request, found)
         if method not in READ_METHODS:
+            if is_conditional:
+                request.check_once_received(partial(_check_again, request))
             return await self._write(request, found)
         if wants_callback(request):
             require_right(request, found.path, (Right.SUBSCRIBE,))
@@ -242,6 +244,13 @@ class Endpoint:
                 await serve_subprotocol(websocket, resource, handler, value)
                 return
         await open_websocket(websocket, resource)
+
+
+async def _check_again(request: Request) -> None:
+    """Check the preconditions once more, because the resource may have changed while its body arrived."""
+    found = await _find(request)
+    if isinstance(found, Resource):
+        await await_preconditions(request, _read_by(request, found))
 
 
 def _use_canonical_path(scope: Scope, to: Redirect) -> None:

@@ -1,7 +1,7 @@
 """The gateway as seen by handlers, and typed requests with caller and tree, resolved once."""
 
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Awaitable, Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Any, Protocol
@@ -10,7 +10,7 @@ from prometheus_client import CollectorRegistry
 from starlette.applications import Starlette
 from starlette.requests import HTTPConnection
 from starlette.requests import Request as StarletteRequest
-from starlette.types import Lifespan, Receive, Scope, Send
+from starlette.types import Lifespan, Message, Receive, Scope, Send
 from starlette.websockets import WebSocket as StarletteWebSocket
 
 from linked_fleet_gateway.actions.service import Actions
@@ -168,6 +168,18 @@ class Request(_Resolved, StarletteRequest):
     """True once the method is known to be safe at the resource."""
     has_empty_body = False
     """True once a body without a single byte has been read."""
+
+    def check_once_received(self, check: Callable[[], Awaitable[None]]) -> None:
+        """Await ``check`` when the whole body has arrived, before its reader gets the last part."""
+        receive = self._receive
+
+        async def checked() -> Message:
+            message = await receive()
+            if message["type"] == "http.request" and not message.get("more_body", False):
+                await check()
+            return message
+
+        self._receive = checked
 
 
 class WebSocket(_Resolved, StarletteWebSocket):
