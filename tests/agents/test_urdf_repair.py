@@ -9,8 +9,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from linked_fleet_agent.robots.catalogue import UnavailableError, load
+from linked_fleet_agent.robots.mujoco_robot import build, reason_of
 from linked_fleet_agent.robots.urdf_repair import nearest_physical
 from linked_fleet_agent.urdf import UrdfError, joints_of
+from meshes import BOX, stl
 
 SOUND = '<mass value="1"/><inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/>'
 INDEFINITE = SOUND.replace('ixy="0"', 'ixy="0.5"')
@@ -93,3 +95,82 @@ def test_an_unknown_robot_is_refused_naming_the_known() -> None:
     """The message lists the known robots."""
     with pytest.raises(UnavailableError, match="baxter"):
         load("x", "x")
+
+
+def _body(inside: str) -> str:
+    links = "".join(f'<link name="{name}">{inside}</link>' for name in "ab")
+    ends = '<parent link="a"/><child link="b"/>'
+    limit = '<limit lower="-1" upper="1"/>'
+    return f'<robot name="r">{links}<joint name="j" type="revolute">{ends}{limit}</joint></robot>'
+
+
+@pytest.mark.parametrize("floating", [False, True])
+@pytest.mark.parametrize(
+    "inside",
+    [
+        "",
+        '<inertial><mass value="1"/></inertial>',
+        '<inertial><mass value="0"/><inertia ixx="0" iyy="0" izz="0"/></inertial>',
+        '<inertial><mass value="-1"/><inertia ixx="1" iyy="1" izz="1"/></inertial>',
+        '<inertial><mass value="0.7"/><inertia ixx="2.7e-20" iyy="5.4e-20" izz="1.4e-20"/></inertial>',
+        '<inertial><mass value="1e-20"/><inertia ixx="1e-20" iyy="1e-20" izz="1e-20"/></inertial>',
+        '<inertial><mass value="heavy"/></inertial>',
+        f'<inertial>{SOUND}</inertial><collision><geometry><sphere radius="-1"/></geometry></collision>',
+        f'<inertial>{SOUND}</inertial><collision><geometry><box size="0 0 0"/></geometry></collision>',
+        f"<inertial>{SOUND}</inertial><collision><geometry><cone/></geometry></collision>",
+        f'<inertial>{SOUND}</inertial><collision><geometry><capsule radius="0.1" length="0.3"/></geometry></collision>',
+    ],
+)
+def test_a_part_that_mujoco_would_refuse_without_a_name_costs_no_robot(
+    inside: str, floating: bool, tmp_path: Path
+) -> None:
+    file = tmp_path / "r.urdf"
+    file.write_text(_body(inside))
+    reading = load("r", str(file), floating).read(0.0)
+    assert np.isfinite(reading.positions).all()
+
+
+def test_a_capsule_is_a_cylinder_and_two_spheres(tmp_path: Path) -> None:
+    capsule = (
+        '<origin xyz="1 0 0" rpy="0 1.5707963267948966 0"/><geometry><capsule radius="0.1" length="0.4"/></geometry>'
+    )
+    urdf = _body(f"<inertial>{SOUND}</inertial><collision>{capsule}</collision>")
+    model = build(urdf, "r", joints_of(urdf), {}, True, None)
+    shapes = [index for index in range(model.ngeom) if model.geom_bodyid[index] == model.body("b").id]
+    assert [model.geom_size[index].tolist()[:2] for index in shapes] == [[0.1, 0.2], [0.1, 0], [0.1, 0]]
+    assert model.geom_pos[shapes] == pytest.approx(np.array([[1, 0, 0], [0.8, 0, 0], [1.2, 0, 0]]))
+
+
+@pytest.mark.parametrize(
+    ("content", "reason"),
+    [
+        (b"", "is empty"),
+        (b"solid nonsense", "invalid header"),
+        (stl([((0, 0, 0), (1, 0, 0), (0, 1, 0))]), "at least 4 vertices required"),
+        (stl([tuple(tuple(1e-9 * c for c in corner) for corner in each) for each in BOX]), "surface area is too small"),
+    ],
+)
+def test_a_mesh_that_mujoco_cannot_use_is_left_out_with_its_link_and_reason(
+    content: bytes, reason: str, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    """The sound ones stay. Meshes serve the ground that a floating robot stands on."""
+    (tmp_path / "bad.stl").write_bytes(content)
+    (tmp_path / "good.stl").write_bytes(stl(BOX))
+    shapes = "".join(
+        f'<collision><geometry><mesh filename="{name}"/></geometry></collision>' for name in ("bad.stl", "good.stl")
+    )
+    urdf = _body(f"<inertial>{SOUND}</inertial>{shapes}")
+    model = build(urdf, "r", joints_of(urdf), {}, True, tmp_path / "r.urdf")
+    assert model.nmesh == 1
+    (said,) = {each for each in caplog.messages if "left out" in each and "link a" in each}
+    assert "r: link a: collision mesh 'bad.stl' is left out: " in said and reason in said
+    assert "Element" not in said and "id 0" not in said
+
+
+def test_a_reason_of_mujoco_has_no_number_of_a_text_that_nobody_wrote() -> None:
+    assert (
+        reason_of(ValueError("Error: mass is too small\nElement name 'arm', id 3, line 17"))
+        == "mass is too small (arm)"
+    )
+    assert reason_of(ValueError("Error: mass is too small\nElement name '', id 0")) == "mass is too small"
+    assert reason_of(ValueError("XML Error: bad value at line 3, column 4")) == "XML Error: bad value"

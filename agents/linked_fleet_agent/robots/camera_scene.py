@@ -144,7 +144,9 @@ def _visible(scene: Scene) -> str:
     """Return the URDF with only the drawable geometry of each link."""
     model, near = RobotModel.for_urdf(scene.urdf), Path(scene.file)
     links = {name: replace(link, collisions=(), visuals=_drawable(link, near)) for name, link in model.links.items()}
-    return repaired_urdf(plain_element(replace(model, links=links), lambda uri: mesh_path(uri, near)), scene.robot)
+    return repaired_urdf(
+        plain_element(replace(model, links=links), lambda uri: mesh_path(uri, near)), scene.robot, scene.floating
+    )
 
 
 def _drawable(link: Link, near: Path) -> tuple[Shape, ...]:

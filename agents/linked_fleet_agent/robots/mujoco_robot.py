@@ -6,6 +6,7 @@
 
 import logging
 import math
+import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -40,19 +41,47 @@ def build(
 
     Raises UrdfError or ValueError, with the robot's name, if MuJoCo cannot build a model.
     """
-    text = simulable_urdf(urdf, robot, file if floating else None)
+    meshes, commanded = file if floating else None, [joint for joint in joints if joint.mimics is None]
     try:
-        spec = mujoco.MjSpec.from_string(text)
-        _set_up(spec, floating)
-        _set_on_ground(spec, robot) if floating else _fix_base(spec)
-        commanded = [joint for joint in joints if joint.mimics is None]
-        for joint in commanded:
-            _add_servo(spec, joint)
-        model = spec.compile()
-    except ValueError as error:
-        raise ValueError(f"{robot}: MuJoCo cannot simulate this URDF: {error}") from error
+        model = _compiled(simulable_urdf(urdf, robot, floating, meshes), robot, commanded, floating)
+    except ValueError:
+        # Often it is one mesh. Each alone is compiled only now, because that takes as long as the robot.
+        text = simulable_urdf(urdf, robot, floating, meshes, mesh_fault)
+        try:
+            model = _compiled(text, robot, commanded, floating)
+        except ValueError as error:
+            raise ValueError(f"{robot}: this URDF cannot be simulated: {reason_of(error)}") from error
     _size_servos(model, commanded, home, floating)
     return model
+
+
+def _compiled(text: str, robot: str, commanded: Sequence[JointFacts], floating: bool) -> mujoco.MjModel:
+    spec = mujoco.MjSpec.from_string(text)
+    _set_up(spec, floating)
+    _set_on_ground(spec, robot) if floating else _fix_base(spec)
+    for joint in commanded:
+        _add_servo(spec, joint)
+    return spec.compile()
+
+
+def mesh_fault(path: str) -> str:
+    """Return why MuJoCo cannot use a mesh file; empty if it can."""
+    spec = mujoco.MjSpec()
+    spec.add_mesh(name="mesh", file=path)
+    spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, meshname="mesh")
+    try:
+        spec.compile()
+    except ValueError as error:
+        return reason_of(error)
+    return ""
+
+
+def reason_of(error: ValueError) -> str:
+    """Return what MuJoCo says, without its numbers of elements and of lines of a text that nobody has written."""
+    said, _, element = str(error).removeprefix("Error: ").partition("\nElement name ")
+    said = re.sub(r",? ?\(?(at )?\bline \d+(, column \d+)?\)?", "", said).strip()
+    name = element.rpartition(", id")[0].strip("'")
+    return f"{said} ({name})" if name and name != "mesh" else said
 
 
 def _set_up(spec: mujoco.MjSpec, floating: bool) -> None:

@@ -5,6 +5,8 @@ Every repair is logged with the names of the robot and the link or joint.
 
 import logging
 import xml.etree.ElementTree as ElementTree
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +19,9 @@ from linked_fleet_agent.urdf.writer import add_origin, plain_element
 
 _log = logging.getLogger(__name__)
 
+FaultOfMesh = Callable[[str], str]
+"""Returns why the simulation cannot use the mesh file at a path; empty if it can."""
+
 TINY_MASS_KG = 1e-3
 TINY_INERTIA_KG_M2 = 1e-6
 _AXES = (("ixx", "ixy", "ixz"), ("ixy", "iyy", "iyz"), ("ixz", "iyz", "izz"))
@@ -25,42 +30,48 @@ _CONSTANT_INERTIA = 1e-12
 _LEAST_MASS_KG, _LEAST_INERTIA_KG_M2 = 1e-12, 1e-14
 
 
-def simulable_urdf(urdf: str, robot: str, meshes_from: Path | None = None) -> str:
+def simulable_urdf(
+    urdf: str, robot: str, floating: bool, meshes_from: Path | None = None, fault_of: FaultOfMesh | None = None
+) -> str:
     """Return the URDF to simulate. Raises UrdfError if ``urdf`` is invalid.
 
-    Meshes are dropped, unless ``meshes_from`` is the path of the URDF file that mesh paths are relative to.
+    Meshes are dropped, unless ``meshes_from`` is the path of the URDF file that mesh paths are relative to; and those
+    with a fault.
     """
     model = RobotModel.for_urdf(urdf)
-    root = plain_element(model, lambda uri: None if meshes_from is None else mesh_path(uri, meshes_from))
-    for link in root.findall("link"):
-        for visual in link.findall("visual"):
-            link.remove(visual)
-    if meshes_from is not None:
-        _report_missing_meshes(model, robot, meshes_from)
-    return repaired_urdf(root, robot)
+    links = {name: replace(link, visuals=()) for name, link in model.links.items()}
+    if meshes_from is None:
+        return repaired_urdf(plain_element(replace(model, links=links), lambda uri: None), robot, floating)
+    usable = _usable_meshes(model, robot, meshes_from, fault_of or (lambda path: ""))
+    return repaired_urdf(plain_element(replace(model, links=links), usable.get), robot, floating)
 
 
-def repaired_urdf(root: ElementTree.Element, robot: str) -> str:
+def repaired_urdf(root: ElementTree.Element, robot: str, floating: bool) -> str:
     """Return the URDF for MuJoCo from a plain element that has only the shapes to be loaded."""
     _weld_many_dof_joints(root, robot)
     _rename_world(root)
     _replace_capsules(root)
-    _repair_inertias(root, robot)
+    _repair_inertias(root, robot, floating)
     extension = ElementTree.SubElement(root, "mujoco")
     ElementTree.SubElement(extension, "compiler", fusestatic="false", discardvisual="false", strippath="false")
     return ElementTree.tostring(root, encoding="unicode")
 
 
-def _report_missing_meshes(model: RobotModel, robot: str, near: Path) -> None:
+def _usable_meshes(model: RobotModel, robot: str, near: Path, fault_of: FaultOfMesh) -> dict[str, str]:
+    """Return the paths of the collision meshes by URI, and log those that are left out."""
+    found: dict[str, str] = {}
     for link in model.links.values():
         for shape in link.collisions:
-            if isinstance(shape.geometry, MeshShape) and find_mesh(shape.geometry.uri, near) is None:
-                _log.warning(
-                    "%s: link %s: collision mesh %r is not here or not STL or OBJ; left out",
-                    robot,
-                    link.name,
-                    shape.geometry.uri,
-                )
+            if not isinstance(shape.geometry, MeshShape) or shape.geometry.uri in found:
+                continue
+            uri = shape.geometry.uri
+            path = mesh_path(uri, near)
+            fault = "it is not here or not STL or OBJ" if path is None else fault_of(path)
+            if path is not None and not fault:
+                found[uri] = path
+            else:
+                _log.warning("%s: link %s: collision mesh %r is left out: %s", robot, link.name, uri, fault)
+    return found
 
 
 def mesh_path(uri: str, near: Path) -> str | None:
@@ -121,8 +132,8 @@ def _rename_world(root: ElementTree.Element) -> None:
                 element.set(attribute, fresh)
 
 
-def _repair_inertias(root: ElementTree.Element, robot: str) -> None:
-    moving = _moving_links(root)
+def _repair_inertias(root: ElementTree.Element, robot: str, floating: bool) -> None:
+    moving = _moving_links(root, floating)
     for link in root.findall("link"):
         name, inertial = link.get("name", ""), link.find("inertial")
         if inertial is not None and _mass(inertial) < _LEAST_MASS_KG:
@@ -136,10 +147,12 @@ def _repair_inertias(root: ElementTree.Element, robot: str) -> None:
             link.append(_tiny_inertial())
 
 
-def _moving_links(root: ElementTree.Element) -> set[str]:
-    """Return the links that a movable joint carries directly: MuJoCo requires a mass for each."""
-    movable = (joint for joint in root.findall("joint") if joint.get("type") != "fixed")
-    return {child.get("link", "") for joint in movable if (child := joint.find("child")) is not None}
+def _moving_links(root: ElementTree.Element, floating: bool) -> set[str]:
+    """Return the links that a movable joint or a floating base carries directly: MuJoCo requires a mass for each."""
+    ends = [(joint.get("type"), joint.find("child")) for joint in root.findall("joint")]
+    children = {child.get("link", ""): kind != "fixed" for kind, child in ends if child is not None}
+    names = [link.get("name", "") for link in root.findall("link")]
+    return {name for name in names if children.get(name, floating)}
 
 
 def _mass(inertial: ElementTree.Element) -> float:

@@ -159,10 +159,13 @@ def _end(element: Element, end: str, where: str) -> str:
 
 def _coefficient(dynamics: Element | None, attribute: str, name: str, findings: Findings) -> float | None:
     try:
-        return optional_number(dynamics, attribute, f"joint {name!r}")
+        value = optional_number(dynamics, attribute, f"joint {name!r}")
+        if value is not None and value < 0:
+            raise UrdfError(f"{value} is below zero")
     except UrdfError as error:
         findings.add("joint", name, f"{named('joint', name)} has unknown {attribute}: {error}.")
         return None
+    return value
 
 
 def _mimic(element: Element, name: str, findings: Findings) -> tuple[Mimic | None, str]:

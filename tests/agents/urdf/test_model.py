@@ -135,6 +135,16 @@ def test_a_broken_urdf_is_refused_with_a_sentence(text: str, sentence: str) -> N
         RobotModel.parse(text)
 
 
+@pytest.mark.parametrize("value", ["-1", "nan", "stiff"])
+def test_damping_and_friction_that_cannot_be_are_unknown(value: str) -> None:
+    model = RobotModel.parse(robot(PAIR + joint(f"<limit upper='1'/><dynamics damping='{value}' friction='{value}'/>")))
+    assert (model.joints["j"].damping, model.joints["j"].friction) == (None, None)
+    assert [each.split(":")[0] for each in model.findings_about("joint", "j")] == [
+        "Joint 'j' has unknown friction",
+        "Joint 'j' has unknown damping",
+    ]
+
+
 def test_depth_and_number_of_links_are_bounded() -> None:
     deep = "".join(f"<link name='l{i}'/>" for i in range(2048)) + "".join(
         f"<joint name='j{i}' type='fixed'><parent link='l{i}'/><child link='l{i + 1}'/></joint>" for i in range(2047)
