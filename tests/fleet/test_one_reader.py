@@ -170,6 +170,20 @@ def test_a_file_in_no_declared_encoding_is_reported(tmp_path: Path, caplog: pyte
     assert any("r: robot.urdf: line 1 is not UTF-8" in message for message in caplog.messages)
 
 
+@pytest.mark.parametrize(
+    "name", ["joint1 ", " joint1", "a/b", "关节1", "left arm", "..", "%2F", "tab\tname", "-", "J" * 128]
+)
+def test_agent_and_gateway_have_one_rule_for_names(name: str, tmp_path: Path) -> None:
+    """White space around a name is left out, and reported."""
+    by_agent, text = read_by_agent(arm().replace('"j1"', f'"{name}"').replace("\t", "&#9;").encode(), tmp_path)
+    assert by_agent.joints == ((name.strip(), True), ("j2", True)), by_agent.refusal
+    assert read_by_gateway(text, (name.strip(), "j2")) == by_agent
+    found = RobotModel.parse(text).findings_about("joint", name.strip())
+    assert [each.endswith("white space around its name, which is left out.") for each in found] == [True] * (
+        name != name.strip()
+    )
+
+
 XACRO = {
     "include": (arm(more='<xacro:include filename="x"/>'), "the robot contains the element <xacro:include>"),
     "macro in a link": (

@@ -31,8 +31,9 @@ COUNTS = {
     "identities": 300,
     "mcp": 250,
     "openapi": 250,
+    "descriptions": 500,
 }
-PURE = {"wire", "bodies", "ros2"}
+PURE = {"wire", "bodies", "ros2", "descriptions"}
 SERVED = (pytest.mark.processes, pytest.mark.test_all)
 
 

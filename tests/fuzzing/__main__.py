@@ -8,7 +8,7 @@ import time
 from fuzzing.findings import Tally
 
 SHARES = {
-    "wire": 0.5,
+    "wire": 0.48,
     "bodies": 0.2,
     "http": 0.1,
     "sockets": 0.02,
@@ -18,6 +18,7 @@ SHARES = {
     "identities": 0.02,
     "mcp": 0.02,
     "openapi": 0.02,
+    "descriptions": 0.02,
 }
 """Share of inputs per target: such that each takes about the same time, and more where more can go wrong."""
 

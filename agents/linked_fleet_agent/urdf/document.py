@@ -105,6 +105,9 @@ class _Reader:
             raise
         except UnicodeEncodeError as error:
             raise UrdfError(f"the URDF is no text that XML allows: {error}") from error
+        finally:
+            # They refer to this reader, which refers to the parser: without the cycle, memory is free at once.
+            self._parser.StartElementHandler = self._parser.EndElementHandler = None
 
     def read_or_refuse(self, text: str) -> None:
         try:

@@ -9,6 +9,9 @@ from linked_fleet_agent.urdf.document import UrdfError
 from linked_fleet_agent.urdf.poses import ORIGIN, Pose, contradicts_itself, pose_of
 from linked_fleet_agent.urdf.values import Findings, Vector, named, numbers, required_number, vector
 
+_LEAST_M = 1e-9
+"""Lengths below count as zero, as in the readers that get the shapes."""
+
 
 @dataclass(frozen=True)
 class Box:
@@ -79,14 +82,14 @@ def _box(form: Element, where: str) -> Box:
     if form.get("size") is None:
         raise UrdfError(f"{where} is a box that lacks size")
     size = vector(form, "size", (0.0, 0.0, 0.0), where)
-    if not min(size) > 0:
+    if not min(size) >= _LEAST_M:
         raise UrdfError(f"{where} is a box of size {form.get('size', '')[:60]!r}; each length must be above zero")
     return Box(size)
 
 
 def _length(form: Element, attribute: str, where: str) -> float:
     value = required_number(form, attribute, where)
-    if not value > 0:
+    if not value >= _LEAST_M:
         raise UrdfError(f"{where} is a {form.tag} with {attribute} {value}, which must be above zero")
     return value
 
@@ -107,7 +110,7 @@ def _mesh(form: Element, where: str) -> MeshShape:
     uri, scale = form.get("filename", ""), vector(form, "scale", (1.0, 1.0, 1.0), where)
     if not uri.strip():
         raise UrdfError(f"{where} is a mesh that lacks filename")
-    if 0.0 in scale:
+    if min(map(abs, scale)) < _LEAST_M:
         raise UrdfError(f"{where} is a mesh of scale {form.get('scale', '')[:60]!r}; no factor may be zero")
     return MeshShape(uri, scale)
 

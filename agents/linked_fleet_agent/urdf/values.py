@@ -11,6 +11,8 @@ from linked_fleet_agent.wire.keys import MAX_NAME_BYTES
 
 Vector = tuple[float, float, float]
 About = Literal["robot", "joint", "link"]
+_MOST: Final = 1e12
+"""The largest length, mass or other quantity in SI units; products of several must not overflow in other readers."""
 _NUMBER: Final = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 _ENDLESS: Final = re.compile(r"([+-]?)(inf|infinity|1\.#inf)", re.ASCII | re.IGNORECASE)
 
@@ -56,10 +58,12 @@ def name_of(element: Element, where: str) -> str:
 
 
 def number(text: str, where: str) -> float:
-    """Return a finite number. Raises UrdfError."""
+    """Return a finite number that a robot may have. Raises UrdfError."""
     value = extended_number(text, where)
     if not math.isfinite(value):
         raise UrdfError(f"{where} is {text[:40]!r}, not a finite number")
+    if abs(value) > _MOST:
+        raise UrdfError(f"{where} is {text[:40]!r}, beyond {_MOST:g}, which no robot has")
     return value
 
 

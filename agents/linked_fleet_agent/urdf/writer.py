@@ -121,4 +121,4 @@ def add_origin(element: Element, pose: Pose) -> None:
 
 
 def _text(*values: float) -> str:
-    return " ".join(repr(value).removesuffix(".0") for value in values)
+    return " ".join(repr(value + 0.0).removesuffix(".0") for value in values)  # + 0.0 turns -0.0 into 0.0

@@ -1,5 +1,6 @@
 """Parsing URDFs: five real ones completely, broken ones with a sentence that names the fault."""
 
+import gc
 import math
 import site
 from pathlib import Path
@@ -124,6 +125,7 @@ def test_an_indefinite_inertia_is_described_and_no_error() -> None:
         (robot(PAIR + "<joint name='j' type='fixed'><child link='b'/></joint>"), "lacks its parent"),
         (robot(PAIR + joint("<origin xyz='0 nan 0'/>")), "not a finite number"),
         (robot(PAIR + joint("<origin xyz='0 1e999 0'/>")), "not a finite number"),
+        (robot(PAIR + joint("<origin xyz='0 1e300 0'/>")), "beyond 1e\\+12, which no robot has"),
         ("<robot name='\ud800'/>", "no text that XML allows"),
         (f"<robot name='r'>{'<a>' * 5000}{'</a>' * 5000}</robot>", "nested deeper than 64"),
         (f"<robot name='r'>{'<a/>' * 200_000}</robot>", "more than 200000 elements"),
@@ -152,3 +154,16 @@ def test_depth_and_number_of_links_are_bounded() -> None:
     assert len(RobotModel.parse(robot(deep)).links) == 2048
     with pytest.raises(UrdfError, match="more than 2048 links"):
         RobotModel.parse(robot("<link name='x'/>" + deep))
+
+
+def test_a_reader_leaves_no_garbage_in_cycles() -> None:
+    """A gateway collects cycles rarely, and the text of a robot is large."""
+    text = robot(PAIR + joint("<limit upper='1'/>"))
+    RobotModel.parse(text)
+    gc.collect()
+    gc.disable()
+    try:
+        RobotModel.parse(text)
+        assert gc.collect() < 10
+    finally:
+        gc.enable()
