@@ -8,6 +8,7 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 from jsonschema import Draft7Validator, FormatChecker
@@ -53,5 +54,14 @@ def conforms(td: object) -> None:
 
 
 def fits(value: object, schema: object) -> bool:
-    """Return True if a value matches its data schema in a Thing Description."""
-    return Draft7Validator(schema, format_checker=FormatChecker()).is_valid(value)
+    """Return True if a value matches its data schema in a Thing Description, with ``nullable`` as in Ajv (node-wot)."""
+    return Draft7Validator(_with_null(schema), format_checker=FormatChecker()).is_valid(value)
+
+
+def _with_null(schema: Any) -> Any:
+    if isinstance(schema, list):
+        return [_with_null(each) for each in schema]
+    if not isinstance(schema, dict):
+        return schema
+    found = {name: _with_null(each) for name, each in schema.items()}
+    return found | {"type": [found["type"], "null"]} if found.get("nullable") is True else found

@@ -18,11 +18,12 @@ from starlette.responses import Response
 
 from linked_fleet_gateway.base.faults import Faults
 from linked_fleet_gateway.extensions.openapi.components import components
-from linked_fleet_gateway.extensions.openapi.paths import FleetPaths
-from linked_fleet_gateway.extensions.openapi.schemas import forbid_other_members
+from linked_fleet_gateway.extensions.openapi.paths import FleetPaths, capitalized
+from linked_fleet_gateway.extensions.openapi.schemas import extract_alternatives, forbid_other_members, merge_null
 from linked_fleet_gateway.http.extension import Core, Extension, Mount, Operations
 from linked_fleet_gateway.http.negotiation import compress
 from linked_fleet_gateway.http.operations import (
+    component_ref,
     error_responses,
     get_operation,
     path_item,
@@ -126,9 +127,10 @@ def _written(view: RequestView, fleet: FleetPaths, more: Mapping[str, Mapping[st
             "of its joint; values outside of them get 422.",
         },
         "servers": [{"url": base}],
-        "paths": {template: _completed(item, secured) for template, item in paths.items()},
-        "components": components(secured, fleet.schemas),
+        "paths": {template: _completed(item, secured, fleet.schemas) for template, item in paths.items()},
     }
+    said["components"] = components(secured, fleet.schemas)
+    said = merge_null(said)
     if missing:
         said["x-not-described"] = missing
     if secured:
@@ -137,20 +139,33 @@ def _written(view: RequestView, fleet: FleetPaths, more: Mapping[str, Mapping[st
     return Document(body, compress(body))
 
 
-def _completed(item: Mapping[str, Any], secured: bool) -> Json:
-    """Return a path item with the responses that any resource may give; JSON bodies have no unnamed members."""
+def _completed(item: Mapping[str, Any], secured: bool, schemas: dict[str, Json]) -> Json:
+    """Return a path item with the responses that any resource may give; JSON bodies have no unnamed members.
+
+    Successes come first, because generated clients accept the first media type of JSON that they find. ``schemas`` gets
+    the schemas of bodies: generators name one that stands in the operation after it, as they do with its parameters.
+    """
     common = error_responses((*_ALWAYS, *(_SECURED if secured else ("403",))))
     found = dict(item)
     for method in found.keys() & _METHODS:
-        operation = found[method] = found[method] | {"responses": common | found[method]["responses"]}
+        responses = common | found[method]["responses"]
+        ordered = {status: responses[status] for status in sorted(responses, key=lambda each: (each[0] != "2", each))}
+        operation = found[method] = found[method] | {"responses": ordered}
         if body := operation.get("requestBody"):
-            content = {kind: each | _closed(kind, each) for kind, each in body["content"].items()}
+            name = capitalized(operation["operationId"]) + "Body"
+            content = {kind: each | _closed(kind, each, name, schemas) for kind, each in body["content"].items()}
             operation["requestBody"] = body | {"content": content}
     return found
 
 
-def _closed(media_type: str, body: Json) -> Json:
-    return {"schema": forbid_other_members(body["schema"])} if media_type == JSON and "schema" in body else {}
+def _closed(media_type: str, body: Json, name: str, schemas: dict[str, Json]) -> Json:
+    if media_type != JSON or "schema" not in body:
+        return {}
+    schema = forbid_other_members(body["schema"])
+    if "properties" not in schema and "oneOf" not in schema:
+        return {"schema": schema}
+    schemas[name] = extract_alternatives(schema, name, schemas)
+    return {"schema": component_ref("schemas", name)}
 
 
 def _own_paths() -> dict[str, Json]:

@@ -210,6 +210,7 @@ class FleetPaths:
             return
         robots = self._robots.parameters()
         yield from _thing("/{robot}/", robots, "Robot").items()
+        self.schemas["ControlLeaseInput"] = forbid_other_members(form_of(LF.ControlLeaseInput).schema)
         yield from _lease(robots).items()
         if self._parts.parts:
             yield from _thing(self._parts.template(""), self._parts.parameters(), "Part").items()
@@ -292,7 +293,7 @@ def _thing(template: str, parameters: Parameters, kind: str) -> dict[str, Json]:
 
 
 def _lease(robots: Parameters) -> dict[str, Json]:
-    schema = form_of(LF.ControlLeaseInput).schema
+    schema = component_ref("schemas", "ControlLeaseInput")
     taken = {
         "204": {"description": "Control is yours.", "headers": {"Lock-Token": component_ref("headers", "LockToken")}}
     }

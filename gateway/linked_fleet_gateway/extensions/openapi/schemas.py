@@ -14,6 +14,7 @@ from linked_fleet_gateway.resources.json_form import Json
 
 _MOST_BRANCHES = 16
 _LOWER, _UPPER = ("minimum", "exclusiveMinimum"), ("maximum", "exclusiveMaximum")
+_NULL: Json = {"type": "null"}
 _URI: Json = {"type": "string", "format": "uri"}
 
 
@@ -67,6 +68,27 @@ def extract_alternatives(schema: Json, name: str, components: dict[str, Json]) -
             components[label] = {}  # reserved before the recursion, so that nested alternatives get other names
             components[label] = extract_alternatives(each, label, components)
             found["oneOf"].append({"$ref": f"#/components/schemas/{label}"})
+    return found
+
+
+def merge_null(schema: Any) -> Any:
+    """Return the schema with ``oneOf`` a type and null as the type array ``[type, "null"]``, also in its parts.
+
+    Generators take the former for a class of its own, whose methods they write twice.
+    """
+    if isinstance(schema, list):
+        return [merge_null(each) for each in schema]
+    if not isinstance(schema, dict):
+        return schema
+    found = {name: merge_null(value) for name, value in schema.items()}
+    others = [each for each in found.get("oneOf", ()) if each != _NULL]
+    if len(others) == 1 and len(found["oneOf"]) == 2 and isinstance(others[0].get("type"), str):
+        (known,) = others
+        if "oneOf" in known:  # null has to fit one of them, not all
+            return found
+        beside = {name: value for name, value in found.items() if name != "oneOf"}
+        listed = {"enum": [*known["enum"], None]} if "enum" in known else {}
+        return known | listed | {"type": [known["type"], "null"]} | beside
     return found
 
 

@@ -131,7 +131,7 @@ class Thing:
             "observable": item.is_measured or item.put is not None,
         }
         if not form_of(item.shape).fields:  # an open vocabulary without known fields
-            return said | {"forms": _forms(href, "text/turtle", item)}
+            return said | {"type": "string", "forms": _forms(href, "text/turtle", item)}
         if isinstance(item.put, Offer):
             return said | _target(item.put, self.base) | {"forms": _forms(href, JSON, item)}
         iri = NamedNode(href)
@@ -152,14 +152,14 @@ class Thing:
             "uriVariables": {"id": _ID},
             "forms": [
                 {
-                    "href": href,
+                    "href": href + "?as=json",
                     "op": "invokeaction",
                     "contentType": JSON,
                     "htv:methodName": "POST",
                     "htv:headers": [{"htv:fieldName": "Prefer", "htv:fieldValue": "return=representation"}],
                     "response": {"contentType": JSON},
                 },
-                {"href": one, "op": "queryaction", "contentType": JSON, "htv:methodName": "GET"},
+                {"href": one + "?as=json", "op": "queryaction", "contentType": JSON, "htv:methodName": "GET"},
                 {"href": one + "/actions/cancel", "op": "cancelaction", "contentType": JSON, "htv:methodName": "POST"},
             ],
         }
@@ -173,7 +173,53 @@ def write_description(view: RequestView, robot: Robot | None, part: Joint | Link
 
 def thing_description(thing: Thing, robots: Iterable[str] = ()) -> bytes:
     """Return the bytes of a Thing Description."""
-    return json.dumps(thing.td(robots), ensure_ascii=False, allow_nan=False).encode()
+    return json.dumps(_typed(thing.td(robots)), ensure_ascii=False, allow_nan=False).encode()
+
+
+_LIMITS = ("minimum", "maximum", "exclusiveMinimum", "exclusiveMaximum")
+
+
+def _typed(said: Json) -> Json:
+    """Return the description with one ``type`` in each schema, as some clients need it (wotpy 0.18)."""
+    properties = {name: _with_type(each) for name, each in said["properties"].items()}
+    actions = {name: _typed_action(each) for name, each in said["actions"].items()}
+    return said | {"properties": properties, "actions": actions}
+
+
+def _typed_action(action: Json) -> Json:
+    return action | {kind: _with_type(action[kind]) for kind in ("input", "output") if kind in action}
+
+
+def _with_type(schema: Json) -> Json:
+    """Return a schema with its type, also in its parts.
+
+    TD 1.1 has one type for each schema. ``nullable`` beside it permits the null of an unknown value (as in Ajv, and so
+    in node-wot).
+    """
+    found = dict(schema)
+    if "properties" in schema:
+        found["properties"] = {name: _with_type(each) for name, each in schema["properties"].items()}
+    if "items" in schema:
+        found["items"] = _with_type(schema["items"])
+    if "oneOf" in schema:
+        found["oneOf"] = [_with_type(each) for each in schema["oneOf"]]
+    if "type" in found:
+        return found
+    kinds = {each.get("type") for each in found.get("oneOf", ())}
+    known = kinds - {"null"}
+    kind = known.pop() if len(known) == 1 else _implied_type(found)
+    return found | ({} if kind is None else {"type": kind}) | ({"nullable": True} if "null" in kinds else {})
+
+
+def _implied_type(schema: Json) -> str | None:
+    """Return the type that the keywords of a schema are for; None if they are for any."""
+    if "properties" in schema:
+        return "object"
+    if "items" in schema:
+        return "array"
+    if any(limit in schema for limit in _LIMITS):
+        return "number"
+    return "string" if schema.get("enum") or isinstance(schema.get("const"), str) else None
 
 
 def placeholder_description(id: str, secured: bool, reason: str) -> bytes:
@@ -209,7 +255,9 @@ def _turtle(rel: str, href: str) -> Json:
 def _forms(href: str, media_type: str, item: Property) -> list[Json]:
     """Return forms to read, to write if possible, and to observe changes by event stream and WebSocket."""
     name = "json" if media_type == JSON else "turtle"
-    forms: list[Json] = [{"href": href, "op": "readproperty", "contentType": media_type, "htv:methodName": "GET"}]
+    # with the format, for clients that send no Accept
+    read: Json = {"href": f"{href}?as={name}", "op": "readproperty", "contentType": media_type, "htv:methodName": "GET"}
+    forms: list[Json] = [read]
     if item.put is not None:
         forms.append(forms[0] | {"op": "writeproperty", "htv:methodName": "PUT"})
     if item.is_measured or item.put is not None:

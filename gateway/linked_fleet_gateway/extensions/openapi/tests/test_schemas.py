@@ -1,5 +1,8 @@
 """JSON Schemas that cover several things."""
 
+from typing import Any
+
+import pytest
 from jsonschema import Draft202012Validator
 
 from linked_fleet_gateway.extensions.openapi.schemas import (
@@ -7,6 +10,7 @@ from linked_fleet_gateway.extensions.openapi.schemas import (
     extract_alternatives,
     forbid_other_members,
     generalize_iris,
+    merge_null,
     union,
 )
 from linked_fleet_gateway.http.operations import segment_schema
@@ -84,3 +88,29 @@ def test_an_example_is_within_the_limits() -> None:
 def test_names_are_listed_while_they_are_few() -> None:
     assert segment_schema(["b", "a", "b"]) == {"type": "string", "enum": ["b", "a"]}
     assert "enum" not in segment_schema(str(n) for n in range(1000)) and "enum" not in segment_schema([])
+
+
+NULL = {"type": "null"}
+
+
+@pytest.mark.parametrize(
+    ("schema", "merged"),
+    [
+        ({"oneOf": [{"type": "number"}, NULL]}, {"type": ["number", "null"]}),
+        (
+            {"oneOf": [{"type": "string", "format": "uri"}, NULL], "description": "x"},
+            {"type": ["string", "null"], "format": "uri", "description": "x"},
+        ),
+        ({"oneOf": [{"type": "string", "enum": ["a"]}, NULL]}, {"type": ["string", "null"], "enum": ["a", None]}),
+        ({"oneOf": [{"type": "object", "properties": {"x": {"oneOf": [NULL, {"type": "integer"}]}}}, NULL]},
+         {"type": ["object", "null"], "properties": {"x": {"type": ["integer", "null"]}}}),
+        ({"oneOf": [{"type": "object", "oneOf": [{}, {}]}, NULL]},
+         {"oneOf": [{"type": "object", "oneOf": [{}, {}]}, NULL]}),
+        ({"oneOf": [{"type": "number"}, {"type": "string"}, NULL]},
+         {"oneOf": [{"type": "number"}, {"type": "string"}, NULL]}),
+        ({"oneOf": [{"$ref": "#/x"}, NULL]}, {"oneOf": [{"$ref": "#/x"}, NULL]}),
+        ([{"oneOf": [{"type": "number"}, NULL]}, 1, None], [{"type": ["number", "null"]}, 1, None]),
+    ],
+)  # fmt: skip
+def test_a_type_or_null_becomes_two_types(schema: Any, merged: Any) -> None:
+    assert merge_null(schema) == merged

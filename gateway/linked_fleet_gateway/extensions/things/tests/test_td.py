@@ -3,6 +3,7 @@
 import asyncio
 import json
 from itertools import chain
+from typing import Any
 
 import pytest
 from pyoxigraph import NamedNode, Triple
@@ -103,10 +104,42 @@ def test_every_form_leads_to_an_existing_operation(path: str) -> None:
                 assert method == "GET" or (target.affords is not None and method in target.affords.methods)
                 assert "subprotocol" not in form or target.observable
     for name, action in td["actions"].items():
-        invoke = _resource("/" + action["forms"][0]["href"].split("/", 3)[3], tree) if name != "retrieveThing" else None
+        invoke = (
+            _resource("/" + action["forms"][0]["href"].split("/", 3)[3].partition("?")[0], tree)
+            if name != "retrieveThing"
+            else None
+        )
         assert invoke is None or (
             isinstance(invoke.affords, Invoke) and invoke.affords.offer.takes_body == ("input" in action)
         )
+
+
+def _schemas(schema: dict[str, Any]) -> list[dict[str, Any]]:
+    """Return a schema and its parts."""
+    parts = [*schema.get("properties", {}).values(), *schema.get("oneOf", ())]
+    parts += [schema["items"]] if "items" in schema else []
+    return [schema, *(found for each in parts for found in _schemas(each))]
+
+
+@pytest.mark.parametrize("path", _things())
+def test_each_schema_has_one_type(path: str) -> None:
+    """wotpy 0.18 takes no other. Null is permitted beside it."""
+    td = _td(path)
+    whole = [*td["properties"].values()]
+    whole += [each[kind] for each in td["actions"].values() for kind in ("input", "output") if kind in each]
+    for schema in (found for each in whole for found in _schemas(each)):
+        assert isinstance(schema["type"], str), schema
+        assert ({"type": "null"} in schema.get("oneOf", ())) == bool(schema.get("nullable")), schema
+
+
+@pytest.mark.parametrize("path", _things())
+def test_forms_of_one_format_name_it(path: str) -> None:
+    """wotpy sends no Accept, and would get Turtle."""
+    td = _td(path)
+    for item in (*td["properties"].values(), *td["actions"].values()):
+        for form in item["forms"]:
+            if form["contentType"] == JSON and not form["href"].startswith("ws") and form["op"] != "cancelaction":
+                assert form["href"].endswith("?as=json")
 
 
 @pytest.mark.parametrize("path", _things())
