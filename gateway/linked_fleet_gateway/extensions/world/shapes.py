@@ -14,11 +14,11 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from linked_fleet_gateway.extensions.world.coverage import bound_m
-from linked_fleet_gateway.extensions.world.robot import Body, Robot, self_collision_pairs
+from linked_fleet_gateway.extensions.world.reach import links_m, loose_joint
+from linked_fleet_gateway.extensions.world.robot import Body, Robot, build_reach, self_collision_pairs
 from linked_fleet_gateway.extensions.world.scene import Box, Cylinder, Geometry, Sphere
 from linked_fleet_gateway.extensions.world.surfaces import Array, Surface
-from linked_fleet_gateway.fleet.model import Joint, JointKind, RobotModel
+from linked_fleet_gateway.fleet.model import RobotModel
 from linked_fleet_gateway.fleet.pinocchio_model import build_model
 from linked_fleet_gateway.fleet.unchecked import UncheckedLink
 from linked_fleet_gateway.fleet.xml import ModelError, parse_xml, quaternion, required_number, rotation, vector
@@ -33,7 +33,6 @@ _Placed = tuple[pin.Frame, pin.SE3, _Solid]
 _MOST_BODIES = 1_000
 _LONGEST_URI, _LONGEST_REASON = 200, 300
 _MOST_M = 1e6
-_POINT_M = 1e-9  # above zero, which would mean that the joint does not move the body
 _ZERO, _ONE = (0.0, 0.0, 0.0), (1.0, 1.0, 1.0)
 
 
@@ -60,7 +59,7 @@ def build_unchecked_robot(urdf: str, reason: str) -> Robot:
     links = [_name(each) for each in parse_xml(urdf).findall("link") if each.find("collision") is not None]
     unchecked = tuple(UncheckedLink(link, "", reason[:_LONGEST_REASON]) for link in links)
     reach = np.zeros((model.njoints, 0))
-    return Robot(tree, model, geometry, (), reach, (), unchecked, bound_m(tree, links))
+    return Robot(tree, model, geometry, (), reach, (), unchecked, links_m(tree, links))
 
 
 @dataclass
@@ -78,8 +77,9 @@ class _Builder:
         self.geometry = pin.GeometryModel()
         for element in parse_xml(self.urdf).findall("link"):
             self._add_link(element)
-        reach = _reach(self.tree, self.model, self.geometry, self.bodies)
-        far_m = bound_m(self.tree, (each.link for each in self.unchecked))
+        self._add_loose_links()
+        reach = build_reach(self.tree, self.model, self.geometry, self.bodies)
+        far_m = links_m(self.tree, (each.link for each in self.unchecked))
         robot = Robot(self.tree, self.model, self.geometry, tuple(self.bodies), reach, (), tuple(self.unchecked), far_m)
         return replace(robot, pairs=tuple(self_collision_pairs(robot)))
 
@@ -113,6 +113,15 @@ class _Builder:
             except (ModelError, MemoryError, RuntimeError, ValueError) as error:
                 failed = failed or UncheckedLink(link, _mesh_uri(part)[:_LONGEST_URI], str(error)[:_LONGEST_REASON])
         return found, failed
+
+    def _add_loose_links(self) -> None:
+        """Add the links behind floating and planar joints: they are checked among each other only."""
+        known = {each.link for each in self.unchecked}
+        for link in dict.fromkeys(each.link for each in self.bodies):
+            joint = loose_joint(self.tree, link)
+            if joint is not None and link not in known:
+                where = f"it is carried by the {joint.kind} joint {joint.name}, whose position is unknown"
+                self.unchecked.append(UncheckedLink(link, "", where))
 
     def _frame(self, element: Element) -> pin.Frame:
         """Return the frame of a link, whose name Pinocchio keeps as it is in the file."""
@@ -190,27 +199,6 @@ def _shape(part: Element, surfaces: Surfaces | None, name: str) -> tuple[coal.Co
             return coal.Sphere(radius), None
         return coal.Cylinder(radius, required_number(form, "length", f"a shape of {name}")), None
     raise ModelError(f"link {name!r} has a shape that is neither box, sphere, cylinder nor mesh")
-
-
-def _reach(tree: RobotModel, model: pin.Model, geometry: pin.GeometryModel, bodies: list[Body]) -> Array:
-    """Return bounds by the triangle inequality along the chain from each body to the root."""
-    reach = np.zeros((model.njoints, len(bodies)))
-    for i, (body, placed) in enumerate(zip(bodies, geometry.geometryObjects, strict=True)):
-        far, joint = float(np.linalg.norm(placed.placement.act(body.centre))) + body.radius, body.joint
-        far = max(far, _POINT_M)
-        reach[joint, i] = far
-        while joint:
-            far += float(np.linalg.norm(model.jointPlacements[joint].translation))
-            far += _slide(tree.joints[model.names[joint]])
-            joint = model.parents[joint]
-            reach[joint, i] = far
-    return reach
-
-
-def _slide(joint: Joint) -> float:
-    if joint.kind is not JointKind.PRISMATIC:
-        return 0.0
-    return max(abs(joint.limits.lower or 0.0), abs(joint.limits.upper or 0.0))
 
 
 def build_object_shape(geometry: Geometry) -> coal.CollisionGeometry:

@@ -4,7 +4,6 @@ import pytest
 
 from linked_fleet_gateway.extensions.world import shapes
 from linked_fleet_gateway.extensions.world.collision_check import check
-from linked_fleet_gateway.extensions.world.coverage import UNKNOWN_M
 from linked_fleet_gateway.extensions.world.messages import (
     Answer,
     Check,
@@ -16,6 +15,7 @@ from linked_fleet_gateway.extensions.world.messages import (
     Ready,
     UncheckedNear,
 )
+from linked_fleet_gateway.extensions.world.reach import UNKNOWN_M
 from linked_fleet_gateway.extensions.world.robot import Robot
 from linked_fleet_gateway.extensions.world.scene import Box
 from linked_fleet_gateway.extensions.world.shapes import build_object_shape, build_robot
