@@ -32,7 +32,7 @@ _Placed = tuple[pin.Frame, pin.SE3, _Solid]
 
 _MOST_BODIES = 1_000
 _LONGEST_URI, _LONGEST_REASON = 200, 300
-_MOST_M = 1e6
+_MOST_M = 100.0  # size and distance of a shape; the path of a larger one is too long to be checked
 _ZERO, _ONE = (0.0, 0.0, 0.0), (1.0, 1.0, 1.0)
 
 
@@ -49,8 +49,8 @@ def build_robot(urdf: str, offered: Set[str] = frozenset(), surfaces: Surfaces |
     """
     try:
         return _Builder(urdf, offered, surfaces).build()
-    except (ModelError, MemoryError, RuntimeError, ValueError, LookupError) as error:
-        return build_unchecked_robot(urdf, str(error) or "its shapes take too much memory")
+    except Exception as error:  # noqa: BLE001 - of a library, in data of a robot; it concerns this robot alone
+        return build_unchecked_robot(urdf, str(error) or f"its shapes cannot be used ({type(error).__name__})")
 
 
 def build_unchecked_robot(urdf: str, reason: str) -> Robot:
@@ -111,7 +111,8 @@ class _Builder:
                 _body(link, frame.parentJoint, *solid)
                 found.append((frame, frame.placement * _place(part, link), solid))
             except (ModelError, MemoryError, RuntimeError, ValueError) as error:
-                failed = failed or UncheckedLink(link, _mesh_uri(part)[:_LONGEST_URI], str(error)[:_LONGEST_REASON])
+                reason = str(error) or "it takes too much memory"
+                failed = failed or UncheckedLink(link, _mesh_uri(part)[:_LONGEST_URI], reason[:_LONGEST_REASON])
         return found, failed
 
     def _add_loose_links(self) -> None:
@@ -179,8 +180,8 @@ def _place(part: Element, name: str) -> pin.SE3:
 def _body(link: str, joint: int, shape: coal.CollisionGeometry, surface: Surface | None) -> Body:
     shape.computeLocalAABB()
     centre, radius = np.array(shape.aabb_center, dtype=float), float(shape.aabb_radius)
-    if not (np.isfinite(centre).all() and radius < _MOST_M):
-        raise ModelError(f"a shape of link {link!r} is too large")
+    if not (np.abs(centre) < _MOST_M).all() or not radius < _MOST_M:  # also refuses NaN
+        raise ModelError(f"its shape is larger or further away than {_MOST_M:g} m")
     return Body(link, joint, shape, shape if surface is None else surface.hull, surface, centre, radius)
 
 

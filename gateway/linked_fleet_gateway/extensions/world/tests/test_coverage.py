@@ -75,7 +75,7 @@ def built(tool: str, **more: str) -> Robot:
         (part("collision", "<box size='1 -1 1'/>"), "", "the box has the edges 1, -1, 1 m, not all above 0"),
         (part("collision", "<cylinder radius='1' length='0'/>"), "", "the cylinder has the length 0 m, not above 0"),
         (part("collision", "<cylinder radius='-1' length='1'/>"), "", "the cylinder has the radius -1 m, not above 0"),
-        (part("collision", "<sphere radius='1e7'/>"), "", "too large"),
+        (part("collision", "<sphere radius='1e7'/>"), "", "larger or further away than 100 m"),
         (part("collision", "<torus/>"), "", "neither box, sphere, cylinder nor mesh"),
         ("<collision/>", "", "neither box, sphere, cylinder nor mesh"),
         (part("collision", "<box size='1 1 1'/>") + part("collision", mesh("none.stl")), "none.stl", "does not offer"),
