@@ -120,7 +120,7 @@ def locate_mesh(uri: str, file: Path | None, roots: MeshRoots = NO_ROOTS) -> Pat
             for root, path in _candidates(spelling, file, roots):
                 try:
                     found = find(root, path)
-                    if found is not None and found.is_file() and found.resolve().is_relative_to(root.resolve()):
+                    if found is not None and found.is_file() and root.resolve() in found.resolve().parents:
                         return found.resolve()
                 except (OSError, ValueError):  # too long, or not readable by this user
                     continue
@@ -158,14 +158,13 @@ def _candidates(uri: str, file: Path | None, roots: MeshRoots) -> Iterator[tuple
     elif not separator:
         yield from _by_path(uri, file, roots)
     elif scheme in ("package", "model"):
-        package, _, inside = rest.partition("/")
-        if package in ("", ".", ".."):
-            yield from _by_path(rest, file, roots)
-        else:
-            yield from _in_package(package, inside, file, roots)
+        yield from _in_package(*rest.lstrip("/").partition("/")[::2], file, roots)
+        yield from _by_path(rest, file, roots)
 
 
 def _in_package(package: str, inside: str, file: Path | None, roots: MeshRoots) -> Iterator[tuple[Path, Path]]:
+    if package in ("", ".", "..") or not inside:
+        return
     if file is not None:
         for folder in file.parents[:-1]:  # folders in the root of the file system are no packages
             yield folder / package, folder / package / inside

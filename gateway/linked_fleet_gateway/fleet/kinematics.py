@@ -46,6 +46,26 @@ class LinkPoses:
             pose = self._known[joint.child] = None if pose is None else self._behind(joint, pose)
         return pose
 
+    def between(self, frame: str, link: str) -> Pose | None:
+        """Return the pose of ``link`` in ``frame``, another link; None if the joints between them leave it unknown.
+
+        A joint of unknown position that carries both does not matter.
+        """
+        (root, pose), (other, seen) = self._in_island(link), self._in_island(frame)
+        return compose(inverse(seen), pose) if root == other else None
+
+    def _in_island(self, link: str) -> tuple[str, Pose]:
+        """Return the pose of a link in the topmost link to which it is known, and that link."""
+        pose, above = ORIGIN, self._model.links[link].parent_joint
+        while above is not None:
+            joint = self._model.joints[above]
+            step = self._behind(joint, ORIGIN)
+            if step is None:
+                break
+            pose, link = compose(step, pose), joint.parent
+            above = self._model.links[link].parent_joint
+        return link, pose
+
     def _behind(self, joint: Joint, parent: Pose) -> Pose | None:
         position, orientation = joint.origin.position_m, joint.origin.orientation_xyzw
         if joint.kind is not JointKind.FIXED:

@@ -175,6 +175,18 @@ class Robot:
 
     def link_pose(self, link: str) -> Pose | None:
         """Return the pose in the world frame (fixed base: the frame of the root link); None if unknown."""
+        poses = self._link_poses()
+        return None if poses is None else poses.pose(link)
+
+    def pose_between(self, frame: str, link: str) -> Pose | None:
+        """Return the pose of ``link`` in ``frame``, another link of the model; None if unknown.
+
+        It may be known although both poses are unknown, as behind a floating joint.
+        """
+        poses = self._link_poses()
+        return None if poses is None else poses.between(frame, link)
+
+    def _link_poses(self) -> LinkPoses | None:
         present = self._present
         if present.poses is None:
             frame = self.frame
@@ -182,7 +194,7 @@ class Robot:
                 return None
             root = base_pose(frame.base) if self.description.base == "floating" else ORIGIN
             present.poses = LinkPoses(self.model, self.positions, root)
-        return present.poses.pose(link)
+        return present.poses
 
     def observe(self, key: str, values: tuple[float, ...], resolution: float) -> Observation:
         """Return the held observation of ``key``, which changes only if a value moves by ``resolution``.

@@ -34,10 +34,14 @@ class RelativePose:
 
 @dataclass(frozen=True)
 class _Place:
-    """A thing with a frame: its pose in the frame of its robot, or in the common frame if it has none."""
+    """A thing with a frame: its pose in the frame of its robot, or in the common frame if it has none.
+
+    ``link`` is the link of the robot, empty for other things.
+    """
 
     robot: Robot | None
     pose: Pose | None
+    link: str = ""
 
     @property
     def in_common(self) -> Pose | None:
@@ -57,14 +61,19 @@ def relative_pose(
     is that of the older frame. Raises LookupError naming an unknown path.
     """
     what, where = _place(thing, robots, common_poses), _place(frame, robots, common_poses)
-    same = what.robot is not None and what.robot is where.robot
-    poses = (what.pose, where.pose) if same else (what.in_common, where.in_common)
     frames = [each.robot.frame for each in (what, where) if each.robot is not None]
     times = [None if each is None else each.wall_ns for each in frames]
     wall_ns = min((each for each in times if each is not None), default=None) if None not in times else None
-    if poses[0] is None or poses[1] is None:
-        return RelativePose(None, bool(times), wall_ns)
-    return RelativePose(_rounded(compose(inverse(poses[1]), poses[0])), bool(times), wall_ns)
+    pose = _between(what, where)
+    return RelativePose(None if pose is None else _rounded(pose), bool(times), wall_ns)
+
+
+def _between(what: _Place, where: _Place) -> Pose | None:
+    robot, other = what.robot, where.robot
+    if robot is not None and robot is other:
+        return robot.pose_between(where.link, what.link)
+    pose, frame = what.in_common, where.in_common
+    return None if pose is None or frame is None else compose(inverse(frame), pose)
 
 
 def _place(path: str, robots: Mapping[str, Robot], common: Mapping[str, Pose]) -> _Place:
@@ -80,7 +89,7 @@ def _place(path: str, robots: Mapping[str, Robot], common: Mapping[str, Pose]) -
         raise LookupError(path) from error
     if link is None:
         raise LookupError(path)
-    return _Place(robot, robot.link_pose(link))
+    return _Place(robot, robot.link_pose(link), link)
 
 
 def _rounded(pose: Pose) -> Pose:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from linked_fleet_agent.wire.messages import Base
-from linked_fleet_gateway.fleet.kinematics import ORIGIN, LinkPoses, base_pose
+from linked_fleet_gateway.fleet.kinematics import ORIGIN, LinkPoses, base_pose, compose, inverse
 from linked_fleet_gateway.fleet.model import ModelError, Pose, RobotModel
 from linked_fleet_gateway.fleet.pinocchio_model import build_model
 
@@ -140,3 +140,15 @@ def test_a_turn_of_any_size_has_one_quaternion() -> None:
 
 def test_a_link_that_there_is_not_is_nowhere() -> None:
     assert LinkPoses(RobotModel.parse(CHAIN), {}, ORIGIN).pose("z") is None
+
+
+@pytest.mark.parametrize("kind", ["floating", "planar", "revolute"])
+def test_links_behind_a_joint_of_unknown_position_have_known_poses_between_them(kind: str) -> None:
+    urdf = CHAIN.replace("'turn' type='continuous'", f"'turn' type='{kind}'")
+    poses = LinkPoses(RobotModel.parse(urdf), {"turn": math.nan, "slide": 0.5}, None)
+    known = link_poses(CHAIN, {"turn": 0.0, "slide": 0.5})
+    b, c = known["b"], known["c"]
+    assert b is not None and c is not None
+    assert poses.between("b", "c") == compose(inverse(b), c) and poses.between("c", "b") == compose(inverse(c), b)
+    assert poses.between("a", "b") is poses.between("c", "a") is None
+    assert poses.pose("c") is None

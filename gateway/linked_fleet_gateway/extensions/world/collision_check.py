@@ -19,7 +19,7 @@ import coal
 import numpy as np
 import numpy.typing as npt
 
-from linked_fleet_gateway.extensions.world.coverage import has_unchecked_near, unchecked_near
+from linked_fleet_gateway.extensions.world.coverage import Coverage
 from linked_fleet_gateway.extensions.world.messages import (
     Answer,
     Check,
@@ -29,7 +29,14 @@ from linked_fleet_gateway.extensions.world.messages import (
     Kind,
     Positions,
 )
-from linked_fleet_gateway.extensions.world.path import STEP_M, Path, UnknownPosition, joint_changes, path_of
+from linked_fleet_gateway.extensions.world.path import (
+    STEP_M,
+    Path,
+    UnknownPosition,
+    configurations,
+    joint_changes,
+    path_of,
+)
 from linked_fleet_gateway.extensions.world.robot import Robot
 from linked_fleet_gateway.extensions.world.surfaces import Array
 from linked_fleet_gateway.extensions.world.surroundings import (
@@ -81,14 +88,15 @@ def check(asked: Check, robots: Mapping[str, Robot], objects: Mapping[str, coal.
         missing = [each.key for each in (asked.robot, *asked.robots) if each.key not in robots]
         if missing or any(each.key not in objects for each in asked.objects):
             raise UnknownPosition("something of it has to be prepared again")
-        if (near := unchecked_near(asked, robots, objects)) is not None:
-            return near
         robot = robots[asked.robot.key]
-        things = [*object_bodies(asked, objects), *other_robot_bodies(asked, robots)]
+        robot = robot.reaching(configurations(robot, asked.paths))
+        coverage = Coverage(asked, robot, robots)
+        if (near := coverage.refusal(objects)) is not None:
+            return near
+        things = [*object_bodies(asked, objects), *other_robot_bodies(asked, robots, robot.radius_m)]
         answer = _Sweep(asked, robot, things, ends_s).answer()
         if isinstance(answer, Free):
-            unchecked = tuple(each.name for each in asked.robots if has_unchecked_near(asked, each, robots))
-            return Free(answer.samples, unchecked, bool(robot.bodies) or not robot.unchecked)
+            return Free(answer.samples, coverage.accepted(), bool(robot.bodies) or not robot.unchecked)
         return answer
     except UnknownPosition as error:
         return CheckFailed(str(error))
@@ -150,7 +158,7 @@ class _Sweep:
             return
         there = np.array([thing.centre for thing in self._things])
         radii = np.array([thing.radius for thing in self._things])
-        driven = self._reach[self._own].any(axis=0)
+        driven = self._reach[self._own].any(axis=0) & self._robot.anchored
         for i in np.nonzero(driven)[0].tolist():
             gaps = np.linalg.norm(there - centres[i], axis=1) - radii - self._radii[i]
             for k in np.nonzero(gaps <= MARGIN_M + self._gone @ self._reach[:, i])[0].tolist():

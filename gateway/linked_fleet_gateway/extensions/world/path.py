@@ -91,6 +91,14 @@ def joint_changes(robot: Robot, way: MotionPath) -> dict[str, float]:
     return sums
 
 
+def configurations(robot: Robot, ways: Sequence[MotionPath]) -> Iterator[Positions]:
+    """Yield the positions at the ends of all legs; between them no joint goes further."""
+    for way in ways:
+        yield way.start
+        for _, after, _ in _between(robot, way):
+            yield after
+
+
 def moved_positions(robot: Robot, start: Positions, moved: Mapping[str, "float | Array"]) -> "dict[str, float | Array]":
     """Return all positions after some joints have ``moved``, including those that mimic them."""
     found: dict[str, float | Array] = {**start, **moved}

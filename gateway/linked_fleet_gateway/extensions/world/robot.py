@@ -2,17 +2,23 @@
 
 Pairs are selected once, when the robot is prepared. Excluded are bodies that no joint or a single joint moves relative
 to each other; two joints whose origins are less than 2 cm apart count as one. The two sides of a gripper, of which one
-mimics the other, are excluded too. So are bodies with two or three joints between them that touch in more than a third
-of the sampled positions: their geometry overlaps by design.
+mimics the other, are excluded too, as are bodies whose places relative to each other are unknown. So are bodies with
+two or three joints between them that touch in more than a third of the sampled positions: their geometry overlaps by
+design.
 """
 
-from dataclasses import dataclass
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import combinations
 
 import coal
 import numpy as np
+import numpy.typing as npt
 import pinocchio as pin
 
+from linked_fleet_gateway.extensions.world.reach import links_m, loose_joint, reach_m, slide_m
 from linked_fleet_gateway.extensions.world.surfaces import Array, Surface
 from linked_fleet_gateway.fleet.model import JointKind, RobotModel
 from linked_fleet_gateway.fleet.unchecked import UncheckedLink
@@ -45,7 +51,8 @@ class Robot:
     reach_m: Array
     """By joint and body: bound of the distance of the body from the origin of the joint.
 
-    0 if the joint does not move the body. Row 0 is that of the root.
+    0 if the joint does not move the body. Row 0 is that of the root. Infinite if the distance is unknown: behind a
+    floating or planar joint, or a prismatic one without limits.
     """
 
     pairs: tuple[tuple[int, int], ...] = ()
@@ -57,8 +64,56 @@ class Robot:
 
     @property
     def radius_m(self) -> float:
-        """Bound of the distance of the robot from its root."""
-        return float(self.reach_m[0].max(initial=0.0))
+        """Bound of the distance of the robot from its root, without bodies that may be anywhere."""
+        return float(self.reach_m[0, self.anchored].max(initial=0.0))
+
+    @property
+    def whole_m(self) -> float:
+        """Bound of the distance of all links from the root, including unchecked ones."""
+        return max(self.radius_m, self.unchecked_m)
+
+    @cached_property
+    def islands(self) -> tuple[str, ...]:
+        """The floating or planar joint that carries each body, empty for none.
+
+        The positions of these joints are unknown, so only bodies of one island have known places relative to each
+        other.
+        """
+        above = (loose_joint(self.tree, each.link) for each in self.bodies)
+        return tuple("" if each is None else each.name for each in above)
+
+    @cached_property
+    def anchored(self) -> npt.NDArray[np.bool_]:
+        """True for each body whose place relative to the root follows from the positions of joints."""
+        return np.array([each == "" for each in self.islands], dtype=bool)
+
+    @cached_property
+    def _slides_m(self) -> dict[str, float]:
+        joints = self.tree.joints.values()
+        return {each.name: slide_m(each) for each in joints if each.kind is JointKind.PRISMATIC}
+
+    def reaching(self, configurations: Iterable[Mapping[str, float]]) -> "Robot":
+        """Return the robot with its reach in these positions, in which prismatic joints may exceed their limits."""
+        slides, extents = self._slides_m, dict[str, float]()
+        for positions in configurations:
+            for name in slides.keys() & positions.keys():
+                extents[name] = max(abs(positions[name]), extents.get(name, 0.0))
+        if all(extents.get(name, 0.0) <= bound < math.inf for name, bound in slides.items()):
+            return self
+        joints, sizes_m = [each.joint for each in self.bodies], _sizes_m(self.geometry, self.bodies)
+        reach = reach_m(self.tree, self.model, joints, sizes_m, extents)
+        return replace(self, reach_m=reach, unchecked_m=links_m(self.tree, (e.link for e in self.unchecked), extents))
+
+
+def build_reach(tree: RobotModel, model: pin.Model, geometry: pin.GeometryModel, bodies: Sequence[Body]) -> Array:
+    """Return ``Robot.reach_m`` for positions within limits."""
+    return reach_m(tree, model, [each.joint for each in bodies], _sizes_m(geometry, bodies))
+
+
+def _sizes_m(geometry: pin.GeometryModel, bodies: Sequence[Body]) -> list[float]:
+    """Return bounds of the distances of bodies from the origins of their joints."""
+    placed = zip(bodies, geometry.geometryObjects, strict=True)
+    return [float(np.linalg.norm(at.placement.act(body.centre))) + body.radius for body, at in placed]
 
 
 def put(robot: Robot, q: Array, joint: int, position: float) -> None:
@@ -84,6 +139,8 @@ def self_collision_pairs(robot: Robot) -> list[tuple[int, int]]:
     found: list[tuple[int, int]] = []
     doubtful: dict[tuple[int, ...], list[tuple[int, int]]] = {}
     for (i, one), (j, other) in combinations(enumerate(robot.bodies), 2):
+        if robot.islands[i] != robot.islands[j]:
+            continue
         between = tuple(sorted(supports[one.joint] ^ supports[other.joint]))
         if len(between) > _MOST_BETWEEN:
             found.append((i, j))

@@ -16,11 +16,11 @@ import pinocchio as pin
 
 from linked_fleet_agent.urdf import geometry as forms
 from linked_fleet_agent.urdf.poses import pose_of
-from linked_fleet_gateway.extensions.world.coverage import bound_m
-from linked_fleet_gateway.extensions.world.robot import Body, Robot, self_collision_pairs
+from linked_fleet_gateway.extensions.world.reach import links_m, loose_joint
+from linked_fleet_gateway.extensions.world.robot import Body, Robot, build_reach, self_collision_pairs
 from linked_fleet_gateway.extensions.world.scene import Box, Cylinder, Geometry, Sphere
-from linked_fleet_gateway.extensions.world.surfaces import Array, Surface
-from linked_fleet_gateway.fleet.model import Joint, JointKind, RobotModel
+from linked_fleet_gateway.extensions.world.surfaces import Surface
+from linked_fleet_gateway.fleet.model import RobotModel
 from linked_fleet_gateway.fleet.pinocchio_model import build_model
 from linked_fleet_gateway.fleet.unchecked import UncheckedLink
 from linked_fleet_gateway.fleet.xml import ModelError, parse_xml, rotation
@@ -34,8 +34,7 @@ _Placed = tuple[pin.Frame, pin.SE3, _Solid]
 
 _MOST_BODIES = 1_000
 _LONGEST_URI, _LONGEST_REASON = 200, 300
-_MOST_M = 1e6
-_POINT_M = 1e-9  # above zero, which would mean that the joint does not move the body
+_MOST_M = 100.0  # size and distance of a shape; the path of a larger one is too long to be checked
 
 
 def needed_meshes(urdf: str, usable: Set[str]) -> set[str]:
@@ -51,8 +50,8 @@ def build_robot(urdf: str, offered: Set[str] = frozenset(), surfaces: Surfaces |
     """
     try:
         return _Builder(urdf, offered, surfaces).build()
-    except (ModelError, MemoryError, RuntimeError, ValueError, LookupError) as error:
-        return build_unchecked_robot(urdf, str(error) or "its shapes take too much memory")
+    except Exception as error:  # noqa: BLE001 - of a library, in data of a robot; it concerns this robot alone
+        return build_unchecked_robot(urdf, str(error) or f"its shapes cannot be used ({type(error).__name__})")
 
 
 def build_unchecked_robot(urdf: str, reason: str) -> Robot:
@@ -61,7 +60,7 @@ def build_unchecked_robot(urdf: str, reason: str) -> Robot:
     links = [_name(each) for each in parse_xml(urdf).findall("link") if each.find("collision") is not None]
     unchecked = tuple(UncheckedLink(link, "", reason[:_LONGEST_REASON]) for link in links)
     reach = np.zeros((model.njoints, 0))
-    return Robot(tree, model, geometry, (), reach, (), unchecked, bound_m(tree, links))
+    return Robot(tree, model, geometry, (), reach, (), unchecked, links_m(tree, links))
 
 
 @dataclass
@@ -79,8 +78,9 @@ class _Builder:
         self.geometry = pin.GeometryModel()
         for element in parse_xml(self.urdf).findall("link"):
             self._add_link(element)
-        reach = _reach(self.tree, self.model, self.geometry, self.bodies)
-        far_m = bound_m(self.tree, (each.link for each in self.unchecked))
+        self._add_loose_links()
+        reach = build_reach(self.tree, self.model, self.geometry, self.bodies)
+        far_m = links_m(self.tree, (each.link for each in self.unchecked))
         robot = Robot(self.tree, self.model, self.geometry, tuple(self.bodies), reach, (), tuple(self.unchecked), far_m)
         return replace(robot, pairs=tuple(self_collision_pairs(robot)))
 
@@ -112,8 +112,18 @@ class _Builder:
                 _body(link, frame.parentJoint, *solid)
                 found.append((frame, frame.placement * _place(part, link), solid))
             except (ModelError, MemoryError, RuntimeError, ValueError) as error:
-                failed = failed or UncheckedLink(link, _mesh_uri(part)[:_LONGEST_URI], str(error)[:_LONGEST_REASON])
+                reason = str(error) or "it takes too much memory"
+                failed = failed or UncheckedLink(link, _mesh_uri(part)[:_LONGEST_URI], reason[:_LONGEST_REASON])
         return found, failed
+
+    def _add_loose_links(self) -> None:
+        """Add the links behind floating and planar joints: they are checked among each other only."""
+        known = {each.link for each in self.unchecked}
+        for link in dict.fromkeys(each.link for each in self.bodies):
+            joint = loose_joint(self.tree, link)
+            if joint is not None and link not in known:
+                where = f"it is carried by the {joint.kind} joint {joint.name}, whose position is unknown"
+                self.unchecked.append(UncheckedLink(link, "", where))
 
     def _frame(self, element: Element) -> pin.Frame:
         """Return the frame of a link, whose name Pinocchio keeps as it is in the file."""
@@ -154,8 +164,8 @@ def _place(part: Element, name: str) -> pin.SE3:
 def _body(link: str, joint: int, shape: coal.CollisionGeometry, surface: Surface | None) -> Body:
     shape.computeLocalAABB()
     centre, radius = np.array(shape.aabb_center, dtype=float), float(shape.aabb_radius)
-    if not (np.isfinite(centre).all() and radius < _MOST_M):
-        raise ModelError(f"a shape of link {link!r} is too large")
+    if not (np.abs(centre) < _MOST_M).all() or not radius < _MOST_M:  # also refuses NaN
+        raise ModelError(f"its shape is larger or further away than {_MOST_M:g} m")
     return Body(link, joint, shape, shape if surface is None else surface.hull, surface, centre, radius)
 
 
@@ -174,27 +184,6 @@ def _shape(part: Element, surfaces: Surfaces | None, name: str) -> tuple[coal.Co
             surface = surfaces(uri).scaled(np.array(scale))
             return (surface.hull, None) if surface.fills_hull else (surface.exact_shape(), surface)
     raise ModelError(f"link {name!r} has a mesh that is not available")
-
-
-def _reach(tree: RobotModel, model: pin.Model, geometry: pin.GeometryModel, bodies: list[Body]) -> Array:
-    """Return bounds by the triangle inequality along the chain from each body to the root."""
-    reach = np.zeros((model.njoints, len(bodies)))
-    for i, (body, placed) in enumerate(zip(bodies, geometry.geometryObjects, strict=True)):
-        far, joint = float(np.linalg.norm(placed.placement.act(body.centre))) + body.radius, body.joint
-        far = max(far, _POINT_M)
-        reach[joint, i] = far
-        while joint:
-            far += float(np.linalg.norm(model.jointPlacements[joint].translation))
-            far += _slide(tree.joints[model.names[joint]])
-            joint = model.parents[joint]
-            reach[joint, i] = far
-    return reach
-
-
-def _slide(joint: Joint) -> float:
-    if joint.kind is not JointKind.PRISMATIC:
-        return 0.0
-    return max(abs(joint.limits.lower or 0.0), abs(joint.limits.upper or 0.0))
 
 
 def build_object_shape(geometry: Geometry) -> coal.CollisionGeometry:

@@ -1,7 +1,8 @@
 """Triangle meshes for coal: parsed, compared with their convex hull, converted to shapes, and cached. Metre.
 
 A closed mesh that fills its convex hull is represented by the hull, which is exact and fast. Others are represented by
-their surface, or by the hull if they have too many triangles: larger, never smaller.
+their surface, or by the hull if they have too many triangles: larger, never smaller. One without a hull, such as a flat
+mesh or a cylinder of hundreds of sides, for which coal has no room, is its surface.
 
 The cache is a folder of parsed meshes, each in a file named by the digest of its source. Several gateways may share the
 folder: files appear atomically, and a missing one is parsed again. A damaged file, and one that another user could have
@@ -33,9 +34,12 @@ Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int32]
 
 MOST_TRIANGLES = 50_000  # about 30 MB as a surface
+MOST_SURFACE_TRIANGLES = 200_000  # of a mesh whose convex hull cannot be computed
+_FEWEST_CORNERS = 4
 _FILLED = 0.995  # least share of the hull's volume of a closed mesh that counts as its hull
 _OVERFULL = 1.0005  # a mesh with overlapping parts counts volume twice
 _SMALLEST_M3 = 1e-12
+_FLAT = 1e-7  # least thickness relative to the coordinates; coal ends the process if Qhull finds a mesh flat
 _MOST = 1e6  # bound of vertices and scales, whose products could overflow
 
 
@@ -73,12 +77,15 @@ class Surface:
         vertices = self.vertices * scale
         if not (np.abs(vertices) < _MOST).all():
             raise ModelError("a mesh is too large")
-        return Surface(vertices, self.triangles, self.fills_hull)
+        return Surface(vertices, self.triangles, self.fills_hull and not _is_flat(vertices))
 
     @cached_property
     def hull(self) -> coal.CollisionGeometry:
-        """The convex hull. Raises ModelError if there is none, as for a flat mesh."""
-        return _hull(self.vertices)
+        """A convex shape around it: its convex hull or, if coal has none as for a flat mesh, a box."""
+        try:
+            return _hull(self.vertices)
+        except ModelError:
+            return _hull(_box_around(self.vertices))
 
     def exact_shape(self) -> coal.CollisionGeometry:
         """Return the surface as a shape."""
@@ -106,8 +113,10 @@ def read_mesh(suffix: str, content: bytes) -> Surface:
     if not (np.abs(vertices) < _MOST).all():  # also refuses NaN
         raise ModelError("it has vertices out of all bounds")
     if mesh.num_tris > MOST_TRIANGLES:
-        hull = _hull(vertices)
-        return Surface(*_corners(hull), True)
+        with suppress(ModelError):
+            return Surface(*_corners(_hull(vertices)), True)
+    if mesh.num_tris > MOST_SURFACE_TRIANGLES:
+        raise ModelError(f"it has {mesh.num_tris} triangles, more than {MOST_SURFACE_TRIANGLES}, and no convex hull")
     corners = [mesh.tri_indices(i) for i in range(mesh.num_tris)]
     return Surface.from_triangles(
         vertices, np.array([(each[0], each[1], each[2]) for each in corners], dtype=int).reshape(-1, 3)
@@ -154,13 +163,31 @@ def _wedges(vertices: Array, triangles: npt.NDArray[np.integer]) -> Array:
     return found
 
 
+def _is_flat(vertices: Array) -> bool:
+    """Return True if the points lie in a plane, as far as their coordinates tell."""
+    centred = vertices - vertices.mean(axis=0)
+    _, axes = np.linalg.eigh(centred.T @ centred)
+    thickness = float(np.ptp(centred @ axes, axis=0).min())
+    return not thickness > _FLAT * float(np.abs(vertices).max())
+
+
+def _box_around(vertices: Array) -> Array:
+    """Return the corners of a box that contains all points and has a volume."""
+    margin = 10 * _FLAT * float(np.abs(vertices).max()) + _FLAT
+    ends = np.stack([vertices.min(axis=0) - margin, vertices.max(axis=0) + margin])
+    return np.array([[ends[i, 0], ends[j, 1], ends[k, 2]] for i, j, k in np.ndindex(2, 2, 2)])
+
+
 def _hull(vertices: Array) -> coal.CollisionGeometry:
+    """Return the convex hull. Raises ModelError if there is none, or if coal cannot compute it."""
+    if len(vertices) < _FEWEST_CORNERS or _is_flat(vertices):
+        raise ModelError("it has no convex hull, because it is flat")
     cloud = coal.StdVec_Vec3s()
     cloud.extend(vertices)
     try:
         return coal.Convex.convexHull(cloud, True, "Qt")
     except (ValueError, RuntimeError) as error:
-        raise ModelError(f"it has no convex hull: {error}") from error
+        raise ModelError("its convex hull cannot be computed") from error
 
 
 def winding_number(surface: Surface, point: Array) -> float:

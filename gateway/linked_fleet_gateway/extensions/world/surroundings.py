@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
 
-from linked_fleet_gateway.extensions.world.messages import Check, Kind, Positions
+from linked_fleet_gateway.extensions.world.messages import Check, Kind, Placement, Positions
 from linked_fleet_gateway.extensions.world.path import STEP_M, UnknownPosition, moved_positions
 from linked_fleet_gateway.extensions.world.robot import Body, Robot, put
 from linked_fleet_gateway.extensions.world.surfaces import Array, Surface, winding_number
@@ -138,11 +138,19 @@ def object_bodies(asked: Check, objects: Mapping[str, coal.CollisionGeometry]) -
         yield StaticBody("object", each.name, "", Shape(shape, hull, None, at), centre, float(shape.aabb_radius))
 
 
-def other_robot_bodies(asked: Check, robots: Mapping[str, Robot]) -> Iterator[StaticBody]:
-    """Yield the bodies of other robots within reach, in each of their configurations."""
-    root, near = se3(asked.robot.base).inverse(), robots[asked.robot.key].radius_m + MARGIN_M
+def standing(placed: Placement, robots: Mapping[str, Robot]) -> Robot:
+    """Return another robot with its reach in its configurations."""
+    return robots[placed.key].reaching(placed.configurations)
+
+
+def other_robot_bodies(asked: Check, robots: Mapping[str, Robot], reach_m: float) -> Iterator[StaticBody]:
+    """Yield the bodies of other robots that come within ``reach_m`` of the root, in each of their configurations.
+
+    Left out are those whose place is unknown, which placements accept.
+    """
+    root, near = se3(asked.robot.base).inverse(), reach_m + MARGIN_M
     for each in asked.robots:
-        other, base = robots[each.key], root * se3(each.base)
+        other, base = standing(each, robots), root * se3(each.base)
         if float(np.linalg.norm(base.translation)) > near + other.radius_m:
             continue
         try:
@@ -153,6 +161,8 @@ def other_robot_bodies(asked: Check, robots: Mapping[str, Robot]) -> Iterator[St
         for configuration in each.configurations:
             stood.set_positions(moved_positions(other, each.configurations[0], configuration))  # type: ignore[arg-type]  # of numbers, numbers
             for i, body in enumerate(other.bodies):
+                if not other.anchored[i]:
+                    continue
                 at = base * stood.at(i)
                 centre = at.act(body.centre)
                 place = (i, np.round(at.homogeneous, 6).tobytes())
@@ -175,7 +185,9 @@ def _configuration(robot: Robot, positions: Mapping[str, float]) -> Array:
     for index in range(1, model.njoints):
         name, joint = model.names[index], model.joints[index]
         position = positions.get(name, math.nan)
-        if not math.isfinite(position) or joint.nq > 2:
+        if joint.nq > 2:
+            continue  # floating or planar: bodies are compared only where it does not matter
+        if not math.isfinite(position):
             raise UnknownPosition(f"it is unknown where joint {name} is")
         put(robot, q, index, position)
     return q

@@ -1,5 +1,6 @@
 """The state of the check process, and its answers to questions. Importing it loads Pinocchio and Coal."""
 
+import logging
 from collections import OrderedDict
 from pathlib import Path
 from typing import Self
@@ -27,6 +28,8 @@ from linked_fleet_gateway.extensions.world.shapes import (
 from linked_fleet_gateway.extensions.world.surfaces import MeshCache, Surface, read_mesh
 from linked_fleet_gateway.fleet.xml import ModelError
 
+_log = logging.getLogger(__name__)
+
 MOST_TRIANGLES_HELD = 2_000_000
 """Bound of the meshes kept for robots that may still be prepared: about 100 MB."""
 
@@ -46,9 +49,9 @@ class Worker:
         self._meshes: OrderedDict[str, Surface] = OrderedDict()
 
     def answer(self, question: Question) -> Answer:
-        if isinstance(question, Check):
-            return check(question, self._robots, self._objects)
         try:
+            if isinstance(question, Check):
+                return check(question, self._robots, self._objects)
             if isinstance(question, Prepare):
                 return self._prepare(question)
             if isinstance(question, PrepareMesh):
@@ -59,6 +62,9 @@ class Worker:
                 self._objects[question.key] = build_object_shape(question.geometry)
         except (ModelError, MemoryError, RuntimeError) as error:
             return CheckFailed(str(error) or "it takes too much memory")
+        except Exception:  # noqa: BLE001 - of a library, in data of a robot or client: the process serves the others
+            _log.exception("a question to the process that checks motions failed")
+            return CheckFailed("the check of it failed by an error, which the log of the gateway has")
         return Ready()
 
     def _prepare(self, asked: Prepare) -> Answer:

@@ -4,7 +4,6 @@ import pytest
 
 from linked_fleet_gateway.extensions.world import shapes
 from linked_fleet_gateway.extensions.world.collision_check import check
-from linked_fleet_gateway.extensions.world.coverage import UNKNOWN_M
 from linked_fleet_gateway.extensions.world.messages import (
     Answer,
     Check,
@@ -16,6 +15,7 @@ from linked_fleet_gateway.extensions.world.messages import (
     Ready,
     UncheckedNear,
 )
+from linked_fleet_gateway.extensions.world.reach import UNKNOWN_M
 from linked_fleet_gateway.extensions.world.robot import Robot
 from linked_fleet_gateway.extensions.world.scene import Box
 from linked_fleet_gateway.extensions.world.shapes import build_object_shape, build_robot
@@ -65,7 +65,7 @@ def built(tool: str, **more: str) -> Robot:
         (part("collision", mesh("none.stl")) + part("visual", mesh("none.dae")), "none.stl", "does not offer it"),
         (part("collision", mesh("")), "", "the agent does not offer it"),
         (part("collision", mesh(KNOWN, "scale='0 0 0'")), KNOWN, "no factor may be zero"),
-        (part("collision", mesh(KNOWN, "scale='1e300 1 1'")), KNOWN, "scaled out of all bounds"),
+        (part("collision", mesh(KNOWN, "scale='1e300 1 1'")), KNOWN, "beyond 1e+12"),
         (part("collision", mesh(KNOWN, "scale='1 1'")), KNOWN, "not three numbers"),
         (part("collision", "<sphere radius='-1'/>"), "", "a sphere with radius -1.0, which must be above zero"),
         (part("collision", "<sphere radius='0'/>"), "", "a sphere with radius 0.0, which must be above zero"),
@@ -83,7 +83,7 @@ def built(tool: str, **more: str) -> Robot:
             "",
             "with radius -1.0, which must be above",
         ),
-        (part("collision", "<sphere radius='1e7'/>"), "", "too large"),
+        (part("collision", "<sphere radius='1e7'/>"), "", "larger or further away than 100 m"),
         (part("collision", "<torus/>"), "", "is none of box, sphere, cylinder, capsule, mesh"),
         ("<collision/>", "", "has no geometry"),
         (part("collision", "<box size='1 1 1'/>") + part("collision", mesh("none.stl")), "none.stl", "does not offer"),
