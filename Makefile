@@ -43,6 +43,7 @@ SCRIPTS := gateway/linked_fleet_gateway/extensions/pages/scripts
 THINGS := gateway/linked_fleet_gateway/extensions/things/tests
 NODE_WOT := $(THINGS)/node_modules/.package-lock.json
 SHACL_SUITE := build/shacl-suite/core/manifest.ttl
+STRANGERS := build/strangers/stamp
 
 # Constraints are variables instead of the option -c, so that pip's isolated build environments use them too.
 export PIP_CONSTRAINT := constraints.txt
@@ -60,7 +61,7 @@ $$python -c 'import ensurepip' 2>/dev/null || { echo "$$python has no venv: apt 
 $$python -m venv --clear $(1)
 endef
 
-.PHONY: architecture docs demo release try-release test test-long test-all check check-collisions docs-settings requirements fleet-check bench bench-robots bench-routers fuzz mutants soak assets pictures node-wot shacl-suite chromium egl java tools wrk caddy clean helm
+.PHONY: architecture docs demo release try-release test test-long test-all check check-collisions docs-settings requirements fleet-check bench bench-robots bench-routers fuzz mutants soak assets pictures node-wot shacl-suite strangers chromium egl java tools wrk caddy clean helm
 
 demo: .venv/demo-stamp $(ASSETS)
 	@$(BIN)/python -m linked_fleet_demo --port $(PORT)
@@ -101,7 +102,7 @@ tools:
 
 # Tests on clusters, long histories, most tests with a browser, foreign programs or many processes, and all examples of properties.
 test-long: export LONG_TESTS := 1
-test-long: .venv/stamp $(ASSETS) $(NODE_WOT) chromium egl java tools helm
+test-long: .venv/stamp $(ASSETS) $(NODE_WOT) $(STRANGERS) chromium egl java tools helm
 	$(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder $(SECOND_TRY) -m 'test_all or hypothesis' $(LONG_ARGS)
 
 test-all: test test-long fuzz soak fleet-check
@@ -239,6 +240,17 @@ $(SHACL_SUITE): tests/shacl/suite.txt | .venv/stamp
 	@rm -rf build/shacl-suite && mkdir -p build/shacl-suite
 	@$(BIN)/python -m pip download -q --no-deps --no-binary pyshacl --require-hashes -r $< -d build/shacl-suite
 	@tar -xzf build/shacl-suite/pyshacl-*.tar.gz -C build/shacl-suite --strip-components=4 --wildcards '*/sht_tests/core'
+	@touch $@
+
+# Fetches packages with robot descriptions of other people, which a test of make test-long reads. Nothing in them is
+# run, so it does not matter for which machine they are.
+strangers: $(STRANGERS)
+
+$(STRANGERS): tests/strangers/packages.txt | .venv/stamp
+	@echo "Fetching packages with robot descriptions."
+	@rm -rf build/strangers && mkdir -p build/strangers
+	@PIP_CONSTRAINT= $(BIN)/python -m pip download -q --no-deps --only-binary :all: --python-version 3.11 \
+	  --platform manylinux2014_x86_64 --platform any -r $< -d build/strangers
 	@touch $@
 
 # One environment in two steps: the packages of the demo, then the tools. Later runs of make reuse it and contact no

@@ -114,7 +114,7 @@ def test_joints_are_moved_together_by_name(here: Fleet) -> None:
     assert move(target=target).wait(60) == "succeeded"
     assert math.isclose(angle(elbow), 20, abs_tol=0.5)
     assert math.isclose(angle(wrist), math.degrees(0.3), abs_tol=0.5)
-    with pytest.raises(InvalidInput, match=r"target\[1\]\.value: 500 is not from -?\d+ to \d+"):
+    with pytest.raises(InvalidInput, match=r"target\[1\]\.value: 500 is not from -?[\d.]+ to [\d.]+"):
         move(target=[target[0], {"joint": wrist, "value": 500, "unit": "deg"}])
 
 
