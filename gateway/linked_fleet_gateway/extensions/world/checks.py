@@ -260,7 +260,7 @@ class Checks:
         """Return the robots near enough to collide. Raises Unchecked if one of them is not prepared."""
         robots = self._around(robot, sees)
         for each in robots:
-            if (why := self._preparation.unprepared_reason(each)) is not None:
+            if (why := self._preparation.unprepared_reason(each, beside=each is not robot)) is not None:
                 seen = sees.includes(each.name)
                 name, why = (each.name, why) if seen else ("another robot", "ask again")
                 raise Unchecked(f"The shape of {name} is not known yet: {why}.")
@@ -287,7 +287,7 @@ class Checks:
         name = robot.name if sees.includes(robot.name) else ""
         configurations = sampled_configurations(_positions(robot), self._underway(robot, ""))
         accepted = accepts_unchecked(robot)
-        return Placement(name, self._preparation.key(robot), _base(robot, sees), configurations, accepted)
+        return Placement(name, self._preparation.key_beside(robot), _base(robot, sees), configurations, accepted)
 
     def _underway(self, robot: Robot, own: str) -> dict[str, float]:
         """Return the targets of the robot's joints in other motions that have not ended."""
