@@ -30,7 +30,7 @@ class Refusals:
             links, whose, met = () if other is None else links_of(other), met, robot.name
             reason = "parts of another robot that no check covers"
         named = f": {in_words(link for _, link in links)}" if links else ""
-        advice = f"Let its agent offer the shapes, or PUT lf:acceptsUnchecked true in the placement of {whose}"
+        advice = f"Mend the shapes, stand further apart, or PUT lf:acceptsUnchecked true in the placement of {whose}"
         return UncheckedLinks(
             f"The check does not cover parts of {whose} that may meet {met}{named}. {advice}.",
             unchecked=links,
