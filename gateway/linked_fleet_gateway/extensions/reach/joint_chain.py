@@ -76,8 +76,8 @@ def _whole(urdf: str, floating: bool) -> tuple[RobotModel, pin.Model]:
 def _joint(robot: RobotModel, joint: Joint) -> ChainJoint:
     if not joint.movable:
         raise ValueError(
-            f"the position of {joint.kind} joint {joint.name!r} is unknown. A pose in the frame of link {joint.child!r} "
-            'on it has the lf:frame "base"'
+            f"the position of {joint.kind} joint {joint.name!r} is unknown. A pose in the frame of link "
+            f'{joint.child!r} on it has the lf:frame "base"'
         )
     driver, factor, offset, seen = joint, 1.0, 0.0, {joint.name}
     while driver.mimic is not None:
