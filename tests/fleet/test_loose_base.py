@@ -90,7 +90,19 @@ def test_the_arm_moves_alone_and_is_refused_beside_others_unless_that_is_accepte
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_reaching_a_point_of_the_root_names_the_joint_that_is_unknown(browser: Browser, kind: str) -> None:
-    body = {"link": f"{browser.root}{kind}/tool", "position": {"x": 0.1, "y": 0, "z": 0.7, "unit": M}}
-    answer = browser.http.post(f"{browser.root}{kind}/actions/reach", json=body, headers={"prefer": "dry-run"})
-    assert answer.status_code == 409 and "virtual" in answer.json()["detail"], answer.text
+def test_the_arm_reaches_a_point_in_the_frame_of_its_base(browser: Browser, kind: str) -> None:
+    """A point in the frame of the root is refused, because nobody knows where that is."""
+    browser.http.delete(f"{browser.root}{kind}/placement")
+    body = {"link": f"{browser.root}{kind}/tool", "position": {"x": 0.2, "y": 0, "z": 0.7464, "unit": M}}
+
+    def reach(**more: str) -> httpx.Response:
+        address, dry = f"{browser.root}{kind}/actions/reach?as=json", {"prefer": "dry-run"}
+        return browser.http.post(address, json=body | more, headers=dry)
+
+    refused = reach()
+    assert refused.status_code == 409, refused.text
+    assert all(word in refused.json()["detail"] for word in ("joint 'virtual' is unknown", "link 'base'", "lf:frame"))
+    reached = reach(frame="base")
+    assert reached.status_code == 200, reached.text
+    (turned,) = [each["value"] for each in reached.json()["target"] if each["joint"].endswith("/j1")]
+    assert turned == pytest.approx(0.5236, abs=1e-3)  # 0.4 m at 30° to the vertical

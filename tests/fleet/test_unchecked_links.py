@@ -78,6 +78,16 @@ def test_the_robot_and_its_page_name_the_unchecked_link(browser: Browser) -> Non
     assert "Not checked for collisions" in html and MESH in html
 
 
+def test_the_response_to_the_placement_names_the_unchecked_link(browser: Browser) -> None:
+    where = {"position": {"x": 0, "y": 0, "z": 0, "unit": M}}
+    placement = f"{browser.root}gappy/placement"
+    said = browser.http.put(placement, json=where, headers={"accept": "application/json"})
+    assert said.status_code == 200 and local(said.json()["unchecked"], browser) == [NAMED]
+    graph = browser.http.put(placement, json=where, headers={"accept": "text/turtle"})
+    assert graph.status_code == 200 and MESH in graph.text and "lf:unchecked" in graph.text
+    assert browser.http.put(placement, json=where, headers={"accept": "image/png"}).status_code == 204
+
+
 def test_a_robot_alone_moves_and_every_answer_names_the_unchecked_link(browser: Browser) -> None:
     rehearsed = turn(browser, "dry-run")
     assert rehearsed.status_code == 200 and local(rehearsed.json()["unchecked"], browser) == [NAMED]

@@ -5,6 +5,7 @@ import logging
 import time
 import uuid
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from types import TracebackType
 from typing import Protocol, Self
@@ -106,6 +107,12 @@ class Actions:
     def add_guard(self, guard: MotionGuard) -> None:
         """Add a guard, which checks every motion before it is accepted."""
         self._guards.append(guard)
+
+    async def await_guards(self, robot: Robot, visible_robots: View) -> None:
+        """Wait until motions of a robot can be checked, or until the guards give up waiting."""
+        with suppress(MotionRefused, Busy):
+            for guard in self._guards:
+                await guard.wait_until_ready(robot, visible_robots)
 
     # -- motions ----------------------------------------------------------------------------------------------------
 

@@ -84,6 +84,17 @@ class LinkPoses:
         return Pose(place, _signed(_product(parent.orientation_xyzw, orientation)))
 
 
+def loose_joint(model: RobotModel, link: str) -> Joint | None:
+    """Return the nearest floating or planar joint above a link, whose position no agent reports; None without one."""
+    above = model.links[link].parent_joint
+    while above is not None:
+        joint = model.joints[above]
+        if joint.kind in (JointKind.FLOATING, JointKind.PLANAR):
+            return joint
+        above = model.links[joint.parent].parent_joint
+    return None
+
+
 def base_pose(base: Base | None) -> Pose | None:
     """Return the pose of a floating base; None if it is unknown or its orientation is invalid."""
     if base is None:

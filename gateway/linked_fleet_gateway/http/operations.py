@@ -20,6 +20,9 @@ ID_SCHEMA: Json = {"type": "string", "format": "uuid"}
 _ALWAYS = ("400", "404", "406", "421", "429", "431", "500", "503")
 _READS, _WRITES = ("304", "412"), ("409", "412", "413", "415", "422", "504")
 RDF_CONTENT: Json = {JSONLD: {"schema": {"$ref": "#/components/schemas/JsonLd"}}, TURTLE: {}}
+_UNCHECKED: Json = {"description": "Changed. No check of motions covers these links.", "content": RDF_CONTENT}
+CHANGED_PLACEMENT_RESPONSE: Json = CHANGED_RESPONSE | {"200": _UNCHECKED}
+"""Responses to a change that decides which motions are checked."""
 
 
 def rdf_get_operation(
@@ -81,11 +84,12 @@ def write_operation(
     return said | {"responses": responses | error_responses((*_ALWAYS, *_WRITES))} | more
 
 
-def patch_operation(id: str, summary: str, fields: Sequence[str] = ("IfMatch",)) -> Json:
+def patch_operation(
+    id: str, summary: str, fields: Sequence[str] = ("IfMatch",), responses: Json = CHANGED_RESPONSE
+) -> Json:
     """Return PATCH by a SPARQL update, whose grammar no schema can express."""
     body = {PATCH_TYPES[0]: {"schema": {"type": "string", "minLength": 1}}}
-    done = {"204": {"description": "Changed."}}
-    return write_operation(id, summary, done, body, [header_ref(each) for each in fields])
+    return write_operation(id, summary, responses, body, [header_ref(each) for each in fields])
 
 
 def creation_responses(description: str) -> Json:

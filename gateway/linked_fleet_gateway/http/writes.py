@@ -5,8 +5,10 @@ PUT and DELETE apply to the control lease and to settings of a robot (R0.5). PAT
 (LDP 5.2.3.4 and 4.2.1.4). The response to a creation has the location and the description of the resource.
 """
 
+import json
 import re
 from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -22,12 +24,15 @@ from linked_fleet_gateway.base.errors import (
     UnprocessableContent,
     UnsupportedMediaType,
 )
+from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.http.body import body_type, convert_body, parse_body, parse_form
 from linked_fleet_gateway.http.fields import field, parameters, split
 from linked_fleet_gateway.http.invoke import lock_token
 from linked_fleet_gateway.http.negotiation import choose
 from linked_fleet_gateway.http.preconditions import resolve_under_preconditions
 from linked_fleet_gateway.http.request import Request
+from linked_fleet_gateway.rdf.graph import Graph
+from linked_fleet_gateway.rdf.serialise import JSON
 from linked_fleet_gateway.rdf.sparql_syntax import MAX_QUERY_BYTES
 from linked_fleet_gateway.rdf.sparql_update import Operation, apply_update, parse_update
 from linked_fleet_gateway.rdf.validation import ground_statements, refuse_statements
@@ -35,7 +40,8 @@ from linked_fleet_gateway.rdf.vocabulary import LDP, LF
 from linked_fleet_gateway.resources.affordance import FORM_TYPES, Control, PutSetting
 from linked_fleet_gateway.resources.annotations import MAX_ANNOTATION_TRIPLES
 from linked_fleet_gateway.resources.body_values import Body, Setting, validate_body
-from linked_fleet_gateway.resources.paths import lease_path
+from linked_fleet_gateway.resources.invocation import describe_unchecked, unchecked_links
+from linked_fleet_gateway.resources.paths import lease_path, robot_path
 from linked_fleet_gateway.resources.resource import Resource
 
 if TYPE_CHECKING:
@@ -122,7 +128,33 @@ async def put_setting(request: Request, affordance: PutSetting) -> Response:
         present = await resolve_under_preconditions(request, lambda: request.tree().resolve(setting.path))
         assert present is not None  # no robot is forgotten while its settings are written
         if await shared.set_setting(setting.robot, setting.name, change(present), lock_token(request)):
-            return Response(status_code=204)
+            return await _changed(request, setting)
+
+
+async def _changed(request: Request, setting: Setting) -> Response:
+    """Return the response to a change: 204, or 200 with the links of the robot that no check of motions covers."""
+    robot, actions = setting.robot, request.services.actions
+    if setting.decides_checks and request.method != "DELETE":
+        await actions.await_guards(robot, request.caller.visible_robots)
+        with suppress(NotAcceptable):  # it is done already
+            return _uncovered(request, robot) if robot.unchecked else Response(status_code=204)
+    return Response(status_code=204)
+
+
+def _uncovered(request: Request, robot: Robot) -> Response:
+    path, links = robot_path(robot.name), unchecked_links(robot)
+
+    def describe(graph: Graph) -> None:
+        describe_unchecked(graph, NamedNode(request.base + path), request.base, links)
+
+    def plain() -> bytes:
+        told = [{"link": request.base + at, "mesh": each.mesh, "reason": each.reason} for at, each in links]
+        return json.dumps({"unchecked": told}).encode()
+
+    resource = Resource(path, f"Unchecked links of {robot.title}", describe, (), documents={JSON: plain})
+    shown = request.services.representations.negotiate(request.effective_accept, resource, request.base)
+    headers = {"content-type": shown.content_type, "cache-control": "no-store", "vary": "Accept"}
+    return Response(shown.body, 200, headers)
 
 
 async def _change(request: Request, setting: Setting) -> Callable[[Resource], str | None]:

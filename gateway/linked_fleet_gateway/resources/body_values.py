@@ -129,6 +129,8 @@ class Setting:
     read: Callable[[Body], str] | None = None
     removable: bool = False
     """True if clients may remove it by DELETE."""
+    decides_checks: bool = False
+    """True if checks of motions depend on it: the response to a change waits for the guards."""
 
     @property
     def path(self) -> str:

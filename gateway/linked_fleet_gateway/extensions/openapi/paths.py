@@ -19,6 +19,7 @@ from linked_fleet_gateway.extensions.openapi.schemas import (
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.http.fields import LINKSET_TYPES
 from linked_fleet_gateway.http.operations import (
+    CHANGED_PLACEMENT_RESPONSE,
     CHANGED_RESPONSE,
     ID_SCHEMA,
     JSONLD,
@@ -274,9 +275,10 @@ class FleetPaths:
         shape, fields = setting.shape, (header_ref("IfMatch"), header_ref("LockToken"))
         self.schemas[f"{of}Input"] = ANNOTATIONS if shape is None else forbid_other_members(form_of(shape).schema)
         body = {JSONLD if shape is None else JSON: {"schema": component_ref("schemas", f"{of}Input")}}
+        responses = CHANGED_PLACEMENT_RESPONSE if setting.decides_checks else CHANGED_RESPONSE
         found = {
-            "put": write_operation(f"put{of}", "Replace it", CHANGED_RESPONSE, body, fields),
-            "patch": patch_operation(f"patch{of}", "Change it by a SPARQL update", ("IfMatch", "LockToken")),
+            "put": write_operation(f"put{of}", "Replace it", responses, body, fields),
+            "patch": patch_operation(f"patch{of}", "Change it by a SPARQL update", ("IfMatch", "LockToken"), responses),
         }
         removed = write_operation(f"delete{of}", "Remove it", CHANGED_RESPONSE, None, fields)
         return found | ({"delete": removed} if setting.removable else {})

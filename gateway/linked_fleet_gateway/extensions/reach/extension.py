@@ -18,7 +18,9 @@ from linked_fleet_gateway.actions.plan import ActionRequest, DeferredPlan, Motio
 from linked_fleet_gateway.base.errors import Conflict, Members, Offline, UnprocessableContent
 from linked_fleet_gateway.base.lazy_imports import LazyModule
 from linked_fleet_gateway.extensions.reach.can_reach import LF
+from linked_fleet_gateway.fleet.kinematics import loose_joint
 from linked_fleet_gateway.fleet.model import JointKind, ModelError
+from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.http.extension import Core, Extension, Mount
 from linked_fleet_gateway.rdf.graph import Node
 from linked_fleet_gateway.rdf.vocabulary import MATHS
@@ -74,7 +76,7 @@ def prepare_search(request: ActionRequest) -> Search:
     orientation = _quaternion(request, body.node(root, LF.orientation))
     floating = description.base == "floating"
     said = body.text(root, LF.frame)
-    in_frame: Literal["base", "world"] = "world" if said == "world" or (said is None and floating) else "base"
+    in_frame = _frame(robot, link, said, floating)
     able = commandable_joints(robot)
     limits = {
         joint.name: (joint.limits.lower, joint.limits.upper)
@@ -99,6 +101,14 @@ def prepare_search(request: ActionRequest) -> Search:
         return found.positions, facts
 
     return search
+
+
+def _frame(robot: Robot, link: str, said: str | None, floating: bool) -> Literal["base", "world", "carried"]:
+    """Return the frame of a pose: ``carried`` for the base of a link on a floating or planar joint."""
+    if said == "world" or (said is None and floating):
+        return "world"
+    carried = said == "base" and robot.model is not None and loose_joint(robot.model, link) is not None
+    return "carried" if carried else "base"
 
 
 def _vector(request: ActionRequest, node: Node | None) -> tuple[float, float, float]:

@@ -74,19 +74,20 @@ def reach(
     limits: Limits,
     movable: Collection[str],
     base: Base | None,
-    frame: Literal["base", "world"],
+    frame: Literal["base", "world", "carried"],
 ) -> Solution:
     """Find positions of ``movable`` joints, near ``start``, that bring ``link`` within 0.05 mm and 0.01° of a pose.
 
     ``base`` is the frame of the root link; ``world`` differs from it only for a floating base, whose present pose is
-    then needed. A joint without ``limits`` is unbounded, a position outside them is clamped, and a continuous joint
-    makes half a turn at most. A joint that mimics a movable one, also indirectly, follows it, and its limits apply. A
-    joint that mimics with a factor or offset above 1000 does not move.
+    then needed. ``carried`` is the frame of the link that the last floating or planar joint above ``link`` carries. A
+    joint without ``limits`` is unbounded, a position outside them is clamped, and a continuous joint makes half a turn
+    at most. A joint that mimics a movable one, also indirectly, follows it, and its limits apply. A joint that mimics
+    with a factor or offset above 1000 does not move.
 
     Raises Unreachable; ModelError if the robot is too large to compute; ValueError naming an unknown or non-finite
     number: a joint between root and link, the base, the target, a limit.
     """
-    task = _Task(chain_to(urdf, floating, link), start, limits, movable)
+    task = _Task(chain_to(urdf, floating, link, frame == "carried"), start, limits, movable)
     task.aim(position_m, orientation_xyzw, floating and frame == "world", base)
     if max(map(abs, task.position)) > FAR:
         away = Solution(task.named(task.nearest(task.start)), math.hypot(*task.position), 0.0, 0)

@@ -14,6 +14,7 @@ Positions = Mapping[str, float]
 Limits = Mapping[str, tuple[float, float]]
 FAR = 1e6
 """A length in m or a position in rad that no robot reaches, and whose square cannot overflow."""
+_MOST_NQ = 2  # of a joint with one degree of freedom
 _STEEPEST = 1e3  # factor of a mimic joint
 
 
@@ -39,8 +40,8 @@ class Chain:
 
 
 @lru_cache(maxsize=64)
-def chain_to(urdf: str, floating: bool, link: str) -> Chain:
-    """Return the joints from the root to ``link``.
+def chain_to(urdf: str, floating: bool, link: str, carried: bool = False) -> Chain:
+    """Return the joints from the root to ``link``; if ``carried``, from the link on the last floating or planar joint.
 
     Raises ValueError for an unknown link, ModelError for a robot that is too large to compute.
     """
@@ -50,6 +51,8 @@ def chain_to(urdf: str, floating: bool, link: str) -> Chain:
     body = whole.frames[whole.getFrameId(link, pin.FrameType.BODY)]
     # buildReducedModel refuses a joint that shares its name with a link. The free joint of the base comes first.
     above = [i for i in whole.supports[body.parentJoint] if i > int(floating)]
+    if carried:
+        above = above[1 + max((place for place, i in enumerate(above) if whole.joints[i].nq > _MOST_NQ), default=-1) :]
     model, last = pin.Model(), 0
     for i in above:
         last = model.addJoint(last, whole.joints[i], whole.jointPlacements[i], f"{i}")
@@ -72,7 +75,10 @@ def _whole(urdf: str, floating: bool) -> tuple[RobotModel, pin.Model]:
 
 def _joint(robot: RobotModel, joint: Joint) -> ChainJoint:
     if not joint.movable:
-        raise ValueError(f"the position of {joint.kind} joint {joint.name!r} is unknown")
+        raise ValueError(
+            f"the position of {joint.kind} joint {joint.name!r} is unknown. A pose in the frame of link "
+            f'{joint.child!r} on it has the lf:frame "base"'
+        )
     driver, factor, offset = joint, 1.0, 0.0
     while driver.mimic is not None:
         mimic = driver.mimic

@@ -20,8 +20,7 @@ from typing import Self
 from linked_fleet_agent.wire.messages import Follow, Move
 from linked_fleet_gateway.actions.plan import Motion
 from linked_fleet_gateway.base.errors import Busy
-from linked_fleet_gateway.extensions.world.collisions import Collides, Collisions, Unchecked, UncheckedLinks
-from linked_fleet_gateway.extensions.world.descriptions import object_path
+from linked_fleet_gateway.extensions.world.collisions import Collisions, Unchecked
 from linked_fleet_gateway.extensions.world.messages import (
     Check,
     CheckFailed,
@@ -41,14 +40,14 @@ from linked_fleet_gateway.extensions.world.placement import (
     pose_in_world,
 )
 from linked_fleet_gateway.extensions.world.process import Checker, Preparation, is_placed, key_of
+from linked_fleet_gateway.extensions.world.refusals import Refusals
 from linked_fleet_gateway.extensions.world.scene import SceneObject
-from linked_fleet_gateway.fleet.model import Pose, RobotModel
+from linked_fleet_gateway.fleet.model import Pose
 from linked_fleet_gateway.fleet.robot import Robot
-from linked_fleet_gateway.fleet.unchecked import Finding, in_words
+from linked_fleet_gateway.fleet.unchecked import Finding
 from linked_fleet_gateway.fleet.xml import Vector
 from linked_fleet_gateway.identity.rights import View
 from linked_fleet_gateway.resources.invocation import unchecked_links
-from linked_fleet_gateway.resources.paths import link_path
 from linked_fleet_gateway.runtime.worker import IDLE_S
 from linked_fleet_gateway.subscriptions.live import Live
 
@@ -142,6 +141,7 @@ class Checks:
         self._checker = Checker(folder, idle_s)
         self._preparation = Preparation(live, self._checker)
         self._collisions = collisions or Collisions(live.fan_out.mark_changed)
+        self._refusals = Refusals(live.fleet.robots, objects)
         self._waiting = self._early = 0
 
     async def __aenter__(self) -> Self:
@@ -203,13 +203,13 @@ class Checks:
         answer = await self._checker.ask(question, _ANSWER_S)
         if isinstance(answer, CollisionFound):
             assert model is not None  # of a prepared robot
-            collides = self._collision(motion.robot, model, answer)
+            collides = self._refusals.collision(motion.robot, model, answer)
             self._collisions.add(motion.robot.name, collides)
             raise collides
         if isinstance(answer, CheckFailed):
             raise Unchecked(f"It is unknown if {motion.robot.name} would collide: {answer.reason}.")
         if isinstance(answer, UncheckedNear):
-            raise self._unchecked_links(motion.robot, answer)
+            raise self._refusals.unchecked_links(motion.robot, answer)
         assert isinstance(answer, Free)
         self._collisions.forget(motion.robot.name)
         near = [self._live.fleet.robots.get(name) for name in answer.unchecked]
@@ -260,7 +260,7 @@ class Checks:
         """Return the robots near enough to collide. Raises Unchecked if one of them is not prepared."""
         robots = self._around(robot, sees)
         for each in robots:
-            if (why := self._preparation.unprepared_reason(each)) is not None:
+            if (why := self._preparation.unprepared_reason(each, beside=each is not robot)) is not None:
                 seen = sees.includes(each.name)
                 name, why = (each.name, why) if seen else ("another robot", "ask again")
                 raise Unchecked(f"The shape of {name} is not known yet: {why}.")
@@ -287,7 +287,7 @@ class Checks:
         name = robot.name if sees.includes(robot.name) else ""
         configurations = sampled_configurations(_positions(robot), self._underway(robot, ""))
         accepted = accepts_unchecked(robot)
-        return Placement(name, self._preparation.key(robot), _base(robot, sees), configurations, accepted)
+        return Placement(name, self._preparation.key_beside(robot), _base(robot, sees), configurations, accepted)
 
     def _underway(self, robot: Robot, own: str) -> dict[str, float]:
         """Return the targets of the robot's joints in other motions that have not ended."""
@@ -296,50 +296,6 @@ class Checks:
             if invocation.id != own:
                 ends |= invocation.targets
         return ends
-
-    def _unchecked_links(self, robot: Robot, near: UncheckedNear) -> UncheckedLinks:
-        """Return the refusal of a motion whose robot, or whose neighbour, has links that the check does not cover."""
-        thing = self._objects.get(near.name) if near.kind == "object" else None
-        met = near.name or "another robot" if thing is None else thing.title
-        if near.own:
-            links, whose, reason = unchecked_links(robot), robot.name, "parts of the robot that no check covers"
-        else:
-            other = self._live.fleet.robots.get(near.name)
-            links, whose, met = () if other is None else unchecked_links(other), met, robot.name
-            reason = "parts of another robot that no check covers"
-        named = f": {in_words(link for _, link in links)}" if links else ""
-        advice = f"Let its agent offer the shapes, or PUT lf:acceptsUnchecked true in the placement of {whose}"
-        return UncheckedLinks(
-            f"The check does not cover parts of {whose} that may meet {met}{named}. {advice}.",
-            unchecked=links,
-            reason=f"{reason} might collide",
-        )
-
-    def _collision(self, robot: Robot, model: RobotModel, met: CollisionFound) -> Collides:
-        """Return the collision of a robot that had this model when it was checked."""
-        link, other = link_path(robot.name, model, met.link), None
-        if met.kind == "self":
-            what, other = f"its own {met.other}", link_path(robot.name, model, met.other)
-            kind = what
-        elif met.kind == "robot":
-            there, kind = self._live.fleet.robots.get(met.name), "another robot"
-            what = kind
-            if there is not None and there.model is not None:
-                what, other = f"{met.other} of {met.name}", link_path(met.name, there.model, met.other)
-        else:
-            thing = self._objects.get(met.name)
-            kind = "a keep-out zone" if thing is not None and thing.kind == "zone" else "an obstacle"
-            what = kind if thing is None else f"{thing.title} ({kind.partition(' ')[2]})"
-            other = object_path(met.name)
-        after = f"after {100 * met.share:.0f} % of the way"
-        return Collides(
-            f"{met.link} of {robot.name} would meet {what} {after}.",
-            things=[link, *([] if other is None else [other])],
-            names=[f"{met.link} of {robot.name}", *([] if other is None else [what])],
-            share=met.share,
-            point=None if other is None else met.point,  # a robot that the caller may not see has no place either
-            reason=f"{met.link} would meet {kind} {after}",
-        )
 
 
 def _name(robot: Robot, sees: View) -> str:

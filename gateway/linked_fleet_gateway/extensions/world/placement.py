@@ -135,6 +135,6 @@ def placement(robot: Robot) -> Property:
         graph.add(iri, LF.inFrame, NamedNode(root + WORLD))
         graph.add(iri, HYBRIT.consumes, LF.PlacementInput)
 
-    setting = Setting(robot, PLACEMENT, LF.PlacementInput, read_placement, removable=True)
+    setting = Setting(robot, PLACEMENT, LF.PlacementInput, read_placement, removable=True, decides_checks=True)
     title = f"placement of {robot.name}"
     return Property(PLACEMENT, LF.placement, (LF.Placement,), LF.PlacementShape, title, describe, put=setting)

@@ -183,12 +183,20 @@ class Preparation:
             for key in keys
         )
 
-    def unprepared_reason(self, robot: Robot) -> str | None:
-        """Return why the robot is not prepared; None if it is."""
-        key = self.key(robot)
+    def unprepared_reason(self, robot: Robot, beside: bool = False) -> str | None:
+        """Return why the robot, or one ``beside`` the moving one, is not prepared; None if it is."""
+        key = self.key_beside(robot) if beside else self.key(robot)
         if self._checker.is_prepared(key):
             return None
         return self._unusable.get(key, "it is being prepared, try again")
+
+    def key_beside(self, robot: Robot) -> str:
+        """Return the key under which a robot beside the moving one is prepared.
+
+        While its agent does not deliver its meshes, it is one of unchecked links.
+        """
+        key, stand_in = self.key(robot), _stand_in(self.key(robot))
+        return stand_in if not self._checker.is_prepared(key) and self._checker.is_prepared(stand_in) else key
 
     async def prepare_robots(self, robots: Collection[Robot]) -> None:
         """Wait until each robot is prepared or cannot be. Cancelling one waiter does not affect others."""
@@ -226,6 +234,7 @@ class Preparation:
         except FleetError as error:  # retried at the next check
             self._unheard.add(key)
             _log.info("the shape of %s is not available: %s", robot.name, error.detail)
+            await self._prepare_stand_in(robot, key)
             return
         if isinstance(answer, Ready):
             self._unchecked[key] = answer.unchecked
@@ -233,6 +242,17 @@ class Preparation:
         elif isinstance(answer, CheckFailed) and answer != NO_ANSWER:
             self._unusable[key] = answer.reason
             _log.warning("no motion near %s can be checked: %s", robot.name, answer.reason)
+
+    async def _prepare_stand_in(self, robot: Robot, key: str) -> None:
+        """Prepare the robot without shapes, so that only what is near it waits for its agent."""
+        if self._checker.is_prepared(_stand_in(key)):
+            return
+        assert robot.description is not None
+        question = Prepare(_stand_in(key), robot.description.urdf, {}, {}, "its agent does not deliver the meshes")
+        answer = await self._checker.ask(question, _PREPARE_S)
+        if isinstance(answer, Ready):
+            self._unchecked[key] = answer.unchecked
+            self._show_unchecked(robot, key)
 
     def _show_unchecked(self, robot: Robot, key: str) -> None:
         """Store the unchecked links of a robot where its resource shows them, and log them once."""
@@ -301,6 +321,10 @@ class Preparation:
 def is_placed(robot: Robot) -> bool:
     """Return True if the robot has a placement and a description."""
     return placement_of(robot) is not None and robot.model is not None and robot.description is not None
+
+
+def _stand_in(key: str) -> str:
+    return f"{key} without meshes"
 
 
 @lru_cache(maxsize=2 * MAX_OBJECTS)

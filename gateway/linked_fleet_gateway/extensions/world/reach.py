@@ -71,14 +71,3 @@ def _size_m(tree: RobotModel, link: str) -> float:
     """Return the reach of a link from its origin: at least twice as far as the joints that it carries."""
     carried = (math.hypot(*tree.joints[each].origin.position_m) for each in tree.links[link].child_joints)
     return max(UNKNOWN_M, 2 * max(carried, default=0.0))
-
-
-def loose_joint(tree: RobotModel, link: str) -> Joint | None:
-    """Return the nearest floating or planar joint above a link, whose position no agent reports; None without one."""
-    above = tree.links[link].parent_joint
-    while above is not None:
-        joint = tree.joints[above]
-        if joint.kind in (JointKind.FLOATING, JointKind.PLANAR):
-            return joint
-        above = tree.links[joint.parent].parent_joint
-    return None

@@ -18,8 +18,9 @@ import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
 
-from linked_fleet_gateway.extensions.world.reach import links_m, loose_joint, reach_m, slide_m
+from linked_fleet_gateway.extensions.world.reach import links_m, reach_m, slide_m
 from linked_fleet_gateway.extensions.world.surfaces import Array, Surface
+from linked_fleet_gateway.fleet.kinematics import loose_joint
 from linked_fleet_gateway.fleet.model import JointKind, RobotModel
 from linked_fleet_gateway.fleet.unchecked import UncheckedLink
 

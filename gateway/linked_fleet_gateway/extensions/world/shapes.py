@@ -16,10 +16,11 @@ import pinocchio as pin
 
 from linked_fleet_agent.urdf import geometry as forms
 from linked_fleet_agent.urdf.poses import pose_of
-from linked_fleet_gateway.extensions.world.reach import links_m, loose_joint
+from linked_fleet_gateway.extensions.world.reach import links_m
 from linked_fleet_gateway.extensions.world.robot import Body, Robot, build_reach, self_collision_pairs
 from linked_fleet_gateway.extensions.world.scene import Box, Cylinder, Geometry, Sphere
 from linked_fleet_gateway.extensions.world.surfaces import Surface
+from linked_fleet_gateway.fleet.kinematics import loose_joint
 from linked_fleet_gateway.fleet.model import RobotModel
 from linked_fleet_gateway.fleet.pinocchio_model import build_model
 from linked_fleet_gateway.fleet.unchecked import UncheckedLink

@@ -336,6 +336,27 @@ async def test_a_robot_without_usable_shapes_is_refused_and_delays_nobody(tmp_pa
             await scene.is_free(robot)
 
 
+async def test_a_robot_whose_agent_delivers_no_meshes_blocks_only_what_is_near_it(tmp_path: Path) -> None:
+    async with scene_in(tmp_path) as scene:
+        scene.silent.add("mute")
+        mute, near, far = (
+            scene.robot("mute", let=True),
+            scene.robot("near", 1.0, let=True),
+            scene.robot("far", 9.0, let=True),
+        )
+        for robot in (mute, near, far):
+            await scene.checks.wait_until_ready(robot, ALL)
+        assert {each.reason for each in mute.unchecked} == {"its agent does not deliver the meshes"}
+        with pytest.raises(UncheckedLinks, match="parts of mute that may meet near"):
+            await scene.finding(near)
+        assert (await scene.finding(far)).free
+        with pytest.raises(Unchecked):
+            await scene.finding(mute)
+        scene.silent.clear()
+        await scene.checks.wait_until_ready(mute, ALL)
+        assert mute.unchecked == () and (await scene.finding(near)).unchecked == ()
+
+
 async def test_another_gateway_finds_the_shapes_on_disk_and_asks_no_robot(tmp_path: Path) -> None:
     async with scene_in(tmp_path) as scene:
         await scene.checks.wait_until_ready(scene.robot("arm", let=True), ALL)

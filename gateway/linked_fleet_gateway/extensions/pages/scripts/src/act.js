@@ -57,7 +57,10 @@ function done(form, got) {
     follow(location, graph, form, () => form.dispatchEvent(new Event("over")));
   } else if (location) {
     answer(form, "done", "Done: ", link(location, graph?.value(location, TITLE)?.value ?? (titleIn(form) || location)));
-  } else answer(form, "done", "Done.");
+  } else {
+    const unchecked = uncheckedLinks(graph);
+    answer(form, "done", "Done.", ...(unchecked.length ? [list(unchecked)] : []));
+  }
   form.dispatchEvent(new Event("saved", { bubbles: true }));
   refresh();
 }
@@ -116,6 +119,12 @@ function rehearsed(form, graph, full = true) {
   for (const { value } of facts.get(lf("unchecked")) ?? []) lines.push(uncheckedLink(graph, `_:${value}`));
   answer(form, "rehearsed", strong("It would work; nothing has moved."), list(lines));
   form.dispatchEvent(new CustomEvent("rehearsed", { bubbles: true, detail: graph }));
+}
+
+/** @returns {string[]} the links that no check of motions covers, after the change of a placement */
+function uncheckedLinks(graph) {
+  const nodes = [...(graph?.subjects ?? [])].flatMap(([, facts]) => facts.get(lf("unchecked")) ?? []);
+  return nodes.map(({ value }) => uncheckedLink(graph, `_:${value}`));
 }
 
 function uncheckedLink(graph, node) {

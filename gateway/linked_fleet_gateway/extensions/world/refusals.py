@@ -1,0 +1,64 @@
+"""The sentences in which motions are refused because of what the check found."""
+
+from collections.abc import Mapping
+
+from linked_fleet_gateway.extensions.world.collisions import Collides, UncheckedLinks
+from linked_fleet_gateway.extensions.world.descriptions import object_path
+from linked_fleet_gateway.extensions.world.messages import CollisionFound, UncheckedNear
+from linked_fleet_gateway.extensions.world.scene import SceneObject
+from linked_fleet_gateway.fleet.model import RobotModel
+from linked_fleet_gateway.fleet.robot import Robot
+from linked_fleet_gateway.fleet.unchecked import in_words
+from linked_fleet_gateway.resources.invocation import unchecked_links as links_of
+from linked_fleet_gateway.resources.paths import link_path
+
+
+class Refusals:
+    """Creates refusals, which name robots and objects by their titles."""
+
+    def __init__(self, robots: Mapping[str, Robot], objects: Mapping[str, SceneObject]) -> None:
+        self._robots, self._objects = robots, objects
+
+    def unchecked_links(self, robot: Robot, near: UncheckedNear) -> UncheckedLinks:
+        """Return the refusal of a motion whose robot, or whose neighbour, has links that the check does not cover."""
+        thing = self._objects.get(near.name) if near.kind == "object" else None
+        met = near.name or "another robot" if thing is None else thing.title
+        if near.own:
+            links, whose, reason = links_of(robot), robot.name, "parts of the robot that no check covers"
+        else:
+            other = self._robots.get(near.name)
+            links, whose, met = () if other is None else links_of(other), met, robot.name
+            reason = "parts of another robot that no check covers"
+        named = f": {in_words(link for _, link in links)}" if links else ""
+        advice = f"Mend the shapes, stand further apart, or PUT lf:acceptsUnchecked true in the placement of {whose}"
+        return UncheckedLinks(
+            f"The check does not cover parts of {whose} that may meet {met}{named}. {advice}.",
+            unchecked=links,
+            reason=f"{reason} might collide",
+        )
+
+    def collision(self, robot: Robot, model: RobotModel, met: CollisionFound) -> Collides:
+        """Return the collision of a robot that had this model when it was checked."""
+        link, other = link_path(robot.name, model, met.link), None
+        if met.kind == "self":
+            what, other = f"its own {met.other}", link_path(robot.name, model, met.other)
+            kind = what
+        elif met.kind == "robot":
+            there, kind = self._robots.get(met.name), "another robot"
+            what = kind
+            if there is not None and there.model is not None:
+                what, other = f"{met.other} of {met.name}", link_path(met.name, there.model, met.other)
+        else:
+            thing = self._objects.get(met.name)
+            kind = "a keep-out zone" if thing is not None and thing.kind == "zone" else "an obstacle"
+            what = kind if thing is None else f"{thing.title} ({kind.partition(' ')[2]})"
+            other = object_path(met.name)
+        after = f"after {100 * met.share:.0f} % of the way"
+        return Collides(
+            f"{met.link} of {robot.name} would meet {what} {after}.",
+            things=[link, *([] if other is None else [other])],
+            names=[f"{met.link} of {robot.name}", *([] if other is None else [what])],
+            share=met.share,
+            point=None if other is None else met.point,  # a robot that the caller may not see has no place either
+            reason=f"{met.link} would meet {kind} {after}",
+        )
