@@ -18,7 +18,7 @@ from ros2_robot import text
         (f"package://{PACKAGE}/meshes/bar.stl", "bar.stl"),
         (f"package://{PACKAGE}/meshes/bar.glb", "bar.glb"),
         (f"package://{PACKAGE}/meshes/m%20x.stl", "m x.stl"),
-        (f"file:///home/someone/install/share/{PACKAGE}/meshes/bar.stl", "bar.stl"),
+        (f"file:///opt/elsewhere/install/share/{PACKAGE}/meshes/bar.stl", "bar.stl"),
         (f"package://{PACKAGE}/meshes/nothere.stl", None),
         ("package://other/../../secret.stl", None),
     ],

@@ -1,6 +1,8 @@
 """Links that the check does not cover: named with the reason, and refused near what they might meet."""
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from linked_fleet_gateway.extensions.world import shapes
 from linked_fleet_gateway.extensions.world.collision_check import check
@@ -190,3 +192,31 @@ def test_a_robot_without_any_checked_link_is_not_found_free() -> None:
     asked = Check(Placement("me", "r", at(0.0)), (MotionPath({}, (PathSegment({}),)),), (), (), 30.0)
     answer = check(asked, {"r": robot}, {})
     assert isinstance(answer, Free) and not answer.covered
+
+
+FORMS = (
+    "<box size='.1 .1 .1'/>", "<box size='0 0 0'/>", "<sphere radius='.1'/>", "<sphere radius='-1'/>", "<torus/>",
+    mesh(KNOWN), mesh("bad.stl"), mesh("none.stl"), mesh(""), mesh(KNOWN, "scale='0 0 0'"),
+)  # fmt: skip
+PARTS = st.lists(st.tuples(st.sampled_from(("collision", "visual")), st.sampled_from(FORMS)), max_size=4)
+USABLE = {FORMS[0], FORMS[2], mesh(KNOWN)}
+
+
+@given(base=PARTS, tool=PARTS)
+def test_a_link_is_covered_by_all_its_shapes_or_is_named(
+    base: list[tuple[str, str]], tool: list[tuple[str, str]]
+) -> None:
+    """Whatever is found free, each link with collision geometry has a body for each part, or is unchecked."""
+    links = {"base": base, "tool": tool}
+    text = "".join(f"<link name='{name}'>{''.join(part(*each) for each in of)}</link>" for name, of in links.items())
+    joint = "<joint name='j' type='continuous'><parent link='base'/><child link='tool'/></joint>"
+    robot = build_robot(f"<robot name='r'>{text}{joint}</robot>", {KNOWN, "bad.stl"}, surface_of)
+    named = {each.link for each in robot.unchecked}
+    for name, of in links.items():
+        parts = {kind: [form for each, form in of if each == kind] for kind in ("collision", "visual")}
+        sound = {kind: set(forms) <= USABLE for kind, forms in parts.items()}
+        used = parts["collision"] if sound["collision"] else parts["visual"]
+        covered = sound["collision"] or (bool(parts["visual"]) and sound["visual"])
+        assert (name in named) is not covered
+        if covered:
+            assert sum(each.link == name for each in robot.bodies) == len(used)
