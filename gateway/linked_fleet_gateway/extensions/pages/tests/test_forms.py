@@ -133,7 +133,7 @@ def test_every_field_has_a_label_and_every_id_is_one(browser: Browser) -> None:
 
 def test_rehearsal_is_offered_where_the_action_can(browser: Browser) -> None:
     form = form_of(browser, browser.action(browser.part("ur5", "elbow_joint"), LF.Rotate))
-    assert [each.get("data-prefer") for each in form.all("button") if each["type"] == "submit"] == ["", "dry-run"]
+    assert [each.get("data-prefer") for each in form.all("button") if each["type"] == "submit"] == ["dry-run", ""]
 
 
 def test_a_callback_is_made_by_the_form_of_the_container(browser: Browser) -> None:

@@ -51,6 +51,17 @@ def test_a_joint_is_moved_with_two_clicks(robot: Page, client: Client) -> None:
     assert angle(client, JOINT) == pytest.approx(target * 3.14159 / 180, abs=0.02)
 
 
+def test_enter_in_a_number_field_tries_and_does_not_move(robot: Page, client: Client) -> None:
+    row, form = slider(robot, client), robot.locator("form.motion")
+    before = angle(client, JOINT)
+    row.locator("input[type=number]").fill("20")
+    row.locator("input[type=number]").press("Enter")
+    expect(form.locator(".answer")).to_contain_text("nothing has moved")
+    expect(form.locator(".task")).to_have_count(0)
+    assert angle(client, JOINT) == pytest.approx(before, abs=0.01)
+    form.get_by_role("button", name="Reset").click()
+
+
 def test_a_joint_is_moved_with_two_taps_on_a_phone(chromium: Browser, client: Client) -> None:
     """Nothing scrolls sideways, and forms precede facts."""
     context = chromium.new_context(viewport=PHONE, has_touch=True, is_mobile=True, reduced_motion="reduce")

@@ -27,7 +27,8 @@ async function submit(form, button) {
   const rehearsal = button?.dataset.prefer === "dry-run";
   const method = form.dataset.methods?.split(/\s+/)[0] || "POST";
   const headers = { Prefer: rehearsal ? "dry-run" : "return=representation" };
-  if (!rehearsal && method !== "DELETE") headers["Idempotency-Key"] = key(form, body);
+  // What can be rehearsed is a motion; others do not recognise a repeated request, and refuse the field.
+  if (!rehearsal && form.querySelector("[data-prefer=dry-run]")) headers["Idempotency-Key"] = key(form, body);
   if (form.dataset.match) headers["If-Match"] = form.dataset.match;
   form.setAttribute("aria-busy", "true");
   answer(form, "waiting", rehearsal ? "Trying…" : "Asking…");

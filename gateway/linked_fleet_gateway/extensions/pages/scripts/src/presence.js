@@ -32,7 +32,7 @@ export function apply() {
 }
 
 function close(form, reason) {
-  for (const button of form.querySelectorAll("button[type=submit]")) button.disabled = Boolean(reason);
+  for (const button of form.querySelectorAll("button[type=submit], button[data-send]")) button.disabled = Boolean(reason);
   const said = form.querySelector(":scope > p.closed");
   if (!reason) said?.remove();
   else if (!said) form.append(Object.assign(document.createElement("p"), { className: "closed", textContent: reason }));

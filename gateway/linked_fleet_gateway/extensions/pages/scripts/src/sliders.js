@@ -36,10 +36,14 @@ class Sliders {
     this.motion = new Motion(form);
     this.list = form.querySelector(".sliders");
     this.speed = form.querySelector("select[name=speed]");
-    this.buttons = { send: form.querySelector("button[type=submit]"), reset: form.querySelector("button[type=reset]") };
-    form.addEventListener("submit", (event) => {
+    this.buttons = { send: form.querySelector("button[data-send]"), reset: form.querySelector("button[type=reset]") };
+    this.buttons.send.addEventListener("click", () => this.send());
+    // Enter in a field, and Go on a phone: a dry run. Only the button moves the robot.
+    form.addEventListener("submit", (event) => event.preventDefault());
+    form.addEventListener("keydown", (event) => {
+      if (event.key !== "Enter" || event.target.tagName !== "INPUT") return;
       event.preventDefault();
-      this.send();
+      this.changed();
     });
     form.addEventListener("reset", (event) => {
       event.preventDefault();
