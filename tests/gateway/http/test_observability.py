@@ -21,6 +21,7 @@ from browser import HYBRIT, ROS, Browser, Page
 from connections import websocket
 from fake_robots import FakeRobot, open_session
 from linked_fleet_gateway.app.settings import GatewaySettings
+from linked_fleet_gateway.base.faults import Faults
 from linked_fleet_gateway.extensions.world.extension import PREPARING
 from linked_fleet_gateway.http.operator_endpoints import ready
 from receivers import Answer, receiving
@@ -255,7 +256,7 @@ def reasons(*, prepared: bool, draining: bool = False) -> list[str]:
 
 
 def all_well(*, prepared: bool, draining: bool = False) -> SimpleNamespace:
-    up = SimpleNamespace(link=SimpleNamespace(is_connected=True), store_is_available=True)
+    up = SimpleNamespace(link=SimpleNamespace(is_connected=True), store_is_available=True, faults=Faults())
     reasons = [] if prepared else [PREPARING]
     services = SimpleNamespace(live=up, subscriptions=up, embedded=None, not_ready_reasons=lambda: reasons)
     return SimpleNamespace(services=services, draining=draining, has_been_ready=False)
