@@ -161,7 +161,7 @@ class RdfMirror:
         basis = (robot.description, robot.model is None, robot.title)
         if basis != known.basis:
             self.store.remove_graph(known.graph)
-            known.documents, known.values, known.basis = {}, {}, basis
+            known.documents, known.values, known.basis, known.fault = {}, {}, basis, ""
         self._write_robot(known, held)
         if robot.model is not None:
             self._write_parts(known, robot)

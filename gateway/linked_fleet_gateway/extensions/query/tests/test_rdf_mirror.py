@@ -1,6 +1,7 @@
 """Queries see what GET serves, whatever happens to the robots in between."""
 
 from collections.abc import Iterator
+from typing import Any
 
 import pytest
 from pyoxigraph import BlankNode, CanonicalizationAlgorithm, Dataset, NamedNode, Quad, Store, Triple
@@ -9,7 +10,9 @@ from linked_fleet_agent.wire.messages import Base
 from linked_fleet_gateway.extensions.query.rdf_mirror import RdfMirror
 from linked_fleet_gateway.fleet.invocation import Lease
 from linked_fleet_gateway.fleet.invocations import Invocation, InvocationState
+from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.rdf.graph import Graph
+from linked_fleet_gateway.rdf.vocabulary import LF
 from linked_fleet_gateway.resources.invocation import invocation_path
 from linked_fleet_gateway.resources.paths import lease_path, robot_path
 from linked_fleet_gateway.resources.resource import Resource
@@ -104,6 +107,33 @@ def test_the_mirror_equals_the_served_descriptions(mirrored: MirroredFleet) -> N
     same("a", "b")
     mirrored.stand("b", (0.0, 0.4), 2)
     same("a", "b")
+
+
+def test_a_robot_that_cannot_be_described_has_the_reason_and_the_others_are_there(
+    mirrored: MirroredFleet, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rdf_mirror, usual = RdfMirror(BASE), RdfMirror._write_parts
+
+    def broken(self: RdfMirror, known: Any, robot: Robot) -> None:
+        if robot.name == "b":
+            raise RuntimeError("planted")
+        usual(self, known, robot)
+
+    def reasons(name: str) -> list[str]:
+        return [quad.object.value for quad in held(rdf_mirror, name) if quad.predicate == LF.fault]
+
+    for name in ("a", "b"):
+        mirrored.describe(name)
+    with monkeypatch.context() as planted:
+        planted.setattr(RdfMirror, "_write_parts", broken)
+        for _ in range(2):
+            rdf_mirror.update(mirrored.bring())
+            assert canonical(held(rdf_mirror, "a")) == canonical(served(mirrored, "a"))
+            assert reasons("b") == ["queries cannot describe b: RuntimeError: planted"]
+            mirrored.describe("b", 2, annotations='<> <http://x/made> "again" .')
+    rdf_mirror.update(mirrored.bring())
+    assert reasons("b") == []
+    assert canonical(held(rdf_mirror, "b")) == canonical(served(mirrored, "b"))
 
 
 @pytest.mark.parametrize("moved", [(0.1, 0.2), (0.1000001, 0.2)])
