@@ -14,8 +14,9 @@ TRUST_S = 1.0
 """Time without contradiction after which a sensor is believed again."""
 STANDSTILL_RAD, STANDSTILL_M = 2e-3, 4e-4
 """A joint stands while its position stays within this much of one place."""
-# What is possible beyond the URDF's velocity limit: another controller, gravity or a hand may move the joint.
-_FASTER = 1.5
+# What is possible beyond the URDF's velocity limit, which is often a guess: another controller, gravity or a hand may
+# move the joint.
+_FASTER = 3.0
 _UNKNOWN_RAD_S, _UNKNOWN_M_S = 3.0, 0.5
 _SLOWEST_RAD_S, _SLOWEST_M_S = 1.0, 0.2
 _FASTEST = 100.0
