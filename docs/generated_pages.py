@@ -30,7 +30,7 @@ _API = {
                                "linked_fleet_gateway.http.websocket", "linked_fleet_gateway.http.hosted",
                                "linked_fleet_gateway.http.html", "linked_fleet_gateway.http.entrance",
                                "linked_fleet_gateway.extensions.pages.views", "linked_fleet_gateway.base.settings",
-                               "linked_fleet_gateway.base.errors"),
+                               "linked_fleet_gateway.base.errors", "linked_fleet_gateway.base.faults"),
 }  # fmt: skip
 
 

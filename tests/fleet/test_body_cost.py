@@ -39,6 +39,7 @@ from fuzzing.watched import timed_callbacks
 from linked_fleet_agent.wire.codec import encode
 from linked_fleet_gateway.app.application import create_app
 from linked_fleet_gateway.app.settings import GatewaySettings
+from linked_fleet_gateway.http.field_bounds import MAX_MEMBERS
 from linked_fleet_gateway.http.scheduling import SHORT_BYTES
 from running import eventually, free_port
 
@@ -233,5 +234,6 @@ def test_no_header_field_keeps_the_loop_busy(gateway: Gateway, method: str, path
         if used_s >= MOST_S or (answer.status_code >= 500 and answer.status_code != 503):
             found.append(f"{name}: {value[:40]}… of {len(value)}: {answer.status_code}, {used_s * 1000:.1f} ms")
         if path.endswith("stop") and name != "Host":
-            assert answer.status_code in (202, 204), (name, value[:40], answer.text)
+            rehearsed = name == "Prefer" and value.startswith("dry-run") and value.count(";") < MAX_MEMBERS
+            assert answer.status_code in ((200,) if rehearsed else (202, 204)), (name, value[:40], answer.text)
     assert found == []

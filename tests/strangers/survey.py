@@ -25,6 +25,7 @@ from linked_fleet_gateway.fleet.fleet import Fleet
 from linked_fleet_gateway.fleet.geometry import file_name
 
 _MINUTES = 30
+_TESTS = Path(__file__).parents[1]
 
 
 class Result(NamedTuple):
@@ -85,12 +86,16 @@ def surveyed(files: Sequence[Path]) -> Iterator[Result]:
     while left:
         with tempfile.TemporaryFile("w+") as log:
             command = [sys.executable, "-m", "strangers.survey", *map(str, left)]
-            done = subprocess.run(command, stdout=subprocess.PIPE, stderr=log, text=True, timeout=60 * _MINUTES)
+            done = subprocess.run(
+                command, cwd=_TESTS, stdout=subprocess.PIPE, stderr=log, text=True, timeout=60 * _MINUTES
+            )
+            log.seek(0)
+            said = (log.read().splitlines() or [""])[-1]
         found = [Result(**json.loads(line)) for line in done.stdout.splitlines() if line.startswith("{")]
         yield from found
         left = left[len(found) :]
         if left:
-            yield Result(str(left.pop(0)), f"the process died: {done.returncode}")
+            yield Result(str(left.pop(0)), f"the process died: {done.returncode} {said}")
 
 
 def is_robot(file: Path) -> bool:

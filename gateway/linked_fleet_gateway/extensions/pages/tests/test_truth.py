@@ -83,7 +83,8 @@ def test_a_stop_without_reply_is_reported(
         assert button.bounding_box() == place
     finally:
         one.process.send(signal.SIGCONT)
-    expect(said).to_contain_text("Stop accepted")
+    # The connection to the robot may have ended meanwhile: then the stop is owed, and the response is 504.
+    expect(said).to_contain_text(re.compile("Stop accepted|Not confirmed by toy"))
     assert button.bounding_box() == place
     watched.forgive("Failed to load resource")
 
