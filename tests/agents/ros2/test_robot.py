@@ -84,6 +84,29 @@ def test_a_joint_outside_its_limits_is_not_sent_further_out_than_it_stands() -> 
             assert driver.apply({"lift": asked}) == {"lift": upper + 0.2}
 
 
+def test_a_joint_at_an_unknown_position_is_kept_within_its_limits() -> None:
+    """One that was outside them when it was last known is not sent further out."""
+    with RosRobot(endpoint()) as robot, closing(find(robot, "?stale=0.3")) as driver:
+        pan, lift = (joint.limits for joint in driver.describe().joints[:2])
+        assert pan.lower is not None and pan.upper is not None and lift.upper is not None
+        robot.place("lift", lift.upper + 0.2)
+        outside = {"lift": lift.upper + 0.2}
+        eventually(lambda: driver.read(0.0).positions[1] == outside["lift"], "it was moved by others")
+        assert driver.apply(outside) == outside
+        robot.fall_silent()
+        eventually(lambda: _is_silent(driver), "the joint states are old")
+        for asked, kept in ((1e6, pan.upper), (-1e6, pan.lower)):
+            assert driver.apply({"pan": asked}) == {"pan": kept}
+        assert driver.apply({"lift": 1e6}) == outside
+
+
+def _is_silent(driver: Ros2Robot) -> bool:
+    try:
+        return math.isnan(driver.read(0.0).positions[0])
+    except RobotFaultError:
+        return True
+
+
 def test_bad_joint_states_are_counted_and_harmless() -> None:
     good = joint_state(["pan"], [0.7], stamp_ns=1)
     bad = (b"", good[:-1], b"\x00\x09" + good[2:], b"\xff" * 90, good + bytes(8), bytes(300_000))

@@ -39,6 +39,7 @@ class Ros2Robot:
             (TrajectoryPoints(one.topic, _joints_of(one, facts.joints)), _outlet(session, address, one))
             for one in address.controllers
         ]
+        self._last_known = dict[str, float]()
         self.bad_messages = 0
         self._read_s = self._cycle_s = 0.0
 
@@ -150,13 +151,18 @@ class Ros2Robot:
         outlet.put(cdr.write_trajectory(list(positions), list(positions.values()), time_from_start_s(self._cycle_s)))
 
     def _clamped(self, name: str, setpoint: float, measured: float) -> float:
-        """Return the setpoint within the limits, or as far out as the joint is, which may be unknown."""
-        limits = self._limits[name]
-        return setpoint if math.isnan(measured) else limits.including(measured).clamp(setpoint)
+        """Return the setpoint within the limits, or as far out as the joint is.
+
+        While the position is unknown, the last known one counts; without any, the limits alone.
+        """
+        known = self._last_known.get(name, math.nan) if math.isnan(measured) else measured
+        return self._limits[name].including(known).clamp(setpoint)
 
     def _measured(self) -> dict[str, float]:
         now_s = time.monotonic()
-        return {name: self._states.position(name, now_s) for name in self._limits}
+        measured = {name: self._states.position(name, now_s) for name in self._limits}
+        self._last_known.update({name: at for name, at in measured.items() if not math.isnan(at)})
+        return measured
 
     def _check_descriptions(self) -> None:
         for arrived in self._descriptions.fetch():
