@@ -12,7 +12,7 @@ import pytest
 from walk import Walk, walk
 
 from browser import HYBRIT, Browser
-from commanding import PREFIXES, TURTLE
+from commanding import PREFIXES, TURTLE, begun, ended
 from commands import pose_body
 from mcp_client import BOTH, VERSION
 from rules_client import a_rule
@@ -135,8 +135,7 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Place]:
 def _create_members(browser: Browser) -> None:
     """Create one of each thing that can be created."""
     robot = str(browser.robot("ur5").iri)
-    stop = browser.http.post(f"{robot}actions/stop")
-    assert stop.status_code == 204, stop.text
+    ended(browser, begun(browser.http.post(f"{robot}actions/stop")))  # only one in progress can be cancelled
     for url, content in (
         (f"{browser.root}rules", a_rule(_NEVER, browser.root + "actions/stopAll")),
         (f"{browser.root}world/objects", PREFIXES + _CRATE),
