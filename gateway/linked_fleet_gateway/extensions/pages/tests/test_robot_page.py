@@ -13,6 +13,13 @@ from running import PATIENCE_S, eventually
 
 pytestmark = [pytest.mark.processes, pytest.mark.test_all]
 JOINT = "wrist_3_joint"
+GIZMO_HEIGHT = """() => {
+    let height;
+    document.getElementById("scene").scene.view.scene.traverse((each) => {
+        if (each.isTransformControlsRoot) height = each.controls.object.position.z;
+    });
+    return height;
+}"""
 
 
 @pytest.fixture
@@ -120,6 +127,35 @@ def test_reach_begins_at_the_tip_and_takes_numbers(robot: Page, client: Client) 
     expect(robot.locator("#scene[data-ghost]")).to_be_visible()
     form.get_by_role("button", name="reach", exact=True).click()
     expect(form.locator(".task .state")).to_have_text("succeeded")
+
+
+@pytest.mark.webgl
+@pytest.mark.parametrize("in_sight", [True, False])
+def test_after_a_reach_the_form_and_the_gizmo_are_where_the_robot_is(
+    robot: Page, client: Client, in_sight: bool
+) -> None:
+    """A scene out of sight is not drawn, and a drawing is behind the frames: neither may bring the former pose back."""
+    expect(robot.locator("#scene")).to_have_attribute("data-phase", "ready")
+    details = robot.locator("details[data-reach]")
+    details.locator("summary").click()
+    form = details.locator("form.invoke")
+    height = form.locator(f'fieldset[data-path="{LF.position}"] input[data-path$="#z"]')
+    expect(height).to_have_value(re.compile(r"^0\.\d+"))
+    if not in_sight:
+        robot.evaluate("() => document.getElementById('scene').scene.seen(false)")
+    target = float(height.input_value()) - 0.05
+    height.fill(f"{target:.4f}")
+    form.get_by_role("button", name="reach", exact=True).click()
+    expect(form.locator(".task .state")).to_have_text("succeeded")
+
+    def shown() -> list[float]:
+        return [float(height.input_value()), robot.evaluate(GIZMO_HEIGHT)]
+
+    eventually(lambda: shown() == pytest.approx([target, target], abs=0.002), "form and gizmo at the measured pose")
+    robot.wait_for_timeout(500)  # the time of some more frames
+    assert shown() == pytest.approx([target, target], abs=0.002)
+    form.get_by_role("button", name="Try without moving").click()
+    expect(form.locator(".answer")).to_contain_text(re.compile(r"it would take 0(\.\d+)? s"))
 
 
 def test_control_is_taken_and_given_back(robot: Page, client: Client) -> None:

@@ -1,12 +1,14 @@
-// The form of `reach`: it begins with the pose of the tip, and its target can be dragged in the scene.
+// The form of `reach`: it follows the pose of the tip until a target is set, which can be dragged in the scene.
 
 import { drawing, ghost } from "../../pages/scripts/src/ghost.js";
 import { targetsIn } from "../../pages/scripts/src/motion.js";
 import { applyLimits } from "../../pages/scripts/src/limits.js";
 import { PoseFields } from "../../pages/scripts/src/pose_fields.js";
+import { onJoints } from "../../pages/scripts/src/robot_state.js";
 import { lf } from "../../pages/scripts/src/vocabulary.js";
 
 const ESCAPED = /~([0-9A-F]{2})/g;
+const FOLLOW_MS = 200;
 
 export function start() {
   document.addEventListener("included", ({ target }) => {
@@ -26,9 +28,15 @@ class Reach {
     this.fields.position.addEventListener("input", () => this.placed());
     this.offer();
     form.addEventListener("rehearsed", ({ detail }) => ghost(targetsIn(detail)));
+    form.addEventListener("submit", ({ submitter }) => (this.sent = submitter?.dataset.prefer !== "dry-run"));
     form.addEventListener("over", () => {
       ghost();
       this.begin();
+    });
+    const forget = onJoints((_, values) => {
+      this.values = values;
+      if (!form.isConnected) forget?.();
+      else this.measured();
     });
     details.addEventListener("toggle", () => (details.open ? this.begin() : this.end()));
     const scene = document.getElementById("scene");
@@ -75,9 +83,22 @@ class Reach {
     this.begin();
   }
 
+  /** Show where the robot is, unless a target is set or is being reached, or a field is being edited. */
+  measured() {
+    const now = performance.now();
+    const edited = this.form.contains(document.activeElement) && document.activeElement.matches("input, select, textarea");
+    if (this.sent || edited || this.target?.busy || this.form.dataset.touched !== undefined) return;
+    if (now - (this.shownMs ?? -Infinity) < FOLLOW_MS) return;
+    this.shownMs = now;
+    this.begin();
+  }
+
+  /** Show the present pose of the link, as measured. */
   begin() {
+    this.sent = false;
     const scene = drawing();
-    const pose = this.details.open && scene?.section.dataset.phase === "ready" ? scene.poseOf(nameOf(this.link.value)) : undefined;
+    const ready = this.details.open && scene?.section.dataset.phase === "ready";
+    const pose = ready ? scene.poseOf(nameOf(this.link.value), this.values) : undefined;
     if (!pose) return;
     this.target ??= scene.target((dragged, done) => this.dragged(dragged, done));
     this.target.pose = pose;

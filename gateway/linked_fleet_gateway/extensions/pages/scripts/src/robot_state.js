@@ -20,10 +20,11 @@ let latest;
 let incarnation;
 let fetching = false;
 
-/** Call a function with the joints: at once if they are known, and with every frame. */
+/** Call a function with the joints: at once if they are known, and with every frame, until the returned function is called. */
 export function onJoints(listener) {
   listeners.add(listener);
   if (state && latest) listener(state, latest);
+  return () => listeners.delete(listener);
 }
 
 export function start() {

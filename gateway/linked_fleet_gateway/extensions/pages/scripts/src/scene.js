@@ -154,8 +154,17 @@ class RobotScene {
     return target;
   }
 
-  /** @returns {import("./scene_target.js").Pose|undefined} where a link is drawn, in the frame of the robot's base */
-  poseOf(link) {
+  /**
+   * Return where a link is, in the frame of the robot's base. The drawing may be behind the latest frame, since it is
+   * interpolated, and rests out of sight.
+   *
+   * @param {string} link
+   * @param {import("./scene_state.js").Values} [values] of the latest frame
+   * @returns {import("./scene_target.js").Pose|undefined}
+   */
+  poseOf(link, values) {
+    if (values?.positions.length === this.names?.length) this.accept({ ...values, base: values.base ?? this.present.base }, false);
+    this.motion?.step(Infinity);
     return this.robot && poseIn(this.robot, link);
   }
 
