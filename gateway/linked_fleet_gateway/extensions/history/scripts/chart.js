@@ -4,6 +4,7 @@ import uPlot from "uplot";
 
 import { fetchPast } from "./past.js";
 import { axes, COLOURS, room, SPANS_S } from "../../pages/scripts/src/plot_options.js";
+import { later } from "../../pages/scripts/src/past.js";
 import { onJoints } from "../../pages/scripts/src/robot_state.js";
 
 const QUANTITIES = {
@@ -14,6 +15,7 @@ const QUANTITIES = {
 const AT_FIRST = 3;
 const PERIOD_MS = 200;
 const SAMPLE_S = 0.09;
+const FIRST_MS = 1000;
 const LONGEST_S = SPANS_S.at(-1);
 const NS_PER_S = 1e9;
 
@@ -33,6 +35,7 @@ class Chart {
     this.canvas = Object.assign(document.createElement("div"), { className: "canvas" });
     this.canvas.setAttribute("role", "img");
     figure.prepend(this.canvas);
+    Object.assign(figure, { plot: this });
     figure.querySelector("select[name=span]").addEventListener("change", ({ target }) => this.show({ span: Number(target.value) }));
     figure.querySelector("select[name=quantity]").addEventListener("change", ({ target }) => this.show({ quantity: target.value }));
     this.sight = new IntersectionObserver((entries) => (this.seen = entries.at(-1).isIntersecting));
@@ -40,10 +43,9 @@ class Chart {
     new ResizeObserver(() => this.fit()).observe(this.canvas);
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.renew());
     onJoints((state, values) => this.take(state, values));
-    setInterval(() => this.seen && !document.hidden && !this.stale && this.draw(), PERIOD_MS);
+    setInterval(() => this.seen && !document.hidden && this.draw(), PERIOD_MS);
   }
 
-  /** End the lines where the connection is lost. */
   get stale() {
     const { connection, presence } = document.body.dataset;
     return connection !== "live" || presence === "offline";
@@ -54,9 +56,10 @@ class Chart {
     const time = Number(values.wallNs ?? -1n) / NS_PER_S;
     if (!(time > 0)) return;
     // Between two frames the agent's clock advances like that of this machine.
-    this.ahead = time - performance.now() / 1000;
+    if (!this.stale) this.ahead = time - performance.now() / 1000;
     if (time - (this.times.at(-1) ?? 0) < SAMPLE_S) return;
     this.times.push(time);
+    this.first();
     state.joints.forEach((joint, index) => {
       const lines = this.joints.get(joint);
       for (const [name, { key }] of Object.entries(QUANTITIES)) {
@@ -80,7 +83,10 @@ class Chart {
     this.joints = new Map(state.joints.map((joint) => [joint, { position: [], velocity: [], effort: [] }]));
     this.choices();
     this.renew();
-    this.fill(state).catch((error) => console.debug("there is no past to be drawn:", error));
+    // The history is fetched after the first frame, so that it reaches up to it; of a robot that sends none, it comes alone.
+    const first = new Promise((resolve) => (this.first = resolve));
+    const patience = new Promise((resolve) => setTimeout(resolve, FIRST_MS));
+    Promise.race([first, patience]).then(() => this.fill(state)).catch((error) => console.debug("there is no past to be drawn:", error));
   }
 
   choices() {
@@ -106,18 +112,16 @@ class Chart {
   async fill(state) {
     const { names, times, columns } = await fetchPast(this.figure.dataset.history, LONGEST_S);
     if (state !== this.state) return;
-    const begin = this.times[0] ?? Infinity;
-    const found = times.findIndex((time) => time >= begin);
-    const count = found < 0 ? times.length : found;
-    this.times.unshift(...times.slice(0, count));
+    const live = later(this.times, times.at(-1));
+    this.times = [...times, ...this.times.slice(live)];
     for (const [joint, lines] of this.joints) {
       const segment = joint.slice(joint.lastIndexOf("/") + 1);
       for (const [name, { columns: parts }] of Object.entries(QUANTITIES)) {
         const column = columns[names.findIndex((each) => parts.some((part) => each === `${segment}/${part}`))];
-        lines[name].unshift(...(column?.slice(0, count) ?? Array(count).fill(null)));
+        lines[name] = [...times.map((_, index) => column?.[index] ?? null), ...lines[name].slice(live)];
       }
     }
-    this.figure.dataset.remembered = String(count);
+    this.figure.dataset.remembered = String(times.length);
     this.draw();
   }
 
@@ -157,10 +161,10 @@ class Chart {
 
   draw() {
     if (!this.chart) return;
-    const now = this.stale || this.ahead === undefined ? (this.times.at(-1) ?? 0) : performance.now() / 1000 + this.ahead;
-    // A value without news has not changed.
-    const lines = this.lines().map((values) => [...values, values.at(-1) ?? null]);
-    this.chart.setData([[...this.times, now], ...lines], false);
+    // The lines end with the latest frame: what came after it is unknown.
+    const now = this.ahead === undefined ? (this.times.at(-1) ?? 0) : performance.now() / 1000 + this.ahead;
+    /** @type {any} */ (this.chart).ending = this.stale || this.ahead === undefined ? "last" : "now";
+    this.chart.setData([this.times, ...this.lines()], false);
     this.chart.setScale("x", { min: now - this.span, max: now });
     const names = [...this.figure.querySelectorAll("label")].filter((label) => label.querySelector("input:checked"));
     const text = `${this.quantity} of ${names.map((each) => each.textContent.trim()).join(", ") || "no joint"}, last ${this.span} s`;

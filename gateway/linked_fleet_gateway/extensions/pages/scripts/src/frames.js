@@ -9,6 +9,7 @@ const XSD = "http://www.w3.org/2001/XMLSchema#";
 // Visible resolution; more digits would be noise that is written again with every frame.
 const DECIMALS = 5;
 const NS_PER_MS = 1_000_000n;
+const NS_PER_US = 1000n;
 
 /**
  * @typedef {{subject: string, path: string[], type: string, offset: number}} NumberField
@@ -80,6 +81,7 @@ export function graphOfFrame({ numbers, time, size }, buffer) {
   }
   const ns = time && valueOf(view, time.type, time.offset);
   for (const subject of new Set(numbers.map((each) => each.subject))) graph.add(subject, RESULT_TIME, moment(ns));
+  graph.timeS = secondsOf(ns);
   return graph;
 }
 
@@ -100,13 +102,21 @@ export function graphOfState(iri, state, values) {
       if (index < all.length) graph.add(node, lf(name), numeral(all[index]));
     }
   });
-  graph.add(iri, RESULT_TIME, moment(values.wallNs));
+  const time = moment(values.wallNs);
+  graph.add(iri, RESULT_TIME, time);
+  if (document.body.dataset.kind === "robot") graph.add(document.body.dataset.resource, lf("lastFrame"), time);
+  graph.timeS = secondsOf(values.wallNs);
+  graph.continuous = true;
   return graph;
 }
 
 function numeral(value) {
   if (!Number.isFinite(value)) return { kind: "iri", value: UNKNOWN };
   return { kind: "literal", value: String(Number(value.toFixed(DECIMALS)) + 0), datatype: `${XSD}double` };
+}
+
+function secondsOf(ns) {
+  return ns === undefined || ns < 0n ? undefined : Number(ns / NS_PER_US) / 1e6;
 }
 
 function moment(ns) {

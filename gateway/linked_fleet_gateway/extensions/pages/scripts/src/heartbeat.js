@@ -30,6 +30,11 @@ export function start(needed, changed) {
   setInterval(() => tick(needed()), PERIOD_MS);
 }
 
+/** Return when anything was last received, in milliseconds of `performance.now`. */
+export function lastHeardMs() {
+  return heardMs;
+}
+
 /** Return whether nothing was received for five seconds. */
 export function isSilent() {
   return silent;

@@ -17,6 +17,10 @@ export class Graph {
     /** @type {Map<string, Map<string, Term[]>>} */
     this.subjects = new Map();
     this.inverse = new Map();
+    /** @type {number|undefined} when its values were measured, in seconds since 1970 by the agent's clock, if it is a frame */
+    this.timeS = undefined;
+    /** True if every frame of the robot becomes such a graph. */
+    this.continuous = false;
   }
 
   add(subject, predicate, object) {

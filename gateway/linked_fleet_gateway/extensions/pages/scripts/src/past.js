@@ -15,3 +15,9 @@ export function provide(/** @type {typeof source} */ read) {
 export function past(/** @type {string} */ iri, /** @type {number} */ spanS) {
   return source(iri, spanS);
 }
+
+/** Return the index of the first live time after the end of a history, which replaces what is before. */
+export function later(/** @type {number[]} */ times, /** @type {number|undefined} */ end) {
+  const found = end === undefined ? 0 : times.findIndex((time) => time > end);
+  return found < 0 ? times.length : found;
+}

@@ -33,15 +33,15 @@ export function axes() {
   const axis = { stroke: colour("--soft", "#767676"), grid, ticks: { show: false }, font: "11px system-ui" };
   const length = ({ scales }) => scales.x.max - scales.x.min;
   const marks = (plot) => Array.from({ length: MARKS + 1 }, (_, index) => plot.scales.x.max - (length(plot) * (MARKS - index)) / MARKS);
-  const ago = (plot, splits) => splits.map((each) => before(plot.scales.x.max - each, length(plot)));
+  const ago = (plot, splits) => splits.map((each) => before(plot.scales.x.max - each, length(plot), plot.ending));
   return [
     { ...axis, size: 20, splits: marks, values: ago },
     { ...axis, size: 56, values: (_, splits) => splits.map((each) => number(each)), space: 26 },
   ];
 }
 
-function before(seconds, span) {
-  if (seconds < 0.01) return "now";
+function before(seconds, span, ending = "now") {
+  if (seconds < 0.01) return ending;
   return span > 120 ? `-${number(Number((seconds / 60).toFixed(1)))} min` : `-${number(Number(seconds.toFixed(1)))} s`;
 }
 
