@@ -38,6 +38,12 @@ def drawn(figure: Locator, of: int = 1) -> list[tuple[float, float | None]]:
     return list(zip(data[0], data[of], strict=True))
 
 
+def has_a_line(figure: Locator) -> bool:
+    """Return True if a line is drawn, for which its figure has to be in sight."""
+    figure.scroll_into_view_if_needed()
+    return bool(figure.evaluate("(figure) => Boolean(figure.plot?.chart)")) and len(drawn(figure)) > 10
+
+
 def recorded(client: Client, address: str, name: str) -> Line:
     """Return the last five minutes of a column, by time in seconds since 1970."""
     rows = list(
@@ -105,15 +111,13 @@ def test_the_line_ends_with_the_last_frame(page: Page, watched: object, ur5: tup
     url = client.robot("ur5").url
     page.goto(url)
     figure = page.locator("figure.chart")
-    figure.scroll_into_view_if_needed()
     history = str(figure.get_by_role("link", name="CSV").evaluate("(link) => link.href")).split("?")[0]
-    eventually(lambda: len(drawn(figure)) > 10, "a line")
+    eventually(lambda: has_a_line(figure), "a line")
     agent.send(signal.SIGKILL)
     expect(page.locator("#presence .state[data-state=offline]")).to_be_visible()
     last = recorded(client, history, f"{JOINT}/rotation")[-1][0]
     for _ in range(2):
-        eventually(lambda: len(drawn(figure)) > 10, "a line")
+        eventually(lambda: has_a_line(figure), "a line")
         page.wait_for_timeout(600)
         assert drawn(figure)[-1][0] < last + 0.3
         page.reload()
-        figure.scroll_into_view_if_needed()
