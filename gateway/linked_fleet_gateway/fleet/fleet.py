@@ -31,6 +31,7 @@ from linked_fleet_gateway.fleet.events import (
 )
 from linked_fleet_gateway.fleet.invocation import Lease
 from linked_fleet_gateway.fleet.limit_watch import LimitWatch
+from linked_fleet_gateway.fleet.movement import MovementWatch
 from linked_fleet_gateway.fleet.observation import Observation
 from linked_fleet_gateway.fleet.presence import MAX_RUNS
 from linked_fleet_gateway.fleet.robot import Robot
@@ -74,6 +75,7 @@ class _Entry:
     described: bool = False
     """True if any run of it has sent a usable description."""
     limits: LimitWatch = field(default_factory=LimitWatch)
+    movement: MovementWatch = field(default_factory=MovementWatch)
 
 
 class _ByName(Mapping[str, Robot]):
@@ -204,6 +206,11 @@ class Fleet:
         entry = self._entries.get(robot)
         what = None if entry is None else entry.limits.check(entry.robot, now_ns, self._rejected.add)
         return None if what is None else Change(robot, what)
+
+    def check_movement(self, robot: str, now_ns: int) -> Change | None:
+        """Compare the latest frame of a robot with former ones."""
+        entry = self._entries.get(robot)
+        return Change(robot, "configured") if entry is not None and entry.movement.check(entry.robot, now_ns) else None
 
     def _appeared(self, event: Appeared, now_ns: int) -> list[Change]:
         entry, changes = self._entries.get(event.robot), list[Change]()

@@ -69,6 +69,10 @@ class Robot:
         self._fault: str | None = None
         self._usable = False
         """True if the description can be used, whichever run it is of."""
+        self.moving = False
+        """True while its measured positions change, whoever causes it."""
+        self.moved_ns: int | None = None
+        """Gateway wall time of the last movement in its frames."""
         self.limit_fault: str | None = None
         """A sentence if positions have been outside the limits of the URDF for a while."""
         self.agent_fault = ""

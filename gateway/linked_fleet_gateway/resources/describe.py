@@ -28,11 +28,14 @@ Links = Iterable[tuple[NamedNode, str]]
 
 @dataclass(frozen=True)
 class RobotActivity:
-    """Paths of a robot's running invocations, the end of its last motion (wall ns), and the charge of its battery."""
+    """What a robot does: paths of its running invocations, the end of its last movement (wall ns; None while it moves),
+    the charge of its battery, and True while it moves.
+    """
 
     tasks: tuple[str, ...] = ()
     moved_ns: int | None = None
     battery_percent: Decimal | None = None
+    moving: bool = False
 
 
 class Describer:
@@ -86,6 +89,8 @@ class Describer:
         self._model_name(graph, iri, robot)
         does = activities(robot)
         graph.add(iri, LF.currentTask, *(self.iri(task) for task in does.tasks))
+        if does.moving:
+            graph.add(iri, LF.moving, Literal("true", datatype=XSD.boolean))
         if does.moved_ns is not None:
             graph.add(iri, LF.lastMoved, timestamp(does.moved_ns, resolution_ns=_SECOND_NS))
         if does.battery_percent is not None:

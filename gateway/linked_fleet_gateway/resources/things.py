@@ -75,8 +75,10 @@ class Things:
         ]
 
     def _activity(self, robot: Robot) -> RobotActivity:
-        moved_ns = self._view.invocations.last_motion_ns(robot.name)
-        return RobotActivity(tuple(self._tasks(robot)), moved_ns, battery_charge(robot))
+        # What frames show counts; before them, as after a restart, the end of the last commanded motion is known.
+        moved_ns = self._view.invocations.last_motion_ns(robot.name) if robot.moved_ns is None else robot.moved_ns
+        ended_ns = None if robot.moving else moved_ns
+        return RobotActivity(tuple(self._tasks(robot)), ended_ns, battery_charge(robot), robot.moving)
 
     def robot(self, robot: Robot) -> Resource:
         """Return a robot, which links its parts, properties and actions."""

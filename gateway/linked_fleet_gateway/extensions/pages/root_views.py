@@ -15,7 +15,7 @@ from linked_fleet_gateway.extensions.pages.assets import THUMBNAIL
 from linked_fleet_gateway.extensions.pages.thing_views import Presence, actions, path_below, presence
 from linked_fleet_gateway.extensions.pages.values import Facts, Link, Time, Value
 from linked_fleet_gateway.extensions.pages.views import LF, Part, constant
-from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, LDP, OWL, PREFIXES, PROV, RDF, RDFS, SH
+from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, LDP, OWL, PREFIXES, PROV, RDF, RDFS, SH, XSD
 
 LOW_PERCENT = 20.0
 """Charge in percent below which a card says that the battery is low; also in `scripts/src/fleet.js`."""
@@ -35,6 +35,7 @@ class RobotCard:
     model: str
     presence: Presence
     task: str
+    moving: bool
     moved: Time | None
     battery: str
     thumbnail: str
@@ -69,6 +70,7 @@ def _card(facts: Facts, iri: NamedNode) -> RobotCard:
         facts.text(iri, LF.modelName),
         presence(facts, iri),
         texts.task(tasks[0], facts.root) if tasks else "",
+        facts.one(iri, LF.moving) == Literal("true", datatype=XSD.boolean),
         moved[0] if moved and isinstance(moved[0], Time) else None,
         _percent(facts.text(iri, LF.batteryCharge)),
         path_below(iri.value, facts.root) + THUMBNAIL,

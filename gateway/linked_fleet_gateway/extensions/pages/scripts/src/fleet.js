@@ -28,13 +28,14 @@ function tell(graph) {
   for (const card of document.querySelectorAll(CARDS)) {
     const task = graph.value(card.dataset.robot, lf("currentTask"));
     const said = card.querySelector("[data-activity]");
-    const text = task ? taskName(task.value) : "idle";
+    const moving = graph.value(card.dataset.robot, lf("moving"))?.value === "true";
+    const text = task ? taskName(task.value) : moving ? "moving" : "idle";
     if (said.textContent !== text) said.textContent = text;
-    said.classList.toggle("busy", Boolean(task));
+    said.classList.toggle("busy", Boolean(task) || moving);
     const moved = graph.value(card.dataset.robot, lf("lastMoved"))?.value;
-    move(card.querySelector("[data-moved]"), moved);
+    move(card.querySelector("[data-moved]"), moving, moved);
     charge(card.querySelector("[data-battery]"), graph.value(card.dataset.robot, lf("batteryCharge"))?.value);
-    drawings.moves(card, Boolean(task), moved);
+    drawings.moves(card, Boolean(task) || moving, moved);
   }
 }
 
@@ -48,7 +49,8 @@ function charge(element, percent) {
   data.textContent = String(Math.round(Number(percent)));
 }
 
-function move(element, stamp) {
+function move(element, moving, stamp) {
+  if (moving) return element.replaceChildren();
   const time = element.querySelector("time");
   if (!stamp || time?.dateTime === stamp) return;
   const fresh = Object.assign(document.createElement("time"), { dateTime: stamp });
