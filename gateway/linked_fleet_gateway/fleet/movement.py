@@ -22,7 +22,7 @@ class MovementWatch:
     reference: tuple[float, ...] | None = None
 
     def check(self, robot: Robot, now_ns: int) -> bool:
-        """Check the latest frame and set ``moving`` and ``moved_ns`` of the robot. Return True if ``moving`` changes."""
+        """Check the latest frame and set ``moving`` and ``moved_ns`` of the robot. Return True if moving changes."""
         robot.adopt_latest_frame()
         if robot.incarnation != self.run:
             self.run, self.reference = robot.incarnation, None

@@ -8,7 +8,7 @@ from playwright.sync_api import Browser, Locator, Page, Position, expect
 from browser import LF
 from browser import Browser as Client
 from chromium import PHONE
-from commanding import angle
+from commanding import TURTLE, angle, control
 from running import PATIENCE_S, eventually
 
 pytestmark = [pytest.mark.processes, pytest.mark.test_all]
@@ -167,6 +167,26 @@ def test_control_is_taken_and_given_back(robot: Page, client: Client) -> None:
     assert (client.page(lease).iri, LF.state, LF.held) in client.page(lease).graph
     control.get_by_role("button", name="Give back").click()
     expect(control.locator(".state")).to_have_text("free")
+
+
+def test_nothing_can_be_sent_while_another_has_control(robot: Page, client: Client) -> None:
+    lease = str(client.robot("ur5").one(LF.lease))
+    taken = client.http.put(lease, content=control("Ada", 60), headers=TURTLE)
+    assert taken.is_success, taken.text
+    move = robot.locator("form.motion button[data-send]")
+    try:
+        expect(move).to_be_disabled()
+        expect(move).to_have_attribute("title", "Ada has control of the robot: its motions are refused.")
+    finally:
+        client.http.delete(lease, headers={"lock-token": taken.headers["lock-token"]})
+    expect(move).to_have_attribute("title", "")
+
+
+def test_a_negative_number_is_not_clipped(robot: Page, client: Client) -> None:
+    field = slider(robot, client).locator("input[type=number]")
+    field.fill("-135.0")
+    assert field.evaluate("(each) => each.scrollWidth <= each.clientWidth")
+    robot.locator("form.motion").get_by_role("button", name="Reset").click()
 
 
 def test_the_past_is_drawn_when_the_page_opens(robot: Page, client: Client) -> None:

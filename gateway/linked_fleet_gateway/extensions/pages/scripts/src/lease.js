@@ -1,6 +1,7 @@
 // The control lease of this robot: shown, taken, renewed while the page is open, and released.
 
 import { holds } from "./control.js";
+import { apply as applyPresence } from "./presence.js";
 import { send } from "./request.js";
 import { write } from "./ntriples.js";
 import { lf, localName } from "./vocabulary.js";
@@ -44,6 +45,8 @@ class Control {
     this.mine = state === "held" && holds(this.iri);
     const until = left > 0 ? ` for ${Math.ceil(left)} s` : "";
     this.text.textContent = state !== "held" ? "Nobody has it." : this.mine ? "You have control." : `${holder}${until}`;
+    document.body.dataset.controller = state === "held" && !this.mine ? holder : "";
+    applyPresence();
     this.button.hidden = state === "held" && !this.mine;
     this.button.textContent = this.mine ? "Give back" : "Take control";
   }

@@ -16,9 +16,9 @@ function ask(button) {
   const dialog = document.createElement("dialog");
   const what = button.ariaLabel ?? `${button.textContent.trim()} ${title ?? iri}`;
   const question = Object.assign(document.createElement("p"), { textContent: `${what}?` });
-  const form = Object.assign(document.createElement("form"), { method: "dialog" });
-  for (const [value, text] of [["no", "Keep it"], ["yes", button.textContent.trim()]]) {
-    form.append(Object.assign(document.createElement("button"), { value, textContent: text }));
+  const form = Object.assign(document.createElement("form"), { method: "dialog", className: "buttons" });
+  for (const [value, textContent, className] of [["no", "Keep it", "quiet"], ["yes", button.textContent.trim(), "danger"]]) {
+    form.append(Object.assign(document.createElement("button"), { value, textContent, className }));
   }
   question.id = "question";
   dialog.setAttribute("aria-labelledby", question.id);

@@ -2,6 +2,8 @@
 
 const AGAIN_MS = 2000;
 const ANSWER_MS = 3000;
+const SHOWN_MS = 8000;
+const CONFIRMED = "<https://w3id.org/linked-fleet#state> <https://w3id.org/linked-fleet#succeeded>";
 const MOST_NAMED = 5;
 const NO_ANSWER = "No answer — use the hardware stop.";
 let latest;
@@ -51,13 +53,36 @@ async function stop(form, output) {
       priority: "high",
       cache: "no-store",
     });
-    if (response.ok) tell("done", `Stop accepted at ${new Date().toLocaleTimeString("en-GB")}.`);
-    else tell("error", await reason(response));
+    const tellDone = (text) => {
+      tell("done", `${text} at ${new Date().toLocaleTimeString("en-GB")}.`);
+      setTimeout(() => output.dataset.state === "done" && tell("", ""), SHOWN_MS);
+    };
+    if (response.ok) tellDone("Stop accepted");
+    else {
+      tell("error", await reason(response));
+      const invocation = response.status === 504 && response.headers.get("location");
+      if (invocation) confirmed(invocation, () => mine === latest).then((yes) => yes && tellDone("Stop confirmed"));
+    }
   } catch {
     tell("error", NO_ANSWER);
   } finally {
     clearTimeout(late);
   }
+}
+
+/** Wait until the invocation of a stop has succeeded, as long as its text is shown. @returns {Promise<boolean>} */
+async function confirmed(invocation, shown) {
+  while (shown()) {
+    await new Promise((resolve) => setTimeout(resolve, AGAIN_MS));
+    try {
+      const response = await fetch(invocation, { headers: { Accept: "application/n-triples" }, cache: "no-store" });
+      if (response.ok && (await response.text()).includes(CONFIRMED)) return true;
+      if (response.status === 404 || response.status === 410) return false;
+    } catch {
+      // The gateway is away: the stop is still owed.
+    }
+  }
+  return false;
 }
 
 /** A proxy's error page has no problem details. Robots that have not answered are stopped as soon as they do. */
