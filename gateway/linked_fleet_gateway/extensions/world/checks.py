@@ -11,7 +11,7 @@ motion.
 
 import asyncio
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from itertools import pairwise
 from pathlib import Path
 from types import TracebackType
@@ -110,8 +110,8 @@ def _slope(step: float, slope: float, next_step: float, next_slope: float) -> fl
 
 WITHIN_S = 1.0
 """Processor time for the check of one motion, in seconds."""
-EARLY_S = 5.0
-"""Longest wait of a motion for shapes that are being prepared."""
+EARLY_S = 30.0
+"""Longest wait of a motion for the start of the process and for shapes that are being prepared."""
 _TIMEOUT_S = 3.0  # for a check including its wait for a turn and for the processor
 _ANSWER_S = 10.0
 MOST_WAITING = 16
@@ -167,11 +167,8 @@ class Checks:
             raise Busy(f"{MOST_EARLY} motions wait for shapes that are being prepared; try again.")
         self._early += 1
         try:
-            async with asyncio.timeout(EARLY_S):
-                await self._preparation.prepare_robots(self._perhaps_around(robot))
-                await self._preparation.prepare_objects(self._objects)
-        except TimeoutError as error:
-            raise Unchecked("The shapes around the robot are still being prepared; try again.") from error
+            with self._checker.in_use():  # it does not end before the check
+                await self._prepare(self._perhaps_around(robot))
         finally:
             self._early -= 1
 
@@ -187,16 +184,27 @@ class Checks:
             raise Unchecked(f"{MOST_WAITING} motions are being checked; try again.")
         self._waiting += 1
         try:
-            async with asyncio.timeout(_TIMEOUT_S):
-                with self._checker.in_use():  # between the preparation and the check too
+            with self._checker.in_use():  # between the preparation and the check too
+                # Mostly they are prepared; the process may have ended since the motion waited for it.
+                if (why := await self._prepare(self._around(motion.robot, visible_robots))) is not None:
+                    raise Unchecked(why)
+                async with asyncio.timeout(_TIMEOUT_S):
                     return await self._check(motion, visible_robots, own_id)
         except TimeoutError as error:
             raise Unchecked("The check of the motion took too long; try again.") from error
         finally:
             self._waiting -= 1
 
+    async def _prepare(self, robots: Collection[Robot]) -> str | None:
+        """Prepare the robots and all objects. Return why an object cannot be prepared. Raises Unchecked."""
+        try:
+            async with asyncio.timeout(EARLY_S):
+                await self._preparation.prepare_robots(robots)
+                return await self._preparation.prepare_objects(self._objects)
+        except TimeoutError as error:
+            raise Unchecked("The shapes around the robot are still being prepared; try again.") from error
+
     async def _check(self, motion: Motion, sees: View, own: str) -> Finding:
-        await self._prepare_around(motion.robot, sees)
         # Nothing is awaited between the next two steps, so that no robot that has come meanwhile is left out.
         robots = self._prepared_around(motion.robot, sees)
         question, model = self._question(motion, robots, sees, own), motion.robot.model
@@ -250,11 +258,6 @@ class Checks:
             if here is not None and there is not None and math.dist(there.position_m, here.position_m) > NEAR_M
         }
         return [each for name, each in placed.items() if name not in far]
-
-    async def _prepare_around(self, robot: Robot, sees: View) -> None:
-        await self._preparation.prepare_robots(self._around(robot, sees))
-        if (why := await self._preparation.prepare_objects(self._objects)) is not None:
-            raise Unchecked(why)
 
     def _prepared_around(self, robot: Robot, sees: View) -> list[Robot]:
         """Return the robots near enough to collide. Raises Unchecked if one of them is not prepared."""

@@ -1,10 +1,12 @@
-"""A motion that arrives while shapes are being prepared waits a few seconds for them, and for nothing else."""
+"""A motion that arrives while shapes are being prepared waits for them, and for nothing else."""
 
 import asyncio
 import hashlib
+from asyncio.subprocess import Process
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from pathlib import Path
+from typing import Any
 
 import msgspec
 import pytest
@@ -390,6 +392,24 @@ async def test_the_process_ends_when_idle_and_the_next_motion_starts_it_again(tm
             await scene.checks.wait_until_ready(robot, ALL)
             assert await scene.is_free(robot)
         assert not scene.asked["arm"].is_set(), "its shapes are on disk"
+
+
+async def test_a_motion_waits_for_a_process_that_starts_slowly(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The limit of a check counts from its question on."""
+    async with scene_in(tmp_path, idle_s=0.0) as scene:
+        robot = scene.robot("arm", let=True)
+        await scene.checks.wait_until_ready(robot, ALL)
+        await scene.idle()
+        start = scene.worker.start
+
+        async def start_slowly(*arguments: str, **pipes: Any) -> Process:
+            await asyncio.sleep(0.3)
+            monkeypatch.setattr(checks, "_TIMEOUT_S", PATIENCE_S)
+            return await start(*arguments, **pipes)
+
+        monkeypatch.setattr(scene.worker, "start", start_slowly)
+        monkeypatch.setattr(checks, "_TIMEOUT_S", 0.1)
+        assert await scene.is_free(robot)
 
 
 async def test_a_robot_that_is_placed_after_the_process_became_idle_is_prepared_at_once(tmp_path: Path) -> None:
