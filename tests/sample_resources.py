@@ -20,7 +20,7 @@ from linked_fleet_gateway.extensions.world.placement import LF, WORLD
 from linked_fleet_gateway.extensions.world.resources import resolve_world
 from linked_fleet_gateway.extensions.world.scene import Box, Cylinder, SceneObject, Sphere, TriangleMesh
 from linked_fleet_gateway.fleet.events import Appeared, Described, DescriptionRejected
-from linked_fleet_gateway.fleet.fleet import Fleet
+from linked_fleet_gateway.fleet.fleet import DESCRIPTION_WAIT_NS, Fleet
 from linked_fleet_gateway.fleet.invocation import FLEET, Invocation, InvocationState, Lease
 from linked_fleet_gateway.fleet.invocations import Invocations
 from linked_fleet_gateway.fleet.model import Pose
@@ -74,6 +74,7 @@ def _fleet() -> Fleet:
     fleet.apply(Appeared("faulty", 1), _NOW_NS)
     fleet.apply(DescriptionRejected("faulty", 1, "it cannot be read"), _NOW_NS)
     fleet.apply(Appeared("mute", 1), _NOW_NS)
+    fleet.show_awaited(_NOW_NS + DESCRIPTION_WAIT_NS)
     fleet.control("floating", Lease("l1", "floating", "somebody", _NOW_NS, _NOW_NS + 60_000_000_000, 60.0))
     return fleet
 

@@ -3,6 +3,9 @@
 A run of an agent is an incarnation. While several runs of one robot are present (a restart before the lease of the dead
 one has expired), the highest incarnation is the present one.
 
+A robot is shown with its description, or with the reason why it has none, so that its joints are there when it is.
+Without either it is shown after ``DESCRIPTION_WAIT_NS``.
+
 A robot that has described itself stays in the fleet, as offline, after its agent has gone. One that never has is then
 forgotten. At most ``MAX_UNDESCRIBED`` of these are shown; of the others only the runs are kept until they describe
 themselves.
@@ -52,6 +55,8 @@ __all__ = [
 MAX_ROBOTS = 10_000
 MAX_UNDESCRIBED = 64
 """Most robots that are shown without ever having described themselves."""
+DESCRIPTION_WAIT_NS = 10**9
+"""Time after the token of a new robot in which its description is awaited before the robot is shown without one."""
 _HIDDEN = "(undescribed)"
 _log = logging.getLogger(__name__)
 
@@ -74,6 +79,7 @@ class _Entry:
     runs: dict[int, Description | str | None] = field(default_factory=dict)
     described: bool = False
     """True if any run of it has sent a usable description."""
+    appeared_ns: int = 0
     limits: LimitWatch = field(default_factory=LimitWatch)
     movement: MovementWatch = field(default_factory=MovementWatch)
 
@@ -124,6 +130,7 @@ class Fleet:
         self.frames = frames or Frames()
         self._entries: dict[str, _Entry] = {}
         self._undescribed: set[str] = set()
+        self._awaited: set[str] = set()  # new robots whose description is awaited before they are shown
         self._hidden: dict[str, set[int]] = {}
         self._robots = _ByName()
         self._rejected = RejectedMessages(_log)
@@ -195,6 +202,13 @@ class Fleet:
                 return name
         return None
 
+    def show_awaited(self, now_ns: int) -> list[Change]:
+        """Show the new robots whose descriptions have been awaited for too long."""
+        overdue = [n for n in self._awaited if now_ns >= self._entries[n].appeared_ns + DESCRIPTION_WAIT_NS]
+        for name in overdue:
+            self._show(self._entries[name])
+        return [Change(name, "appeared") for name in overdue]
+
     def check_next_frame(self, robot: str) -> None:
         """Let the next frame of a robot be an event, also if it continues a run."""
         entry = self._entries.get(robot)
@@ -218,7 +232,7 @@ class Fleet:
             self._hide(event)
             return []
         if entry is None:
-            entry, changes = self._enter(event.robot)
+            entry, changes = self._enter(event.robot, now_ns)
         if entry is None or (len(entry.runs) >= MAX_RUNS and event.incarnation not in entry.runs):
             self._rejected.add(event.robot, f"more than {MAX_ROBOTS} robots or {MAX_RUNS} runs of one")
             return changes
@@ -277,7 +291,7 @@ class Fleet:
 
     def _said(self, robot: str, incarnation: int, said: Description | str, now_ns: int) -> list[Change]:
         if incarnation in self._hidden.get(robot, ()) and isinstance(said, Description):
-            return self._show(said, now_ns)
+            return self._unhide_described(said, now_ns)
         entry = self._entries.get(robot)
         if entry is None or incarnation not in entry.runs:
             return []  # the run ended while the query was running
@@ -289,10 +303,10 @@ class Fleet:
             self._undescribed.discard(robot)
         return changes
 
-    def _show(self, said: Description, now_ns: int) -> list[Change]:
+    def _unhide_described(self, said: Description, now_ns: int) -> list[Change]:
         """Show a hidden robot; hide it again if its description is unusable."""
         runs = self._hidden.pop(said.robot)
-        entry, changes = self._enter(said.robot)
+        entry, changes = self._enter(said.robot, now_ns)
         if entry is None:
             self._hidden[said.robot] = runs
             return changes
@@ -310,6 +324,7 @@ class Fleet:
         said = None if robot.incarnation is None else entry.runs.get(robot.incarnation)
         if said is None or robot.matches_description(said):
             return []
+        self._show(entry)
         if isinstance(said, str):
             robot.reject_description(said)
             return [Change(robot.name, "faulty")]
@@ -365,7 +380,7 @@ class Fleet:
         what = robot.presence
         return [Change(robot.name, "configured" if what == before else "faulty" if what == "faulty" else "recovered")]
 
-    def _enter(self, name: str) -> tuple[_Entry | None, list[Change]]:
+    def _enter(self, name: str, now_ns: int) -> tuple[_Entry | None, list[Change]]:
         """Return a new entry, at the limit in place of the robot that was offline longest; None without one."""
         changes = list[Change]()
         if len(self._entries) >= MAX_ROBOTS:
@@ -375,17 +390,24 @@ class Fleet:
             oldest = min(offline, key=lambda each: each.robot.last_seen_ns or 0)
             self._remove(oldest)
             changes.append(Change(oldest.robot.name, "vanished"))
-        entry = self._entries[name] = _Entry(Robot(name, self._rejected.add, self.frames))
+        entry = self._entries[name] = _Entry(Robot(name, self._rejected.add, self.frames), appeared_ns=now_ns)
         entry.robot.settings, entry.robot.lease = self._settings.get(name, {}), self._leases.get(name)
         self._undescribed.add(name)
-        self._robots.add(entry.robot)
+        self._awaited.add(name)
         return entry, changes
+
+    def _show(self, entry: _Entry) -> None:
+        if entry.robot.name in self._awaited:
+            self._awaited.discard(entry.robot.name)
+            self._robots.add(entry.robot)
 
     def _remove(self, entry: _Entry) -> None:
         name = entry.robot.name
         entry.robot.drop_frame()
         del self._entries[name]
         self._undescribed.discard(name)
-        self._robots.remove(name)
+        if name not in self._awaited:
+            self._robots.remove(name)
+        self._awaited.discard(name)
         self._rejected.forget(name)
         self.dropped["(unknown)"] += self.dropped.pop(name, 0)

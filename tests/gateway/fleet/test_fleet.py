@@ -10,6 +10,7 @@ import pytest
 from linked_fleet_agent.wire.codec import encode_state, layout
 from linked_fleet_agent.wire.messages import WIRE_VERSION, Base, Description, State
 from linked_fleet_gateway.fleet.fleet import (
+    DESCRIPTION_WAIT_NS,
     MAX_UNDESCRIBED,
     Appeared,
     Change,
@@ -66,6 +67,7 @@ def fleet_after(*events: Event) -> tuple[Fleet, Robot]:
     fleet = Fleet()
     for now, event in enumerate(events):
         fleet.apply(event, now)
+    fleet.show_awaited(DESCRIPTION_WAIT_NS)
     return fleet, fleet.robots["r"]
 
 
@@ -88,6 +90,34 @@ def test_a_robot_comes_goes_and_stays_readable() -> None:
     assert robot.positions["turn"] == 0.25
 
 
+@pytest.mark.parametrize(
+    ("event", "changes"),
+    [
+        (Described(said()), ["described"]),
+        (Described(said(urdf="<robot")), ["faulty"]),
+        (DescriptionRejected("r", 5, "it is silent"), ["faulty"]),
+    ],
+)
+def test_a_new_robot_is_shown_once_its_description_is_known_or_is_not_to_come(event: Event, changes: list[str]) -> None:
+    """So that nobody who has found it misses its joints."""
+    fleet = Fleet()
+    fleet.apply(Appeared("r", 5), 1)
+    assert (list(fleet.robots), fleet.show_awaited(DESCRIPTION_WAIT_NS)) == ([], [])
+    assert kinds(fleet.apply(event, 2)) == changes
+    assert (list(fleet.robots), fleet.show_awaited(10**12)) == (["r"], [])
+
+
+def test_a_new_robot_whose_description_does_not_come_is_shown_without_it() -> None:
+    fleet = Fleet()
+    fleet.apply(Appeared("r", 5), 1)
+    assert fleet.show_awaited(1 + DESCRIPTION_WAIT_NS) == [Change("r", "appeared")]
+    assert list(fleet.robots) == ["r"]
+    fleet.apply(Vanished("r", 5), 10**10)
+    fleet.apply(Appeared("r", 6), 10**11)
+    fleet.apply(Vanished("r", 6), 10**11)
+    assert (list(fleet.robots), fleet.show_awaited(10**12)) == ([], [])
+
+
 def test_news_that_is_none_changes_nothing() -> None:
     fleet, _ = fleet_after(*UP, framed(1))
     for event in (
@@ -104,7 +134,8 @@ def test_news_that_is_none_changes_nothing() -> None:
 def test_robots_are_in_the_order_of_their_names() -> None:
     fleet = Fleet()
     for name in ("c", "a", "b"):
-        fleet.apply(Appeared(name, 1), 1)
+        fleet.apply(Appeared(name, 1), 0)
+    fleet.show_awaited(DESCRIPTION_WAIT_NS)
     assert list(fleet.robots) == ["a", "b", "c"]
     assert [robot.name for robot in fleet.robots.values()] == ["a", "b", "c"]
 
@@ -112,12 +143,14 @@ def test_robots_are_in_the_order_of_their_names() -> None:
 def test_a_new_robot_does_not_disturb_iteration() -> None:
     fleet = Fleet()
     for name in ("b", "d"):
-        fleet.apply(Appeared(name, 1), 1)
+        fleet.apply(Appeared(name, 1), 0)
+    fleet.show_awaited(DESCRIPTION_WAIT_NS)
     seen = []
     for name in fleet.robots:
         seen.append(name)
-        fleet.apply(Appeared("a", 1), 1)
-        fleet.apply(Appeared("c", 1), 1)
+        fleet.apply(Appeared("a", 1), 0)
+        fleet.apply(Appeared("c", 1), 0)
+        fleet.show_awaited(DESCRIPTION_WAIT_NS)
     assert (seen, list(fleet.robots)) == (["b", "d"], ["a", "b", "c", "d"])
 
 
@@ -319,7 +352,7 @@ def test_values_are_rounded_to_decimals_that_print_short(value: float, resolutio
 def test_undescribed_robots_are_shown_up_to_a_limit() -> None:
     fleet = Fleet()
     changes = [change for number in range(10_000) for change in fleet.apply(Appeared(f"flood{number}", 5), 1)]
-    assert len(fleet.robots) == len(changes) == MAX_UNDESCRIBED
+    assert len(changes) == len(fleet.show_awaited(2 * DESCRIPTION_WAIT_NS)) == len(fleet.robots) == MAX_UNDESCRIBED
     for number in range(10_000):
         fleet.apply(DescriptionRejected(f"flood{number}", 5, "it is silent"), 2)
     assert len(fleet.robots) == MAX_UNDESCRIBED
@@ -378,4 +411,6 @@ def test_in_a_full_fleet_the_robot_that_has_been_offline_longest_makes_room(monk
     fleet.apply(Vanished("c", 5), 9)
     fleet.apply(Vanished("b", 5), 9)
     assert fleet.apply(Appeared("d", 5), 9) == [Change("b", "vanished"), Change("d", "appeared")]
+    assert list(fleet.robots) == ["a", "c"]
+    fleet.apply(Described(said(robot="d")), 9)
     assert list(fleet.robots) == ["a", "c", "d"]

@@ -14,7 +14,7 @@ from linked_fleet_agent.wire.messages import Description
 from linked_fleet_gateway.base.errors import UnprocessableContent
 from linked_fleet_gateway.extensions.world.placement import placement
 from linked_fleet_gateway.fleet.events import Appeared, Described
-from linked_fleet_gateway.fleet.fleet import Fleet
+from linked_fleet_gateway.fleet.fleet import DESCRIPTION_WAIT_NS, Fleet
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.http.body import BODY_TYPES
 from linked_fleet_gateway.rdf.graph import Graph
@@ -37,7 +37,8 @@ _PREFIXES += "@prefix ex: <http://example.org/> .\n"
 
 def _setting(name: str) -> Setting:
     fleet = Fleet()
-    fleet.apply(Appeared("r", 1), 1)
+    fleet.apply(Appeared("r", 1), 0)
+    fleet.show_awaited(DESCRIPTION_WAIT_NS)
     robot = fleet.robots["r"]
     setting = _item(robot, name).put
     assert isinstance(setting, Setting)

@@ -14,7 +14,7 @@ from linked_fleet_gateway.actions.admission import validate_action_body
 from linked_fleet_gateway.base.errors import BadRequest, UnprocessableContent
 from linked_fleet_gateway.extensions.things.directory import BRANCHES, Listing
 from linked_fleet_gateway.fleet.events import Appeared, Described
-from linked_fleet_gateway.fleet.fleet import Fleet
+from linked_fleet_gateway.fleet.fleet import DESCRIPTION_WAIT_NS, Fleet
 from linked_fleet_gateway.fleet.invocations import Invocations
 from linked_fleet_gateway.identity.rights import ALL, View, view
 from linked_fleet_gateway.rdf.vocabulary import LF, ROS, UNIT, VOM
@@ -52,6 +52,7 @@ def _fleet() -> Fleet:
         for event in (Appeared(name, 1), Described(said)):
             fleet.apply(event, 1)
     fleet.apply(Appeared("mute", 1), 1)
+    fleet.show_awaited(1 + DESCRIPTION_WAIT_NS)
     return fleet
 
 
