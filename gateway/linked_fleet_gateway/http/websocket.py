@@ -33,6 +33,7 @@ def is_binary(media_type: str) -> bool:
 # RFC 6455, 7.4: 1008 is policy, 1012 invites to reconnect, 4000 to 4999 are for private use.
 _CODES = {
     Ending.CANCELLED: 1000,
+    Ending.FINAL: 1000,
     Ending.UNENTITLED: 1008,
     Ending.GONE: 4404,
     Ending.REPLACED: 4409,

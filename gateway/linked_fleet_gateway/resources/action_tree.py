@@ -56,7 +56,7 @@ def invocation_of(robot: Robot | None, invocation: Invocation, invocations: Invo
         path,
         f"Invocation {invocation.id}",
         describe,
-        source=Source(lambda: _facts(invocation), has_ended=lambda: invocation.state.terminal),
+        source=Source(lambda: _facts(invocation), is_final=lambda: invocation.is_final),
         own_paths=(path + "/blueprint", *(() if invocation.state.terminal else (cancel_path(invocation),))),
         affords=EndInvocation(invocation, keep_record=False),
     )

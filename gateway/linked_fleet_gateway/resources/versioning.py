@@ -46,7 +46,7 @@ class Source(Struct, frozen=True):
     robot: Robot | None = None
     shared_facts: Callable[[], Any] | None = None
     """The facts that are equal on all gateways, if that is not true of ``facts``."""
-    has_ended: Callable[[], bool] = bool
+    is_final: Callable[[], bool] = bool
     """Returns True if the resource will never change again."""
 
     def read(self, values: bool = True, previous: Reading | None = None) -> Reading:

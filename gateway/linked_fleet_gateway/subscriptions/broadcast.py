@@ -49,6 +49,7 @@ class Ending(Enum):
 
     CANCELLED = "the subscription was deleted"
     GONE = "the resource does not exist any more"
+    FINAL = "the resource will not change any more"
     UNENTITLED = "the right to subscribe has ended"
     REPLACED = "the subscription was opened on another connection"
     SHUTDOWN = "the gateway is shutting down"

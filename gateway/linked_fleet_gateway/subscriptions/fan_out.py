@@ -77,12 +77,12 @@ class FanOut:
         return watcher
 
     def _begin(self, watcher: Watcher) -> None:
+        self.on_watcher_added(watcher)  # before it can end
         if watcher.watches_subtree:
             self._subtrees[watcher] = None
             self._scan_soon(watcher)
         else:
             self._find(watcher)
-        self.on_watcher_added(watcher)
 
     def change_options(self, watcher: Watcher, subscription: Subscription) -> None:
         """Apply other options; another depth or media type starts anew from the present state of everything."""
@@ -254,7 +254,10 @@ class FanOut:
             self._tell(topic)
 
     def _tell(self, topic: Topic[Watcher]) -> None:
-        """Tell the watchers of a resource that it has changed."""
+        """Tell the watchers of a resource that it has changed. Each gets the last message of all alone, and ends."""
+        if topic.is_final:
+            for watcher in topic.watchers:
+                watcher.step_out()
         for broadcast in topic.broadcasts.values():
             if broadcast.members:
                 self.messages_conflated += broadcast.mark_changed()
@@ -297,6 +300,7 @@ class FanOut:
 
     def _join(self, watcher: Watcher, resource: Resource, values: bool) -> None:
         watcher.add_topic(self._topic(resource.path, values, resource, watcher.subscription.view))
+        watcher.end_if_final()
         watcher.schedule_send()
 
     def _find(self, watcher: Watcher) -> None:

@@ -91,6 +91,8 @@ class Live:
         loop = asyncio.get_running_loop()
         self._sweeping = loop.call_later(_SWEEP_S, self._sweep)  # first, so that no error ends the sweeps
         self.fleet.frames.schedule_missed()
+        for change in self.fleet.show_awaited(time.time_ns()):
+            self._on_change(change)
         self.faults.forget_others(self.fleet.robots)
         if not self._unchecked:
             self._unchecked.extend(self.fleet.robots)

@@ -50,9 +50,9 @@ class Topic(Generic[M]):
         self._compared: tuple[Reading | None, bool] = (None, True)
 
     @property
-    def ended(self) -> bool:
+    def is_final(self) -> bool:
         """True if the resource will not change any more."""
-        return self._resource.source.has_ended()
+        return self._resource.source.is_final()
 
     def replace_resource(self, resource: Resource) -> None:
         """Replace the resource, because its robot was described anew."""

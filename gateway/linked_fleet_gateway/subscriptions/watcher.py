@@ -157,14 +157,23 @@ class Watcher:
             self._send(topic)
         if not self._round and self.subscription.interval_s > 0:
             self._next_s = self._scheduler.now_s() + self.subscription.interval_s
-        if path in self.topics:  # an ended resource is left with its last message
+        if path in self.topics:  # a final resource of a subtree is left with its last message
             self.join_broadcast(path)
+            self.end_if_final()
         return bool(self._round or self._pending)
+
+    def end_if_final(self) -> None:
+        """End if the subscriber has all that there will ever be of its resource."""
+        alone = not self.watches_subtree and not self.wait_if_absent
+        if alone and not self._pending and not self._round and any(each.is_final for each in self.topics.values()):
+            self.end(Ending.FINAL)
 
     def join_broadcast(self, path: str) -> None:
         """Join a broadcast if nothing is pending and its members were sent the same last."""
         topic, sent = self.topics[path], self._sent.get(path)
-        if self._stream is not None and sent is not None and not self.has_pending_message(topic.path):
+        if topic.is_final or self.has_pending_message(topic.path):
+            return
+        if self._stream is not None and sent is not None:
             broadcast = self._scheduler.get_broadcast(topic, self.subscription, self._stream)
             if broadcast.admit_member(self, self._stream.send, sent):
                 self._broadcast = broadcast
@@ -194,7 +203,7 @@ class Watcher:
 
     def change_options(self, subscription: Subscription) -> None:
         """Apply another interval and deadband. A running interval keeps its start; a first one starts now."""
-        self._step_out()
+        self.step_out()
         self._set(subscription)
         for topic in self.topics.values():
             if not self.has_pending_message(topic.path) and self._is_news(topic):
@@ -203,7 +212,7 @@ class Watcher:
 
     def restart(self, subscription: Subscription) -> None:
         """Replace the subscription, and forget all watched resources and sent versions; they are joined anew."""
-        self._step_out()
+        self.step_out()
         self._scheduler.remove_watcher(self)
         self._known = {}
         self._set(subscription)
@@ -217,7 +226,7 @@ class Watcher:
         self._next_s = begun_s + subscription.interval_s if waits else 0.0
         self._stream = self._in_step()
 
-    def _step_out(self) -> None:
+    def step_out(self) -> None:
         """Leave the broadcast, even in the middle of a pass."""
         if self._broadcast is None:
             return
@@ -254,7 +263,7 @@ class Watcher:
         self._last_ns = time.time_ns()
         self._scheduler.messages_sent += 1
         self._outlet.write(message)
-        if self.watches_subtree and topic.ended:
+        if self.watches_subtree and topic.is_final:
             self._scheduler.unwatch(self, topic.path)
 
     def _is_news(self, topic: "Topic[Watcher]") -> bool:

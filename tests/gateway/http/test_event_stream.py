@@ -111,6 +111,7 @@ async def test_stream_as_an_event_source_reads_it() -> None:
     [
         (Ending.CANCELLED, "cancelled"),
         (Ending.GONE, "cancelled"),
+        (Ending.FINAL, "cancelled"),
         (Ending.REPLACED, "cancelled"),
         (Ending.SHUTDOWN, "7-1"),
     ],

@@ -214,7 +214,7 @@ async def test_a_subtree_follows_its_members() -> None:
     world = await World().up()
     outlet = await begin(world, "/", depth=Depth.SUBTREE)
     assert "/" in outlet.take()
-    await world.apply(Appeared("s", 1))
+    await world.apply(Appeared("s", 1), DescriptionRejected("s", 1, "it is silent"))
     assert set(outlet.take()) == {"/", "/s/"}
     joints = {"urdf": OTHER_URDF, "joints": ("wrist",)}
     await world.apply(Described(described(**joints)))
@@ -255,6 +255,53 @@ async def test_the_end_of_an_invocation_holds_back_nothing_of_its_round() -> Non
     paths = outlet.take()
     assert paths[0] == path
     assert ROTATION in paths
+
+
+_INVOCATION = "/r/elbow/actions/rotate/invocations/i1"
+
+
+@pytest.mark.parametrize(
+    ("patient", "expired", "ending"),
+    [
+        (False, False, Ending.FINAL),
+        (True, False, None),  # a callback stays until it is deleted
+        (False, True, None),  # a late report may still change it
+    ],
+)
+async def test_a_stream_of_an_invocation_ends_with_its_last_state(
+    patient: bool, expired: bool, ending: Ending | None
+) -> None:
+    world = await World().up()
+    invocation = Invocation("i1", "r", "/r/elbow/actions/rotate", {"elbow": 1.0}, 0, 10**18)
+    world.invocations.add(invocation)
+    outlets = [watch(world, _INVOCATION, patient=patient) for _ in range(2)]
+    for each in outlets:
+        each.watcher.schedule_send()
+    await world.settle()
+    outlets[0].room = False  # it gets the last state as soon as it has room
+    invocation.state, invocation.expired = InvocationState.FAILED, expired
+    world.fan_out.mark_changed(_INVOCATION)
+    await world.settle()
+    assert (outlets[0].ending, len(outlets[0].messages)) == (None, 1)
+    outlets[0].room = True
+    outlets[0].watcher.schedule_send()
+    await world.settle()
+    assert [(each.ending, len(each.messages)) for each in outlets] == [(ending, 2)] * 2
+    assert b"linked-fleet#failed" in outlets[0].messages[-1].body
+    if ending is not None:
+        assert world.fan_out.empty
+
+
+async def test_a_stream_of_an_ended_invocation_has_its_state_once() -> None:
+    """A client that resumes with the last version gets nothing but the end."""
+    world = await World().up()
+    invocation = Invocation("i1", "r", "/r/elbow/actions/rotate", {"elbow": 1.0}, 0, 10**18)
+    invocation.state = InvocationState.SUCCEEDED
+    world.invocations.add(invocation)
+    late = await begin(world, _INVOCATION)
+    again = watch(world, _INVOCATION, {_INVOCATION: late.versions[0]})
+    assert [(len(each.messages), each.ending) for each in (late, again)] == [(1, Ending.FINAL), (0, Ending.FINAL)]
+    assert world.fan_out.empty
 
 
 async def test_a_removed_resource_ends_watchers_except_patient_ones() -> None:
