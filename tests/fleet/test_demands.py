@@ -197,7 +197,8 @@ def test_the_same_writes_have_an_effect_without_the_field(place: Place) -> None:
         for write in sorted(one_each.values(), key=lambda each: (each.name == "lease", each.method == "DELETE"))
         if place.send(write).status_code not in (200, 201, 204)
     }
-    assert refused == {("DELETE", "lease"), ("DELETE", "mcp")}  # they need a token and a session
+    # They need a token, a session, and a robot that is offline.
+    assert refused == {("DELETE", "lease"), ("DELETE", "mcp"), ("DELETE", "ur5")}
 
 
 def test_a_callback_by_get_is_not_created_in_a_rehearsal(place: Place) -> None:

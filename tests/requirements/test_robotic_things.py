@@ -38,7 +38,7 @@ def _writes(tree: Walk, page: Visited) -> set[str]:
             return {"PUT"}
         removable = any((page.iri, RDF.type, each) in page.graph for each in (LF.Annotations, LF.Placement))
         return {"PUT", "PATCH", *(["DELETE"] if removable else [])} if settable else set()
-    if page.kind in ("invocation", "subscription"):
+    if page.kind in ("invocation", "subscription", "robot"):  # of a robot once it is offline
         return {"DELETE"}
     lists = any((thing, HYBRIT.subscriptions, page.iri) in tree.pages[str(thing)].graph for thing in _about(page))
     takes = (LF.objects, LF.rules, LF.query)

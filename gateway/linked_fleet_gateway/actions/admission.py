@@ -2,13 +2,11 @@
 
 import re
 from collections.abc import Sequence
-from functools import lru_cache
 
 from pyoxigraph import NamedNode, Triple
 
 from linked_fleet_gateway.base.errors import UnprocessableContent
-from linked_fleet_gateway.fleet.model import RobotModel
-from linked_fleet_gateway.fleet.robot import Robot
+from linked_fleet_gateway.fleet.robot_cache import RobotCache
 from linked_fleet_gateway.rdf.graph import Graph, Node
 from linked_fleet_gateway.rdf.validation import (
     ShaclValidator,
@@ -20,13 +18,15 @@ from linked_fleet_gateway.rdf.validation import (
     unused_statements,
 )
 from linked_fleet_gateway.rdf.vocabulary import HYBRIT, LF, MATHS, QUDT, RDF, ROS, SPATIAL, VOM
-from linked_fleet_gateway.resources.action_offer import ActionDefinition, Offer
+from linked_fleet_gateway.resources.action_offer import Offer
 from linked_fleet_gateway.resources.annotations import named_poses
 from linked_fleet_gateway.resources.body_values import Body, own_statements
 
 _OWN = (HYBRIT, LF, MATHS, QUDT, ROS, SPATIAL, VOM)
 """The vocabularies of actions."""
 _KNOWN = frozenset(term for each in _OWN for term in each.terms.values())
+
+_VALIDATORS = RobotCache[tuple[ShaclValidator, Terms]]()
 
 
 def validate_action_body(offer: Offer, triples: Sequence[Triple], base: str) -> Body:
@@ -42,8 +42,8 @@ def validate_action_body(offer: Offer, triples: Sequence[Triple], base: str) -> 
     model = robot.model if robot is not None else None
     named = tuple(named_poses(robot)) if robot is not None and offer.definition.iri == LF.AssumePose else ()
     joints = robot.description.joints if robot is not None and robot.description is not None else ()
-    joint = None if offer.joint is None else offer.joint.name
-    validator, terms = _validator(offer.definition, base, offer.thing, robot, joint, model, joints, named)
+    key = offer.definition, base, offer.thing, named
+    validator, terms = _VALIDATORS.get(robot, (model, joints), key, lambda: _validator(offer, base))
     report = validator.report(triples, focus)
     if report is not None:
         detail, about = report
@@ -86,19 +86,8 @@ def _bare(iri: str) -> str:
     return iri.partition("://")[2]
 
 
-@lru_cache(maxsize=1024)  # five robots have about three hundred actions
-def _validator(
-    definition: ActionDefinition,
-    base: str,
-    thing: str,
-    robot: Robot | None,
-    joint: str | None,
-    model: RobotModel | None,
-    joints: tuple[str, ...],
-    named: tuple[str, ...],
-) -> tuple[ShaclValidator, Terms]:
-    """Return the compiled shape, cached by its parameters: a new description may have other joints or poses."""
+def _validator(offer: Offer, base: str) -> tuple[ShaclValidator, Terms]:
+    """Return the compiled shape of a body."""
     graph = Graph()
-    offer = Offer(definition, thing, robot, None if model is None or joint is None else model.joints[joint])
     shape = offer.describe_input(graph, base)
     return ShaclValidator(graph.triples, shape), Terms.from_shapes(statements_by_subject(graph.triples), shape)

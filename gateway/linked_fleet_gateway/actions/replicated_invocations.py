@@ -235,6 +235,19 @@ class ReplicatedInvocations:
             step = self._store.set_setting(robot.name, name, present, value)
             return await self._settings.write(robot.name, step)
 
+    async def forget_robot(self, robot: str, token: str) -> None:
+        """Remove a robot that is offline, at all gateways, with its settings. Raises Controlled, StoreDown."""
+        with translate_store_errors():
+            await self._store.check_lease(robot, token)
+            await self._store.forget_robot(robot)
+        await self._drop_robot(robot)
+
+    async def _drop_robot(self, robot: str) -> None:
+        await self._settings.refresh(robot)
+        for invocation in self._live.invocations.of_robot(robot):
+            self.forget(invocation.id)
+        self._live.forget_robot(robot)
+
     def update_lease(self, robot: str, lease: Lease | None, read_at_s: float = 0.0) -> None:
         """Record the lease of a robot, read from the store at ``read_at_s`` (monotonic)."""
         if lease is None:
@@ -267,6 +280,8 @@ class ReplicatedInvocations:
             await self.stops.refresh((news.robot, news.id))
         elif news.kind == "lease":
             await self._look_at(news.robot)
+        elif news.kind == "forgotten":
+            await self._drop_robot(news.robot)
         else:
             await self._settings.refresh(news.robot)
 

@@ -51,7 +51,7 @@ _TOGETHER = 16  # changes in one entry
 _LAST_S = 0.5  # to send the rest when this gateway ends
 _MS = 1_000_000  # nanoseconds
 
-NewsKind = Literal["invocation", "deleted", "lease", "settings", "stop"]
+NewsKind = Literal["invocation", "deleted", "lease", "settings", "stop", "forgotten"]
 _CHANGES = msgspec.json.Decoder(list[tuple[str, str, str]])
 
 
@@ -261,6 +261,21 @@ class ActionStore:
         ]
         answers = await self._redis.execute_all([("HGETALL", self._keys.settings(robot)) for robot in robots])
         return {robot: _settings(fields) for robot, fields in zip(robots, answers, strict=True) if fields}
+
+    # Robots
+
+    async def forget_robot(self, robot: str) -> None:
+        """Delete the settings and the invocations of a robot."""
+        tag, keys = robot_tag(robot), self._keys
+        commands: list[Command] = [
+            ("DEL", keys.settings(robot)),
+            ("SREM", keys.robots_with_settings, tag),
+            ("DEL", *keys.invocations(robot)),
+            ("ZREM", keys.robots, tag),
+        ]
+        self._noted.pop(robot, None)
+        await self._redis.execute_all(commands)
+        self._tell("forgotten", robot, "")
 
     # News
 

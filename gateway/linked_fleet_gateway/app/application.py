@@ -165,6 +165,8 @@ def create_app(settings: GatewaySettings, tracing: Tracing | None = None, open_s
                 subprotocols={name: value for each in mounts for name, value in each.subprotocols.items()},
                 not_ready=[each.not_ready for each in mounts],
             )  # fmt: skip
+            for forget in (app.services.response_cache.forget_robot, app.services.representations.forget_robot):
+                live.on_removed[forget] = None
             app.endpoint = Endpoint(mounts)
             yield
 

@@ -60,7 +60,7 @@ DESCRIPTION_WAIT_NS = 10**9
 _HIDDEN = "(undescribed)"
 _log = logging.getLogger(__name__)
 
-What = Literal["appeared", "vanished", "described", "faulty", "recovered", "configured", "frame"]
+What = Literal["appeared", "vanished", "removed", "described", "faulty", "recovered", "configured", "frame"]
 
 
 @dataclass(frozen=True)
@@ -157,7 +157,10 @@ class Fleet:
 
     def configure(self, robot: str, settings: Mapping[str, str]) -> list[Change]:
         """Store settings made by clients, also for a robot that is not known yet. Unknown names have no effect."""
-        self._settings[robot] = settings
+        if settings:
+            self._settings[robot] = settings
+        else:
+            self._settings.pop(robot, None)
         entry = self._entries.get(robot)
         if entry is None or entry.robot.settings == settings:
             return []
@@ -177,6 +180,14 @@ class Fleet:
         entry.robot.lease = lease
         entry.robot.count_change()
         return [Change(robot, "configured")]
+
+    def forget(self, robot: str) -> list[Change]:
+        """Remove a robot that is offline."""
+        entry = self._entries.get(robot)
+        if entry is None or entry.robot.online:
+            return []
+        self._remove(entry)
+        return [Change(robot, "removed")]
 
     @property
     def settings(self) -> Mapping[str, Mapping[str, str]]:

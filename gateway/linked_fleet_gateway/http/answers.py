@@ -66,13 +66,13 @@ class CachedResponse:
         "_news",
         "_quiet",
         "_rendering",
-        "_robot",
         "_shown",
         "_source",
         "_tag",
         "_tag_in_gzip",
         "_template",
         "_values",
+        "robot",
         "size",
     )  # fmt: skip
 
@@ -90,7 +90,7 @@ class CachedResponse:
         a template has made, the values are kept, and not the template, which is dropped when there are too many. Other
         long ones are kept in gzip.
         """
-        self._source, self._robot = resource.source, robot
+        self._source, self.robot = resource.source, robot
         self._rendering = written if isinstance(written, Rendering) else None
         self._tag = self._tag_in_gzip = b""
         self._codable = False
@@ -123,7 +123,7 @@ class CachedResponse:
 
     def is_valid(self, live: Live) -> bool:
         """Return True if the robot still exists and nothing but frames has changed it."""
-        robot = self._robot
+        robot = self.robot
         return robot is None or (
             live.fleet.robots.get(robot.name) is robot
             and _news(robot) == self._news
@@ -230,6 +230,11 @@ class ResponseCache:
         self._bytes += answer.size
         while len(self._kept) > self._most or self._bytes > self._most_bytes:
             self._forget(next(iter(self._kept)))
+
+    def forget_robot(self, robot: str) -> None:
+        """Drop the responses about a robot that was removed."""
+        for key in [key for key, each in self._kept.items() if each.robot is not None and each.robot.name == robot]:
+            self._forget(key)
 
     def _forget(self, key: Key) -> None:
         answer = self._kept.pop(key, None)

@@ -55,13 +55,14 @@ from linked_fleet_gateway.http.subscribe import (
 )
 from linked_fleet_gateway.http.subscription_change import change_subscription
 from linked_fleet_gateway.http.websocket import WebSocketHandler, serve_subprotocol
-from linked_fleet_gateway.http.writes import check_interaction_model, control_lease, put_setting
+from linked_fleet_gateway.http.writes import check_interaction_model, control_lease, forget_robot, put_setting
 from linked_fleet_gateway.identity.rights import Right
 from linked_fleet_gateway.resources.affordance import (
     ChangeSubscription,
     Control,
     Demand,
     EndInvocation,
+    ForgetRobot,
     Invoke,
     PutSetting,
     PutTarget,
@@ -366,6 +367,7 @@ _WRITERS: dict[type, Writer] = {
     PutTarget: put_target,
     PutSetting: put_setting,
     Control: control_lease,
+    ForgetRobot: forget_robot,
     Subscribe: post_subscription,
     ChangeSubscription: change_subscription,
     ResumeSubscription: resume_subscription,

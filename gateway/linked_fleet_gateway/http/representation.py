@@ -172,6 +172,10 @@ class Representations:
             return None
         return self._renderings.rendering(resource, media_type, base)
 
+    def forget_robot(self, robot: str) -> None:
+        """Drop what is compiled of a robot that was removed."""
+        self._renderings.forget_robot(robot)
+
     def etags(self, resource: Resource, base: str) -> Iterator[str]:
         """Yield the tags of all representations, rendered on demand: a client may read JSON-LD and write Turtle."""
         for media_type in self._offered(resource):

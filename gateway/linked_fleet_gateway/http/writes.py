@@ -1,8 +1,9 @@
 """Writes of resources: PUT, DELETE and PATCH, the requested interaction model, and the response to a creation.
 
-PUT and DELETE apply to the control lease and to settings of a robot (R0.5). PATCH is a SPARQL update of one resource
-(RFC 5789; LDP 4.2.7), whose result is handled like PUT. A client requests an interaction model by ``Link; rel="type"``
-(LDP 5.2.3.4 and 4.2.1.4). The response to a creation has the location and the description of the resource.
+PUT and DELETE apply to the control lease and to settings of a robot (R0.5), DELETE also to a robot that has gone. PATCH
+is a SPARQL update of one resource (RFC 5789; LDP 4.2.7), whose result is handled like PUT. A client requests an
+interaction model by ``Link; rel="type"`` (LDP 5.2.3.4 and 4.2.1.4). The response to a creation has the location and the
+description of the resource.
 """
 
 import json
@@ -19,6 +20,7 @@ from linked_fleet_gateway.actions.replicated_invocations import ReplicatedInvoca
 from linked_fleet_gateway.actions.service import Actions
 from linked_fleet_gateway.base.errors import (
     BadRequest,
+    Conflict,
     NotAcceptable,
     NotFound,
     UnprocessableContent,
@@ -37,7 +39,7 @@ from linked_fleet_gateway.rdf.sparql_syntax import MAX_QUERY_BYTES
 from linked_fleet_gateway.rdf.sparql_update import Operation, apply_update, parse_update
 from linked_fleet_gateway.rdf.validation import ground_statements, refuse_statements
 from linked_fleet_gateway.rdf.vocabulary import LDP, LF
-from linked_fleet_gateway.resources.affordance import FORM_TYPES, Control, PutSetting
+from linked_fleet_gateway.resources.affordance import FORM_TYPES, Control, ForgetRobot, PutSetting
 from linked_fleet_gateway.resources.annotations import MAX_ANNOTATION_TRIPLES
 from linked_fleet_gateway.resources.body_values import Body, Setting, validate_body
 from linked_fleet_gateway.resources.invocation import describe_unchecked, unchecked_links
@@ -112,6 +114,19 @@ async def control_lease(request: Request, affordance: Control) -> Response:
     assert holder is not None and duration_s is not None
     _, proof = await shared.take_lease(robot, holder, duration_s, token)
     return Response(status_code=204, headers={"lock-token": f"<{proof}>", "cache-control": "no-store"})
+
+
+async def forget_robot(request: Request, affordance: ForgetRobot) -> Response:
+    """DELETE of a robot that has gone for good. Raises Conflict while its agent is present."""
+    path = robot_path(affordance.robot.name)
+    if await resolve_under_preconditions(request, lambda: request.tree().resolve(path)) is None:
+        raise NotFound("The robot is not there any more.")
+    if affordance.robot.online:
+        raise Conflict(
+            f"{affordance.robot.name} is online. Stop its agent first; a robot can be removed once it is offline."
+        )
+    await _shared(request).forget_robot(affordance.robot.name, lock_token(request))
+    return Response(status_code=204)
 
 
 def _shared(request: Request) -> ReplicatedInvocations:

@@ -161,6 +161,17 @@ class Control(_Writes):
 
 
 @dataclass(frozen=True)
+class ForgetRobot(_Writes):
+    """Remove a robot that has gone for good, with its settings."""
+
+    robot: Robot
+    methods: ClassVar[tuple[str, ...]] = ("DELETE",)
+    body_types: ClassVar[tuple[str, ...]] = ()
+    needs: ClassVar[tuple[Right, ...]] = (Right.ADMIN,)
+    honours: ClassVar[Honours] = _OF_LEASES
+
+
+@dataclass(frozen=True)
 class Subscribe(_Writes):
     """Create a subscription of the thing at ``owner``."""
 

@@ -17,6 +17,7 @@ from typing import Any
 
 from pyoxigraph import Literal, NamedNode, Triple
 
+from linked_fleet_gateway.fleet.robot_cache import RobotCache
 from linked_fleet_gateway.rdf.graph import Graph, Node, Term
 from linked_fleet_gateway.rdf.shapes import BLUEPRINTS, load_turtle
 from linked_fleet_gateway.rdf.vocabulary import LF, NUMERIC, RDF, SH, XSD
@@ -116,17 +117,18 @@ def form_of(shape: NamedNode) -> Form:
     return _Reader(chain.from_iterable(load_turtle(BLUEPRINTS).values())).form(shape)
 
 
+_INPUTS = RobotCache[Form]()
+
+
 def form_of_input(offer: Offer, base: str) -> Form:
     """Return the form of an action's input, with the limits of the thing that offers it."""
     robot = offer.robot
-    if robot is None or robot.description is None:
-        return _form_of_input(offer, base, ())
-    return _form_of_input(offer, base, (robot.model, robot.description.joints, robot.annotations))
+    joints = () if robot is None or robot.description is None else robot.description.joints
+    known = None if robot is None else (robot.model, joints, robot.annotations)
+    return _INPUTS.get(robot, known, (offer.path, base), lambda: _form_of_input(offer, base))
 
 
-@lru_cache(maxsize=512)  # five robots have about three hundred actions
-def _form_of_input(offer: Offer, base: str, known: tuple[object, ...]) -> Form:
-    """Return a form, cached by ``known``, the facts on which the shape depends."""
+def _form_of_input(offer: Offer, base: str) -> Form:
     graph = Graph()
     node = offer.describe_input(graph, base)
     return form_in(graph.triples, node)

@@ -20,6 +20,7 @@ from linked_fleet_gateway.rdf.graph import Graph, lexical, timestamp
 from linked_fleet_gateway.rdf.serialise import RDF_TYPES, TEXT_TYPES, WriteError
 from linked_fleet_gateway.rdf.templates import Template, render_graph
 from linked_fleet_gateway.rdf.vocabulary import PREFIXES
+from linked_fleet_gateway.resources.paths import robot_of
 from linked_fleet_gateway.resources.property import Measurement
 from linked_fleet_gateway.resources.resource import Resource
 from linked_fleet_gateway.resources.subscription_resource import describe_version
@@ -201,6 +202,11 @@ class Renderings:
                 del self._kept[next(iter(self._kept))]
             kept = self._kept[key] = (facts, Rendering(resource, media_type, base))
         return kept[1]
+
+    def forget_robot(self, robot: str) -> None:
+        """Drop the renderings of a robot that was removed."""
+        for key in [key for key in self._kept if robot_of(key[1]) == robot]:
+            del self._kept[key]
 
     def __len__(self) -> int:
         return len(self._kept)

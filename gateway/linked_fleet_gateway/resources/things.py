@@ -11,7 +11,7 @@ from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.rdf.graph import Graph
 from linked_fleet_gateway.rdf.vocabulary import LDP
 from linked_fleet_gateway.resources.action_offer import fleet_offers, joint_offers, robot_offers
-from linked_fleet_gateway.resources.affordance import Control
+from linked_fleet_gateway.resources.affordance import Control, ForgetRobot
 from linked_fleet_gateway.resources.annotations import battery_charge
 from linked_fleet_gateway.resources.binary_frames import frame_writers, has_frames, layout_path, related_layouts
 from linked_fleet_gateway.resources.branches import Branches, RequestView
@@ -100,6 +100,7 @@ class Things:
             source=_thing(robot, properties, lambda: self._changing(robot, path)),
             own_paths=_own(path, properties, actions),
             part_paths=tuple(part_paths(robot)),
+            affords=ForgetRobot(robot),
             documents=self._branches.thing_documents(self._view, robot),
             constant_media_types=self._branches.constant_media_types,
             has_linkset=True,

@@ -61,6 +61,8 @@ class Live:
         # that are heard from: by a token, a description, or a frame that ``hear_next_frame`` has asked for.
         self.on_progress: Callable[[str, Progress], None] = lambda robot, progress: None
         self.on_lost: Callable[[str], None] = lambda robot: None
+        # Called for robots that clients have removed, by whoever keeps something about each robot.
+        self.on_removed: dict[Callable[[str], None], None] = {}
         self.on_heard: Callable[[str], None] = lambda robot: None
         self.link = FleetLink(
             keys,
@@ -213,6 +215,13 @@ class Live:
     def hear_next_frame(self, robot: str) -> None:
         """Call ``on_heard`` for the next frame of a robot."""
         self.fleet.check_next_frame(robot)
+
+    def forget_robot(self, robot: str) -> None:
+        """Remove a robot that is offline from the fleet."""
+        for change in self.fleet.forget(robot):
+            self._on_change(change)
+            for forget in self.on_removed:
+                forget(robot)
 
     def _on_events(self, events: list[Event]) -> None:
         now_ns = time.time_ns()

@@ -210,7 +210,7 @@ class FleetPaths:
         if not self._robots.robots:
             return
         robots = self._robots.parameters()
-        yield from _thing("/{robot}/", robots, "Robot").items()
+        yield from _thing("/{robot}/", robots, "Robot", delete=_FORGET).items()
         self.schemas["ControlLeaseInput"] = forbid_other_members(form_of(LF.ControlLeaseInput).schema)
         yield from _lease(robots).items()
         if self._parts.parts:
@@ -284,10 +284,19 @@ class FleetPaths:
         return found | ({"delete": removed} if setting.removable else {})
 
 
-def _thing(template: str, parameters: Parameters, kind: str) -> dict[str, Json]:
+_FORGET: Json = write_operation(
+    "removeRobot",
+    "Remove a robot that has gone for good, with its settings",
+    {"204": {"description": "Removed."}},
+    None,
+    (header_ref("LockToken"), header_ref("IfMatch")),
+)
+
+
+def _thing(template: str, parameters: Parameters, kind: str, **methods: Json) -> dict[str, Json]:
     stem, linkset = template.rstrip("/"), {LINKSET_TYPES[0]: {"schema": {"type": "object", "required": ["linkset"]}}}
     whole, blueprint = resource_path_items(
-        stem, parameters, kind, f"{kind}: description, properties and actions"
+        stem, parameters, kind, f"{kind}: description, properties and actions", **methods
     ).values()
     get = get_operation(f"read{kind}Links", f"Links of a {kind.lower()} (RFC 9264)", linkset)
     links = path_item(parameters, get=get)
