@@ -11,11 +11,13 @@ import socket
 import sys
 import time
 
+from backup_check import backup
 from checks import CHECKS, Fleet, wait_for
 from front import Front
 from stack import Stack, StackError, compose_command
 from websockets.exceptions import WebSocketException
 
+ALL = (*CHECKS, backup)
 DOMAIN = "fleet.localhost"
 _AUTHORITY = "/data/caddy/pki/authorities/local/root.crt"
 # Addresses of containers in docker and podman.
@@ -60,7 +62,7 @@ def main() -> int:
 def _check(fleet: Fleet) -> int:
     """Run the checks in order; only the first, if it fails, prevents the others."""
     held = 0
-    for check in CHECKS:
+    for check in ALL:
         begun = time.monotonic()
         try:
             check(fleet)
@@ -68,14 +70,14 @@ def _check(fleet: Fleet) -> int:
             print(f"held    {check.__doc__} ({time.monotonic() - begun:.1f} s)", flush=True)
         except _FAILURES as error:
             print(f"FAILED  {check.__doc__}: {error}", flush=True)
-            if check is CHECKS[0]:
+            if check is ALL[0]:
                 break
-    print(f"{held} of {len(CHECKS)} held.", flush=True)
-    if held < len(CHECKS):
+    print(f"{held} of {len(ALL)} held.", flush=True)
+    if held < len(ALL):
         for service in ("router", "redis", "gateway", "front"):
             with contextlib.suppress(StackError):
                 print(f"--- {service}\n{fleet.stack.logs(service)}", file=sys.stderr)
-    return 0 if held == len(CHECKS) else 1
+    return 0 if held == len(ALL) else 1
 
 
 def _authority(stack: Stack) -> str:

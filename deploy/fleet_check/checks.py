@@ -16,13 +16,13 @@ HYBRIT, LF = "https://hybr-it-projekt.de/ns/hybr-it#", "https://w3id.org/linked-
 HAS_PART = "http://purl.org/dc/terms/hasPart"
 LDP_CONTAINS = "http://www.w3.org/ns/ldp#contains"
 ROBOTS = ("baxter", "go2", "panda", "tiago", "ur5")
-_SWAYING = "ur5/shoulder_pan_joint/rotation"
+SWAYING = "ur5/shoulder_pan_joint/rotation"
 _MOVING = "baxter/right_s1/rotation"
 _NUMBER = "http://vocab.arvida.de/2015/06/vom/vocab#numericalValue"
 _PATIENCE_S = 120.0
 _POLL_S = 0.25
 _LOAD_S = 6.0
-_ANGLE = """@prefix maths: <http://vocab.arvida.de/2015/06/maths/vocab#> .
+ANGLE = """@prefix maths: <http://vocab.arvida.de/2015/06/maths/vocab#> .
 @prefix vom: <http://vocab.arvida.de/2015/06/vom/vocab#> .
 [] a maths:Scalar ; vom:numericalValue %s ; vom:unit maths:Degree ."""
 T = TypeVar("T")
@@ -54,7 +54,7 @@ def wait_for(probe: Callable[[], T], what: str) -> T:
 
 def fleet_over_https(fleet: Fleet) -> None:
     """five robots are online, over https with the fleet's own certificate authority"""
-    wait_for(lambda: _online(fleet) >= set(ROBOTS), "five robots online")
+    wait_for(lambda: online(fleet) >= set(ROBOTS), "five robots online")
 
 
 def links(fleet: Fleet) -> None:
@@ -88,14 +88,14 @@ def private_endpoints(fleet: Fleet) -> None:
 
 def event_stream(fleet: Fleet) -> None:
     """a value is followed as an event stream"""
-    with fleet.front.open_event_stream(fleet.front.root + _SWAYING) as stream:
+    with fleet.front.open_event_stream(fleet.front.root + SWAYING) as stream:
         seen = [next(stream) for _ in range(3)]
     assert len(set(seen)) == 3, "the value does not change"
 
 
 def websocket(fleet: Fleet) -> None:
     """a value is followed on a WebSocket"""
-    with fleet.front.open_websocket(fleet.front.root + _SWAYING) as socket:
+    with fleet.front.open_websocket(fleet.front.root + SWAYING) as socket:
         seen = [socket.recv(timeout=20) for _ in range(3)]
     assert len(set(seen)) == 3, "the value does not change"
 
@@ -103,12 +103,12 @@ def websocket(fleet: Fleet) -> None:
 def callback(fleet: Fleet) -> None:
     """a value is followed by callbacks"""
     answer = fleet.front.request(
-        f"{fleet.front.root}{_SWAYING}?interval=0.5",
+        f"{fleet.front.root}{SWAYING}?interval=0.5",
         Connection="Upgrade", Upgrade="callback", Callback="http://receiver:9000/",
     )  # fmt: skip
     assert answer.status == 201, f"subscribing answered {answer.status}: {answer.body[:300]!r}"
     fleet.subscription = answer.fields["location"]
-    _more_callbacks(fleet)
+    more_callbacks(fleet)
 
 
 def motion(fleet: Fleet) -> None:
@@ -127,30 +127,30 @@ def shared_state(fleet: Fleet) -> None:
     assert len(gateways) == 2, f"{len(gateways)} gateways run"
     for gateway in gateways:
         for iri in (fleet.invocation, fleet.subscription):
-            said = fleet.stack.execute(gateway, "python", "-c", _ASK, iri)
-            assert said.strip() == "200", f"gateway {gateway[:12]} answers {said.strip()} to {iri}"
+            said = status_at(fleet, gateway, iri)
+            assert said == "200", f"gateway {gateway[:12]} answers {said} to {iri}"
 
 
 def gateway_loss(fleet: Fleet) -> None:
     """a gateway is killed: reads are answered except one in progress, callbacks continue, robots move"""
     victim = fleet.stack.containers("gateway")[0]
-    reads = RepeatedReads(lambda: fleet.front.request(fleet.front.root + _SWAYING).status)
+    reads = RepeatedReads(lambda: fleet.front.request(fleet.front.root + SWAYING).status)
     fleet.stack.kill(victim)
     try:
         time.sleep(_LOAD_S)
         wrong = describe_violation(reads.stop())
         assert not wrong, wrong
-        _more_callbacks(fleet)
+        more_callbacks(fleet)
         _rotate(fleet, 10)
     finally:
         fleet.stack.start(victim)
-    wait_for(lambda: _ready(fleet) == 2, "both gateways ready")
+    wait_for(lambda: ready(fleet) == 2, "both gateways ready")
 
 
 def router_restart(fleet: Fleet) -> None:
     """the router restarts: robots come back, and move"""
     fleet.stack.restart("router")
-    wait_for(lambda: _online(fleet) >= set(ROBOTS) and _ready(fleet) == 2, "five robots online")
+    wait_for(lambda: online(fleet) >= set(ROBOTS) and ready(fleet) == 2, "five robots online")
     wait_for(lambda: _rotate(fleet, 20), "a motion that succeeds")
 
 
@@ -159,7 +159,7 @@ def redis_restart(fleet: Fleet) -> None:
     fleet.stack.restart("redis")
     for iri in (fleet.subscription, fleet.invocation):
         wait_for(lambda iri=iri: fleet.front.graph(iri), f"{iri} is there")  # type: ignore[misc]
-    wait_for(lambda: _more_callbacks(fleet), "callbacks")
+    wait_for(lambda: more_callbacks(fleet), "callbacks")
 
 
 def agent_outage(fleet: Fleet) -> None:
@@ -167,53 +167,56 @@ def agent_outage(fleet: Fleet) -> None:
     container = fleet.stack.containers("panda")[0]
     fleet.stack.stop(container)
     try:
-        wait_for(lambda: "panda" not in _online(fleet), "panda offline")
+        wait_for(lambda: "panda" not in online(fleet), "panda offline")
         assert len(fleet.front.graph(fleet.front.root + "panda/")), "panda is not readable"
-        assert set(ROBOTS) - {"panda"} <= _online(fleet), "other robots are offline too"
+        assert set(ROBOTS) - {"panda"} <= online(fleet), "other robots are offline too"
     finally:
         fleet.stack.start(container)
-    wait_for(lambda: "panda" in _online(fleet), "panda online")
+    wait_for(lambda: "panda" in online(fleet), "panda online")
 
 
 def scaling(fleet: Fleet) -> None:
     """one more gateway and two more robots, named after their containers, by --scale"""
     fleet.stack.scale("gateway", 3)
-    wait_for(lambda: _ready(fleet) == 3, "three gateways ready")
+    wait_for(lambda: ready(fleet) == 3, "three gateways ready")
     fleet.stack.scale("arm", 2)
-    wait_for(lambda: len(_online(fleet) - set(ROBOTS)) == 2, "two more robots online")
+    wait_for(lambda: len(online(fleet) - set(ROBOTS)) == 2, "two more robots online")
 
 
 CHECKS = (fleet_over_https, links, http2, http3, private_endpoints, event_stream, websocket, callback, motion,
           shared_state, gateway_loss, router_restart, redis_restart, agent_outage, scaling)  # fmt: skip
 
-# Runs in a gateway's container: prints the status of a GET of its argument at that gateway.
+# Runs in a gateway's container: prints the status of a GET of an IRI at that gateway, with a token unless it is empty.
 _ASK = """
 import http.client, sys, urllib.parse
-url = urllib.parse.urlsplit(sys.argv[1])
+url, token = urllib.parse.urlsplit(sys.argv[1]), sys.argv[2]
 c = http.client.HTTPConnection("127.0.0.1", 8000, timeout=10)
-c.request("GET", url.path, headers={"Host": url.netloc})
+c.request("GET", url.path, headers={"Host": url.netloc, **({"Authorization": "Bearer " + token} if token else {})})
 print(c.getresponse().status)
 """
 
 
-def _online(fleet: Fleet) -> set[str]:
+def status_at(fleet: Fleet, gateway: str, iri: str) -> str:
+    """Return the status of a GET at one gateway, by its container."""
+    return fleet.stack.execute(gateway, "python", "-c", _ASK, iri, fleet.front.token).strip()
+
+
+def online(fleet: Fleet) -> set[str]:
     root = fleet.front.root
     rows = fleet.front.graph(root).subjects(URIRef(LF + "presence"), URIRef(LF + "online"))
     return {str(robot).removeprefix(root).rstrip("/") for robot in rows}
 
 
-def _ready(fleet: Fleet) -> int:
+def ready(fleet: Fleet) -> int:
     """Return the number of gateways that report ready."""
-    script = _ASK.replace("url.path", "'/health/ready'")
     gateways = fleet.stack.containers("gateway")
-    said = [fleet.stack.execute(gateway, "python", "-c", script, fleet.front.root) for gateway in gateways]
-    return sum(one.strip() == "200" for one in said)
+    return sum(status_at(fleet, each, fleet.front.root + "health/ready") == "200" for each in gateways)
 
 
 def _rotate(fleet: Fleet, degrees: float) -> str:
     """Turn a joint, wait for the end, and return the IRI of the successful invocation."""
     answer = fleet.front.request(
-        f"{fleet.front.root}baxter/right_s1/actions/rotate", "POST", _ANGLE % degrees, timeout_s=40,
+        f"{fleet.front.root}baxter/right_s1/actions/rotate", "POST", ANGLE % degrees, timeout_s=40,
         Content_Type="text/turtle", Prefer="wait=30, return=representation",
     )  # fmt: skip
     assert answer.status == 201, f"rotate answered {answer.status}: {answer.body[:300]!r}"
@@ -223,7 +226,7 @@ def _rotate(fleet: Fleet, degrees: float) -> str:
     return iri
 
 
-def _more_callbacks(fleet: Fleet) -> bool:
+def more_callbacks(fleet: Fleet) -> bool:
     """Wait for three more deliveries; AssertionError if they do not arrive."""
     before = len(read_deliveries(fleet.receiver_port))
     return wait_for(lambda: len(read_deliveries(fleet.receiver_port)) >= before + 3, "three more callbacks")

@@ -37,11 +37,15 @@ class Response:
 
 
 class Front:
-    """A client of the front that trusts only the certificate ``authority``, given as PEM text."""
+    """A client of the front that trusts only the certificate ``authority``, given as PEM text.
+
+    ``token`` identifies it if that is set, in requests without a cookie.
+    """
 
     def __init__(self, domain: str, port: int, authority: str) -> None:
         self.domain, self.port = domain, port
         self.root = f"https://{domain}:{port}/"
+        self.token = ""
         self._authority = authority
         self._tls = ssl.create_default_context(cadata=authority)
 
@@ -110,7 +114,8 @@ class Front:
         return False
 
     def _fields(self, fields: Mapping[str, str]) -> dict[str, str]:
-        return {"Host": f"{self.domain}:{self.port}", **{k.replace("_", "-"): v for k, v in fields.items()}}
+        proof = {"Authorization": f"Bearer {self.token}"} if self.token and "Cookie" not in fields else {}
+        return {"Host": f"{self.domain}:{self.port}", **proof, **{k.replace("_", "-"): v for k, v in fields.items()}}
 
     def _target(self, iri: str) -> str:
         parts = urlsplit(iri)

@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 PROJECT = "linked-fleet-check"
-_FILES = ("-f", "docker-compose.yml", "-f", "deploy/fleet_check/compose.yaml", "-p", PROJECT)
+_FILES = ("docker-compose.yml", "deploy/fleet_check/compose.yaml")
 _START_S = 1800.0  # images are built the first time
 _COMMAND_S = 120.0
 
@@ -22,23 +22,44 @@ class Stack:
     """A compose project: the words of the command ``compose``, and environment variables for the compose files."""
 
     def __init__(self, compose: Sequence[str], environment: Mapping[str, str]) -> None:
-        self._compose = tuple(compose)
+        self._program = tuple(compose)
         self._engine = "docker" if any(Path(word).name.startswith("docker") for word in compose) else "podman"
-        self._environment = {**os.environ, **environment}
+        self._environment, self._files = {**os.environ, **environment}, list(_FILES)
+
+    def add(self, files: Sequence[str], environment: Mapping[str, str]) -> None:
+        """Add compose files, and variables for them, to the commands from now on."""
+        self._files += files
+        self._environment |= environment
+
+    @property
+    def _compose(self) -> tuple[str, ...]:
+        """The compose command of this project."""
+        return (*self._program, *(word for file in self._files for word in ("-f", file)), "-p", PROJECT)
 
     def build(self) -> None:
         """Build each image once, through one of its services: podman-compose would build it once per service."""
-        self._run(*self._compose, *_FILES, "build", "gateway", "baxter", timeout_s=_START_S, shown=True)
+        self._run(*self._compose, "build", "gateway", "baxter", timeout_s=_START_S, shown=True)
 
     def up(self) -> None:
-        self._run(*self._compose, *_FILES, "up", "-d", timeout_s=_START_S)
+        self._run(*self._compose, "up", "-d", timeout_s=_START_S)
 
-    def down(self) -> None:
-        self._run(*self._compose, *_FILES, "down", "-v", "-t", "5", "--remove-orphans", timeout_s=_COMMAND_S)
+    def down(self, volumes: bool = True) -> None:
+        """Remove the containers, and by default everything that they have stored."""
+        words = ("-v",) if volumes else ()
+        self._run(*self._compose, "down", *words, "-t", "5", "--remove-orphans", timeout_s=_COMMAND_S)
+
+    def volumes(self) -> list[str]:
+        """Return the names of the project's volumes."""
+        return self._run(self._engine, "volume", "ls", "-q", "--filter", f"name={PROJECT}_").split()
+
+    def backup(self, action: str, folder: Path) -> None:
+        """Save the fleet in a folder or restore it, as operators do."""
+        words = ("deploy/backup.py", action, str(folder), "--compose", shlex.join(self._compose))
+        self._run(sys.executable, *words)
 
     def scale(self, service: str, replicas: int) -> None:
         words = ("up", "-d", "--no-deps", "--no-recreate", "--scale", f"{service}={replicas}", service)
-        self._run(*self._compose, *_FILES, *words)
+        self._run(*self._compose, *words)
 
     def read(self, service: str, path: str) -> str:
         """Return a file of a service's container."""

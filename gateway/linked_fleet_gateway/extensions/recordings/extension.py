@@ -5,6 +5,7 @@ import fcntl
 import hashlib
 import logging
 import os
+import secrets
 import time
 from collections import defaultdict
 from collections.abc import AsyncIterator, Iterable, Iterator
@@ -64,7 +65,7 @@ class Job:
 class Recorder:
     """Writes recordings to ``folder``, which outlives the process.
 
-    Each robot has a folder; files are named by time and invocation.
+    Each robot has a folder; files are named by the time and id of their invocation.
     """
 
     def __init__(self, live: Live, history: History, folder: Path) -> None:
@@ -122,7 +123,7 @@ class Recorder:
 
     async def _write_next(self) -> None:
         job = await self.waiting.get()
-        path = self._folder / _folder_name(job.robot) / f"{job.at_ns:020}-{UUID(job.invocation.id)}.mcap"
+        path = _file(self._folder, job)
         try:
             await asyncio.to_thread(_write, path, job)
         except OSError as error:
@@ -179,10 +180,16 @@ def _folder_name(robot: str) -> str:
     return hashlib.sha256(robot.encode()).hexdigest()
 
 
+def _file(folder: Path, job: Job) -> Path:
+    """Return the same path at each gateway, because gateways that share the folder record the same invocations."""
+    one = job.invocation
+    return folder / _folder_name(job.robot) / f"{one.created_ns:020}-{UUID(one.id)}.mcap"
+
+
 def _write(path: Path, job: Job) -> None:
     """Write in one step, so that no file is ever incomplete."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    new = path.with_suffix(_UNFINISHED)
+    new = path.with_name(f"{path.stem}-{secrets.token_hex(4)}{_UNFINISHED}")
     with _locked(path.parent, fcntl.LOCK_SH):
         try:
             new.write_bytes(job.content)

@@ -1,5 +1,6 @@
 """Recordings: when one begins, what it contains, and how many are kept."""
 
+import asyncio
 import errno
 import io
 import math
@@ -173,6 +174,18 @@ async def test_a_recording_that_another_gateway_of_the_folder_is_writing_stays(
     await made._write_next()
     (written,) = made._of("r0").values()
     assert "/rosout" in read(written.read_bytes())
+
+
+async def test_gateways_of_one_folder_keep_one_recording_of_an_invocation(made: Bench) -> None:
+    """Each of them records it, and they would not know each other's files before their next start."""
+    one = made.begin(stops=())
+    await made._write_next()
+    other = Recorder(made._live, made._history, made._folder)
+    await asyncio.sleep(1.0)
+    other.record_outcome(one)
+    await other._write_next()
+    (file,) = [path for path in made._folder.rglob("*") if path.is_file()]
+    assert list(made._of("r0").items()) == list(other._of("r0").items()) == [(one.id, file)]
 
 
 def read(content: bytes) -> dict[str, list[tuple[int, Any]]]:
