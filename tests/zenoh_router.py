@@ -1,4 +1,7 @@
-"""A Zenoh router as a process, like ``zenohd``. Arguments: LISTEN and endpoints of other routers, or a file."""
+"""A Zenoh router as a process, like ``zenohd``. Arguments: LISTEN or a file, and endpoints of other routers.
+
+With a file they replace its own (``zenohd -c FILE -e ENDPOINT``).
+"""
 
 import json
 import signal
@@ -9,10 +12,17 @@ import zenoh
 
 def main(listen: str, *others: str) -> None:
     zenoh.init_log_from_env_or("error")
-    config = zenoh.Config.from_file(listen) if listen.endswith(".json5") else _configuration(listen, *others)
+    config = _from_file(listen, *others) if listen.endswith(".json5") else _configuration(listen, *others)
     with zenoh.open(config):
         print("routing", flush=True)
         signal.sigwait({signal.SIGTERM, signal.SIGINT})
+
+
+def _from_file(path: str, *others: str) -> zenoh.Config:
+    config = zenoh.Config.from_file(path)
+    if others:
+        config.insert_json5("connect/endpoints", json.dumps(others))
+    return config
 
 
 def _configuration(listen: str, *others: str) -> zenoh.Config:

@@ -10,6 +10,8 @@ import pytest
 from driver_contract import check_driver
 from linked_fleet_agent.robot import Reading, RobotFaultError
 from linked_fleet_agent.robots.catalogue import load
+from running import process
+from small_fleet import Place, faulty, live
 
 ROOT = Path(__file__).parents[2]
 
@@ -65,3 +67,18 @@ def test_a_robot_that_does_not_move_is_found_out(door: dict[str, Any], tmp_path:
     (tmp_path / "angle").write_text("0")
     with pytest.raises(AssertionError, match="did not get there"):
         check_driver(door["Door"](tmp_path, tmp_path / "angle"))
+
+
+@pytest.mark.processes
+@pytest.mark.test_all
+def test_a_robot_that_is_switched_on_after_its_agent_comes_online_by_itself(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    place, angle = Place(tmp_path / "state"), tmp_path / "angle"
+    monkeypatch.setenv("DOOR_PWM", str(tmp_path))
+    monkeypatch.setenv("DOOR_ANGLE", str(angle))
+    with place.gateway() as (_, browser), process("examples/door.py", "--connect", place.zenoh) as agent:
+        assert "potentiometer cannot be read" in faulty(browser, "door")
+        angle.write_text("0")
+        live(browser, "door")
+        agent.said("the robot can be read again")

@@ -2,13 +2,14 @@
 
 from collections.abc import Iterator
 from contextlib import ExitStack
+from pathlib import Path
 
 import pytest
 
 from browser import LF, ROS, SPATIAL, Browser
 from ros2_robot import RosRobot
 from running import Process, eventually, free_port, process
-from small_fleet import Place, live, move, number, property_page
+from small_fleet import Place, faulty, live, move, number, property_page
 
 pytestmark = pytest.mark.processes
 
@@ -54,6 +55,21 @@ def test_a_ros_robot_moves_and_is_faulty_without_states(scene: Scene) -> None:
     assert answer.status_code in (409, 503), answer.text
     assert "no joint state" in answer.text
     assert "Traceback" not in agent.output.partition("no joint state")[0]
+
+
+def test_a_robot_that_boots_after_its_agent_comes_online_by_itself(tmp_path: Path) -> None:
+    """Meanwhile the agent waits, as a unit of systemd lets it, and gateways show what is missing."""
+    place, endpoint = Place(tmp_path), f"tcp/127.0.0.1:{free_port()}"
+    source = f"--robot=arm=ros2:{endpoint}"
+    with (
+        place.gateway() as (_, browser),
+        process("-m", "linked_fleet_agent", source, "--connect", place.zenoh) as agent,
+    ):
+        agent.said("the robot is tried again in 2 s")
+        assert faulty(browser, "arm")
+        with RosRobot(endpoint):
+            live(browser, "arm")
+            assert agent.stop() == 0
 
 
 def _pan(browser: Browser) -> float:
