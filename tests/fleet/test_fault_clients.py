@@ -46,3 +46,31 @@ def test_a_client_above_its_rate_is_refused_and_can_still_stop_robots(tmp_path: 
         begun(post(browser, stop))
         answer = eventually(lambda: _served(browser.http.get(motion)), "the end of the motion")
         assert "lf:state lf:cancelled" in answer.text
+
+
+_LOOKS_LIKE_A_STOP = (
+    "nowhere/actions/stop",
+    "nowhere/stop",
+    "ur5/nothing/actions/hold",
+    "ur5/stop",
+    "stopAll",
+    "ur5/actions/rotate/invocations/none/actions/cancel",
+    "ur5/actions/stop/invocations/none/cancel/",
+)
+
+
+@pytest.mark.parametrize("accept", ["text/turtle", "text/html"])
+@pytest.mark.parametrize("path", _LOOKS_LIKE_A_STOP)
+def test_what_only_looks_like_a_stop_is_counted(path: str, accept: str, tmp_path: Path) -> None:
+    """The same refusal whatever the client accepts."""
+    with narrow(tmp_path, "--requests-per-client", "2") as (place, _, browser), place.ur5():
+        live(browser, "ur5")
+        for _ in range(100):
+            answer = browser.http.post(browser.root + path, headers={"accept": accept})
+            if answer.status_code == 429:
+                break
+            assert answer.status_code in (404, 405), answer.text
+        assert problem(answer) == (429, "too-many-requests")
+        assert browser.http.get(browser.root, headers={"accept": accept}).content == answer.content
+        for stop in ("ur5/actions/stop", "actions/stopAll/"):
+            begun(post(browser, browser.root + stop))

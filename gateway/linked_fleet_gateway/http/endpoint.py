@@ -7,6 +7,7 @@ from contextlib import suppress
 from functools import partial
 from urllib.parse import quote as percent
 
+from starlette.datastructures import Headers
 from starlette.requests import ClientDisconnect
 from starlette.responses import Response
 from starlette.types import ASGIApp, Receive, Scope, Send
@@ -18,6 +19,7 @@ from linked_fleet_gateway.base.errors import (
     MethodNotAllowed,
     NotFound,
     PayloadTooLarge,
+    TooManyRequests,
     UnprocessableContent,
     UnsupportedMediaType,
 )
@@ -25,13 +27,15 @@ from linked_fleet_gateway.http.answers import Reply
 from linked_fleet_gateway.http.audit import add_audit_link, audit_resource, is_audit_path, record_request
 from linked_fleet_gateway.http.awaiting_stream import AwaitingStream, awaits_robot
 from linked_fleet_gateway.http.callers import SUBSCRIPTIONS_RIGHTS, require_right, visible_subscriptions
-from linked_fleet_gateway.http.demands import check_demands, refuse_demands
+from linked_fleet_gateway.http.demands import check_demands, refuse_demands, stops
+from linked_fleet_gateway.http.entrance import await_turn
 from linked_fleet_gateway.http.extension import Mount, Reader, Writer
 from linked_fleet_gateway.http.fields import field
 from linked_fleet_gateway.http.invoke import end_invocation, invoke, put_target
+from linked_fleet_gateway.http.message_heads import read_block
 from linked_fleet_gateway.http.operator_endpoints import store_warning
 from linked_fleet_gateway.http.preconditions import await_preconditions
-from linked_fleet_gateway.http.problem import problem
+from linked_fleet_gateway.http.problem import problem, rate_refusal
 from linked_fleet_gateway.http.read import (
     READ_METHODS,
     allowed_methods,
@@ -43,6 +47,7 @@ from linked_fleet_gateway.http.read import (
     restrict_to_part,
 )
 from linked_fleet_gateway.http.request import AUDIT_RIGHTS, Connection, Request, WebSocket, gateway_of
+from linked_fleet_gateway.http.scheduling import may_stop
 from linked_fleet_gateway.http.streams import EventStream, is_cancelled_stream, open_websocket, wants_events
 from linked_fleet_gateway.http.subscribe import (
     check_handshake,
@@ -109,7 +114,7 @@ class Endpoint:
             await send({"type": "http.response.body", "body": reply.content})
             return
         request = Request(scope, receive)
-        await services.stop_priority.wait_unless_urgent(scope)
+        await services.stop_priority.wait_unless_stop(scope)
         with suppress(ClientDisconnect):  # a client that disconnects while sending its body gets no response
             response = await self._respond(request)
             await response(scope, receive, send)
@@ -161,25 +166,18 @@ class Endpoint:
         check_handshake(request)
         if is_cancelled_stream(request):
             return Response(status_code=204)
-        found = await _find(request)
-        if isinstance(found, Redirect) and request.method not in READ_METHODS:
-            # Many clients do not follow redirects of writes, and a stop must not depend on a slash.
-            _use_canonical_path(request.scope, found)
-            found = await _find(request)
-        request.is_safe = isinstance(found, Resource) and found.affords is not None and found.affords.reads
+        try:
+            found = await self._permitted(request)
+        except FleetError:
+            await _count_unless_stop(request)
+            raise
         if isinstance(found, Redirect):
             return _moved(request, found)
+        await _count_unless_stop(request, found)
         method, is_conditional = request.method, not _CONDITIONS.isdisjoint(request.arrival.fields)
-        if method in READ_METHODS or request.is_safe or is_conditional:
-            found = _read_by(request, found)  # preconditions are about what the caller reads
-        allow = allowed_methods(found)
-        # Rights are checked before methods, so that a 405 never reveals what is possible to callers without rights.
-        require_right(request, found.path, _needed(request, found))
-        if method not in allow:
-            raise MethodNotAllowed(f"{method} is not possible here; {', '.join(allow)} are.", allow=allow)
         check_upgrade(request, found)
         if method == "OPTIONS":
-            return Response(status_code=204, headers=method_headers(found, allow))
+            return Response(status_code=204, headers=method_headers(found, allowed_methods(found)))
         if found.remote is not None and not (found.observable and (wants_events(request) or wants_callback(request))):
             if method in READ_METHODS:
                 return await self._readers[type(found.remote)](request, found, found.remote)
@@ -207,6 +205,24 @@ class Endpoint:
             await stream.register()
             return stream
         return await read_interleaved(request, found)
+
+    async def _permitted(self, request: Request) -> Resource | Redirect:
+        """Return the resource, whose method the caller may use. Raises FleetError."""
+        found = await _find(request)
+        if isinstance(found, Redirect) and request.method not in READ_METHODS:
+            # Many clients do not follow redirects of writes, and a stop must not depend on a slash.
+            _use_canonical_path(request.scope, found)
+            found = await _find(request)
+        request.is_safe = isinstance(found, Resource) and found.affords is not None and found.affords.reads
+        if isinstance(found, Redirect):
+            return found
+        if request.method in READ_METHODS or request.is_safe or not _CONDITIONS.isdisjoint(request.arrival.fields):
+            found = _read_by(request, found)  # preconditions are about what the caller reads
+        # Rights are checked before methods, so that a 405 never reveals what is possible to callers without rights.
+        require_right(request, found.path, _needed(request, found))
+        if request.method not in (allow := allowed_methods(found)):
+            raise MethodNotAllowed(f"{request.method} is not possible here; {', '.join(allow)} are.", allow=allow)
+        return found
 
     async def _write(self, request: Request, resource: Resource) -> ASGIApp:
         """Execute a permitted write.
@@ -245,6 +261,12 @@ class Endpoint:
                 await serve_subprotocol(websocket, resource, handler, value)
                 return
         await open_websocket(websocket, resource)
+
+
+async def _count_unless_stop(request: Request, resource: Resource | None = None) -> None:
+    """Count a request whose path looks like that of a stop, unless it is one. Raises TooManyRequests."""
+    if may_stop(request.scope) and not request.arrival.internal and (resource is None or not stops(resource)):
+        await await_turn(request)
 
 
 async def _check_again(request: Request) -> None:
@@ -375,7 +397,10 @@ _WRITERS: dict[type, Writer] = {
 
 
 def problem_response(request: Connection, error: FleetError) -> Response:
-    """Return problem details for ``error`` in the form that Accept prefers."""
+    """Return problem details for ``error`` in the form that Accept prefers; JSON for a refusal by rate."""
+    if isinstance(error, TooManyRequests):
+        block, content = rate_refusal(int(error.headers["Retry-After"]))
+        return Response(content, error.status, dict(Headers(raw=read_block(block))))
     path = percent(request.scope["path"], safe="/~")
     instance = request.base + path if len(path) <= _LONGEST_NAMED else None
     reader = partial(request.reader, request.scope["path"])

@@ -25,11 +25,12 @@ from linked_fleet_gateway.http.answers import Reply
 from linked_fleet_gateway.http.arrival import arrival_of, fields_of
 from linked_fleet_gateway.http.callers import identify, identify_static_token
 from linked_fleet_gateway.http.field_bounds import enforce_bounds, is_within_bounds
-from linked_fleet_gateway.http.forwarding import Authorities, Network, find_client, send_problem
+from linked_fleet_gateway.http.forwarding import Authorities, Network, find_client, send_early, send_problem
 from linked_fleet_gateway.http.html import HtmlWriter
 from linked_fleet_gateway.http.operator_endpoints import PAGES
+from linked_fleet_gateway.http.problem import rate_refusal
 from linked_fleet_gateway.http.request import Request, gateway_of, html_of
-from linked_fleet_gateway.http.scheduling import TokenBuckets, bucket_key, is_urgent
+from linked_fleet_gateway.http.scheduling import TokenBuckets, bucket_key, may_stop
 from linked_fleet_gateway.runtime.log import RequestContext, begin_request, choose_request_id
 from linked_fleet_gateway.runtime.metrics import RequestMetrics
 from linked_fleet_gateway.runtime.tracing import Tracing
@@ -46,7 +47,7 @@ class RateLimiter:
 
     def wait_s(self, scope: Scope) -> float:
         """Return the seconds until the request is permitted; 0 if it is now, and then counted, once."""
-        if not self._rates.is_limited or is_urgent(scope) or scope["path"].rstrip("/") in self._carriers:
+        if not self._rates.is_limited or may_stop(scope) or scope["path"].rstrip("/") in self._carriers:
             return 0.0
         arrival = arrival_of(scope)
         if arrival.rate_counted:
@@ -55,17 +56,17 @@ class RateLimiter:
         arrival.rate_counted = not wait_s
         return wait_s
 
-    def check(self, scope: Scope) -> None:
-        """Count the request. Raises TooManyRequests."""
+    def refusal(self, scope: Scope) -> Reply | None:
+        """Count the request, and return its refusal if it comes too early."""
         wait_s = self.wait_s(scope)
-        if wait_s:
-            raise TooManyRequests(math.ceil(wait_s))
+        return Reply(429, *rate_refusal(math.ceil(wait_s))) if wait_s else None
 
 
 async def await_turn(request: Request) -> None:
-    """Count a request to a carrier, and wait for its turn. Raises TooManyRequests.
+    """Count a request that could have been a stop, and wait for its turn. Raises TooManyRequests.
 
-    The extension that serves the carrier calls it, after reading the request, unless it is a stop.
+    It is called for a path that looks like that of a stop and is none, and after reading by the extension that serves a
+    carrier, unless it is a stop.
     """
     wait_s = request.services.rates.take(bucket_key(request.scope))
     if wait_s:
@@ -151,9 +152,9 @@ class Entrance:
             self._authorities.check_authority(scope)
         except FleetError:
             return None
-        if (identities is not None and not identify_static_token(identities, arrival)) or self._pace.wait_s(scope):
+        if identities is not None and not identify_static_token(identities, arrival):
             return None
-        reply = gateway.endpoint.reply_nowait(scope)
+        reply = self._pace.refusal(scope) or gateway.endpoint.reply_nowait(scope)
         if reply is None:
             return None
         reply.block += b"%b: %b\r\n" % (_ID_FIELD, choose_request_id(arrival.fields.get(_ID_FIELD)).encode())
@@ -209,10 +210,9 @@ class Entrance:
             if answer is None:
                 return
             send = answer
-        try:
-            self._pace.check(scope)
-        except FleetError as error:
-            await send_problem(error, scope, send)
+        refusal = self._pace.refusal(scope)
+        if refusal is not None:
+            await send_early(refusal.status, refusal.fields, refusal.content, scope, send)
             return
         await self._loading.load(scope)
         await gateway.endpoint(scope, receive, send)

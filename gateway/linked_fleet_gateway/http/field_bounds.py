@@ -13,7 +13,7 @@ from starlette.types import Scope
 
 from linked_fleet_gateway.base.errors import BadRequest, FieldsTooLarge, FleetError
 from linked_fleet_gateway.http.arrival import arrival_of
-from linked_fleet_gateway.http.scheduling import is_urgent
+from linked_fleet_gateway.http.scheduling import may_stop
 
 MAX_MEMBERS: Final = 64
 """Limit of members of one field, with the parameters of its members."""
@@ -53,7 +53,7 @@ def enforce_bounds(scope: Scope) -> FleetError | None:
     arrival.fields = {name: value for name, value in arrival.fields.items() if name not in removed}
     if scope["query_string"].count(b"&") >= MAX_PARAMETERS:
         scope["query_string"] = b""
-    return None if is_urgent(scope) else refusal
+    return None if may_stop(scope) else refusal
 
 
 def _refusal(scope: Scope) -> FleetError:

@@ -185,11 +185,16 @@ async def send_problem(error: FleetError, scope: Scope, send: Send) -> None:
     """Answer with a problem before the request is processed further."""
     accept = b", ".join(value for name, value in scope["headers"] if name == b"accept").decode("latin-1")
     body, fields = problem(error, accept or None, html=html_of(scope))
+    fields["content-length"] = str(len(body))
+    headers = [(name.encode(), value.encode()) for name, value in fields.items()]
+    await send_early(error.status, headers, body, scope, send)
+
+
+async def send_early(status: int, headers: list[tuple[bytes, bytes]], content: bytes, scope: Scope, send: Send) -> None:
+    """Answer before the request is processed further; a WebSocket is refused in its handshake."""
     if scope["type"] == "websocket" and "websocket.http.response" not in scope.get("extensions", {}):
         await send({"type": "websocket.close", "code": 1008})  # the server can only answer 403
         return
     start = "websocket.http.response" if scope["type"] == "websocket" else "http.response"
-    fields["content-length"] = str(len(body))
-    headers = [(name.encode(), value.encode()) for name, value in fields.items()]
-    await send({"type": f"{start}.start", "status": error.status, "headers": headers})
-    await send({"type": f"{start}.body", "body": body})
+    await send({"type": f"{start}.start", "status": status, "headers": headers})
+    await send({"type": f"{start}.body", "body": content})

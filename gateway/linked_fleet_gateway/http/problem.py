@@ -2,12 +2,14 @@
 
 import json
 from collections.abc import Callable, Sequence
+from functools import lru_cache
 from typing import Any
 
 from pyoxigraph import BlankNode, Literal
 
-from linked_fleet_gateway.base.errors import FleetError, Statement
+from linked_fleet_gateway.base.errors import FleetError, Statement, TooManyRequests
 from linked_fleet_gateway.http.html import HTML, HtmlWriter, Reader
+from linked_fleet_gateway.http.message_heads import field_block
 from linked_fleet_gateway.http.negotiation import choose
 from linked_fleet_gateway.rdf.graph import Graph, integer
 from linked_fleet_gateway.rdf.serialise import RDF_TYPES
@@ -47,6 +49,17 @@ def problem(
             "x-content-type-options": "nosniff",
         }
     return body, headers | own
+
+
+@lru_cache(maxsize=64)
+def rate_refusal(wait_s: int) -> tuple[bytes, bytes]:
+    """Return the lines of header fields and the content of a refusal by rate.
+
+    It is JSON whatever the client accepts, so that a refusal costs less than any answer.
+    """
+    body, fields = problem(TooManyRequests(wait_s), None)
+    lines = [(name.encode(), value.encode()) for name, value in fields.items() if name != "vary"]
+    return field_block([*lines, (b"content-length", str(len(body)).encode())]), body
 
 
 def problem_body(

@@ -27,8 +27,11 @@ URGENT = _STOPS | {"cancel"}
 """Last path segments of actions that stop robots."""
 
 
-def is_urgent(scope: Scope) -> bool:
-    """Return True for a request that stops robots. A slash at the end of the path changes nothing."""
+def may_stop(scope: Scope) -> bool:
+    """Return True for a request that stops robots if there is such an action at its path, slash at its end or not.
+
+    It neither waits nor is counted before that is known.
+    """
     return scope.get("method") == "POST" and scope["path"].rstrip("/").rpartition("/")[2] in URGENT
 
 
@@ -43,9 +46,9 @@ class StopPriority:
         self._waiting: deque[asyncio.Future[None]] = deque()
         self._taken = False
 
-    async def wait_unless_urgent(self, scope: Scope) -> None:
+    async def wait_unless_stop(self, scope: Scope) -> None:
         """Wait for the turn of a request; a stop does not wait."""
-        if not is_urgent(scope) and scope["path"].rstrip("/") not in self._carriers:
+        if not may_stop(scope) and scope["path"].rstrip("/") not in self._carriers:
             await self.wait_for_turn()
 
     async def wait_for_turn(self) -> None:

@@ -12,7 +12,7 @@ from starlette.types import Scope
 from linked_fleet_gateway.base.errors import TooManyRequests
 from linked_fleet_gateway.http.arrival import Authenticated, arrival_of
 from linked_fleet_gateway.http.entrance import RateLimiter, await_turn
-from linked_fleet_gateway.http.forwarding import send_problem
+from linked_fleet_gateway.http.forwarding import send_early
 from linked_fleet_gateway.http.request import Request
 from linked_fleet_gateway.http.scheduling import BURST_S, MAX_CLIENTS, StopPriority, TokenBuckets, bucket_key
 from linked_fleet_gateway.identity.rights import EVERYBODY, NOBODY, Identity
@@ -100,12 +100,11 @@ def _ask(pace: RateLimiter, method: str, path: str, kind: str = "http") -> tuple
         raise AssertionError("nothing is read")
 
     async def answer(scope: Scope) -> None:
-        try:
-            pace.check(scope)
-        except TooManyRequests as error:
-            await send_problem(error, scope, send)
-        else:
+        refusal = pace.refusal(scope)
+        if refusal is None:
             await Response(b"served")(scope, receive, send)
+        else:
+            await send_early(refusal.status, refusal.fields, refusal.content, scope, send)
 
     asyncio.run(answer(_scope(method, path, kind)))
     assert sent[0]["type"].endswith("http.response.start")

@@ -20,7 +20,7 @@ def _served(first: list[dict[str, str]], then: dict[str, str]) -> list[str]:
         one_is_served = asyncio.Event()
 
         async def serve(scope: dict[str, str]) -> None:
-            await turns.wait_unless_urgent(scope)
+            await turns.wait_unless_stop(scope)
             served.append(scope["path"])
             one_is_served.set()
 
@@ -56,9 +56,9 @@ def test_a_carrier_takes_its_turn_later() -> None:
 
 async def test_a_cancelled_request_delays_no_other() -> None:
     turns = StopPriority()
-    waiting = [asyncio.ensure_future(turns.wait_unless_urgent(_scope("/r", "GET"))) for _ in range(3)]
+    waiting = [asyncio.ensure_future(turns.wait_unless_stop(_scope("/r", "GET"))) for _ in range(3)]
     await asyncio.sleep(0)
     waiting[1].cancel()
     await asyncio.gather(*waiting, return_exceptions=True)
-    await turns.wait_unless_urgent(_scope("/r", "GET"))
+    await turns.wait_unless_stop(_scope("/r", "GET"))
     assert [each.cancelled() for each in waiting] == [False, True, False]

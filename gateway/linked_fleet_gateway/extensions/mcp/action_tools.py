@@ -14,6 +14,7 @@ from pydantic import Field
 from linked_fleet_gateway.extensions.mcp.message_context import MessageContext
 from linked_fleet_gateway.extensions.mcp.tool import Progress, Target, Tool, content_result, refusal_result
 from linked_fleet_gateway.fleet.invocation import Invocation, InvocationState
+from linked_fleet_gateway.http.entrance import await_turn
 from linked_fleet_gateway.http.internal_request import Reply
 from linked_fleet_gateway.http.scheduling import URGENT
 
@@ -93,6 +94,8 @@ class Stop(Tool):
                 reply = await context.ask("POST", path, _JSON, {"prefer": "return=representation"})
                 if reply.status != 404:
                     break
+            else:
+                await await_turn(context.request)  # it stops nothing
         return content_result(reply, "" if reply.status >= 400 else f"Done: {path}")
 
 
