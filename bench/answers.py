@@ -24,7 +24,7 @@ import httpx
 from pyoxigraph import NamedNode, RdfFormat, parse
 
 from bench.beside import BARE, Constant, bare
-from bench.scene import Scene, cpu_s, scene_of_robots
+from bench.scene import Scene, cpu_s, scene, scene_of_robots
 from bench.synthetic import urdf
 from bench.table import Row, UnavailableError, at_least, at_most, known
 from browser import HYBRIT, LF
@@ -32,7 +32,7 @@ from fake_robots import FakeRobot
 from running import eventually
 
 CONNECTIONS = 32
-_BROWSER = Path(__file__).with_name("browser.lua")
+_BROWSER, _POSTS = Path(__file__).with_name("browser.lua"), Path(__file__).with_name("posts.lua")
 _RDF_TYPE = NamedNode("http://www.w3.org/1999/02/22-rdf-syntax-ns#type")
 _VALUE = "http://www.w3.org/ns/sosa/ObservableProperty"
 _OTHERS = frozenset(
@@ -85,6 +85,7 @@ def rows(seconds: float) -> list[Row]:
                 theirs[name] = browse(url, pid, seconds, _listed(folder, "bare", fixed)).per_cpu_s
                 ours[name] = browse(root, place.pid, seconds, _listed(folder, "paths", lines)).per_cpu_s
         changed_ms, unchanged_ms = _changed(place)
+    refused = _refused(seconds, [*values, *others])
     unit, walked = "1/CPU s", f"{_WALKED:,} resources read for the first time by one client"
     changed = f"first GET of a robot of {_JOINTS} joints after its description changed, p50"
     found = [
@@ -101,7 +102,18 @@ def rows(seconds: float) -> list[Row]:
         beside = f"{BARE}, {typical[name].size:,} constant bytes and {size:,} of fields"
         found += [known(f"{what}: {BARE}", unit, theirs[name])]
         found += [at_least(what, unit, ours[name], beside, theirs[name], goal)]
+    for what, rate, goal in (("GET of a random resource", refused[0], 1.0), ("POST of a motion", refused[1], 1.0)):
+        found += [at_least(f"{what}, refused by rate", unit, rate, "GET of a value", ours["/value"], goal)]
     return found
+
+
+def _refused(seconds: float, paths: Sequence[str]) -> tuple[float, float]:
+    """Return the refusals per second of processor of a client far above its rate: of GETs, and of POSTs with a body."""
+    with tempfile.TemporaryDirectory() as folder, scene("--requests-per-client", "1") as place:
+        root, pid = place.place.root, place.pid
+        gets = browse(root, pid, seconds, _listed(folder, "all", [(path,) for path in paths]), refused=True).per_cpu_s
+        posts = wrk(root, pid, seconds, flags=("--script", str(_POSTS)), refused=True).per_cpu_s
+    return gets, posts
 
 
 def _changed(place: Scene) -> tuple[float, float]:
@@ -209,9 +221,10 @@ def _listed(folder: str, name: str, lines: Sequence[tuple[str, ...]]) -> Path:
     return path
 
 
-def browse(url: str, pid: int, seconds: float, paths: Path) -> Asked:
+def browse(url: str, pid: int, seconds: float, paths: Path, *, refused: bool = False) -> Asked:
     """Request the paths in the file with browser fields, on 32 connections as fast as responses come."""
-    return wrk(url, pid, seconds, flags=("--script", str(_BROWSER)), environment={"PATHS": str(paths)})
+    environment = {"PATHS": str(paths)}
+    return wrk(url, pid, seconds, flags=("--script", str(_BROWSER)), environment=environment, refused=refused)
 
 
 def wrk(
@@ -222,8 +235,13 @@ def wrk(
     status: int = 200,
     flags: tuple[str, ...] = (),
     environment: Mapping[str, str] | None = None,
+    *,
+    refused: bool = False,
 ) -> Asked:
-    """Send requests on 32 connections as fast as responses come; statuses must be below 400, the first ``status``."""
+    """Send requests on 32 connections as fast as responses come; statuses must be below 400, the first ``status``.
+
+    ``refused``: nearly all must be refused instead.
+    """
     if shutil.which("wrk") is None:
         raise UnavailableError("wrk is not here, with which requests are made: apt install wrk")
     words = [word for name, value in (fields or {}).items() for word in ("-H", f"{name}: {value}")]
@@ -236,7 +254,7 @@ def wrk(
     )
     cpu, took = cpu_s(pid) - cpu, time.monotonic() - begin
     said = done.stdout
-    assert "Non-2xx or 3xx" not in said and "Socket errors" not in said, said
-    count = re.search(r"(\d+) requests in", said)
-    assert count is not None, said
+    count, failed = re.search(r"(\d+) requests in", said), re.search(r"Non-2xx or 3xx responses: (\d+)", said)
+    assert count is not None and "Socket errors" not in said, said
+    assert (int(failed[1]) if failed else 0) >= int(count[1]) * 0.99 if refused else failed is None, said
     return Asked(int(count[1]), took, cpu)
