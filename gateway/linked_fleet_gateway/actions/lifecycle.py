@@ -68,7 +68,7 @@ class Waiters:
 
 REPORT_TIMEOUT_S = 15.0
 """Time after the answer, or after a report of progress, in which an invocation must be reported again."""
-_LAST_WORD_S = 1.0  # the end of a motion may arrive after the answer to a stop
+_FINAL_PROGRESS_S = 1.0  # the end of a motion may arrive after the answer to a stop
 _EXPIRY_INTERVAL_S = 1.0
 _PATIENCE = 3.0  # factor of the duration stated by the agent, after which a motion is given up
 _OWED = "the stop is sent again until the robot answers"
@@ -242,7 +242,7 @@ class Lifecycle:
     async def _judge_stop(self, invocation: Invocation, reply: Reply | None) -> None:
         """Fail a motion whose agent has accepted its stop and does not know it."""
         unknown = isinstance(reply, Accepted) and invocation.id not in reply.preempts
-        if unknown and invocation.stops is None and not await self._ended(invocation, _LAST_WORD_S):
+        if unknown and invocation.stops is None and not await self._ended(invocation, _FINAL_PROGRESS_S):
             self.fail(invocation, "the agent knows no such motion")
 
     # -- reports ----------------------------------------------------------------------------------------------------

@@ -126,7 +126,7 @@ class SubprotocolConnection:
         return self._protocol.writer.send(frames)
 
     async def send(self, message: str | bytes) -> None:
-        """Send a message that must not be dropped, as soon as the connection is ``writable``. Raises Ended."""
+        """Send a message that must not be dropped, once the connection is ``writable``. Raises ConnectionEnded."""
         framed = frame(Opcode.TEXT, message.encode()) if isinstance(message, str) else frame(Opcode.BINARY, message)
         while not self.try_send(framed):
             if not self._protocol.is_open:
@@ -135,7 +135,7 @@ class SubprotocolConnection:
             await self._room.wait()
 
     async def receive(self) -> str | bytes:
-        """Return the next message, after giving other tasks a turn. Raises Ended."""
+        """Return the next message, after giving other tasks a turn. Raises ConnectionEnded."""
         await asyncio.sleep(0)  # many messages may be available already
         event = await self.websocket.receive()
         if event["type"] == "websocket.disconnect":
@@ -164,7 +164,7 @@ class SubprotocolConnection:
 class WebSocketHandler:
     """Serves WebSockets in ``subprotocols``.
 
-    ``handle`` also gets the ``remote`` or ``affords`` of the resource, and returns, or raises Ended, when the
+    ``handle`` also gets the ``remote`` or ``affords`` of the resource, and returns, or raises ConnectionEnded, when the
     connection has ended. ``max_message_bytes`` is the longest message of a client.
     """
 

@@ -35,7 +35,7 @@ _log = logging.getLogger(__name__)
 _OPENING_S = 5.0  # wait for a server at the start, before the gateway serves without one
 _LOOK_S = 10.0  # period of checks for data set aside, which an operator may move away
 _PATIENCE_S = 30.0  # wait for another gateway's start, for a terminating server, and for the loading of data
-_FAREWELL_S = 5.0
+_CLOSE_TIMEOUT_S = 5.0
 _ANSWER_S = 1.0
 _POLL_S = 0.01
 # pause between the end of a server and the next attempt, longer after each failure
@@ -185,7 +185,7 @@ class EmbeddedRedis:
             return
         self._child.terminate()
         try:
-            await asyncio.to_thread(self._child.wait, _FAREWELL_S)
+            await asyncio.to_thread(self._child.wait, _CLOSE_TIMEOUT_S)
         except subprocess.TimeoutExpired:
             _log.warning("the embedded server does not end and is killed")
             self._child.kill()
@@ -263,7 +263,7 @@ def _make_private(folder: Path) -> None:
 async def _locked(path: Path, obstacle: str) -> AsyncIterator[int]:
     """Hold an exclusive lock and yield its descriptor.
 
-    Raises EmbeddedError with ``obstacle`` if it is not available.
+    Raises EmbeddedRedisError with ``obstacle`` if it is not available.
     """
     descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
     try:

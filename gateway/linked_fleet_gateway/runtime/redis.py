@@ -65,7 +65,7 @@ class Connection:
     """Sends commands singly or in pipelines, in bounded time; connects on demand, also after an outage.
 
     Nothing is sent twice; callers decide what may be repeated. ``stream`` is followed from its position at the first
-    contact. Raises BadUrl for an invalid URL.
+    contact. Raises InvalidUrl for an invalid URL.
     """
 
     def __init__(self, url: str, stream: str) -> None:

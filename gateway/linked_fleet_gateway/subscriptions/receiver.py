@@ -87,8 +87,8 @@ class ConsentResponse:
 class Receiver:
     """Sends to one URL. Each request resolves the host anew and connects to an address judged in that look-up.
 
-    Raises ValueError for a URL that ``callback_url`` rejects. Share the ``ssl_context``, because creating one takes 20
-    ms, and ``consent_throttle``, or consent requests are limited for this receiver alone.
+    Raises ValueError for a URL that ``check_callback_url`` rejects. Share the ``ssl_context``, because creating one
+    takes 20 ms, and ``consent_throttle``, or consent requests are limited for this receiver alone.
     """
 
     def __init__(

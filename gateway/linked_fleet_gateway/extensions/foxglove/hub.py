@@ -54,7 +54,7 @@ class Hub:
         self._tasks: dict[int, asyncio.Task[None]] = {}
 
     async def serve(self, conversation: SubprotocolConnection, _: object) -> None:
-        """Serve one client. Raises Ended."""
+        """Serve one client. Raises ConnectionEnded."""
         if len(self._sessions) >= MOST_CLIENTS:
             message = "Too many clients of Foxglove are connected."
             await conversation.send(protocol.text("status", level=ERROR, message=message))

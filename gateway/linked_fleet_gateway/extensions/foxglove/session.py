@@ -49,7 +49,7 @@ class Session:
         self._setting = asyncio.Lock()
 
     async def run(self) -> None:
-        """Serve the client until it disconnects. Raises Ended."""
+        """Serve the client until it disconnects. Raises ConnectionEnded."""
         info = {"name": "Linked Fleet", "capabilities": protocol.CAPABILITIES, "supportedEncodings": [protocol.JSON]}
         await self._say("serverInfo", **info, sessionId=f"{id(self):x}")
         telling = asyncio.create_task(_until_ended(self._tell()), name="advertise to a Foxglove client")

@@ -157,7 +157,7 @@ class QueryProcess:
                 async with asyncio.timeout(_BEGIN_S):
                     first = await asyncio.get_running_loop().sock_recv(ours, 1)
                 if first != FORKED:
-                    raise ConnectionError("it ended")
+                    raise ConnectionError("the process that answers queries has ended")
                 return ask.limit_s
             except (OSError, TimeoutError) as error:
                 log.warning("the query process is restarted: %s", error)

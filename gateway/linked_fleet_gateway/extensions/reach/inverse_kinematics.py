@@ -116,7 +116,7 @@ def _rotation(what: str, xyzw: Quaternion) -> Array:
 
 
 @dataclass(frozen=True)
-class _Try:
+class _Candidate:
     """Positions with their error and its derivative, weighted in metre."""
 
     x: Array
@@ -167,7 +167,7 @@ class _Task:
         """Return positions clamped to the limits."""
         return np.clip(x, self.lower, self.upper)
 
-    def try_at(self, x: Array) -> _Try:
+    def try_at(self, x: Array) -> _Candidate:
         """Compute the forward kinematics at these positions."""
         joints = self._gear @ x + self._shift
         self._q[self._at] = np.where(self._circular, np.cos(joints), joints)
@@ -184,16 +184,16 @@ class _Task:
         else:
             error = np.concatenate((error, _M_PER_RAD * pin.log3(self.rotation @ placement.rotation.T)))
             jacobian[3:] *= _M_PER_RAD
-        return _Try(x, error, jacobian, math.sqrt(error @ error))
+        return _Candidate(x, error, jacobian, math.sqrt(error @ error))
 
-    def solved(self, found: _Try) -> bool:
+    def solved(self, found: _Candidate) -> bool:
         """Return True if position and orientation are within their tolerances."""
         return all(math.sqrt(part @ part) <= TOLERANCE_M for part in (found.error[:3], found.error[3:]))
 
     def named(self, x: Array) -> dict[str, float]:
         return dict(zip(self.names, x.tolist(), strict=True))
 
-    def reached(self, found: _Try, iterations: int) -> Solution:
+    def reached(self, found: _Candidate, iterations: int) -> Solution:
         residuals = math.hypot(*found.error[:3]), math.hypot(*found.error[3:]) / _M_PER_RAD
         return Solution(self.named(self._fewest_turns(found.x)), *residuals, iterations)
 
@@ -208,7 +208,7 @@ class _Task:
         return unwound
 
 
-def _search(task: _Task) -> tuple[_Try, int]:
+def _search(task: _Task) -> tuple[_Candidate, int]:
     """Return the first solution, or the nearest result of all starts, and the number of iterations."""
     centre = task.nearest(task.start)
     lower, upper = np.maximum(task.lower, centre - math.pi), np.minimum(task.upper, centre + math.pi)
@@ -224,7 +224,7 @@ def _search(task: _Task) -> tuple[_Try, int]:
     return best, used
 
 
-def _descend(task: _Task, x: Array, limit: int) -> tuple[_Try, int]:
+def _descend(task: _Task, x: Array, limit: int) -> tuple[_Candidate, int]:
     """Iterate from x until the target is reached, progress stalls, or ``limit`` iterations are used."""
     best, caution = task.try_at(x), 1.0
     before = best.size
@@ -243,7 +243,7 @@ def _descend(task: _Task, x: Array, limit: int) -> tuple[_Try, int]:
     return best, limit
 
 
-def _step(task: _Task, here: _Try, caution: float) -> Array:
+def _step(task: _Task, here: _Candidate, caution: float) -> Array:
     """Return one damped step, without the joints that would press against their limits."""
     downhill = here.jacobian.T @ here.error
     pressed = ((here.x <= task.lower) & (downhill < 0)) | ((here.x >= task.upper) & (downhill > 0))

@@ -58,7 +58,7 @@ class Path:
 def path_of(robot: Robot, way: MotionPath, joints: Sequence[str], weights: Array) -> Path:
     """Return the path of the moving ``joints``. A row of ``weights`` bounds the approach of a pair per joint motion.
 
-    Raises Unknown if the path is too long.
+    Raises UnknownPosition if the path is too long.
     """
     if not joints:
         return Path((), np.zeros((1, 0)))
