@@ -8,10 +8,10 @@ from contextlib import asynccontextmanager
 from dataclasses import replace
 from typing import Any, Protocol, TypeVar
 
+from linked_fleet_gateway.base.errors import RedisUnavailable
 from linked_fleet_gateway.extensions.rules.rule import Rule
 from linked_fleet_gateway.fleet.invocations import Invocation, InvocationState
 from linked_fleet_gateway.resources.subscription import Kind, Record, Subscription
-from linked_fleet_gateway.runtime.redis import StoreUnavailable
 from linked_fleet_gateway.subscriptions.store import OutgoingMessage, SubscriptionStore
 from running import PATIENCE_S
 
@@ -107,7 +107,7 @@ async def served(ask: Callable[[], Awaitable[object]]) -> None:
     async def answered() -> bool:
         try:
             await ask()
-        except StoreUnavailable:
+        except RedisUnavailable:
             return False
         return True
 

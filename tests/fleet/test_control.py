@@ -333,7 +333,7 @@ def test_a_tied_motion_stops_during_an_outage_of_redis(memory: Servers, outage: 
         node.kill() if outage == "killed" else node.pause()
         try:
             renewed = put(other.browser, str(other.browser.robot("ur5").one(LF.lease)), control("Ada", 2), **mine)
-            assert problem(renewed) == (503, "store-away")
+            assert problem(renewed) == (503, "redis-unavailable")
             _let_go(one, invocation)
             _let_go(other, invocation)
             at_all(found, lambda each: _held_by(each, None), "nobody with control")

@@ -10,6 +10,7 @@ import pytest
 from browser import LF, Browser
 from commanding import (
     PAN,
+    PREFIXES,
     STILL_RAD,
     WRIST,
     angle,
@@ -29,6 +30,7 @@ from commanding import (
 from gateway_group import Gateway, Hub, arrived, deliveries, gateway, gateways, hub
 from receivers import CallbackReceiver, receiving
 from redis_servers import Servers, single
+from rules_client import a_rule
 from running import eventually
 from small_fleet import live
 from subscribers import Socket
@@ -68,6 +70,9 @@ def _fails(error: str) -> tuple[Callable[[MemoryServer], None], Callable[[Memory
     return lambda node: node.fail(error), lambda node: node.fail("")
 
 
+_CRATE = """<> dcterms:title "crate" ; lf:position [ maths:x 9 ; maths:y 9 ; maths:z 0.5 ; vom:unit unit:M ] ;
+  lf:geometry [ a lf:Sphere ; lf:radius [ vom:numericalValue 0.2 ; vom:unit unit:M ] ] ."""
+_NEVER = "SELECT ?s { ?s ?p ?o FILTER(false) }"
 _OUTAGES = {
     "full": _fails("OOM command not allowed when used memory > 'maxmemory'."),
     "read-only": _fails("READONLY You can't write against a read only replica."),
@@ -104,12 +109,11 @@ def refused_and_remembered(scene: Scene, begin: Callable[[Any], None], end: Call
         begin(node)
         try:
             motion_refused = put(scene.browser, of_joint(scene.browser, WRIST), radian(wrist + 0.5))
-            assert (problem(motion_refused), motion_refused.headers["retry-after"]) == ((503, "store-away"), "2")
+            assert (problem(motion_refused), motion_refused.headers["retry-after"]) == ((503, "redis-unavailable"), "2")
             refused = [
                 at.subscribe(scene.receiver.url("/refused")),
                 put(scene.browser, _lease(scene.browser), control("me", 60)),
             ]
-            assert [problem(each) for each in refused] == 2 * [(503, "store-away")]
             for _ in range(10):
                 scene.stage.step()
                 assert watching.next().angle == scene.stage.angle
@@ -119,6 +123,9 @@ def refused_and_remembered(scene: Scene, begin: Callable[[Any], None], end: Call
             assert scene.browser.page(stop).one(LF.state) == LF.succeeded
             assert ended(scene.browser, motion).one(LF.state) == LF.cancelled
             assert angle(scene.browser, WRIST) == pytest.approx(wrist, abs=STILL_RAD)
+            refused += _refused_by_others(scene.browser)
+            assert [problem(each) for each in refused] == [(503, "redis-unavailable")] * len(refused)
+            assert {each.json()["detail"] for each in refused} == {motion_refused.json()["detail"]}, "one sentence"
         finally:
             end(node)
     again = eventually(
@@ -136,6 +143,16 @@ def refused_and_remembered(scene: Scene, begin: Callable[[Any], None], end: Call
         live(other.browser, "ur5")
         for iri, state in ((motion, LF.cancelled), (stop, LF.succeeded)):
             eventually(lambda iri=iri, state=state: _state(other, iri) == state, f"{iri} remembered")
+
+
+def _refused_by_others(browser: Browser) -> list[httpx.Response]:
+    """Return the answers to writes of a setting, an object of the world, and a rule."""
+    title = str(browser.robot("ur5").property(LF.TextProperty))
+    return [
+        put(browser, title, f'{PREFIXES}<> lf:value "never" .'),
+        post(browser, f"{browser.root}world/objects", PREFIXES + _CRATE),
+        post(browser, f"{browser.root}rules", a_rule(_NEVER, f"{browser.root}actions/stopAll")),
+    ]
 
 
 def _state(at: Gateway, iri: str) -> object:

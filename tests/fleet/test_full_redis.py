@@ -56,7 +56,7 @@ def test_a_full_disk_loses_nothing_that_was_accepted(small_disk: Path) -> None:
             # What fits into the rest of a block is accepted, and stays.
             made = [f"/{number}" for number in range(20) if at.subscribe(receiver.url(f"/{number}")).status_code == 201]
             refused = at.subscribe(receiver.url("/refused"))
-            assert (problem(refused), refused.headers["retry-after"]) == ((503, "store-away"), "2")
+            assert (problem(refused), refused.headers["retry-after"]) == ((503, "redis-unavailable"), "2")
             for _ in range(10):
                 stage.step()
                 assert watching.next().angle == stage.angle

@@ -428,7 +428,7 @@ def test_without_redis_nothing_begins_and_everything_stops(stage: Hub, memory: S
         node.kill() if outage == "killed" else node.pause()
         try:
             answer = put(other.browser, url, radian(0.5), **fields)
-            assert (problem(answer), answer.headers["retry-after"]) == ((503, "store-away"), "2")
+            assert (problem(answer), answer.headers["retry-after"]) == ((503, "redis-unavailable"), "2")
             stop = begun(post(other.browser, of_robot(other.browser, LF.StopRobot), prefer="wait=30"))
             assert state_at(other, stop) == LF.succeeded
             assert ended(one.browser, motion).one(LF.state) == LF.cancelled

@@ -8,8 +8,7 @@ from typing import Any, Protocol, TypeVar
 
 from histories.environment import Environment
 from histories.history import History
-from linked_fleet_gateway.base.errors import StoreDown
-from linked_fleet_gateway.runtime.redis import StoreUnavailable
+from linked_fleet_gateway.base.errors import RedisUnavailable
 
 CLIENTS = 24
 _CANCELLED = 0.02
@@ -35,7 +34,7 @@ class Clients(Protocol[G]):
     """Clients of one kind."""
 
     async def act(self, client: int, gateway: G, draws: random.Random) -> None:
-        """Execute one operation; StoreUnavailable, StoreDown, Unanswered if its outcome is unknown."""
+        """Execute one operation; RedisUnavailable, RedisUnavailable, Unanswered if its outcome is unknown."""
 
     async def settle(self, gateway: G) -> None:
         """Record all outcomes after the faults."""
@@ -108,7 +107,7 @@ class Workload:
 async def _succeeded(doing: Coroutine[Any, Any, None] | asyncio.Task[None]) -> bool:
     try:
         await doing
-    except (StoreUnavailable, StoreDown, Unanswered):
+    except (RedisUnavailable, Unanswered):
         return False
     return True
 

@@ -256,5 +256,5 @@ def test_without_redis_nothing_is_set(tmp_path: Path) -> None:
         url = _title(one.browser).url
         assert put(one.browser, url, _text("before")).status_code == 204
         memory.kill()
-        assert problem(put(one.browser, url, _text("after"))) == (503, "store-away")
+        assert problem(put(one.browser, url, _text("after"))) == (503, "redis-unavailable")
         assert _titles(one.browser) == {"before"}

@@ -6,9 +6,9 @@ from collections.abc import Iterator
 
 import pytest
 
+from linked_fleet_gateway.base.errors import RedisUnavailable
 from linked_fleet_gateway.runtime import audit_log as audit_module
 from linked_fleet_gateway.runtime.audit_log import PAGE_SIZE, AuditEntry, AuditLog
-from linked_fleet_gateway.runtime.redis import StoreUnavailable
 from redis_backends import Backend, opened
 from store_samples import served, until
 
@@ -50,7 +50,7 @@ async def test_entries_made_during_an_outage_are_stored_in_order(server: Backend
     await noted(audit, 1)
     server.kill()
     note(audit, 2, 3)
-    with pytest.raises(StoreUnavailable):
+    with pytest.raises(RedisUnavailable):
         await audit.read_page("")
     server.start()
     await served(lambda: audit.read_page(""))

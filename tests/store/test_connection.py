@@ -7,7 +7,8 @@ from collections.abc import Iterator
 
 import pytest
 
-from linked_fleet_gateway.runtime.redis import Connection, InvalidUrl, StoreUnavailable
+from linked_fleet_gateway.base.errors import RedisUnavailable
+from linked_fleet_gateway.runtime.redis import Connection, InvalidUrl
 from redis_backends import Backend, opened
 from store_samples import closing, served
 
@@ -25,7 +26,7 @@ async def test_writes_during_a_disconnection_raise(connection: Connection) -> No
     async def ask(*command: str | int) -> bool:
         try:
             await connection.execute(*command)
-        except StoreUnavailable:
+        except RedisUnavailable:
             return False
         return True
 
@@ -60,7 +61,7 @@ async def test_a_cancelled_command_leaves_no_answer_to_the_next(connection: Conn
 
 
 async def test_a_refused_command_does_not_displace_the_answers_of_others(connection: Connection) -> None:
-    with pytest.raises(StoreUnavailable, match="WRONGTYPE"):
+    with pytest.raises(RedisUnavailable, match="WRONGTYPE"):
         await connection.execute_all([("SET", "{a}1", "text"), ("HGETALL", "{a}1"), ("GET", "{a}1")])
     assert await connection.execute_all([("GET", "{a}1"), ("HSET", "{a}2", "name", "value"), ("HGETALL", "{a}2")]) == [
         b"text", 1, {b"name": b"value"},

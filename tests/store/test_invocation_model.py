@@ -21,8 +21,8 @@ from linked_fleet_gateway.actions.store import (
     LeaseHeld,
     LeaseNotHeld,
     MotionLimitReached,
-    StoreUnavailable,
 )
+from linked_fleet_gateway.base.errors import RedisUnavailable
 from linked_fleet_gateway.fleet.invocations import FLEET, Invocation, InvocationState
 from redis_backends import Backend, Memory, hold_to
 from store_samples import an_invocation, served
@@ -265,7 +265,7 @@ class Invocations(RuleBasedStateMachine):
         """Ask without hearing the answer; a repetition must have the same result."""
         if lost and isinstance(self.server, Memory):
             self.server.redis.fail_after_executing(containing="EVAL")
-            with pytest.raises(StoreUnavailable):
+            with pytest.raises(RedisUnavailable):
                 self.run(ask())
 
     @precondition(lambda self: self.in_memory)
@@ -298,7 +298,7 @@ class Invocations(RuleBasedStateMachine):
     def restart(self) -> None:
         self.server.kill()
         for store in self.stores:
-            with suppress(StoreUnavailable):
+            with suppress(RedisUnavailable):
                 self.run(store.load_invocations())
         self.server.start()
         for store in self.stores:

@@ -9,7 +9,8 @@ from typing import Any
 import pytest
 
 from linked_fleet_gateway.actions.redis_scripts import Keys
-from linked_fleet_gateway.actions.store import ActionStore, LeaseHeld, News, StoreUnavailable
+from linked_fleet_gateway.actions.store import ActionStore, LeaseHeld, News
+from linked_fleet_gateway.base.errors import RedisUnavailable
 from linked_fleet_gateway.fleet.invocations import FLEET
 from redis_backends import Backend, opened
 from running import PATIENCE_S
@@ -245,7 +246,7 @@ async def test_after_an_outage_a_listener_is_told_to_read_anew_and_hears_the_res
     await a.set_setting("r", "first", None, "1")
     assert await heard.next(1) == [News("settings", "r", "first")]
     server.kill()
-    with pytest.raises(StoreUnavailable):
+    with pytest.raises(RedisUnavailable):
         await b.load_invocations()
     server.start()
     await served(lambda: a.set_setting("r", "second", None, "2"))
@@ -256,7 +257,7 @@ async def test_a_follower_that_starts_in_an_outage_gets_the_news(
     server: Backend, a: ActionStore, b: ActionStore
 ) -> None:
     server.kill()
-    with pytest.raises(StoreUnavailable):
+    with pytest.raises(RedisUnavailable):
         await a.load_invocations()
     server.start()
     await served(a.load_invocations)
@@ -276,7 +277,7 @@ async def test_news_during_an_outage_is_delivered_later(a: ActionStore, b: Actio
     tell = a._redis.execute_all
 
     async def away(*_: object) -> Any:
-        raise StoreUnavailable
+        raise RedisUnavailable("away")
 
     a._redis.execute_all = away  # type: ignore[method-assign]
     one = an_invocation()

@@ -10,12 +10,12 @@ from typing import Any
 import pytest
 
 from linked_fleet_gateway.actions.store import ActionStore
+from linked_fleet_gateway.base.errors import RedisUnavailable
 from linked_fleet_gateway.extensions.rules.rule import RuleRecord
 from linked_fleet_gateway.extensions.rules.store import RuleStore
 from linked_fleet_gateway.extensions.sessions.service import EndedSessions, SessionKey
 from linked_fleet_gateway.extensions.world.service import ObjectStore
 from linked_fleet_gateway.resources.subscription import Delivery
-from linked_fleet_gateway.runtime.redis import StoreUnavailable
 from linked_fleet_gateway.subscriptions.store import LEASE_S, SubscriptionStore
 from redis_backends import Backend, Memory
 from store_samples import LIMIT, OUTGOING, a_rule, a_subscription, an_invocation, ended, held, listed, served
@@ -87,7 +87,7 @@ async def test_a_store_opens_without_a_server_says_so_and_heals(server: Backend,
     server.kill()
     async with calls(server, store) as every:
         for call in every:
-            with pytest.raises(StoreUnavailable):
+            with pytest.raises(RedisUnavailable):
                 await call()
         server.start()
         await served(every[0])
@@ -100,7 +100,7 @@ async def test_a_server_that_hangs_is_waited_for_no_longer_than_three_seconds(se
         server.redis.hang()
         for call in every:
             begun_s = time.monotonic()
-            with pytest.raises(StoreUnavailable):
+            with pytest.raises(RedisUnavailable):
                 await call()
             assert time.monotonic() - begun_s <= 3.0 + 1e-6
         server.redis.release()
@@ -114,7 +114,7 @@ async def test_a_server_that_does_not_serve_now_is_away(server: Memory, store: A
     async with calls(server, store) as every:
         server.redis.error = error
         for call in every:
-            with pytest.raises(StoreUnavailable):
+            with pytest.raises(RedisUnavailable):
                 await call()
         server.redis.error = ""
         await served(every[0])
@@ -127,7 +127,7 @@ async def test_subscriptions_that_were_accepted_survive_kill_9_of_the_server(ser
             await a.add(one, Delivery(), LIMIT)
         entry = await a.advance_queue(made[0].id, None, OUTGOING, Delivery())
         server.kill()
-        with pytest.raises(StoreUnavailable):
+        with pytest.raises(RedisUnavailable):
             await a.get_record(made[0].id)
         server.start()
         await served(a.renew_lease)
@@ -145,7 +145,7 @@ async def test_actions_that_were_accepted_survive_kill_9_of_the_server(server: B
         lease, token = await a.take_lease("r", "Ada", 600)
         await a.set_setting("r", "title", None, "R")
         server.kill()
-        with pytest.raises(StoreUnavailable):
+        with pytest.raises(RedisUnavailable):
             await a.load_invocations()
         server.start()
         await served(a.load_invocations)
@@ -166,7 +166,7 @@ async def test_nobody_is_dead_for_half_a_lease_after_an_outage_in_which_nobody_c
         await b.renew_lease()
         server.kill()
         await asyncio.sleep(2 * LEASE_S)
-        with pytest.raises(StoreUnavailable):
+        with pytest.raises(RedisUnavailable):
             await a.dead_runs()
         server.start()
         assert await a.dead_runs() == []
@@ -189,7 +189,7 @@ async def test_a_step_of_which_the_answer_was_lost_may_be_repeated(server: Memor
         ):
             for nth in range(1, 9):
                 server.redis.fail_after_executing(nth)
-                with suppress(StoreUnavailable):
+                with suppress(RedisUnavailable):
                     await step()
             server.redis.fail_after_executing(0)
             await step()

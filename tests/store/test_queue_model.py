@@ -13,6 +13,7 @@ import pytest
 from hypothesis import strategies as st
 from hypothesis.stateful import Bundle, RuleBasedStateMachine, initialize, invariant, precondition, rule
 
+from linked_fleet_gateway.base.errors import RedisUnavailable
 from linked_fleet_gateway.resources.subscription import Delivery, DeliveryState, Kind, Subscription
 from linked_fleet_gateway.subscriptions.records import read_entry
 from linked_fleet_gateway.subscriptions.redis_scripts import Keys
@@ -20,7 +21,6 @@ from linked_fleet_gateway.subscriptions.store import (
     Backlog,
     OutgoingMessage,
     QueueEntry,
-    StoreUnavailable,
     SubscriptionNotHeld,
     SubscriptionStore,
 )
@@ -270,7 +270,7 @@ class CallbackQueue(RuleBasedStateMachine):
             self.die(store)
         else:
             self.server.redis.fail_after_executing(steps + 1)
-            with suppress(StoreUnavailable):
+            with suppress(RedisUnavailable):
                 self.run(work())
             self.server.redis.fail_after_executing(0)
 

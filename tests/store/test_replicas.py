@@ -6,9 +6,10 @@ from typing import Any
 
 import pytest
 
+from linked_fleet_gateway.base.errors import RedisUnavailable
 from linked_fleet_gateway.resources.subscription import Delivery, Kind
 from linked_fleet_gateway.subscriptions.redis_scripts import Keys
-from linked_fleet_gateway.subscriptions.store import StoreUnavailable, SubscriptionStore
+from linked_fleet_gateway.subscriptions.store import SubscriptionStore
 from redis_backends import Memory, Real, opened
 from redis_servers import Server, Servers, cluster_replicated, single_replicated
 from running import eventually
@@ -107,9 +108,9 @@ async def test_an_unconfirmed_callback_is_refused_and_removed(
     try:
         refused = [a_subscription() for _ in range(9)]
         results = await asyncio.gather(*(a.add(one, Delivery(), LIMIT) for one in refused), return_exceptions=True)
-        assert {type(result) for result in results} == {StoreUnavailable}, results
+        assert {type(result) for result in results} == {RedisUnavailable}, results
         for one, result in zip(refused, results, strict=True):
-            assert str(result) == f"no replica of Redis confirmed subscription {one.id} in time"
+            assert result.cause == f"no replica of Redis confirmed subscription {one.id} in time"
         stream = a_subscription(kind=Kind.WEBSOCKET)
         await a.renew_lease()
         await a.add(stream, Delivery(), LIMIT)
@@ -134,7 +135,7 @@ async def until_added(store: SubscriptionStore, subscription: Any) -> None:
     for _ in range(20):
         try:
             return await store.add(subscription, Delivery(), LIMIT)
-        except StoreUnavailable:
+        except RedisUnavailable:
             continue
     pytest.fail("no replica confirms")
 
@@ -150,7 +151,7 @@ async def test_a_subscription_that_vanishes_before_it_is_confirmed_is_not_accept
         return await ask(script, key, *arguments)
 
     a._redis.run_replicated_script = late  # type: ignore[method-assign]
-    with pytest.raises(StoreUnavailable, match="was gone before a replica had it"):
+    with pytest.raises(RedisUnavailable, match="was gone before a replica had it"):
         await a.add(one, Delivery(), LIMIT)
     assert await a.get_record(one.id) is None
     assert await held(a) == []  # and deletes what it lists
@@ -187,7 +188,7 @@ async def test_the_lists_in_which_a_callback_is_found_are_with_replicas_too(
         others = [one for one in (a_subscription() for _ in range(200)) if not served_by(node, KEYS.record(one.id))]
         replica.pause()
         try:
-            with pytest.raises(StoreUnavailable, match="no replica of Redis confirmed"):
+            with pytest.raises(RedisUnavailable, match="no replica of Redis confirmed"):
                 await a.add(others[0], Delivery(), LIMIT)
             assert await a.get_record(others[0].id) is None
         finally:
@@ -223,7 +224,7 @@ async def test_a_confirmation_is_not_asked_of_a_server_that_is_master_no_longer(
         return await ask(script, key, *arguments)
 
     a._redis.run_replicated_script = late  # type: ignore[method-assign]
-    with pytest.raises(StoreUnavailable, match="MovedError"):
+    with pytest.raises(RedisUnavailable, match="MovedError"):
         await a.add(one, Delivery(), LIMIT)
     assert await a.get_record(one.id) is None
     assert await a.held_records() == await a.records_of_owner(OWNER) == []

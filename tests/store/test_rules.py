@@ -9,9 +9,10 @@ from typing import Any
 
 import pytest
 
+from linked_fleet_gateway.base.errors import RedisUnavailable
 from linked_fleet_gateway.extensions.rules import store as store_module
 from linked_fleet_gateway.extensions.rules.rule import Firing, FiringState, Rule, RuleRecord
-from linked_fleet_gateway.extensions.rules.store import Changed, FleetFull, Full, Lost, RuleStore, StoreUnavailable
+from linked_fleet_gateway.extensions.rules.store import Changed, FleetFull, Full, Lost, RuleStore
 from redis_backends import Backend, opened
 from store_samples import HOSTILE, a_rule, closing
 
@@ -79,12 +80,12 @@ async def test_others_hear_of_a_change_by_a_gateway_that_dies_right_after_it(a: 
 
     async def execute_until_the_death(*command: str | bytes | int) -> Any:
         if command[0] == "XADD":
-            raise StoreUnavailable("the gateway has died")
+            raise RedisUnavailable("the gateway has died")
         return await execute(*command)
 
     a._redis.execute = execute_until_the_death  # type: ignore[method-assign]
     for step in (a.write(rule, 0, 9), a.remove(rule, 1)):
-        with suppress(StoreUnavailable):
+        with suppress(RedisUnavailable):
             await step
     async with asyncio.timeout(5), aclosing(news):
         assert await first == rule.id

@@ -7,11 +7,11 @@ from contextlib import aclosing
 
 import pytest
 
+from linked_fleet_gateway.base.errors import RedisUnavailable
 from linked_fleet_gateway.extensions.sessions import service
 from linked_fleet_gateway.extensions.sessions.sealed_cookie import Session, new_session
 from linked_fleet_gateway.extensions.sessions.service import EndedSessions, SessionKey
 from linked_fleet_gateway.identity.rights import TokenHash
-from linked_fleet_gateway.runtime.redis import StoreUnavailable
 from redis_backends import Backend, opened
 from store_samples import served
 
@@ -50,7 +50,7 @@ async def test_a_session_ended_in_an_outage_is_over_elsewhere_afterwards(
     await b.synchronize()
     session = a_session("during an outage")
     server.kill()
-    with pytest.raises(StoreUnavailable):
+    with pytest.raises(RedisUnavailable):
         await a.end(session)
     assert session in a
     server.start()
@@ -77,7 +77,7 @@ async def test_gateways_share_a_key_and_keep_it_while_redis_is_away(server: Back
     assert first == second and len(first) == 32 and third != first
     server.kill()
     assert await one.get() == first
-    with pytest.raises(StoreUnavailable):
+    with pytest.raises(RedisUnavailable):
         await late.get()
     server.start()
     assert await late.get() == first

@@ -15,6 +15,7 @@ from typing import Any
 
 import pytest
 
+from linked_fleet_gateway.base.errors import RedisUnavailable
 from linked_fleet_gateway.resources.resource import Resource
 from linked_fleet_gateway.resources.subscription import Delivery, DeliveryState, Kind, Record, Subscription
 from linked_fleet_gateway.resources.versioning import Source
@@ -25,7 +26,7 @@ from linked_fleet_gateway.subscriptions.delivery_pace import SUSPEND_AFTER
 from linked_fleet_gateway.subscriptions.fan_out import FanOut
 from linked_fleet_gateway.subscriptions.network import Address, Network
 from linked_fleet_gateway.subscriptions.receiver import Receiver
-from linked_fleet_gateway.subscriptions.store import OutgoingMessage, StoreUnavailable, SubscriptionStore
+from linked_fleet_gateway.subscriptions.store import OutgoingMessage, SubscriptionStore
 from receivers import Answer, Seen, consents, receiving, retry_after
 from receivers import Receiver as CallbackReceiver
 from redis_servers import single
@@ -415,7 +416,7 @@ async def test_a_command_that_comes_very_late_brings_nothing_back(url: str, ther
         async def lose(script: str, *arguments: Any) -> Any:
             if script == scripts.ADVANCE and not lost:
                 lost.append((script, *arguments))
-                raise StoreUnavailable("the connection was lost")
+                raise RedisUnavailable("the connection was lost")
             return await run_script(script, *arguments)
 
         redis.run_script = lose  # type: ignore[method-assign]

@@ -14,6 +14,7 @@ import pytest
 from fake_robots import joint, link, robot
 from linked_fleet_agent.wire.codec import encode_state, layout
 from linked_fleet_agent.wire.messages import WIRE_VERSION, Description, State
+from linked_fleet_gateway.base.errors import RedisUnavailable
 from linked_fleet_gateway.fleet.events import Appeared, Described, Framed
 from linked_fleet_gateway.fleet.fleet import Fleet
 from linked_fleet_gateway.fleet.invocations import Invocations
@@ -25,7 +26,7 @@ from linked_fleet_gateway.subscriptions.broadcast import Ending, Message
 from linked_fleet_gateway.subscriptions.fan_out import FanOut
 from linked_fleet_gateway.subscriptions.network import Network
 from linked_fleet_gateway.subscriptions.service import Subscriptions
-from linked_fleet_gateway.subscriptions.store import News, StoreUnavailable, SubscriptionLimitReached, SubscriptionStore
+from linked_fleet_gateway.subscriptions.store import News, SubscriptionLimitReached, SubscriptionStore
 from linked_fleet_gateway.subscriptions.streams import Streams
 from linked_fleet_gateway.subscriptions.watcher import Watcher
 from redis_servers import Servers, single
@@ -98,7 +99,7 @@ class Cut(SubscriptionStore):
     async def add(self, *arguments: object, **options: object) -> None:
         await super().add(*arguments, **options)  # type: ignore[arg-type]
         if self.cut:
-            raise StoreUnavailable("the answer was lost")
+            raise RedisUnavailable("the answer was lost")
 
 
 class Gateway:
@@ -320,10 +321,10 @@ async def test_a_cancelled_registration_leaves_nothing(servers: Servers, soon: N
 
 
 async def test_an_answer_of_the_store_that_is_lost_leaves_nothing(servers: Servers) -> None:
-    """The client gets StoreUnavailable, and the subscription that was stored anyway is deleted later."""
+    """The client gets RedisUnavailable, and the subscription that was stored anyway is deleted later."""
     async with gateways(servers) as (at,):
         at.store.cut = True
-        with pytest.raises(StoreUnavailable):
+        with pytest.raises(RedisUnavailable):
             await at.streams.add_unopened(stream())
         at.store.cut = False
         await at.streams.store_missed_changes()

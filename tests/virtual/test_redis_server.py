@@ -6,7 +6,8 @@ from contextlib import asynccontextmanager
 
 import pytest
 
-from linked_fleet_gateway.runtime.redis import Connection, StoreUnavailable
+from linked_fleet_gateway.base.errors import RedisUnavailable
+from linked_fleet_gateway.runtime.redis import Connection
 from virtual.loop import VirtualLoop, virtual_time
 from virtual.redis_server import RedisServer
 
@@ -82,7 +83,7 @@ def test_a_script_has_the_functions_and_errors_of_valkey(loop: VirtualLoop, serv
         )
         assert await connection.run_script("return type(redis.pcall('INFO', 'replication'))", ()) == b"string"
         await connection.execute("SET", "text", "x")
-        with pytest.raises(StoreUnavailable, match="WRONGTYPE"):
+        with pytest.raises(RedisUnavailable, match="WRONGTYPE"):
             await connection.run_script("return redis.call('HGETALL', KEYS[1])", ("text",))
 
     on(loop, server, scenario)
@@ -93,12 +94,12 @@ def test_a_server_that_is_down_refuses_and_has_its_data_when_it_is_back(loop: Vi
         await connection.execute("SET", "a", 1)
         server.unreachable()
         for _ in range(2):
-            with pytest.raises(StoreUnavailable):
+            with pytest.raises(RedisUnavailable):
                 await connection.execute("GET", "a")
         server.reachable()
         assert await connection.execute("GET", "a") == b"1"
         server.lose_everything()
-        with pytest.raises(StoreUnavailable):
+        with pytest.raises(RedisUnavailable):
             await connection.execute("GET", "a")
         assert await connection.execute("GET", "a") is None
 
@@ -108,7 +109,7 @@ def test_a_server_that_is_down_refuses_and_has_its_data_when_it_is_back(loop: Vi
 def test_a_server_that_hangs_times_out_and_runs_what_it_had_received(loop: VirtualLoop, server: RedisServer) -> None:
     async def scenario(connection: Connection) -> None:
         server.hang()
-        with pytest.raises(StoreUnavailable, match="Timeout"):
+        with pytest.raises(RedisUnavailable, match="Timeout"):
             await connection.execute("SET", "a", 1)
         assert server.keys() == []
         server.release()
@@ -122,7 +123,7 @@ def test_an_answer_can_be_lost_although_the_command_ran(loop: VirtualLoop, serve
     async def scenario(connection: Connection) -> None:
         server.fail_after_executing(containing="mine")
         await connection.execute("INCR", "other")
-        with pytest.raises(StoreUnavailable):
+        with pytest.raises(RedisUnavailable):
             await connection.execute("INCR", "mine")
         assert await connection.execute("MGET", "mine", "other") == [b"1", b"1"]
 
@@ -155,7 +156,7 @@ def test_a_replica_confirms_at_once_or_never(
 def test_an_error_answers_everything(loop: VirtualLoop, server: RedisServer) -> None:
     async def scenario(connection: Connection) -> None:
         server.error = "LOADING Valkey is loading the dataset in memory"
-        with pytest.raises(StoreUnavailable, match="loading"):
+        with pytest.raises(RedisUnavailable, match="loading"):
             await connection.execute("GET", "a")
         server.error = ""
         assert await connection.execute("GET", "a") is None

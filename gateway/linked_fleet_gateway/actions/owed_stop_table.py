@@ -16,7 +16,7 @@ _MAX_ENTRIES = MAX_ROBOTS * MAX_OF_ONE
 
 
 class OwedStopTable:
-    """One hash, with an entry for each owed stop. Every method raises StoreUnavailable during an outage.
+    """One hash, with an entry for each owed stop. Every method raises RedisUnavailable during an outage.
 
     Entries expire after ``retention_s``: a robot that no gateway has heard for so long holds by itself. ``tell`` is
     called with robot and id of each changed entry.

@@ -13,7 +13,7 @@ from datetime import UTC, datetime
 from typing import cast
 
 from linked_fleet_agent.wire.messages import RefusalCode, Refused
-from linked_fleet_gateway.actions.store import KeyReused, LeaseHeld, LeaseNotHeld, StoreUnavailable
+from linked_fleet_gateway.actions.store import KeyReused, LeaseHeld, LeaseNotHeld
 from linked_fleet_gateway.base.errors import (
     AgentTimeout,
     Changed,
@@ -23,7 +23,6 @@ from linked_fleet_gateway.base.errors import (
     RefusedByAgent,
     StopOwed,
     StopUnanswered,
-    StoreDown,
     TooManyInvocations,
 )
 from linked_fleet_gateway.base.errors import KeyReused as KeyReusedError
@@ -123,8 +122,6 @@ def translate_store_errors() -> Iterator[None]:
         raise KeyReusedError(
             "This Idempotency-Key was used for another request within a day; each request needs its own."
         ) from error
-    except StoreUnavailable as error:
-        raise StoreDown(f"Redis is away: {error}. Stopping is possible nevertheless.") from error
 
 
 class MotionQuota:

@@ -12,7 +12,8 @@ from typing import Self
 from linked_fleet_agent.wire.messages import Progress
 from linked_fleet_gateway.actions.refusals import translate_store_errors
 from linked_fleet_gateway.actions.stop_delivery import StopDelivery
-from linked_fleet_gateway.actions.store import ActionStore, News, StoreUnavailable
+from linked_fleet_gateway.actions.store import ActionStore, News
+from linked_fleet_gateway.base.errors import RedisUnavailable
 from linked_fleet_gateway.fleet.invocation import Lease
 from linked_fleet_gateway.fleet.invocations import Invocation
 from linked_fleet_gateway.fleet.robot import Robot
@@ -114,7 +115,7 @@ class ReplicatedInvocations:
     async def _settle_for_another(self, invocation: Invocation) -> None:
         while True:
             await asyncio.sleep(_FIRST_WORD_S)
-            with suppress(StoreUnavailable):
+            with suppress(RedisUnavailable):
                 found = await self._store.read_invocation(invocation.robot, invocation.id)
                 break
         if found is not None and not found.is_final:
@@ -127,7 +128,7 @@ class ReplicatedInvocations:
         return invocation.id in self._own
 
     async def is_late(self, invocation: Invocation) -> bool:
-        """Return True if an open one is past its deadline at all gateways. Raises StoreUnavailable."""
+        """Return True if an open one is past its deadline at all gateways. Raises RedisUnavailable."""
         if not self.is_own(invocation):
             await self.fetch(invocation.robot, invocation.id)
         return not invocation.state.terminal and time.time_ns() > invocation.deadline_ns
@@ -170,7 +171,7 @@ class ReplicatedInvocations:
             self._on_change(invocation)
 
     async def fetch(self, robot: str, id: str) -> Invocation | None:
-        """Read an invocation of another gateway. Raises StoreUnavailable."""
+        """Read an invocation of another gateway. Raises RedisUnavailable."""
         found = await self._store.read_invocation(robot, id)
         if found is not None:
             self._put(found)
@@ -190,7 +191,7 @@ class ReplicatedInvocations:
         try:
             if await self.fetch(robot, progress.id) is not None:
                 self._live.on_progress(robot, progress)
-        except StoreUnavailable as error:
+        except RedisUnavailable as error:
             log.debug("invocation %s is not known here: %s", progress.id, error)
 
     def _put(self, found: Invocation) -> None:
@@ -210,7 +211,10 @@ class ReplicatedInvocations:
     # -- leases and settings ----------------------------------------------------------------------------------------
 
     async def take_lease(self, robot: Robot, holder: str, duration_s: float, token: str) -> tuple[Lease, str]:
-        """Take or renew control of a robot. Return the lease and its secret token. Raises Controlled, StoreDown."""
+        """Take or renew control of a robot. Return the lease and its secret token.
+
+        Raises Controlled, RedisUnavailable.
+        """
         read_at_s = time.monotonic()
         with translate_store_errors():
             lease, proof = await self._store.take_lease(robot.name, holder, duration_s, token)
@@ -218,16 +222,17 @@ class ReplicatedInvocations:
         return lease, proof
 
     async def release_lease(self, robot: Robot, token: str) -> bool:
-        """Release control. Return False if nobody has it. Raises Controlled, StoreDown."""
+        """Release control. Return False if nobody has it. Raises Controlled, RedisUnavailable."""
         with translate_store_errors():
             released = await self._store.release_lease(robot.name, token)
         self.update_lease(robot.name, None)
         return released
 
     async def set_setting(self, robot: Robot, name: str, value: str | None, token: str) -> bool:
-        """Replace the known value of a setting for all gateways, or remove it for None. Raises Controlled, StoreDown.
+        """Replace the known value of a setting for all gateways, or remove it for None.
 
-        Returns False, without a change, if another gateway has changed it; its value is then known.
+        Returns False, without a change, if another gateway has changed it; its value is then known. Raises Controlled,
+        RedisUnavailable.
         """
         present = self._live.fleet.settings.get(robot.name, {}).get(name)
         with translate_store_errors():
@@ -236,7 +241,7 @@ class ReplicatedInvocations:
             return await self._settings.write(robot.name, step)
 
     async def forget_robot(self, robot: str, token: str) -> None:
-        """Remove a robot that is offline, at all gateways, with its settings. Raises Controlled, StoreDown."""
+        """Remove a robot that is offline, at all gateways, with its settings. Raises Controlled, RedisUnavailable."""
         with translate_store_errors():
             await self._store.check_lease(robot, token)
             await self._store.forget_robot(robot)
@@ -312,7 +317,7 @@ class ReplicatedInvocations:
         await asyncio.sleep(_WATCH_S)
         robots = set(self._live.fleet.robots)
         for robot in {*(robots - self._looked_at), *self._live.fleet.leases}:
-            with suppress(StoreUnavailable):
+            with suppress(RedisUnavailable):
                 await self._look_at(robot)
         self._looked_at = robots
 

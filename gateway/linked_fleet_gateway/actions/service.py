@@ -29,8 +29,8 @@ from linked_fleet_gateway.actions.refusals import (
     unanswered_stop,
 )
 from linked_fleet_gateway.actions.stop_delivery import ANSWER_TIMEOUT_S
-from linked_fleet_gateway.actions.store import ActionStore, MotionLimitReached, StoreUnavailable
-from linked_fleet_gateway.base.errors import AgentTimeout, Busy, Conflict, FleetError, MotionRefused
+from linked_fleet_gateway.actions.store import ActionStore, MotionLimitReached
+from linked_fleet_gateway.base.errors import AgentTimeout, Busy, Conflict, FleetError, MotionRefused, RedisUnavailable
 from linked_fleet_gateway.fleet.invocations import FLEET, Invocation, InvocationState
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.fleet.unchecked import Finding, UncheckedLink
@@ -121,8 +121,8 @@ class Actions:
 
         Raises Controlled if another caller has the lease, Changed if a precondition in the body does not hold,
         RefusedByAgent with the agent's reason, MotionRefused, also before an earlier stop is confirmed,
-        TooManyInvocations, StoreDown, and AgentTimeout without a reply: the invocation is then "unknown" until progress
-        or its deadline resolves it.
+        TooManyInvocations, RedisUnavailable, and AgentTimeout without a reply: the invocation is then "unknown" until
+        progress or its deadline resolves it.
         """
         robot, waited_ns = motion.robot, await self._ready(motion, caller)
         if self._stalls.stalled_recently():
@@ -146,7 +146,7 @@ class Actions:
             with translate_store_errors():
                 try:
                     first = await self._open(invocation, caller, full)
-                except StoreUnavailable:  # perhaps after it was executed
+                except RedisUnavailable:  # perhaps after it was executed
                     first = await self._open(invocation, caller, full)
                 if first is not None:
                     return await self._first(robot, first)

@@ -114,14 +114,14 @@ class StopDelivery:
     # -- other gateways ---------------------------------------------------------------------------------------------
 
     async def load(self) -> None:
-        """Adopt the stops that other runs of gateways owe. Raises StoreUnavailable."""
+        """Adopt the stops that other runs of gateways owe. Raises RedisUnavailable."""
         for owed in await self._table.read_all():
             self._adopt(owed)
         self._unwritten |= dict.fromkeys(key for key in self._written if self._owed.get(key) is not None)
         self._to_write.set()
 
     async def refresh(self, key: Key) -> None:
-        """Read what another gateway has changed. Raises StoreUnavailable."""
+        """Read what another gateway has changed. Raises RedisUnavailable."""
         owed = await self._table.read(key)
         if owed is not None:
             self._adopt(owed)

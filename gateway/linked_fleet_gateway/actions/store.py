@@ -20,16 +20,11 @@ import msgspec
 from linked_fleet_gateway.actions import redis_scripts as scripts
 from linked_fleet_gateway.actions.owed_stop_table import OwedStopTable
 from linked_fleet_gateway.actions.redis_scripts import Keys, robot_from_tag, robot_tag, text_hash
+from linked_fleet_gateway.base.errors import RedisUnavailable
 from linked_fleet_gateway.fleet.invocation import Lease
 from linked_fleet_gateway.fleet.invocations import MAX_TERMINAL, Invocation
 from linked_fleet_gateway.runtime.background import cancel_tasks, run_last_step, supervised
-from linked_fleet_gateway.runtime.redis import (
-    GATHER_S,
-    Connection,
-    StoreUnavailable,
-    eval_command,
-    raise_pending_cancellation,
-)
+from linked_fleet_gateway.runtime.redis import GATHER_S, Connection, eval_command, raise_pending_cancellation
 from linked_fleet_gateway.runtime.redis_exchange import Command
 
 __all__ = [
@@ -41,7 +36,7 @@ __all__ = [
     "LeaseNotHeld",
     "MotionLimitReached",
     "News",
-    "StoreUnavailable",
+    "RedisUnavailable",
 ]
 _log = logging.getLogger(__name__)
 
@@ -88,7 +83,7 @@ class ActionStore:
     """Access of one run of a gateway to the store, as an async context manager; ``run`` is unique to it.
 
     The robot "" is the fleet as a whole. It opens without contact and reconnects by itself. During an outage every
-    method except ``news`` raises StoreUnavailable, and it is unknown if the step was executed. Raises ValueError for an
+    method except ``news`` raises RedisUnavailable, and it is unknown if the step was executed. Raises ValueError for an
     invalid URL, namespace or robot name.
     """
 
@@ -127,7 +122,7 @@ class ActionStore:
         a lease that is not held. ``request_digest`` identifies the request of ``idempotency_key``: raises KeyReused if
         the key was used with another one within a day. ``ignore_lease`` admits any caller. ``limit_reached`` says that
         the client has reached its limit: raises Full, unless the request is a repeated one. May be repeated with the
-        same invocation after StoreUnavailable.
+        same invocation after RedisUnavailable.
         """
         robot = invocation.robot
         await self._note(robot)
@@ -158,7 +153,7 @@ class ActionStore:
     async def save(self, invocation: Invocation) -> bool:
         """Store the state of an invocation. Return False, without a change, if it was deleted or over already.
 
-        May be repeated after StoreUnavailable and then returns True again. Acceptances are notified too, because only
+        May be repeated after RedisUnavailable and then returns True again. Acceptances are notified too, because only
         the gateway that sent the command knows the duration.
         """
         return (await self.save_all([invocation]))[0]
@@ -210,7 +205,7 @@ class ActionStore:
     async def take_lease(self, robot: str, holder: str, duration_s: float, token: str = "") -> tuple[Lease, str]:
         """Take the lease of a robot, or renew it with its token. Return the lease and its token.
 
-        A free lease is taken with a new token, whatever token was given. Raises LeaseHeld. After StoreUnavailable a
+        A free lease is taken with a new token, whatever token was given. Raises LeaseHeld. After RedisUnavailable a
         lease may exist whose token nobody knows, until it expires.
         """
         id, new_token = str(uuid.uuid4()), uuid.uuid4().urn

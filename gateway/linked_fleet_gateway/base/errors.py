@@ -29,7 +29,7 @@
     ├── Unimplemented               501     not-implemented
     ├── Offline                     503     offline
     ├── Busy                        503     busy
-    ├── StoreDown                   503     store-away
+    ├── RedisUnavailable            503     redis-unavailable
     ├── IssuerDown                  503     issuer-away
     ├── LibraryMissing              503     library-missing
     └── AgentTimeout                504     agent-silent
@@ -343,11 +343,24 @@ class Busy(FleetError):
     retry_after_s = 1
 
 
-class StoreDown(FleetError):
-    """Redis cannot be reached, so what gateways share can be neither read nor stored."""
+class RedisUnavailable(FleetError):
+    """Redis does not serve: unreachable, loading, read-only, damaged, or without memory or a required replica.
 
-    status, code, title = 503, "store-away", "The data that gateways share cannot be read or stored at present"
+    It is unknown if the command was executed. ``cause`` is for logs; it may name hosts.
+    """
+
+    status, code, title = 503, "redis-unavailable", "Redis is unavailable"
     retry_after_s = 2
+
+    def __init__(self, cause: str) -> None:
+        super().__init__(
+            "Redis is unavailable, so what gateways share can be neither read nor changed. Live values, stops and "
+            "bearer tokens need no Redis. Ask again in a moment."
+        )
+        self.cause = cause
+
+    def __str__(self) -> str:
+        return f"Redis is unavailable: {self.cause}"
 
 
 class IssuerDown(FleetError):

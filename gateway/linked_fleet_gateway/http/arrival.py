@@ -39,7 +39,7 @@ class Scheme(Protocol):
     async def authenticate(self, scope: Scope) -> Authenticated | None:
         """Return the caller by the credentials of this scheme; None for a request without any.
 
-        Raises Unauthenticated, ForeignOrigin, StoreDown, IssuerDown.
+        Raises Unauthenticated, ForeignOrigin, RedisUnavailable, IssuerDown.
         """
 
     def has_page(self, path: str) -> bool:

@@ -5,7 +5,7 @@ from functools import partial
 
 from pyoxigraph import Literal, NamedNode
 
-from linked_fleet_gateway.base.errors import NotFound, StoreDown
+from linked_fleet_gateway.base.errors import NotFound
 from linked_fleet_gateway.http.request import AUDIT_RIGHTS, Connection
 from linked_fleet_gateway.rdf.graph import Graph, integer, timestamp
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, LDP, LF, PROV, RDFS, XHV
@@ -14,7 +14,6 @@ from linked_fleet_gateway.resources.paths import robot_of, robot_path
 from linked_fleet_gateway.resources.resource import CONTAINER, Resource, run_steps
 from linked_fleet_gateway.runtime.audit_log import PAGE_SIZE, AuditEntry, AuditLog
 from linked_fleet_gateway.runtime.log import current_request
-from linked_fleet_gateway.runtime.redis import StoreUnavailable
 
 _NOTHING_DONE = (401, 404, 405)
 _LONGEST = 500
@@ -33,15 +32,13 @@ def record_request(connection: Connection, event: str, status: int | None, locat
 
 
 async def audit_resource(connection: Connection) -> Resource:
-    """Return a page of entries, newest first. Raises NotFound, StoreDown."""
+    """Return a page of entries, newest first. Raises NotFound, RedisUnavailable."""
     path: str = connection.scope["path"]
     audit: AuditLog = connection.services.audit
     try:
         entries = await audit.read_page(path.removeprefix(PATH).removeprefix("/"))
     except ValueError as error:
         raise NotFound(f"There is no such page: {error}.") from error
-    except StoreUnavailable as error:
-        raise StoreDown("The server that keeps the audit is away; the log of each gateway has its own part.") from error
     steps = partial(_steps, connection.base, path, entries)
     return Resource(
         path, "Audit", lambda graph: run_steps(steps(graph)), CONTAINER, publishes_changes=False, steps=steps

@@ -8,7 +8,13 @@ from collections.abc import Sequence
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.types import Message, Receive, Scope, Send
 
-from linked_fleet_gateway.base.errors import FleetError, InsufficientScope, IssuerDown, StoreDown, Unauthenticated
+from linked_fleet_gateway.base.errors import (
+    FleetError,
+    InsufficientScope,
+    IssuerDown,
+    RedisUnavailable,
+    Unauthenticated,
+)
 from linked_fleet_gateway.http.arrival import Arrival, Authenticated, Scheme, arrival_of
 from linked_fleet_gateway.http.demands import refuse_demands
 from linked_fleet_gateway.http.forwarding import send_problem
@@ -70,14 +76,14 @@ async def _caller(identities: Identities, schemes: Sequence[Scheme], scope: Scop
     """Return the caller. If authentication is optional, return ``NOBODY`` if the caller cannot be determined."""
     try:
         return await authenticate(identities, schemes, scope)
-    except (Unauthenticated, StoreDown, IssuerDown):
+    except (Unauthenticated, RedisUnavailable, IssuerDown):
         if not (free or is_public(scope["path"])):
             raise
         return Authenticated(NOBODY)
 
 
 async def authenticate(identities: Identities, schemes: Sequence[Scheme], scope: Scope) -> Authenticated:
-    """Return the caller. Raises Unauthenticated, ForeignOrigin, StoreDown, IssuerDown."""
+    """Return the caller. Raises Unauthenticated, ForeignOrigin, RedisUnavailable, IssuerDown."""
     headers = Headers(scope=scope)
     if "authorization" in headers:
         return Authenticated(await identify_bearer(identities, headers))

@@ -303,7 +303,7 @@ def _read_nowait(request: Request) -> Reply | None:
 
 
 async def _find(connection: Connection) -> Resource | Redirect:
-    """Find the resource of the request. Raises NotFound, BadRequest, StoreDown."""
+    """Find the resource of the request. Raises NotFound, BadRequest, RedisUnavailable."""
     path: str = connection.scope["path"]
     if is_audit_path(path):
         require_right(connection, path, AUDIT_RIGHTS)

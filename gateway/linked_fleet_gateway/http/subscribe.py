@@ -16,7 +16,6 @@ from linked_fleet_gateway.base.errors import (
     Conflict,
     NotAcceptable,
     NotFound,
-    StoreDown,
     TooManySubscriptions,
     UnprocessableContent,
     UpgradeRequired,
@@ -37,7 +36,7 @@ from linked_fleet_gateway.resources.subscription_resource import SubscriptionReq
 from linked_fleet_gateway.resources.subscription_resource import container_path, read_request, subscription_path
 from linked_fleet_gateway.subscriptions.network import ForbiddenHost, check_callback_url
 from linked_fleet_gateway.subscriptions.service import Subscriptions
-from linked_fleet_gateway.subscriptions.store import StoreUnavailable, SubscriptionLimitReached, SubscriptionNotHeld
+from linked_fleet_gateway.subscriptions.store import SubscriptionLimitReached, SubscriptionNotHeld
 
 OPTIONS = ("depth", "interval", "deadband", "last-event-id")
 MAX_INTERVAL_S = 86_400.0
@@ -274,8 +273,6 @@ def translate_store_errors() -> Iterator[None]:
         raise TooManySubscriptions(f"{error}. Delete some of them, or wait until streams have ended.") from error
     except SubscriptionNotHeld as error:
         raise NotFound(_ENDED) from error
-    except StoreUnavailable as error:
-        raise StoreDown("The server that remembers subscriptions is away; try again in a moment.") from error
 
 
 def observable_types(resource: Resource) -> tuple[str, ...]:

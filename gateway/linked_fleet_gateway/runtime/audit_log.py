@@ -94,7 +94,7 @@ class AuditLog:
     async def read_page(self, before: str) -> list[tuple[str, AuditEntry]]:
         """Return the newest entries with their ids, or those before the id ``before``.
 
-        Raises StoreUnavailable, ValueError.
+        Raises RedisUnavailable, ValueError.
         """
         if before and not _ID.fullmatch(before):
             raise ValueError(f"{before[:50]!r} is no id of an entry")

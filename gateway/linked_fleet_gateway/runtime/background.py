@@ -7,7 +7,8 @@ from functools import partial
 from logging import Logger
 from typing import TypeVar
 
-from linked_fleet_gateway.runtime.redis import BACKOFF_S, StoreUnavailable
+from linked_fleet_gateway.base.errors import RedisUnavailable
+from linked_fleet_gateway.runtime.redis import BACKOFF_S
 
 _PAUSE_S = 0.1
 
@@ -48,7 +49,7 @@ async def _repeat(run: Callable[[], Awaitable[None]], log: Logger, failed: str, 
         try:
             await run()
             retry_s = RETRY_S
-        except StoreUnavailable as outage:
+        except RedisUnavailable as outage:
             log.debug("%s: %s", failed, outage)
             rest_s = max(pause_s, BACKOFF_S)
         except Exception:
@@ -63,7 +64,7 @@ async def run_last_step(step: Awaitable[object], log: Logger, failure_message: s
     try:
         async with asyncio.timeout(limit_s):
             await step
-    except (StoreUnavailable, TimeoutError) as outage:
+    except (RedisUnavailable, TimeoutError) as outage:
         log.info("%s: %s", failure_message, str(outage) or "no answer in time")
 
 

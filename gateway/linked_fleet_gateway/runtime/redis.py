@@ -15,6 +15,7 @@ from redis.asyncio.cluster import ClusterNode
 from redis.asyncio.retry import Retry
 from redis.backoff import NoBackoff
 
+from linked_fleet_gateway.base.errors import RedisUnavailable
 from linked_fleet_gateway.runtime.redis_exchange import Command, Exchange
 
 _log = logging.getLogger(__name__)
@@ -50,14 +51,7 @@ _T = TypeVar("_T")
 _DURABLE = {"appendonly": "yes", "appendfsync": "always"}
 
 
-class StoreUnavailable(Exception):  # noqa: N818 -- a state of the server, not a defect
-    """Redis does not serve: unreachable, loading, read-only, damaged, or without memory or a required replica.
-
-    It is unknown if the command was executed.
-    """
-
-
-class InvalidUrl(ValueError):  # noqa: N818 -- named like the one above
+class InvalidUrl(ValueError):  # noqa: N818 -- a state of the configuration, not a defect
     """The URL of the server is invalid. One line for people."""
 
 
@@ -95,19 +89,19 @@ class Connection:
         await self._client.aclose()
         await _disconnect(self._client)
 
-    async def _failed(self, error: Exception) -> StoreUnavailable:
+    async def _failed(self, error: Exception) -> RedisUnavailable:
         self._failed_s = time.monotonic()
         self.outage_count += 1
         self._open = False
         await _disconnect(self._client)
-        return StoreUnavailable(f"{type(error).__name__}: {error}")
+        return RedisUnavailable(f"{type(error).__name__}: {error}")
 
     async def execute(self, *command: str | bytes | int) -> Any:
-        """Send one command and return its answer. Raises StoreUnavailable."""
+        """Send one command and return its answer. Raises RedisUnavailable."""
         return await self._within_bounds(partial(self._execute, *command), self._turns)
 
     async def execute_all(self, commands: Sequence[Command], batch_size: int = BATCH_SIZE) -> list[Any]:
-        """Send commands for any slots in pipelines and return their answers. Raises StoreUnavailable.
+        """Send commands for any slots in pipelines and return their answers. Raises RedisUnavailable.
 
         Only commands for the same slot keep their order. Long lists are sent in parts, between which others are served.
         """
@@ -118,11 +112,11 @@ class Connection:
         return answers
 
     async def run_script(self, script: str, keys: tuple[str, ...], *arguments: str | bytes | int) -> Any:
-        """Run a script, whose keys share one slot, and return its answer. Raises StoreUnavailable."""
+        """Run a script, whose keys share one slot, and return its answer. Raises RedisUnavailable."""
         return await self.execute(*eval_command(script, keys, *arguments))
 
     async def keys_on_other_masters(self, key: str, others: Sequence[str]) -> list[str]:
-        """Return one of ``others`` for each master that has any of them and not ``key``. Raises StoreUnavailable."""
+        """Return one of ``others`` for each master that has any of them and not ``key``. Raises RedisUnavailable."""
         if self._server is not None:
             return []
         return await self._within_bounds(partial(self._on_other_masters, key, others))
@@ -132,14 +126,14 @@ class Connection:
         writes.
 
         Script and WAIT use one connection to the master of the key, because WAIT covers writes of its own connection
-        only. Redirections to a new master are not followed. Raises StoreUnavailable.
+        only. Redirections to a new master are not followed. Raises RedisUnavailable.
         """
         commands: list[Command] = [("EVAL", script, 1, key, *arguments), ("WAIT", 1, _REPLICA_MS)]
         answer, replicas = await self._within_bounds(partial(self._send, commands, key), self._waits)
         return answer, replicas > 0
 
     async def read_new_entries(self) -> list[dict[bytes, bytes]]:
-        """Return the entries of the stream since the last call, waiting up to a second. Raises StoreUnavailable.
+        """Return the entries of the stream since the last call, waiting up to a second. Raises RedisUnavailable.
 
         After news, the next call first collects further entries for ``GATHER_S``.
         """
@@ -161,7 +155,7 @@ class Connection:
         while True:
             try:
                 told = await self.read_new_entries()
-            except StoreUnavailable:  # not logged, because the lease renewal reports the same outage
+            except RedisUnavailable:  # not logged, because the lease renewal reports the same outage
                 await asyncio.sleep(BACKOFF_S)
                 continue
             lost, seen = self.outage_count > seen, self.outage_count
@@ -209,7 +203,7 @@ class Connection:
         return answers
 
     async def _within_bounds(self, step: Callable[[], Awaitable[_T]], slots: asyncio.Semaphore | None = None) -> _T:
-        """Take one of ``slots`` and await ``step``, in bounded time. Raises StoreUnavailable.
+        """Take one of ``slots`` and await ``step``, in bounded time. Raises RedisUnavailable.
 
         The first contact records the position of the stream. redis-py's own bound of an answer makes a task for each
         command, half of a command's cost. A cluster keeps it, because its client looks for a new master only after a

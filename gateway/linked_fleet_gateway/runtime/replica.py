@@ -6,8 +6,8 @@ from contextlib import aclosing
 from logging import Logger
 from typing import Generic, TypeVar
 
+from linked_fleet_gateway.base.errors import RedisUnavailable
 from linked_fleet_gateway.runtime.background import supervised
-from linked_fleet_gateway.runtime.redis import StoreUnavailable
 
 _T = TypeVar("_T")
 _Done = TypeVar("_Done")
@@ -69,8 +69,8 @@ async def follow_changes(
     whole = True
     try:
         await load()
-    except StoreUnavailable as outage:  # ``news`` reports when Redis is back
-        log.warning("the store is away, %s are not known yet: %s", what, outage)
+    except RedisUnavailable as outage:  # ``news`` reports when Redis is back
+        log.warning("%s are not known yet: %s", what, outage)
     except Exception:
         # The boundary: whatever Redis contains, a gateway must start and stop robots.
         log.exception("%s cannot be read; the gateway starts without them", what)
@@ -85,7 +85,7 @@ async def follow_changes(
             async for one in heard:
                 try:
                     await (load() if one is None else hear(one))
-                except StoreUnavailable as outage:  # None follows
+                except RedisUnavailable as outage:  # None follows
                     log.debug("news of %s could not be followed up: %s", what, outage)
 
     return supervised(keep_up, f"follow {what}", log, f"{what} are not up to date", _PAUSE_S)

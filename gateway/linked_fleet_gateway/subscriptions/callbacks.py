@@ -5,6 +5,7 @@ import ssl
 from collections.abc import Callable
 from functools import cache
 
+from linked_fleet_gateway.base.errors import RedisUnavailable
 from linked_fleet_gateway.identity.rights import View
 from linked_fleet_gateway.resources.paths import robot_of
 from linked_fleet_gateway.resources.subscription import Delivery, DeliveryState, Kind, Record, Subscription
@@ -14,7 +15,7 @@ from linked_fleet_gateway.subscriptions.delivery_pace import ConsentThrottle
 from linked_fleet_gateway.subscriptions.fan_out import FanOut
 from linked_fleet_gateway.subscriptions.network import Network, UnresolvableHost
 from linked_fleet_gateway.subscriptions.receiver import Receiver
-from linked_fleet_gateway.subscriptions.store import StoreUnavailable, SubscriptionStore
+from linked_fleet_gateway.subscriptions.store import SubscriptionStore
 
 EntitlementCheck = Callable[[str, str | None, View], bool]
 UNENTITLED = "the rights of its creator ended"
@@ -57,7 +58,7 @@ class Callbacks:
         """Create a callback subscription; it is in the store when this returns.
 
         Raises ForbiddenHost if the receiver has no address that may be reached, SubscriptionLimitReached,
-        StoreUnavailable.
+        RedisUnavailable.
         """
         receiver = self._receiver(subscription)
         try:
@@ -69,7 +70,7 @@ class Callbacks:
         delivery = Delivery(DeliveryState.ACTIVE if trusted else DeliveryState.AWAITING_CONSENT)
         try:
             await self._store.add(subscription, delivery, self._limit)
-        except StoreUnavailable:
+        except RedisUnavailable:
             # the store may have it, although its client is told that it was not created
             self._refused.add(subscription.id)
             raise

@@ -14,6 +14,7 @@ from dataclasses import replace
 from typing import TypeVar
 from urllib.parse import urlsplit
 
+from linked_fleet_gateway.base.errors import RedisUnavailable
 from linked_fleet_gateway.resources import signature
 from linked_fleet_gateway.resources.binary_frames import FRAME_TYPES, layout_path
 from linked_fleet_gateway.resources.subscription import DeliveryState, Record, Subscription
@@ -29,7 +30,6 @@ from linked_fleet_gateway.subscriptions.store import (
     Backlog,
     OutgoingMessage,
     QueueEntry,
-    StoreUnavailable,
     SubscriptionNotHeld,
     SubscriptionStore,
 )
@@ -190,7 +190,7 @@ class Courier:
         try:
             number = self._number + 1
             entry = await self._store.advance_queue(self.subscription.id, None, outgoing, self.delivery, left, number)
-        except StoreUnavailable:
+        except RedisUnavailable:
             await asyncio.sleep(_STORE_PAUSE_S)
             entry = None
         if entry is None:  # or a command that was thought lost took the number for another message
@@ -320,5 +320,5 @@ class Courier:
         while True:
             try:
                 return await call()
-            except StoreUnavailable:
+            except RedisUnavailable:
                 await asyncio.sleep(_STORE_PAUSE_S)

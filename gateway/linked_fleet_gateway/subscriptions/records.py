@@ -15,8 +15,9 @@ from typing import Literal, cast
 
 import msgspec
 
+from linked_fleet_gateway.base.errors import RedisUnavailable
 from linked_fleet_gateway.resources.subscription import ChangeableOptions, Delivery, DeliveryState, Record, Subscription
-from linked_fleet_gateway.runtime.redis import Connection, StoreUnavailable
+from linked_fleet_gateway.runtime.redis import Connection
 from linked_fleet_gateway.subscriptions import redis_scripts as scripts
 from linked_fleet_gateway.subscriptions.redis_scripts import Keys
 
@@ -177,7 +178,7 @@ _LEFT = b"left"
 
 
 class Runs:
-    """All runs as seen by the run ``run``. Every method raises StoreUnavailable."""
+    """All runs as seen by the run ``run``. Every method raises RedisUnavailable."""
 
     def __init__(self, redis: Connection, keys: Keys, run: str, lease_s: float) -> None:
         self._redis = redis
@@ -248,7 +249,7 @@ class Runs:
 async def wait_for_replicas(redis: Connection, keys: Keys, run: str, subscription: Subscription) -> None:
     """Wait until a replica confirms a callback that ``run`` holds, and one of each other master its lists.
 
-    Raises StoreUnavailable if none confirms in time, or if the callback is gone.
+    Raises RedisUnavailable if none confirms in time, or if the callback is gone.
     """
     id = subscription.id
     lists = (keys.held(run), keys.owner(subscription.owner), keys.client(subscription.client))
@@ -258,6 +259,6 @@ async def wait_for_replicas(redis: Connection, keys: Keys, run: str, subscriptio
     for key, member in [(keys.record(id), "holder"), *((key, id) for key in replicated)]:
         found, confirmed = await redis.run_replicated_script(scripts.REPEAT, key, member)
         if not found:  # a failover lost it, or it has been removed already
-            raise StoreUnavailable(f"subscription {id} was gone before a replica had it")
+            raise RedisUnavailable(f"subscription {id} was gone before a replica had it")
         if not confirmed:
-            raise StoreUnavailable(f"no replica of Redis confirmed subscription {id} in time")
+            raise RedisUnavailable(f"no replica of Redis confirmed subscription {id} in time")

@@ -7,13 +7,14 @@ import uuid
 from contextlib import suppress
 from types import TracebackType
 
+from linked_fleet_gateway.base.errors import RedisUnavailable
 from linked_fleet_gateway.resources.subscription import ChangeableOptions, Record, Subscription
 from linked_fleet_gateway.runtime.background import cancel_tasks, run_last_step, supervised
 from linked_fleet_gateway.subscriptions.broadcast import Ending
 from linked_fleet_gateway.subscriptions.callbacks import Callbacks, EntitlementCheck
 from linked_fleet_gateway.subscriptions.fan_out import FanOut
 from linked_fleet_gateway.subscriptions.network import Network
-from linked_fleet_gateway.subscriptions.store import LEASE_S, News, StoreUnavailable, SubscriptionStore
+from linked_fleet_gateway.subscriptions.store import LEASE_S, News, SubscriptionStore
 from linked_fleet_gateway.subscriptions.streams import Streams
 
 log = logging.getLogger(__name__)
@@ -70,16 +71,16 @@ class Subscriptions:
         return time.monotonic() - self._renewed_s < LEASE_S
 
     async def records_of_owner(self, owner: str) -> list[Record]:
-        """Return all subscriptions of a thing, at all gateways. Raises StoreUnavailable."""
+        """Return all subscriptions of a thing, at all gateways. Raises RedisUnavailable."""
         return [self.streams.with_last_message_time(record) for record in await self._store.records_of_owner(owner)]
 
     async def get_record(self, id: str) -> Record | None:
-        """Return one subscription, at whichever gateway it is. Raises StoreUnavailable."""
+        """Return one subscription, at whichever gateway it is. Raises RedisUnavailable."""
         record = await self._store.get_record(id)
         return None if record is None else self.streams.with_last_message_time(record)
 
     async def cancel(self, id: str) -> bool:
-        """Delete a subscription, at whichever gateway it is; return False if there is none. Raises StoreUnavailable."""
+        """Delete a subscription, at whichever gateway it is; return False if there is none. Raises RedisUnavailable."""
         record = await self._store.remove(id)
         await self._drop(id)
         return record is not None
@@ -88,7 +89,7 @@ class Subscriptions:
         """Change the options of a subscription at any gateway; return False if ``before`` is out of date."""
         if not await self._store.change_options(before, options):
             return False
-        with suppress(StoreUnavailable):  # the change is stored; its news arrives when the store is available again
+        with suppress(RedisUnavailable):  # the change is stored; its news arrives when the store is available again
             await self._refresh(before.id)
         return True
 
@@ -116,7 +117,7 @@ class Subscriptions:
             case "resumed":
                 self.callbacks.resume(news.id)
             case "changed":
-                with suppress(StoreUnavailable):  # ``_keep`` compares later
+                with suppress(RedisUnavailable):  # ``_keep`` compares later
                     await self._refresh(news.id)
 
     async def _refresh(self, id: str) -> None:
@@ -133,7 +134,7 @@ class Subscriptions:
         try:
             await self._store.renew_lease()
             self._renewed_s = time.monotonic()
-        except StoreUnavailable:
+        except RedisUnavailable:
             self._renewed_s = float("-inf")
 
     async def _take_over(self, run: str) -> None:
@@ -161,9 +162,9 @@ class Subscriptions:
                 await self._compare()
                 self._compare_s = time.monotonic() + RECONCILE_S
             self._away = False
-        except StoreUnavailable as error:
+        except RedisUnavailable as error:
             if not self._away:
-                log.warning("the store is away, callbacks wait for it: %s", error)
+                log.warning("callbacks wait for Redis: %s", error)
             self._away = True
 
     async def _compare(self) -> None:

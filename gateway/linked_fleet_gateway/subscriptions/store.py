@@ -15,8 +15,9 @@ from contextlib import aclosing, suppress
 from dataclasses import astuple, replace
 from typing import Self
 
+from linked_fleet_gateway.base.errors import RedisUnavailable
 from linked_fleet_gateway.resources.subscription import ChangeableOptions, Delivery, Record, Subscription
-from linked_fleet_gateway.runtime.redis import BACKGROUND_BATCH_SIZE, BATCH_SIZE, Connection, StoreUnavailable
+from linked_fleet_gateway.runtime.redis import BACKGROUND_BATCH_SIZE, BATCH_SIZE, Connection
 from linked_fleet_gateway.subscriptions import redis_scripts as scripts
 from linked_fleet_gateway.subscriptions.records import (
     Backlog,
@@ -46,7 +47,7 @@ __all__ = [
     "News",
     "OutgoingMessage",
     "QueueEntry",
-    "StoreUnavailable",
+    "RedisUnavailable",
     "SubscriptionLimitReached",
     "SubscriptionNotHeld",
     "SubscriptionStore",
@@ -65,7 +66,7 @@ class SubscriptionStore:
     """The store as used by one gateway run, an async context manager; ``run`` is unique to it.
 
     Opens without contact and recovers by itself: while Redis is unavailable, every method but ``news`` raises
-    StoreUnavailable. Raises ValueError for an invalid URL or namespace.
+    RedisUnavailable. Raises ValueError for an invalid URL or namespace.
     """
 
     def __init__(self, url: str, namespace: str, run: str, lease_s: float = LEASE_S) -> None:
@@ -97,7 +98,7 @@ class SubscriptionStore:
     async def take_over(self, dead_run: str) -> AsyncIterator[Record]:
         """Take over the callbacks of a dead run, yield each record that this run has won, and delete its streams.
 
-        Several gateways may do so at once and may die meanwhile. After StoreUnavailable, or if the iteration is
+        Several gateways may do so at once and may die meanwhile. After RedisUnavailable, or if the iteration is
         abandoned, ``held_records`` returns what was won.
         """
         held = await self._runs.held_subscriptions(dead_run)
@@ -138,9 +139,9 @@ class SubscriptionStore:
 
         A stream that another run holds is taken over and that run is told, or SubscriptionNotHeld is raised unless
         ``take_over``. A callback stays with another run. ``known``: it was accepted before; raises
-        SubscriptionNotHeld if it has been deleted. May be repeated after an outage or StoreUnavailable. When this
+        SubscriptionNotHeld if it has been deleted. May be repeated after an outage or RedisUnavailable. When this
         returns, a callback is on disk and, where there are replicas, on one of them; if no replica confirms in time it
-        is removed again and StoreUnavailable is raised.
+        is removed again and RedisUnavailable is raised.
         """
         id, group = subscription.id, "" if subscription.kind.is_stream else _GROUP
         keys = (self._keys.record(id), self._keys.queue(id), self._keys.gone(id))
@@ -152,7 +153,7 @@ class SubscriptionStore:
                 scripts.COMMIT, keys, self._run, group, int(take_over), int(known), *fields
             )
             if committed == scripts.DELETED:
-                with suppress(StoreUnavailable):  # ``held_records`` cleans up later
+                with suppress(RedisUnavailable):  # ``held_records`` cleans up later
                     await self._reclaim({id: SubscriptionLists(subscription.owner, subscription.client)}, self._run)
                 raise SubscriptionNotHeld(id)
             if committed == scripts.TO_BE_CONFIRMED:
@@ -162,7 +163,7 @@ class SubscriptionStore:
             if committed:
                 return
             await asyncio.sleep(_CLEARING_S)  # the others took this run for dead
-        raise StoreUnavailable(f"other gateways are clearing subscription {id} away")
+        raise RedisUnavailable(f"other gateways are clearing subscription {id} away")
 
     async def get_record(self, id: str) -> Record | None:
         return (await self._records([id])).get(id)
@@ -254,7 +255,7 @@ class SubscriptionStore:
 
         ``forgotten_paths``: paths of resources that no longer exist; otherwise the backlog would grow with each
         invocation. ``number``: the number that ``outgoing`` must get. If it is not the next number, nothing is done and
-        None is returned. Raises SubscriptionNotHeld if this run does not hold the subscription. After StoreUnavailable
+        None is returned. Raises SubscriptionNotHeld if this run does not hold the subscription. After RedisUnavailable
         read the backlog: the step may have been executed, or may still be unless its number is used for something else.
         """
         fields, wanted = write_delivery(delivery), "" if number is None else number
@@ -309,11 +310,11 @@ class SubscriptionStore:
         await self._redis.execute("SADD", self._keys.owner(subscription.owner), id)
 
     async def _confirm(self, subscription: Subscription) -> None:
-        """Wait until replicas have a callback; otherwise remove it and raise StoreUnavailable."""
+        """Wait until replicas have a callback; otherwise remove it and raise RedisUnavailable."""
         try:
             await wait_for_replicas(self._redis, self._keys, self._run, subscription)
-        except StoreUnavailable:
-            with suppress(StoreUnavailable):
+        except RedisUnavailable:
+            with suppress(RedisUnavailable):
                 await self.remove(subscription.id)
             raise
 

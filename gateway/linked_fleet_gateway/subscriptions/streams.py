@@ -11,16 +11,12 @@ from collections.abc import Awaitable, Callable
 from contextlib import suppress
 from dataclasses import replace
 
+from linked_fleet_gateway.base.errors import RedisUnavailable
 from linked_fleet_gateway.resources.subscription import Delivery, DeliveryState, Depth, Kind, Record, Subscription
 from linked_fleet_gateway.runtime.background import cancel_tasks
 from linked_fleet_gateway.subscriptions.broadcast import Ending, Outlet
 from linked_fleet_gateway.subscriptions.fan_out import FanOut
-from linked_fleet_gateway.subscriptions.store import (
-    StoreUnavailable,
-    SubscriptionLimitReached,
-    SubscriptionNotHeld,
-    SubscriptionStore,
-)
+from linked_fleet_gateway.subscriptions.store import SubscriptionLimitReached, SubscriptionNotHeld, SubscriptionStore
 from linked_fleet_gateway.subscriptions.watcher import Watcher
 
 log = logging.getLogger(__name__)
@@ -80,7 +76,7 @@ class Streams:
     async def _list(self, subscription: Subscription, posted: bool) -> None:
         try:
             await self._store.add(subscription, Delivery(), self._limit, known=posted)
-        except StoreUnavailable:
+        except RedisUnavailable:
             mine = [each for each in self._open.values() if each.subscription.client == subscription.client]
             if len(mine) >= self._limit:
                 raise SubscriptionLimitReached(f"{subscription.client} has {len(mine)} subscriptions already") from None
@@ -151,7 +147,7 @@ class Streams:
     async def add_unopened(self, subscription: Subscription) -> None:
         """Store a stream that nobody has opened yet, for a while.
 
-        Raises SubscriptionLimitReached, StoreUnavailable.
+        Raises SubscriptionLimitReached, RedisUnavailable.
         """
         try:
             await self._store.add(subscription, Delivery(DeliveryState.WAITING), self._limit)
@@ -181,7 +177,7 @@ class Streams:
                 )  # a stream that was deleted just now must not come back
         except SubscriptionNotHeld:
             return  # it was opened through another gateway, or deleted
-        except (StoreUnavailable, SubscriptionLimitReached):
+        except (RedisUnavailable, SubscriptionLimitReached):
             await self._forget(id)
             return
         if self.serves(id):
@@ -216,11 +212,11 @@ class Streams:
     async def _forget(self, id: str) -> None:
         self._unlisted.discard(id)
         self._ended.add(id)
-        with suppress(StoreUnavailable):
+        with suppress(RedisUnavailable):
             await self._strike_out(id)
 
     async def _strike_out(self, id: str) -> None:
-        """Remove an ended stream from the store. Raises StoreUnavailable."""
+        """Remove an ended stream from the store. Raises RedisUnavailable."""
         await self._store.remove(id, only_if_held=True)  # another gateway may have it by now
         self._ended.discard(id)
         if self.serves(id):

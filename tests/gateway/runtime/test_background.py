@@ -8,6 +8,7 @@ from contextlib import asynccontextmanager
 
 import pytest
 
+from linked_fleet_gateway.base.errors import RedisUnavailable
 from linked_fleet_gateway.runtime.background import (
     FINISH_S,
     MAX_RETRY_S,
@@ -16,7 +17,7 @@ from linked_fleet_gateway.runtime.background import (
     run_last_step,
     supervised,
 )
-from linked_fleet_gateway.runtime.redis import BACKOFF_S, StoreUnavailable
+from linked_fleet_gateway.runtime.redis import BACKOFF_S
 from virtual.loop import on_virtual_time
 
 log = logging.getLogger("tests.background")
@@ -49,7 +50,7 @@ async def doing(work: Work, pause_s: float) -> AsyncIterator[asyncio.Task[None]]
 def test_work_that_fails_is_done_again_after_a_pause_and_each_error_is_one_line(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
-    work = Work(None, ValueError("wrong"), StoreUnavailable("away"))
+    work = Work(None, ValueError("wrong"), RedisUnavailable("away"))
 
     async def test() -> None:
         async with doing(work, 0.1) as task:
@@ -74,7 +75,7 @@ def test_the_pause_grows_while_work_fails_and_begins_anew_when_it_succeeds() -> 
 
 
 def test_a_long_pause_is_as_long_after_an_error() -> None:
-    work = Work(ValueError("wrong"), StoreUnavailable("away"), None)
+    work = Work(ValueError("wrong"), RedisUnavailable("away"), None)
 
     async def test() -> None:
         async with doing(work, 5.0):
@@ -88,10 +89,13 @@ def test_a_last_step_is_waited_for_as_long_as_redis_may_take(caplog: pytest.LogC
     async def test() -> None:
         begun_s = time.monotonic()
         await run_last_step(asyncio.sleep(0.5), log, "a step was not taken")
-        await run_last_step(Work(StoreUnavailable("away"))(), log, "it could not be said")
+        await run_last_step(Work(RedisUnavailable("away"))(), log, "it could not be said")
         await run_last_step(asyncio.sleep(3600), log, "it hangs")
         assert time.monotonic() - begun_s == pytest.approx(0.5 + FINISH_S)
 
     with caplog.at_level(logging.INFO):
         on_virtual_time(test)
-    assert [each.message for each in caplog.records] == ["it could not be said: away", "it hangs: no answer in time"]
+    assert [each.message for each in caplog.records] == [
+        "it could not be said: Redis is unavailable: away",
+        "it hangs: no answer in time",
+    ]

@@ -7,8 +7,8 @@ from typing import Any
 
 import pytest
 
+from linked_fleet_gateway.base.errors import RedisUnavailable
 from linked_fleet_gateway.runtime.background import cancel_tasks
-from linked_fleet_gateway.runtime.redis import StoreUnavailable
 from linked_fleet_gateway.runtime.replica import Replica, follow_changes
 from virtual.loop import on_virtual_time
 
@@ -83,7 +83,7 @@ def test_one_value_is_read_for_news_and_everything_after_an_outage() -> None:
 
 def test_an_outage_is_waited_out_from_the_start(caplog: pytest.LogCaptureFixture) -> None:
     shared = Shared(a="1")
-    shared.error = StoreUnavailable("away")
+    shared.error = RedisUnavailable("away")
 
     async def test() -> None:
         await shared.tell("a", a="2")
@@ -92,7 +92,7 @@ def test_an_outage_is_waited_out_from_the_start(caplog: pytest.LogCaptureFixture
         assert shared.copy == {"a": "3"} and shared.asked == ["everything", "a", "everything"]
 
     following(shared, test)
-    assert [each.message for each in caplog.records] == ["the store is away, values are not known yet: away"]
+    assert [each.message for each in caplog.records] == ["values are not known yet: Redis is unavailable: away"]
 
 
 def test_after_an_unforeseen_error_everything_is_read_anew(caplog: pytest.LogCaptureFixture) -> None:

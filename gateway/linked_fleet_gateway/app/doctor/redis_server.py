@@ -9,7 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from linked_fleet_gateway.app.doctor.finding import Finding
-from linked_fleet_gateway.runtime.redis import Connection, InvalidUrl, StoreUnavailable
+from linked_fleet_gateway.base.errors import RedisUnavailable
+from linked_fleet_gateway.runtime.redis import Connection, InvalidUrl
 from linked_fleet_gateway.subscriptions.redis_scripts import Keys
 
 _PASSWORD = re.compile(r"(?<=://)[^@/]*@")
@@ -32,7 +33,7 @@ async def check_redis(url: str, namespace: str) -> AsyncIterator[Finding]:
         yield _clock(told, asked_s, answered_s)
         async for each in _durability(connection, shown):
             yield each
-    except (StoreUnavailable, TimeoutError) as error:
+    except (RedisUnavailable, TimeoutError) as error:
         yield Finding("redis", f"{shown} does not serve ({_PASSWORD.sub('…@', str(error))})", _advice(str(error)))
     finally:
         await connection.close()

@@ -11,7 +11,7 @@ from typing import Protocol
 
 from linked_fleet_gateway.actions.plan import robot_time
 from linked_fleet_gateway.actions.service import Actions
-from linked_fleet_gateway.base.errors import AgentTimeout, Busy, FleetError
+from linked_fleet_gateway.base.errors import AgentTimeout, Busy, FleetError, RedisUnavailable
 from linked_fleet_gateway.extensions.query.messages import HypotheticalRobot
 from linked_fleet_gateway.extensions.query.turns import QueryTooCostly
 from linked_fleet_gateway.extensions.rules.causes import Causes, Look, reason_to_disable, self_caused, state_of
@@ -25,7 +25,7 @@ from linked_fleet_gateway.extensions.rules.rule_invocation import (
     check_action,
     invoke,
 )
-from linked_fleet_gateway.extensions.rules.store import Changed, Lost, RuleStore, StoreUnavailable
+from linked_fleet_gateway.extensions.rules.store import Changed, Lost, RuleStore
 from linked_fleet_gateway.identity.rights import Identity, View
 from linked_fleet_gateway.resources.invocation import invocation_path
 from linked_fleet_gateway.resources.paths import robot_of
@@ -284,7 +284,7 @@ class Engine:
         self._note(rule, number, firing)
         try:
             await self._store.finish(rule, number, firing)
-        except StoreUnavailable as error:
+        except RedisUnavailable as error:
             log.warning("the result of firing %d of rule %s could not be stored: %s", number, rule.id, error)
 
     async def _invoke(

@@ -23,7 +23,6 @@ from linked_fleet_gateway.base.errors import (
     NotFound,
     PayloadTooLarge,
     PreconditionFailed,
-    StoreDown,
     UnprocessableContent,
 )
 from linked_fleet_gateway.extensions.rules.description import ChangeRule, MakeRule, rule_path
@@ -37,7 +36,7 @@ from linked_fleet_gateway.extensions.rules.request import (
 from linked_fleet_gateway.extensions.rules.rule import Rule, RuleRecord
 from linked_fleet_gateway.extensions.rules.rule_invocation import find_action, may_have_rules, path_in_fleet
 from linked_fleet_gateway.extensions.rules.service import Rules
-from linked_fleet_gateway.extensions.rules.store import Changed, FleetFull, Full, StoreUnavailable
+from linked_fleet_gateway.extensions.rules.store import Changed, FleetFull, Full
 from linked_fleet_gateway.extensions.rules.template import LF
 from linked_fleet_gateway.http.body import body_type, convert_body, parse_body
 from linked_fleet_gateway.http.fields import field
@@ -229,8 +228,6 @@ async def _refusals(rules: Rules) -> AsyncIterator[None]:
         raise TooManyRules("The fleet has as many rules as it can have; some have to be deleted.") from error
     except Changed as error:
         raise PreconditionFailed("The rule has changed or been deleted meanwhile.") from error
-    except StoreUnavailable as error:
-        raise StoreDown("The server that remembers rules is away; try again in a moment.") from error
 
 
 _CONTEXT = "https://w3id.org/linked-fleet/context"

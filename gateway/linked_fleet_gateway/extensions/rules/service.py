@@ -10,13 +10,14 @@ from types import TracebackType
 from typing import Self
 
 from linked_fleet_gateway.actions.service import Actions
+from linked_fleet_gateway.base.errors import RedisUnavailable
 from linked_fleet_gateway.extensions.rules.description import firings_path, rule_path
 from linked_fleet_gateway.extensions.rules.edges import ChangeNotifier
 from linked_fleet_gateway.extensions.rules.engine import Engine, Select, target_robot
 from linked_fleet_gateway.extensions.rules.request import CONTAINER
 from linked_fleet_gateway.extensions.rules.rule import Firing, FiringState, Rule, RuleRecord
 from linked_fleet_gateway.extensions.rules.rule_invocation import RightsEnded
-from linked_fleet_gateway.extensions.rules.store import Changed, RuleStore, StoreUnavailable
+from linked_fleet_gateway.extensions.rules.store import Changed, RuleStore
 from linked_fleet_gateway.identity.rights import Identity
 from linked_fleet_gateway.resources.affordance import Invoke
 from linked_fleet_gateway.resources.resource import Resource
@@ -104,7 +105,7 @@ class Rules:
     # -- what clients do ----------------------------------------------------------------------------------------------
 
     async def write(self, rule: Rule, known: RuleRecord | None) -> RuleRecord:
-        """Add a rule (``known`` None), or replace the known one. Raises Full, FleetFull, Changed, StoreUnavailable.
+        """Add a rule (``known`` None), or replace the known one. Raises Full, FleetFull, Changed, RedisUnavailable.
 
         A stop since ``known`` was read is a change, and one that comes during the write disables the rule.
         """
@@ -119,14 +120,14 @@ class Rules:
         return self.known.get(rule.id, RuleRecord(rule, revision + 1))
 
     async def latest(self, id: str) -> RuleRecord | None:
-        """Return the rule as it is in Redis now. Raises StoreUnavailable."""
+        """Return the rule as it is in Redis now. Raises RedisUnavailable."""
         await self._replica.refresh(id)
         return self.known.get(id)
 
     async def remove(self, rule: Rule, revision: int | None) -> bool:
         """Remove a rule.
 
-        Return False if there was none. Raises Changed if ``revision`` is given and differs, StoreUnavailable.
+        Return False if there was none. Raises Changed if ``revision`` is given and differs, RedisUnavailable.
         """
         return await self._replica.write(rule.id, self._store.remove(rule, revision))
 
@@ -164,7 +165,7 @@ class Rules:
                 await self._replica.refresh(id)
             except Changed:
                 continue
-            except StoreUnavailable:  # nothing fires without Redis either
+            except RedisUnavailable:  # nothing fires without Redis either
                 await asyncio.sleep(_RETRY_S)
 
     # -- the copy -----------------------------------------------------------------------------------------------------

@@ -13,12 +13,13 @@ from typing import Any
 
 import msgspec
 
+from linked_fleet_gateway.base.errors import RedisUnavailable
 from linked_fleet_gateway.extensions.rules import redis_scripts as scripts
 from linked_fleet_gateway.extensions.rules.redis_scripts import Keys
 from linked_fleet_gateway.extensions.rules.rule import Firing, FiringState, Rule, RuleRecord
-from linked_fleet_gateway.runtime.redis import Connection, StoreUnavailable
+from linked_fleet_gateway.runtime.redis import Connection
 
-__all__ = ["KEPT", "LEASE_S", "Changed", "FleetFull", "Full", "Lost", "RuleStore", "StoreUnavailable"]
+__all__ = ["KEPT", "LEASE_S", "Changed", "FleetFull", "Full", "Lost", "RedisUnavailable", "RuleStore"]
 log = logging.getLogger(__name__)
 
 LEASE_S = 3.0  # after this time without renewal another gateway takes over
@@ -50,7 +51,7 @@ class Lost(Exception):  # noqa: N818
 class RuleStore:
     """Access of one run of a gateway to the store; opens without contact and reconnects by itself.
 
-    During an outage every method except ``news`` raises StoreUnavailable, and it is unknown if the step was executed.
+    During an outage every method except ``news`` raises RedisUnavailable, and it is unknown if the step was executed.
     """
 
     def __init__(self, url: str, namespace: str, run: str) -> None:

@@ -15,7 +15,7 @@ from starlette.datastructures import Headers
 from starlette.responses import RedirectResponse, Response
 from starlette.types import Receive, Scope
 
-from linked_fleet_gateway.base.errors import ForeignOrigin, StoreDown, Unauthenticated
+from linked_fleet_gateway.base.errors import ForeignOrigin, Unauthenticated
 from linked_fleet_gateway.base.settings import FILE, Section, setting
 from linked_fleet_gateway.extensions.sessions.cookies import read_cookie, record_session
 from linked_fleet_gateway.extensions.sessions.login import Login
@@ -26,7 +26,6 @@ from linked_fleet_gateway.http.html import HTML
 from linked_fleet_gateway.http.negotiation import choose
 from linked_fleet_gateway.http.request import Request
 from linked_fleet_gateway.rdf.serialise import RDF_TYPES
-from linked_fleet_gateway.runtime.redis import StoreUnavailable
 
 
 @dataclass(frozen=True)
@@ -54,10 +53,7 @@ class SessionScheme:
         if not sealed:
             return None
         _check_page(scope, Headers(scope=scope))
-        try:
-            found = await self._sessions.find(sealed)
-        except StoreUnavailable as error:
-            raise StoreDown("Sessions cannot be checked while Redis is away; tokens can.") from error
+        found = await self._sessions.find(sealed)
         if found is None:
             raise Unauthenticated(f"The session is over. {self.hint}", wrong=True)
         caller, session = found

@@ -25,7 +25,6 @@ from linked_fleet_gateway.base.errors import (
     IssuerDown,
     MethodNotAllowed,
     NotFound,
-    StoreDown,
 )
 from linked_fleet_gateway.extensions.pages.page import FORMS, render
 from linked_fleet_gateway.extensions.pages.views import places
@@ -39,7 +38,6 @@ from linked_fleet_gateway.http.scheduling import TokenBuckets
 from linked_fleet_gateway.identity.issuers import BadToken, IssuerFailed, endpoint, verify_token
 from linked_fleet_gateway.identity.rights import Claims, Credential, Identity, Right
 from linked_fleet_gateway.identity.roster import Issuer
-from linked_fleet_gateway.runtime.redis import StoreUnavailable
 
 
 class TooManyLogins(FleetError):
@@ -77,20 +75,15 @@ class Login:
         allow = _PAGES[path]
         if method not in allow:
             raise MethodNotAllowed(f"{method} is not possible here; {', '.join(allow)} are.", allow=allow)
-        try:
-            if path == "/logout":
-                return await _log_out(request, sessions)
-            if path == "/login/start":
-                return await self._start(request, sessions)
-            if path == "/login/return":
-                return await self._return(request, sessions)
-            if method == "POST":
-                return await self._with_token(request, sessions)
-            return _page(sessions, _path(request.query_params.get("then")), request.caller)
-        except StoreUnavailable as error:
-            raise StoreDown(
-                "Login is not possible while Redis is away; tokens in Authorization are accepted."
-            ) from error
+        if path == "/logout":
+            return await _log_out(request, sessions)
+        if path == "/login/start":
+            return await self._start(request, sessions)
+        if path == "/login/return":
+            return await self._return(request, sessions)
+        if method == "POST":
+            return await self._with_token(request, sessions)
+        return _page(sessions, _path(request.query_params.get("then")), request.caller)
 
     def _failed(self, request: Request, error: BadToken) -> None:
         """Count a failed login and log it. Raises TooManyLogins beyond the limit of the address.

@@ -15,6 +15,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
+from linked_fleet_gateway.base.errors import RedisUnavailable
 from linked_fleet_gateway.extensions.sessions.sealed_cookie import (
     KEY_BYTES,
     Session,
@@ -26,7 +27,7 @@ from linked_fleet_gateway.identity.rights import Credential, Identity
 from linked_fleet_gateway.identity.roster import BadRoster
 from linked_fleet_gateway.identity.service import Identities
 from linked_fleet_gateway.runtime.background import cancel_tasks, supervised
-from linked_fleet_gateway.runtime.redis import Connection, StoreUnavailable
+from linked_fleet_gateway.runtime.redis import Connection
 
 log = logging.getLogger(__name__)
 
@@ -52,13 +53,13 @@ class SessionKey:
         return bool(self._key)
 
     async def get(self) -> bytes:
-        """Return the key. Raises StoreUnavailable if it was never read."""
+        """Return the key. Raises RedisUnavailable if it was never read."""
         async with self._turn:
             if not self._key:
                 await self._redis.execute("SET", self._name, secrets.token_bytes(KEY_BYTES), "NX")
                 found: bytes | None = await self._redis.execute("GET", self._name)
                 if found is None or len(found) != KEY_BYTES:
-                    raise StoreUnavailable("the key of sessions is not in Redis")
+                    raise RedisUnavailable("the key of sessions is not in Redis")
                 self._key = found
         return self._key
 
@@ -94,14 +95,14 @@ class EndedSessions:
 
     async def aclose(self) -> None:
         for session in self._untold:
-            log.warning("no other gateway knows that session %s was ended: Redis is away", session.id)
+            log.warning("no other gateway knows that session %s was ended: Redis is unavailable", session.id)
         await self._redis.close()
 
     def __contains__(self, session: Session) -> bool:
         return session.id in self._ends_ns
 
     async def ensure_loaded(self) -> None:
-        """Load the ended sessions if they are unknown. Raises StoreUnavailable."""
+        """Load the ended sessions if they are unknown. Raises RedisUnavailable."""
         if not self._seen:
             await self.synchronize()
 
@@ -112,7 +113,7 @@ class EndedSessions:
         await self._tell()
 
     async def synchronize(self) -> None:
-        """Exchange ended sessions with Redis. Raises StoreUnavailable."""
+        """Exchange ended sessions with Redis. Raises RedisUnavailable."""
         self._forget()
         await self._tell()
         while True:
@@ -157,8 +158,8 @@ class Sessions:
         try:
             await self.key.get()
             await self._ended.synchronize()
-        except StoreUnavailable as error:  # retried when a session is used
-            log.warning("the store is away, sessions cannot be checked yet: %s", error)
+        except RedisUnavailable as error:  # retried when a session is used
+            log.warning("sessions cannot be checked yet: %s", error)
         except Exception:
             # The boundary: whatever Redis contains, a gateway must start and stop robots.
             log.exception("sessions that have ended cannot be read; the gateway starts without them")
@@ -173,7 +174,7 @@ class Sessions:
         await self._ended.aclose()
 
     async def find(self, sealed: str) -> tuple[Identity, Session] | None:
-        """Return the caller and the session of a cookie; None if it is invalid or over. Raises StoreUnavailable."""
+        """Return the caller and the session of a cookie; None if it is invalid or over. Raises RedisUnavailable."""
         session = open_session(sealed, await self.key.get())
         await self._ended.ensure_loaded()
         if session is None or session in self._ended:
@@ -186,13 +187,13 @@ class Sessions:
         return session not in self._ended and session.ends_ns > time.time_ns()
 
     async def begin(self, credential: Credential) -> str:
-        """Return the cookie of a new session. Raises StoreUnavailable."""
+        """Return the cookie of a new session. Raises RedisUnavailable."""
         session = new_session(credential, secrets.token_urlsafe(_ID_BYTES), time.time_ns())
         return seal_session(session, await self.key.get())
 
     async def end(self, session: Session) -> None:
         """End a session: here at once, at other gateways within a second, or as soon as Redis is available."""
-        with suppress(StoreUnavailable):  # sent with the next look
+        with suppress(RedisUnavailable):  # sent with the next look
             await self._ended.end(session)
         self.identities.end_revoked()
 

@@ -15,7 +15,7 @@ from typing import Self
 
 from pyoxigraph import Triple
 
-from linked_fleet_gateway.base.errors import ContainerFull, StoreDown
+from linked_fleet_gateway.base.errors import ContainerFull
 from linked_fleet_gateway.extensions.world.checks import Checks
 from linked_fleet_gateway.extensions.world.collisions import Collisions
 from linked_fleet_gateway.extensions.world.descriptions import OBJECTS, describe_frame, describe_objects, object_path
@@ -27,7 +27,7 @@ from linked_fleet_gateway.fleet.model import Pose
 from linked_fleet_gateway.rdf.graph import Graph
 from linked_fleet_gateway.resources.branches import FleetBranch, Found, RequestView
 from linked_fleet_gateway.runtime.background import cancel_tasks
-from linked_fleet_gateway.runtime.redis import Connection, StoreUnavailable
+from linked_fleet_gateway.runtime.redis import Connection
 from linked_fleet_gateway.runtime.replica import Replica, follow_changes
 from linked_fleet_gateway.subscriptions.live import Live
 
@@ -69,7 +69,7 @@ def digest(body: bytes | None) -> str:
 class ObjectStore:
     """Stored bodies by id.
 
-    During an outage every method except ``news`` raises StoreUnavailable, with unknown effect.
+    During an outage every method except ``news`` raises RedisUnavailable, with unknown effect.
     """
 
     def __init__(self, url: str, namespace: str) -> None:
@@ -133,13 +133,13 @@ class Objects:
         await self._store.close()
 
     async def add(self, thing: SceneObject) -> str:
-        """Add an object and return its id. Raises StoreDown, ContainerFull."""
+        """Add an object and return its id. Raises RedisUnavailable, ContainerFull."""
         id = str(uuid.uuid4())
         await self.change(id, thing)
         return id
 
     async def change(self, id: str, thing: SceneObject | None) -> bool:
-        """Replace the known object, or remove it for None. Raises StoreDown, ContainerFull.
+        """Replace the known object, or remove it for None. Raises RedisUnavailable, ContainerFull.
 
         Returns False, without a change, if another gateway has changed it; its state is then known.
         """
@@ -186,8 +186,6 @@ async def _refusals() -> AsyncIterator[None]:
     except Full as error:
         most = f"at most {MAX_OBJECTS} objects, and {MAX_BYTES // 2**20} MiB of them"
         raise ContainerFull(f"There is no room: the world holds {most}.") from error
-    except StoreUnavailable as error:
-        raise StoreDown(f"Redis is away: {error}. What is known of the world can be read nevertheless.") from error
 
 
 class World:
