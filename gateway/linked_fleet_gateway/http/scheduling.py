@@ -12,6 +12,7 @@ import asyncio
 import time
 from collections import OrderedDict, deque
 from collections.abc import Callable, Collection
+from functools import cache
 from typing import TypeVar
 
 from starlette.types import Scope
@@ -22,9 +23,13 @@ from linked_fleet_gateway.http.arrival import arrival_of
 from linked_fleet_gateway.rdf.vocabulary import LF
 from linked_fleet_gateway.resources.action_offer import action_definitions
 
-_STOPS = frozenset(each.segment for each in action_definitions() if each.iri in (LF.Hold, LF.StopRobot, LF.StopAll))
-URGENT = _STOPS | {"cancel"}
-"""Last path segments of actions that stop robots."""
+_STOPS = (LF.Hold, LF.StopRobot, LF.StopAll)
+
+
+@cache
+def stop_segments() -> frozenset[str]:
+    """Return the last path segments of actions that stop robots."""
+    return frozenset(each.segment for each in action_definitions() if each.iri in _STOPS) | {"cancel"}
 
 
 def may_stop(scope: Scope) -> bool:
@@ -32,7 +37,7 @@ def may_stop(scope: Scope) -> bool:
 
     It neither waits nor is counted before that is known.
     """
-    return scope.get("method") == "POST" and scope["path"].rstrip("/").rpartition("/")[2] in URGENT
+    return scope.get("method") == "POST" and scope["path"].rstrip("/").rpartition("/")[2] in stop_segments()
 
 
 class StopPriority:

@@ -4,7 +4,7 @@ import asyncio
 
 import pytest
 
-from linked_fleet_gateway.http.scheduling import URGENT, StopPriority
+from linked_fleet_gateway.http.scheduling import StopPriority, stop_segments
 
 
 def _scope(path: str, method: str = "POST") -> dict[str, str]:
@@ -37,7 +37,7 @@ def _served(first: list[dict[str, str]], then: dict[str, str]) -> list[str]:
 _OTHERS = [_scope(f"/r/{number}", "GET") for number in range(50)]
 
 
-@pytest.mark.parametrize("segment", [*sorted(URGENT), "stop/"])
+@pytest.mark.parametrize("segment", [*sorted(stop_segments()), "stop/"])
 def test_stops_overtake_waiting_requests(segment: str) -> None:
     served = _served(_OTHERS, _scope(f"/r/actions/{segment}"))
     assert served.index(f"/r/actions/{segment}") <= 2

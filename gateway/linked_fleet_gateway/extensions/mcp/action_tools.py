@@ -16,7 +16,7 @@ from linked_fleet_gateway.extensions.mcp.tool import Progress, Target, Tool, con
 from linked_fleet_gateway.fleet.invocation import Invocation, InvocationState
 from linked_fleet_gateway.http.entrance import await_turn
 from linked_fleet_gateway.http.internal_request import Reply
-from linked_fleet_gateway.http.scheduling import URGENT
+from linked_fleet_gateway.http.scheduling import stop_segments
 
 _JSON = "application/json"
 _PAUSE_S, _LOOK_S = 0.1, 1.0
@@ -102,7 +102,7 @@ class Stop(Tool):
 def _stops(path: str) -> Iterator[str]:
     """Yield candidate paths of the stop action for ``path``: the first that exists is the right one."""
     segments = path[1:].split("/")
-    if segments[-1] in URGENT:
+    if segments[-1] in stop_segments():
         yield path
     elif path == "/":
         yield "/actions/stopAll"

@@ -1,0 +1,60 @@
+"""An import changes nothing: it starts no thread, opens no file, reads no shapes and registers nothing."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+PACKAGES = {
+    "linked_fleet_agent": ROOT / "agents/linked_fleet_agent",
+    "linked_fleet_gateway": ROOT / "gateway/linked_fleet_gateway",
+    "linked_fleet_client": ROOT / "client/linked_fleet_client",
+}
+_PROGRAM = """
+import importlib, json, os, sys, threading
+before = set(os.listdir("/proc/self/fd"))
+read = []
+def note(event, arguments):
+    if event == "open" and str(arguments[0]).endswith(".ttl"):
+        read.append(str(arguments[0]))
+sys.addaudithook(note)
+for name in sys.argv[1:]:
+    importlib.import_module(name)
+from linked_fleet_gateway.resources import fleet_functions, paths, property, relative_poses
+from linked_fleet_gateway.rdf import shapes
+print(json.dumps({
+    "threads": [each.name for each in threading.enumerate()][1:],
+    "files": sorted(os.readlink(f"/proc/self/fd/{each}") for each in set(os.listdir("/proc/self/fd")) - before
+                    if os.path.exists(f"/proc/self/fd/{each}")),
+    "shapes": sorted(set(read)),
+    "segments": sorted((paths.reserved_at_root() - paths._CORE_AT_ROOT) |
+                       (paths.reserved_in_robot() - paths._CORE_IN_ROBOT)),
+    "objects": [str(each.names) for each in (
+        property.ROBOT_PROPERTIES, property.LINK_STATEMENTS, fleet_functions.FUNCTIONS, relative_poses.PLACEMENTS
+    ) if each.names],
+    "terms": sorted(shapes._added),
+}))
+"""
+
+
+def _modules(package: str) -> list[str]:
+    root = PACKAGES[package]
+    files = [path for path in root.rglob("*.py") if not {"tests", "node_modules"} & set(path.parts)]
+    names = [".".join((package, *path.relative_to(root).with_suffix("").parts)) for path in files]
+    skipped = ("__main__", "conftest")
+    return sorted(name.removesuffix(".__init__") for name in names if name.rpartition(".")[2] not in skipped)
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_an_import_changes_nothing(package: str) -> None:
+    modules = _modules(package)
+    assert len(modules) > 5
+    done = subprocess.run(
+        [sys.executable, "-c", _PROGRAM, *modules], capture_output=True, text=True, check=False, cwd=ROOT
+    )
+    assert done.returncode == 0, done.stderr[-2000:]
+    found = json.loads(done.stdout.splitlines()[-1])
+    assert {kind: what for kind, what in found.items() if what} == {}
