@@ -15,7 +15,7 @@
 # make try-release  installs the release, runs the tutorial and a custom driver in empty containers (IMAGES="debian:12 ubuntu:24.04", ENGINE)
 # make docs    the documentation as a site in build/site, with links checked
 # make docs-settings  writes the table of docs/SETTINGS.md from the classes of the settings
-# make requirements  lock files with hashes for images and npm, from pyproject.toml, constraints.txt and package.json
+# make requirements  lock files with hashes for images and npm, from pyproject.toml, deploy/constraints.txt and package.json
 # make helm    builds Helm for the tests of the Kubernetes chart (deploy/helm/README.md)
 # make assets  builds the scripts and styles of the pages
 # make clean   removes all generated files
@@ -46,8 +46,8 @@ SHACL_SUITE := build/shacl-suite/core/manifest.ttl
 STRANGERS := build/strangers/stamp
 
 # Constraints are variables instead of the option -c, so that pip's isolated build environments use them too.
-export PIP_CONSTRAINT := constraints.txt
-export PIP_BUILD_CONSTRAINT := constraints.txt
+export PIP_CONSTRAINT := deploy/constraints.txt
+export PIP_BUILD_CONSTRAINT := deploy/constraints.txt
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
 # Creates the environment $(1) with the first working Python of at least 3.11. A working environment is kept, because
@@ -114,8 +114,8 @@ check: .venv/stamp .venv-bare/stamp
 	$(BIN)/mypy --config-file tests/mypy.ini bench deploy docs examples tests gateway/linked_fleet_gateway/extensions
 	$(BIN)/lint-imports
 	.venv-bare/bin/python -Ic "import linked_fleet_agent.agent, linked_fleet_agent.link, linked_fleet_agent.__main__"
-	@! grep -vnE '^(#.*|[A-Za-z0-9._-]+==[A-Za-z0-9.!+]+)$$' constraints.txt || \
-	  { echo "constraints.txt holds exact names and versions only"; exit 1; }
+	@! grep -vnE '^(#.*|[A-Za-z0-9._-]+==[A-Za-z0-9.!+]+)$$' deploy/constraints.txt || \
+	  { echo "deploy/constraints.txt holds exact names and versions only"; exit 1; }
 	@! git grep --untracked -nIE 'index[-]url|find[-]links|(^|[^A-Za-z0-9_.])/(home|root|work)/[A-Za-z]' || \
 	  { echo "no address of a package index and no path of one machine belongs in here"; exit 1; }
 
@@ -129,7 +129,7 @@ docs: .venv/stamp
 docs-settings: .venv/stamp
 	$(BIN)/python docs/settings_table.py
 
-# Run it after each change of a dependency or of constraints.txt. It queries this machine's package index and npm registry.
+# Run it after each change of a dependency or of deploy/constraints.txt. It queries this machine's package index and npm registry.
 requirements: .venv/stamp
 	$(BIN)/python deploy/lock_requirements.py
 
@@ -255,7 +255,7 @@ $(STRANGERS): tests/strangers/packages.txt | .venv/stamp
 
 # One environment in two steps: the packages of the demo, then the tools. Later runs of make reuse it and contact no
 # package index.
-.venv/demo-stamp: pyproject.toml agents/pyproject.toml constraints.txt
+.venv/demo-stamp: pyproject.toml agents/pyproject.toml deploy/constraints.txt
 	@echo "Making .venv: the gateway and the simulation. The first time takes a minute or two."
 	@$(call make_venv,.venv)
 	@$(BIN)/python -m pip install -q -e './agents[sim]' -e '.[mcp,foxglove]'
@@ -267,7 +267,7 @@ $(STRANGERS): tests/strangers/packages.txt | .venv/stamp
 	@touch $@
 
 # Creates an environment with the agent only, as on a robot.
-.venv-bare/stamp: agents/pyproject.toml constraints.txt $(wildcard $(AGENT)/*.py $(AGENT)/wire/*.py $(AGENT)/robots/*.py)
+.venv-bare/stamp: agents/pyproject.toml deploy/constraints.txt $(wildcard $(AGENT)/*.py $(AGENT)/wire/*.py $(AGENT)/robots/*.py)
 	@echo "Making .venv-bare: the agent alone, as on a robot."
 	@$(call make_venv,.venv-bare)
 	@.venv-bare/bin/python -m pip install -q --force-reinstall --no-deps ./agents

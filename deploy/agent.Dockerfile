@@ -11,7 +11,7 @@ ARG PIP_EXTRA_INDEX_URL
 ENV PIP_NO_CACHE_DIR=1 PIP_DISABLE_PIP_VERSION_CHECK=1 PIP_ROOT_USER_ACTION=ignore
 WORKDIR /build
 COPY deploy/requirements-agent.txt deploy/requirements-build.txt deploy/
-# Only packages whose hash is in these files are installed. "make requirements" writes them from pyproject.toml and constraints.txt.
+# Only packages whose hash is in these files are installed. "make requirements" writes them from pyproject.toml and deploy/constraints.txt.
 RUN pip install -q --require-hashes -r deploy/requirements-build.txt \
  && python -m venv --without-pip /opt/linked-fleet \
  && pip --python /opt/linked-fleet/bin/python install -q --require-hashes -r deploy/requirements-agent.txt

@@ -1,8 +1,8 @@
 """Writes the pinned requirements of images, with hashes: make requirements
 
 There is one file per kind of image, with names, versions and hashes. pip chooses the wheels for Python 3.11 on x86-64
-and 64-bit ARM with the glibc of Debian 12, in the versions of constraints.txt. It downloads only metadata where the
-package index provides it. Run it with Python 3.11 on Linux: pip evaluates markers for the machine on which it runs.
+and 64-bit ARM with the glibc of Debian 12, in the versions of deploy/constraints.txt. It downloads only metadata where
+the package index provides it. Run it with Python 3.11 on Linux: pip evaluates markers for the machine on which it runs.
 
 Beside each package.json it writes a package-lock.json with the versions and hashes of all npm packages and without
 addresses, so that ``npm ci`` takes them from the registry of its machine. npm must be installed.
@@ -71,7 +71,7 @@ def resolve_wheels(requirements: Iterable[str], machine: str) -> dict[str, tuple
         subprocess.run(  # noqa: S603 (our own arguments, no shell)
             [sys.executable, "-m", "pip", "install", "-q", "--dry-run", "--ignore-installed", "--report", str(report),
              "--only-binary", ":all:", "--implementation", "cp", "--python-version", "3.11", *tags,
-             "--target", folder, "-c", str(ROOT / "constraints.txt"), *requirements],
+             "--target", folder, "-c", str(ROOT / "deploy/constraints.txt"), *requirements],
             check=True,
         )  # fmt: skip
         installed = json.loads(report.read_text())["install"]

@@ -23,7 +23,7 @@ OUTSIDE = {
     "ARCHITECTURE.md": "architecture.md",
     "CHANGELOG.md": "changelog.md",
     "CONTRIBUTING.md": "contributing.md",
-    "SECURITY.md": "security.md",
+    ".github/SECURITY.md": "security.md",
     "agents/README.md": "agents.md",
     "agents/linked_fleet_agent/wire/PROTOCOL.md": "wire.md",
     "bench/README.md": "bench.md",

@@ -26,7 +26,7 @@ PAGES = (
     "gateway/linked_fleet_gateway/actions/PROTOCOL.md",
     "gateway/linked_fleet_gateway/subscriptions/PROTOCOL.md",
     "client/README.md",
-    "SECURITY.md",
+    ".github/SECURITY.md",
     "tests/README.md",
     "docs/IDENTITIES.md",
     "docs/THREATS.md",

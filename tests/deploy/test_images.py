@@ -28,7 +28,7 @@ def test_images_have_the_version_of_the_package() -> None:
 
 
 def test_the_router_is_of_the_version_that_gateways_and_agents_speak() -> None:
-    (ours,) = re.findall(r"^eclipse-zenoh==(.+)$", (ROOT / "constraints.txt").read_text(), re.M)
+    (ours,) = re.findall(r"^eclipse-zenoh==(.+)$", (ROOT / "deploy/constraints.txt").read_text(), re.M)
     assert re.findall(r"eclipse/zenoh:\$\{ZENOH_TAG:-(.+)\}", COMPOSE) == [ours]
 
 
@@ -53,7 +53,7 @@ def _listed(folder: Path, *arguments: str) -> tuple[dict[str, dict[str, str]], s
 
 def test_the_bill_lists_each_package_with_its_licence(tmp_path: Path) -> None:
     parts, licences = _listed(tmp_path)
-    pins = re.findall(r"^(msgspec|eclipse-zenoh|rdflib)==(.+)$", (ROOT / "constraints.txt").read_text(), re.M)
+    pins = re.findall(r"^(msgspec|eclipse-zenoh|rdflib)==(.+)$", (ROOT / "deploy/constraints.txt").read_text(), re.M)
     assert len(pins) == 3
     for name, version in pins:
         assert f"pkg:pypi/{name}@{version}" in parts
@@ -120,7 +120,7 @@ def _needed(requirements: list[str]) -> set[str]:
 
 @pytest.mark.parametrize("path", REQUIREMENTS, ids=lambda path: path.name)
 def test_requirements_have_the_versions_of_the_constraints(path: Path) -> None:
-    constraints = dict(re.findall(r"^([^#=]+)==(.+)$", (ROOT / "constraints.txt").read_text(), re.M))
+    constraints = dict(re.findall(r"^([^#=]+)==(.+)$", (ROOT / "deploy/constraints.txt").read_text(), re.M))
     known = {canonicalize_name(name): version for name, version in constraints.items()}
     pins = _pins(path)
     assert pins and pins.items() <= known.items(), pins.items() - known.items()

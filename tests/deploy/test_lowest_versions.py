@@ -34,7 +34,7 @@ def _declared() -> dict[str, str]:
 def _constraints() -> str:
     """Return the lowest versions, and for tools of the tests those of the usual environment."""
     lowest = _declared()
-    pinned = [line for line in (ROOT / "constraints.txt").read_text().splitlines() if "==" in line]
+    pinned = [line for line in (ROOT / "deploy/constraints.txt").read_text().splitlines() if "==" in line]
     others = [line for line in pinned if line.partition("==")[0].lower() not in lowest and not _FOLLOWING.match(line)]
     return "\n".join([*(f"{name}=={version}" for name, version in lowest.items()), *others, ""])
 

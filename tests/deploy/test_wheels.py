@@ -16,7 +16,7 @@ from running import ROOT, eventually, free_port
 
 pytestmark = [pytest.mark.processes, pytest.mark.test_all]
 
-_PINS = str(ROOT / "constraints.txt")
+_PINS = str(ROOT / "deploy/constraints.txt")
 
 
 @pytest.fixture(scope="module")

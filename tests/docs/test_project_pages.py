@@ -10,7 +10,7 @@ import yaml
 from linked_fleet_agent.wire.messages import WIRE_VERSION
 from running import ROOT
 
-_PAGES = ("CONTRIBUTING.md", "CODE_OF_CONDUCT.md", "SECURITY.md", "deploy/helm/README.md")
+_PAGES = ("CONTRIBUTING.md", ".github/CODE_OF_CONDUCT.md", ".github/SECURITY.md", "deploy/helm/README.md")
 
 
 @pytest.mark.parametrize("name", _PAGES)

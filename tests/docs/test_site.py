@@ -12,7 +12,7 @@ from running import ROOT
 
 pytestmark = pytest.mark.test_all
 _WORDS_OF_README = 500
-_APART = re.compile(r"\.github/|CODE_OF_CONDUCT\.md")
+_APART = re.compile(r"\.github/(?!SECURITY)")
 """Pages for developers, at the places where forges look for them."""
 
 
