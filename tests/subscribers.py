@@ -61,6 +61,10 @@ class Said:
         return str(self.graph.value(self.iri, LF.version))
 
     @property
+    def event_id(self) -> str:
+        return str(self.graph.value(self.iri, LF.eventId))
+
+    @property
     def previous(self) -> str | None:
         found = self.graph.value(self.iri, LF.previousVersion)
         return None if found is None else str(found)
@@ -78,7 +82,7 @@ class Said:
 
 def without_versions(graph: rdflib.Graph) -> rdflib.Graph:
     found = rdflib.Graph()
-    found += [t for t in graph if t[1] not in (LF.version, LF.previousVersion)]
+    found += [t for t in graph if t[1] not in (LF.version, LF.previousVersion, LF.eventId)]
     return found
 
 

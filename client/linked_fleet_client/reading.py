@@ -14,7 +14,7 @@ Value = Quantity | str | URIRef
 _TIMES = (SOSA.resultTime, PROV.generatedAtTime, DCTERMS.modified)
 # Vocabularies of statements about a property that are no values of it.
 _ABOUT = (str(HYBRIT), str(DCTERMS), str(RDFS), str(RDF), str(LDP), str(SOSA))
-_ABOUT_TERMS = frozenset({LF.version, LF.previousVersion, *UNIT_PATHS})
+_ABOUT_TERMS = frozenset({LF.version, LF.previousVersion, LF.eventId, *UNIT_PATHS})
 _DEEPEST = 6
 _MOST = 20_000
 

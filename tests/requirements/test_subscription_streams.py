@@ -360,7 +360,7 @@ def test_subtree_watches_a_robot_on_one_connection(scene: ObservedFleet) -> None
         for message in news:
             _same(message, scene.browser, str(message.iri))
         assert {message.previous for message in news} <= {message.version for message in first}
-        last = max(news, key=lambda message: [int(n) for n in message.version.replace(".", "-").split("-")]).version
+        last = max(news, key=lambda message: [int(n) for n in message.version.replace(".", "-").split("-")]).event_id
         with events(socket.url, last=last) as stream, Socket(socket.url, last=last) as again:
             for channel in (stream, again):
                 assert {str(channel.next().iri) for _ in covered} == covered
@@ -371,39 +371,6 @@ def test_subtree_watches_a_robot_on_one_connection(scene: ObservedFleet) -> None
 
 
 # -- options --------------------------------------------------------------------------------------------------------
-
-
-def test_resuming_by_header_and_by_query(scene: ObservedFleet) -> None:
-    """With the present version nothing comes before a change; with another one the present state comes at once.
-
-    Versions belong to the resource: they are the same for all watchers and media types.
-    """
-    with scene.toy(0.25) as toy:
-        url = toy.rotation()
-        with events(url) as before:
-            first = before.next()
-            assert before.last_event_id == first.version
-            assert before.comments, "an event stream begins with a comment"
-        with (
-            Socket(url, "application/ld+json", last=first.version) as one,
-            Socket(f"{url}?last-event-id={first.version}") as two,
-            events(url, last=first.version) as three,
-        ):
-            assert {one.description, two.description, three.description} <= members(toy.subscriptions())
-            toy.pose(0.25)
-            toy.pose(0.5)
-            messages = [one.next("application/ld+json"), two.next(), three.next()]
-            assert {(each.angle, each.previous) for each in messages} == {(0.5, first.version)}
-            assert {each.version for each in messages} == {three.last_event_id}
-        for last in (first.version, "0-1", "nonsense"):
-            with (
-                Socket(url, last=last) as one,
-                Socket(f"{url}?last-event-id={last}") as two,
-                events(url, last=last) as three,
-            ):
-                for channel in (one, two, three):
-                    message = channel.next()
-                    assert (message.angle, message.version != last, message.previous != last) == (0.5, True, True)
 
 
 def test_options_that_do_not_exist_are_refused(scene: ObservedFleet) -> None:

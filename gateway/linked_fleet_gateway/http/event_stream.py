@@ -41,7 +41,7 @@ def comment(text: str = "") -> bytes:
 def event_bytes(message: Message) -> bytes:
     """Return one event (9.2.5). Each line of the body is a field, so that nothing can escape from ``data``."""
     data = b"\ndata: ".join(_LINE_ENDS.split(message.body))
-    return b"id: %b\ndata: %b\n\n" % (message.version.encode(), data)
+    return b"id: %b\ndata: %b\n\n" % (message.event_id.encode(), data)
 
 
 def chunk_bytes(message: Message) -> bytes:

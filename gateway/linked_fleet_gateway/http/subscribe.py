@@ -260,7 +260,7 @@ def subscription_link(subscription: Subscription) -> str:
 
 
 def last_event_id(connection: Connection) -> str | None:
-    """Return the version last seen: ``Last-Event-ID``, or ``last-event-id`` in the query of WebSockets."""
+    """Return the id of the message last seen: ``Last-Event-ID``, or ``last-event-id`` in the query of WebSockets."""
     return field(connection, "last-event-id") or connection.query_params.get("last-event-id")
 
 

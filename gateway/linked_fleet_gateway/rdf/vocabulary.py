@@ -120,7 +120,7 @@ LF = Namespace(
     " lease holder expires leaseDuration targetRotation targetTranslation annotations maximumSpeedScale"
     # predicates: subscriptions and their messages
     " depth minimumInterval deadband secret signed deliveryState lastDelivery lastStatus failures"
-    " version previousVersion"
+    " version previousVersion eventId"
     # predicates: quantities
     " value translation displacement translationAxis velocity effort limits lowerLimit upperLimit velocityLimit"
     " effortLimit damping pose twist mass centreOfMass inertia mimic mimicsJoint multiplier offset jointState sample"

@@ -36,6 +36,7 @@ class Versions(NamedTuple):
     """The versions that a message states (``describe_version``)."""
 
     version: str
+    event_id: str
     previous: str | None
 
 
@@ -89,7 +90,7 @@ class Rendering:
 
         Raises WriteError as ``render_current``.
         """
-        said = 0 if versions is None else 1 if versions.previous is None else 2
+        said = 0 if versions is None else 2 if versions.previous is None else 3
         form = _Form(
             tuple([tuple([value != value for value in seen.values]) for seen in measurements]),
             tuple([seen.marks for seen in measurements]),
@@ -101,7 +102,7 @@ class Rendering:
         texts = [lexical(value) for seen in measurements for value in seen.values]
         texts += [_stamp(seen.wall_ns) if seen.wall_ns is not None else "" for seen in measurements]
         if versions is not None:
-            texts += (versions.version, versions.previous or "")
+            texts += (versions.version, versions.event_id, versions.previous or "")
         return self._template.fill(texts)
 
     def _compile(self, form: _Form) -> Template:
@@ -117,7 +118,7 @@ class Rendering:
         self._resource.add_interaction_model(graph, self._base)
         if form.versions:
             iri = NamedNode(self._base + self._resource.path)
-            describe_version(graph, iri, markers.version(0), markers.version(1) if form.versions == 2 else None)
+            describe_version(graph, iri, *(markers.version(index) for index in range(form.versions)))
         body = render_graph(graph, self._media_type, PREFIXES, base=self._base + self._resource.path)
         return markers.template(body.content.decode())
 
@@ -219,12 +220,12 @@ def message_types(resource: Resource) -> tuple[str, ...]:
     return (*RDF_TYPES, *(each for each in resource.documents if each not in resource.constant_media_types))
 
 
-def message_body(resource: Resource, media_type: str, base: str, version: str, previous: str | None) -> bytes:
+def message_body(resource: Resource, media_type: str, base: str, versions: Versions) -> bytes:
     """Return the bytes of a message. Raises WriteError if the syntax cannot represent the triples."""
     if media_type in resource.documents:
         return resource.documents[media_type]()
     if media_type not in RDF_TYPES:
         raise WriteError(f"there is no {media_type} of {resource.path} at present")
     graph = resource.full_graph(base)
-    describe_version(graph, NamedNode(base + resource.path), version, previous)
+    describe_version(graph, NamedNode(base + resource.path), *versions)
     return render_graph(graph, media_type, PREFIXES, base=base + resource.path).content

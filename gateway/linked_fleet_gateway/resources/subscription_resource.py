@@ -168,9 +168,12 @@ def describe_request_shape(graph: Graph) -> None:
             graph.add(triple.subject, triple.predicate, triple.object)  # type: ignore[arg-type]
 
 
-def describe_version(graph: Graph, iri: NamedNode, version: str, previous: str | None) -> None:
-    """Add the versions of a message to a representation, by which clients see that values were conflated."""
+def describe_version(graph: Graph, iri: NamedNode, version: str, event_id: str, previous: str | None = None) -> None:
+    """Add the versions of a message to a representation, by which clients see that values were conflated, and its id,
+    from which they resume.
+    """
     graph.add(iri, LF.version, Literal(version))
+    graph.add(iri, LF.eventId, Literal(event_id))
     if previous is not None:
         graph.add(iri, LF.previousVersion, Literal(previous))
 

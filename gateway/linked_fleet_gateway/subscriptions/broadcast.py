@@ -28,9 +28,10 @@ class Message(Struct):
 
     path: str
     version: str
-    """Version of the resource; also the ``id`` of an event, from which a stream resumes."""
     media_type: str
     body: bytes
+    event_id: str
+    """Id of the message, from which a stream resumes (``event_id.py``)."""
     _frames: dict["Framing", bytes] = field(default_factory=dict)
 
     def frame_with(self, framing: "Framing") -> bytes:

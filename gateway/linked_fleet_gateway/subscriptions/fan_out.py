@@ -64,15 +64,16 @@ class FanOut:
         outlet: Outlet,
         known_versions: dict[str, str] | None = None,
         *,
+        last_event_id: str | None = None,
         wait_if_absent: bool = False,
     ) -> Watcher:
         """Add a watcher; nothing is written before its ``schedule_send()``.
 
-        ``known_versions``: versions by path that the subscriber has already (from which it resumes). If the resource
-        does not exist the outlet is ended, unless ``wait_if_absent``: the watcher then waits for the resource, and
-        again whenever it is gone.
+        The subscriber has already what ``known_versions`` names, versions by path, and the message with the id
+        ``last_event_id``. If the resource does not exist the outlet is ended, unless ``wait_if_absent``: the watcher
+        then waits for the resource, and again whenever it is gone.
         """
-        watcher = Watcher(self, subscription, outlet, dict(known_versions or {}), wait_if_absent)
+        watcher = Watcher(self, subscription, outlet, dict(known_versions or {}), last_event_id, wait_if_absent)
         self._begin(watcher)
         return watcher
 

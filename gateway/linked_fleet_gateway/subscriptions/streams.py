@@ -82,17 +82,17 @@ class Streams:
                 raise SubscriptionLimitReached(f"{subscription.client} has {len(mine)} subscriptions already") from None
             self._unlisted.add(subscription.id)
 
-    def open(self, subscription: Subscription, outlet: Outlet, last_version: str | None) -> Watcher:
-        """Open a registered stream; ``last_version`` is the version that the subscriber saw last.
+    def open(self, subscription: Subscription, outlet: Outlet, last_event_id: str | None) -> Watcher:
+        """Open a registered stream; ``last_event_id`` is the id of the message that the subscriber saw last.
 
-        It ends at once if the resource no longer exists. For a subtree, ``last_version`` is the version of any one of
-        its resources and says nothing about the others: all of them are sent again.
+        It ends at once if the resource no longer exists. For a subtree, the id is that of any one of its resources and
+        says nothing about the others: all of them are sent again.
         """
         id = subscription.id
         if (changed := self._changed.get(id)) is not None:
             subscription = subscription.with_options(changed.options, changed.revision)
-        sent = {subscription.resource: last_version} if last_version and subscription.depth is not Depth.SUBTREE else {}
-        watcher = self._fan_out.watch(subscription, outlet, sent)
+        seen = None if subscription.depth is Depth.SUBTREE else last_event_id
+        watcher = self._fan_out.watch(subscription, outlet, last_event_id=seen)
         if id in self._cancelled:
             watcher.end(Ending.CANCELLED)
             self._ended.add(id)  # it may have been listed after it was deleted

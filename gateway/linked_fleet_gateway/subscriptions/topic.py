@@ -7,6 +7,7 @@ from linked_fleet_gateway.resources.renderings import Rendering, Versions, is_co
 from linked_fleet_gateway.resources.resource import Redirect, Resource
 from linked_fleet_gateway.resources.versioning import Reading
 from linked_fleet_gateway.subscriptions.broadcast import Broadcast, Framing, M, Message
+from linked_fleet_gateway.subscriptions.event_id import event_id, event_tag
 
 
 class Resolver(Protocol):
@@ -33,7 +34,7 @@ class Topic(Generic[M]):
 
     def __init__(self, renderer: Renderer, path: str, with_values: bool, resource: Resource, view: View = ALL) -> None:
         self.path, self.with_values, self.view = path, with_values, view
-        self._renderer = renderer
+        self._renderer, self._tag = renderer, event_tag(path, with_values)
         self.watchers: dict[M, None] = {}
         self.single_watchers: dict[M, None] = {}
         """The watchers that are in no broadcast."""
@@ -53,6 +54,11 @@ class Topic(Generic[M]):
     def is_final(self) -> bool:
         """True if the resource will not change any more."""
         return self._resource.source.is_final()
+
+    @property
+    def event_id(self) -> str:
+        """The id of a message about the present reading."""
+        return event_id(self.reading.version, self._tag)
 
     def replace_resource(self, resource: Resource) -> None:
         """Replace the resource, because its robot was described anew."""
@@ -93,19 +99,19 @@ class Topic(Generic[M]):
         if message is None:
             self._renderer.messages_rendered += 1
             body = self._body(media_type, base)
-            message = self._messages[media_type, base] = Message(self.path, self.reading.version, media_type, body)
+            message = Message(self.path, self.reading.version, media_type, body, self.event_id)
+            self._messages[media_type, base] = message
         return message
 
     def _body(self, media_type: str, base: str) -> bytes:
+        versions = Versions(self.reading.version, self.event_id, self.previous_version)
         rendering = self._renderings.get((media_type, base))
         if rendering is None:
             resource = self._under(base)
             if not (self.with_values and is_compilable(resource, media_type)):
-                return message_body(resource, media_type, base, self.reading.version, self.previous_version)
+                return message_body(resource, media_type, base, versions)
             rendering = self._renderings[media_type, base] = Rendering(resource, media_type, base)
-        return rendering.render_observations(
-            self.reading.observations, Versions(self.reading.version, self.previous_version)
-        )
+        return rendering.render_observations(self.reading.observations, versions)
 
     def _under(self, base: str) -> Resource:
         resource = self._resources.get(base)

@@ -48,6 +48,7 @@ class Watcher:
 
     The policy (PROTOCOL.md, "Messages"): between two messages about a resource its values are conflated, and the last
     one always goes out. ``known_versions``: versions by path that the subscriber is known to have.
+    ``last_event_id``: the id of a message that it has.
 
     A watcher of one resource on a stream, without interval and deadband, shares a ``Broadcast`` with others while its
     outlet has room, and then has nothing to do itself.
@@ -59,6 +60,7 @@ class Watcher:
         subscription: Subscription,
         outlet: Outlet,
         known_versions: dict[str, str],
+        last_event_id: str | None,
         wait_if_absent: bool,
     ) -> None:
         self.subscription = subscription
@@ -68,7 +70,7 @@ class Watcher:
         self.topics: dict[str, Topic[Watcher]] = {}
         self.scheduled = False
         self._scheduler, self._outlet = scheduler, outlet
-        self._known = known_versions
+        self._known, self._last_event_id = known_versions, last_event_id
         self._sent: dict[str, Reading] = {}
         self._pending: dict[str, None] = {}
         self._round: dict[str, None] = {}
@@ -101,7 +103,7 @@ class Watcher:
         self.left_paths.discard(topic.path)
         topic.watchers[self] = topic.single_watchers[self] = None
         known = self._known.pop(topic.path, None)
-        if known == topic.reading.version:
+        if known == topic.reading.version or self._last_event_id == topic.event_id:
             self._sent[topic.path] = topic.reading
         else:
             self._pending[topic.path] = None
@@ -214,7 +216,7 @@ class Watcher:
         """Replace the subscription, and forget all watched resources and sent versions; they are joined anew."""
         self.step_out()
         self._scheduler.remove_watcher(self)
-        self._known = {}
+        self._known, self._last_event_id = {}, None
         self._set(subscription)
         self._whole = not self.watches_subtree
 

@@ -18,7 +18,7 @@ from linked_fleet_gateway.subscriptions.broadcast import Ending, Message
 from serving import Channel, connect, fill, serving, until
 
 pytestmark = pytest.mark.virtual
-TURTLE = Message("/a", "7-1", "text/turtle", '<> <urn:p> "ü" .\n\n<> <urn:q> 1 .\n'.encode())
+TURTLE = Message("/a", "7-1", "text/turtle", '<> <urn:p> "ü" .\n\n<> <urn:q> 1 .\n'.encode(), "7-1~tag")
 GET = b"GET /a HTTP/1.1\r\nHost: x\r\n\r\n"
 LARGE = 20_000
 
@@ -53,7 +53,11 @@ async def reading(port: int, source: EventSource) -> AsyncGenerator[httpx.Respon
 
 
 def messages(count: int) -> list[Message]:
-    return [Message("/a", str(number), "text/turtle", b"%09d\n" % number + b"x" * LARGE) for number in range(count)]
+    return [_message(number, b"%09d\n" % number + b"x" * LARGE) for number in range(count)]
+
+
+def _message(number: int, body: bytes) -> Message:
+    return Message("/a", str(number), "text/turtle", body, f"{number}~tag")
 
 
 @pytest.mark.parametrize(
@@ -73,12 +77,12 @@ def messages(count: int) -> list[Message]:
 def test_framing(body: bytes, data: str) -> None:
     """9.2.5: nothing in a body breaks out of its event; its line ends come back as line feeds."""
     source = EventSource()
-    message = Message("/a", "7", "text/turtle", body)
+    message = _message(7, body)
     source.feed(message.frame_with(event_bytes).decode())
     size, _, rest = message.frame_with(chunk_bytes).partition(b"\r\n")
     assert (rest[: int(size, 16)], rest[int(size, 16) :]) == (message.frame_with(event_bytes), b"\r\n")
-    assert source.events == [("7", data)]
-    assert source.last_event_id == "7"
+    assert source.events == [("7~tag", data)]
+    assert source.last_event_id == "7~tag"
     assert message.frame_with(event_bytes) is message.frame_with(event_bytes)
 
 
@@ -95,11 +99,11 @@ async def test_stream_as_an_event_source_reads_it() -> None:
             await anext(chunks)
         assert source.retry == 2000
         for number in range(3):
-            app.publish(Message("/a", f"7-{number}", "text/turtle", b"%d" % number))
+            app.publish(_message(number, b"%d" % number))
         while len(source.events) < 4:
             await anext(chunks)
         assert source.events == [
-            ("7-1", TURTLE.body.decode()), ("7-0", "0"), ("7-1", "1"), ("7-2", "2"),
+            ("7-1~tag", TURTLE.body.decode()), ("0~tag", "0"), ("1~tag", "1"), ("2~tag", "2"),
         ]  # fmt: skip
         await chunks.aclose()
         await until(lambda: app.returned)
@@ -113,7 +117,7 @@ async def test_stream_as_an_event_source_reads_it() -> None:
         (Ending.GONE, "cancelled"),
         (Ending.FINAL, "cancelled"),
         (Ending.REPLACED, "cancelled"),
-        (Ending.SHUTDOWN, "7-1"),
+        (Ending.SHUTDOWN, "7-1~tag"),
     ],
 )
 async def test_endings(ending: Ending, last: str) -> None:
@@ -128,7 +132,7 @@ async def test_endings(ending: Ending, last: str) -> None:
         app.outlets[0].write(TURTLE)
         async for _ in chunks:
             pass
-        assert source.events == [("7-1", TURTLE.body.decode())]
+        assert source.events == [("7-1~tag", TURTLE.body.decode())]
         assert source.last_event_id == last
         assert (source.retry < 2000) == (ending is Ending.SHUTDOWN)
         await until(lambda: app.returned)
@@ -136,7 +140,7 @@ async def test_endings(ending: Ending, last: str) -> None:
 
 async def test_bytes_on_the_wire_are_the_stream_in_http() -> None:
     """RFC 9112, 7.1: an independent parser finds one whole body, and a reusable connection."""
-    app, sent = App(TURTLE), [Message("/a", str(number), "text/turtle", b"x" * number) for number in range(300)]
+    app, sent = App(TURTLE), [_message(number, b"x" * number) for number in range(300)]
     async with serving(app) as (_, port):
         reader, writer = await connect(port, GET)
         await until(lambda: app.outlets)
@@ -194,7 +198,7 @@ async def test_heartbeat_leaves_the_last_event_id_alone() -> None:
         app.publish(TURTLE)
         while not source.events:
             await anext(chunks)
-        assert source.events == [("7-1", TURTLE.body.decode())]
+        assert source.events == [("7-1~tag", TURTLE.body.decode())]
         await chunks.aclose()
 
 
@@ -232,7 +236,7 @@ async def test_a_stalled_reader_delays_nobody_and_ends_with_the_latest_state() -
         behind = asyncio.create_task(_read_until(slow_reader, b"latest\n\n\r\n"))
         await until(lambda: app.readies[slow] > readies)
         assert slow.writable()
-        slow.write(Message("/a", "61", "text/turtle", b"latest"))
+        slow.write(_message(61, b"latest"))
         await behind
         slow_writer.transport.abort()
         await chunks.aclose()
@@ -290,7 +294,7 @@ async def test_shutdown_ends_streams_and_waits_for_nobody(caplog: pytest.LogCapt
         server.should_exit = True
         async for _ in chunks:
             pass
-        assert source.last_event_id == "7-1"
+        assert source.last_event_id == "7-1~tag"
         await until(lambda: app.returned == 2)
         stalled.transport.abort()
     assert not [record for record in caplog.records if record.levelname == "ERROR"]

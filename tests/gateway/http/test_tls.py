@@ -89,7 +89,7 @@ def _opened(port: int, folder: Path, request: bytes) -> ssl.SSLSocket:
 
 
 def _large(number: int) -> Message:
-    return Message("/a", str(number), "text/turtle", b"%09d" % number + b"x" * LARGE)
+    return Message("/a", str(number), "text/turtle", b"%09d" % number + b"x" * LARGE, "x~tag")
 
 
 async def _fill(app: App) -> None:
@@ -157,7 +157,7 @@ def test_a_reader_that_catches_up_has_the_latest(folder: Path, certificate: Cert
                 readies = app.readies[outlet]
                 reading = asyncio.create_task(asyncio.to_thread(_read_until, slow, b"latest"))
                 await until(lambda: app.readies[outlet] > readies and outlet.writable())
-                outlet.write(Message("/a", "x", "text/turtle", b"latest"))
+                outlet.write(Message("/a", "x", "text/turtle", b"latest", "x~tag"))
                 await reading
 
     run_on_sockets(test)

@@ -25,7 +25,7 @@ from linked_fleet_gateway.subscriptions.broadcast import Ending, Message, Outlet
 from serving import Channel, connect, fill, serving, until
 
 pytestmark = pytest.mark.virtual
-TURTLE = Message("/a", "1", "text/turtle", '<> <urn:p> "ü" .\n'.encode())
+TURTLE = Message("/a", "1", "text/turtle", '<> <urn:p> "ü" .\n'.encode(), "1~tag")
 LARGE = 20_000
 
 
@@ -74,7 +74,10 @@ def masked(opcode: Opcode, data: bytes, fin: bool = True) -> bytes:
 
 
 def messages(count: int, size: int = LARGE) -> list[Message]:
-    return [Message("/a", str(number), "text/turtle", b"%09d" % number + b"x" * size) for number in range(count)]
+    return [
+        Message("/a", str(number), "text/turtle", b"%09d" % number + b"x" * size, f"{number}~tag")
+        for number in range(count)
+    ]
 
 
 async def test_first_message_and_fields() -> None:
@@ -88,13 +91,13 @@ async def test_first_message_and_fields() -> None:
 
 async def test_agents_frames_are_binary() -> None:
     body = b"\x00\xff"
-    async with subscribed(App(Message("/a", "1", "application/vnd.linked-fleet.frame", body))) as websocket:
+    async with subscribed(App(Message("/a", "1", "application/vnd.linked-fleet.frame", body, "1~tag"))) as websocket:
         assert await websocket.recv() == body
 
 
 @pytest.mark.parametrize("size", [0, 125, 126, 65535, 65536])
 async def test_every_length_of_a_frame(size: int) -> None:
-    async with subscribed(App(Message("/a", "1", "text/turtle", b"x" * size))) as websocket:
+    async with subscribed(App(Message("/a", "1", "text/turtle", b"x" * size, "1~tag"))) as websocket:
         assert await websocket.recv() == "x" * size
 
 
@@ -255,7 +258,7 @@ async def test_a_stalled_reader_delays_nobody_and_ends_with_the_latest_state() -
         reading = asyncio.create_task(_last_message(reader, b"latest"))
         await until(lambda: app.readies[slow] > readies)
         assert slow.writable()
-        slow.write(Message("/a", "61", "text/turtle", b"latest"))
+        slow.write(Message("/a", "61", "text/turtle", b"latest", "61~tag"))
         await reading
         for one in others:
             await one.close()

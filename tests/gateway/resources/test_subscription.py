@@ -184,10 +184,11 @@ def test_every_term_of_ours_is_described() -> None:
 
 def test_versions_of_a_message() -> None:
     iri, graph = NamedNode(_ROTATION), Graph()
-    describe_version(graph, iri, "1-42", None)
-    describe_version(graph, iri, "1-43", "1-42")
+    describe_version(graph, iri, "1-42", "1-42~tag")
+    describe_version(graph, iri, "1-43", "1-43~tag", "1-42")
     assert [t.object.value for t in graph.triples if t.predicate == LF.version] == ["1-42", "1-43"]
     assert [t.object.value for t in graph.triples if t.predicate == LF.previousVersion] == ["1-42"]
+    assert [t.object.value for t in graph.triples if t.predicate == LF.eventId] == ["1-42~tag", "1-43~tag"]
 
 
 # -- requests -------------------------------------------------------------------------------------------------------

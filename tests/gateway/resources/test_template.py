@@ -64,7 +64,7 @@ _VALUES = st.one_of(
 _TIMES = st.none() | st.integers(0, 250_000_000_000 * 1_000_000_000)
 _DIGEST = st.from_regex(r"[0-9a-f]{16}", fullmatch=True)
 _NUMBERS = st.from_regex(r"[0-9]{1,9}-[0-9]{1,9}", fullmatch=True)
-_VERSIONS = st.none() | st.builds(Versions, _NUMBERS, st.none() | _DIGEST)
+_VERSIONS = st.none() | st.builds(Versions, _NUMBERS, _NUMBERS, st.none() | _DIGEST)
 
 
 def _written(

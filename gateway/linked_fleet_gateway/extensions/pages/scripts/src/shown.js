@@ -4,7 +4,7 @@ import { key } from "./ntriples.js";
 import { RESULT_TIME, lf } from "./vocabulary.js";
 
 // These change with every message without being news.
-const PASSING = new Set([lf("version"), lf("previousVersion"), lf("lastFrame"), lf("lastMoved"), lf("batteryCharge"), RESULT_TIME]);
+const PASSING = new Set([lf("version"), lf("previousVersion"), lf("eventId"), lf("lastFrame"), lf("lastMoved"), lf("batteryCharge"), RESULT_TIME]);
 
 /**
  * Return a text that is equal for graphs that differ only in live values or in the labels of blank nodes.

@@ -11,7 +11,7 @@ const CANCELLED = 1000; // somebody deleted the subscription: reconnecting would
 const UNAUTHENTICATED = 401; // the session is over: reloading the page leads to the login
 const FORBIDDEN = 403; // a reader without the right to subscribe keeps the served page
 const NOT_FOUND = 404;
-const VERSION = "https://w3id.org/linked-fleet#version";
+const EVENT_ID = "https://w3id.org/linked-fleet#eventId";
 
 /** @type {Map<string, Channel>} */
 const channels = new Map();
@@ -76,7 +76,7 @@ class Channel {
     this.protocol = protocol;
     this.members = new Map();
     this.last = undefined;
-    this.version = undefined;
+    this.lastEventId = undefined;
     this.failures = 0;
     this.state = "live";
     this.open();
@@ -98,7 +98,7 @@ class Channel {
   open() {
     this.rest();
     const address = new URL(this.address);
-    if (this.version) address.searchParams.set("last-event-id", this.version);
+    if (this.lastEventId) address.searchParams.set("last-event-id", this.lastEventId);
     const socket = new WebSocket(address, this.protocol);
     socket.binaryType = "arraybuffer";
     socket.onopen = () => {
@@ -118,7 +118,7 @@ class Channel {
   take(data) {
     heartbeat.heard();
     const message = typeof data === "string" ? parse(data) : data;
-    if (typeof data === "string") this.version = message.value(new URL(this.address.pathname, document.baseURI).href, VERSION)?.value;
+    if (typeof data === "string") this.lastEventId = message.value(new URL(this.address.pathname, document.baseURI).href, EVENT_ID)?.value;
     this.last = message;
     for (const member of [...this.members.keys()]) member(message);
   }
