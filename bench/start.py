@@ -127,7 +127,7 @@ class Demo(NamedTuple):
 @contextlib.contextmanager
 def _demo(state: str) -> Iterator[Demo]:
     port, begin = free_port(), time.monotonic()
-    with _child("-m", "linked_fleet_demo", "--port", str(port), XDG_STATE_HOME=state) as child:
+    with _child("-m", "linked_fleet_demo", "--port", str(port), TMPDIR=state) as child:
         assert child.stdout is not None
         said = ""
         for line in child.stdout:

@@ -18,9 +18,9 @@ ONLINE = b"<https://w3id.org/linked-fleet#presence> <https://w3id.org/linked-fle
 class Demo:
     """The demo in its own session, so that it can be signalled like in a terminal and its processes can be counted."""
 
-    def __init__(self, folder: Path, *arguments: str) -> None:
-        self.port = free_port()
-        self._folder, self._log = folder, folder / "output"
+    def __init__(self, folder: Path, *arguments: str, port: int | None = None) -> None:
+        self.port = port or free_port()
+        self._folder, self._log = folder, folder / f"output of {self.port}"
         with self._log.open("wb") as output:
             self.process = subprocess.Popen(
                 [sys.executable, "-m", "linked_fleet_demo", "--port", str(self.port), *arguments],
@@ -29,7 +29,7 @@ class Demo:
                 stdout=output,
                 stderr=subprocess.STDOUT,
                 start_new_session=True,
-                env={**os.environ, "XDG_STATE_HOME": str(folder)},
+                env={**os.environ, "TMPDIR": str(folder), "HOME": str(folder)},
             )
 
     @property
@@ -72,6 +72,15 @@ class Demo:
             with contextlib.suppress(OSError):  # it has just ended
                 if link.readlink().is_relative_to(self._folder):
                     found.append(int(link.parent.name))
+        return found
+
+    def agents(self) -> dict[str, int]:
+        """Return the processes of agents by the robots that they serve, joined by commas."""
+        found = {}
+        for pid in self.members():
+            words = Path(f"/proc/{pid}/cmdline").read_text().split("\0")
+            if "linked_fleet_agent" in words:
+                found[",".join(words[at + 1] for at, word in enumerate(words) if word == "--robot")] = pid
         return found
 
     def interrupt(self) -> int:

@@ -18,6 +18,7 @@ import test_figures
 
 from browser import Browser
 from demonstration import Demo
+from redis_servers import Server
 from running import ROOT, eventually
 
 
@@ -32,6 +33,8 @@ def demo(tmp_path: Path) -> Iterator[Demo]:
         demo.process.wait()
 
 
+ROBOTS = {"baxter", "ur5", "panda", "tiago", "go2"}
+PROCESSES = 7  # the demo, the gateway, and an agent for each robot
 pytestmark = [
     pytest.mark.processes,
     pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="counts processes in /proc"),
@@ -60,7 +63,7 @@ def test_the_demo_starts_serves_and_ends_on_ctrl_c(demo: Demo) -> None:
     eventually(lambda: f"The fleet is at http://127.0.0.1:{demo.port}/" in demo.output, "the root's address is printed")
     _turns_what_it_says(demo)
     _has_the_figures(demo)
-    assert len(demo.members()) == 3  # the demo, the gateway, the agents
+    assert len(demo.members()) == PROCESSES
     assert len(demo.servers()) == 1
     assert demo.interrupt() in (0, 130)
     assert (demo.members(), demo.servers()) == ([], [])
@@ -76,10 +79,101 @@ def test_ctrl_c_while_it_loads_leaves_nothing_behind(demo: Demo) -> None:
 
 
 def test_a_killed_demo_leaves_no_orphans(demo: Demo) -> None:
-    eventually(lambda: len(demo.members()) == 3, "the demo, the gateway, the agents")
+    eventually(lambda: len(demo.members()) == PROCESSES, "all its processes")
     demo.process.kill()
     demo.process.wait()
     eventually(lambda: not demo.members(), "every child has ended")
+
+
+def _ready(demo: Demo) -> None:
+    eventually(lambda: "Ctrl-C ends the demo." in demo.output, lambda: demo.output)
+
+
+def _crate(demo: Demo) -> str:
+    """Create an object in the world, which the store keeps. Return its address."""
+    body = """@prefix lf: <https://w3id.org/linked-fleet#> . @prefix dcterms: <http://purl.org/dc/terms/> .
+@prefix maths: <http://vocab.arvida.de/2015/06/maths/vocab#> . @prefix unit: <http://qudt.org/vocab/unit/> .
+@prefix vom: <http://vocab.arvida.de/2015/06/vom/vocab#> .
+<> a lf:Obstacle ; dcterms:title "crate" ;
+    lf:position [ maths:x 9 ; maths:y 9 ; maths:z 0.3 ; vom:unit unit:M ] ;
+    lf:geometry [ a lf:Box ; lf:size [ maths:x 0.4 ; maths:y 0.6 ; maths:z 0.6 ; vom:unit unit:M ] ] ."""
+    made = httpx.post(f"{demo.root}world/objects", content=body, headers={"content-type": "text/turtle"})
+    assert made.status_code == 201, made.text
+    return made.headers["location"]
+
+
+def test_nothing_of_an_earlier_demo_comes_back(tmp_path: Path) -> None:
+    """Neither after Ctrl-C nor after a kill: it leaves no folder either."""
+    first = Demo(tmp_path)
+    _ready(first)
+    kept = _crate(first)
+    assert httpx.get(kept).status_code == 200
+    assert "away" not in first.output
+    first.process.kill()
+    first.process.wait()
+    eventually(lambda: not (first.members() or first.servers()), "the end of all processes")
+    second = Demo(tmp_path, port=first.port)
+    _ready(second)
+    assert httpx.get(kept).status_code == 404
+    assert len(list(tmp_path.glob("linked-fleet-demo-*"))) == 1
+    assert second.interrupt() in (0, 130)
+    assert list(tmp_path.glob("linked-fleet-demo-*")) == []
+
+
+def test_two_demos_of_one_account_do_not_share_their_store(demo: Demo, tmp_path: Path) -> None:
+    """What one keeps outlives the end of the other, whose store ends with it."""
+    other = Demo(tmp_path)
+    try:
+        for each in (demo, other):
+            _ready(each)
+        assert len(demo.servers()) == 2
+        kept = _crate(other)
+        assert demo.interrupt() in (0, 130)
+        assert len(other.servers()) == 1
+        assert httpx.get(kept).status_code == 200
+        assert _crate(other) != kept
+        assert "away" not in other.output
+    finally:
+        other.interrupt()
+
+
+def test_each_robot_has_an_agent_of_its_own(demo: Demo) -> None:
+    """The end of one agent is the absence of its robot; the others go on, and it comes back by the printed command."""
+    _ready(demo)
+    assert set(demo.agents()) == ROBOTS
+    os.kill(demo.agents()["panda"], signal.SIGKILL)
+    eventually(lambda: demo.robots_online() == 4, "one robot is offline")
+    said = eventually(lambda: re.search(r"The panda process has ended .* again:\n  (.*)\n", demo.output), demo.output)
+    again = subprocess.Popen(shlex.split(said[1]), stderr=subprocess.DEVNULL)
+    try:
+        eventually(lambda: demo.robots_online() == 5, "five robots online")
+    finally:
+        again.kill()
+        again.wait()
+
+
+def test_the_demo_starts_without_the_redis_that_the_user_names(tmp_path: Path) -> None:
+    """Warnings are printed and end nothing; what needs Redis is named, and follows when Redis is there."""
+    server = Server(tmp_path)
+    server.kill()
+    demo = Demo(tmp_path, "--redis-url", server.url)
+    try:
+        _ready(demo)
+        assert "the store is away" in demo.output
+        assert "5 of 5 robots could not be placed in the world" in demo.output
+        assert demo.robots_online() == 5
+        server.start()
+        eventually(lambda: _position(demo, "panda") == "4.0", "the robots are placed")
+        assert demo.interrupt() in (0, 130)
+    finally:
+        server.discard()
+
+
+def _position(demo: Demo, robot: str) -> str:
+    """Return y of the placement of a robot."""
+    text = httpx.get(f"{demo.root}{robot}/placement", headers={"accept": "application/n-triples"}).text
+    found = re.search(r'#y> "([^"]+)"', text)
+    return found[1] if found else ""
 
 
 def test_a_taken_port_is_one_line(tmp_path: Path) -> None:

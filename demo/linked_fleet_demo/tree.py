@@ -4,23 +4,21 @@ The demo does not use settings of other fleets in the environment.
 """
 
 import argparse
-import ctypes
 import http.client
 import json
-import os
 import re
+import shlex
 import signal
 import socket
-import subprocess
 import sys
-import threading
 import time
 import urllib.request
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from dataclasses import dataclass, field
 from pathlib import Path
 from types import FrameType
-from typing import IO
+
+from linked_fleet_demo.child import SIGNALS, Child, print_line, signals_held_back
+from linked_fleet_demo.state import own_folder
 
 ROBOTS = ("baxter", "ur5", "panda", "tiago", "go2")
 SWAYING = "ur5:shoulder_pan_joint"
@@ -33,89 +31,16 @@ HOST = "127.0.0.1"
 _READY_TIMEOUT_S = 30.0  # after this the address is printed although robots are missing
 GRACE_S = 5.0  # a whole fleet takes little more than a second on an idle machine
 POLL_S = 0.1
-_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+_LATER_S = 0.5  # period of looks after the robots once the address is printed
 _ONLINE = re.compile(
     r"^<([^>]+)> <https://w3id\.org/linked-fleet#presence> <https://w3id\.org/linked-fleet#online> \.$", re.M
 )
 _PLACEMENT = re.compile(r"<https://w3id\.org/linked-fleet#placement> <([^>]+)> \.$", re.M)
 _UNKNOWN = "<https://w3id.org/linked-fleet#unknown>"
-# Log lines that a demonstration does not need.
-_CHATTER = re.compile(r"\S+ \S+ (DEBUG |INFO )")
-_PDEATHSIG = 1  # PR_SET_PDEATHSIG of Linux's prctl
 
 
 class Stopped(BaseException):
     """The user has asked the demo to end; raised in all its waits."""
-
-
-class Child:
-    """A process of the tree. Its output, from warnings upward, is printed line by line with its name."""
-
-    def __init__(self, name: str, arguments: list[str]) -> None:
-        self.name = name
-        self.told_to_end = False  # from then on only its exit code is reported
-        self.process = subprocess.Popen(  # noqa: S603 our own modules, no shell
-            [sys.executable, "-m", *arguments],
-            env={key: value for key, value in os.environ.items() if not key.startswith(("LINKED_FLEET_", "REDIS_"))},
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            text=True,
-            errors="replace",
-            preexec_fn=_preparation(),
-        )
-        assert self.process.stdout is not None
-        self._reader = threading.Thread(target=self._pass_on, args=(self.process.stdout,), daemon=True)
-        self._reader.start()
-
-    def _pass_on(self, lines: IO[str]) -> None:
-        with lines:
-            for line in lines:
-                if not (self.told_to_end or _CHATTER.match(line)):
-                    print_line(f"{self.name:>7} | {line.rstrip()}")
-
-    def end(self) -> None:
-        self.told_to_end = True
-        self.process.terminate()
-
-    def wait(self, deadline: float) -> bool:
-        """Return True if the process has ended and its output is printed before ``deadline``."""
-        try:
-            self.process.wait(max(0.0, deadline - time.monotonic()))
-        except subprocess.TimeoutExpired:
-            return False
-        self._reader.join(0.2)
-        return True
-
-
-def _preparation() -> Callable[[], None]:
-    """Return the function that a child runs before its program. Symbols are looked up here, before the fork."""
-    prctl = ctypes.CDLL(None).prctl if sys.platform == "linux" else None
-    parent = os.getpid()
-
-    def prepare() -> None:
-        # Ctrl-C reaches the whole process group and would end a loading child with a traceback. The demo handles it and
-        # sends SIGTERM to its children.
-        signal.signal(signal.SIGINT, signal.SIG_IGN)
-        for number in (
-            signal.SIGTERM,
-            signal.SIGHUP,
-        ):  # otherwise an inherited handler would run here, before the program
-            signal.signal(number, signal.SIG_DFL)
-        signal.pthread_sigmask(signal.SIG_UNBLOCK, _SIGNALS)  # blocked by the parent during the start
-        if prctl is not None:  # the kernel ends the child when the demo is killed
-            prctl(_PDEATHSIG, signal.SIGTERM, 0, 0, 0)
-            if os.getppid() != parent:
-                os.kill(os.getpid(), signal.SIGTERM)
-
-    return prepare
-
-
-def print_line(text: str) -> None:
-    try:
-        print(text, flush=True)
-    except OSError:  # the terminal is closed; the fleet runs on until a signal ends it
-        sys.stdout = Path(os.devnull).open("w")  # noqa: SIM115
 
 
 def port_problem(port: int) -> str | None:
@@ -177,60 +102,109 @@ def _get(iri: str) -> str:
 _OPENER = urllib.request.build_opener(urllib.request.ProxyHandler({}))  # no proxy for loopback
 
 
-def run(root: str, children: list[Child], zenoh: str, cors_origins: str = "") -> int:
-    """Start the tree and watch it until a child ends by itself. Return its exit code."""
-    print_line(
-        f"Starting the gateway and {len(ROBOTS)} simulated robots: {', '.join(ROBOTS)}. Loading their models ..."
-    )
-    port = root.rstrip("/").rpartition(":")[2]
-    names = [word for robot in ROBOTS for word in ("--robot", robot)]
-    namespace = f"demo-{port}"
-    # Each demo on a machine is a fleet of its own. Callbacks to this machine are allowed for first experiments.
-    of_gateway = ["--host", HOST, "--port", port, "--zenoh-listen", zenoh]
-    of_gateway += ["--namespace", namespace, "--callback-allow", "127.0.0.0/8,::1/128"]
-    of_gateway += ["--cors-origins", cors_origins]
-    of_agents = [*names, "--connect", zenoh, "--namespace", namespace, "--sway", SWAYING]
-    for name, module, arguments in (
-        ("gateway", "linked_fleet_gateway", of_gateway),
-        ("agents", "linked_fleet_agent", of_agents),
-    ):
-        with _signals_held_back():  # no signal may arrive between a child's start and its registration
-            children.append(Child(name, [module, *arguments]))
-    deadline: float | None = time.monotonic() + _READY_TIMEOUT_S
-    seen: set[str] = set()
-    while True:
-        for child in children:
-            code = child.process.poll()
+@dataclass
+class Demo:
+    """The processes of a demo: a gateway, and an agent for each robot. Each demo on a machine is a fleet of its own."""
+
+    port: int
+    zenoh: str
+    state: Path
+    redis_url: str = ""
+    cors_origins: str = ""
+    children: list[Child] = field(default_factory=list)
+    online: set[str] = field(default_factory=set)
+    placed: set[str] = field(default_factory=set)
+
+    @property
+    def root(self) -> str:
+        return f"http://{HOST}:{self.port}/"
+
+    @property
+    def fleet(self) -> list[str]:
+        return ["--namespace", f"demo-{self.port}"]
+
+    def run(self) -> int:
+        """Start the tree and watch it until the gateway or all agents have ended. Return an exit code."""
+        print_line(
+            f"Starting the gateway and {len(ROBOTS)} simulated robots: {', '.join(ROBOTS)}. Loading their models ..."
+        )
+        self._start_gateway()
+        for robot in ROBOTS:
+            self._start_agent(robot)
+        deadline: float | None = time.monotonic() + _READY_TIMEOUT_S
+        while True:
+            code = self._ended()
             if code is not None:
-                child.wait(time.monotonic())
-                print_line(f"The {child.name} process has ended by itself (exit code {code}); the demo ends too.")
-                return code if code >= 0 else 128 - code
-        if deadline is not None:
-            seen = _greet(root, seen)
-            ready = len(seen) == len(ROBOTS) and is_ready(root)
-            if ready or time.monotonic() > deadline:
+                return code
+            ready = (len(self.placed) < len(ROBOTS) or deadline is not None) and self._is_ready()
+            if deadline is not None and (ready or time.monotonic() > deadline):
                 deadline = None
-                print_line(_welcome(root, seen, ready))
-        time.sleep(POLL_S)
+                print_line(_welcome(self.root, self._lack()))
+            time.sleep(POLL_S if deadline is not None else _LATER_S)
+
+    def _start_gateway(self) -> None:
+        # Callbacks to this machine are allowed for first experiments.
+        listening = ["--host", HOST, "--port", str(self.port), "--zenoh-listen", self.zenoh]
+        allowed = ["--callback-allow", "127.0.0.0/8,::1/128", "--cors-origins", self.cors_origins]
+        environment = {"REDIS_URL": self.redis_url} if self.redis_url else {}
+        arguments = [*listening, *self.fleet, *allowed, "--state-dir", str(self.state)]
+        self._start("gateway", "linked_fleet_gateway", arguments, environment)
+
+    def _start_agent(self, robot: str) -> None:
+        swaying = ["--sway", SWAYING] if SWAYING.startswith(f"{robot}:") else []
+        self._start(robot, "linked_fleet_agent", ["--robot", robot, "--connect", self.zenoh, *self.fleet, *swaying], {})
+
+    def _start(self, name: str, module: str, arguments: list[str], environment: dict[str, str]) -> None:
+        with signals_held_back():  # no signal may arrive between a child's start and its registration
+            self.children.append(Child(name, module, arguments, environment))
+
+    def _ended(self) -> int | None:
+        """Report children that have ended by themselves. Return an exit code if the demo ends with them."""
+        for child in list(self.children):
+            code = child.process.poll()
+            if code is None:
+                continue
+            child.wait(time.monotonic())
+            self.children.remove(child)
+            goes_on = child.name != "gateway" and len(self.children) > 1
+            print_line(_farewell(child, code, goes_on))
+            if not goes_on:
+                return code if code >= 0 else 128 - code
+        return None
+
+    def _is_ready(self) -> bool:
+        """Welcome and place the robots that have come. Return True if all are there and motions are prepared."""
+        try:
+            for iri in sorted(robots_online(self.root) - self.online):
+                self.online.add(iri)
+                print_line(f"{iri} is online")
+            for iri in sorted(self.online - self.placed):
+                set_placement(iri, PLACES[iri.rstrip("/").rpartition("/")[2]])
+                self.placed.add(iri)
+        except (OSError, http.client.HTTPException, ValueError):
+            return False
+        return len(self.placed) == len(ROBOTS) and is_ready(self.root)
+
+    def _lack(self) -> str:
+        """Return what the fleet still lacks, empty if nothing."""
+        missing, lost = len(ROBOTS) - len(self.online), len(self.online - self.placed)
+        if missing:
+            return f"{missing} of {len(ROBOTS)} robots are not online yet"
+        if lost:
+            return f"{lost} of {len(ROBOTS)} robots could not be placed in the world"
+        return "" if is_ready(self.root) else "motions are still being prepared"
 
 
-def _greet(root: str, seen: set[str]) -> set[str]:
-    try:
-        online = robots_online(root)
-        for iri in sorted(online - seen):
-            set_placement(iri, PLACES[iri.rstrip("/").rpartition("/")[2]])
-    except (OSError, http.client.HTTPException, ValueError):
-        return seen
-    for iri in sorted(online - seen):
-        print_line(f"{iri} is online")
-    return seen | online
+def _farewell(child: Child, code: int, goes_on: bool) -> str:
+    ended = f"The {child.name} process has ended by itself (exit code {code})"
+    if not goes_on:
+        return f"{ended}; the demo ends too."
+    return f"{ended}; the fleet shows the robot as offline. To start its agent again:\n  {shlex.join(child.command)}"
 
 
-def _welcome(root: str, seen: set[str], ready: bool) -> str:
-    missing = len(ROBOTS) - len(seen)
-    late = f"{missing} of {len(ROBOTS)} robots are not online yet" if missing else "motions are still being prepared"
+def _welcome(root: str, lack: str) -> str:
     return f"""
-The fleet is at {root}{"" if ready else f"  ({late})"}
+The fleet is at {root}{f"  ({lack})" if lack else ""}
 
 Read it, or open the address in a browser:
   curl {root}
@@ -269,23 +243,19 @@ def _stop(_signal: int, _frame: FrameType | None) -> None:
     raise Stopped
 
 
-@contextmanager
-def _signals_held_back() -> Iterator[None]:
-    signal.pthread_sigmask(signal.SIG_BLOCK, _SIGNALS)
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_UNBLOCK, _SIGNALS)
-
-
 def _ignore_signals() -> None:
-    for number in _SIGNALS:
+    for number in SIGNALS:
         signal.signal(number, signal.SIG_IGN)
 
 
 def main() -> int:
     parser = argparse.ArgumentParser(prog="linked-fleet demo", description="Five simulated robots and their gateway.")
     parser.add_argument("--port", type=int, default=8000, help="port of the gateway on loopback")
+    parser.add_argument(
+        "--redis-url",
+        default="",
+        help="Redis that keeps rules and objects; empty: kept until the demo ends",
+    )
     parser.add_argument("--cors-origins", default="", help="origins of other sites' pages that may use the fleet")
     arguments = parser.parse_args()
     port = arguments.port
@@ -295,13 +265,18 @@ def main() -> int:
     if problem is not None:
         print(f"demo: {problem}", file=sys.stderr)
         return 1
-    children: list[Child] = []
-    for number in _SIGNALS:
+    for number in SIGNALS:
         signal.signal(number, _stop)
     try:
-        return run(f"http://{HOST}:{port}/", children, f"tcp/{HOST}:{free_port()}", arguments.cors_origins)
+        with own_folder() as state:
+            return _run(Demo(port, f"tcp/{HOST}:{free_port()}", state, arguments.redis_url, arguments.cors_origins))
     except Stopped:
         print_line("\nEnding the demo.")
         return 0
+
+
+def _run(demo: Demo) -> int:
+    try:
+        return demo.run()
     finally:
-        end(children)
+        end(demo.children)
