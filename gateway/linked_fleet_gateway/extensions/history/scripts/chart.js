@@ -3,8 +3,9 @@
 import uPlot from "uplot";
 
 import { fetchPast } from "./past.js";
+import { AgentClock, isCurrent, onCurrency, STILL_S } from "../../pages/scripts/src/agent_clock.js";
 import { axes, COLOURS, room, SPANS_S } from "../../pages/scripts/src/plot_options.js";
-import { later } from "../../pages/scripts/src/past.js";
+import { broken, covered } from "../../pages/scripts/src/past.js";
 import { onJoints } from "../../pages/scripts/src/robot_state.js";
 
 const QUANTITIES = {
@@ -42,32 +43,44 @@ class Chart {
     this.sight.observe(figure);
     new ResizeObserver(() => this.fit()).observe(this.canvas);
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.renew());
+    this.current = isCurrent();
+    onCurrency(() => this.turn());
     onJoints((state, values) => this.take(state, values));
     setInterval(() => this.seen && !document.hidden && this.draw(), PERIOD_MS);
   }
 
-  get stale() {
-    const { connection, presence } = document.body.dataset;
-    return connection !== "live" || presence === "offline";
+  /** The robot or the gateway is gone, or is back: the history has what was measured meanwhile, up to the last frame. */
+  turn() {
+    if (this.current === isCurrent()) return;
+    this.current = isCurrent();
+    if (!this.current) this.push(this.times.at(-1), () => null);
+    if (this.state) this.fill(this.state, LONGEST_S);
   }
 
   take(state, values) {
     if (this.state !== state) this.begin(state);
     const time = Number(values.wallNs ?? -1n) / NS_PER_S;
     if (!(time > 0)) return;
-    // Between two frames the agent's clock advances like that of this machine.
-    if (!this.stale) this.ahead = time - performance.now() / 1000;
-    if (time - (this.times.at(-1) ?? 0) < SAMPLE_S) return;
-    this.times.push(time);
+    this.clock.note(time);
     this.first();
-    state.joints.forEach((joint, index) => {
-      const lines = this.joints.get(joint);
-      for (const [name, { key }] of Object.entries(QUANTITIES)) {
-        const value = values[key]?.[index];
-        lines[name].push(Number.isFinite(value) ? value : null);
-      }
-    });
+    const last = this.times.at(-1) ?? -Infinity;
+    if (time - last < SAMPLE_S) return;
+    // After a pause nobody has told what was in it, but the history knows it.
+    if (time - last > STILL_S && this.times.length) {
+      this.push(last, () => null);
+      this.fill(state, Math.ceil(time - last) + 1);
+    }
+    this.push(time, (name, _, joint) => number(values[QUANTITIES[name].key]?.[state.joints.indexOf(joint)]));
     this.forget(time - LONGEST_S);
+  }
+
+  /** Add a value to each line. */
+  push(time, value) {
+    if (time === undefined) return;
+    this.times.push(time);
+    for (const [joint, lines] of this.joints) {
+      for (const [name, values] of Object.entries(lines)) values.push(value(name, values, joint));
+    }
   }
 
   forget(before) {
@@ -79,6 +92,7 @@ class Chart {
 
   begin(state) {
     this.state = state;
+    this.clock = new AgentClock();
     this.times = [];
     this.joints = new Map(state.joints.map((joint) => [joint, { position: [], velocity: [], effort: [] }]));
     this.choices();
@@ -86,7 +100,7 @@ class Chart {
     // The history is fetched after the first frame, so that it reaches up to it; of a robot that sends none, it comes alone.
     const first = new Promise((resolve) => (this.first = resolve));
     const patience = new Promise((resolve) => setTimeout(resolve, FIRST_MS));
-    Promise.race([first, patience]).then(() => this.fill(state)).catch((error) => console.debug("there is no past to be drawn:", error));
+    Promise.race([first, patience]).then(() => this.fill(state, LONGEST_S));
   }
 
   choices() {
@@ -108,19 +122,29 @@ class Chart {
     this.figure.querySelector("fieldset").replaceChildren(...boxes);
   }
 
-  /** Put the history before the live values. */
-  async fill(state) {
-    const { names, times, columns } = await fetchPast(this.figure.dataset.history, LONGEST_S);
-    if (state !== this.state) return;
-    const live = later(this.times, times.at(-1));
-    this.times = [...times, ...this.times.slice(live)];
+  /** Put the latest part of the history in place of what it covers. */
+  async fill(state, spanS) {
+    try {
+      const table = await fetchPast(this.figure.dataset.history, spanS);
+      if (state === this.state) this.replace(broken(table));
+    } catch (error) {
+      console.debug("there is no past to be drawn:", error);
+    }
+  }
+
+  replace({ names, times, columns }) {
+    const [older, live] = covered(this.times, times);
+    this.times = [...this.times.slice(0, older), ...times, ...this.times.slice(live)];
     for (const [joint, lines] of this.joints) {
       const segment = joint.slice(joint.lastIndexOf("/") + 1);
       for (const [name, { columns: parts }] of Object.entries(QUANTITIES)) {
         const column = columns[names.findIndex((each) => parts.some((part) => each === `${segment}/${part}`))];
-        lines[name] = [...times.map((_, index) => column?.[index] ?? null), ...lines[name].slice(live)];
+        const past = times.map((_, index) => column?.[index] ?? null);
+        lines[name] = [...lines[name].slice(0, older), ...past, ...lines[name].slice(live)];
       }
     }
+    if (times.length) this.clock.note(times.at(-1));
+    if (!this.current) this.push(this.times.at(-1), () => null);
     this.figure.dataset.remembered = String(times.length);
     this.draw();
   }
@@ -132,6 +156,17 @@ class Chart {
 
   lines() {
     return [...this.joints].filter(([joint]) => this.chosen.has(joint)).map(([, lines]) => lines[this.quantity]);
+  }
+
+  /**
+   * Times and values that are known: what has not changed is known until the gateway was heard last.
+   *
+   * @returns {import("uplot").AlignedData}
+   */
+  known() {
+    const [lines, last] = [this.lines(), this.times.at(-1)];
+    const end = this.clock.knownUntil(last);
+    return end > last ? [[...this.times, end], ...lines.map((values) => [...values, values.at(-1)])] : [this.times, ...lines];
   }
 
   renew() {
@@ -161,14 +196,18 @@ class Chart {
 
   draw() {
     if (!this.chart) return;
-    // The lines end with the latest frame: what came after it is unknown.
-    const now = this.ahead === undefined ? (this.times.at(-1) ?? 0) : performance.now() / 1000 + this.ahead;
-    /** @type {any} */ (this.chart).ending = this.stale || this.ahead === undefined ? "last" : "now";
-    this.chart.setData([this.times, ...this.lines()], false);
+    const present = this.current ? this.clock.now : undefined;
+    const now = present ?? this.times.at(-1) ?? 0;
+    /** @type {any} */ (this.chart).ending = present === undefined ? "last" : "now";
+    this.chart.setData(this.known(), false);
     this.chart.setScale("x", { min: now - this.span, max: now });
     const names = [...this.figure.querySelectorAll("label")].filter((label) => label.querySelector("input:checked"));
     const text = `${this.quantity} of ${names.map((each) => each.textContent.trim()).join(", ") || "no joint"}, last ${this.span} s`;
     if (this.canvas.getAttribute("aria-label") !== text) this.canvas.setAttribute("aria-label", text);
     this.figure.dataset.points = String(this.times.length);
   }
+}
+
+function number(/** @type {number|undefined} */ value) {
+  return Number.isFinite(value) ? value : null;
 }

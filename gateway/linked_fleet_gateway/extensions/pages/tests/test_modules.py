@@ -179,3 +179,18 @@ def test_a_processor_does_not_draw_in_a_frame_that_began_too_early(module: Page)
         }"""
     )
     assert drawn == [0, 67]
+
+
+def test_a_history_replaces_what_it_covers_and_breaks_where_the_robot_was_away(module: Page) -> None:
+    """Live points before and after it stay. Samples of a large fleet, further apart with age, are no absence."""
+    places, table = module.evaluate(
+        """async () => {
+            const { covered, broken } = await import("/past.js");
+            const places = [[[1, 2, 3, 4], [2, 3]], [[1, 2], []], [[], [1]], [[5], [1, 2]]].map((each) => covered(...each));
+            const times = [0, 100, 150, 175, 187, 190.1, 190.2, 199.9, 200];
+            return [places, broken({ names: ["x"], times, columns: [times.map((_, index) => index)] })];
+        }"""
+    )
+    assert places == [[1, 3], [2, 2], [0, 0], [0, 0]]
+    assert table["times"] == [0, 100, 150, 175, 187, 190.1, 190.2, 190.2, 199.9, 200]
+    assert table["columns"] == [[0, 1, 2, 3, 4, 5, 6, None, 7, 8]]

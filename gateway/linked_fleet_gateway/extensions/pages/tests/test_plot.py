@@ -3,7 +3,7 @@
 import csv
 import signal
 from bisect import bisect_left
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from datetime import datetime
 from io import StringIO
 from itertools import pairwise
@@ -12,17 +12,19 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Locator, Page, expect
 
+from browser import LF
 from browser import Browser as Client
-from commanding import TURTLE, of_joint, slowly
+from commanding import TURTLE, angle, of_joint, of_robot, post, slowly
 from running import Process, eventually
 from small_fleet import Place, live
 
 pytestmark = [pytest.mark.processes, pytest.mark.test_all]
 JOINT = "wrist_3_joint"
-SPEED = 0.5  # rad/s
-TOLERANCE_RAD = 0.02  # the history has ten values a second
+SPEED, TARGET = 0.15, 6.0  # rad/s, rad
+TOLERANCE_RAD = 0.02  # lines between points that are a tenth of a second apart
 Line = Sequence[tuple[float, float]]
-DRAWN = "(figure) => figure.plot.chart.data.map((each) => [...each])"
+Drawn = Sequence[tuple[float, float | None]]
+DATA = "(figure) => figure.plot?.chart?.data.map((each) => [...each])"
 
 
 @pytest.fixture
@@ -33,22 +35,22 @@ def ur5(tmp_path: Path) -> Iterator[tuple[Client, Process]]:
         yield client, agent
 
 
-def drawn(figure: Locator, of: int = 1) -> list[tuple[float, float | None]]:
-    data = figure.evaluate(DRAWN)
-    return list(zip(data[0], data[of], strict=True))
-
-
-def has_a_line(figure: Locator) -> bool:
-    """Return True if a line is drawn, for which its figure has to be in sight."""
+def drawn(figure: Locator, of: int = 1) -> Drawn:
+    """Return the points of a line; it is drawn while its figure is in sight."""
     figure.scroll_into_view_if_needed()
-    return bool(figure.evaluate("(figure) => Boolean(figure.plot?.chart)")) and len(drawn(figure)) > 10
+    data = figure.evaluate(DATA)
+    return list(zip(data[0], data[of], strict=True)) if data and len(data) > of else []
+
+
+def end_of(figure: Locator) -> float:
+    """Return the time of the last point with a value, 0 without one."""
+    return max((time for time, value in drawn(figure) if value is not None), default=0)
 
 
 def recorded(client: Client, address: str, name: str) -> Line:
     """Return the last five minutes of a column, by time in seconds since 1970."""
-    rows = list(
-        csv.reader(StringIO(client.http.get(address, params={"last": "PT300S"}, headers={"accept": "text/csv"}).text))
-    )
+    answer = client.http.get(address, params={"last": "PT300S"}, headers={"accept": "text/csv"})
+    rows = list(csv.reader(StringIO(answer.text)))
     (column,) = [place for place, title in enumerate(rows[0]) if title.split(" (")[0] == name]
     return [(datetime.fromisoformat(row[0]).timestamp(), float(row[column])) for row in rows[1:] if row and row[column]]
 
@@ -59,65 +61,89 @@ def at(line: Line, time: float) -> float:
     return one + (other - one) * (time - begin) / (end - begin)
 
 
-def farthest(line: Sequence[tuple[float, float | None]], truth: Line) -> float:
-    """Return how far the drawn line, between its points too, is from the truth."""
-    found = 0.0
-    for (begin, one), (end, other) in pairwise(line):
-        if one is None or other is None:
-            continue
-        for share in (0.0, 0.25, 0.5, 0.75, 1.0):
-            time = begin + share * (end - begin)
-            if truth[0][0] < time < truth[-1][0]:
-                found = max(found, abs(one + share * (other - one) - at(truth, time)))
-    return found
+def untrue(line: Drawn, truth: Line) -> Drawn:
+    """Return the drawn points that are not on the line of the truth."""
+    within = [(time, value) for time, value in line if value is not None and truth[0][0] < time < truth[-1][0]]
+    return [(time, value) for time, value in within if abs(value - at(truth, time)) > TOLERANCE_RAD]
 
 
-@pytest.mark.parametrize("kind", ["joint", "robot"])
+def steps(line: Drawn, speed: float) -> Sequence[tuple[float, float]]:
+    """Return beginnings and ends of what is drawn faster than the joint has moved."""
+    pairs = [(a, b) for a, b in pairwise(line) if a[1] is not None and b[1] is not None]
+    return [(a[0], b[0]) for a, b in pairs if abs(b[1] - a[1]) > 2 * speed * (b[0] - a[0]) + TOLERANCE_RAD]
+
+
+def address_of(csv_link: Locator) -> str:
+    return str(csv_link.evaluate("(link) => link.href")).split("?")[0]
+
+
+def on_the_page_of_the_joint(page: Page, client: Client) -> tuple[Locator, str, str]:
+    page.goto(client.part("ur5", JOINT).url)
+    figure = page.locator('figure.plot[data-subject$="/rotation"]').first
+    return figure, address_of(figure.locator("a[download]")), "rotation"
+
+
+def on_the_page_of_the_robot(page: Page, client: Client) -> tuple[Locator, str, str]:
+    page.goto(client.robot("ur5").url)
+    figure = page.locator("figure.chart")
+    boxes = figure.get_by_role("checkbox")
+    figure.get_by_role("checkbox", name=JOINT).check()
+    for box in boxes.all()[:3]:
+        box.uncheck()
+    return figure, address_of(figure.get_by_role("link", name="CSV")), f"{JOINT}/rotation"
+
+
+Opened = Callable[[Page, Client], tuple[Locator, str, str]]
+both_pages = pytest.mark.parametrize("opened", [on_the_page_of_the_joint, on_the_page_of_the_robot])
+
+
+@both_pages
 def test_the_line_of_a_moving_joint_is_that_of_the_csv(
-    page: Page, watched: object, ur5: tuple[Client, Process], kind: str
+    page: Page, watched: object, ur5: tuple[Client, Process], opened: Opened
 ) -> None:
     """The page is opened during a motion: no step is drawn where the history meets the live values."""
     client, _ = ur5
-    answer = client.http.put(of_joint(client, JOINT), content=slowly(2.5, speed=SPEED), headers=TURTLE)
+    answer = client.http.put(of_joint(client, JOINT), content=slowly(TARGET, speed=SPEED), headers=TURTLE)
     assert answer.is_success, answer.text
-    page.wait_for_timeout(1500)
-    if kind == "joint":
-        page.goto(client.part("ur5", JOINT).url)
-        figure = page.locator('figure.plot[data-subject$="/rotation"]').first
-        csv_link = figure.locator("a[download]")
-    else:
-        page.goto(client.robot("ur5").url)
-        figure = page.locator("figure.chart")
-        figure.scroll_into_view_if_needed()
-        csv_link = figure.get_by_role("link", name="CSV")
-        boxes = figure.get_by_role("checkbox")
-        figure.get_by_role("checkbox", name=JOINT).check()
-        for box in boxes.all()[:3]:
-            box.uncheck()
-    expect(csv_link).to_be_visible()
-    page.wait_for_timeout(3000)
-    line = drawn(figure)
-    address = str(csv_link.evaluate("(link) => link.href")).split("?")[0]
-    truth = recorded(client, address, "rotation" if kind == "joint" else f"{JOINT}/rotation")
-    assert len([value for _, value in line if value is not None]) > 20
-    assert line[-1][0] - line[0][0] > 3
-    assert max(value for _, value in truth) - min(value for _, value in truth) > 1
-    assert farthest(line, truth) < TOLERANCE_RAD
+    eventually(lambda: angle(client, JOINT) > 0.2, "a history of the motion")
+    figure, address, name = opened(page, client)
+    eventually(lambda: end_of(figure) > 0, "a line")
+    loaded_s, loaded_rad = end_of(figure), angle(client, JOINT)
+    eventually(lambda: end_of(figure) > loaded_s + 2, "live values")
+    assert post(client, of_robot(client, LF.StopRobot)).is_success
+    stopped_s = recorded(client, address, name)[-1][0]
+    eventually(lambda: end_of(figure) > stopped_s + 1, "a line beyond the stop")
+    line, truth = drawn(figure), recorded(client, address, name)
+    assert truth[-1][1] < TARGET - 0.1, "the motion ended before the stop"
+    assert untrue(line, truth) == []
+    assert steps(line, SPEED) == []
+    moving = [value for _, value in line if value is not None and value > 0.1]
+    assert min(moving) < loaded_rad < max(moving)
+
+
+@both_pages
+def test_the_line_of_a_resting_robot_goes_on(
+    page: Page, watched: object, ur5: tuple[Client, Process], opened: Opened
+) -> None:
+    """It sends frames that say the same, which are no news; its last frame is not told by the time of the page."""
+    client, _ = ur5
+    figure, _, _ = opened(page, client)
+    eventually(lambda: end_of(figure) > 0, "a line")
+    begin = end_of(figure)
+    eventually(lambda: end_of(figure) > begin + 4, "more of it")
+    if opened is on_the_page_of_the_robot:
+        expect(page.locator(f'time[data-path="{LF.lastFrame}"]')).to_have_text("live")
 
 
 def test_the_line_ends_with_the_last_frame(page: Page, watched: object, ur5: tuple[Client, Process]) -> None:
     """While the gateway notices, and when the page of an offline robot is opened."""
     client, agent = ur5
-    url = client.robot("ur5").url
-    page.goto(url)
-    figure = page.locator("figure.chart")
-    history = str(figure.get_by_role("link", name="CSV").evaluate("(link) => link.href")).split("?")[0]
-    eventually(lambda: has_a_line(figure), "a line")
+    figure, address, name = on_the_page_of_the_robot(page, client)
+    eventually(lambda: end_of(figure) > 0, "a line")
     agent.send(signal.SIGKILL)
     expect(page.locator("#presence .state[data-state=offline]")).to_be_visible()
-    last = recorded(client, history, f"{JOINT}/rotation")[-1][0]
+    last = recorded(client, address, name)[-1][0]
     for _ in range(2):
-        eventually(lambda: has_a_line(figure), "a line")
-        page.wait_for_timeout(600)
-        assert drawn(figure)[-1][0] < last + 0.3
+        eventually(lambda: last - 0.3 < end_of(figure) < last + 0.3, lambda: f"{end_of(figure)} is {last}")
+        assert drawn(figure)[-1][1] is None
         page.reload()

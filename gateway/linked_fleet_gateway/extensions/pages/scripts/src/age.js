@@ -3,6 +3,8 @@
 const PERIOD_MS = 500;
 const STILL_MS = 10000;
 const MEASURED = "sosa/resultTime";
+const LAST_FRAME = "#lastFrame";
+const FRAME_MS = 1000;
 /** @type {[number, number, string][]} below which age, its unit in seconds, and the name of that */
 const SCALES = [
   [60, 1, "s"],
@@ -45,12 +47,14 @@ export function age(seconds) {
   return `${text} ${unit} ago`;
 }
 
-/** A value without news has not changed, as long as the connection is alive. */
+/** A value without news has not changed, as long as the connection is alive: frames come that say the same. */
 function past(time, agoMs) {
   const { connection, presence } = document.body.dataset;
-  const heard = connection === "live" && presence !== "offline" && time.dataset.path?.endsWith(MEASURED);
+  const { path = "" } = time.dataset;
+  const heard = connection === "live" && presence !== "offline";
   const text = age(agoMs / 1000);
-  return heard && agoMs > STILL_MS ? `unchanged for ${text.replace(" ago", "")} · live` : text;
+  if (heard && presence !== "faulty" && path.endsWith(LAST_FRAME) && agoMs > FRAME_MS) return "live";
+  return heard && path.endsWith(MEASURED) && agoMs > STILL_MS ? `unchanged for ${text.replace(" ago", "")} · live` : text;
 }
 
 /** @param {HTMLTimeElement} time */

@@ -106,7 +106,6 @@ export function graphOfState(iri, state, values) {
   graph.add(iri, RESULT_TIME, time);
   if (document.body.dataset.kind === "robot") graph.add(document.body.dataset.resource, lf("lastFrame"), time);
   graph.timeS = secondsOf(values.wallNs);
-  graph.continuous = true;
   return graph;
 }
 

@@ -19,8 +19,6 @@ export class Graph {
     this.inverse = new Map();
     /** @type {number|undefined} when its values were measured, in seconds since 1970 by the agent's clock, if it is a frame */
     this.timeS = undefined;
-    /** True if every frame of the robot becomes such a graph. */
-    this.continuous = false;
   }
 
   add(subject, predicate, object) {

@@ -3,6 +3,9 @@
 /** @typedef {{names: string[], times: number[], columns: (number|null)[][]}} Table times in seconds since 1970; null is unknown */
 /** @typedef {{iri: string, table: Table}} Past `iri`: of the record, which is also served as CSV */
 
+// Without samples for longer than this the robot was away; older samples of a large fleet are further apart.
+const AWAY_S = 2;
+
 /** @type {(iri: string, spanS: number) => Promise<Past|undefined>} */
 let source = async () => undefined;
 
@@ -16,8 +19,20 @@ export function past(/** @type {string} */ iri, /** @type {number} */ spanS) {
   return source(iri, spanS);
 }
 
-/** Return the index of the first live time after the end of a history, which replaces what is before. */
-export function later(/** @type {number[]} */ times, /** @type {number|undefined} */ end) {
-  const found = end === undefined ? 0 : times.findIndex((time) => time > end);
-  return found < 0 ? times.length : found;
+/** Return how many points precede a history, and the index of the first point after it: it replaces those between. */
+export function covered(/** @type {number[]} */ times, /** @type {number[]} */ history) {
+  const [begin = Infinity, end = -Infinity] = [history[0], history.at(-1)];
+  const first = (isIt) => {
+    const found = times.findIndex(isIt);
+    return found < 0 ? times.length : found;
+  };
+  return [first((time) => time >= begin), history.length ? first((time) => time > end) : times.length];
+}
+
+/** Return the table with unknown values after each sample that no other followed in time: no line is drawn there. */
+export function broken(/** @type {Table} */ { names, times, columns }) {
+  const newest = times.at(-1) ?? 0;
+  const isBreak = (index) => times[index + 1] - times[index] > AWAY_S + (newest - times[index + 1]);
+  const spread = (values, filler) => values.flatMap((value, index) => (isBreak(index) ? [value, filler(value)] : [value]));
+  return { names, times: spread(times, (time) => time), columns: columns.map((values) => spread(values, () => null)) };
 }

@@ -2,13 +2,12 @@
 
 import uPlot from "uplot";
 
+import { AgentClock, isCurrent, onCurrency, STILL_S } from "./agent_clock.js";
 import { number } from "./format.js";
-import { lastHeardMs } from "./heartbeat.js";
 import { follow, reach } from "./live.js";
-import { later, past } from "./past.js";
+import { broken, covered, past } from "./past.js";
 import { adopt } from "./region.js";
 import { options, SPANS_S } from "./plot_options.js";
-import { onConnection } from "./socket.js";
 import { RESULT_TIME, UNKNOWN, localName } from "./vocabulary.js";
 
 const LONGEST_S = SPANS_S.at(-1);
@@ -18,13 +17,15 @@ const SPOKEN_MS = 2000;
 const NARROW_PX = 220;
 // The history is fetched after the first live value, so that it reaches up to it; of a robot that sends none, it comes alone.
 const FIRST_MS = 1000;
+// The longest time between a change and the message about it.
+const NEWS_S = 0.1;
 
 /** @type {Map<string, Series>} by subject and path: several plots share the data */
 const series = new Map();
 /** @type {Map<Element, Plot>} */
 const plots = new Map();
 const visible = new Set();
-let live = true;
+let current;
 
 const screen = new IntersectionObserver((entries) => {
   for (const { target, isIntersecting } of entries) visible[isIntersecting ? "add" : "delete"](target);
@@ -32,13 +33,14 @@ const screen = new IntersectionObserver((entries) => {
 const sizes = new ResizeObserver((entries) => entries.forEach(({ target }) => plots.get(target)?.fit()));
 
 export function start() {
+  current = isCurrent();
   adopt(collect);
   follow(take);
-  onConnection((state) => {
-    live = state === "live";
-    if (!live) interrupt();
+  onCurrency(() => {
+    if (current === isCurrent()) return;
+    current = isCurrent();
+    for (const each of series.values()) each.turn();
   });
-  new MutationObserver(() => isOffline() && interrupt()).observe(document.body, { attributeFilter: ["data-presence"] });
   const slow = matchMedia("(prefers-reduced-motion: reduce)");
   let last = 0;
   setInterval(() => {
@@ -48,14 +50,6 @@ export function start() {
     requestAnimationFrame(() => visible.forEach((figure) => plots.get(figure)?.draw()));
   }, PERIOD_MS);
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => plots.forEach((plot) => plot.renew()));
-}
-
-function isOffline() {
-  return document.body.dataset.presence === "offline";
-}
-
-function interrupt() {
-  for (const each of series.values()) each.interrupt();
 }
 
 function collect(root) {
@@ -93,46 +87,52 @@ class Series {
     this.path = path;
     this.times = [];
     this.values = [];
-    /** Time of the latest message, and of the present moment less that of this machine, both by the agent's clock. */
-    this.heard = this.ahead = undefined;
-    /** True if each frame is a message: without one nothing is known. */
-    this.continuous = false;
+    this.clock = new AgentClock();
+    /** Time of the latest message. */
+    this.stated = -Infinity;
     const first = new Promise((resolve) => (this.first = resolve));
     const patience = new Promise((resolve) => setTimeout(resolve, FIRST_MS));
-    this.fill(Promise.race([first, patience])).catch((error) => console.debug("there is no past to be drawn:", error));
+    Promise.race([first, patience]).then(() => this.fill(LONGEST_S));
   }
 
-  /** Put the history before the live values. */
-  async fill(ready) {
-    await ready;
-    const found = await past(this.subject, LONGEST_S);
-    if (!found) return;
-    this.record = found.iri;
-    const { names, times, columns } = found.table;
+  /** Put the latest part of the history in place of what it covers. */
+  async fill(spanS) {
+    try {
+      const found = await past(this.subject, spanS);
+      if (found) this.replace(found.iri, broken(found.table));
+    } catch (error) {
+      console.debug("there is no past to be drawn:", error);
+    }
+  }
+
+  replace(record, { names, times, columns }) {
+    this.record = record;
     const name = this.path.map(localName).join(".");
     const values = columns[Math.max(0, names.indexOf(name))] ?? [];
-    const live = later(this.times, times.at(-1));
-    this.times = [...times, ...this.times.slice(live)];
-    this.values = [...times.map((_, index) => values[index] ?? null), ...this.values.slice(live)];
+    const [older, live] = covered(this.times, times);
+    this.times = [...this.times.slice(0, older), ...times, ...this.times.slice(live)];
+    this.values = [...this.values.slice(0, older), ...times.map((_, index) => values[index] ?? null), ...this.values.slice(live)];
+    if (times.length) this.clock.note(times.at(-1));
+    if (!current) this.interrupt();
     for (const plot of plots.values()) if (plot.data === this) plot.remembered();
   }
 
   take(graph) {
     const term = reach(graph, this.subject, this.path)?.term;
-    if (!term) return;
-    const value = term.value === UNKNOWN ? null : Number(term.value);
-    const time = timeOf(graph, this.subject);
-    if (time === undefined) return;
-    // The first message may be old: what it says is no measure of the clock.
-    if (this.heard !== undefined && time > this.heard && !isOffline()) this.ahead = time - performance.now() / 1000;
-    this.continuous ||= graph.continuous;
-    const before = this.heard ?? -Infinity;
-    if (time <= before) return;
-    this.heard = time;
+    const time = term && timeOf(graph, this.subject);
+    if (time === undefined || time <= this.stated) return;
+    const before = this.stated;
+    this.stated = time;
+    this.clock.note(time);
     this.first();
-    if (this.times.length && value === this.values.at(-1)) return;
-    // The former value held until the latest message that stated it.
-    if (this.times.length && before > this.times.at(-1)) this.push(before, this.values.at(-1));
+    // A message may come later than a history that covers it.
+    if (time > (this.times.at(-1) ?? -Infinity)) this.add(before, time, term.value === UNKNOWN ? null : Number(term.value));
+  }
+
+  add(before, time, value) {
+    const [last, held] = [this.times.at(-1), this.values.at(-1)];
+    if (last !== undefined && value === held) return;
+    if (last !== undefined) this.bridge(last, held, before, time);
     this.push(time, value);
     let old = 0;
     while (this.times[old + 1] < time - LONGEST_S) old++;
@@ -140,10 +140,25 @@ class Series {
     this.values.splice(0, old);
   }
 
-  /** End the line: nothing is drawn while there is no connection. */
+  /** Draw what was between two messages: after a pause nobody has told, but the history knows it. */
+  bridge(last, held, before, time) {
+    if (time - before <= STILL_S) {
+      if (before > last) this.push(before, held);
+    } else if (this.record) {
+      this.push(last, null);
+      this.fill(Math.ceil(time - last) + 1);
+    } else this.push(Math.max(last, time - NEWS_S), held); // a value that is not recorded changes when it says so
+  }
+
+  /** The robot or the gateway is gone, or is back: the history has what was measured meanwhile, up to the last frame. */
+  turn() {
+    if (!current) this.interrupt();
+    this.fill(LONGEST_S);
+  }
+
+  /** End the line: nothing is drawn while nothing is known. */
   interrupt() {
-    const end = this.end;
-    if (this.times.length && this.values.at(-1) !== null) this.push(Math.max(end ?? 0, this.times.at(-1)), null);
+    if (this.times.length && this.values.at(-1) !== null) this.push(this.times.at(-1), null);
   }
 
   push(time, value) {
@@ -151,21 +166,11 @@ class Series {
     this.values.push(value);
   }
 
-  /** The present time; undefined while no message has told the agent's clock. */
-  get now() {
-    return this.ahead === undefined ? undefined : performance.now() / 1000 + this.ahead;
-  }
-
-  /** Until when the latest value is known: a value without news has not changed while the gateway is heard. */
-  get end() {
-    if (this.continuous || !live || isOffline()) return this.heard;
-    return this.ahead === undefined ? this.heard : Math.max(this.heard, lastHeardMs() / 1000 + this.ahead);
-  }
-
-  /** Times and values that are known. */
+  /** Times and values that are known: what has not changed is known until the gateway was heard last. */
   known() {
-    const { times, values, end } = this;
-    const further = times.length && end > times.at(-1) && values.at(-1) !== null;
+    const { times, values } = this;
+    const end = this.clock.knownUntil(Math.max(this.stated, times.at(-1)));
+    const further = end > times.at(-1) && values.at(-1) !== null;
     return further ? [[...times, end], [...values, values.at(-1)]] : [times, values];
   }
 }
@@ -229,18 +234,14 @@ class Plot {
   draw() {
     const [times, values] = this.data.known();
     // Without live values the plot ends at the latest one, and says so.
-    const now = this.data.now ?? times.at(-1) ?? Date.now() / 1000;
-    /** @type {any} */ (this.chart).ending = this.current ? "now" : "last";
+    const present = current ? this.data.clock.now : undefined;
+    const now = present ?? times.at(-1) ?? Date.now() / 1000;
+    /** @type {any} */ (this.chart).ending = present === undefined ? "last" : "now";
     this.chart.setData([times, values], false);
     this.chart.setScale("x", { min: now - this.span, max: now });
     this.figure.dataset.points = String(times.length);
     const nowMs = performance.now();
     if (nowMs - this.spoken > SPOKEN_MS) this.speak(now, nowMs);
-  }
-
-  /** True while values come. */
-  get current() {
-    return this.data.now !== undefined && live && !isOffline();
   }
 
   speak(now, spokenMs) {
@@ -250,7 +251,7 @@ class Plot {
     if (!known.length) known.push(...this.data.values.filter((value) => value !== null).slice(-1));
     const span = this.span === 60 ? "minute" : this.span < 60 ? `${this.span} s` : `${this.span / 60} minutes`;
     const text = known.length
-      ? `from ${number(Math.min(...known))} to ${number(Math.max(...known))}, ${this.current || !isOffline() ? "now" : "at last"} ${number(known.at(-1))} ${unit}`
+      ? `from ${number(Math.min(...known))} to ${number(Math.max(...known))}, ${current ? "now" : "at last"} ${number(known.at(-1))} ${unit}`
       : "nothing measured yet";
     this.spoken = known.length ? spokenMs : -Infinity;
     this.canvas.setAttribute("aria-label", `${title}, last ${span}: ${text}`.trim());
