@@ -17,6 +17,7 @@ from linked_fleet_client.vocabulary import SH
 from linked_fleet_gateway.extensions.pages import texts
 from linked_fleet_gateway.extensions.pages.form_parts import Form, Group, Leaf
 from linked_fleet_gateway.extensions.pages.values import Facts
+from linked_fleet_gateway.identity.rights import Right
 from linked_fleet_gateway.rdf.graph import Graph
 from linked_fleet_gateway.rdf.shapes import BLUEPRINTS, add_closure, load_turtle
 from linked_fleet_gateway.rdf.turtle import Term
@@ -42,8 +43,16 @@ def form_of_action(facts: Facts, iri: NamedNode) -> Form:
     consumed = facts.one(iri, HYBRIT.consumes)
     classes, fields = ("", ()) if consumed is None else _fields(_written(facts), str(consumed))
     # PUT first, because it can be repeated safely.
+    # As `resources.affordance` has it: an action with a body is a motion, one without stops.
+    right = Right.STOP if consumed is None else Right.ACT
     return _form(
-        iri.value, sorted(methods, reverse=True) or ["POST"], texts.term_in_words(name), classes, fields, rehearses
+        iri.value,
+        sorted(methods, reverse=True) or ["POST"],
+        texts.term_in_words(name),
+        classes,
+        fields,
+        right,
+        rehearses,
     )
 
 
@@ -56,22 +65,32 @@ def form_of_setting(facts: Facts, iri: NamedNode) -> Form | None:
     value = facts.one(iri, LF.value)
     number = value if isinstance(value, Literal) or value is None else facts.one(value, VOM.numericalValue)
     present = {each: number.value for each in (LF.value.value, VOM.numericalValue.value) if isinstance(number, Literal)}
-    return _form(iri.value, ["PUT"], "set", classes, _prefilled(_filled(fields, facts, iri), present))
+    return _form(iri.value, ["PUT"], "set", classes, _prefilled(_filled(fields, facts, iri), present), Right.ADMIN)
 
 
 def form_of_shape(
-    shape: NamedNode, action: str, method: str, name: str, facts: Facts, subject: Term, file: Path | None = None
+    shape: NamedNode,
+    action: str,
+    method: str,
+    name: str,
+    facts: Facts,
+    subject: Term,
+    right: Right,
+    file: Path | None = None,
 ) -> Form:
-    """Return the form of a shape in ``file``, or of a blueprint, filled with what ``facts`` say about ``subject``."""
+    """Return the form of a shape in ``file``, or of a blueprint, filled with what ``facts`` say about ``subject``.
+
+    ``right`` is that which its request needs.
+    """
     classes, fields = _fields(_blueprint(shape, file), str(shape))
-    return _form(action, [method], name, classes, _filled(fields, facts, subject))
+    return _form(action, [method], name, classes, _filled(fields, facts, subject), right)
 
 
 def form_of_subscription(container: str, owner: str) -> Form:
     """Return the form that creates a subscription; ``owner`` is the IRI of the thing to which the container belongs."""
     classes, fields = _fields(_request_shape(), str(LF.SubscriptionShape))
     shown = _prefilled(fields, {HYBRIT.onResource.value: owner})
-    return Form(container, texts.id_prefix(container), "POST", classes, "subscribe", shown, ())
+    return Form(container, texts.id_prefix(container), "POST", classes, "subscribe", shown, (), Right.SUBSCRIBE)
 
 
 def _form(
@@ -80,12 +99,13 @@ def _form(
     name: str,
     classes: str,
     fields: Iterable[Leaf | Group],
+    right: Right,
     rehearses: bool = False,
 ) -> Form:
     fields = list(fields)
     needed = [each for each in fields if each.required or (isinstance(each, Leaf) and each.input == "hidden")]
     further = [each for each in fields if each not in needed]
-    return Form(action, texts.id_prefix(action), " ".join(methods), classes, name, needed, further, rehearses)
+    return Form(action, texts.id_prefix(action), " ".join(methods), classes, name, needed, further, right, rehearses)
 
 
 def _prefilled(fields: Iterable[Leaf | Group], values: Mapping[str, str]) -> list[Leaf | Group]:

@@ -4,6 +4,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
+from linked_fleet_gateway.identity.rights import Right
+
 _GRAPHS = frozenset({"turtle"})
 
 
@@ -73,7 +75,11 @@ class Group:
 
 @dataclass(frozen=True)
 class Form:
-    """A form. ``mark`` is a prefix for ids on the page, ``needed`` are required fields, ``further`` optional ones."""
+    """A form.
+
+    ``mark`` is a prefix for ids on the page, ``needed`` are required fields, ``further`` optional ones. ``right``: that
+    which its request needs.
+    """
 
     action: str
     mark: str
@@ -82,4 +88,5 @@ class Form:
     name: str
     needed: Sequence[Leaf | Group]
     further: Sequence[Leaf | Group]
+    right: Right
     rehearses: bool = False

@@ -17,7 +17,7 @@ from linked_fleet_gateway.http.html import Formats
 from linked_fleet_gateway.rdf.serialise import RDF_TYPES
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, LDP, OWL, PROV, RDF, ROS, SOSA, XHV
 from linked_fleet_gateway.resources.action_offer import robot_offers
-from linked_fleet_gateway.resources.paths import reserved_at_root
+from linked_fleet_gateway.resources.paths import lease_path, reserved_at_root
 from linked_fleet_gateway.resources.resource import Resource
 
 # The first type of a resource found in this order decides its kind.
@@ -53,7 +53,8 @@ class View:
     """A page.
 
     ``crumbs``: names with IRIs, the last one without. ``stop``: what the Stop button stops, and the IRI of the action.
-    ``places``: the navigation. ``warning``: about the gateway.
+    ``lease``: the IRI of the control lease of the robot that the page is about, else empty. ``places``: the navigation.
+    ``warning``: about the gateway.
     """
 
     iri: str
@@ -66,6 +67,7 @@ class View:
     types: Sequence[Link]
     crumbs: Sequence[tuple[str, str]]
     stop: tuple[str, str]
+    lease: str
     observable: bool
     blueprint: str
     subscriptions: str
@@ -114,6 +116,7 @@ def view_of(resource: Resource, triples: Sequence[Triple], base: str, formats: F
         ],
         crumbs=_crumbs(resource.path, facts.root),
         stop=_stop(resource, facts.root),
+        lease="" if resource.source.robot is None else facts.root + lease_path(resource.source.robot.name)[1:],
         observable=resource.observable,
         blueprint=_blueprint(facts, iri),
         subscriptions=subscriptions.value if isinstance(subscriptions, NamedNode) else "",

@@ -17,6 +17,7 @@ from linked_fleet_gateway.extensions.pages.values import Facts, Link, Value
 from linked_fleet_gateway.extensions.pages.views import PageView, Part
 from linked_fleet_gateway.extensions.rules.request import RULE_SHAPE
 from linked_fleet_gateway.extensions.rules.template import LF, as_turtle
+from linked_fleet_gateway.identity.rights import Right
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, LDP
 
 if TYPE_CHECKING:
@@ -128,7 +129,9 @@ def rules(facts: Facts, iri: NamedNode) -> Part:
         LF.minimumInterval: "1",
         LF.enabled: "true",
     }
-    blank = form.form_of_shape(LF.RuleShape, iri.value, "POST", "Save the rule", facts, iri, RULE_SHAPE)
+    blank = form.form_of_shape(
+        LF.RuleShape, iri.value, "POST", "Save the rule", facts, iri, Right.SUBSCRIBE, RULE_SHAPE
+    )
     more = {
         "listed": [_listed(facts, each) for each in members],
         "examples": EXAMPLES,
@@ -145,7 +148,9 @@ def rule(facts: Facts, iri: NamedNode) -> Part:
         LF.invokes: f"?{facts.text(node, LF.variable)}" if isinstance(node, BlankNode) else getattr(node, "value", ""),
         LF.condition: getattr(facts.one(iri, LF.condition), "value", ""),
     }
-    own = form.form_of_shape(LF.RuleShape, iri.value, "PUT", "Save the changes", facts, iri, RULE_SHAPE)
+    own = form.form_of_shape(
+        LF.RuleShape, iri.value, "PUT", "Save the changes", facts, iri, Right.SUBSCRIBE, RULE_SHAPE
+    )
     more = {
         "form": _form(own, values),
         "enabled": _enabled(facts, iri),

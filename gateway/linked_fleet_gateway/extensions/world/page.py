@@ -23,6 +23,7 @@ from linked_fleet_gateway.extensions.world.descriptions import (
 from linked_fleet_gateway.extensions.world.placement import LF
 from linked_fleet_gateway.extensions.world.scene import Box, SceneObject
 from linked_fleet_gateway.fleet.model import Pose
+from linked_fleet_gateway.identity.rights import Right
 from linked_fleet_gateway.rdf.graph import Graph
 from linked_fleet_gateway.rdf.turtle import Term
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, LDP, MATHS, RDF, RDFS
@@ -128,7 +129,7 @@ def _listed(facts: Facts, iri: NamedNode) -> ObjectRow:
 
 def _form(action: str, method: str, name: str, facts: Facts, subject: NamedNode) -> Form:
     """Return the form of an object, without its frame, which is always the world, and with a choice of its kind."""
-    made = form.form_of_shape(LF.SceneObjectInput, action, method, name, facts, subject)
+    made = form.form_of_shape(LF.SceneObjectInput, action, method, name, facts, subject, Right.ADMIN)
     kind = Leaf(
         path=RDF.type.value,
         label="kind",

@@ -156,9 +156,10 @@ def test_a_refusal_is_shown_in_the_words_of_the_server(
     watched: Watched,
     ur5: Robot,
 ) -> None:
-    """Somebody else has the control lease."""
+    """Somebody else has the control lease, of which the page has not heard."""
     http = ur5.browser.http
     lease = str(ur5.browser.robot("ur5").one(LF.lease))
+    form.page.route(lease, lambda route: route.abort())
     said = f'@prefix lf: <{LF}> . <> lf:holder "somebody else" ; lf:leaseDuration 60 .'
     taken = http.put(lease, content=said, headers={"content-type": "text/turtle"})
     assert taken.status_code in (200, 201, 204), taken.text

@@ -186,7 +186,8 @@ def test_a_history_replaces_what_it_covers_and_breaks_where_the_robot_was_away(m
     places, table = module.evaluate(
         """async () => {
             const { covered, broken } = await import("/past.js");
-            const places = [[[1, 2, 3, 4], [2, 3]], [[1, 2], []], [[], [1]], [[5], [1, 2]]].map((each) => covered(...each));
+            const pairs = [[[1, 2, 3, 4], [2, 3]], [[1, 2], []], [[], [1]], [[5], [1, 2]]];
+            const places = pairs.map((each) => covered(...each));
             const times = [0, 100, 150, 175, 187, 190.1, 190.2, 199.9, 200];
             return [places, broken({ names: ["x"], times, columns: [times.map((_, index) => index)] })];
         }"""

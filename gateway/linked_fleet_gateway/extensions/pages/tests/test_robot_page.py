@@ -176,7 +176,7 @@ def test_nothing_can_be_sent_while_another_has_control(robot: Page, client: Clie
     move = robot.locator("form.motion button[data-send]")
     try:
         expect(move).to_be_disabled()
-        expect(move).to_have_attribute("title", "Ada has control of the robot: its motions are refused.")
+        expect(move).to_have_attribute("title", "Ada has control of the robot: this would be refused.")
     finally:
         client.http.delete(lease, headers={"lock-token": taken.headers["lock-token"]})
     expect(move).to_have_attribute("title", "")

@@ -138,3 +138,28 @@ def test_rules_are_read_and_conditions_tried_without_scripts(chromium: Browser, 
     page.get_by_role("button", name="Try the condition").click()
     expect(page.locator("#results tbody td")).to_have_text(["7"])
     context.close()
+
+
+NUMBERED = """(editor) => {
+    const tops = (selector) => [...editor.shadowRoot.querySelectorAll(selector)]
+        .filter((each) => getComputedStyle(each).visibility === "visible")
+        .map((each) => Math.round(each.getBoundingClientRect().top));
+    return [tops(".cm-line"), tops(".cm-lineNumbers .cm-gutterElement")];
+}"""
+
+
+@pytest.mark.parametrize("size", [DESK, PHONE], ids=["desk", "phone"])
+def test_line_numbers_are_beside_their_lines(rules: Page, size: ViewportSize) -> None:
+    """Also beside lines that are wrapped, of editors that nobody has scrolled to, and of a text that was replaced."""
+    rules.set_viewport_size(size)
+    rules.reload()
+    expect(rules.locator(".editor")).to_have_count(2)
+
+    def numbered() -> bool:
+        found = [editor.evaluate(NUMBERED) for editor in rules.locator(".editor").all()]
+        return all(lines and lines == numbers for lines, numbers in found)
+
+    places = lambda: str([editor.evaluate(NUMBERED) for editor in rules.locator(".editor").all()])  # noqa: E731
+    eventually(numbered, places)
+    rules.locator("button[data-example]").last.click()
+    eventually(numbered, places)

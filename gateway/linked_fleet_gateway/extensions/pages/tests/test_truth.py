@@ -5,9 +5,10 @@ import signal
 from pathlib import Path
 
 import pytest
-from playwright.sync_api import Page, expect
+from playwright.sync_api import Locator, Page, expect
 
-from browser import VOM
+from browser import LF, VOM
+from commanding import WRIST, of_robot, post
 from fake_robots import FakeRobot
 from gateway_group import Gateway, Hub
 from running import eventually
@@ -102,6 +103,61 @@ def test_a_stop_that_a_robot_has_not_confirmed_names_it(page: Page, watched: Wat
     watched.forgive("Failed to load resource")
 
 
+@pytest.mark.parametrize("width", [1280, 390], ids=["desk", "phone"])
+def test_the_text_of_a_stop_goes_once_it_is_confirmed(page: Page, watched: Watched, tmp_path: Path, width: int) -> None:
+    """Of a robot and of the fleet, whose agent hangs when the stop is sent; the agent continues."""
+    page.set_viewport_size({"width": width, "height": 844})
+    place = Place(tmp_path)
+    with place.gateway() as (_, browser), place.ur5() as agent:
+        live(browser, "ur5")
+        said = page.locator("form.stop output")
+        for address in (browser.robot("ur5").url, browser.root):
+            page.goto(address)
+            agent.send(signal.SIGSTOP)
+            try:
+                page.locator("form.stop button").click()
+                expect(said).to_contain_text("Not confirmed by ur5")
+            finally:
+                agent.send(signal.SIGCONT)
+            expect(said).to_contain_text("Stop confirmed at")
+            expect(said).to_have_text("")
+            live(browser, "ur5")
+    watched.forgive("Failed to load resource")
+
+
+@pytest.mark.parametrize("width", [1280, 390], ids=["desk", "phone"])
+def test_a_stop_without_a_gateway_covers_no_warning_and_is_not_told_for_ever(
+    page: Page, watched: Watched, tmp_path: Path, width: int
+) -> None:
+    """The gateway ends and starts again: it may not have got the stop, which is said once and goes."""
+    page.set_viewport_size({"width": width, "height": 844})
+    place = Place(tmp_path)
+    said, banner = page.locator("form.stop output"), page.locator("#connection")
+    with place.ur5():
+        with place.gateway() as (_, browser):
+            live(browser, "ur5")
+            page.goto(browser.robot("ur5").url)
+        page.locator("form.stop button").click()
+        expect(said).to_have_text("No answer — use the hardware stop.")
+        expect(banner).to_be_visible()
+        assert not overlap(said, banner)
+        page.evaluate("scrollTo(0, 400)")
+        assert not overlap(said, banner)
+        with place.gateway():
+            expect(said).to_contain_text("The gateway answers again")
+            expect(said).to_have_text("")
+            expect(banner).to_be_hidden()
+    watched.forgive("Failed to load resource", "WebSocket connection", "status of 5")
+
+
+def overlap(one: Locator, other: Locator) -> bool:
+    """Return True if two elements cover the same place."""
+    a, b = one.bounding_box(), other.bounding_box()
+    assert a is not None and b is not None
+    beside = a["x"] + a["width"] <= b["x"] or b["x"] + b["width"] <= a["x"]
+    return not (beside or a["y"] + a["height"] <= b["y"] or b["y"] + b["height"] <= a["y"])
+
+
 def test_one_escape_announces_that_a_second_one_stops(page: Page, watched: object, toy: tuple[Hub, Gateway]) -> None:
     """Menus and dialogs use the key, too: the first press sends nothing, and is forgotten after two seconds."""
     _, one = toy
@@ -155,3 +211,23 @@ def test_nothing_can_be_sent_to_a_robot_that_is_offline(page: Page, watched: obj
         with place.ur5():
             expect(send).to_be_enabled()
             expect(details).not_to_contain_text("is offline")
+
+
+def test_a_card_follows_a_movement_that_no_command_caused(page: Page, watched: object, tmp_path: Path) -> None:
+    """It says what the frames show: on a page that is opened during the movement, at its end, and anew."""
+    place = Place(tmp_path)
+    with place.gateway() as (_, client), place.ur5("--sway", f"ur5:{WRIST}") as agent:
+        live(client, "ur5")
+        page.goto(client.root)
+        card = page.locator("li[data-robot]")
+        doing, moved = card.locator("[data-activity]"), card.locator("[data-moved]")
+        expect(doing).to_have_text("moving")
+        expect(moved).to_have_text("")
+        page.reload()
+        expect(doing).to_have_text("moving")
+        assert post(client, of_robot(client, LF.StopRobot)).is_success
+        expect(doing).to_have_text("idle")
+        expect(moved).to_contain_text(re.compile(r"^moved \d.* s ago$"))
+        agent.send(signal.SIGUSR1)
+        expect(doing).to_have_text("moving")
+        expect(moved).to_have_text("")

@@ -5,6 +5,7 @@ import { drawing } from "../../pages/scripts/src/ghost.js";
 import { renew } from "../../pages/scripts/src/include.js";
 import { applyLimits } from "../../pages/scripts/src/limits.js";
 import { parse } from "../../pages/scripts/src/ntriples.js";
+import { apply as applyPresence } from "../../pages/scripts/src/presence.js";
 import { PoseFields } from "../../pages/scripts/src/pose_fields.js";
 import { watch } from "../../pages/scripts/src/socket.js";
 import { lf, RDF_TYPE, TITLE } from "../../pages/scripts/src/vocabulary.js";
@@ -42,6 +43,7 @@ function tell(list, graph, container) {
   for (const [iri, item] of known) if (!members.includes(iri)) item.remove();
   for (const iri of members) {
     const item = known.get(iri) ?? list.appendChild(row(iri));
+    if (!known.has(iri)) applyPresence();
     const zone = graph.values(iri, RDF_TYPE).some(({ value }) => value === lf("KeepOutZone"));
     const [title, kind] = [graph.value(iri, TITLE)?.value ?? "object", zone ? "keep-out zone" : "obstacle"];
     if (item.dataset.said === `${title} ${kind}`) continue;
@@ -62,6 +64,7 @@ function row(iri) {
   Object.assign(form.dataset, { include: iri, place: "" });
   const button = make("button", { type: "button", className: "quiet" }, "Delete");
   button.dataset.delete = iri;
+  button.dataset.needs = "admin";
   item.append(make("h3", {}, link, " ", make("small")), button, form);
   return item;
 }

@@ -15,12 +15,22 @@ export function start() {
   const line = document.getElementById("connection");
   if (!line) return;
   let before = "live";
+  new ResizeObserver(() => measure(line)).observe(line);
   onConnection((state) => {
     document.body.dataset.connection = state;
     line.hidden = state === "live";
     line.textContent = WORDS[state] ?? "";
+    measure(line);
     // More than values may have changed meanwhile.
     if (state === "live" && before !== "live") refresh();
     before = state;
   });
+}
+
+/** The text of a stop is shown below this line, which may take several rows. */
+function measure(line) {
+  const [bar, stop] = [document.querySelector(".bar"), document.querySelector(".stop")].map((each) => each?.getBoundingClientRect());
+  if (!bar || !stop) return;
+  const distance = bar.bottom - stop.bottom + line.offsetHeight;
+  document.body.style.setProperty("--to-the-end-of-connection", `${distance}px`);
 }

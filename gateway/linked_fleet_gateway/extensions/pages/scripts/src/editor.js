@@ -88,7 +88,15 @@ export function edit(area) {
   views.set(area, view);
   area.hidden = true;
   area.after(host);
-  area.addEventListener("replaced", () => show(area, view));
+  let width = 0;
+  new ResizeObserver(() => {
+    if (host.offsetWidth !== width) measure(host, view);
+    width = host.offsetWidth;
+  }).observe(host);
+  area.addEventListener("replaced", () => {
+    show(area, view);
+    measure(host, view);
+  });
   area.addEventListener("marked", () => mark(area, view));
   mark(area, view);
 }
@@ -111,6 +119,15 @@ function replaceSelection(event, view) {
   const insert = view.state.toText(event.data);
   view.dispatch({ changes: { from, to, insert }, selection: { anchor: from + insert.length }, userEvent: "input.type", scrollIntoView: true });
   return true;
+}
+
+/**
+ * CodeMirror measures an editor in sight alone: the numbers of another would not be beside its lines, which are wrapped.
+ * Within one frame it is laid out in sight, and back in its place before that is painted.
+ */
+function measure(host, view) {
+  Object.assign(host.style, { position: "fixed", insetBlockStart: "0", width: `${host.offsetWidth}px`, visibility: "hidden" });
+  view.requestMeasure({ read: () => {}, write: () => host.removeAttribute("style") });
 }
 
 /** Update the editor after the text area's text was replaced. */

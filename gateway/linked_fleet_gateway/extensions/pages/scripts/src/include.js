@@ -31,6 +31,8 @@ async function load(details) {
     fragment.append(document.importNode(form, true));
     const inserted = own(fragment).firstElementChild;
     if (tag && inserted.dataset.methods === "PUT") inserted.dataset.match = tag;
+    // Rights and control are those of the robot of the form, which this page may not be about.
+    for (const name of ["may", "control"]) if (name in page.body.dataset) inserted.dataset[name] = page.body.dataset[name];
     details.append(inserted);
     ready(inserted);
     apply();

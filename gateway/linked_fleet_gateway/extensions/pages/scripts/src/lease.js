@@ -1,7 +1,8 @@
 // The control lease of this robot: shown, taken, renewed while the page is open, and released.
 
 import { holds } from "./control.js";
-import { apply as applyPresence } from "./presence.js";
+import { held, leaseOf } from "./presence.js";
+import { adopt } from "./region.js";
 import { send } from "./request.js";
 import { write } from "./ntriples.js";
 import { lf, localName } from "./vocabulary.js";
@@ -9,11 +10,40 @@ import { lf, localName } from "./vocabulary.js";
 const ASK_MS = 3000;
 const LEASE_S = 120;
 const RENEW_BELOW_S = 60;
+/** Leases that are followed. */
+const observed = new Set();
 const INTEGER = "http://www.w3.org/2001/XMLSchema#integer";
 
 export function start() {
   const place = document.querySelector("[data-lease]");
   if (place) new Control(place);
+  observed.add(place?.dataset.lease);
+  const forms = (root) => root.querySelectorAll("form[data-needs]").forEach(observe);
+  adopt(forms);
+  // Forms of actions come when they are opened.
+  document.addEventListener("included", ({ target }) => observe(target));
+}
+
+/** Follow who has the control on which a form depends. */
+function observe(form) {
+  const iri = leaseOf(form);
+  if (!iri || observed.has(iri)) return;
+  observed.add(iri);
+  const look = async () => {
+    const { graph } = await send("GET", iri);
+    if (!graph) return;
+    const { state, holder } = leaseIn(graph, iri);
+    held(iri, state === "held" && !holds(iri) ? holder : "");
+  };
+  look();
+  setInterval(() => document.hidden || look(), ASK_MS);
+}
+
+/** @returns {{state: string, holder: string, left: number}} what a graph says of a lease, with the seconds to its end */
+function leaseIn(graph, iri) {
+  const of = (name) => graph.value(iri, lf(name))?.value;
+  const left = (Date.parse(of("expires") ?? "") - Date.now()) / 1000;
+  return { state: localName(of("state") ?? lf("unknown")), holder: of("holder") ?? "", left };
 }
 
 class Control {
@@ -34,9 +64,8 @@ class Control {
     const { graph } = await send("GET", this.iri);
     this.looking = false;
     if (!graph || this.asking) return;
-    const of = (name) => graph.value(this.iri, lf(name))?.value;
-    const left = (Date.parse(of("expires") ?? "") - Date.now()) / 1000;
-    this.show(localName(of("state") ?? lf("unknown")), of("holder") ?? "", left);
+    const { state, holder, left } = leaseIn(graph, this.iri);
+    this.show(state, holder, left);
     if (this.mine && left < RENEW_BELOW_S) this.take();
   }
 
@@ -45,8 +74,7 @@ class Control {
     this.mine = state === "held" && holds(this.iri);
     const until = left > 0 ? ` for ${Math.ceil(left)} s` : "";
     this.text.textContent = state !== "held" ? "Nobody has it." : this.mine ? "You have control." : `${holder}${until}`;
-    document.body.dataset.controller = state === "held" && !this.mine ? holder : "";
-    applyPresence();
+    held(this.iri, state === "held" && !this.mine ? holder : "");
     this.button.hidden = state === "held" && !this.mine;
     this.button.textContent = this.mine ? "Give back" : "Take control";
   }

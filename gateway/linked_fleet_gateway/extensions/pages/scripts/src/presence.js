@@ -1,48 +1,80 @@
-// Disables actions of a robot that is offline, silent or under the control of another, and says why.
+// Disables controls whose requests would be refused, and says why: without the right, of a robot that is offline or under
+// the control of another, and while the gateway is silent.
 
 import { adopt } from "./region.js";
 import { onConnection } from "./socket.js";
 
 const ACTIONS = "details.action form.invoke, [data-kind=action] form.invoke, form.motion";
 const OFFLINE = "The robot is offline: nothing can be sent to it.";
-const NO_RIGHT = "You have no right to move this robot.";
+const FORBIDDEN = {
+  act: "You have no right to move this robot.",
+  stop: "You have no right to stop this robot.",
+  admin: "You have no right to change this.",
+  subscribe: "You have no right to have messages sent or rules followed.",
+};
 const UNHEARD = {
   silent: "The gateway does not answer: what this form shows may be wrong.",
   lost: "The connection is lost: what this form shows may be wrong.",
 };
+// What the holder of a control lease alone may do: motions and settings.
+const HELD = ["act", "admin"];
+/** @type {Map<string, string>} by the lease, who else has control */
+const holders = new Map();
 let connection = "live";
 
 export function start() {
-  const head = document.querySelector(".head");
-  if (!head) return;
   adopt(apply);
+  const head = document.querySelector(".head");
   const changes = { subtree: true, childList: true, attributes: true, attributeFilter: ["data-state"] };
-  new MutationObserver(apply).observe(head, changes);
+  if (head) new MutationObserver(apply).observe(head, changes);
   onConnection((state) => {
     connection = state;
     apply();
   });
 }
 
-/** Mark the page, and enable or disable its action forms by the presence of the robot and the connection. */
+/** Note that somebody else has control by this lease, or nobody else for an empty name. */
+export function held(/** @type {string} */ lease, /** @type {string} */ holder) {
+  if ((holders.get(lease) ?? "") === holder) return;
+  holders.set(lease, holder);
+  apply();
+}
+
+/** @returns {string|undefined} the control lease on which the request of a form depends */
+export function leaseOf(/** @type {HTMLElement} */ form) {
+  return HELD.includes(form.dataset.needs) ? form.dataset.control ?? document.body.dataset.control : undefined;
+}
+
+/** Mark the page, and enable or disable its controls by the rights, the presence, the control and the connection. */
 export function apply() {
   const state = document.querySelector("#presence .state")?.dataset.state;
   document.body.dataset.presence = state ?? "online";
-  const { controller } = document.body.dataset;
-  const held = controller ? `${controller} has control of the robot: its motions are refused.` : "";
-  const reason = UNHEARD[connection] ?? (state === "offline" ? OFFLINE : held);
-  for (const form of document.querySelectorAll(ACTIONS)) close(form, reason || forbidden(form));
+  for (const form of document.querySelectorAll("form[data-needs]")) close(form, forbidden(form) || refused(form, state));
+  for (const button of document.querySelectorAll("button[data-needs]")) {
+    const reason = forbidden(button);
+    if (reason) Object.assign(button, { disabled: true, title: reason });
+  }
 }
 
-/** Return why the reader may not move the robot by this form; empty if it moves nothing. */
-function forbidden(form) {
-  const { may } = document.body.dataset;
-  const moves = form.matches("form.motion") || form.querySelector("[data-prefer=dry-run]");
-  return moves && may !== undefined && !may.split(" ").includes("act") ? NO_RIGHT : "";
+/** Return why the reader has no right to use a form or a button, else an empty text. */
+function forbidden(element) {
+  const may = (element.dataset.may ?? document.body.dataset.may)?.split(" ");
+  const needs = element.dataset.needs.split(" ");
+  return !may || needs.some((each) => may.includes(each)) ? "" : FORBIDDEN[needs[0]];
+}
+
+function refused(form, state) {
+  if (form.matches(ACTIONS)) {
+    if (UNHEARD[connection]) return UNHEARD[connection];
+    if (state === "offline") return OFFLINE;
+  }
+  const holder = holders.get(leaseOf(form) ?? "");
+  return holder ? `${holder} has control of the robot: this would be refused.` : "";
 }
 
 function close(form, reason) {
-  for (const button of form.querySelectorAll("button[type=submit], button[data-send]")) {
+  form.toggleAttribute("data-closed", Boolean(reason));
+  for (const button of form.querySelectorAll("button[type=submit]:not([data-try]), button[data-send]")) {
     button.disabled = Boolean(reason);
     button.title = reason;
   }

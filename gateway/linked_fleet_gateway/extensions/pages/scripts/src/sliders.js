@@ -121,6 +121,7 @@ class Sliders {
     }
     const joints = new Map(targets.map(({ joint, position }) => [joint, position]));
     this.motion.preview(joints);
+    if ("closed" in this.form.dataset) return; // it would be refused, for the reason that is shown
     this.trying = setTimeout(() => this.motion.rehearse(this.action, this.body, joints), TRY_MS);
   }
 

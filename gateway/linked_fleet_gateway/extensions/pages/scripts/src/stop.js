@@ -3,6 +3,7 @@
 const AGAIN_MS = 2000;
 const ANSWER_MS = 3000;
 const SHOWN_MS = 8000;
+const ANSWERS_AGAIN = "The gateway answers again, and may not have got the stop: press Stop again if anything moves.";
 const CONFIRMED = "<https://w3id.org/linked-fleet#state> <https://w3id.org/linked-fleet#succeeded>";
 const MOST_NAMED = 5;
 const NO_ANSWER = "No answer — use the hardware stop.";
@@ -18,6 +19,7 @@ export function start() {
     stop(form, output);
   });
   const button = form.querySelector("button");
+  if (button?.disabled) return; // without the right to stop
   if (button && !button.title) button.title = "or press Escape twice";
   listen(form, output);
 }
@@ -41,7 +43,12 @@ function listen(form, output) {
 
 async function stop(form, output) {
   const mine = (latest = Symbol("stop"));
-  const tell = (state, text) => mine === latest && say(output, state, text);
+  const shown = () => mine === latest;
+  const tell = (state, text) => shown() && say(output, state, text);
+  const tellLast = (state, text) => {
+    tell(state, text);
+    setTimeout(() => tell("", ""), SHOWN_MS);
+  };
   tell("waiting", "Stopping…");
   // The request continues: a late response is shown as well.
   const late = setTimeout(() => tell("error", NO_ANSWER), ANSWER_MS);
@@ -53,33 +60,42 @@ async function stop(form, output) {
       priority: "high",
       cache: "no-store",
     });
-    const tellDone = (text) => {
-      tell("done", `${text} at ${new Date().toLocaleTimeString("en-GB")}.`);
-      setTimeout(() => output.dataset.state === "done" && tell("", ""), SHOWN_MS);
-    };
-    if (response.ok) tellDone("Stop accepted");
-    else {
-      tell("error", await reason(response));
-      const invocation = response.status === 504 && response.headers.get("location");
-      if (invocation) confirmed(invocation, () => mine === latest).then((yes) => yes && tellDone("Stop confirmed"));
-    }
-  } catch {
-    tell("error", NO_ANSWER);
-  } finally {
     clearTimeout(late);
+    if (response.ok) return tellLast("done", at("Stop accepted"));
+    tell("error", await reason(response));
+    const invocation = response.status === 504 && response.headers.get("location");
+    if (invocation && (await until(shown, invocation, isConfirmed))) tellLast("done", at("Stop confirmed"));
+  } catch {
+    clearTimeout(late);
+    tell("error", NO_ANSWER);
+    if (await until(shown, form.dataset.action, ({ status }) => status < 500)) tellLast("error", ANSWERS_AGAIN);
   }
 }
 
-/** Wait until the invocation of a stop has succeeded, as long as its text is shown. @returns {Promise<boolean>} */
-async function confirmed(invocation, shown) {
+function at(text) {
+  return `${text} at ${new Date().toLocaleTimeString("en-GB")}.`;
+}
+
+async function isConfirmed(response) {
+  return response.ok && (await response.text()).includes(CONFIRMED);
+}
+
+/**
+ * Ask for a resource until its response is as expected, while the text of the stop is shown.
+ *
+ * @param {() => boolean} shown
+ * @param {string} iri
+ * @param {(response: Response) => boolean|Promise<boolean>} isIt
+ * @returns {Promise<boolean>} false if the text is no longer shown
+ */
+async function until(shown, iri, isIt) {
   while (shown()) {
     await new Promise((resolve) => setTimeout(resolve, AGAIN_MS));
     try {
-      const response = await fetch(invocation, { headers: { Accept: "application/n-triples" }, cache: "no-store" });
-      if (response.ok && (await response.text()).includes(CONFIRMED)) return true;
-      if (response.status === 404 || response.status === 410) return false;
+      const response = await fetch(iri, { headers: { Accept: "application/n-triples" }, cache: "no-store" });
+      if (await isIt(response)) return shown();
     } catch {
-      // The gateway is away: the stop is still owed.
+      // The gateway is away.
     }
   }
   return false;
