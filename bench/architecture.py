@@ -18,8 +18,8 @@ FOLDERS = {
 }  # fmt: skip
 """The folder of each package."""
 ROOMS = (
-    "base", "shacl", "rdf", "runtime", "fleet", "identity", "resources", "link", "subscriptions", "actions", "http",
-    "extensions", "app",
+    "base", "shacl", "rdf", "runtime", "server", "fleet", "identity", "resources", "link", "subscriptions", "actions",
+    "http", "extensions", "app",
 )  # fmt: skip
 """Layers ("rooms") of the gateway, the lowest first."""
 Edges = Mapping[str, set[str]]

@@ -5,16 +5,16 @@ Connections are in memory in files marked ``virtual``, and on loopback in others
 
 import asyncio
 import socket
-from collections.abc import AsyncIterator, Callable, Coroutine
-from contextlib import asynccontextmanager
+from collections.abc import AsyncIterator, Callable, Coroutine, Iterator
+from contextlib import asynccontextmanager, contextmanager
 from typing import Any
 
 import uvicorn
 import uvloop
 from starlette.types import ASGIApp
 
-from linked_fleet_gateway.http.protocol import HttpProtocol
-from linked_fleet_gateway.http.websocket_protocol import WebSocketProtocol
+from linked_fleet_gateway.server.protocol import HttpProtocol
+from linked_fleet_gateway.server.websocket_protocol import WebSocketProtocol
 from linked_fleet_gateway.subscriptions.broadcast import Message, Outlet
 from virtual.loop import VirtualLoop
 from virtual.tcp import KERNEL_BYTES, Listener
@@ -46,11 +46,11 @@ async def serving(
     options = {"ws_ping_interval": None, "ws_max_size": 4096, **options}
     config = uvicorn.Config(
         app, lifespan="off", log_config=None, access_log=False, http=http, ws=ws,
-        ws_per_message_deflate=False, timeout_graceful_shutdown=2, **options,
+        timeout_graceful_shutdown=2, **options,
     )  # fmt: skip
-    server = uvicorn.Server(config)
+    server = _Server(config)
     listener: Any = _listener()
-    task = asyncio.create_task(server._serve([listener]))  # without its signal handlers
+    task = asyncio.create_task(server.serve([listener]))
     await until(lambda: server.started)
     try:
         yield server, listener.getsockname()[1]
@@ -58,6 +58,14 @@ async def serving(
         server.should_exit = True
         await task
         listener.close()
+
+
+class _Server(uvicorn.Server):
+    """A server without signal handlers."""
+
+    @contextmanager
+    def capture_signals(self) -> Iterator[None]:
+        yield
 
 
 def _listener() -> Listener | socket.socket:

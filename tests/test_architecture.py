@@ -1,7 +1,9 @@
 """ARCHITECTURE.md is true: what it names exists, and the settings named in the docs are those of the code."""
 
+import ast
 import importlib
 import re
+from collections import Counter
 from pathlib import Path
 
 import pytest
@@ -137,3 +139,31 @@ def test_the_description_in_the_page_is_one_that_is_taken() -> None:
 
 def test_architecture_stays_short() -> None:
     assert len(PAGE.splitlines()) <= 120
+
+
+def test_of_uvicorn_nothing_but_its_public_classes_is_used() -> None:
+    """A new version may change everything else, such as its protocol classes."""
+    used = Counter[str]()
+    for folder in ("agents", "bench", "client", "demo", "gateway", "tests"):
+        for path in (ROOT / folder).rglob("*.py"):
+            text = path.read_text()
+            if "uvicorn" in text:
+                used += _names_of_uvicorn(ast.parse(text))
+    assert set(used) == {"Config", "Server", "run"}
+    assert used["Server"] > 1
+
+
+def _names_of_uvicorn(module: ast.Module) -> Counter[str]:
+    """Return the attributes of ``import uvicorn``, methods that start with an underscore, and other imports."""
+    found = Counter[str]()
+    for node in ast.walk(module):
+        if isinstance(node, ast.ImportFrom) and (node.module or "").partition(".")[0] == "uvicorn":
+            found.update(f"{node.module}.{each.name}" for each in node.names)
+        elif isinstance(node, ast.Import):
+            found.update(each.name for each in node.names if each.name.startswith("uvicorn."))
+        elif isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name):
+            if node.value.id == "uvicorn":
+                found[node.attr] += 1
+            elif node.value.id == "server" and node.attr.startswith("_"):
+                found[f"Server.{node.attr}"] += 1
+    return found

@@ -18,11 +18,11 @@ from linked_fleet_agent.serving import load_robots, serve
 from linked_fleet_agent.settings import SettingsError, read_settings
 from linked_fleet_gateway.app.application import create_app, create_sockets
 from linked_fleet_gateway.app.settings import GatewaySettings
-from linked_fleet_gateway.http.server import Server
 from linked_fleet_gateway.identity.roster import BadRoster
 from linked_fleet_gateway.link.transport import LinkError, Session
 from linked_fleet_gateway.runtime.log import create_formatter
 from linked_fleet_gateway.runtime.redis import InvalidUrl
+from linked_fleet_gateway.server.server import Server
 from virtual.confined import Confined, confined
 from virtual.loop import VirtualLoop, current
 from virtual.played_session import PlayedSession

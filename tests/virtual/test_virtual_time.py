@@ -169,7 +169,7 @@ def served() -> Iterator[tuple[VirtualLoop, int]]:
         listener = Listener(loop.internet)
         config = uvicorn.Config(Starlette(routes=routes), lifespan="off", log_config=None, ws="websockets-sansio")
         server = uvicorn.Server(config)
-        serving = loop.create_task(server._serve([listener]))  # type: ignore[list-item]
+        serving = loop.create_task(server.serve([listener]))  # type: ignore[list-item]
         loop.run_until(lambda: server.started)
         yield loop, listener.port
         server.should_exit = True

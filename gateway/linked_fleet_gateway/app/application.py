@@ -21,7 +21,6 @@ from linked_fleet_gateway.app.extensions import (
 )
 from linked_fleet_gateway.app.metrics import MetricsCollector, Sampler, create_registry
 from linked_fleet_gateway.app.settings import GatewaySettings
-from linked_fleet_gateway.http.connection_limits import Sockets, limit_to_file_descriptors
 from linked_fleet_gateway.http.endpoint import Endpoint
 from linked_fleet_gateway.http.entrance import Entrance, cors_middleware
 from linked_fleet_gateway.http.extension import Core
@@ -41,6 +40,7 @@ from linked_fleet_gateway.runtime.embedded_redis import EmbeddedRedis
 from linked_fleet_gateway.runtime.metrics import RequestMetrics
 from linked_fleet_gateway.runtime.store_marker import StoreMarker
 from linked_fleet_gateway.runtime.tracing import Tracing
+from linked_fleet_gateway.server.connection_limits import Sockets, limit_to_file_descriptors
 from linked_fleet_gateway.shacl import Compiler, Unsupported
 from linked_fleet_gateway.subscriptions.live import Live
 from linked_fleet_gateway.subscriptions.network import Network

@@ -2,7 +2,6 @@
 
 import asyncio
 import gc
-import logging
 import os
 import signal
 import socket
@@ -16,18 +15,15 @@ from linked_fleet_agent.spans import TracingUnavailable
 from linked_fleet_agent.wire.trust import is_loopback, unauthenticated_endpoints
 from linked_fleet_gateway.app.application import create_app, create_sockets
 from linked_fleet_gateway.app.settings import GatewaySettings, exposure_problems
-from linked_fleet_gateway.http.server import Server
-from linked_fleet_gateway.http.tls import Certificate
 from linked_fleet_gateway.identity.roster import BadRoster
 from linked_fleet_gateway.link.transport import LinkError
 from linked_fleet_gateway.runtime.log import configure_logging
 from linked_fleet_gateway.runtime.redis import InvalidUrl
 from linked_fleet_gateway.runtime.tracing import Tracing, open_tracing
+from linked_fleet_gateway.server.server import Server
+from linked_fleet_gateway.server.tls import Certificate
 from linked_fleet_gateway.shacl import Unsupported
 
-# Log messages of uvicorn about ignored upgrades and about each WebSocket that opens and closes.
-_ORDINARY = ("Unsupported upgrade request.", '%s - "WebSocket %s"', "connection open", "connection closed",
-             "connection rejected", "HTTP response sent")  # fmt: skip
 _UNSENT_BYTES = 16 * 1024
 _BACKLOG = 2048  # uvicorn's default
 
@@ -38,7 +34,6 @@ _YOUNG = 10_000  # net allocations after which the youngest generation is collec
 
 def main() -> int:
     """Run the gateway of the command line until a signal ends it. Return its exit code."""
-    logging.getLogger("uvicorn.error").addFilter(_is_news)
     try:
         settings = GatewaySettings.read(os.environ, sys.argv[1:])
         configure_logging(settings.log_format)
@@ -83,11 +78,6 @@ def _refuse_exposure(settings: GatewaySettings) -> None:
 
 def _certificate(settings: GatewaySettings) -> Certificate | None:
     return Certificate(str(settings.tls_cert), str(settings.tls_key)) if settings.tls_cert else None
-
-
-def _is_news(record: logging.LogRecord) -> bool:
-    """Return True if a message of uvicorn should be logged."""
-    return not str(record.msg).startswith(_ORDINARY)
 
 
 async def _serve(

@@ -1,8 +1,7 @@
 """HTTP: methods, negotiation, conditional requests, links, errors, streams and audit of every resource.
 
-``server``, ``protocol``, ``websocket_protocol``, ``exchange``, ``message_heads``, ``connection_limits``, ``tls``: the
-server, with limits of time and number. ``entrance``: the layer in front of all resources, with ``forwarding`` (client
-and public URL), ``operator_endpoints`` and ``callers``; ``arrival``: the facts that it finds. ``request``: the typed
+``entrance``: the layer in front of all resources, with ``forwarding`` (client and public URL), ``operator_endpoints``
+and ``callers``; ``arrival``: the facts that it finds. ``request``: the typed
 request and its gateway. ``endpoint``: dispatches every request; ``read``, ``representation``, ``negotiation``,
 ``preconditions``, ``problem`` answer it, ``answers`` caches responses; ``invoke``, ``subscribe``,
 ``subscription_change``, ``writes`` write what ``body`` parses; ``streams``, ``event_stream``, ``websocket`` stream.

@@ -9,7 +9,6 @@ cache.
 import logging
 import weakref
 from collections.abc import Mapping
-from dataclasses import dataclass
 from itertools import chain
 from operator import is_not
 
@@ -18,13 +17,14 @@ from starlette.types import Scope
 from linked_fleet_gateway.fleet.observation import Observation
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.http.arrival import arrival_of, names_event_stream
-from linked_fleet_gateway.http.message_heads import FieldLines, field_block, read_block
 from linked_fleet_gateway.http.negotiation import GZIP, accepts_gzip, coded_tag, compress, decompress, is_compressible
 from linked_fleet_gateway.http.representation import etag, not_modified
 from linked_fleet_gateway.identity.rights import View
 from linked_fleet_gateway.rdf.templates import Document, Template
 from linked_fleet_gateway.resources.renderings import Rendering
 from linked_fleet_gateway.resources.resource import Resource
+from linked_fleet_gateway.server.exchange import Reply
+from linked_fleet_gateway.server.message_heads import FieldLines, field_block
 from linked_fleet_gateway.subscriptions.live import Live
 
 log = logging.getLogger(__name__)
@@ -38,19 +38,6 @@ _LONGEST_ACCEPT = 256
 _GZIP_LINE = field_block([GZIP])
 Key = tuple[bytes, bytes, str, View]
 """Path, Accept, base URL and what the caller may see."""
-
-
-@dataclass(slots=True)
-class Reply:
-    """Status, lines of header fields and content of a response."""
-
-    status: int
-    block: bytes
-    content: bytes
-
-    @property
-    def fields(self) -> list[tuple[bytes, bytes]]:
-        return read_block(self.block)
 
 
 class CachedResponse:

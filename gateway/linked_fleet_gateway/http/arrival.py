@@ -4,7 +4,7 @@ Each fact of a request is determined once, and passed on in one object. Bearer t
 schemes to extensions.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -12,6 +12,7 @@ from starlette.responses import Response
 from starlette.types import Receive, Scope
 
 from linked_fleet_gateway.identity.rights import EVERYBODY, Identity
+from linked_fleet_gateway.server.message_heads import FIELDS, join_fields
 
 
 def _always() -> bool:
@@ -86,7 +87,8 @@ def arrival_of(scope: Scope) -> Arrival:
 
 def create_arrival(scope: Scope, *, internal: bool = False) -> Arrival:
     """Create the object of a request whose header fields are known."""
-    found = scope[_KEY] = Arrival(_joined(scope["headers"]), internal=internal)
+    fields = scope.get(FIELDS)  # the server has joined them
+    found = scope[_KEY] = Arrival(join_fields(scope["headers"]) if fields is None else fields, internal=internal)
     return found
 
 
@@ -101,13 +103,3 @@ def names_event_stream(fields: Mapping[bytes, bytes]) -> bool:
     ``streams.wants_events`` compares its weight with that of other types.
     """
     return b"text/event-stream" in fields.get(b"accept", b"").lower()
-
-
-def _joined(headers: Sequence[tuple[bytes, bytes]]) -> Mapping[bytes, bytes]:
-    found = dict(headers)
-    if len(found) == len(headers):
-        return found
-    lines: dict[bytes, list[bytes]] = {}
-    for name, value in headers:
-        lines.setdefault(name, []).append(value)
-    return {name: b", ".join(values) for name, values in lines.items()}

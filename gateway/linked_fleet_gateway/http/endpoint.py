@@ -23,7 +23,6 @@ from linked_fleet_gateway.base.errors import (
     UnprocessableContent,
     UnsupportedMediaType,
 )
-from linked_fleet_gateway.http.answers import Reply
 from linked_fleet_gateway.http.audit import add_audit_link, audit_resource, is_audit_path, record_request
 from linked_fleet_gateway.http.awaiting_stream import AwaitingStream, awaits_robot
 from linked_fleet_gateway.http.callers import SUBSCRIPTIONS_RIGHTS, require_right, visible_subscriptions
@@ -32,7 +31,6 @@ from linked_fleet_gateway.http.entrance import await_turn
 from linked_fleet_gateway.http.extension import Mount, Reader, Writer
 from linked_fleet_gateway.http.fields import field
 from linked_fleet_gateway.http.invoke import end_invocation, invoke, put_target
-from linked_fleet_gateway.http.message_heads import read_block
 from linked_fleet_gateway.http.operator_endpoints import store_warning
 from linked_fleet_gateway.http.preconditions import await_preconditions
 from linked_fleet_gateway.http.problem import problem, rate_refusal
@@ -79,6 +77,8 @@ from linked_fleet_gateway.resources.paths import owner_path, robot_of
 from linked_fleet_gateway.resources.resource import Redirect, RemoteMesh, Resource
 from linked_fleet_gateway.resources.subscription_resource import container_path
 from linked_fleet_gateway.resources.things import NO_SUBSCRIPTIONS, SubscriptionsByOwner
+from linked_fleet_gateway.server.exchange import Reply
+from linked_fleet_gateway.server.message_heads import read_block
 from linked_fleet_gateway.subscriptions.service import Subscriptions
 
 log = logging.getLogger(__name__)

@@ -21,7 +21,6 @@ from starlette.requests import Request as StarletteRequest
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from linked_fleet_gateway.base.errors import FleetError, TooManyRequests
-from linked_fleet_gateway.http.answers import Reply
 from linked_fleet_gateway.http.arrival import arrival_of, fields_of
 from linked_fleet_gateway.http.callers import identify, identify_static_token
 from linked_fleet_gateway.http.field_bounds import enforce_bounds, is_within_bounds
@@ -34,6 +33,7 @@ from linked_fleet_gateway.http.scheduling import TokenBuckets, bucket_key, may_s
 from linked_fleet_gateway.runtime.log import RequestContext, begin_request, choose_request_id
 from linked_fleet_gateway.runtime.metrics import RequestMetrics
 from linked_fleet_gateway.runtime.tracing import Tracing
+from linked_fleet_gateway.server.exchange import Reply
 
 
 class RateLimiter:

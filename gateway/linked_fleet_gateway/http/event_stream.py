@@ -7,8 +7,8 @@ from collections.abc import Awaitable, Callable
 
 from starlette.types import Receive, Scope, Send
 
-from linked_fleet_gateway.http.connection_limits import BoundedWriter
-from linked_fleet_gateway.http.protocol import HTTP, HttpProtocol
+from linked_fleet_gateway.server.connection_limits import BoundedWriter
+from linked_fleet_gateway.server.protocol import HTTP, HttpProtocol
 from linked_fleet_gateway.subscriptions.broadcast import Ending, Feed, Message, Outlet
 
 CANCELLED_ID = "cancelled"

@@ -14,7 +14,7 @@ from starlette.responses import Response
 
 from linked_fleet_gateway.base.errors import NotAcceptable, PreconditionFailed
 from linked_fleet_gateway.fleet.robot import Robot
-from linked_fleet_gateway.http.answers import CachedResponse, Reply
+from linked_fleet_gateway.http.answers import CachedResponse
 from linked_fleet_gateway.http.callers import mark_private
 from linked_fleet_gateway.http.fields import Link, field, link_header, parse_prefer
 from linked_fleet_gateway.http.html import HTML
@@ -44,6 +44,7 @@ from linked_fleet_gateway.resources.body_values import own_statements
 from linked_fleet_gateway.resources.paths import robot_of
 from linked_fleet_gateway.resources.renderings import Rendering, is_compilable
 from linked_fleet_gateway.resources.resource import CONTAINER, RemoteMesh, Resource, run_steps
+from linked_fleet_gateway.server.exchange import Reply
 
 _MINIMAL, _CONTAINMENT = LDP.PreferMinimalContainer.value, LDP.PreferContainment.value
 # A basic container has no membership triples other than containment, so omitting them changes nothing.

@@ -14,7 +14,7 @@ from starlette.types import Lifespan, Message, Receive, Scope, Send
 from starlette.websockets import WebSocket as StarletteWebSocket
 
 from linked_fleet_gateway.actions.service import Actions
-from linked_fleet_gateway.http.answers import Reply, ResponseCache
+from linked_fleet_gateway.http.answers import ResponseCache
 from linked_fleet_gateway.http.arrival import Scheme, arrival_of
 from linked_fleet_gateway.http.awaited_robots import AwaitedRobots
 from linked_fleet_gateway.http.fields import field as field_of
@@ -29,6 +29,7 @@ from linked_fleet_gateway.resources.tree import Tree
 from linked_fleet_gateway.runtime.audit_log import AuditLog
 from linked_fleet_gateway.runtime.embedded_redis import EmbeddedRedis
 from linked_fleet_gateway.runtime.store_marker import StoreMarker
+from linked_fleet_gateway.server.exchange import Reply
 from linked_fleet_gateway.subscriptions.live import Live
 from linked_fleet_gateway.subscriptions.service import Subscriptions
 
@@ -103,6 +104,10 @@ class Gateway(Starlette):
         """Return the response to a request that needs no waiting; None for any other."""
         scope["app"] = self
         return self._entrance.reply_nowait(scope)
+
+    def end_waits(self) -> None:
+        """Answer requests that wait for the end of an action."""
+        self.services.actions.lifecycle.waiters.shut_down()
 
 
 class _Resolved(HTTPConnection):

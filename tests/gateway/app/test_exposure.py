@@ -1,9 +1,8 @@
 """A gateway that other machines can reach requires TLS and identities, or an explicit flag that it has none."""
 
-import logging
 import ssl
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from signal import SIGHUP
 
@@ -27,7 +26,7 @@ Refusal = Callable[..., str]
 
 
 @pytest.fixture
-def refusal(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Iterator[Refusal]:
+def refusal(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Refusal:
     """Start a gateway that ends before it listens, and return its single line of output."""
 
     def refused(*arguments: str) -> str:
@@ -37,8 +36,7 @@ def refusal(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str])
         return line
 
     monkeypatch.setattr(gateway, "_listen", lambda *_: pytest.fail("it is not refused"))
-    yield refused
-    logging.getLogger("uvicorn.error").removeFilter(gateway._is_news)
+    return refused
 
 
 @pytest.mark.parametrize(

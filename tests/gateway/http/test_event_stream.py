@@ -1,6 +1,7 @@
 """WHATWG HTML, 9.2: the stream as an EventSource reads it, and slow, stalled or vanished readers."""
 
 import asyncio
+import contextlib
 import socket
 import struct
 from collections.abc import AsyncGenerator
@@ -11,9 +12,9 @@ import pytest
 from starlette.types import Receive, Scope, Send
 
 from event_source import EventSource
-from linked_fleet_gateway.http.connection_limits import HIGH_WATER_BYTES
 from linked_fleet_gateway.http.event_stream import chunk_bytes, event_bytes, serve_event_stream
-from linked_fleet_gateway.http.protocol import HTTP, HttpProtocol
+from linked_fleet_gateway.server.connection_limits import HIGH_WATER_BYTES
+from linked_fleet_gateway.server.protocol import HTTP, HttpProtocol
 from linked_fleet_gateway.subscriptions.broadcast import Ending, Message
 from serving import Channel, connect, fill, serving, until
 
@@ -215,6 +216,27 @@ async def test_disconnect(reset: bool) -> None:
         await until(lambda: app.returned and not server.server_state.connections)
         app.outlets[0].write(TURTLE)
         app.outlets[0].end(Ending.CANCELLED)
+
+
+async def test_disconnect_while_another_request_waits_behind_the_stream() -> None:
+    app = App(TURTLE)
+    async with serving(app) as (server, port):
+        _, writer = await connect(port, GET + GET.replace(b"/a", b"/plain"))
+        await until(lambda: app.outlets)
+        writer.transport.abort()
+        await until(lambda: app.returned and not server.server_state.connections)
+
+
+async def test_a_bad_request_behind_a_stream_writes_nothing_into_it() -> None:
+    app = App(TURTLE)
+    async with serving(app) as (server, port):
+        reader, writer = await connect(port, GET)
+        await reader.readuntil(TURTLE.frame_with(chunk_bytes))
+        writer.write(GET.replace(b"/a", b"/plain") + b"no request\r\n\r\n")
+        with contextlib.suppress(ConnectionError):
+            assert await reader.read() == b""
+        await until(lambda: app.returned and not server.server_state.connections)
+        writer.transport.abort()
 
 
 async def test_a_stalled_reader_delays_nobody_and_ends_with_the_latest_state() -> None:

@@ -9,7 +9,7 @@ from starlette.types import Scope
 
 from gateway_fixtures import Bench
 from linked_fleet_gateway.fleet.invocations import Invocations
-from linked_fleet_gateway.http.answers import Reply, ResponseCache
+from linked_fleet_gateway.http.answers import ResponseCache
 from linked_fleet_gateway.http.arrival import Authenticated, arrival_of
 from linked_fleet_gateway.http.endpoint import Endpoint
 from linked_fleet_gateway.http.representation import Representations
@@ -17,6 +17,7 @@ from linked_fleet_gateway.http.scheduling import Offload, StopPriority
 from linked_fleet_gateway.identity.rights import Grant, Identity, Right, View
 from linked_fleet_gateway.resources.branches import NO_BRANCHES
 from linked_fleet_gateway.resources.tree import Tree
+from linked_fleet_gateway.server.exchange import Reply
 
 _JOINTS = {"elbow": ("revolute", '<limit lower="-1" upper="1" velocity="2" effort="3"/>')}
 _OF_ROBOT = [

@@ -18,9 +18,9 @@ from websockets.asyncio.client import connect as client
 from websockets.exceptions import ConnectionClosed
 from websockets.frames import Frame, Opcode
 
-from linked_fleet_gateway.http.connection_limits import HIGH_WATER_BYTES, BoundedWriter
 from linked_fleet_gateway.http.websocket import frame_bytes, serve_websocket
-from linked_fleet_gateway.http.websocket_protocol import WEBSOCKET, WebSocketProtocol
+from linked_fleet_gateway.server.connection_limits import HIGH_WATER_BYTES, MAX_HEAD_BYTES, BoundedWriter
+from linked_fleet_gateway.server.websocket_protocol import WEBSOCKET, WebSocketProtocol
 from linked_fleet_gateway.subscriptions.broadcast import Ending, Message, Outlet
 from serving import Channel, connect, fill, serving, until
 
@@ -309,20 +309,26 @@ async def test_a_stalled_reader_cannot_keep_a_connection_that_is_over(leave: str
 async def test_keepalive_spares_slow_readers_and_drops_silent_ones() -> None:
     """A ping behind 64 KiB is not late; a lone one is."""
     app = App()
-    async with serving(app) as (server, port):
+    async with serving(app, ws_ping_interval=0.02) as (server, port):
         stalled = await _stalled(app, port)
         reader, writer = await connect(port, handshake())
-        await until(lambda: len(app.outlets) == 2)
-        for protocol in app.protocols:
-            protocol.ping_interval = protocol.ping_timeout = 0.02
-            protocol.start_keepalive()
         assert b"\x88\x18\x03\xf3keepalive ping timeout" in await reader.read()
-        pings = set()
-        await until(lambda: pings.add(app.protocols[0].pending_ping_payload) or len(pings) > 3)
+        waiting = app.protocols[0].transport.get_write_buffer_size
+        before = waiting()
+        await until(lambda: waiting() > before + 3 * len(masked(PING, bytes(4))))
         assert app.protocols[0].is_open
         stalled.transport.abort()
         writer.transport.abort()
         await until(lambda: not server.server_state.connections)
+
+
+async def test_a_client_that_answers_pings_stays() -> None:
+    app = App()
+    async with serving(app, ws_ping_interval=0.02) as (_, port), client(f"ws://127.0.0.1:{port}/a") as websocket:
+        await until(lambda: app.outlets)
+        await asyncio.sleep(0.2)
+        app.publish(TURTLE)
+        assert await websocket.recv() == TURTLE.body.decode()
 
 
 async def test_shutdown_closes_all_and_waits_for_nobody() -> None:
@@ -354,7 +360,8 @@ async def test_failure_of_the_subscription_is_said() -> None:
 @pytest.mark.parametrize(
     ("request_", "answer"),
     [
-        (handshake(**{"X": "y" * 9000}), b"431"),
+        (handshake(**{"X": "y" * MAX_HEAD_BYTES * 2}), b"431"),
+        (handshake(**{"X": "y" * (MAX_HEAD_BYTES // 2)}), b"101"),
         (handshake(**{"Sec-WebSocket-Version": "12"}), b"400"),
         (handshake(**{"Sec-WebSocket-Key": "short"}), b"400"),
         (handshake().replace(b"GET", b"POST"), b"200"),
@@ -391,4 +398,46 @@ async def test_frames_before_the_answer() -> None:
         proceed.set()
         await until(lambda: not server.server_state.tasks and not server.server_state.connections)
         assert not channel.outlets
+        writer.transport.abort()
+
+
+async def test_frames_with_the_handshake() -> None:
+    """4.1: a client that does not wait for the response loses the connection, and its frames are not dropped."""
+    app = App()
+    async with serving(app) as (server, port):
+        reader, writer = await connect(port, handshake() + masked(TEXT, b"early"))
+        with pytest.raises(ConnectionError):
+            await reader.read()
+        await until(lambda: not server.server_state.connections)
+        assert not app.protocols
+        writer.transport.abort()
+
+
+@pytest.mark.parametrize("failure", [LookupError("no such thing"), None])
+async def test_an_application_that_does_not_answer_the_handshake(failure: Exception | None) -> None:
+    async def app(scope: Scope, receive: Receive, send: Send) -> None:
+        if failure is not None:
+            raise failure
+
+    async with serving(app) as (server, port):
+        reader, writer = await connect(port, handshake())
+        assert (await reader.read()).startswith(b"HTTP/1.1 500")
+        await until(lambda: not server.server_state.connections)
+        writer.transport.abort()
+
+
+async def test_shutdown_during_the_handshake() -> None:
+    entered = asyncio.Event()
+
+    async def app(scope: Scope, receive: Receive, send: Send) -> None:
+        entered.set()
+        assert (await receive())["type"] == "websocket.connect"
+        assert (await receive())["type"] == "websocket.disconnect"
+        await send({"type": "websocket.accept"})
+
+    async with serving(app) as (server, port):
+        reader, writer = await connect(port, handshake())
+        await entered.wait()
+        server.should_exit = True
+        assert (await reader.read()).startswith(b"HTTP/1.1 503")
         writer.transport.abort()

@@ -10,8 +10,8 @@ from starlette.requests import ClientDisconnect, Request
 from starlette.responses import Response
 from starlette.types import ASGIApp, Receive, Scope, Send
 
-from linked_fleet_gateway.http.connection_limits import MAX_HEAD_BYTES, Sockets
-from linked_fleet_gateway.http.protocol import HttpProtocol
+from linked_fleet_gateway.server.connection_limits import MAX_HEAD_BYTES, Sockets
+from linked_fleet_gateway.server.protocol import HttpProtocol
 from serving import connect, serving, until
 
 pytestmark = pytest.mark.virtual
@@ -88,9 +88,20 @@ async def test_a_body_that_goes_on_after_the_answer_is_cut_off() -> None:
         writer.close()
 
 
+async def test_a_connection_is_idle_after_a_body_that_ends_after_the_answer() -> None:
+    sockets = Sockets(1, 1)
+    http = partial(Hasty, sockets=sockets)
+    async with serving(Response(b"done"), http=http) as (server, port):  # type: ignore[arg-type]
+        reader, writer = await connect(port, _POST)
+        await reader.readuntil(b"done")
+        writer.write(b"y" * 1000)
+        await until(lambda: not server.server_state.connections)
+        writer.close()
+
+
 async def test_an_answer_may_take_longer_to_read_than_the_next_request_may_take_to_begin() -> None:
     body = bytes(1 << 20)
-    async with serving(Response(body), http=Hasty, timeout_keep_alive=1) as (_, port):
+    async with serving(Response(body), http=Hasty) as (_, port):
         begin = asyncio.get_running_loop().time()
         reader, writer = await connect(port, _GET, receive_buffer=8192)
         await reader.readuntil(b"\r\n\r\n")
@@ -299,9 +310,9 @@ async def test_a_crowd_of_requests_at_once_waits_outside_and_is_answered() -> No
     async with serving(wait, http=Watched) as (_, port):
         reader, writer = await connect(port, b"")
         writer.write(_GET * count)
-        await until(lambda: bool(held and held[0].pipeline))
+        await until(lambda: bool(held and held[0]._exchanges))
         go.set()
         for _ in range(1000):
             assert (await reader.readuntil(b"\r\n\r\nx")).startswith(b"HTTP/1.1 200")
-            assert sum(map(len, held[0]._unread)) + len(_GET) * len(held[0].pipeline) <= 1 << 20
+            assert sum(map(len, held[0]._unread)) + len(_GET) * len(held[0]._exchanges) <= 1 << 20
         writer.transport.abort()

@@ -6,11 +6,11 @@ as a whole.
 """
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from http import HTTPStatus
 from typing import NamedTuple
 
-from linked_fleet_gateway.http.connection_limits import MAX_HEAD_BYTES
+from linked_fleet_gateway.server.connection_limits import MAX_HEAD_BYTES
 
 _PARSEABLE = re.compile(rb"(?:GET|HEAD|OPTIONS|POST|PUT|PATCH|DELETE) /[\x21-\x7e]* HTTP/1\.[01]\r?\n")
 """Request lines that the parser can get unchanged."""
@@ -20,7 +20,8 @@ _ANY_METHOD = b"PUT"
 """Replaces a method that the parser does not know or treats specially, such as CONNECT."""
 FRAMING = (b"content-length", b"transfer-encoding")
 """Header fields that determine the length of the body."""
-Fields = Iterable[tuple[bytes, bytes]]
+FIELDS = "linked-fleet.fields"
+"""Key in a scope of its header fields by name (``join_fields``)."""
 
 
 class HeadError(Exception):
@@ -92,24 +93,42 @@ class RequestLineReader:
         self.method = self.target = b""
 
 
-def has_body(headers: Fields) -> bool:
-    """Return True if the framing fields announce a body that is not empty."""
-    return any(name in FRAMING and value.strip(b" 0") for name, value in headers)
-
-
-def check_transfer_coding(headers: Fields, version: str) -> None:
-    """Raise HeadError for framing that the server does not support, or that HTTP/1.0 does not have (RFC 9112, 6.1)."""
+def join_fields(headers: Sequence[tuple[bytes, bytes]]) -> dict[bytes, bytes]:
+    """Return header fields by name; several lines are joined (RFC 9110, 5.3)."""
+    found = dict(headers)
+    if len(found) == len(headers):
+        return found
+    lines: dict[bytes, list[bytes]] = {}
     for name, value in headers:
-        if name == b"transfer-encoding":
-            if version == "1.0":
-                raise HeadError(HTTPStatus.BAD_REQUEST, "HTTP/1.0 has no Transfer-Encoding.")
-            if value.strip().lower() != b"chunked":
-                raise HeadError(HTTPStatus.NOT_IMPLEMENTED, "The one Transfer-Encoding known here is chunked.")
+        lines.setdefault(name, []).append(value)
+    return {name: b", ".join(values) for name, values in lines.items()}
 
 
-def opens_websocket(method: str, version: str, headers: Fields) -> bool:
-    """Return True if the request opens a WebSocket (RFC 6455, 4.1)."""
-    return method == "GET" and version == "1.1" and any(name == b"sec-websocket-key" for name, _ in headers)
+def has_body(fields: Mapping[bytes, bytes]) -> bool:
+    """Return True if the framing fields announce a body that is not empty."""
+    return b"transfer-encoding" in fields or bool(fields.get(b"content-length", b"").strip(b" 0"))
+
+
+def check_transfer_coding(fields: Mapping[bytes, bytes], version: str) -> None:
+    """Raise HeadError for framing that the server does not support, or that HTTP/1.0 does not have (RFC 9112, 6.1)."""
+    coding = fields.get(b"transfer-encoding")
+    if coding is None:
+        return
+    if version == "1.0":
+        raise HeadError(HTTPStatus.BAD_REQUEST, "HTTP/1.0 has no Transfer-Encoding.")
+    if coding.strip().lower() != b"chunked":
+        raise HeadError(HTTPStatus.NOT_IMPLEMENTED, "The one Transfer-Encoding known here is chunked.")
+
+
+def opens_websocket(method: str, version: str, fields: Mapping[bytes, bytes]) -> bool:
+    """Return True if the request opens a WebSocket (RFC 6455, 4.1). Any other Upgrade is ignored (RFC 9110, 7.8)."""
+    return (
+        method == "GET"
+        and version == "1.1"
+        and b"sec-websocket-key" in fields
+        and fields.get(b"upgrade", b"").lower() == b"websocket"
+        and b"upgrade" in (each.strip() for each in fields.get(b"connection", b"").lower().split(b","))
+    )
 
 
 def split_pieces(data: bytes) -> list[bytes]:
@@ -155,7 +174,7 @@ TOO_MANY_CONNECTIONS = (
 """The response on a connection beyond the limit of connections."""
 
 
-def error_response(status: HTTPStatus, text: str, *, has_content: bool = True) -> bytes:
+def error_response(status: HTTPStatus, text: str, has_content: bool = True) -> bytes:
     """Return the response to a request that no application sees; the connection is closed after it."""
     fields = [
         (b"content-type", b"text/plain; charset=utf-8"),

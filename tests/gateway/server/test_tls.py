@@ -14,12 +14,12 @@ from starlette.websockets import WebSocket
 from websockets.asyncio.client import connect as client
 
 from certificates import made
-from linked_fleet_gateway.http.connection_limits import HIGH_WATER_BYTES, Sockets
 from linked_fleet_gateway.http.event_stream import serve_event_stream
-from linked_fleet_gateway.http.protocol import HTTP, HttpProtocol
-from linked_fleet_gateway.http.tls import HANDSHAKE_S, Certificate, tls_protocol_factory, unsent_bytes
 from linked_fleet_gateway.http.websocket import serve_websocket
-from linked_fleet_gateway.http.websocket_protocol import WEBSOCKET, WebSocketProtocol
+from linked_fleet_gateway.server.connection_limits import HIGH_WATER_BYTES, Sockets
+from linked_fleet_gateway.server.protocol import HTTP, HttpProtocol
+from linked_fleet_gateway.server.tls import HANDSHAKE_S, Certificate, tls_protocol_factory, unsent_bytes
+from linked_fleet_gateway.server.websocket_protocol import WEBSOCKET, WebSocketProtocol
 from linked_fleet_gateway.subscriptions.broadcast import Message
 from serving import Channel, fill, run_on_sockets, serving, until
 
@@ -259,7 +259,7 @@ def test_files_that_change_are_noticed(folder: Path, tmp_path: Path, caplog: pyt
             put("router", ending)
         used = Certificate(str(pair["pem"]), str(pair["key"]))
         following = used.reload_on_change(0.01)
-        with caplog.at_level("INFO", "linked_fleet_gateway.http.tls"):
+        with caplog.at_level("INFO", "linked_fleet_gateway.server.tls"):
             put("gateway", "pem")
             await until(lambda: "the certificate in use stays" in caplog.text)
             assert "new connections" not in caplog.text

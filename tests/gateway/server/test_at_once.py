@@ -9,10 +9,10 @@ from starlette.requests import Request
 from starlette.responses import Response
 from starlette.types import Receive, Scope, Send
 
-from linked_fleet_gateway.http.answers import Reply
-from linked_fleet_gateway.http.message_heads import field_block
-from linked_fleet_gateway.http.protocol import HttpProtocol
-from serving import connect, serving
+from linked_fleet_gateway.server.exchange import Reply
+from linked_fleet_gateway.server.message_heads import field_block
+from linked_fleet_gateway.server.protocol import HttpProtocol
+from serving import connect, serving, until
 
 pytestmark = pytest.mark.virtual
 _KEPT = (b"vary", b"Accept")
@@ -78,6 +78,36 @@ async def test_immediate_responses_are_framed_as_others(request_text: str, end: 
 async def test_a_request_with_content_is_left_to_the_application() -> None:
     answers = await _answers("GET / HTTP/1.1\r\nHost: test\r\nContent-Length: 3\r\n\r\nabc" + _LAST)
     assert answers.count(b"applicationabc") == 1 and b"kept" not in answers
+
+
+async def test_nothing_after_the_last_request_is_answered_or_run() -> None:
+    """RFC 9112, 9.6: a server processes no request after one with Connection: close."""
+    ran = list[str]()
+
+    async def app(scope: Scope, receive: Receive, send: Send) -> None:
+        ran.append(scope["path"])
+        await Response(b"application")(scope, receive, send)
+
+    last = _GET.format("a").replace("\r\n\r\n", "\r\nConnection: close\r\n\r\n")
+    post = "POST /b HTTP/1.1\r\nHost: test\r\nContent-Length: 3\r\n\r\nabc"
+    async with serving(app, http=_http()) as (server, port):
+        reader, writer = await connect(port, (last + post + _GET.format("c")).encode())
+        assert (await reader.read()).endswith(b"kept")
+        await until(lambda: not server.server_state.connections)
+        assert ran == []
+        writer.close()
+
+
+async def test_the_application_answers_when_an_immediate_response_fails(caplog: pytest.LogCaptureFixture) -> None:
+    def broken(scope: Scope) -> Reply | None:
+        raise LookupError("no such thing")
+
+    http: Any = partial(HttpProtocol, reply_nowait=broken)
+    async with serving(_application, http=http) as (_, port):
+        reader, writer = await connect(port, _LAST.encode())
+        assert (await reader.read()).endswith(b"application")
+        writer.close()
+    assert "no such thing" in caplog.text
 
 
 async def test_the_next_request_may_take_its_time_from_the_answer_on() -> None:
