@@ -8,7 +8,7 @@ LEADER and FOLLOWER are joints of the fleet at URL, such as ur5/shoulder_pan_joi
 import sys
 
 from linked_fleet_client.action import Action
-from linked_fleet_client.errors import Problem
+from linked_fleet_client.errors import Controlled, ControlLost, Problem
 from linked_fleet_client.fleet import Fleet
 
 PERIOD_S = 0.2
@@ -26,18 +26,22 @@ def within_limits(rotate: Action, angle: float) -> float:
 
 
 def follow(fleet: Fleet, leader: str, follower: str) -> None:
-    """Command the follower after each change of the leader. Each motion preempts the one before."""
+    """Command the follower after each change of the leader, while nobody else may move it.
+
+    Each motion preempts the one before.
+    """
     rotate = fleet.at(follower).actions["rotate"]
-    for change in fleet.at(leader).properties["rotation"].subscribe(interval_s=PERIOD_S):
-        angle = change.reading.main
-        if angle is None or angle.number is None:
-            continue  # the position of the leader is unknown
-        goal = within_limits(rotate, angle.number)
-        try:
-            rotate(value=goal, unit="rad", speedScale=SPEED_SCALE)
-            print(f"{angle} -> {goal:.3f} rad", flush=True)
-        except Problem as problem:  # such as a collision, or another client has the control lease
-            print(f"{angle} -> refused: {problem}", flush=True)
+    with fleet[follower.partition("/")[0]].control("follow_the_leader"):
+        for change in fleet.at(leader).properties["rotation"].subscribe(interval_s=PERIOD_S):
+            angle = change.reading.main
+            if angle is None or angle.number is None:
+                continue  # the position of the leader is unknown
+            goal = within_limits(rotate, angle.number)
+            try:
+                rotate(value=goal, unit="rad", speedScale=SPEED_SCALE)
+                print(f"{angle} -> {goal:.3f} rad", flush=True)
+            except Problem as problem:  # such as a collision
+                print(f"{angle} -> refused: {problem}", flush=True)
 
 
 def main(url: str = "http://127.0.0.1:8000/", *joints: str) -> None:
@@ -48,6 +52,8 @@ def main(url: str = "http://127.0.0.1:8000/", *joints: str) -> None:
         except KeyboardInterrupt:
             fleet.at(follower).actions["hold"]()
             print("The follower holds.")
+        except (Controlled, ControlLost) as error:
+            print(f"Somebody else moves the follower: {error}")
 
 
 if __name__ == "__main__":

@@ -8,11 +8,13 @@ from typing import Any, Protocol, runtime_checkable
 from rdflib import Graph
 from rdflib.term import Literal, Node, URIRef
 
+from linked_fleet_client.control import control_of
 from linked_fleet_client.errors import BadAnswer, NoSuchThing, Unsupported
 from linked_fleet_client.form import FormField, build, form_fields
 from linked_fleet_client.invocation import Invocation
 from linked_fleet_client.reading import Reading, read
 from linked_fleet_client.resource import Resource
+from linked_fleet_client.retry import Repeat
 from linked_fleet_client.shape import Shape, conjunction, read_shape
 from linked_fleet_client.validation import validate
 from linked_fleet_client.vocabulary import HTTP, HYBRIT, LF, RDF, RDFS, SH, document_of, is_web, local_name
@@ -22,6 +24,8 @@ _METHODS = ("POST", "PUT", "PATCH", "DELETE")
 _MOST_SHAPES = 20
 _MOST_JUDGED = 500  # number of triples; pySHACL takes a second for as many
 DRY_RUN = "dry-run"
+_STOPS = frozenset({LF.Hold, LF.StopRobot, LF.StopAll, LF.CancelInvocation})
+_STOP_NAMES = ("stop", "cancel")  # in other vocabularies
 
 
 @runtime_checkable
@@ -51,6 +55,12 @@ class Action(Resource):
         """True if the action supports a rehearsal, in which nothing moves."""
         stated = self.read().graph.value(self.node, LF.dryRun)
         return isinstance(stated, Literal) and stated.toPython() is True
+
+    @property
+    def stops(self) -> bool:
+        """True if it stops something: such an action needs no control, and is sent again at once."""
+        kinds = set(self.document().graph.objects(self.node, RDF.type))
+        return bool(kinds & _STOPS) or any(name.casefold().startswith(_STOP_NAMES) for name in self.names)
 
     def build(self, /, **given: Any) -> Graph:
         """Return the request body with values by field name. Raises InvalidInput with all errors."""
@@ -108,7 +118,11 @@ class Action(Resource):
         method, url = self.binding()
         content = None if body is None else body.serialize(format="turtle").encode()
         typed = {} if content is None else {"content-type": "text/turtle"}
-        return self.web.send(method, url, content, {**typed, **headers})
+        fields = {**typed, **headers}
+        if self.stops:
+            return self.web.send(method, url, content, fields, Repeat.STOP)
+        control = control_of(self)
+        return (self.web if control is None else control).send(method, url, content, fields)
 
     def binding(self) -> tuple[str, str]:
         """Return method and URL of the binding; without one, the method that OPTIONS allows at the action's IRI."""

@@ -4,6 +4,8 @@ ClientError
 ├── Unreachable         no answer, or not in time
 ├── BadAnswer           an answer that is not RDF, too large, or otherwise unusable
 ├── Problem             the server refused (RFC 9457)
+│   └── Controlled      another client has control of the robot
+├── ControlLost         this client has lost control of the robot
 ├── NoSuchThing         nothing has that name
 ├── InvalidInput        the input does not fit the shape of the action
 ├── Unsupported         the server does not offer the requested function
@@ -73,8 +75,27 @@ class Problem(ClientError):  # noqa: N818
         return f"{self.status} {said or self.url}" + "".join(f"\n  - {message}" for message in more)
 
 
+class Controlled(Problem):
+    """Another client has control of the robot; ``detail`` says who, and until when."""
+
+
+class ControlLost(ClientError):  # noqa: N818
+    """The control lease that this client had has ended, or another client has it."""
+
+
+_LOCKED = 423
+_CONTROLLED = "https://w3id.org/linked-fleet/problems#controlled"
+
+
 def problem(url: str, status: int, headers: "httpx.Headers", body: bytes) -> Problem:
     """Return the problem in an answer with status 4xx or 5xx. Without a usable body the status alone counts."""
+    said = _problem(url, status, headers, body)
+    if status != _LOCKED and said.type != _CONTROLLED:
+        return said
+    return Controlled(url, status, said.title, said.detail, said.type, said.messages)
+
+
+def _problem(url: str, status: int, headers: "httpx.Headers", body: bytes) -> Problem:
     reason = responses.get(status, "")
     media_type = headers.get("content-type", "").partition(";")[0].strip().lower()
     if not media_type.endswith("json"):

@@ -5,29 +5,38 @@ Things of the Web of robots are read on access and addressed by their own names.
 
 from __future__ import annotations
 
+import json
 import time
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import cached_property
 from types import TracebackType
-from typing import TypeVar
+from typing import Any, TypeVar
 
+from rdflib import Graph
 from rdflib.term import Node, URIRef
 
 from linked_fleet_client.action import Action
+from linked_fleet_client.control import DURATION_S, Control
 from linked_fleet_client.errors import NoSuchThing, Problem, Unsupported
 from linked_fleet_client.invocation import Invocation
 from linked_fleet_client.live import Feed, create_stream
 from linked_fleet_client.quantity import Quantity
 from linked_fleet_client.reading import Reading, read
 from linked_fleet_client.resource import Members, Resource, no_such_thing, steps
+from linked_fleet_client.retry import PATIENCE_S
 from linked_fleet_client.vocabulary import DCTERMS, HYBRIT, LDP, LF, PROV, RDF, RDFS, document_of, is_web, local_name
-from linked_fleet_client.web import Bearer, Document, Web
+from linked_fleet_client.web import Answer, Bearer, Document, Web, origin
 
 _PARTS = (LDP.contains, DCTERMS.hasPart)
 # Types that add nothing to the distinction of things, properties and actions.
 _PLAIN = frozenset(
     {HYBRIT.RoboticThing, HYBRIT.Property, HYBRIT.Action, LDP.Container, LDP.BasicContainer, LDP.Resource}
 )
+_NO_COLLECTIONS = frozenset(
+    {*_PARTS, HYBRIT.property, HYBRIT.action, HYBRIT.blueprint, HYBRIT.consumes, LDP.constrainedBy, DCTERMS.isPartOf}
+    | {RDF.type, RDFS.seeAlso, LF.vocabulary}
+)
+_METHOD_NOT_ALLOWED = 405
 _MOST_LINKS = 500
 T = TypeVar("T", bound="Resource")
 
@@ -107,6 +116,31 @@ class Thing(Observable):
         return Members(self._members(Thing, found or self._related(document), document), "part")
 
     @property
+    def collections(self) -> Members[Collection]:
+        """The other resources that it links, such as the rules and the world of a fleet."""
+        document = self.read()
+        graph, node = document.graph, self.node
+        found = [each for predicate, each in graph.predicate_objects(node) if predicate not in _NO_COLLECTIONS]
+        known = {*self._typed(document, HYBRIT.property, HYBRIT.Property), *graph.objects(node, HYBRIT.action)}
+        known |= {each for predicate in _PARTS for each in graph.objects(node, predicate)}
+        iris = [URIRef(str(each)) for each in found if is_web(each) and each not in known]
+        here = [iri for iri in iris if origin(iri) == origin(document.url)]  # others are mostly terms of vocabularies
+        return Members(self._members(Collection, here, document), "linked resource", searches=False)
+
+    def control(self, holder: str, duration_s: float = DURATION_S) -> Control:
+        """Return control of the robot as a context manager: ``with robot.control("me"):``.
+
+        The lease is taken at the beginning, renewed while the block runs, and given back at its end. Meanwhile the lock
+        token goes with the robot's actions that this client invokes. ``holder`` is who others read has control;
+        ``duration_s`` is how long the lease lasts when this client vanishes.
+        """
+        self.read()
+        leases = self.linked_iris(LF.lease)
+        if not leases:
+            raise Unsupported(f"{self.name} links no control lease, as a robot does")
+        return Control(self, leases[0], holder, duration_s)
+
+    @property
     def properties(self) -> Members[Property]:
         return self.properties_in(self.read())
 
@@ -121,7 +155,16 @@ class Thing(Observable):
         return Members(self._members(Action, self._typed(document, HYBRIT.action, HYBRIT.Action), document), "action")
 
     def __getitem__(self, name: str) -> Thing:
-        return self.parts[name]
+        """Return the part of that name, else what it links by that name, such as the rules of a fleet."""
+        found: Thing = _first((lambda: self.parts, lambda: self.collections), "part", name)
+        return found
+
+    def __contains__(self, name: object) -> bool:
+        """Return True if a part or a linked resource has that name."""
+        try:
+            return self[str(name.iri if isinstance(name, Resource) else name)] is not None
+        except NoSuchThing:
+            return False
 
     def __iter__(self) -> Iterator[Thing]:
         return iter(self.parts)
@@ -136,18 +179,13 @@ class Thing(Observable):
         return here
 
     def member(self, name: str) -> Thing | Property | Action:
-        """Return the part of that name, else the property, else the action. Names that need a request come last."""
-        groups = (self.parts, self.properties, self.actions)
-        for group in groups:
-            if found := group.known(name):
-                return found
-        known: list[str] = []
-        for group in groups:
-            try:
-                return group[name]
-            except NoSuchThing as error:
-                known += error.known
-        raise no_such_thing("part, property or action", name, known)
+        """Return the part of that name, else the property, the action, or what it links by that name.
+
+        Names that need a request come last.
+        """
+        groups = (lambda: self.parts, lambda: self.properties, lambda: self.actions, lambda: self.collections)
+        found: Thing | Property | Action = _first(groups, "part, property or action", name)
+        return found
 
     def walk(self, limit: int = 10_000) -> Iterator[Thing]:
         """Yield itself and all its parts, breadth first, each once and at most ``limit``."""
@@ -201,6 +239,58 @@ class Thing(Observable):
         return kind_of(self)
 
 
+def _first(groups: Sequence[Callable[[], Members[Any]]], what: str, name: str) -> Any:
+    """Return the member of the first group that knows the name, else of the first that finds it by requests."""
+    read: list[Members[Any]] = []
+    for group_of in groups:
+        read.append(group_of())
+        if found := read[-1].known(name):
+            return found
+    known: list[str] = []
+    for group in read:
+        try:
+            return group[name]
+        except NoSuchThing as error:
+            known += error.known
+    raise no_such_thing(what, name, known)
+
+
+class Collection(Thing):
+    """A resource that a thing links, such as its rules. Members are parts; an LDP container also takes new ones."""
+
+    def add(self, member: Graph | Mapping[str, Any]) -> Thing:
+        """Add a member and return it. Its description is a graph about ``<>``, or its JSON with the names of the shape.
+
+        Raises Problem with the messages of the shape, and Unsupported if this takes no members.
+        """
+        if isinstance(member, Graph):
+            body, media_type = member.serialize(format="turtle").encode(), "text/turtle"
+        else:
+            body, media_type = json.dumps(dict(member)).encode(), "application/json"
+        answer = self._changed("POST", document_of(self.iri), body, {"content-type": media_type})
+        return Thing(self.web, answer.location(), self)
+
+    def remove(self, member: str | Thing) -> None:
+        """Remove a member, given by any of its names. Raises NoSuchThing, and Unsupported if it cannot be removed."""
+        found = self.parts[member] if isinstance(member, str) else member
+        self._changed("DELETE", document_of(found.iri), None, {})
+
+    def _changed(self, method: str, url: str, body: bytes | None, headers: Mapping[str, str]) -> Answer:
+        try:
+            return self.web.send(method, url, body, headers)
+        except Problem as problem:
+            if problem.status != _METHOD_NOT_ALLOWED:
+                raise
+            raise Unsupported(f"{url} does not take {method}: {problem}") from problem
+
+    def _link(self) -> str:
+        """Return the local name of the predicate by which the owner links it."""
+        if self.owner is None or self._listing is None:
+            return ""
+        predicates = self._listing.graph.predicates(self._listing.iri(self.owner.iri), self.iri)
+        return local_name(min(map(str, predicates), default=""))
+
+
 def _presence(term: Node | None) -> str | None:
     return None if term is None else local_name(str(term))
 
@@ -216,13 +306,19 @@ class Fleet(Thing):
 
     ``timeout_s`` bounds each connection attempt and each period without data. ``headers`` are sent with every request,
     also to other servers that links lead to, so they must not hold secrets. ``token`` is the bearer token of the
-    caller; it is sent to the server of ``url`` only.
+    caller; it is sent to the server of ``url`` only. ``patience_s`` bounds how long a request is sent again to a busy
+    server (``retry.py``).
     """
 
     def __init__(
-        self, url: str, timeout_s: float = 10.0, headers: Mapping[str, str] | None = None, token: str = ""
+        self,
+        url: str,
+        timeout_s: float = 10.0,
+        headers: Mapping[str, str] | None = None,
+        token: str = "",
+        patience_s: float = PATIENCE_S,
     ) -> None:
-        super().__init__(Web(timeout_s, headers or {}, Bearer(token, url) if token else None), url)
+        super().__init__(Web(timeout_s, headers or {}, Bearer(token, url) if token else None, patience_s), url)
 
     def __enter__(self) -> Fleet:
         return self

@@ -16,6 +16,7 @@ from linked_fleet_client.live import Change, Feed
 from linked_fleet_client.quantity import Quantity
 from linked_fleet_client.reading import Value, date_time, read
 from linked_fleet_client.resource import Resource
+from linked_fleet_client.retry import Repeat
 from linked_fleet_client.vocabulary import HYBRIT, LF, PROV, document_of, local_name
 from linked_fleet_client.web import Document, Web
 
@@ -118,7 +119,7 @@ class Invocation(Resource):
         elif self.ended:
             raise Unsupported(f"{self.iri} has ended already: it is {self.state}")
         else:
-            self.web.send("DELETE", document_of(self.iri), None, {})
+            self.web.send("DELETE", document_of(self.iri), None, {}, Repeat.STOP)
 
 
 def has_ended(graph: Graph, node: Node) -> bool:

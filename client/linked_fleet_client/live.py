@@ -16,6 +16,7 @@ from rdflib.term import BNode, Literal, Node, URIRef
 
 from linked_fleet_client.errors import BadAnswer, Unreachable, problem
 from linked_fleet_client.reading import Reading, read
+from linked_fleet_client.retry import parse_retry_after
 from linked_fleet_client.vocabulary import HYBRIT, LF, RDF, document_of
 from linked_fleet_client.web import MAX_BODY_BYTES, Document, Web, parse_rdf
 
@@ -84,7 +85,7 @@ class Feed:
         self.last_id: str | None = None
         self._versions: dict[URIRef, str] = {}
         self._retry_s, self._silence_s = _FIRST_PAUSE_S, silence_s
-        self._failures = 0
+        self._failures, self._later_s = 0, 0.0
         self._events, self._open = True, False
         self._closed = False
         self._response: httpx.Response | None = None
@@ -124,6 +125,7 @@ class Feed:
             if response.status_code == 204 or self._closed:
                 return True
             if response.status_code in _LATER:
+                self._later_s = parse_retry_after(response.headers.get("retry-after")) or 0.0
                 raise Unreachable(f"{self.url} answers {response.status_code}")
             if response.status_code in _NO_EVENTS or (response.is_success and media_type != _EVENTS):
                 self._events = False
@@ -171,10 +173,13 @@ class Feed:
             pause_s = min(2 * pause_s, POLL_S)
 
     def _pause(self) -> None:
-        """Sleep, longer after each failure in a row, with jitter so that clients do not return together."""
+        """Sleep, longer after each failure in a row, with jitter so that clients do not return together, and as long as
+        the server wants, within bounds.
+        """
         pause_s = max(self._retry_s, _LEAST_PAUSE_S) * 2.0 ** min(self._failures, 10)
-        pause_s = min(pause_s, _LONGEST_PAUSE_S)
-        self._sleep(pause_s * (0.5 + secrets.randbelow(1000) / 2000))
+        pause_s = min(pause_s, _LONGEST_PAUSE_S) * (0.5 + secrets.randbelow(1000) / 2000)
+        wanted_s, self._later_s = self._later_s, 0.0
+        self._sleep(max(pause_s, min(wanted_s, _LONGEST_PAUSE_S)))
 
     def _sleep(self, pause_s: float) -> None:
         until = time.monotonic() + pause_s

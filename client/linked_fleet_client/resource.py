@@ -35,9 +35,13 @@ T = TypeVar("T", bound=NamedObject)
 
 
 class Members(Generic[T], Sequence[T]):
-    """Things sorted by name, accessible by any of their names."""
+    """Things sorted by name, accessible by any of their names.
 
-    def __init__(self, members: Sequence[T], what: str) -> None:
+    Unless ``searches``, names that only the descriptions of the members have are not found.
+    """
+
+    def __init__(self, members: Sequence[T], what: str, searches: bool = True) -> None:
+        self._searches = searches
         self._members, self._what = sorted(members, key=lambda member: (member.name.casefold(), member.iri)), what
 
     def __len__(self) -> int:
@@ -65,7 +69,7 @@ class Members(Generic[T], Sequence[T]):
                 member.load_names()
             except Problem:
                 continue  # it keeps its IRI as name
-        return Members(self._members, self._what)
+        return Members(self._members, self._what, self._searches)
 
     def known(self, name: str) -> T | None:
         """Return a member by the names that are known without a request."""
@@ -75,7 +79,7 @@ class Members(Generic[T], Sequence[T]):
         return None
 
     def _searched(self, name: str) -> T | None:
-        for member in self._members:
+        for member in self._members if self._searches else ():
             try:
                 member.document()
             except Problem:

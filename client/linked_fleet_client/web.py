@@ -1,13 +1,15 @@
-"""HTTP and RDF: bounded in size and time, revalidated by ETag; only safe methods are retried."""
+"""HTTP and RDF: bounded in size and time, revalidated by ETag; what may be repeated is (``retry.py``)."""
 
 import logging
 import re
 import threading
 import time
 from collections import OrderedDict
-from collections.abc import Generator, Iterator, Mapping
+from collections.abc import Callable, Generator, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from functools import partial
+from typing import TYPE_CHECKING
 
 import httpx
 import rdflib
@@ -15,6 +17,7 @@ from rdflib.term import Node, URIRef
 
 from linked_fleet_client.errors import BadAnswer, Unreachable, problem
 from linked_fleet_client.graphs import load
+from linked_fleet_client.retry import PATIENCE_S, Attempts, Repeat, repeat_of
 from linked_fleet_client.vocabulary import document_of, is_web
 
 ACCEPT = "text/turtle, application/n-triples;q=0.5, application/problem+json"
@@ -22,8 +25,11 @@ _FORMATS = {"text/turtle": "turtle", "application/x-turtle": "turtle", "applicat
 MAX_BODY_BYTES = 8 * 1024 * 1024
 MAX_REDIRECTS = 5
 _KEPT = 512
-_ATTEMPTS = 3
-_PASSING = frozenset({502, 503, 504})
+_SAME_REQUEST = frozenset({307, 308})
+_REDIRECTS = frozenset({301, 302, 303, *_SAME_REQUEST})
+if TYPE_CHECKING:
+    from linked_fleet_client.control import Control
+
 # rdflib would expand such a number to all its digits: a few bytes on the wire, gigabytes in memory. A literal without a
 # datatype is no number: the digest in a version may look like one.
 _HUGE_NUMBER = re.compile(r"""["'][\s+-]*[\d._]+[eE][+-]?[\d_]{7,}\s*["']+(?:\s|#[^\n]*\n)*\^\^""")
@@ -74,15 +80,20 @@ class Bearer(httpx.Auth):
     """A bearer token (RFC 6750) for the origin of ``url`` and for no other."""
 
     def __init__(self, token: str, url: str) -> None:
-        self._token, self._home = token, _origin(httpx.URL(url))
+        self._token, self._home = token, origin(url)
 
     def auth_flow(self, request: httpx.Request) -> Generator[httpx.Request, httpx.Response, None]:
-        if _origin(request.url) == self._home:
+        if origin(request.url) == self._home:
             request.headers["authorization"] = f"Bearer {self._token}"
         yield request
 
 
-def _origin(url: httpx.URL) -> tuple[str, str, int]:
+def origin(iri: str | httpx.URL) -> tuple[str, str, int]:
+    """Return scheme, host and port (RFC 6454). Raises BadAnswer if the IRI is no URL."""
+    try:
+        url = httpx.URL(iri)
+    except httpx.InvalidURL as error:
+        raise BadAnswer(f"{str(iri)[:200]!r} is not a URL") from error
     return url.scheme, url.host, url.port or (443 if url.scheme == "https" else 80)
 
 
@@ -90,21 +101,31 @@ def _origin(url: httpx.URL) -> tuple[str, str, int]:
 class Web:
     """The connections of one client and its cached documents. Threads may share it.
 
-    ``timeout_s`` bounds each connection attempt, each silence and, times three, a whole answer.
+    ``timeout_s`` bounds each connection attempt, each silence and, times three, a whole answer. ``patience_s`` bounds
+    the pauses of a request that a busy server wants to be sent again later.
     """
 
     timeout_s: float = 10.0
     headers: Mapping[str, str] = field(default_factory=dict)
     auth: httpx.Auth | None = None
+    patience_s: float = PATIENCE_S
 
     def __post_init__(self) -> None:
         headers = {"user-agent": "linked-fleet", **self.headers}
         self.http = httpx.Client(timeout=self.timeout_s, headers=headers, auth=self.auth)
         self._seen: OrderedDict[str, Document] = OrderedDict()
         self._lock = threading.Lock()
+        self.controls: dict[str, Control] = {}
+        """Control of robots that this client has at present, by their IRIs."""
 
     def close(self) -> None:
         self.http.close()
+
+    @property
+    def has_read(self) -> bool:
+        """True if a description has been read."""
+        with self._lock:
+            return bool(self._seen)
 
     def get(self, iri: str) -> Document:
         """Return the present description. Raises Unreachable, Problem or BadAnswer."""
@@ -121,14 +142,16 @@ class Web:
         answer = self._safely("OPTIONS", document_of(iri), {})
         return {method.strip().upper() for method in answer.headers.get("allow", "").split(",") if method.strip()}
 
-    def send(self, method: str, url: str, body: bytes | None, headers: Mapping[str, str]) -> Answer:
-        """Send an unsafe request once. Only 307 and 308 are followed, because other redirects change the request."""
-        for _ in range(MAX_REDIRECTS):
-            answer = self._once(method, url, {"accept": ACCEPT, **headers}, body)
-            if answer.status not in (307, 308):
-                return _accepted(answer)
-            url = answer.location()
-        raise BadAnswer(f"{url} redirects too often")
+    def send(
+        self, method: str, url: str, body: bytes | None, headers: Mapping[str, str], repeat: Repeat | None = None
+    ) -> Answer:
+        """Send an unsafe request, again if ``repeat`` permits; by default its method and Idempotency-Key tell that.
+
+        Only 307 and 308 are followed, because other redirects change the request.
+        """
+        fields = {"accept": ACCEPT, **headers}
+        once = partial(self._redirected, method, url, fields, body, _SAME_REQUEST)
+        return self._repeatedly(repeat or repeat_of(method, headers), once)
 
     @contextmanager
     def stream(self, url: str, headers: Mapping[str, str], silence_s: float) -> Iterator[httpx.Response]:
@@ -155,23 +178,29 @@ class Web:
         return b"".join(parts)
 
     def _safely(self, method: str, url: str, headers: Mapping[str, str]) -> Answer:
-        for attempt in range(1, _ATTEMPTS + 1):
-            last = attempt == _ATTEMPTS
+        return self._repeatedly(Repeat.SAFE, partial(self._redirected, method, url, headers, None, _REDIRECTS))
+
+    def _repeatedly(self, repeat: Repeat, once: Callable[[], Answer]) -> Answer:
+        attempts = Attempts(repeat, self.patience_s)
+        while True:
             try:
-                answer = self._redirected(method, url, headers)
+                answer = once()
             except Unreachable:
-                if last:
+                if (pause_s := attempts.pause_s()) is None:
                     raise
             else:
-                if answer.status not in _PASSING or last:
+                if answer.status < 400:
+                    return answer
+                if (pause_s := attempts.pause_s(answer.status, answer.headers.get("retry-after"))) is None:
                     return _accepted(answer)
-            time.sleep(0.1 * 4 ** (attempt - 1))
-        raise AssertionError("unreachable")
+            time.sleep(pause_s)
 
-    def _redirected(self, method: str, url: str, headers: Mapping[str, str]) -> Answer:
+    def _redirected(
+        self, method: str, url: str, headers: Mapping[str, str], body: bytes | None, followed: frozenset[int]
+    ) -> Answer:
         for _ in range(MAX_REDIRECTS):
-            answer = self._once(method, url, headers, None)
-            if answer.status not in (301, 302, 303, 307, 308):
+            answer = self._once(method, url, headers, body)
+            if answer.status not in followed:
                 return answer
             url = document_of(answer.location())
         raise BadAnswer(f"{url} redirects too often")

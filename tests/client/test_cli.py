@@ -265,6 +265,38 @@ def test_ctrl_c_cancels_what_is_running(other_tree: Any) -> None:
     assert (child.returncode, json.loads(out)["state"]) == (1, "cancelled"), err
 
 
+HINTED = "If the fleet is elsewhere, give its address with --url or in LINKED_FLEET_URL.\n"
+
+
+@pytest.mark.parametrize(
+    ("answered", "code", "hinted"),
+    [
+        (None, 3, True),
+        (b"HTTP/1.1 200 X\r\ncontent-type: text/html\r\ncontent-length: 2\r\nconnection: close\r\n\r\nhi", 3, True),
+        (b"HTTP/1.1 404 X\r\ncontent-length: 0\r\nconnection: close\r\n\r\n", 4, True),
+        (b"SSH-2.0-nothing\r\n", 3, True),
+        (b"HTTP/1.1 401 X\r\ncontent-length: 0\r\nconnection: close\r\n\r\n", 1, False),
+        (b"HTTP/1.1 500 X\r\ncontent-length: 0\r\nconnection: close\r\n\r\n", 3, False),
+    ],
+)
+@pytest.mark.parametrize("command", [["ls"], ["do", "ur5", "stop"], ["watch", "ur5"], ["stop"]])
+def test_a_wrong_address_hints_at_the_option(
+    script: Any, command: list[str], answered: bytes | None, code: int, hinted: bool
+) -> None:
+    """In one sentence, if nobody answers or another server does."""
+    script.answers["/"] = [answered or b""]
+    done = run(f"http://127.0.0.1:{free_port()}/" if answered is None else f"{script.url}/", *command)
+    assert (done.returncode, done.stderr.endswith(HINTED)) == (code, hinted), done.stderr
+
+
+def test_other_errors_do_not_hint_at_the_address(other_tree: Any) -> None:
+    """Neither those of a fleet that has answered, nor those of an address that is given as path."""
+    elsewhere = f"http://127.0.0.1:{free_port()}/"
+    for command in (["get", "cell/nobody"], ["do", "cell/lefty", "break"], ["get", elsewhere]):
+        done = run(other_tree.root, *command)
+        assert done.returncode and HINTED not in done.stderr, done.stderr
+
+
 def test_completion_offers_existing_names(other_tree: Any) -> None:
     def offered(*words: str, url: str = other_tree.root) -> list[str]:
         *before, typed = words

@@ -11,12 +11,14 @@ import click
 from linked_fleet_client.cli import output, programs
 from linked_fleet_client.cli.description import get, ls
 from linked_fleet_client.cli.invoke import BadArgument, do, stop
-from linked_fleet_client.cli.options import add_common_options, completion
+from linked_fleet_client.cli.options import Session, add_common_options, completion
 from linked_fleet_client.cli.watch import watch
 from linked_fleet_client.errors import BadAnswer, ClientError, NoSuchThing, Problem, Unreachable
 
 OK, REFUSED, USAGE, UNREACHABLE, NO_SUCH_THING, INTERRUPTED = 0, 1, 2, 3, 4, 130
 _GONE = frozenset({404, 410})
+_NO_FLEET = frozenset({400, 404, 405, 406, 410, 421, 426})
+HINT = "If the fleet is elsewhere, give its address with --url or in LINKED_FLEET_URL."
 
 
 class _Commands(click.Group):
@@ -40,6 +42,8 @@ class _Commands(click.Group):
             return super().invoke(ctx)
         except ClientError as error:
             print(f"linked-fleet: {_safe(error)}", file=sys.stderr)
+            if _is_elsewhere(error, ctx.find_object(Session)):
+                print(HINT, file=sys.stderr)
             return exit_code(error)
         except KeyboardInterrupt:
             return INTERRUPTED
@@ -80,6 +84,15 @@ def exit_code(error: ClientError) -> int:
     if isinstance(error, Unreachable | BadAnswer) or (isinstance(error, Problem) and error.status >= 500):
         return UNREACHABLE
     return USAGE if isinstance(error, BadArgument) else REFUSED
+
+
+def _is_elsewhere(error: ClientError, session: Session | None) -> bool:
+    """Return True if the address of the fleet is asked, has given nothing, and may be that of another server."""
+    if session is None or session.has_read:
+        return False
+    if isinstance(error, Problem):
+        return error.status in _NO_FLEET and session.authority in error.url
+    return isinstance(error, Unreachable | BadAnswer) and session.authority in str(error)
 
 
 def _safe(error: ClientError) -> str:

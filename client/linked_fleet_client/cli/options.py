@@ -9,6 +9,7 @@ import re
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from typing import Any, TypeVar
+from urllib.parse import urlsplit
 
 import click
 from click.shell_completion import BashComplete, CompletionItem, ZshComplete, add_completion_class, get_completion_class
@@ -29,10 +30,22 @@ class Session:
     url: str = field(default_factory=lambda: os.environ.get("LINKED_FLEET_URL") or DEFAULT_URL)
     json: bool = False
     timeout: float = 10.0
+    opened: list[Fleet] = field(default_factory=list)
 
     def fleet(self, at_most_s: float = float("inf")) -> Fleet:
         token = os.environ.get("LINKED_FLEET_TOKEN", "")
-        return Fleet(self.url, min(self.timeout, at_most_s), token=token)
+        fleet = Fleet(self.url, min(self.timeout, at_most_s), token=token)
+        self.opened.append(fleet)
+        return fleet
+
+    @property
+    def authority(self) -> str:
+        return urlsplit(self.url).netloc
+
+    @property
+    def has_read(self) -> bool:
+        """True if a server has answered with a description."""
+        return any(fleet.web.has_read for fleet in self.opened)
 
 
 def seconds(text: str) -> float:
