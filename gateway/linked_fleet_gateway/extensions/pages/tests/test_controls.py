@@ -40,6 +40,7 @@ class Pages:
     guarded: AuthenticatedGateway
 
     def open(self, reader: str, address: str) -> Page:
+        self.page.goto("about:blank")  # a page whose session is over reloads itself
         self.page.context.clear_cookies()
         self.page.goto(address)
         self.page.get_by_label("Token", exact=True).fill(self.guarded.tokens[reader])
