@@ -99,7 +99,7 @@ def main() -> None:
         stack.enter_context(clients_in_memory(loop))
         place = Place(Path(stack.enter_context(tempfile.TemporaryDirectory())))
         stack.enter_context(process(*place.command(), "--history-s", "0")).said("serving")
-        actor = FakeRobot(stack.enter_context(open_session(place.zenoh)), "odd").appear()
+        actor = FakeRobot(stack.enter_context(open_session(place.zenoh)), "odd").appear().confirm_stops()
         browser = stack.enter_context(contextlib.closing(Browser(place.root)))
         value, action = f"{place.root}odd/elbow/rotation", f"{place.root}actions/stopAll"
         eventually(lambda: browser.http.get(value).status_code == 200, "the robot")

@@ -81,6 +81,8 @@ class HttpProtocol(Connection):
         """The latest request, whose body is read."""
         self._unread: list[bytes] = []
         """Bytes that arrived before earlier requests were answered."""
+        self._upgraded = False
+        """True once the connection belongs to a WebSocket."""
 
     def connection_made(self, transport: BaseTransport) -> None:
         super().connection_made(transport)
@@ -148,7 +150,7 @@ class HttpProtocol(Connection):
     def _feed_pieces(self, pieces: list[bytes]) -> None:
         """Parse the bytes piece by piece, because larger pieces would bypass the limit of heads."""
         while pieces:
-            if not self._serves():
+            if self._upgraded:
                 self.transport.abort()  # the client has not waited for the response to the handshake
                 return
             if self._is_full():  # a client that pipelines requests waits for the responses
@@ -167,10 +169,6 @@ class HttpProtocol(Connection):
             return
         if rest is not None:
             self._open_websocket(rest)
-
-    def _serves(self) -> bool:
-        """Return False once the connection has become a WebSocket."""
-        return self.transport.get_protocol() is self
 
     # -- what the reader calls ----------------------------------------------------------------------------------------
 
@@ -262,6 +260,7 @@ class HttpProtocol(Connection):
         if rest:
             self.transport.abort()
             return
+        self._upgraded = True
         self._release()
         self.writer.stop()
         self._sockets.mark_busy(self)
@@ -281,16 +280,17 @@ class HttpProtocol(Connection):
 
     def _await_request(self) -> None:
         """Set the deadline for the rest of the request, if there is one."""
-        if self.transport.is_closing() or not self._serves():
+        if self._upgraded or self.transport.is_closing():
             return
-        in_body = self._reader.in_body
+        reader = self._reader
+        in_body = reader.in_body
         if self._exchanges and not in_body:
             self._deadline.clear()
             self._sockets.mark_busy(self)
             return
         self._sockets.mark_idle(self, self._give_way)
         # Named by the requests before it, so that the deadline of one request is never that of the next.
-        key = (in_body, self._reader.in_head, bool(self._exchanges), self._requests)
+        key = (in_body, reader.in_head, self._requests)
         self._deadline.set(key, self.body_s if in_body else self.head_s)
 
     def _give_way(self) -> bool:
