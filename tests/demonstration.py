@@ -88,6 +88,13 @@ class Demo:
         os.killpg(self.process.pid, signal.SIGINT)
         return self.process.wait(PATIENCE_S)
 
+    def kill(self) -> None:
+        """Kill what is left of it."""
+        for pid in [*self.members(), *self.servers()]:
+            with contextlib.suppress(ProcessLookupError):
+                os.kill(pid, signal.SIGKILL)
+        self.process.wait()
+
 
 @contextlib.contextmanager
 def running_demo(folder: Path, *arguments: str) -> Iterator[Demo]:
@@ -99,6 +106,4 @@ def running_demo(folder: Path, *arguments: str) -> Iterator[Demo]:
             eventually(lambda: all_live(browser, 5), "five robots that send frames")
         yield demo
     finally:
-        for pid in [*demo.members(), *demo.servers()]:
-            os.kill(pid, signal.SIGKILL)
-        demo.process.wait()
+        demo.kill()

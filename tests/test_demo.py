@@ -159,13 +159,14 @@ def test_the_demo_starts_without_the_redis_that_the_user_names(tmp_path: Path) -
     demo = Demo(tmp_path, "--redis-url", server.url)
     try:
         _ready(demo)
-        assert "the store is away" in demo.output
+        assert "Redis is unavailable" in demo.output
         assert "5 of 5 robots could not be placed in the world" in demo.output
         assert demo.robots_online() == 5
         server.start()
         eventually(lambda: _position(demo, "panda") == "4.0", "the robots are placed")
         assert demo.interrupt() in (0, 130)
     finally:
+        demo.kill()
         server.discard()
 
 
