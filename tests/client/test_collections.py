@@ -114,6 +114,8 @@ def test_what_takes_no_members_says_so(here: Fleet, path: str) -> None:
     with pytest.raises(Unsupported, match="does not take POST"):
         found.add({"title": "x"})
     with pytest.raises(Unsupported, match="does not take DELETE"):
+        found.remove(here["ur5"]["elbow_joint"])
+    with pytest.raises(Problem, match="Stop its agent first"):
         found.remove(here["ur5"])
 
 

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import httpx
 import pytest
 
-from running import PATIENCE_S
+from running import PATIENCE_S, eventually
 from small_fleet import Place, live
 
 pytestmark = pytest.mark.virtual
@@ -33,6 +33,7 @@ def test_the_invocation_is_answered_in_the_format_that_the_address_picks(http: h
     path = f"{ROTATE}/invocations/{begun.json()['id']}"
     assert begun.headers["location"].endswith(path)
     assert http.post(path + "/actions/cancel").status_code == 204
+    eventually(lambda: http.get(path + "?as=json").json()["state"].endswith("cancelled"), "its end")
 
 
 def test_a_word_that_picks_no_format_moves_nothing(http: httpx.Client) -> None:
