@@ -30,7 +30,7 @@ class BackupError(Exception):
 
 
 class Part(NamedTuple):
-    """What a service keeps: shell commands in its container that write it to stdout, and read it from stdin.
+    """A part of the backup: shell commands in a service's container that write it to stdout, and read it from stdin.
 
     ``load`` ends with exit code 9, and changes nothing, if something is there already.
     """
@@ -52,9 +52,6 @@ def _tar(file: str, service: str, folder: str, name: str) -> Part:
 _SNAPSHOT = (
     """umask 077; cd /data && redis-cli --rdb backup.rdb >&2 && cat backup.rdb; code=$?; rm -f backup.rdb; exit $code"""
 )
-_LOAD_SNAPSHOT = """
-umask 077; cd /data && redis-cli --rdb backup.rdb >&2 && cat backup.rdb; code=$?; rm -f backup.rdb; exit $code
-"""
 _LOAD_SNAPSHOT = """
 umask 077; cd /data && { [ ! -e appendonlydir ] || exit 9; } && mkdir appendonlydir && cd appendonlydir &&
   cat > appendonly.aof.1.base.rdb && echo 'file appendonly.aof.1.base.rdb seq 1 type b' > appendonly.aof.manifest

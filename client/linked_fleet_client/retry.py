@@ -18,7 +18,7 @@ _LONGEST_S = 1e6
 
 
 class Repeat(Enum):
-    """What a repeated request may do."""
+    """The ways in which a request may be repeated."""
 
     SAFE = auto()
     """It changes nothing: it is repeated also after a broken connection."""

@@ -47,7 +47,7 @@ State = dict[str, frozenset[str]]
 
 @dataclass(frozen=True)
 class Made:
-    """What was made: IRIs by name, sessions as cookies, and entries of the audit."""
+    """The state that was made: IRIs by name, sessions as cookies, and entries of the audit."""
 
     iris: Mapping[str, str]
     session: str

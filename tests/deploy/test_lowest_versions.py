@@ -15,7 +15,8 @@ EXTRAS = ("mcp", "foxglove", "sim", "ros", "tracing")
 _BOUND = re.compile(r"([A-Za-z0-9_.-]+)(?:\[[a-z,]+\])?>=([0-9.]+)")
 # Their versions are those of a dependency whose lowest version is installed.
 _FOLLOWING = re.compile(r"opentelemetry|mujoco|protobuf|cmeel|coal|eigenpy|lib")
-_PROXY = ("PIP_CONSTRAINT", "PIP_BUILD_CONSTRAINT")
+_OTHERWISE = ("PIP_CONSTRAINT", "PIP_BUILD_CONSTRAINT", "PYTEST_")
+"""Variables of this run that do not apply to the other environment."""
 TESTS = ("tests/agents", "tests/gateway", "gateway/linked_fleet_gateway/extensions/query", "tests/shacl")
 
 
@@ -47,8 +48,7 @@ def test_every_dependency_has_a_lowest_version() -> None:
 def test_the_tests_pass_with_the_lowest_versions(tmp_path: Path) -> None:
     """A bound that is too low would be found by a user, whose environment has an older version for another reason."""
     (tmp_path / "constraints.txt").write_text(_constraints())
-    environment = {name: value for name, value in os.environ.items() if not name.startswith(("PIP_", "PYTEST_"))}
-    environment |= {name: value for name, value in os.environ.items() if name.startswith("PIP_") and name not in _PROXY}
+    environment = {name: value for name, value in os.environ.items() if not name.startswith(_OTHERWISE)}
     subprocess.run([sys.executable, "-m", "venv", tmp_path / "venv"], check=True)
     python = str(tmp_path / "venv/bin/python")
     tools = (

@@ -12,7 +12,7 @@ from types import TracebackType
 from typing import Self
 
 from linked_fleet_agent.wire.messages import WIRE_VERSION, Accepted, Progress, Refused, Reply, Stop
-from linked_fleet_gateway.actions.refusals import translate_store_errors, unanswered_stop
+from linked_fleet_gateway.actions.refusals import unanswered_stop
 from linked_fleet_gateway.actions.replicated_invocations import ReplicatedInvocations
 from linked_fleet_gateway.actions.stop_delivery import ANSWER_TIMEOUT_S
 from linked_fleet_gateway.actions.store import ActionStore
@@ -220,8 +220,7 @@ class Lifecycle:
         if not invocation.state.terminal:
             await self.cancel(invocation, "its invocation is deleted")
             await self._ended(invocation, ANSWER_TIMEOUT_S)
-        with translate_store_errors():
-            await self._store.delete(invocation)
+        await self._store.delete(invocation)
         self.replicated_state.forget(invocation.id)
 
     async def _ended(self, invocation: Invocation, timeout_s: float) -> bool:

@@ -20,7 +20,6 @@ import msgspec
 from linked_fleet_gateway.actions import redis_scripts as scripts
 from linked_fleet_gateway.actions.owed_stop_table import OwedStopTable
 from linked_fleet_gateway.actions.redis_scripts import Keys, robot_from_tag, robot_tag, text_hash
-from linked_fleet_gateway.base.errors import RedisUnavailable
 from linked_fleet_gateway.fleet.invocation import Lease
 from linked_fleet_gateway.fleet.invocations import MAX_TERMINAL, Invocation
 from linked_fleet_gateway.runtime.background import cancel_tasks, run_last_step, supervised
@@ -36,7 +35,6 @@ __all__ = [
     "LeaseNotHeld",
     "MotionLimitReached",
     "News",
-    "RedisUnavailable",
 ]
 _log = logging.getLogger(__name__)
 

@@ -322,6 +322,7 @@ class TooManyRequests(FleetError):
 
     def __init__(self, wait_s: int) -> None:
         super().__init__(f"Ask again in {wait_s} s, and less often.", headers={"Retry-After": str(wait_s)})
+        self.wait_s = wait_s
 
 
 class Unimplemented(FleetError):

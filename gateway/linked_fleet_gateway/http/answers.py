@@ -12,6 +12,7 @@ from collections.abc import Mapping
 from itertools import chain
 from operator import is_not
 
+from starlette.responses import Response
 from starlette.types import Scope
 
 from linked_fleet_gateway.fleet.observation import Observation
@@ -38,6 +39,14 @@ _LONGEST_ACCEPT = 256
 _GZIP_LINE = field_block([GZIP])
 Key = tuple[bytes, bytes, str, View]
 """Path, Accept, base URL and what the caller may see."""
+
+
+class ReadyResponse(Response):
+    """A response whose header fields are encoded."""
+
+    def __init__(self, reply: Reply) -> None:
+        self.status_code, self.body, self.background = reply.status, reply.content, None
+        self.raw_headers = reply.fields
 
 
 class CachedResponse:

@@ -7,7 +7,6 @@ from contextlib import suppress
 from functools import partial
 from urllib.parse import quote as percent
 
-from starlette.datastructures import Headers
 from starlette.requests import ClientDisconnect
 from starlette.responses import Response
 from starlette.types import ASGIApp, Receive, Scope, Send
@@ -23,6 +22,7 @@ from linked_fleet_gateway.base.errors import (
     UnprocessableContent,
     UnsupportedMediaType,
 )
+from linked_fleet_gateway.http.answers import ReadyResponse
 from linked_fleet_gateway.http.audit import add_audit_link, audit_resource, is_audit_path, record_request
 from linked_fleet_gateway.http.awaiting_stream import AwaitingStream, awaits_robot
 from linked_fleet_gateway.http.callers import SUBSCRIPTIONS_RIGHTS, require_right, visible_subscriptions
@@ -53,7 +53,6 @@ from linked_fleet_gateway.http.subscribe import (
     post_subscription,
     resume_subscription,
     subscribe_callback,
-    translate_store_errors,
     wants_callback,
 )
 from linked_fleet_gateway.http.subscription_change import change_subscription
@@ -78,7 +77,6 @@ from linked_fleet_gateway.resources.resource import Redirect, RemoteMesh, Resour
 from linked_fleet_gateway.resources.subscription_resource import container_path
 from linked_fleet_gateway.resources.things import NO_SUBSCRIPTIONS, SubscriptionsByOwner
 from linked_fleet_gateway.server.exchange import Reply
-from linked_fleet_gateway.server.message_heads import read_block
 from linked_fleet_gateway.subscriptions.service import Subscriptions
 
 log = logging.getLogger(__name__)
@@ -354,14 +352,13 @@ async def _subscriptions_shown(connection: Connection, path: str) -> Subscriptio
     if head or not path.startswith(container_path(owner)) or not connection.caller.has_right(Right.READ, robot):
         return NO_SUBSCRIPTIONS
     subscriptions: Subscriptions = connection.services.subscriptions
-    with translate_store_errors():
-        if not rest:
-            return {owner: visible_subscriptions(connection, await subscriptions.records_of_owner(owner), owner)}
-        id = _uuid(rest.partition("/")[0])
-        record = None if id is None else await subscriptions.get_record(id)
-        if record is None or record.subscription.owner != owner:
-            return NO_SUBSCRIPTIONS
-        return {owner: visible_subscriptions(connection, [record], owner)}
+    if not rest:
+        return {owner: visible_subscriptions(connection, await subscriptions.records_of_owner(owner), owner)}
+    id = _uuid(rest.partition("/")[0])
+    record = None if id is None else await subscriptions.get_record(id)
+    if record is None or record.subscription.owner != owner:
+        return NO_SUBSCRIPTIONS
+    return {owner: visible_subscriptions(connection, [record], owner)}
 
 
 def _uuid(text: str) -> str | None:
@@ -399,8 +396,7 @@ _WRITERS: dict[type, Writer] = {
 def problem_response(request: Connection, error: FleetError) -> Response:
     """Return problem details for ``error`` in the form that Accept prefers; JSON for a refusal by rate."""
     if isinstance(error, TooManyRequests):
-        block, content = rate_refusal(int(error.headers["Retry-After"]))
-        return Response(content, error.status, dict(Headers(raw=read_block(block))))
+        return ReadyResponse(rate_refusal(error.wait_s))
     path = percent(request.scope["path"], safe="/~")
     instance = request.base + path if len(path) <= _LONGEST_NAMED else None
     reader = partial(request.reader, request.scope["path"])

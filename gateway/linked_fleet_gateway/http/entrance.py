@@ -59,7 +59,7 @@ class RateLimiter:
     def refusal(self, scope: Scope) -> Reply | None:
         """Count the request, and return its refusal if it comes too early."""
         wait_s = self.wait_s(scope)
-        return Reply(429, *rate_refusal(math.ceil(wait_s))) if wait_s else None
+        return rate_refusal(math.ceil(wait_s)) if wait_s else None
 
 
 async def await_turn(request: Request) -> None:

@@ -14,6 +14,7 @@ from linked_fleet_gateway.rdf.graph import Graph, integer
 from linked_fleet_gateway.rdf.serialise import RDF_TYPES
 from linked_fleet_gateway.rdf.templates import Templates
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, LF, PREFIXES, SH, XSD
+from linked_fleet_gateway.server.exchange import Reply
 from linked_fleet_gateway.server.message_heads import field_block
 
 PROBLEM_JSON = "application/problem+json"
@@ -51,12 +52,13 @@ def problem(
     return body, headers | own
 
 
-@lru_cache(maxsize=64)
-def rate_refusal(wait_s: int) -> tuple[bytes, bytes]:
-    """Return the lines of header fields and the content of a refusal by rate.
+def rate_refusal(wait_s: int) -> Reply:
+    """Return a refusal by rate: JSON whatever the client accepts, so that it costs less than any answer."""
+    return Reply(TooManyRequests.status, *_rate_refusal(wait_s))
 
-    It is JSON whatever the client accepts, so that a refusal costs less than any answer.
-    """
+
+@lru_cache(maxsize=64)
+def _rate_refusal(wait_s: int) -> tuple[bytes, bytes]:
     body, fields = problem(TooManyRequests(wait_s), None)
     lines = [(name.encode(), value.encode()) for name, value in fields.items() if name != "vary"]
     return field_block([*lines, (b"content-length", str(len(body)).encode())]), body

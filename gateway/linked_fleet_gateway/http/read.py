@@ -14,7 +14,7 @@ from starlette.responses import Response
 
 from linked_fleet_gateway.base.errors import NotAcceptable, PreconditionFailed
 from linked_fleet_gateway.fleet.robot import Robot
-from linked_fleet_gateway.http.answers import CachedResponse
+from linked_fleet_gateway.http.answers import CachedResponse, ReadyResponse
 from linked_fleet_gateway.http.callers import mark_private
 from linked_fleet_gateway.http.fields import Link, field, link_header, parse_prefer
 from linked_fleet_gateway.http.html import HTML
@@ -166,7 +166,7 @@ def _response(
     if _is_cacheable(request, resource, media_type):
         rendering = request.services.representations.rendering(resource, media_type, request.base)
         document = representation.document or Document(representation.body)
-        return _Ready(_cached(request, resource, media_type, document if rendering is None else rendering))
+        return ReadyResponse(_cached(request, resource, media_type, document if rendering is None else rendering))
     headers, of_content = _fields(request, resource, media_type)
     tag, body = representation.etag, representation.body
     coding = _coding(request, resource, representation, most)
@@ -196,14 +196,6 @@ def _fields(request: Request, resource: Resource, media_type: str) -> tuple[dict
     if (name := resource.file_names.get(media_type)) is not None:
         of_content["content-disposition"] = f'attachment; filename="{name}"'
     return headers, of_content | method_headers(resource, allowed_methods(resource))
-
-
-class _Ready(Response):
-    """A response whose header fields are encoded."""
-
-    def __init__(self, reply: Reply) -> None:
-        self.status_code, self.body, self.background = reply.status, reply.content, None
-        self.raw_headers = reply.fields
 
 
 def _accepted_codings(request: Request) -> bytes:

@@ -38,8 +38,7 @@ async def change_subscription(request: Request, affordance: ChangeSubscription) 
     update = await read_patch(request, request.base + path)
     while True:
         # Evaluated in each attempt, because another client may change it while the body is read.
-        with translate_store_errors():
-            record = await subscriptions.get_record(affordance.record.subscription.id)
+        record = await subscriptions.get_record(affordance.record.subscription.id)
         present = None if record is None else _described(request, record)
         if record is None or present is None:
             raise NotFound("The subscription has ended meanwhile.")

@@ -28,8 +28,9 @@ Links = Iterable[tuple[NamedNode, str]]
 
 @dataclass(frozen=True)
 class RobotActivity:
-    """What a robot does: paths of its running invocations, the end of its last movement (wall ns; None while it moves),
-    the charge of its battery, and True while it moves.
+    """The activity of a robot: paths of its running invocations, the charge of its battery, and True while it moves.
+
+    ``moved_ns``: the end of its last movement (wall time); None while it moves.
     """
 
     tasks: tuple[str, ...] = ()

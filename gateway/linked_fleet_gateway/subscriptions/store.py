@@ -47,7 +47,6 @@ __all__ = [
     "News",
     "OutgoingMessage",
     "QueueEntry",
-    "RedisUnavailable",
     "SubscriptionLimitReached",
     "SubscriptionNotHeld",
     "SubscriptionStore",

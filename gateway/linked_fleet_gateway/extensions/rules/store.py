@@ -13,13 +13,12 @@ from typing import Any
 
 import msgspec
 
-from linked_fleet_gateway.base.errors import RedisUnavailable
 from linked_fleet_gateway.extensions.rules import redis_scripts as scripts
 from linked_fleet_gateway.extensions.rules.redis_scripts import Keys
 from linked_fleet_gateway.extensions.rules.rule import Firing, FiringState, Rule, RuleRecord
 from linked_fleet_gateway.runtime.redis import Connection
 
-__all__ = ["KEPT", "LEASE_S", "Changed", "FleetFull", "Full", "Lost", "RedisUnavailable", "RuleStore"]
+__all__ = ["KEPT", "LEASE_S", "Changed", "FleetFull", "Full", "Lost", "RuleStore"]
 log = logging.getLogger(__name__)
 
 LEASE_S = 3.0  # after this time without renewal another gateway takes over

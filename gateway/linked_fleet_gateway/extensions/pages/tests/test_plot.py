@@ -1,4 +1,4 @@
-"""What a plot draws is what was measured: its line is compared with the history in CSV."""
+"""A plot draws what was measured: its line is compared with the history in CSV."""
 
 import csv
 import signal

@@ -110,15 +110,21 @@ def test_a_ghost_stands_where_the_robot_would_be(robot: Page, client: Client) ->
     expect(robot.locator("#scene[data-ghost]")).to_have_count(0)
 
 
-@pytest.mark.webgl
-def test_reach_begins_at_the_tip_and_takes_numbers(robot: Page, client: Client) -> None:
-    """Dragging and typing set the same target; the outcome is shown as a ghost."""
+def open_reach(robot: Page) -> tuple[Locator, Locator]:
+    """Open the form of reach, and return it with its field for the height of the target, which has a value."""
     expect(robot.locator("#scene")).to_have_attribute("data-phase", "ready")
     details = robot.locator("details[data-reach]")
     details.locator("summary").click()
     form = details.locator("form.invoke")
     height = form.locator(f'fieldset[data-path="{LF.position}"] input[data-path$="#z"]')
     expect(height).to_have_value(re.compile(r"^0\.\d+"))
+    return form, height
+
+
+@pytest.mark.webgl
+def test_reach_begins_at_the_tip_and_takes_numbers(robot: Page, client: Client) -> None:
+    """Dragging and typing set the same target; the outcome is shown as a ghost."""
+    form, height = open_reach(robot)
     assert re.search(r"(ee_link|tool0)$", form.locator(f'select[data-path="{LF.ofLink}"]').input_value())
     lower = f"{float(height.input_value()) - 0.05:.4f}"
     height.fill(lower)
@@ -135,12 +141,7 @@ def test_after_a_reach_the_form_and_the_gizmo_are_where_the_robot_is(
     robot: Page, client: Client, in_sight: bool
 ) -> None:
     """A scene out of sight is not drawn, and a drawing is behind the frames: neither may bring the former pose back."""
-    expect(robot.locator("#scene")).to_have_attribute("data-phase", "ready")
-    details = robot.locator("details[data-reach]")
-    details.locator("summary").click()
-    form = details.locator("form.invoke")
-    height = form.locator(f'fieldset[data-path="{LF.position}"] input[data-path$="#z"]')
-    expect(height).to_have_value(re.compile(r"^0\.\d+"))
+    form, height = open_reach(robot)
     if not in_sight:
         robot.evaluate("() => document.getElementById('scene').scene.seen(false)")
     target = float(height.input_value()) - 0.05

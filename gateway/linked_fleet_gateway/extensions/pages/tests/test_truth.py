@@ -105,7 +105,7 @@ def test_a_stop_that_a_robot_has_not_confirmed_names_it(page: Page, watched: Wat
 
 @pytest.mark.parametrize("width", [1280, 390], ids=["desk", "phone"])
 def test_the_text_of_a_stop_goes_once_it_is_confirmed(page: Page, watched: Watched, tmp_path: Path, width: int) -> None:
-    """Of a robot and of the fleet, whose agent hangs when the stop is sent; the agent continues."""
+    """A robot and the fleet are stopped while the agent hangs; the agent continues."""
     page.set_viewport_size({"width": width, "height": 844})
     place = Place(tmp_path)
     with place.gateway() as (_, browser), place.ur5() as agent:
