@@ -19,7 +19,7 @@ from linked_fleet_gateway.actions.store import ActionStore
 from linked_fleet_gateway.app.application import create_live
 from linked_fleet_gateway.app.settings import GatewaySettings
 from linked_fleet_gateway.extensions.rules.store import RuleStore
-from linked_fleet_gateway.extensions.world.service import ObjectStore
+from linked_fleet_gateway.extensions.world.service import stored_objects
 from linked_fleet_gateway.resources.resource import Resource
 from linked_fleet_gateway.resources.versioning import Source
 from linked_fleet_gateway.runtime.background import cancel_tasks
@@ -165,7 +165,7 @@ class Gateway:
     def __init__(self, url: str, watched: Watched, robots: Mapping[str, Toy], draws: random.Random) -> None:
         self.run = new_run_name()
         self.store = ActionStore(url, NAMESPACE, self.run)
-        self.objects, self.rules = ObjectStore(url, NAMESPACE), RuleStore(url, NAMESPACE, self.run)
+        self.objects, self.rules = stored_objects(url, NAMESPACE), RuleStore(url, NAMESPACE, self.run)
         self.live = create_live(GatewaySettings(), ZenohNetwork().gateway(self.run))
         self.live.link = LossyLink(robots, draws)  # type: ignore[assignment]
         self._robots, self._watched, self._fan_out = robots, watched, watched.watch()

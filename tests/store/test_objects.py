@@ -1,4 +1,4 @@
-"""Objects of the world changed by several gateways at once."""
+"""Records of a table, such as the objects of the world, changed by several gateways at once."""
 
 from collections.abc import Callable
 from contextlib import AbstractAsyncContextManager, asynccontextmanager
@@ -7,15 +7,14 @@ from typing import Any
 
 import pytest
 
-from linked_fleet_gateway.app.application import create_live
-from linked_fleet_gateway.app.settings import GatewaySettings
-from linked_fleet_gateway.extensions.world import service as store_module
-from linked_fleet_gateway.extensions.world.scene import SceneObject, Sphere
-from linked_fleet_gateway.extensions.world.service import Changed, Full, Objects, ObjectStore, digest
+from linked_fleet_gateway.base.errors import ContainerFull
+from linked_fleet_gateway.base.faults import Faults
+from linked_fleet_gateway.extensions.world.scene import SceneObject, Sphere, decode, encode
+from linked_fleet_gateway.extensions.world.service import stored_objects
 from linked_fleet_gateway.fleet.model import Pose
+from linked_fleet_gateway.runtime.table import Changed, Full, StoredRecords, Table, digest
 from redis_backends import Backend
 from store_samples import until
-from virtual.zenoh_network import ZenohNetwork
 
 NOWHERE = Pose((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
 
@@ -24,8 +23,9 @@ NOWHERE = Pose((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
 class Known:
     """One gateway's copy, and the store that it reads from."""
 
-    objects: Objects
-    store: ObjectStore
+    objects: Table[SceneObject]
+    store: StoredRecords
+    faults: Faults
 
 
 Open = Callable[[], AbstractAsyncContextManager[Known]]
@@ -35,9 +35,9 @@ Open = Callable[[], AbstractAsyncContextManager[Known]]
 def known(server: Backend) -> Open:
     @asynccontextmanager
     async def make() -> Any:
-        store = ObjectStore(server.url, "fleet")
-        async with Objects(create_live(GatewaySettings(), ZenohNetwork().gateway("g")), store) as objects:
-            yield Known(objects, store)
+        store, faults = stored_objects(server.url, "fleet"), Faults()
+        async with Table(store, "objects", encode, decode, faults=faults) as objects:
+            yield Known(objects, store, faults)
 
     return make
 
@@ -62,18 +62,20 @@ async def test_replacing_an_outdated_object_raises_changed(known: Open) -> None:
         for late in (ball("late"), None):
             assert not await other.objects.change(id, late)
             assert other.objects.known == {id: ball("second")}
-            other.objects._take(id, b"{}")  # from another version: ignored by this one
+            other.objects._take(id, b"{}")  # from another version: ignored by this one, which says so
+            (told,) = other.faults.of_parts
+            assert id in told
         assert await other.store.read(id) is not None
         assert not await other.objects.change(id, ball("late")) and await other.objects.change(id, None)
         assert not await one.objects.change(id, ball("late"))
         assert one.objects.known == other.objects.known == {}
+        assert not other.faults.of_parts
 
 
-async def test_there_is_room_for_so_many_objects_and_bytes(known: Open, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(store_module, "MAX_OBJECTS", 2)
-    monkeypatch.setattr(store_module, "MAX_BYTES", 10)
+async def test_there_is_room_for_so_many_objects_and_bytes(known: Open) -> None:
     async with known() as one:
         store = one.store
+        store.limits = 2, 10
         await store.change("a", "", b"12345")
         with pytest.raises(Full):
             await store.change("b", "", b"123456")
@@ -87,6 +89,27 @@ async def test_there_is_room_for_so_many_objects_and_bytes(known: Open, monkeypa
         await store.change("a", digest(b"12345"), b"54321")
         await store.change("b", digest(b"12345"), None)
         assert await store.load() == {"a": b"54321"}
+        with pytest.raises(ContainerFull, match="at most 2 objects"):
+            await one.objects.add(ball("too long"))
+
+
+async def test_tables_of_one_room_do_not_mix(server: Backend) -> None:
+    heard = list[str]()
+    stored = [StoredRecords(server.url, "fleet", "room", name) for name in ("a", "b")]
+
+    def tables(name: str, stored: StoredRecords) -> Table[bytes]:
+        return Table(stored, name, bytes, bytes, lambda id, before, after: heard.append(f"{name} {after!r}"))
+
+    other = StoredRecords(server.url, "fleet", "room", "a")
+    async with tables("a", stored[0]) as first, tables("b", stored[1]) as second:
+        await other.change("x", "", b"1")
+
+        async def seen() -> bool:
+            return dict(first.known) == {"x": b"1"}
+
+        await until(seen, "the record of the first table")
+        assert heard == ["a b'1'"] and not second.known
+    await other.close()
 
 
 async def test_stored_objects_are_known_once_the_server_is_reachable(server: Backend, known: Open) -> None:

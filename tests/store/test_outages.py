@@ -14,7 +14,7 @@ from linked_fleet_gateway.base.errors import RedisUnavailable
 from linked_fleet_gateway.extensions.rules.rule import RuleRecord
 from linked_fleet_gateway.extensions.rules.store import RuleStore
 from linked_fleet_gateway.extensions.sessions.service import EndedSessions, SessionKey
-from linked_fleet_gateway.extensions.world.service import ObjectStore
+from linked_fleet_gateway.extensions.world.service import stored_objects
 from linked_fleet_gateway.resources.subscription import Delivery
 from linked_fleet_gateway.subscriptions.store import LEASE_S, SubscriptionStore
 from redis_backends import Backend, Memory
@@ -63,7 +63,7 @@ def rules(url: str, stack: AsyncExitStack) -> tuple[Call, ...]:
 
 
 def others(url: str, stack: AsyncExitStack) -> tuple[Call, ...]:
-    objects, ended, key = ObjectStore(url, "fleet"), EndedSessions(url, "fleet"), SessionKey(url, "fleet", "")
+    objects, ended, key = stored_objects(url, "fleet"), EndedSessions(url, "fleet"), SessionKey(url, "fleet", "")
     stack.push_async_callback(objects.close)
     stack.push_async_callback(ended.aclose)
     stack.push_async_callback(key.aclose)
