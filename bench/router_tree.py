@@ -58,7 +58,7 @@ class Site:
     def start(self) -> None:
         path = self.folder / f"{self.name}.json5"
         path.write_text(json.dumps(configuration(self.name, self.north)))
-        self.router = self._open.enter_context(process(*inside(self.name), "tests/zenoh_router.py", str(path)))
+        self.router = self._open.enter_context(process(*inside(self.name), "tests/support/zenoh_router.py", str(path)))
         self.router.said("routing")
 
     def robots(self, size: Size, first: int) -> None:
@@ -99,7 +99,7 @@ class Site:
 
 def inside(site: str) -> tuple[str, str]:
     """Return the arguments of Python that continue in the namespace of the site."""
-    return "tests/in_namespace.py", full_name(site)
+    return "tests/support/in_namespace.py", full_name(site)
 
 
 def configuration(site: str, north: Link | None) -> dict[str, object]:

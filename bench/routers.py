@@ -71,10 +71,10 @@ def _in_a_namespace(minutes: float) -> int:
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))  # else it would end without removing anything
     try:
         with namespaces() as environment:
-            command = [sys.executable, "tests/in_namespace.py", full_name("hub"), "-m", "bench.routers", "--inside"]
+            command = [sys.executable, "tests/support/in_namespace.py", full_name("hub"), "-m", "bench.routers"]
             limit_s = minutes * 60
             return subprocess.run(  # noqa: S603
-                [*command, *sys.argv[1:]], cwd=ROOT, env=environment, check=False, timeout=limit_s
+                [*command, "--inside", *sys.argv[1:]], cwd=ROOT, env=environment, check=False, timeout=limit_s
             ).returncode
     except UnavailableError as error:
         print(f"skipped: {error}")

@@ -38,6 +38,7 @@ OUTSIDE = {
     "shapes/README.md": "shapes.md",
     "tests/MUTANTS.md": "mutants.md",
     "tests/README.md": "tests.md",
+    "tests/support/README.md": "helpers.md",
     "tests/histories/README.md": "histories.md",
 }
 _EXTENSIONS = "gateway/linked_fleet_gateway/extensions"

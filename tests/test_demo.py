@@ -13,13 +13,12 @@ from pathlib import Path
 
 import httpx
 import pytest
-import test_actions
-import test_figures
 
 from browser import Browser
 from demonstration import Demo
 from redis_servers import Server
 from running import ROOT, eventually
+from tests.requirements import test_actions, test_figures
 
 
 @pytest.fixture

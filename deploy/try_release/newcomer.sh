@@ -134,7 +134,7 @@ tutorial() {
   local process=$!
   awaited 300 online 5
   awaited 60 curl -sf -o /dev/null "${root}health/ready"
-  .venv/bin/python tests/run_page.py docs/TUTORIAL.md
+  .venv/bin/python tests/support/run_page.py docs/TUTORIAL.md
   ended "$process"
 }
 

@@ -29,7 +29,7 @@ _BENCH = [
 
 
 def _run(**environment: str) -> subprocess.CompletedProcess[str]:
-    paths = {"PYTHONPATH": ".:tests:tests/requirements"}
+    paths = {"PYTHONPATH": ".:tests:tests/support"}
     return subprocess.run(
         _BENCH, cwd=ROOT, env={**os.environ, **paths, **environment}, capture_output=True, text=True, check=True
     )

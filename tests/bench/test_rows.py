@@ -54,9 +54,9 @@ def _rows(name: str) -> list[Row]:
     if name not in NETWORKS:
         rows: list[Row] = importlib.import_module(f"bench.{name}").rows(**SHORT[name])
         return rows
-    paths = {"PYTHONPATH": ".:tests:tests/requirements"}
+    paths = {"PYTHONPATH": ".:tests:tests/support"}
     with namespaces() as environment:
-        words = ("tests/in_namespace.py", full_name("hub"), "-c", _SCRIPT, name, json.dumps(SHORT[name]))
+        words = ("tests/support/in_namespace.py", full_name("hub"), "-c", _SCRIPT, name, json.dumps(SHORT[name]))
         said = subprocess.run(
             (sys.executable, *words), cwd=ROOT, env={**environment, **paths}, stdout=subprocess.PIPE, check=True
         )

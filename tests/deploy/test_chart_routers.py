@@ -50,7 +50,7 @@ def _routing(folder: Path, region: str, texts: dict[str, str], north: list[str])
             config["connect"]["endpoints"] = endpoints[:number] + (north if above else [])
             path = folder / f"{region}-{number}.json5"
             path.write_text(json.dumps(config))
-            router = open_here.enter_context(process("tests/zenoh_router.py", str(path)))
+            router = open_here.enter_context(process("tests/support/zenoh_router.py", str(path)))
             router.said("routing")
         yield endpoints
 

@@ -109,7 +109,7 @@ def test_agent_and_gateway_read_their_keys_from_the_folder_of_credentials(tmp_pa
     of_gateway = environment(credentials(tmp_path / "gateway", wire, "gateway"), tmp_path, GATEWAY, WIRE)
     both = {"LINKED_FLEET_ZENOH_CONNECT": endpoint}
     with (
-        process("tests/zenoh_router.py", str(wire / "router.json5")) as router,
+        process("tests/support/zenoh_router.py", str(wire / "router.json5")) as router,
         started(AGENT, of_agent | both | {"LINKED_FLEET_ROBOT": "ur5"}),
         started(GATEWAY, of_gateway | both | {"LINKED_FLEET_PORT": str(port)}) as gateway,
         contextlib.closing(Browser(f"http://127.0.0.1:{port}/")) as browser,

@@ -9,7 +9,6 @@ from typing import Any, NamedTuple
 
 import httpx
 import pytest
-from walk import Walk, walk
 
 from browser import HYBRIT, Browser
 from commanding import PREFIXES, TURTLE, begun, ended
@@ -18,6 +17,7 @@ from mcp_client import BOTH, VERSION
 from rules_client import a_rule
 from small_fleet import Place as AtPorts
 from small_fleet import live
+from walk import Walk, walk
 
 pytestmark = pytest.mark.virtual
 

@@ -19,12 +19,12 @@ def fleet(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Scene]:
     with single(tmp_path_factory.mktemp("redis")) as memory:
         shared = ("--zenoh-connect", endpoint, "--redis-url", memory.url, "--callback-allow", "127.0.0.0/8")
         parts = {
-            "router": Part("routing", "tests/zenoh_router.py", endpoint),
+            "router": Part("routing", "tests/support/zenoh_router.py", endpoint),
             "gateway": Part(
                 "serving", "-m", "linked_fleet_gateway", "--port", str(port), "--public-url", root, *shared
             ),
             "agent": Part("", "-m", "linked_fleet_agent", "--robot=ur5", "--connect", endpoint),
-            "front": Part("forwarding", "tests/forwarder.py", str(front), str(port)),
+            "front": Part("forwarding", "tests/support/forwarder.py", str(front), str(port)),
         }
         with started(Fleet(memory, root + "/", parts)) as scene:
             yield scene

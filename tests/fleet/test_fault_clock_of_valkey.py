@@ -12,7 +12,7 @@ from redis_servers import Server
 from tests.fleet.test_fault_clock_of_redis import HOUR_S, all_goes_on
 
 pytestmark = [pytest.mark.processes, pytest.mark.test_all]
-_SOURCE = Path(__file__).parents[1] / "shifted_clock.c"
+_SOURCE = Path(__file__).parents[1] / "support" / "shifted_clock.c"
 
 
 class Clock:

@@ -20,7 +20,7 @@ def test_robots_hold_while_the_event_loop_of_their_gateway_hangs(tmp_path: Path,
     """The motion fails long before the hang ends; afterwards the robot accepts commands again."""
     place = Place(tmp_path)
     with (
-        process("tests/hanging_gateway.py", *place.command()[2:]) as gateway,
+        process("tests/support/hanging_gateway.py", *place.command()[2:]) as gateway,
         contextlib.closing(Browser(place.root)) as browser,
         place.ur5() as agent,
     ):

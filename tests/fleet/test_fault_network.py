@@ -49,7 +49,7 @@ def test_a_robot_whose_network_fails_holds_and_comes_back(tmp_path: Path, cable:
     agent = ("-m", "linked_fleet_agent", "--robot=ur5", "--connect", place.zenoh)
     with (
         process(*place.command(), "--allow", "plain-zenoh") as gateway,
-        process("tests/in_namespace.py", full_name("robot"), *agent) as robot,
+        process("tests/support/in_namespace.py", full_name("robot"), *agent) as robot,
         contextlib.closing(Browser(place.root)) as browser,
     ):
         gateway.said("serving")

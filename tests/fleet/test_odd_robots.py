@@ -10,12 +10,12 @@ from pathlib import Path
 import pytest
 import zenoh
 from rdflib import RDF, URIRef
-from walk import Visited
 
 from browser import DCTERMS, HYBRIT, LDP, LF, ROS, SPATIAL, Browser
 from fake_robots import FakeRobot, joint, link, open_session, robot
 from running import Process, eventually
 from small_fleet import Place, faulty, live, move, number, presence, property_page, whole
+from walk import Visited
 
 pytestmark = pytest.mark.virtual
 

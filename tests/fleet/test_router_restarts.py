@@ -71,7 +71,7 @@ class Site:
         path.write_text(json.dumps(config))
         others = [endpoint for other, endpoint in self.endpoints.items() if other != name]
         self._routers[name] = contextlib.ExitStack()
-        router = self._routers[name].enter_context(process("tests/zenoh_router.py", str(path), *others))
+        router = self._routers[name].enter_context(process("tests/support/zenoh_router.py", str(path), *others))
         router.said("routing")
 
     def restart(self, name: str) -> None:

@@ -78,7 +78,7 @@ class Router:
         self._process: Process
 
     def start(self) -> None:
-        self._process = self._open.enter_context(process("tests/zenoh_router.py", self.endpoint, *self._others))
+        self._process = self._open.enter_context(process("tests/support/zenoh_router.py", self.endpoint, *self._others))
         self._process.said("routing")
 
     def kill(self) -> None:

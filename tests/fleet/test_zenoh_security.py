@@ -64,7 +64,7 @@ def hub(folder: Path, by_router: bool) -> Iterator[tuple[str, tuple[str, ...]]]:
     endpoint = f"tls/127.0.0.1:{free_port()}"
     made(folder, "--agent", "a,b,c", "--listen", endpoint, "--gateway", "127.0.0.1")
     if by_router:
-        with process("tests/zenoh_router.py", str(folder / "router.json5")) as router:
+        with process("tests/support/zenoh_router.py", str(folder / "router.json5")) as router:
             router.said("routing")
             yield endpoint, ("--zenoh-connect", endpoint)
     else:
@@ -275,7 +275,7 @@ def test_a_robot_takes_no_other_for_its_router(tmp_path: Path) -> None:
     trap |= {"listen": {"endpoints": [endpoint]}, "access_control": {"enabled": False}}
     trap["transport"]["link"]["tls"] = tls_of(folder, "agents/b")
     (folder / "trap.json5").write_text(json.dumps(trap))
-    with process("tests/zenoh_router.py", str(folder / "trap.json5")) as router:
+    with process("tests/support/zenoh_router.py", str(folder / "trap.json5")) as router:
         router.said("routing")
         with process(
             "-m", "linked_fleet_agent", "--robot=a=ur5", "--connect", endpoint, *words(folder, "agents/a")

@@ -6,13 +6,13 @@ from collections.abc import Iterator
 import httpx
 import pytest
 from rdflib import URIRef
-from walk import walk
 
 from authenticated_gateway import HIDDEN, SEEN, AuthenticatedGateway
 from browser import HYBRIT, LDP, LF, MATHS, VOM, Browser, links
 from running import eventually, process
 from small_fleet import live, offline
 from subscribers import Socket, refused
+from walk import walk
 
 pytestmark = pytest.mark.virtual
 _TURTLE = {"content-type": "text/turtle"}

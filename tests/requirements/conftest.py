@@ -2,9 +2,9 @@
 
 import httpx
 import pytest
-from walk import Walk, walk
 
 from browser import Browser
+from walk import Walk, walk
 
 
 @pytest.fixture(scope="module")

@@ -6,10 +6,10 @@ from pathlib import Path
 import pyshacl
 import pytest
 import rdflib
-from walk import WALKED, Visited, Walk, walk
 
 from browser import HYBRIT, LF, SH, VOM, Browser
 from commanding import begun, control, post, put, slowly
+from walk import WALKED, Visited, Walk, walk
 
 pytestmark = pytest.mark.virtual
 ROBOTS = WALKED

@@ -7,10 +7,10 @@ import pytest
 import rdflib
 from rdflib import URIRef
 from rdflib.collection import Collection
-from walk import WALKED, Visited, Walk
 
 from browser import HYBRIT, LF, MATHS, SH, VOM, Browser
 from commanding import PREFIXES, TURTLE, ended
+from walk import WALKED, Visited, Walk
 
 pytestmark = pytest.mark.virtual
 ROBOTS = WALKED

@@ -7,9 +7,9 @@ import pytest
 import rdflib
 from pyoxigraph import BlankNode, CanonicalizationAlgorithm, Dataset, RdfFormat, Triple, parse
 from rdflib import RDF, URIRef
-from walk import WALKED, Walk
 
 from browser import DCTERMS, HYBRIT, LF, RDFS, SOSA, VOM
+from walk import WALKED, Walk
 
 pytestmark = pytest.mark.virtual
 ROBOTS = WALKED

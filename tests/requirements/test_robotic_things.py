@@ -7,9 +7,9 @@ from urllib.parse import urlsplit
 import httpx
 import pytest
 from rdflib import RDF, URIRef
-from walk import WALKED, Visited, Walk
 
 from browser import HTTP, HYBRIT, LDP, LF, RDFS, links
+from walk import WALKED, Visited, Walk
 
 pytestmark = pytest.mark.virtual
 ROBOTS = WALKED

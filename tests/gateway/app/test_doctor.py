@@ -165,7 +165,7 @@ def test_routers_that_are_away_or_do_not_believe_us(tmp_path: Path) -> None:
         made(tmp_path / "ours", "--agent", "a", "--listen", endpoint),
         made(tmp_path / "theirs", "--agent", "a"),
     )
-    with process("tests/zenoh_router.py", str(ours / "router.json5")) as router:
+    with process("tests/support/zenoh_router.py", str(ours / "router.json5")) as router:
         router.said("routing")
         found = _found("--zenoh-connect", endpoint, *_wire(ours, "gateway"))
         assert _wrong(found) == []

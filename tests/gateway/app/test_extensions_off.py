@@ -6,7 +6,6 @@ from pathlib import Path
 
 import httpx
 import pytest
-from walk import Walk, walk
 
 from browser import Browser
 from fake_robots import FakeRobot, open_session
@@ -15,6 +14,7 @@ from linked_fleet_gateway.app.extensions import BUILT_IN
 from running import eventually, process
 from small_fleet import Place
 from tests.client.test_conform_server import check, outcomes
+from walk import Walk, walk
 
 pytestmark = pytest.mark.virtual
 

@@ -14,7 +14,7 @@ from second_try import TITLE, TWICE
 CONFIGURATION = f"""
 [pytest]
 filterwarnings = error
-pythonpath = {ROOT / "tests"}
+pythonpath = {ROOT / "tests/support"}
 addopts = -p no:cacheprovider
 markers = processes
 """

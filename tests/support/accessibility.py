@@ -5,7 +5,7 @@ from typing import Any, Literal
 
 from playwright.sync_api import Page
 
-_PAGES = Path(__file__).parents[1] / "gateway/linked_fleet_gateway/extensions/pages"
+_PAGES = Path(__file__).parents[2] / "gateway/linked_fleet_gateway/extensions/pages"
 _AXE = _PAGES / "scripts/node_modules/axe-core/axe.min.js"
 _TAGS = ("wcag2a", "wcag2aa", "wcag21a", "wcag21aa", "wcag22aa", "best-practice")
 _RUN = "(values) => axe.run({ resultTypes: ['violations'], runOnly: { type: 'tag', values } })"

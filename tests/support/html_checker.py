@@ -6,7 +6,7 @@ import subprocess
 from collections.abc import Mapping
 from pathlib import Path
 
-_THINGS = Path(__file__).parents[1] / "gateway/linked_fleet_gateway/extensions/things"
+_THINGS = Path(__file__).parents[2] / "gateway/linked_fleet_gateway/extensions/things"
 JAR = _THINGS / "tests/node_modules/vnu-jar/build/dist/vnu.jar"
 
 

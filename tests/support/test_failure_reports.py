@@ -8,7 +8,7 @@ from running import ROOT
 
 CONFIGURATION = f"""
 [pytest]
-pythonpath = {ROOT / "tests"}
+pythonpath = {ROOT / "tests/support"}
 addopts = -p no:cacheprovider -p no:schemathesis -p failure_reports
 """
 TESTS = """

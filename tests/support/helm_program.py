@@ -1,4 +1,4 @@
-"""Helm, built once from tests/deploy/helm/go.mod into build/helm: PYTHON tests/helm_program.py."""
+"""Helm, built once from tests/deploy/helm/go.mod into build/helm: PYTHON tests/support/helm_program.py."""
 
 import hashlib
 import os
@@ -6,7 +6,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parents[1]
+ROOT = Path(__file__).resolve().parents[2]
 _SOURCES = ROOT / "tests" / "deploy" / "helm"
 _PACKAGE = "helm.sh/helm/v3/cmd/helm"
 

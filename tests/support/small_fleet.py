@@ -9,10 +9,10 @@ import httpx
 import pyshacl
 import rdflib
 from rdflib import URIRef
-from walk import Walk, walk
 
 from browser import HYBRIT, LF, SH, VOM, Browser, Page
 from running import Process, eventually, free_port, process
+from walk import Walk, walk
 
 _TURTLE = {"content-type": "text/turtle"}
 _BODY = "@prefix vom: <http://vocab.arvida.de/2015/06/vom/vocab#> . @prefix unit: <http://qudt.org/vocab/unit/> .\n"

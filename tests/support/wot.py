@@ -15,7 +15,7 @@ from jsonschema import Draft7Validator, FormatChecker
 
 from running import PATIENCE_S
 
-HERE = Path(__file__).parents[1] / "gateway/linked_fleet_gateway/extensions/things/tests"
+HERE = Path(__file__).parents[2] / "gateway/linked_fleet_gateway/extensions/things/tests"
 _SCHEMA = HERE / "node_modules/wot-thing-description-types/schema/td-json-schema-validation.json"
 
 

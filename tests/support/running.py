@@ -19,7 +19,7 @@ from typing import TypeVar
 
 from virtual.loop import current
 
-ROOT = Path(__file__).resolve().parents[1]
+ROOT = Path(__file__).resolve().parents[2]
 PATIENCE_S = 60.0
 T = TypeVar("T")
 
