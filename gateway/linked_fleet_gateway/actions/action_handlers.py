@@ -6,7 +6,8 @@ from collections.abc import Callable, Mapping
 from pyoxigraph import NamedNode
 
 from linked_fleet_agent.wire.messages import Expectation, Follow, Move
-from linked_fleet_gateway.actions.plan import ActionRequest, Halt, Motion, Plan
+from linked_fleet_gateway.actions.operations import Operation
+from linked_fleet_gateway.actions.plan import ActionRequest, DeferredPlan, Halt, Motion
 from linked_fleet_gateway.base.errors import Conflict, UnprocessableContent
 from linked_fleet_gateway.fleet.model import Joint, JointKind
 from linked_fleet_gateway.rdf.graph import Node
@@ -163,6 +164,7 @@ def _present(request: ActionRequest, joint: Joint) -> float:
     return position
 
 
+Plan = Motion | Halt | DeferredPlan | Operation
 Handler = Callable[[ActionRequest], Plan]
 
 HANDLERS: dict[NamedNode, Handler] = {

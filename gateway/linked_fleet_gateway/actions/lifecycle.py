@@ -7,7 +7,7 @@ import asyncio
 import logging
 import time
 import uuid
-from collections.abc import Callable, Iterable
+from collections.abc import Awaitable, Callable, Iterable
 from types import TracebackType
 from typing import Self
 
@@ -16,7 +16,7 @@ from linked_fleet_gateway.actions.refusals import unanswered_stop
 from linked_fleet_gateway.actions.replicated_invocations import ReplicatedInvocations
 from linked_fleet_gateway.actions.stop_delivery import ANSWER_TIMEOUT_S
 from linked_fleet_gateway.actions.store import ActionStore
-from linked_fleet_gateway.base.errors import Conflict
+from linked_fleet_gateway.base.errors import AgentTimeout, Conflict
 from linked_fleet_gateway.fleet.invocation import has_ended, reported_state
 from linked_fleet_gateway.fleet.invocations import FLEET, Invocation, InvocationState
 from linked_fleet_gateway.resources.invocation import invocation_path
@@ -88,6 +88,8 @@ class Lifecycle:
         self._tasks: list[asyncio.Task[None]] = []
         self._judging: set[asyncio.Task[None]] = set()
         live.on_progress, live.on_lost = self._progressed, self._lost
+        # Set by whoever carries out operations: cancels one, and returns whether it has ended.
+        self.cancel_operation: Callable[[Invocation, str], Awaitable[bool]] = _cancel_nothing
 
     async def __aenter__(self) -> Self:
         await self.replicated_state.__aenter__()
@@ -130,7 +132,19 @@ class Lifecycle:
     def fail(self, invocation: Invocation, reason: str) -> None:
         """End an invocation as failed."""
         invocation.state, invocation.reason, invocation.ended_ns = InvocationState.FAILED, reason, time.time_ns()
-        self._settle(invocation)
+        self.settle(invocation)
+
+    def report_operation(self, invocation: Invocation) -> None:
+        """Tell all gateways how far an operation of this gateway is, and that it is carried on."""
+        invocation.deadline_ns = time.time_ns() + int(REPORT_TIMEOUT_S * 1e9)
+        self.replicated_state.save(invocation)
+        self._announce(invocation)
+
+    def ask_to_cancel(self, invocation: Invocation, reason: str) -> None:
+        """Ask the gateway that carries out an operation to cancel it."""
+        invocation.cancelling = invocation.cancelling or reason
+        self.replicated_state.save(invocation)
+        self._announce(invocation)
 
     def mark_unknown(self, invocation: Invocation) -> None:
         """Record that the agent has not replied, unless it has reported on the invocation meanwhile."""
@@ -160,7 +174,7 @@ class Lifecycle:
             invocation.state, invocation.progress = InvocationState.SUCCEEDED, 1.0
             invocation.reason, invocation.ended_ns = "no robot is online", time.time_ns()
         if invocation.state.terminal:
-            self._settle(invocation)
+            self.settle(invocation)
         else:
             self._announce(invocation)
         return unanswered, [name for name in invocation.robots if name not in unanswered]
@@ -196,7 +210,8 @@ class Lifecycle:
         else:
             self.record_acceptance(invocation, reply)
 
-    def _settle(self, invocation: Invocation) -> None:
+    def settle(self, invocation: Invocation) -> None:
+        """Store the end of an invocation, and tell everybody who waits for it or watches it."""
         self.replicated_state.store_end(invocation)
         self._announce(invocation)
 
@@ -210,6 +225,10 @@ class Lifecycle:
         """Stop the motion of an invocation. Raises Conflict if it is over, StopUnanswered without a reply."""
         if invocation.state.terminal:
             raise Conflict(f"The invocation has ended already: it {invocation.state}.")
+        if invocation.operation:
+            if not await self.cancel_operation(invocation, reason):
+                raise AgentTimeout("The gateway that carries out this operation has not cancelled it yet; ask again.")
+            return
         if invocation.robot == FLEET:
             raise Conflict("Stopping cannot be cancelled; a new motion of a robot ends it.")
         if await self.stop_motion(invocation, reason) is None:
@@ -256,7 +275,7 @@ class Lifecycle:
         if self._live.invocations.apply(robot, progress) is None:
             return
         if invocation.state.terminal:
-            self._settle(invocation)
+            self.settle(invocation)
             return
         # A motion that the robot reports as running is not over, however long it takes.
         invocation.deadline_ns = max(invocation.deadline_ns, time.time_ns() + int(REPORT_TIMEOUT_S * 1e9))
@@ -278,13 +297,17 @@ class Lifecycle:
         invocations, now_ns = self._live.invocations, time.time_ns()
         for robot in self._live.fleet.robots.values():
             for invocation in invocations.fail_earlier_runs(robot.name, robot.incarnation or 0, now_ns):
-                self._settle(invocation)
+                self.settle(invocation)
         for invocation in sorted(invocations.overdue(now_ns), key=self.replicated_state.is_own, reverse=True):
             if await self.replicated_state.is_late(invocation):
                 invocations.expire(invocation, now_ns)
                 if self.stops.is_owed(invocation.robot, invocation.id):
                     invocation.reason += f"; {_OWED}"
-                self._settle(invocation)
+                self.settle(invocation)
+
+
+async def _cancel_nothing(invocation: Invocation, reason: str) -> bool:
+    return False
 
 
 def _is_reported(part: str) -> bool:

@@ -1,4 +1,4 @@
-"""Requests of actions, and the plans that handlers make of them: a motion, a halt, or one of them later."""
+"""Requests of actions, and the motions and halts that handlers make of them."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -58,9 +58,6 @@ class DeferredPlan:
     """A plan that takes milliseconds to compute. ``compute`` runs in a thread and uses immutable data only."""
 
     compute: Callable[[], Motion]
-
-
-Plan = Motion | Halt | DeferredPlan
 
 
 TIME_TO_LIVE_NS = 2_000_000_000

@@ -43,8 +43,11 @@ def agent_refusal(robot: Robot, reply: Refused) -> Conflict:
     return RefusedByAgent(f"The agent of {robot.name} refused ({reply.code}): {reply.reason}")
 
 
-def raise_first_refusal(robot: Robot, invocation: Invocation) -> None:
+def raise_first_refusal(robot: Robot | None, invocation: Invocation) -> None:
     """Raise the error that answered the original request, unless its agent accepted it."""
+    if robot is None or invocation.operation:
+        _raise_first_refusal_of_operation(invocation)
+        return
     if (guarded := MotionRefused.type_for_code(invocation.refused)) is not None:
         raise guarded(f"The motion was not begun: {invocation.reason}.", reason=invocation.reason)
     if invocation.refused:
@@ -55,6 +58,14 @@ def raise_first_refusal(robot: Robot, invocation: Invocation) -> None:
         raise AgentTimeout(
             f"The agent of {robot.name} has not accepted the first request with this key: {invocation.reason}.",
             headers={"location": invocation_path(invocation)},
+        )
+
+
+def _raise_first_refusal_of_operation(invocation: Invocation) -> None:
+    if not invocation.accepted:
+        raise Conflict(
+            "The first request with this Idempotency-Key was refused: "
+            f"{invocation.reason or 'it was not accepted in time'}. Another request needs another key."
         )
 
 

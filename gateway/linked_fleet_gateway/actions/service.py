@@ -6,17 +6,18 @@ import time
 import uuid
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from types import TracebackType
 from typing import Protocol, Self
 
-from msgspec.structs import replace
+from msgspec.structs import replace as replace_struct
 from pyoxigraph import NamedNode
 
 from linked_fleet_agent.wire.messages import WIRE_VERSION, Accepted, Command, Refused, Reply, Stop
-from linked_fleet_gateway.actions.action_handlers import HANDLERS, Handler
+from linked_fleet_gateway.actions.action_handlers import HANDLERS, Handler, Plan
 from linked_fleet_gateway.actions.lifecycle import REPORT_TIMEOUT_S, Lifecycle
-from linked_fleet_gateway.actions.plan import ActionRequest, Caller, DeferredPlan, Halt, Motion, Plan, build_command
+from linked_fleet_gateway.actions.operations import Operation, Operations
+from linked_fleet_gateway.actions.plan import ActionRequest, Caller, DeferredPlan, Halt, Motion, build_command
 from linked_fleet_gateway.actions.refusals import (
     TICK_S,
     MotionQuota,
@@ -86,6 +87,7 @@ class Actions:
         """The handler of each kind of action."""
         self._quota = MotionQuota(live.invocations, max_motions)
         self.lifecycle = Lifecycle(live, store)
+        self._operations = Operations(live, self.lifecycle)
         self._tasks: list[asyncio.Task[None]] = []
         self._stalls = StallDetector()
         self._computing = asyncio.Semaphore(1)
@@ -102,6 +104,7 @@ class Actions:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         await cancel_tasks(self._tasks)
+        await self._operations.close()
         await self.lifecycle.__aexit__(kind, error, trace)
 
     def add_guard(self, guard: MotionGuard) -> None:
@@ -142,15 +145,9 @@ class Actions:
             lease=required_lease_id(robot) if motion.tied_to_lease else "",
             incarnation=motion.requested_at.incarnation,
         )
-        with self._quota.count_start(caller.name) as full:
-            with translate_store_errors():
-                try:
-                    first = await self._open(invocation, caller, full)
-                except RedisUnavailable:  # perhaps after it was executed
-                    first = await self._open(invocation, caller, full)
-                if first is not None:
-                    return await self._first(robot, first)
-            invocation = self.lifecycle.register(invocation)
+        invocation, is_new = await self._create(invocation, caller)
+        if not is_new:
+            return await self._first(robot, invocation)
         lease = robot.lease
         waited_ns += await self._check(invocation, motion, caller)
         if robot.lease != lease:
@@ -162,6 +159,21 @@ class Actions:
             raise agent_refusal(robot, reply)
         self.lifecycle.record_acceptance(invocation, reply)
         return invocation
+
+    async def _create(self, invocation: Invocation, caller: Caller) -> tuple[Invocation, bool]:
+        """Store and register a new invocation, and return it with True; with False and the first id if it repeats one.
+
+        Raises the errors of ``start`` about leases, keys and limits.
+        """
+        with self._quota.count_start(caller.name) as full:
+            with translate_store_errors():
+                try:
+                    first = await self._open(invocation, caller, full)
+                except RedisUnavailable:  # perhaps after it was executed
+                    first = await self._open(invocation, caller, full)
+                if first is not None:
+                    return replace(invocation, id=first), False
+            return self.lifecycle.register(invocation), True
 
     async def _ready(self, motion: Motion, caller: Caller) -> int:
         """Wait for the guards.
@@ -251,7 +263,7 @@ class Actions:
             async with self._computing:
                 began_ns = time.monotonic_ns()
                 motion = await asyncio.to_thread(plan.compute)
-                return replace(motion, computing_ns=self._stalls.elapsed_ns(began_ns))
+                return replace_struct(motion, computing_ns=self._stalls.elapsed_ns(began_ns))
         finally:
             self._planning -= 1
 
@@ -289,14 +301,55 @@ class Actions:
         self.lifecycle.command_metrics.count_reply(invocation.robot, reply)
         return reply
 
-    async def _first(self, robot: Robot, id: str) -> Invocation:
+    async def _first(self, robot: Robot | None, repeated: Invocation) -> Invocation:
         """Return the invocation of an earlier request with the same key, once it was answered."""
-        invocation = await self.lifecycle.replicated_state.fetch(robot.name, id)
+        invocation = await self.lifecycle.replicated_state.fetch(repeated.robot, repeated.id)
         if invocation is None:
             raise Conflict("The first request with this Idempotency-Key has been answered, and its invocation deleted.")
         await self.lifecycle.waiters.wait_until(invocation, _is_answered, ANSWER_TIMEOUT_S)
         raise_first_refusal(robot, invocation)
         return invocation
+
+    # -- operations -------------------------------------------------------------------------------------------------
+
+    async def operate(
+        self, action: str, operation: Operation, robot: Robot | None, caller: Caller, *, is_stop: bool = False
+    ) -> Invocation:
+        """Start an operation of a robot, or of the fleet. Return the invocation once it has accepted the request.
+
+        For a repeated key it is the first one. Raises the errors of the operation before it accepts, Controlled if
+        another caller has the robot's lease, TooManyInvocations, RedisUnavailable, and AgentTimeout if it neither
+        accepts nor refuses. An operation that ``is_stop`` is begun whoever has the lease, and even without Redis.
+        """
+        now_ns = time.time_ns()
+        invocation = Invocation(
+            id=str(uuid.uuid4()),
+            robot=FLEET if robot is None else robot.name,
+            action=action,
+            targets={},
+            created_ns=now_ns,
+            deadline_ns=now_ns + int((ANSWER_TIMEOUT_S + REPORT_TIMEOUT_S) * 1e9),
+            client=caller.name,
+            body=caller.body,
+            operation=True,
+        )
+        if is_stop:
+            self.lifecycle.register(invocation)
+            self.lifecycle.replicated_state.save_stop(invocation)
+        else:
+            invocation, is_new = await self._create(invocation, caller)
+            if not is_new:
+                return await self._first(robot, invocation)
+        await self._operations.start(invocation, operation)
+        return invocation
+
+    async def rehearse_operation(self, operation: Operation, robot: Robot | None, caller: Caller) -> Rehearsal:
+        """Return the effect that ``operate`` would have, as far as it is known before the operation begins."""
+        if self._quota.is_exhausted(caller.name):
+            raise self._quota.limit_error(caller.name)
+        with translate_store_errors():
+            await self._store.check_lease(FLEET if robot is None else robot.name, caller.lease_token)
+        return Rehearsal(operation.duration_s, ())
 
     # -- halts ------------------------------------------------------------------------------------------------------
 
@@ -326,6 +379,8 @@ class Actions:
             if not halt.joints and not caller.rule:
                 self.on_stop(asked)
             self.lifecycle.register(invocation)
+            if not halt.joints:
+                self._operations.stop_robots(asked)
         except Exception:  # of an extension, for example: the stop is sent nevertheless
             log.exception("invocation %s: the stop is sent before others could hear of it", invocation.id)
         stop = Stop(version=WIRE_VERSION, id=invocation.id, joints=halt.joints, reason="stopped")

@@ -66,7 +66,9 @@ class Invocation:
     that ended it. ``stops`` are the joints that it stops, empty for all; None for a motion. ``incarnation`` is the run
     of the agent, 0 for several. ``refused`` is the agent's refusal code. ``expired`` means that it failed because no
     end was reported in time; a later report of the robot overrides this. ``unchecked`` are the links that the check of
-    the motion did not cover, each after its path.
+    the motion did not cover, each after its path. ``operation`` is True for an action that is no motion: a gateway
+    carries it out, with ``output`` (N-Triples about ``_:output``) as its result, until it ends or somebody asks to
+    cancel it, for the reason ``cancelling``.
 
     ``robots`` has the answer of each robot to an invocation of the fleet: a word, which is a state or ``refused``,
     optionally followed by details, as in ``failed: the joint is blocked``. Any other word means that the robot has not
@@ -98,6 +100,9 @@ class Invocation:
     refused: str = ""
     expired: bool = False
     unchecked: tuple[tuple[str, UncheckedLink], ...] = ()
+    operation: bool = False
+    output: str = ""
+    cancelling: str = ""
 
     @property
     def is_final(self) -> bool:
@@ -123,6 +128,7 @@ def merge_copies(held: Invocation, found: Invocation) -> Invocation:
         started_ns=base.started_ns or other.started_ns,
         preempts=base.preempts or other.preempts,
         deadline_ns=max(base.deadline_ns, other.deadline_ns),
+        cancelling=base.cancelling or other.cancelling,
     )
     if whole.robots and not whole.state.terminal:
         whole.robots = {**other.robots, **base.robots}
@@ -141,6 +147,8 @@ def _newer(held: Invocation, found: Invocation) -> bool:
         return found.is_final
     if held.expired or found.expired:
         return (found.deadline_ns, found.expired) > (held.deadline_ns, held.expired)
+    if held.operation:  # only the gateway that carries it out moves the deadline
+        return found.deadline_ns > held.deadline_ns
     return held.state is InvocationState.ACCEPTED and found.state is not InvocationState.ACCEPTED
 
 

@@ -198,7 +198,7 @@ class Invocations:
     def last_motion_ns(self, robot: str) -> int | None:
         """Return the end of the last accepted motion of one robot (wall ns); None if none is stored."""
         for one in reversed(self._of_robot.get(robot, [])):
-            if one.stops is None and one.ended_ns is not None and one.accepted:
+            if one.stops is None and not one.operation and one.ended_ns is not None and one.accepted:
                 return one.ended_ns
         return None
 
@@ -248,7 +248,7 @@ class Invocations:
 
         Invocations of the fleet that involve it are included; they become unknown if no other robot's part is open.
         """
-        lost = [one for one in self.open_of_robot(robot) if one.state in _KNOWN]
+        lost = [one for one in self.open_of_robot(robot) if one.state in _KNOWN and not one.operation]
         for one in lost:
             one.reason = f"{_GONE} {one.state}"
             one.state = InvocationState.UNKNOWN
@@ -269,8 +269,9 @@ class Invocations:
 
     def expire(self, invocation: Invocation, now_ns: int) -> None:
         """Fail an invocation whose end nobody has reported."""
+        who = "gateway" if invocation.operation else "robot"
         invocation.reason = (
-            f"the robot reported no end before the deadline; the last known state was {invocation.state}"
+            f"the {who} reported no end before the deadline; the last known state was {invocation.state}"
         )
         invocation.state, invocation.expired, invocation.ended_ns = InvocationState.FAILED, True, now_ns
 

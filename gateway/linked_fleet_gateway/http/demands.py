@@ -87,4 +87,4 @@ def _refuse_ignored(prefer: Prefer, honours: Honours) -> None:
 def stops(resource: Resource) -> bool:
     """Return True for a resource whose write stops something. No header field prevents it."""
     affords = resource.affords
-    return isinstance(affords, EndInvocation) or (isinstance(affords, Invoke) and not affords.offer.takes_body)
+    return isinstance(affords, EndInvocation) or (isinstance(affords, Invoke) and affords.offer.is_stop)

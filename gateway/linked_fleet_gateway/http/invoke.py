@@ -15,6 +15,7 @@ from pyoxigraph import NamedNode, Triple
 from starlette.responses import Response
 
 from linked_fleet_gateway.actions.admission import validate_action_body
+from linked_fleet_gateway.actions.operations import Operation
 from linked_fleet_gateway.actions.plan import ActionRequest, Caller, DeferredPlan, Halt, Motion, RobotTime, robot_time
 from linked_fleet_gateway.actions.service import Actions, Rehearsal
 from linked_fleet_gateway.base.errors import (
@@ -71,11 +72,13 @@ async def invoke(request: Request, affordance: Invoke) -> Response:
     """
     offer = affordance.offer
     _trace(offer, f"actions/{offer.definition.segment}")
-    if not offer.takes_body:
+    if offer.is_stop and not offer.takes_body:
         return await _halt(request, offer)
     moment, prefer = robot_time(offer.robot), _prefer(request, offer)
-    read = partial(_read_input, offer, body_type(request, FORM_TYPES), request.base)
-    admitted = await convert_body(request, read, MAX_BODY_BYTES)
+    admitted = _Admitted(b"", _no_body(request, offer), "")
+    if offer.takes_body:
+        read = partial(_read_input, offer, body_type(request, FORM_TYPES), request.base)
+        admitted = await convert_body(request, read, MAX_BODY_BYTES)
     return await _carry_out(request, offer, admitted, moment, prefer)
 
 
@@ -209,21 +212,29 @@ def _target_form(offer: Offer, base: str) -> "Form":
 
 
 async def _halt(request: Request, offer: Offer) -> Response:
-    """Execute a stop. Malformed header fields never prevent it."""
+    """Execute a stop without a body. Malformed header fields never prevent it."""
     actions: Actions = request.services.actions
     prefer = parse_prefer(field(request, "prefer"))
-    nothing = Body((), NamedNode(request.base + offer.path))
-    plan = actions.plan(ActionRequest(request.base, nothing, offer.robot, offer.joint), offer)
-    assert isinstance(plan, Halt)
+    plan = actions.plan(ActionRequest(request.base, _no_body(request, offer), offer.robot, offer.joint), offer)
     stops = request.caller.view_for(Right.STOP)
-    if prefer.dry_run:
-        return _rehearsal(request, offer, plan, await actions.rehearse_halt(plan, stops))
-    with _located(request.base):
-        asking = Caller(request.caller_name, stoppable_robots=stops, visible_robots=request.caller.visible_robots)
-        invocation = await actions.halt(offer.path, plan, asking)
+    asking = Caller(request.caller_name, stoppable_robots=stops, visible_robots=request.caller.visible_robots)
+    if isinstance(plan, Operation):
+        if prefer.dry_run:
+            return _rehearsal(request, offer, plan, Rehearsal(plan.duration_s, ()))
+        invocation = await actions.operate(offer.path, plan, offer.robot, asking, is_stop=True)
+    else:
+        assert isinstance(plan, Halt)  # a handler of a stop plans nothing else
+        if prefer.dry_run:
+            return _rehearsal(request, offer, plan, await actions.rehearse_halt(plan, stops))
+        with _located(request.base):
+            invocation = await actions.halt(offer.path, plan, asking)
     with suppress(NotAcceptable):
         return await _answer(request, invocation, prefer)
     return await _answer(request, invocation, replace(prefer, return_=None))
+
+
+def _no_body(request: Request, offer: Offer) -> Body:
+    return Body((), NamedNode(request.base + offer.path))
 
 
 async def _carry_out(
@@ -235,7 +246,12 @@ async def _carry_out(
         plan = actions.plan(ActionRequest(request.base, admitted.body, offer.robot, offer.joint, moment), offer)
         if isinstance(plan, DeferredPlan):
             plan = await actions.compute(plan)
-    assert isinstance(plan, Motion)  # an action with a body is a motion
+    if isinstance(plan, Operation):
+        if prefer.dry_run:
+            return _rehearsal(request, offer, plan, await actions.rehearse_operation(plan, offer.robot, asking))
+        invocation = await actions.operate(offer.path, plan, offer.robot, asking, is_stop=offer.is_stop)
+        return await _answer(request, invocation, prefer)
+    assert isinstance(plan, Motion)  # a kind that is no stop does not plan a halt
     with _located(request.base):
         if prefer.dry_run:
             return _rehearsal(request, offer, plan, await actions.rehearse(plan, asking))
@@ -272,11 +288,11 @@ async def _answer(request: Request, invocation: Invocation, prefer: Prefer) -> R
     return Response(content, status, headers)
 
 
-def _rehearsal(request: Request, offer: Offer, plan: Motion | Halt, rehearsed: Rehearsal) -> Response:
+def _rehearsal(request: Request, offer: Offer, plan: Motion | Halt | Operation, rehearsed: Rehearsal) -> Response:
     live: Live = request.services.live
     seen = InvocationsInView(live.invocations, request.caller.visible_robots)
     known = [each for each in map(seen.get, rehearsed.preempts) if each is not None]
-    targets, facts = ({}, {}) if isinstance(plan, Halt) else (plan.targets, plan.facts)
+    targets, facts = (plan.targets, plan.facts) if isinstance(plan, Motion) else ({}, {})
 
     def describe(graph: Graph) -> None:
         describe_rehearsal(

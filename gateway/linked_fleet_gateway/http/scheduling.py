@@ -20,16 +20,13 @@ from starlette.types import Scope
 from linked_fleet_gateway.base.addresses import network_of
 from linked_fleet_gateway.base.errors import Busy
 from linked_fleet_gateway.http.arrival import arrival_of
-from linked_fleet_gateway.rdf.vocabulary import LF
 from linked_fleet_gateway.resources.action_offer import action_definitions
-
-_STOPS = (LF.Hold, LF.StopRobot, LF.StopAll)
 
 
 @cache
 def stop_segments() -> frozenset[str]:
-    """Return the last path segments of actions that stop robots."""
-    return frozenset(each.segment for each in action_definitions() if each.iri in _STOPS) | {"cancel"}
+    """Return the last path segments of actions that stop something."""
+    return frozenset(each.segment for each in action_definitions() if each.is_stop) | {"cancel"}
 
 
 def may_stop(scope: Scope) -> bool:

@@ -105,7 +105,7 @@ LF = Namespace(
     " thisAlone withProperties wholeSubtree active"
     " waiting awaitingConsent failing suspended"
     # predicates: things
-    " presence lastSeen lastFrame fault finding outOfLimits derivedFrom unchecked ofLink meshUri"
+    " isStop output presence lastSeen lastFrame fault finding outOfLimits derivedFrom unchecked ofLink meshUri"
     " rootLink baseMobility parentJoint childJoint shape invocations state reason"
     " target ofJoint result status vocabulary"
     # predicates: kinds of actions, and what completes their shapes

@@ -49,6 +49,8 @@ class ActionDefinition:
     methods: tuple[NamedNode, ...]
     consumes: NamedNode | None
     produces: NamedNode
+    is_stop: bool = False
+    """True if it stops something: anybody with the right to stop may ask, at any rate and whoever has a lease."""
     completions: frozenset[NamedNode] = frozenset()
     """The parts that ``lf:completedBy`` adds to the shape of the body for a thing."""
 
@@ -96,6 +98,7 @@ def _read(kind: NamedNode) -> ActionDefinition:
         methods=named(HTTP.mthd),
         consumes=consumes,
         produces=named(HYBRIT.produces)[0],
+        is_stop=text(LF.isStop) == "true",
         completions=frozenset() if consumes is None else _completions(consumes),
     )
 
@@ -142,6 +145,8 @@ class Offer:
     thing: str
     robot: Robot | None = None
     joint: Joint | None = None
+    label: str = ""
+    """Name of the thing, if it is neither a robot nor a part of one."""
 
     @cached_property
     def path(self) -> str:
@@ -153,7 +158,7 @@ class Offer:
 
     @property
     def name(self) -> str:
-        part = self.joint.name if self.joint else self.robot.name if self.robot else "the fleet"
+        part = self.joint.name if self.joint else self.robot.name if self.robot else self.label or "the fleet"
         return f"{self.definition.title}: {part}"
 
     @property
@@ -163,6 +168,10 @@ class Offer:
     @property
     def takes_body(self) -> bool:
         return self.definition.consumes is not None
+
+    @property
+    def is_stop(self) -> bool:
+        return self.definition.is_stop
 
     @cached_property
     def values(self) -> tuple[Literal, ...]:

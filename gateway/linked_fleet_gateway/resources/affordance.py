@@ -95,12 +95,11 @@ class Invoke(_Writes):
 
     @property
     def needs(self) -> tuple[Right, ...]:
-        """An action with a body is a motion and needs ``ACT``; one without stops and needs ``STOP``."""
-        return (Right.ACT,) if self.offer.takes_body else (Right.STOP,)
+        return (Right.STOP,) if self.offer.is_stop else (Right.ACT,)
 
     @property
     def honours(self) -> Honours:
-        return _OF_MOTIONS if self.offer.takes_body else EVERYTHING
+        return EVERYTHING if self.offer.is_stop else _OF_MOTIONS
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ Invocations are PROV-O activities with state, progress, target and result (paper
 
 from collections.abc import Iterable, Mapping
 
-from pyoxigraph import BlankNode, Literal, NamedNode, RdfFormat, parse
+from pyoxigraph import BlankNode, Literal, NamedNode, RdfFormat, Triple, parse
 
 from linked_fleet_gateway.fleet.invocations import Invocation, InvocationState
 from linked_fleet_gateway.fleet.robot import Robot
@@ -34,6 +34,9 @@ Unchecked = Iterable[tuple[str, UncheckedLink]]
 """Links that a check did not cover, each after its path."""
 ROOT = BlankNode("input")
 """The root of a stored body."""
+OUTPUT = BlankNode("output")
+"""The root of a stored result."""
+_MAX_OUTPUT_BYTES = 32 * 1024
 
 
 def describe_invocation(
@@ -70,7 +73,8 @@ def describe_invocation(
     for name, value in invocation.facts.items():
         predicate, unit = _FACTS[name]
         graph.scalar(iri, predicate, value, unit)
-    _input(graph, iri, invocation.body)
+    _add_stored(graph, iri, LF.input, ROOT, invocation.body)
+    _add_stored(graph, iri, LF.output, OUTPUT, invocation.output)
     preempted = [others[each] for each in invocation.preempts if each in others]
     graph.add(iri, LF.preempts, *(NamedNode(base + invocation_path(each)) for each in preempted))
     if invocation.preempted_by in others:
@@ -212,17 +216,33 @@ def _times(graph: Graph, iri: NamedNode, invocation: Invocation) -> None:
             graph.add(iri, predicate, timestamp(stamp))
 
 
-def _input(graph: Graph, iri: NamedNode, body: str) -> None:
-    """Add the body as the client sent it."""
+def _add_stored(graph: Graph, iri: NamedNode, predicate: NamedNode, root: BlankNode, stored: str) -> None:
+    """Add stored statements, such as the body as the client sent it, and link their root."""
     names: dict[BlankNode, Node] = {}
 
     def own(term: object) -> object:
-        return names.setdefault(term, BlankNode(f"in{len(names)}")) if isinstance(term, BlankNode) else term
+        name = f"{root.value}{len(names)}"
+        return names.setdefault(term, BlankNode(name)) if isinstance(term, BlankNode) else term
 
-    for quad in parse(body, format=RdfFormat.N_TRIPLES):
+    for quad in parse(stored, format=RdfFormat.N_TRIPLES):
         graph.add(own(quad.subject), quad.predicate, own(quad.object))  # type: ignore[arg-type]
-    if ROOT in names:
-        graph.add(iri, LF.input, names[ROOT])
+    if root in names:
+        graph.add(iri, predicate, names[root])
+
+
+def output_ntriples(triples: Iterable[Triple], root: Node) -> str:
+    """Return statements as stored with an invocation, about ``_:output`` instead of ``root``.
+
+    Raises ValueError if they are too long to store.
+    """
+
+    def own(term: object) -> object:
+        return OUTPUT if term == root else term
+
+    written = "".join(f"{own(each.subject)} {each.predicate} {own(each.object)} .\n" for each in triples)
+    if len(written.encode()) > _MAX_OUTPUT_BYTES:
+        raise ValueError(f"an output has at most {_MAX_OUTPUT_BYTES} bytes as N-Triples")
+    return written
 
 
 def invocations_path(action: str) -> str:

@@ -90,7 +90,7 @@ class Channel:
 
 @dataclass(frozen=True)
 class Service:
-    """A call invokes the offered action; one without a body stops. ``robot``: as in Channel."""
+    """A call invokes the offered action. ``robot``: as in Channel."""
 
     id: int
     offer: Offer
@@ -98,13 +98,13 @@ class Service:
 
     @property
     def stops(self) -> bool:
-        return not self.offer.takes_body
+        return self.offer.is_stop
 
     def advertisement(self, base: str) -> dict[str, Any]:
         """Return the advertisement, with the schema of requests to the action at ``base``."""
         kind = self.offer.definition.segment
         said: dict[str, Any] = {"id": self.id, "name": self.offer.path.replace("/actions/", "/"), "type": kind}
-        request = {"type": "object"} if self.stops else form_of_input(self.offer, base).schema
+        request = form_of_input(self.offer, base).schema if self.offer.takes_body else {"type": "object"}
         for what, schema in (("request", request), ("response", _ANSWER)):
             text = msgspec.json.encode(schema).decode()
             form = {"encoding": JSON, "schemaName": f"{kind}_{what}", "schemaEncoding": "jsonschema", "schema": text}

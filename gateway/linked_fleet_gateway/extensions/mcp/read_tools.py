@@ -197,6 +197,7 @@ def _actions(context: MessageContext, offers: list[Offer]) -> Iterator[SearchRes
 
 def _call(context: MessageContext, offer: Offer) -> dict[str, Any]:
     said = {"description": offer.definition.comment}
-    if not offer.takes_body:
+    if offer.is_stop:
         return {**said, "call": {"tool": "stop", "arguments": {"target": context.view.base + offer.path}}}
-    return {**said, "call": {"tool": "act"}, "body_schema": form_of_input(offer, context.view.base).schema}
+    body = {"body_schema": form_of_input(offer, context.view.base).schema} if offer.takes_body else {}
+    return {**said, "call": {"tool": "act"}, **body}

@@ -11,6 +11,7 @@ from urllib.parse import unquote
 from pyoxigraph import NamedNode
 
 from linked_fleet_gateway.actions.admission import validate_action_body
+from linked_fleet_gateway.actions.operations import Operation
 from linked_fleet_gateway.actions.plan import ActionRequest, Caller, DeferredPlan, Halt, Motion, RobotTime
 from linked_fleet_gateway.actions.service import Actions
 from linked_fleet_gateway.base.errors import InsufficientScope, UnprocessableContent
@@ -52,17 +53,18 @@ async def invoke(
     """
     offer = find_action(tree, path, creator)
     action = NamedNode(rule.base + offer.path)
-    if not offer.takes_body:
-        halt = actions.plan(ActionRequest(rule.base, Body((), action), offer.robot, offer.joint), offer)
-        assert isinstance(halt, Halt)
-        asking = Caller(rule.client, stoppable_robots=creator.view_for(Right.STOP), rule=rule.id)
-        return await actions.halt(offer.path, halt, asking)
-    body = validate_action_body(offer, fill(rule.body, row, action), rule.base)
+    nothing = Body((), action)
+    if offer.is_stop:
+        halt = actions.plan(ActionRequest(rule.base, nothing, offer.robot, offer.joint), offer)
+        if isinstance(halt, Halt):
+            asking = Caller(rule.client, stoppable_robots=creator.view_for(Right.STOP), rule=rule.id)
+            return await actions.halt(offer.path, halt, asking)
+    filled = fill(rule.body, row, action)
+    body = validate_action_body(offer, filled, rule.base) if offer.takes_body else nothing
     moment = None if offer.robot is None else moments.get(offer.robot.name)
     plan = actions.plan(ActionRequest(rule.base, body, offer.robot, offer.joint, moment), offer)
     if isinstance(plan, DeferredPlan):
         plan = await actions.compute(plan)
-    assert isinstance(plan, Motion)  # an action with a body is a motion
     # Cannot equal a client's key, whose characters are all visible.
     key, digest = f"\x1frule {rule.id} {number}", blake2b(repr(row).encode(), digest_size=16).hexdigest()
     asking = Caller(
@@ -73,6 +75,9 @@ async def invoke(
         visible_robots=creator.visible_robots,
         rule=rule.id,
     )
+    if isinstance(plan, Operation):
+        return await actions.operate(offer.path, plan, offer.robot, asking, is_stop=offer.is_stop)
+    assert isinstance(plan, Motion)  # of another kind than a stop
     return await actions.start(offer.path, plan, asking)
 
 

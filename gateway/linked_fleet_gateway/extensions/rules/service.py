@@ -150,7 +150,7 @@ class Rules:
         if rule.variable is not None:
             return robots is None or any(map(rule.view.includes, robots))
         found = self._live.tree(rule.base).resolve(rule.invokes)
-        if isinstance(found, Resource) and isinstance(found.affords, Invoke) and not found.affords.offer.takes_body:
+        if isinstance(found, Resource) and isinstance(found.affords, Invoke) and found.affords.offer.is_stop:
             return False
         return robots is None or rule.robot in robots
 

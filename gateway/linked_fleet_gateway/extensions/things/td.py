@@ -147,7 +147,7 @@ class Thing:
             "title": offer.name,
             "description": definition.comment,
             "safe": False,
-            "idempotent": not offer.takes_body or "PUT" in offer.methods,
+            "idempotent": offer.is_stop or "PUT" in offer.methods,
             "synchronous": False,
             "output": form_of(definition.produces).schema,
             "uriVariables": {"id": _ID},

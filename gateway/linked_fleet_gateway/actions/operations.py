@@ -1,0 +1,184 @@
+"""Operations: actions that are no motion of joints, carried out by a coroutine of the gateway that accepted them.
+
+The gateway reports on its operations to the others by moving their deadline. If it dies, another one ends them when
+the deadline passes, as it ends motions whose robot reports nothing.
+"""
+
+import asyncio
+import logging
+import time
+from collections.abc import AsyncIterator, Awaitable, Callable, Collection, Iterable
+from contextlib import asynccontextmanager
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from pyoxigraph import Triple
+
+from linked_fleet_gateway.actions.lifecycle import REPORT_TIMEOUT_S, Lifecycle
+from linked_fleet_gateway.actions.stop_delivery import ANSWER_TIMEOUT_S
+from linked_fleet_gateway.base.errors import AgentTimeout, FleetError
+from linked_fleet_gateway.fleet.invocations import FLEET, Invocation, InvocationState
+from linked_fleet_gateway.resources.invocation import output_ntriples
+from linked_fleet_gateway.runtime.background import cancel_tasks
+from linked_fleet_gateway.subscriptions.live import Live
+
+if TYPE_CHECKING:
+    from linked_fleet_gateway.rdf.graph import Node
+
+log = logging.getLogger(__name__)
+
+_REPORT_S = REPORT_TIMEOUT_S / 3
+_ASK_AGAIN_S = 0.5  # until the gateway that carries out an operation has cancelled it
+STOPPED = "its robot was stopped"
+
+
+@dataclass(frozen=True)
+class Operation:
+    """The plan of an action that is no motion of joints. ``duration_s`` is what a rehearsal says that it takes.
+
+    ``run`` carries it out. It calls ``Call.accept`` once nothing prevents it any more; an error before that refuses the
+    request. It is cancelled by a client, by a stop of its robot, and when the gateway ends.
+    """
+
+    run: Callable[["Call"], Awaitable[None]]
+    duration_s: float = 0.0
+
+
+class Call:
+    """One invocation of an operation, as seen by the coroutine that carries it out."""
+
+    def __init__(self, invocation: Invocation, lifecycle: Lifecycle) -> None:
+        self._invocation, self._lifecycle = invocation, lifecycle
+        self.answered = asyncio.Event()
+        """Set once it is accepted, or has ended."""
+
+    @property
+    def id(self) -> str:
+        """The id of the invocation, a UUID."""
+        return self._invocation.id
+
+    @property
+    def client(self) -> str:
+        """The displayed name of the caller."""
+        return self._invocation.client
+
+    def accept(self, duration_s: float = 0.0) -> None:
+        """Accept the request, which is then answered. ``duration_s``: how long it is expected to take."""
+        invocation = self._invocation
+        invocation.duration_s, invocation.started_ns = duration_s, time.time_ns()
+        invocation.state = InvocationState.RUNNING
+        self._lifecycle.report_operation(invocation)
+        self.answered.set()
+
+    def report(self, progress: float, reason: str = "") -> None:
+        """Report progress, 0 to 1, and what is being done, to everybody who watches the invocation."""
+        self._invocation.progress, self._invocation.reason = min(max(progress, 0.0), 1.0), reason
+        self._lifecycle.report_operation(self._invocation)
+
+    def set_output(self, triples: Iterable[Triple], root: "Node") -> None:
+        """Set the statements about ``root`` that the invocation has as its ``lf:output``. Raises ValueError if long."""
+        self._invocation.output = output_ntriples(triples, root)
+
+
+class Operations:
+    """The operations of this gateway, and the cancelling of all."""
+
+    def __init__(self, live: Live, lifecycle: Lifecycle) -> None:
+        self._live, self._lifecycle = live, lifecycle
+        self._running: dict[str, asyncio.Task[None]] = {}
+        self._ending = False
+        lifecycle.cancel_operation = self.cancel
+        live.add_invocation_listener(self._on_invocation)
+
+    async def close(self) -> None:
+        """End the operations of this gateway, which nobody could carry on."""
+        self._ending = True
+        self._live.remove_invocation_listener(self._on_invocation)
+        await cancel_tasks(list(self._running.values()))
+
+    async def start(self, invocation: Invocation, operation: Operation) -> None:
+        """Carry out an operation; return once it has accepted or has ended. Raises the error by which it refuses."""
+        call, refusals = Call(invocation, self._lifecycle), list[FleetError]()
+        task = asyncio.create_task(self._run(call, invocation, operation, refusals), name=f"operation {invocation.id}")
+        self._running[invocation.id] = task
+        task.add_done_callback(lambda _: self._running.pop(invocation.id, None))
+        try:
+            async with asyncio.timeout(ANSWER_TIMEOUT_S):
+                await call.answered.wait()
+        except TimeoutError as error:
+            await cancel_tasks([task])
+            raise AgentTimeout(f"The operation was not accepted within {ANSWER_TIMEOUT_S:g} s.") from error
+        if refusals:
+            raise refusals[0]
+
+    async def _run(self, call: Call, invocation: Invocation, operation: Operation, refusals: list[FleetError]) -> None:
+        try:
+            async with self._reporting(invocation):
+                await operation.run(call)
+            invocation.progress = 1.0
+            self._end(invocation, InvocationState.SUCCEEDED, "")
+        except asyncio.CancelledError:
+            self._end(invocation, *self._cancelled(invocation, call))
+        except FleetError as error:
+            if not invocation.accepted:
+                invocation.refused = error.code
+                refusals.append(error)
+            self._end(invocation, InvocationState.FAILED, error.detail)
+        except Exception:
+            # The boundary: whatever the code of an extension raises, the invocation ends and the caller is answered.
+            log.exception("operation %s at %s failed", invocation.id, invocation.action)
+            if not invocation.accepted:
+                refusals.append(FleetError("The gateway failed to carry it out; its log has the reason."))
+            self._end(invocation, InvocationState.FAILED, "the gateway failed to carry it out; its log has the reason")
+        finally:
+            call.answered.set()
+
+    def _cancelled(self, invocation: Invocation, call: Call) -> tuple[InvocationState, str]:
+        if self._ending:
+            return InvocationState.FAILED, "the gateway that carried it out has ended"
+        if not call.answered.is_set():
+            return InvocationState.FAILED, "it was not accepted in time"
+        return InvocationState.CANCELLED, invocation.cancelling or "cancelled"
+
+    def _end(self, invocation: Invocation, state: InvocationState, reason: str) -> None:
+        invocation.state, invocation.reason, invocation.ended_ns = state, reason, time.time_ns()
+        self._lifecycle.settle(invocation)
+
+    @asynccontextmanager
+    async def _reporting(self, invocation: Invocation) -> AsyncIterator[None]:
+        async def report() -> None:
+            while True:
+                await asyncio.sleep(_REPORT_S)
+                self._lifecycle.report_operation(invocation)
+
+        task = asyncio.create_task(report(), name=f"report {invocation.id}")
+        try:
+            yield
+        finally:
+            task.cancel()
+
+    # -- cancelling -------------------------------------------------------------------------------------------------
+
+    async def cancel(self, invocation: Invocation, reason: str) -> bool:
+        """Cancel an operation at whichever gateway. Return False if it has not ended within ``ANSWER_TIMEOUT_S``."""
+        try:
+            async with asyncio.timeout(ANSWER_TIMEOUT_S):
+                while not invocation.state.terminal:
+                    # Asked for again, because a report of the other gateway may have overwritten it in Redis.
+                    self._lifecycle.ask_to_cancel(invocation, reason)
+                    await self._lifecycle.waiters.wait_until(invocation, lambda one: one.state.terminal, _ASK_AGAIN_S)
+        except TimeoutError:
+            return False
+        return True
+
+    def stop_robots(self, robots: Collection[str] | None) -> None:
+        """Cancel the operations of robots that are stopped; of all robots for None."""
+        open_ = self._live.invocations.robots_with_open() if robots is None else robots
+        for robot in open_:
+            for one in self._live.invocations.open_of_robot(robot):
+                if one.operation and robot != FLEET:
+                    self._lifecycle.ask_to_cancel(one, STOPPED)
+
+    def _on_invocation(self, invocation: Invocation) -> None:
+        if invocation.cancelling and (task := self._running.get(invocation.id)) is not None:
+            task.cancel()
