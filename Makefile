@@ -15,6 +15,7 @@
 # make try-release  installs the release, runs the tutorial and a custom driver in empty containers (IMAGES="debian:12 ubuntu:24.04", ENGINE)
 # make docs    the documentation as a site in build/site, with links checked
 # make docs-settings  writes the table of docs/SETTINGS.md from the classes of the settings
+# make docs-extending  writes the reference of docs/EXTENDING.md from the contract of extensions
 # make requirements  lock files with hashes for images and npm, from pyproject.toml, deploy/constraints.txt and package.json
 # make helm    builds Helm for the tests of the Kubernetes chart (deploy/helm/README.md)
 # make assets  builds the scripts and styles of the pages
@@ -61,7 +62,7 @@ $$python -c 'import ensurepip' 2>/dev/null || { echo "$$python has no venv: apt 
 $$python -m venv --clear $(1)
 endef
 
-.PHONY: architecture docs demo release try-release test test-long test-all check check-collisions docs-settings requirements fleet-check bench bench-robots bench-routers fuzz mutants soak assets pictures node-wot shacl-suite strangers chromium egl java tools wrk caddy clean helm
+.PHONY: architecture docs demo release try-release test test-long test-all check check-collisions docs-settings docs-extending requirements fleet-check bench bench-robots bench-routers fuzz mutants soak assets pictures node-wot shacl-suite strangers chromium egl java tools wrk caddy clean helm
 
 demo: .venv/demo-stamp $(ASSETS)
 	@$(BIN)/python -m linked_fleet_demo --port $(PORT)
@@ -128,6 +129,10 @@ docs: .venv/stamp
 # Run it after each change of a setting.
 docs-settings: .venv/stamp
 	$(BIN)/python docs/settings_table.py
+
+# Run it after each change of the contract of extensions (gateway/linked_fleet_gateway/api.py).
+docs-extending: .venv/stamp
+	$(BIN)/python docs/extending_reference.py
 
 # Run it after each change of a dependency or of deploy/constraints.txt. It queries this machine's package index and npm registry.
 requirements: .venv/stamp

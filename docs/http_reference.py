@@ -63,8 +63,7 @@ def description() -> dict[str, Any]:
     view = RequestView(
         "http://localhost:8000", fleet.robots, InvocationsInView(Invocations(), ALL), ALL, requires_authentication=True
     )
-    operations = [name for each in BUILT_IN for name in each.operations]
-    return dict(json.loads(asyncio.run(Documents(operations).document(view)).body))
+    return dict(json.loads(asyncio.run(Documents(BUILT_IN).document(view)).body))
 
 
 def _robot() -> Description:

@@ -8,9 +8,8 @@ import pytest
 from fake_robots import link, robot
 from linked_fleet_agent.wire.codec import encode_state, layout
 from linked_fleet_agent.wire.messages import Description, State
-from linked_fleet_gateway.actions.action_handlers import HANDLERS
+from linked_fleet_gateway.actions.action_handlers import HANDLERS, Plan
 from linked_fleet_gateway.actions.admission import validate_action_body
-from linked_fleet_gateway.actions.action_handlers import Plan
 from linked_fleet_gateway.actions.plan import ActionRequest, robot_time
 from linked_fleet_gateway.app.extensions import BUILT_IN, register_extensions
 from linked_fleet_gateway.extensions.reach.can_reach import LF

@@ -154,10 +154,10 @@ def gateway(
 
 
 @contextlib.contextmanager
-def gateways(hub: Hub, redis_url: str, count: int = 2) -> Iterator[list[Gateway]]:
+def gateways(hub: Hub, redis_url: str, count: int = 2, flags: Sequence[str] = ()) -> Iterator[list[Gateway]]:
     """Run gateways that start at the same time."""
     ports = [free_port() for _ in range(count)]
-    shared = ("--zenoh-connect", hub.endpoint, "--redis-url", redis_url, "--callback-allow", LOOPBACK)
+    shared = ("--zenoh-connect", hub.endpoint, "--redis-url", redis_url, "--callback-allow", LOOPBACK, *flags)
     with contextlib.ExitStack() as stack:
         started = [
             stack.enter_context(process("-m", "linked_fleet_gateway", "--port", str(port), *shared)) for port in ports

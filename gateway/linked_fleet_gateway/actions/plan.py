@@ -119,14 +119,23 @@ def robot_time(robot: Robot | None) -> RobotTime | None:
 
 @dataclass(frozen=True)
 class ActionRequest:
-    """The request of an action; ``base`` is the base URL of IRIs in the body, without trailing slash."""
+    """The request of an action; ``base`` is the base URL of IRIs in the body, without trailing slash.
+
+    ``thing`` is the path of what has the action.
+    """
 
     base: str
     body: Body
     robot: Robot | None = None
     joint: Joint | None = None
     robot_time: RobotTime | None = None
+    thing: str = ""
     _parts: dict[str, tuple[str | None, str | None]] = field(default_factory=dict, compare=False)
+
+    @property
+    def member_id(self) -> str:
+        """The id of the member of a container that has the action."""
+        return self.thing.rpartition("/")[2]
 
     def required_time(self) -> RobotTime:
         """Return the time of the request. Raises Offline if the robot could not be commanded."""

@@ -104,8 +104,12 @@ class Actions:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         await cancel_tasks(self._tasks)
-        await self._operations.close()
+        await self.end_operations()
         await self.lifecycle.__aexit__(kind, error, trace)
+
+    async def end_operations(self) -> None:
+        """End the operations of this gateway, while what they use is still there."""
+        await self._operations.close()
 
     def add_guard(self, guard: MotionGuard) -> None:
         """Add a guard, which checks every motion before it is accepted."""

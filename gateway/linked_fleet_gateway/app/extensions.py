@@ -12,14 +12,11 @@ from dataclasses import dataclass, replace
 from importlib import import_module
 from importlib.metadata import entry_points
 from importlib.util import find_spec
-from itertools import chain
-from pkgutil import resolve_name
 from typing import TypeGuard
 
 import linked_fleet_gateway.extensions
 from linked_fleet_gateway.actions.plan import Motion
 from linked_fleet_gateway.base.errors import MotionRefused
-from linked_fleet_gateway.base.faults import Faults
 from linked_fleet_gateway.base.settings import TEXTS, Section, setting
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.http.extension import Core, Extension, Mount
@@ -125,9 +122,9 @@ def register_extensions(extensions: Sequence[Extension]) -> None:
     add_kinds(kind for extension in extensions for kind in extension.kinds)
     add_files(VOCABULARY, (file for extension in extensions for file in extension.vocabulary))
     add_files(BLUEPRINTS, (file for extension in extensions for file in extension.shapes))
-    ROBOT_PROPERTIES.replace(name for extension in extensions for name in extension.robot_properties)
-    PLACEMENTS.replace(name for extension in extensions for name in extension.placements)
-    LINK_STATEMENTS.replace(name for extension in extensions for name in extension.link_statements)
+    ROBOT_PROPERTIES.replace(each for extension in extensions for each in extension.robot_properties)
+    PLACEMENTS.replace(each for extension in extensions for each in extension.placements)
+    LINK_STATEMENTS.replace(each for extension in extensions for each in extension.link_statements)
     FUNCTIONS.replace(function for extension in extensions for function in extension.functions)
 
 
@@ -153,15 +150,10 @@ async def mount_extensions(extensions: Sequence[Extension], core: Core, stack: A
     for extension in BUILT_IN:
         if names := missing_requirements(extension):
             log.warning("The extension %s is off: %s is not installed.", extension.name, " and ".join(names))
-    for extension in extensions:
-        _check_names(extension, core.live.faults)
     mounts = dict[str, Mount]()
-    views = [view for each in extensions for view in each.views]
-    operations = [name for each in extensions for name in each.operations]
-    navigation = [entry for each in extensions for entry in each.navigation]
     for extension in extensions:
         services = [service for each in mounts.values() for service in each.services]
-        known = replace(core, services=services, views=views, operations=operations, navigation=navigation)
+        known = replace(core, services=services, extensions=extensions, extension=extension.name)
         with core.live.faults.guard("extensions", thing=extension.name):
             mounts[extension.name] = await _mount(extension, known, stack)
             continue
@@ -194,16 +186,6 @@ class _MissingGuard:
     def _refusal(self) -> GuardMissing:
         detail = f"Motions are refused, because what checks them is missing: {self._reason}. Restart the gateway."
         return GuardMissing(detail, reason="it could not be checked")
-
-
-def _check_names(extension: Extension, faults: Faults) -> None:
-    """Note the names of a foreign extension that cannot be imported. Those of built-in ones are imported when used."""
-    if type(extension) in map(type, BUILT_IN):
-        return
-    used = (extension.robot_properties, extension.placements, extension.link_statements, extension.functions)
-    for name in chain(*used):
-        with faults.guard("extensions", thing=f"{name} of {extension.name}"):
-            resolve_name(name)
 
 
 async def _mount(extension: Extension, core: Core, stack: AsyncExitStack) -> Mount:

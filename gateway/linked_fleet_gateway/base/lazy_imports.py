@@ -14,28 +14,35 @@ T = TypeVar("T")
 log = logging.getLogger(__name__)
 
 
-class LazyObjects(Generic[T]):
-    """The objects of one kind, imported on first use. A name that cannot be imported is logged and left out."""
+class AddedObjects(Generic[T]):
+    """The functions or classes of one kind that extensions add. Another process finds them by their names."""
 
     def __init__(self) -> None:
-        self.names: tuple[str, ...] = ()
-        self._objects: tuple[Any, ...] | None = None
+        self._objects: tuple[T, ...] = ()
 
-    def replace(self, names: Iterable[str]) -> None:
-        """Replace the names known to this process."""
-        self.names, self._objects = tuple(names), None
+    def replace(self, objects: Iterable[T]) -> None:
+        """Replace the objects known to this process."""
+        self._objects = tuple(objects)
+
+    def replace_by_names(self, names: Iterable[str]) -> None:
+        """Replace the objects by those with the names of another process. One that cannot be imported is left out."""
+        self._objects = tuple(_resolved(names))
+
+    @property
+    def names(self) -> list[str]:
+        """The names, as ``module:attribute``."""
+        return [f"{each.__module__}:{getattr(each, '__qualname__', '')}" for each in self._objects]
 
     def __iter__(self) -> Iterator[T]:
-        if self._objects is None:
-            self._objects = tuple(self._resolve())
         return iter(self._objects)
 
-    def _resolve(self) -> Iterator[Any]:
-        for name in self.names:
-            try:
-                yield resolve_name(name)
-            except Exception:  # whatever a foreign module raises must not hide the objects of others
-                log.exception("%s of an extension cannot be imported and is left out", name)
+
+def _resolved(names: Iterable[str]) -> Iterator[Any]:
+    for name in names:
+        try:
+            yield resolve_name(name)
+        except Exception:  # whatever a foreign module raises must not hide the objects of others
+            log.exception("%s of an extension cannot be imported and is left out", name)
 
 
 class LazyModule:

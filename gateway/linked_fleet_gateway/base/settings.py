@@ -117,6 +117,8 @@ def read(
 
 
 def whole_number(least: int = 0, most: int | None = None, noun: str = "whole number") -> Kind[int]:
+    """Return a kind of whole numbers from ``least`` to ``most``."""
+
     def read(text: str) -> int:
         if (
             not re.fullmatch(r"\d{1,18}", text, re.ASCII)

@@ -26,6 +26,7 @@ from linked_fleet_gateway.http.answers import ReadyResponse
 from linked_fleet_gateway.http.audit import add_audit_link, audit_resource, is_audit_path, record_request
 from linked_fleet_gateway.http.awaiting_stream import AwaitingStream, awaits_robot
 from linked_fleet_gateway.http.callers import SUBSCRIPTIONS_RIGHTS, require_right, visible_subscriptions
+from linked_fleet_gateway.http.containers import add_member, change_member
 from linked_fleet_gateway.http.demands import check_demands, refuse_demands, stops
 from linked_fleet_gateway.http.entrance import await_turn
 from linked_fleet_gateway.http.extension import Mount, Reader, Writer
@@ -70,8 +71,10 @@ from linked_fleet_gateway.resources.affordance import (
     PutTarget,
     ResumeSubscription,
     Subscribe,
+    rights_to_read,
 )
 from linked_fleet_gateway.resources.branches import Found
+from linked_fleet_gateway.resources.container import AddMember, ChangeMember
 from linked_fleet_gateway.resources.paths import owner_path, robot_of
 from linked_fleet_gateway.resources.resource import Redirect, RemoteMesh, Resource
 from linked_fleet_gateway.resources.subscription_resource import container_path
@@ -244,7 +247,7 @@ class Endpoint:
         try:
             found = await _find(websocket)
             if isinstance(found, Resource):
-                require_right(websocket, found.path, (Right.READ,))
+                require_right(websocket, found.path, rights_to_read(found.affords))
                 require_right(websocket, found.path, (Right.SUBSCRIBE,))
                 await self._open(websocket, found)
             else:
@@ -285,7 +288,7 @@ def _needed(request: Request, resource: Resource) -> Sequence[Right]:
     affords = resource.affords
     if affords is not None and request.method in affords.methods:
         return affords.needs
-    return SUBSCRIPTIONS_RIGHTS if isinstance(affords, Subscribe) else (Right.READ,)
+    return SUBSCRIPTIONS_RIGHTS if isinstance(affords, Subscribe) else rights_to_read(affords)
 
 
 def _read_nowait(request: Request) -> Reply | None:
@@ -390,6 +393,8 @@ _WRITERS: dict[type, Writer] = {
     Subscribe: post_subscription,
     ChangeSubscription: change_subscription,
     ResumeSubscription: resume_subscription,
+    AddMember: add_member,
+    ChangeMember: change_member,
 }
 
 

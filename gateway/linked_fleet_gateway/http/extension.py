@@ -1,11 +1,12 @@
 """The interface of extensions: packages that add a capability to the gateway without changes outside their folder."""
 
-from collections.abc import Awaitable, Callable, Iterable, Mapping, Sequence
-from contextlib import AbstractAsyncContextManager, nullcontext
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import AbstractAsyncContextManager, asynccontextmanager, contextmanager, nullcontext
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, ClassVar, TypeVar
 
+import msgspec
 from prometheus_client.metrics_core import Metric
 from pyoxigraph import NamedNode
 from starlette.types import ASGIApp
@@ -13,26 +14,27 @@ from starlette.types import ASGIApp
 from linked_fleet_gateway.actions.action_handlers import Handler
 from linked_fleet_gateway.actions.service import Actions, MotionGuard
 from linked_fleet_gateway.base.settings import Section, SectionT, section
+from linked_fleet_gateway.fleet.invocation import Invocation
+from linked_fleet_gateway.fleet.model import Link, Pose
+from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.http.arrival import Scheme
 from linked_fleet_gateway.http.html import HtmlWriter, NavigationEntry
 from linked_fleet_gateway.http.request import Request
 from linked_fleet_gateway.http.websocket import WebSocketHandler
 from linked_fleet_gateway.identity.service import Identities
 from linked_fleet_gateway.resources.branches import Branch, RequestView
+from linked_fleet_gateway.resources.container import Container
+from linked_fleet_gateway.resources.fleet_functions import FleetFunctions
+from linked_fleet_gateway.resources.property import Property
 from linked_fleet_gateway.resources.resource import Resource
 from linked_fleet_gateway.runtime.audit_log import AuditLog
+from linked_fleet_gateway.runtime.table import StoredRecords, Table
 from linked_fleet_gateway.subscriptions.live import Live
 
 Reader = Callable[[Request, Resource, Any], Awaitable[ASGIApp]]
 """Answers GET of a resource; the last argument is its ``remote``."""
 Writer = Callable[[Request, Any], Awaitable[ASGIApp]]
 """Answers other methods of a resource; the last argument is its ``affords``."""
-Operations = Callable[[RequestView], Mapping[str, Mapping[str, Any]]]
-"""Returns path items (OpenAPI 3.1, 4.8.9) by template, as far as they exist for the caller.
-
-Common responses (304, 400, 401, 403, 404, 405, 406, 412, 421, 429, 431, 500, 503) and security schemes are added to
-each operation.
-"""
 T = TypeVar("T")
 
 
@@ -52,16 +54,88 @@ class Core:
     public_urls: Sequence[str]
     state_path: Path
     """Folder for persistent files."""
-    views: Sequence[str] = ()
-    """The page views of all extensions, as ``module:attribute``."""
-    operations: Sequence[str] = ()
-    """The operations of all extensions, as ``module:attribute``."""
-    navigation: Sequence[NavigationEntry] = ()
-    """The navigation links of all extensions."""
+    extensions: "Sequence[Extension]" = ()
+    """All extensions that are on."""
+    extension: str = ""
+    """Name of the extension that is given this object."""
     sections: Sequence[Section] = ()
     """Settings of the extensions."""
     services: Sequence[object] = ()
     """Services of the extensions started before."""
+
+    @property
+    def navigation(self) -> Sequence[NavigationEntry]:
+        """The navigation links of all extensions."""
+        return [entry for each in self.extensions for entry in each.navigation]
+
+    @property
+    def robots(self) -> Mapping[str, Robot]:
+        """All robots by name, whoever may see them."""
+        return self.live.fleet.robots
+
+    def mark_changed(self, *paths: str) -> None:
+        """Tell the subscribers of resources that these have changed."""
+        self.live.fan_out.mark_changed(*paths)
+
+    @contextmanager
+    def listening(self, listener: Callable[[str | None], None]) -> Iterator[None]:
+        """Call ``listener`` at every change of any robot while the context lasts.
+
+        It is given the robot's name for a frame, even if no value changed, and None for anything else.
+        """
+        self.live.add_listener(listener)
+        try:
+            yield
+        finally:
+            self.live.remove_listener(listener)
+
+    @contextmanager
+    def listening_to_invocations(self, listener: Callable[[Invocation], None]) -> Iterator[None]:
+        """Call ``listener`` whenever a field of an invocation changes, and once more when it is forgotten.
+
+        Those of other gateways are included, and at the start those that Redis has kept.
+        """
+        self.live.add_invocation_listener(listener)
+        try:
+            yield
+        finally:
+            self.live.remove_invocation_listener(listener)
+
+    def has_ended(self, invocation: str) -> bool:
+        """Return True if the invocation with this id is known to have ended, at whichever gateway."""
+        found = self.live.invocations.get(invocation)
+        return found is not None and found.state.terminal
+
+    def table(
+        self,
+        name: str,
+        record: type[T],
+        on_change: Callable[[str, T | None, T | None], None] = lambda id, before, after: None,
+    ) -> Table[T]:
+        """Return a table of records of the extension, which all gateways share: an async context manager.
+
+        ``record`` is a type that msgspec converts to and from JSON, such as a frozen ``msgspec.Struct``. ``on_change``
+        is called with the id and the record before and after, also for changes of other gateways.
+        """
+        stored = StoredRecords(self.redis_url, self.namespace, self.extension, name)
+        decode = msgspec.json.Decoder(record).decode
+        return Table(stored, f"{self.extension} {name}", msgspec.json.encode, decode, on_change, self.live.faults)
+
+    @asynccontextmanager
+    async def open_container(
+        self, name: str, record: type[T], make: Callable[[Table[T]], Container[T]]
+    ) -> AsyncIterator[Container[T]]:
+        """Yield the container that ``make`` returns for a table of the extension, whose subscribers hear of changes."""
+
+        def tell(id: str, before: T | None, after: T | None) -> None:
+            if before is None:
+                self.live.fan_out.add_resource(container.member_path(id))
+            self.live.fan_out.mark_changed(container.member_path(id), container.path)
+
+        table = self.table(name, record, tell)
+        container = make(table)
+        async with table:
+            yield container
 
     def section(self, kind: type[SectionT]) -> SectionT:
         """Return the settings of this type, which the extension names in ``settings``. Raises LookupError."""
@@ -146,23 +220,31 @@ class Extension:
     added to these."""
     kinds: ClassVar[tuple[Path, ...]] = ()
     """Turtle files of kinds of actions, in the form of those in shapes/linked_fleet_shapes/actions."""
-    robot_properties: ClassVar[tuple[str, ...]] = ()
-    """Further properties of robots, as ``module:attribute`` of functions from a robot to a property."""
-    placements: ClassVar[tuple[str, ...]] = ()
-    """Poses of robots in a common frame, as ``module:attribute`` of functions from a robot to the pose of its own frame
-    there, None if unknown. Poses of other things: ``FleetBranch.poses``."""
-    link_statements: ClassVar[tuple[str, ...]] = ()
-    """Further statements about links, as ``module:attribute`` of functions of robot and link."""
-    functions: ClassVar[tuple[str, ...]] = ()
-    """Functions over the live fleet for query languages, as ``module:attribute`` of FleetFunctions."""
+    robot_properties: ClassVar[tuple[Callable[[Robot], Property], ...]] = ()
+    """Further properties of robots: functions from a robot to a property."""
+    placements: ClassVar[tuple[Callable[[Robot], Pose | None], ...]] = ()
+    """Functions from a robot to the pose of its own frame in a common one, None if unknown. Poses of other things:
+    ``FleetBranch.poses``."""
+    link_statements: ClassVar[tuple[Callable[[Robot, Link], Iterable[tuple[NamedNode, str]]], ...]] = ()
+    """Further statements about links: functions of robot and link, which return predicates and paths."""
+    functions: ClassVar[tuple[type[FleetFunctions], ...]] = ()
+    """Functions over the live fleet for query languages. The module of the class is imported by other processes too."""
     settings: ClassVar[type[Section] | None] = None
     """Section of settings, with its own prefix."""
-    views: ClassVar[tuple[str, ...]] = ()
-    """Page views, as ``module:attribute`` of a ``PageView``; loaded with pages."""
-    operations: ClassVar[tuple[str, ...]] = ()
-    """Operations on its resources, as ``module:attribute`` of an ``Operations``; loaded when described."""
     navigation: ClassVar[tuple[NavigationEntry, ...]] = ()
     """Links on all pages while the extension is on."""
+
+    def views(self) -> Sequence[object]:
+        """Return the views of its pages, each a ``PageView``. It is called only if the extension ``pages`` is on."""
+        return ()
+
+    def operations(self, view: RequestView) -> Mapping[str, Mapping[str, Any]]:
+        """Return the path items (OpenAPI 3.1, 4.8.9) of its resources by template, as far as they exist for the caller.
+
+        Those of containers, and of kinds of actions, follow from their shapes. Common responses (304, 400, 401, 403,
+        404, 405, 406, 412, 421, 429, 431, 500, 503) and security schemes are added to each operation.
+        """
+        return {}
 
     def start(self, core: Core) -> AbstractAsyncContextManager[Mount]:
         """Start the extension, yield its contributions, and stop everything when the context is left."""

@@ -215,7 +215,9 @@ async def _halt(request: Request, offer: Offer) -> Response:
     """Execute a stop without a body. Malformed header fields never prevent it."""
     actions: Actions = request.services.actions
     prefer = parse_prefer(field(request, "prefer"))
-    plan = actions.plan(ActionRequest(request.base, _no_body(request, offer), offer.robot, offer.joint), offer)
+    plan = actions.plan(
+        ActionRequest(request.base, _no_body(request, offer), offer.robot, offer.joint, thing=offer.thing), offer
+    )
     stops = request.caller.view_for(Right.STOP)
     asking = Caller(request.caller_name, stoppable_robots=stops, visible_robots=request.caller.visible_robots)
     if isinstance(plan, Operation):
@@ -243,7 +245,9 @@ async def _carry_out(
     actions: Actions = request.services.actions
     asking = _action_caller(request, admitted)
     with child_span("plan"):
-        plan = actions.plan(ActionRequest(request.base, admitted.body, offer.robot, offer.joint, moment), offer)
+        plan = actions.plan(
+            ActionRequest(request.base, admitted.body, offer.robot, offer.joint, moment, offer.thing), offer
+        )
         if isinstance(plan, DeferredPlan):
             plan = await actions.compute(plan)
     if isinstance(plan, Operation):

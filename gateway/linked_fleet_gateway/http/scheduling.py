@@ -12,7 +12,6 @@ import asyncio
 import time
 from collections import OrderedDict, deque
 from collections.abc import Callable, Collection
-from functools import cache
 from typing import TypeVar
 
 from starlette.types import Scope
@@ -23,7 +22,6 @@ from linked_fleet_gateway.http.arrival import arrival_of
 from linked_fleet_gateway.resources.action_offer import action_definitions
 
 
-@cache
 def stop_segments() -> frozenset[str]:
     """Return the last path segments of actions that stop something."""
     return frozenset(each.segment for each in action_definitions() if each.is_stop) | {"cancel"}

@@ -169,6 +169,7 @@ def lexical(value: float) -> str:
 
 
 def integer(value: int) -> Literal:
+    """Return an xsd:integer."""
     return Literal(str(value), datatype=XSD.integer)
 
 

@@ -98,6 +98,7 @@ LF = Namespace(
     " PlanarJointShape ScalarPropertyShape TranslationShape LimitsShape PoseShape TwistShape PointShape InertiaShape"
     " MimicryShape JointStateShape InvocationShape RehearsalShape SubscriptionShape SubscriptionResourceShape"
     " ActionShape"
+    " ContainerShape MemberShape"
     " ControlLeaseShape ControlLeaseInput TextPropertyShape TextInput AnnotationsShape SpeedScaleShape SpeedScaleInput"
     " TargetPositionShape ModelShape MeshShape FrameLayoutShape"
     # individuals

@@ -267,8 +267,16 @@ def fleet_offers(segment: str | None = None) -> list[Offer]:
     return [Offer(each, "/") for each in _named(segment) if LF.Fleet in each.offered_by]
 
 
+def offers_of(kind: NamedNode, thing: str, label: str, segment: str | None = None) -> list[Offer]:
+    """Return the actions of a thing of a class at a path, or only the one with the segment.
+
+    The thing is neither the fleet, nor a robot, nor a part of one.
+    """
+    return [Offer(each, thing, label=label) for each in _named(segment) if kind in each.offered_by]
+
+
 def _offered(kind: NamedNode, robot: Robot, joint: Joint | None, segment: str | None) -> list[ActionDefinition]:
-    able = robot.description.capabilities if robot.description is not None and robot.model is not None else ()
+    able = ("", *robot.description.capabilities) if robot.description is not None and robot.model is not None else ()
     kinds = [each for each in _named(segment) if kind in each.offered_by and each.capability in able]
     return [each for each in kinds if all(CONDITIONS[one](robot, joint) for one in each.offered_if)]
 

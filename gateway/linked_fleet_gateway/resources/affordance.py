@@ -48,6 +48,12 @@ def honoured_by(affordance: object) -> Honours:
     return found
 
 
+def rights_to_read(affordance: object) -> tuple[Right, ...]:
+    """Return the rights, one of which is needed to read the resource: ``reading`` of the affordance, else READ."""
+    found: tuple[Right, ...] = getattr(affordance, "reading", (Right.READ,))
+    return found
+
+
 class Affordance(Protocol):
     """Attributes of all affordances. An extension brings its own type together with a handler.
 

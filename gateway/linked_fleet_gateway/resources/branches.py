@@ -6,6 +6,7 @@ The tree knows only the segment of a branch. The branch resolves the rest of the
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
+from typing import TYPE_CHECKING, Any
 
 from msgspec import Struct, field
 from pyoxigraph import NamedNode, Triple
@@ -17,6 +18,9 @@ from linked_fleet_gateway.identity.rights import View
 from linked_fleet_gateway.resources.access_filter import InvocationsInView
 from linked_fleet_gateway.resources.property import Property
 from linked_fleet_gateway.resources.resource import Redirect, Resource, TypedLink
+
+if TYPE_CHECKING:
+    from linked_fleet_gateway.resources.container import Container
 
 Found = Resource | Redirect | None
 
@@ -57,6 +61,8 @@ class FleetBranch:
     """
     poses: Callable[[], Mapping[str, Pose]] | None = None
     """Poses of its resources in the common frame of robots, by path."""
+    container: "Container[Any] | None" = None
+    """The container that the resources are of, if the core answers its writes."""
     link: tuple[str, str] | None = None
     """Relation and media type of a link from ``/`` to ``/{segment}`` in its Link field and link set."""
 
@@ -140,6 +146,11 @@ class Branches:
         for branch in self.fleet_branches:
             if branch.graphs is not None:
                 yield from branch.graphs(view)
+
+    @property
+    def containers(self) -> "list[Container[Any]]":
+        """The containers whose writes the core answers."""
+        return [each.container for each in self.fleet_branches if each.container is not None]
 
     def poses(self) -> dict[str, Pose]:
         """Poses of resources of branches in the frame that robots have in common, by path."""

@@ -5,7 +5,7 @@ from typing import Protocol
 
 from pyoxigraph import BlankNode, Literal, NamedNode, Triple
 
-from linked_fleet_gateway.base.lazy_imports import LazyObjects
+from linked_fleet_gateway.base.lazy_imports import AddedObjects
 from linked_fleet_gateway.fleet.robot import Robot
 
 Term = NamedNode | BlankNode | Literal | Triple
@@ -16,7 +16,8 @@ Function = Callable[..., Term | None]
 class FleetFunctions(Protocol):
     """The functions of one extension; a process creates one instance."""
 
-    names: tuple[NamedNode, ...]
+    @property
+    def names(self) -> tuple[NamedNode, ...]: ...
 
     def prepare(self) -> None:
         """Load everything that calls need: afterwards no file can be opened. Raises LibraryMissing."""
@@ -25,7 +26,7 @@ class FleetFunctions(Protocol):
         """Return the functions for these robots only. ``base`` is the public URL without trailing slash."""
 
 
-FUNCTIONS = LazyObjects[Callable[[], FleetFunctions]]()
+FUNCTIONS = AddedObjects[Callable[[], FleetFunctions]]()
 """The classes of all extensions."""
 
 

@@ -45,6 +45,7 @@ def reserved_in_robot() -> frozenset[str]:
 
 
 def robot_path(robot: str) -> str:
+    """Return the path of a robot, with a slash at its end."""
     return f"/{_segment(robot, _at_root)}/"
 
 
@@ -85,6 +86,7 @@ def mesh_path(robot: str, file_name: str) -> str:
 
 
 def joint_path(robot: str, joint: str) -> str:
+    """Return the path of a joint, without a slash at its end."""
     return robot_path(robot) + _segment(joint, _in_robot)
 
 

@@ -7,7 +7,7 @@ from typing import NamedTuple, Self
 from msgspec import Struct
 from pyoxigraph import NamedNode
 
-from linked_fleet_gateway.base.lazy_imports import LazyObjects
+from linked_fleet_gateway.base.lazy_imports import AddedObjects
 from linked_fleet_gateway.fleet.model import Link
 from linked_fleet_gateway.fleet.observation import Mark, Observation
 from linked_fleet_gateway.fleet.robot import Robot
@@ -60,8 +60,8 @@ class Property(Struct, frozen=True):
         return self.sample is not tuple
 
 
-ROBOT_PROPERTIES = LazyObjects[Callable[[Robot], Property]]()
+ROBOT_PROPERTIES = AddedObjects[Callable[[Robot], Property]]()
 """Factories of further properties of robots."""
 
 
-LINK_STATEMENTS = LazyObjects[Callable[[Robot, Link], Iterable[tuple[NamedNode, str]]]]()
+LINK_STATEMENTS = AddedObjects[Callable[[Robot, Link], Iterable[tuple[NamedNode, str]]]]()

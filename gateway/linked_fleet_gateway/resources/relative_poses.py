@@ -7,7 +7,7 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
-from linked_fleet_gateway.base.lazy_imports import LazyObjects
+from linked_fleet_gateway.base.lazy_imports import AddedObjects
 from linked_fleet_gateway.fleet.kinematics import compose, inverse
 from linked_fleet_gateway.fleet.model import Pose
 from linked_fleet_gateway.fleet.robot import Robot
@@ -16,7 +16,7 @@ from linked_fleet_gateway.resources.paths import joint_or_link, robot_name
 
 _DECIMALS = round(-math.log10(POSE_RESOLUTION))
 
-PLACEMENTS = LazyObjects[Callable[[Robot], Pose | None]]()
+PLACEMENTS = AddedObjects[Callable[[Robot], Pose | None]]()
 """Functions of extensions that return the pose of a robot's own frame in the common frame, None if it is unknown."""
 
 

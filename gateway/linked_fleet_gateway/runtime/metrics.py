@@ -88,14 +88,17 @@ PREFIX = "linked_fleet_"
 
 
 def counter(name: str, meaning: str, value: int) -> Metric:
+    """Return a metric that only grows; its name gets the prefix ``linked_fleet_``."""
     return CounterMetricFamily(PREFIX + name, meaning, value)
 
 
 def gauge(name: str, meaning: str, value: float) -> Metric:
+    """Return a metric with one value; its name gets the prefix ``linked_fleet_``."""
     return GaugeMetricFamily(PREFIX + name, meaning, value)
 
 
 def gauges(name: str, meaning: str, label: str, values: Iterable[tuple[str, float]]) -> Metric:
+    """Return a metric with a value for each value of a label; its name gets the prefix ``linked_fleet_``."""
     gauge = GaugeMetricFamily(PREFIX + name, meaning, labels=(label,))
     for key, value in values:
         gauge.add_metric((key,), value)

@@ -266,6 +266,9 @@ class Live:
         # the fleet's representation only shows beginnings and ends
         if invocation.state.terminal or not invocation.progress:
             paths.append("/")
+        if invocation.operation:
+            thing = invocation.action.rpartition("/actions/")[0]
+            paths += thing, thing.rpartition("/")[0]
         if invocation.robot in self.fleet.robots:
             paths.append(robot_path(invocation.robot))
         for name, joints in changed.items():

@@ -1,15 +1,13 @@
-"""The blocks of docs/EXTENDING.md, put where it says, are an extension of a gateway."""
+"""The odometer of docs/EXTENDING.md, installed outside of the repository."""
 
-import re
-import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
-from pathlib import Path
 
 import pytest
 from rdflib import URIRef
 
 from browser import HYBRIT, VOM, Browser, Page
+from extending_page import installed_example
 from fake_robots import FakeRobot, open_session
 from running import eventually, process
 from small_fleet import Place
@@ -17,26 +15,7 @@ from subscribers import events
 
 pytestmark = pytest.mark.virtual
 
-_PAGE = (Path(__file__).parents[3] / "docs" / "EXTENDING.md").read_text(encoding="utf-8")
 _ODOMETER = "https://example.org/odometer#"
-
-
-def _block(language: str) -> str:
-    (found,) = re.findall(rf"^```{language}\n(.*?)^```$", _PAGE, re.MULTILINE | re.DOTALL)
-    return str(found)
-
-
-def _install(folder: Path) -> str:
-    """Put the module and the entry point into a folder of packages; return the setting that enables it."""
-    (folder / "odometer.py").write_text(_block("python"), encoding="utf-8")
-    metadata = folder / "odometer-1.dist-info"
-    metadata.mkdir()
-    (metadata / "METADATA").write_text("Metadata-Version: 2.1\nName: odometer\nVersion: 1\n")
-    section, entry = _block("toml").splitlines()
-    assert section == '[project.entry-points."linked_fleet.extensions"]'
-    (metadata / "entry_points.txt").write_text("[linked_fleet.extensions]\n" + entry.replace('"', "") + "\n")
-    (name,) = re.findall(r"^LINKED_FLEET_EXTENSIONS=(\w+)$", _PAGE, re.MULTILINE)
-    return str(name)
 
 
 def _turned(page: Page) -> float:
@@ -67,21 +46,19 @@ class Here:
 @pytest.fixture(scope="module")
 def here(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Here]:
     folder = tmp_path_factory.mktemp("odometer")
-    name = _install(folder)
-    sys.path.insert(0, str(folder))
     place = Place(folder / "state")
-    try:
-        with process(*place.command(), "--extensions", name) as gateway, open_session(place.zenoh) as session:
-            gateway.said("serving")
-            browser = Browser(place.root)
-            found = Here(browser, FakeRobot(session, "odd").appear(), f"{place.root}odd/odometer")
-            eventually(lambda: browser.http.get(found.url).status_code == 200, "the robot")
-            found.turn(0.0)
-            yield found
-            browser.close()
-    finally:
-        sys.path.remove(str(folder))
-        sys.modules.pop("odometer", None)
+    with (
+        installed_example("odometer", folder) as name,
+        process(*place.command(), "--extensions", name) as gateway,
+        open_session(place.zenoh) as session,
+    ):
+        gateway.said("serving")
+        browser = Browser(place.root)
+        found = Here(browser, FakeRobot(session, "odd").appear(), f"{place.root}odd/odometer")
+        eventually(lambda: browser.http.get(found.url).status_code == 200, "the robot")
+        found.turn(0.0)
+        yield found
+        browser.close()
 
 
 def test_the_resource_of_the_extension_is_linked_and_served_in_all_types(here: Here) -> None:

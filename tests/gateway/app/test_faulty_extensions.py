@@ -38,23 +38,16 @@ FAULTY = {
             yield Mount(metrics=fail)
 """, "metrics: added failed: RuntimeError: planted"),
     "view": ("""
-        views = ("added_extension:NOTHING",)
-""", "pages: added_extension:NOTHING failed: AttributeError"),
+        def views(self):
+            return ("no view",)
+""", "pages: views of added failed: TypeError: a view is a PageView"),
     "module of a view": ("""
-        views = ("no_such_module:VIEW",)
-""", "pages: no_such_module:VIEW failed: ModuleNotFoundError"),
-    "name of operations": ("""
-        operations = ("added_extension:nothing",)
-""", "OpenAPI: added_extension:nothing failed: AttributeError"),
+        def views(self):
+            import no_such_module
+""", "pages: views of added failed: ModuleNotFoundError"),
     "operations": ("""
-        operations = ("added_extension:fail",)
-""", "OpenAPI: added_extension:fail failed: RuntimeError: planted"),
-    "property": ("""
-        robot_properties = ("added_extension:nothing",)
-""", "extensions: added_extension:nothing of added failed: AttributeError"),
-    "statement": ("""
-        link_statements = ("added_extension:nothing",)
-""", "extensions: added_extension:nothing of added failed: AttributeError"),
+        operations = fail
+""", "OpenAPI: operations of added failed: RuntimeError: planted"),
     "guard that is not announced": (START + """
             yield Mount(guard=object())
 """, "does not say so in guards_motions"),

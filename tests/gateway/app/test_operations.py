@@ -1,6 +1,6 @@
 """Extensions declare the operations of their resources, and every description of the gateway includes them."""
 
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Mapping
 from contextlib import AsyncExitStack, asynccontextmanager
 from types import SimpleNamespace
 from typing import Any, ClassVar, cast
@@ -8,11 +8,15 @@ from typing import Any, ClassVar, cast
 from linked_fleet_gateway.app.extensions import mount_extensions
 from linked_fleet_gateway.base.faults import Faults
 from linked_fleet_gateway.http.extension import Core, Extension, Mount
+from linked_fleet_gateway.resources.branches import RequestView
+from linked_fleet_gateway.resources.json_form import Json
 
 
 class _Gripper(Extension):
     name = "gripper"
-    operations = ("acme.gripper:operations",)
+
+    def operations(self, view: RequestView) -> Mapping[str, Json]:
+        return {"/gripper": {}}
 
 
 class _Describing(Extension):
@@ -21,7 +25,7 @@ class _Describing(Extension):
 
     @asynccontextmanager
     async def start(self, core: Core) -> AsyncIterator[Mount]:
-        self.found[:] = core.operations
+        self.found[:] = [path for each in core.extensions for path in each.operations(cast(Any, None))]
         yield Mount()
 
 
@@ -31,4 +35,4 @@ async def test_descriptions_include_operations_of_extensions_started_later() -> 
     core = Core(*cast(Any, (live, actions, None, None, "", "", "", (), None)))
     async with AsyncExitStack() as stack:
         await mount_extensions([_Describing(), _Gripper()], core, stack)
-        assert _Describing.found == ["acme.gripper:operations"]
+        assert _Describing.found == ["/gripper"]

@@ -3,7 +3,7 @@
 A GET of a camera in an image media type queries the robot for the present picture.
 """
 
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Mapping, Sequence
 from contextlib import asynccontextmanager
 from email.utils import formatdate
 from functools import partial
@@ -15,7 +15,7 @@ from linked_fleet_agent.wire.messages import Camera
 from linked_fleet_gateway.base.errors import NotAcceptable, PreconditionFailed
 from linked_fleet_gateway.extensions.cameras.cameras import FORMATS, camera_path, cameras_of, types_of
 from linked_fleet_gateway.extensions.cameras.pictures import Pictures
-from linked_fleet_gateway.extensions.cameras.resources import RobotCamera, cameras_branch
+from linked_fleet_gateway.extensions.cameras.resources import RobotCamera, cameras_branch, mounted_cameras
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.http.extension import Core, Extension, Mount
 from linked_fleet_gateway.http.fields import field
@@ -92,9 +92,15 @@ class CamerasExtension(Extension):
     vocabulary = (Path(__file__).with_name("vocabulary.ttl"),)
     shapes = (Path(__file__).with_name("shapes.ttl"),)
     in_robot = ("cameras",)
-    link_statements = ("linked_fleet_gateway.extensions.cameras.resources:mounted_cameras",)
-    operations = ("linked_fleet_gateway.extensions.cameras.extension:operations",)
-    views = ("linked_fleet_gateway.extensions.cameras.page:VIEW",)
+    link_statements = (mounted_cameras,)
+
+    def views(self) -> Sequence[object]:
+        from linked_fleet_gateway.extensions.cameras import page
+
+        return (page.VIEW,)
+
+    def operations(self, view: RequestView) -> Mapping[str, Json]:
+        return operations(view)
 
     @asynccontextmanager
     async def start(self, core: Core) -> AsyncIterator[Mount]:

@@ -4,7 +4,7 @@ Histories are rendered in a thread and sent at the pace of the client, with link
 """
 
 import asyncio
-from collections.abc import AsyncIterator, Iterator
+from collections.abc import AsyncIterator, Iterator, Mapping, Sequence
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -117,13 +117,16 @@ class HistoryExtension(Extension):
     shapes = (Path(__file__).with_name("shapes.ttl"),)
     at_root = ("history",)
     in_robot = ("history",)
-    views = (
-        "linked_fleet_gateway.extensions.history.page:LIST",
-        "linked_fleet_gateway.extensions.history.page:HISTORY",
-    )
     navigation = (NavigationEntry("History", HISTORIES, 40),)
-    operations = ("linked_fleet_gateway.extensions.history.extension:operations",)
     settings = HistorySettings
+
+    def views(self) -> Sequence[object]:
+        from linked_fleet_gateway.extensions.history import page
+
+        return (page.LIST, page.HISTORY)
+
+    def operations(self, view: RequestView) -> Mapping[str, Json]:
+        return operations(view)
 
     @asynccontextmanager
     async def start(self, core: Core) -> AsyncIterator[Mount]:

@@ -6,21 +6,20 @@ The OpenAPI 3.1 description has everything that one caller sees. Recent descript
 import asyncio
 import json
 from collections import OrderedDict
-from collections.abc import AsyncIterator, Iterable, Mapping
+from collections.abc import AsyncIterator, Callable, Iterable, Mapping
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
 from functools import partial
 from hashlib import blake2b
-from pkgutil import resolve_name
 from typing import Any, NamedTuple
 
 from starlette.responses import Response
 
-from linked_fleet_gateway.base.faults import Faults
 from linked_fleet_gateway.extensions.openapi.components import components
 from linked_fleet_gateway.extensions.openapi.paths import FleetPaths, capitalized
 from linked_fleet_gateway.extensions.openapi.schemas import extract_alternatives, forbid_other_members, merge_null
-from linked_fleet_gateway.http.extension import Core, Extension, Mount, Operations
+from linked_fleet_gateway.http.containers import container_operations
+from linked_fleet_gateway.http.extension import Core, Extension, Mount
 from linked_fleet_gateway.http.negotiation import compress
 from linked_fleet_gateway.http.operations import (
     component_ref,
@@ -36,6 +35,7 @@ from linked_fleet_gateway.http.request import Request
 from linked_fleet_gateway.rdf.serialise import JSON
 from linked_fleet_gateway.rdf.vocabulary import LDP
 from linked_fleet_gateway.resources.branches import FleetBranch, Found, RequestView
+from linked_fleet_gateway.resources.container import Container
 from linked_fleet_gateway.resources.json_form import Json
 from linked_fleet_gateway.resources.resource import Resource
 from linked_fleet_gateway.runtime.background import time_sliced
@@ -59,16 +59,13 @@ class Document(NamedTuple):
 class Documents:
     """Makes descriptions, one at a time, and caches the recently used ones."""
 
-    def __init__(self, operations: Iterable[str], faults: Faults | None = None) -> None:
-        """Create the cache; ``operations`` are the operations of all extensions as ``module:attribute``.
-
-        ``faults`` gets those that do not exist.
-        """
-        self._operations = dict[str, Operations]()
-        faults = Faults() if faults is None else faults
-        for name in operations:
-            with faults.guard(_PART, thing=name):
-                self._operations[name] = resolve_name(name)
+    def __init__(
+        self,
+        extensions: Iterable[Extension],
+        containers: Callable[[], Iterable[Container[Any]]] = tuple,
+    ) -> None:
+        """Create the cache; ``containers`` returns those whose operations follow from their shapes."""
+        self._extensions, self._containers = list(extensions), containers
         self._made: OrderedDict[bytes, Document] = OrderedDict()
         self._turn = asyncio.Lock()
 
@@ -93,9 +90,12 @@ class Documents:
                 fleet.add(robot)
         paths: dict[str, Mapping[str, Any]] = {}
         # the first time they read shapes, some milliseconds each
-        async for name, operations in time_sliced(list(self._operations.items())):
-            with view.faults.guard(_PART, thing=name):
-                paths |= operations(view)
+        async for extension in time_sliced(self._extensions):
+            with view.faults.guard(_PART, thing=f"operations of {extension.name}"):
+                paths |= extension.operations(view)
+        for container in self._containers():
+            with view.faults.guard(_PART, thing=container.path):
+                paths |= container_operations(container) | dict(fleet.of_members(container))
         # Schemas of hundreds of joints take a second; their inputs are never modified in place, so a thread may read
         # them.
         return await asyncio.to_thread(_written, view, fleet, paths)
@@ -193,7 +193,7 @@ class OpenApiExtension(Extension):
     @asynccontextmanager
     async def start(self, core: Core) -> AsyncIterator[Mount]:
         branch = FleetBranch(PATH[1:], None, _resolve, link=("service-desc", TYPE))
-        documents = Documents(core.operations, core.live.faults)
+        documents = Documents(core.extensions, lambda: core.live.branches.containers)
         yield Mount(branches=(branch,), readers={ApiDescription: partial(_read, documents)})
 
 

@@ -5,6 +5,7 @@ Everything of the same form has one path. Links of a new invocation lead to read
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 from pyoxigraph import NamedNode
 
@@ -39,9 +40,10 @@ from linked_fleet_gateway.http.operations import (
 )
 from linked_fleet_gateway.rdf.serialise import JSON
 from linked_fleet_gateway.rdf.vocabulary import LF
-from linked_fleet_gateway.resources.action_offer import Offer, fleet_offers, joint_offers, robot_offers
+from linked_fleet_gateway.resources.action_offer import Offer, fleet_offers, joint_offers, offers_of, robot_offers
 from linked_fleet_gateway.resources.body_values import Setting
 from linked_fleet_gateway.resources.branches import RequestView
+from linked_fleet_gateway.resources.container import Container
 from linked_fleet_gateway.resources.json_form import Form, Json, form_of, form_of_input, form_of_target
 from linked_fleet_gateway.resources.paths import joint_path, link_path, robot_path
 from linked_fleet_gateway.resources.properties import joint_properties, link_properties, robot_properties
@@ -61,7 +63,7 @@ def action_paths(
     definition = offers[0].definition
     one = {**parameters, "invocation": ID_SCHEMA}
     listed, read = f"{template}/invocations", f"{template}/invocations/{{invocation}}"
-    done: Json = {"204": {"description": "The robot holds."}}
+    done: Json = {"204": {"description": "It has ended; a robot holds."}}
     cancel = rdf_get_operation(f"describeCancel{name}", "Describe the action cancel of a running invocation")
     return {
         template: path_item(
@@ -223,6 +225,14 @@ class FleetPaths:
             body = self._body(name, alike.offers, form_of_input)
             template, parameters = alike.template(f"/actions/{called}"), alike.parameters()
             yield from action_paths(template, name, parameters, alike.offers, body).items()
+
+    def of_members(self, container: Container[Any]) -> Iterator[tuple[str, Json]]:
+        """Yield the path items of the actions of the members of a container."""
+        thing, parameters = f"{container.path}/{{id}}", {"id": ID_SCHEMA}
+        for offer in offers_of(container.member_type, thing, container.title):
+            name = capitalized(offer.definition.segment) + capitalized(container.segment.strip("~"))
+            body = self._body(name, [offer], form_of_input)
+            yield from action_paths(offer.path, name, parameters, [offer], body).items()
 
     def _body(self, name: str, offers: list[Offer], form: Callable[[Offer, str], Form]) -> Json | None:
         """Return the media type object that all of ``offers`` accept; None if they take no body."""

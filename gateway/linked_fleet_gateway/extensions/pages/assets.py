@@ -9,6 +9,7 @@ import logging
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
+from hashlib import blake2b
 from pathlib import Path
 
 from linked_fleet_gateway.extensions.pages.thumbnail import SVG, drawing
@@ -66,11 +67,28 @@ def _coded(path: Path) -> dict[str, bytes]:
     return {coding: file.read_bytes() for coding, file in files.items() if file.exists()}
 
 
+_of_views: dict[str, Asset] = {}
+
+
+def add_file(path: Path) -> str:
+    """Serve a script or style of an extension in this process, and return its address, which names its content.
+
+    Raises OSError if it cannot be read, ValueError for a file of another kind.
+    """
+    if path.suffix not in (".js", ".css"):
+        raise ValueError(f"{path.name} is neither a script (.js) nor a style (.css)")
+    content = path.read_bytes()
+    name = f"{path.stem}-{blake2b(content, digest_size=8).hexdigest()}{path.suffix}"
+    _of_views[name] = Asset(_MEDIA_TYPES[path.suffix], content, {})
+    return f"/assets/{name}"
+
+
 THUMBNAIL = "thumbnail"
 
 
 def _asset(view: RequestView, rest: list[str]) -> Resource | None:
-    found = assets().files.get("/".join(rest))
+    name = "/".join(rest)
+    found = assets().files.get(name) or _of_views.get(name)
     if found is None:
         return None
     path, documents = "/assets/" + "/".join(rest), {found.media_type: lambda: found.content}

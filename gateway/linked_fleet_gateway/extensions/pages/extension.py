@@ -2,7 +2,6 @@
 
 from collections.abc import AsyncIterator, Mapping, Sequence
 from contextlib import asynccontextmanager
-from pkgutil import resolve_name
 
 from pyoxigraph import Triple
 
@@ -10,7 +9,7 @@ from linked_fleet_gateway.base.errors import FleetError
 from linked_fleet_gateway.extensions.pages import page
 from linked_fleet_gateway.extensions.pages.assets import BRANCH, THUMBNAIL, THUMBNAILS
 from linked_fleet_gateway.extensions.pages.page import FORMS, POLICY
-from linked_fleet_gateway.extensions.pages.views import add_view, set_entries
+from linked_fleet_gateway.extensions.pages.views import add_view, checked_view, set_entries
 from linked_fleet_gateway.http.extension import Core, Extension, Mount
 from linked_fleet_gateway.http.html import NOBODY, Formats, Reader
 from linked_fleet_gateway.resources.resource import Resource
@@ -45,8 +44,9 @@ class PagesExtension(Extension):
 
     @asynccontextmanager
     async def start(self, core: Core) -> AsyncIterator[Mount]:
-        for name in core.views:
-            with core.live.faults.guard("pages", thing=name):
-                add_view(resolve_name(name))
+        for extension in core.extensions:
+            with core.live.faults.guard("pages", thing=f"views of {extension.name}"):
+                for view in extension.views():
+                    add_view(checked_view(view))
         set_entries(core.navigation)
         yield Mount(branches=(BRANCH, THUMBNAILS), html=Pages())

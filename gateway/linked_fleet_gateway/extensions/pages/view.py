@@ -12,7 +12,7 @@ from linked_fleet_gateway.extensions.pages import thing_views as things
 from linked_fleet_gateway.extensions.pages.root_views import audit, fleet, vocabulary
 from linked_fleet_gateway.extensions.pages.thing_views import DescribedSubject, describe_subject
 from linked_fleet_gateway.extensions.pages.values import Facts, Link, Row
-from linked_fleet_gateway.extensions.pages.views import LF, Part, Place, added_views, places
+from linked_fleet_gateway.extensions.pages.views import LF, Part, Place, added_views, files_of, places
 from linked_fleet_gateway.http.html import Formats
 from linked_fleet_gateway.rdf.serialise import RDF_TYPES
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, LDP, OWL, PROV, RDF, ROS, SOSA, XHV
@@ -54,7 +54,7 @@ class View:
 
     ``crumbs``: names with IRIs, the last one without. ``stop``: what the Stop button stops, and the IRI of the action.
     ``lease``: the IRI of the control lease of the robot that the page is about, else empty. ``places``: the navigation.
-    ``warning``: about the gateway.
+    ``warning``: about the gateway. ``scripts``, ``styles``: addresses of those that only this kind of page has.
     """
 
     iri: str
@@ -78,6 +78,8 @@ class View:
     others: Sequence[DescribedSubject]
     places: Sequence[Place]
     warning: str
+    scripts: Sequence[str] = ()
+    styles: Sequence[str] = ()
 
     @property
     def formats(self) -> list[tuple[str, str, str]]:
@@ -98,7 +100,7 @@ class View:
 def view_of(resource: Resource, triples: Sequence[Triple], base: str, formats: Formats) -> View:
     """Return the view of a resource; ``base`` is scheme and authority, without a slash at its end."""
     iri, facts = NamedNode(base + resource.path), Facts(triples, base + "/")
-    kind, part = _kind(facts, iri)
+    kind, part, files = _kind(facts, iri)
     subscriptions = facts.one(iri, HYBRIT.subscriptions) if resource.links_subscriptions else None
     return View(
         iri=iri.value,
@@ -129,20 +131,23 @@ def view_of(resource: Resource, triples: Sequence[Triple], base: str, formats: F
         ],
         places=places(resource.path, resource.may_read_audit, root=facts.root),
         warning=resource.warning,
+        scripts=[each for each in files if each.endswith(".js")],
+        styles=[each for each in files if each.endswith(".css")],
     )
 
 
-def _kind(facts: Facts, iri: NamedNode) -> tuple[str, Part]:
+def _kind(facts: Facts, iri: NamedNode) -> tuple[str, Part, Sequence[str]]:
+    """Return the kind of page, what its view shows, and the addresses of its files."""
     if action_views.is_subscriptions(facts, iri):
-        return "subscriptions", action_views.subscriptions(facts, iri)
+        return "subscriptions", action_views.subscriptions(facts, iri), ()
     types = facts.all(iri, RDF.type)
     for view in added_views():
         if view.type in types:
-            return view.kind, view.read(facts, iri)
+            return view.kind, view.read(facts, iri), files_of(view)
     for type_, (kind, read) in _KINDS.items():
         if type_ in types:
-            return kind, read(facts, iri)
-    return "document", Part()
+            return kind, read(facts, iri), ()
+    return "document", Part(), ()
 
 
 def _links(facts: Facts, iri: NamedNode, predicate: NamedNode) -> list[Link]:

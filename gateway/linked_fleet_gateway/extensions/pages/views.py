@@ -11,6 +11,7 @@ from typing import Any
 
 from pyoxigraph import NamedNode
 
+from linked_fleet_gateway.extensions.pages.assets import add_file
 from linked_fleet_gateway.extensions.pages.values import Facts
 from linked_fleet_gateway.http.html import NavigationEntry
 from linked_fleet_gateway.rdf.turtle import Subject
@@ -38,13 +39,15 @@ class Part:
 class PageView:
     """The view of resources of one class; ``template`` is a file whose name is the kind of page.
 
-    ``constants``: values by name for views of other extensions, such as the path of a container.
+    ``constants``: values by name for views of other extensions, such as the path of a container. ``files``: ready-made
+    scripts (ES modules, ``.js``) and styles (``.css``) of these pages, which may load nothing from other sites.
     """
 
     type: NamedNode
     template: Path
     read: Callable[[Facts, NamedNode], Part]
     constants: Mapping[str, str] = field(default_factory=dict)
+    files: tuple[Path, ...] = ()
 
     @property
     def kind(self) -> str:
@@ -52,11 +55,25 @@ class PageView:
 
 
 _added: dict[NamedNode, PageView] = {}
+_files: dict[NamedNode, Sequence[str]] = {}
 
 
 def add_view(view: PageView) -> None:
-    """Show resources of a class by this view in this process."""
+    """Show resources of a class by this view in this process. Raises OSError, ValueError for a file of the view."""
+    _files[view.type] = [add_file(each) for each in view.files]
     _added[view.type] = view
+
+
+def files_of(view: PageView) -> Sequence[str]:
+    """Return the addresses of the files of an added view."""
+    return _files.get(view.type, ())
+
+
+def checked_view(view: object) -> PageView:
+    """Return a view of an extension. Raises TypeError if it is none."""
+    if not isinstance(view, PageView):
+        raise TypeError(f"a view is a PageView, not {view!r:.80}")
+    return view
 
 
 def added_views() -> list[PageView]:

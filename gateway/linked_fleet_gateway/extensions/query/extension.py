@@ -4,7 +4,7 @@ The endpoint supports the query operation of the SPARQL 1.1 Protocol (W3C Recomm
 updates.
 """
 
-from collections.abc import AsyncIterator, Sequence
+from collections.abc import AsyncIterator, Mapping, Sequence
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
 from functools import partial
@@ -211,9 +211,15 @@ class QueryExtension(Extension):
     name = "query"
     vocabulary = (Path(__file__).with_name("vocabulary.ttl"),)
     at_root = ("query",)
-    views = ("linked_fleet_gateway.extensions.query.page:VIEW",)
-    operations = ("linked_fleet_gateway.extensions.query.extension:operations",)
     navigation = (NavigationEntry("Query", "/query", 30),)
+
+    def views(self) -> Sequence[object]:
+        from linked_fleet_gateway.extensions.query import page
+
+        return (page.VIEW,)
+
+    def operations(self, view: RequestView) -> Mapping[str, Json]:
+        return operations(view)
 
     @asynccontextmanager
     async def start(self, core: Core) -> AsyncIterator[Mount]:

@@ -174,10 +174,10 @@ def contributions() -> str:
         sorted(reserved_at_root()),
         sorted(reserved_in_robot()),
         {name: [str(each) for each in added_files(name)] for name in (ACTIONS, VOCABULARY, BLUEPRINTS)},
-        list(ROBOT_PROPERTIES.names),
-        list(LINK_STATEMENTS.names),
-        list(FUNCTIONS.names),
-        list(PLACEMENTS.names),
+        ROBOT_PROPERTIES.names,
+        LINK_STATEMENTS.names,
+        FUNCTIONS.names,
+        PLACEMENTS.names,
     )
     return msgspec.json.encode(known).decode()
 
@@ -192,7 +192,7 @@ def register(said: Contributions) -> None:
     add_kinds(map(Path, said.files[ACTIONS]))
     for name in (VOCABULARY, BLUEPRINTS):
         add_files(name, map(Path, said.files[name]))
-    ROBOT_PROPERTIES.replace(said.robot_properties)
-    LINK_STATEMENTS.replace(said.link_statements)
-    FUNCTIONS.replace(said.functions)
-    PLACEMENTS.replace(said.placements)
+    ROBOT_PROPERTIES.replace_by_names(said.robot_properties)
+    LINK_STATEMENTS.replace_by_names(said.link_statements)
+    FUNCTIONS.replace_by_names(said.functions)
+    PLACEMENTS.replace_by_names(said.placements)

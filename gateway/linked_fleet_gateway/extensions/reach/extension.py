@@ -17,7 +17,7 @@ from linked_fleet_gateway.actions.action_handlers import build_motion
 from linked_fleet_gateway.actions.plan import ActionRequest, DeferredPlan, Motion
 from linked_fleet_gateway.base.errors import Conflict, Members, Offline, UnprocessableContent
 from linked_fleet_gateway.base.lazy_imports import LazyModule
-from linked_fleet_gateway.extensions.reach.can_reach import LF
+from linked_fleet_gateway.extensions.reach.can_reach import LF, CanReach
 from linked_fleet_gateway.fleet.kinematics import loose_joint
 from linked_fleet_gateway.fleet.model import JointKind, ModelError
 from linked_fleet_gateway.fleet.robot import Robot
@@ -138,7 +138,7 @@ class ReachExtension(Extension):
     name = "reach"
     vocabulary = (Path(__file__).with_name("vocabulary.ttl"),)
     kinds = (Path(__file__).with_name("reach.ttl"),)
-    functions = ("linked_fleet_gateway.extensions.reach.can_reach:CanReach",)
+    functions = (CanReach,)
 
     @asynccontextmanager
     async def start(self, core: Core) -> AsyncIterator[Mount]:

@@ -1,7 +1,7 @@
 """The extension ``rules``: invoke an action when a pattern over the live fleet starts to hold."""
 
 from collections import Counter
-from collections.abc import AsyncIterator, Iterator
+from collections.abc import AsyncIterator, Iterator, Mapping, Sequence
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
 from functools import partial
@@ -13,13 +13,15 @@ from prometheus_client.metrics_core import Metric
 from linked_fleet_gateway.base.settings import Section, setting, whole_number
 from linked_fleet_gateway.extensions.query.service import Queries
 from linked_fleet_gateway.extensions.rules.description import ChangeRule, MakeRule, branch, rule_state
-from linked_fleet_gateway.extensions.rules.http import change_rule, post_rule
+from linked_fleet_gateway.extensions.rules.http import change_rule, operations, post_rule
 from linked_fleet_gateway.extensions.rules.request import RULE_SHAPE
 from linked_fleet_gateway.extensions.rules.rule_invocation import creator_of
 from linked_fleet_gateway.extensions.rules.service import Rules
 from linked_fleet_gateway.extensions.rules.store import RuleStore
 from linked_fleet_gateway.http.extension import Core, Extension, Mount
 from linked_fleet_gateway.http.html import NavigationEntry
+from linked_fleet_gateway.resources.branches import RequestView
+from linked_fleet_gateway.resources.json_form import Json
 from linked_fleet_gateway.runtime.metrics import counter, gauges
 
 
@@ -41,13 +43,15 @@ class RulesExtension(Extension):
     at_root = ("rules",)
     needs = ("query",)
     settings = RuleSettings
-    views = (
-        "linked_fleet_gateway.extensions.rules.page:RULES",
-        "linked_fleet_gateway.extensions.rules.page:RULE",
-        "linked_fleet_gateway.extensions.rules.page:FIRINGS",
-    )
-    operations = ("linked_fleet_gateway.extensions.rules.http:operations",)
     navigation = (NavigationEntry("Rules", "/rules", 20),)
+
+    def views(self) -> Sequence[object]:
+        from linked_fleet_gateway.extensions.rules import page
+
+        return (page.RULES, page.RULE, page.FIRINGS)
+
+    def operations(self, view: RequestView) -> Mapping[str, Json]:
+        return operations(view)
 
     @asynccontextmanager
     async def start(self, core: Core) -> AsyncIterator[Mount]:

@@ -55,14 +55,14 @@ async def invoke(
     action = NamedNode(rule.base + offer.path)
     nothing = Body((), action)
     if offer.is_stop:
-        halt = actions.plan(ActionRequest(rule.base, nothing, offer.robot, offer.joint), offer)
+        halt = actions.plan(ActionRequest(rule.base, nothing, offer.robot, offer.joint, thing=offer.thing), offer)
         if isinstance(halt, Halt):
             asking = Caller(rule.client, stoppable_robots=creator.view_for(Right.STOP), rule=rule.id)
             return await actions.halt(offer.path, halt, asking)
     filled = fill(rule.body, row, action)
     body = validate_action_body(offer, filled, rule.base) if offer.takes_body else nothing
     moment = None if offer.robot is None else moments.get(offer.robot.name)
-    plan = actions.plan(ActionRequest(rule.base, body, offer.robot, offer.joint, moment), offer)
+    plan = actions.plan(ActionRequest(rule.base, body, offer.robot, offer.joint, moment, offer.thing), offer)
     if isinstance(plan, DeferredPlan):
         plan = await actions.compute(plan)
     # Cannot equal a client's key, whose characters are all visible.

@@ -177,9 +177,15 @@ class ThingsExtension(Extension):
     name = "things"
     vocabulary = (Path(__file__).with_name("vocabulary.ttl"),)
     at_root = (".well-known", "things")
-    views = ("linked_fleet_gateway.extensions.things.page:VIEW",)
     navigation = (NavigationEntry("Things", "/things", 60),)
-    operations = ("linked_fleet_gateway.extensions.things.extension:operations",)
+
+    def views(self) -> Sequence[object]:
+        from linked_fleet_gateway.extensions.things import page
+
+        return (page.VIEW,)
+
+    def operations(self, view: RequestView) -> Mapping[str, Json]:
+        return operations(view)
 
     @asynccontextmanager
     async def start(self, core: Core) -> AsyncIterator[Mount]:

@@ -4,7 +4,7 @@ Clients create, replace and delete objects over HTTP, and read poses in the fram
 """
 
 import re
-from collections.abc import AsyncIterator, Callable, Sequence
+from collections.abc import AsyncIterator, Callable, Mapping, Sequence
 from contextlib import asynccontextmanager
 from functools import partial
 from pathlib import Path
@@ -22,7 +22,7 @@ from linked_fleet_gateway.extensions.world.descriptions import (
     object_path,
     read_object,
 )
-from linked_fleet_gateway.extensions.world.placement import LF, WORLD
+from linked_fleet_gateway.extensions.world.placement import LF, WORLD, placement, placement_of
 from linked_fleet_gateway.extensions.world.resources import PoseQuery, PostObject, PutObject
 from linked_fleet_gateway.extensions.world.scene import SceneObject
 from linked_fleet_gateway.extensions.world.service import World
@@ -161,18 +161,19 @@ class WorldExtension(Extension):
     guards_motions = True
     at_root = ("world",)
     in_robot = ("placement",)
-    robot_properties = ("linked_fleet_gateway.extensions.world.placement:placement",)
+    robot_properties = (placement,)
     vocabulary = (Path(__file__).with_name("vocabulary.ttl"),)
     shapes = (Path(__file__).with_name("shapes.ttl"),)
-    placements = ("linked_fleet_gateway.extensions.world.placement:placement_of",)
-    views = (
-        "linked_fleet_gateway.extensions.world.page:VIEW",
-        "linked_fleet_gateway.extensions.world.page:COLLISIONS_VIEW",
-        "linked_fleet_gateway.extensions.world.page:CONTAINER_VIEW",
-        "linked_fleet_gateway.extensions.world.page:OBJECT_VIEW",
-    )
-    operations = ("linked_fleet_gateway.extensions.world.extension:operations",)
+    placements = (placement_of,)
     navigation = (NavigationEntry("World", "/world", 10),)
+
+    def views(self) -> Sequence[object]:
+        from linked_fleet_gateway.extensions.world import page
+
+        return (page.VIEW, page.COLLISIONS_VIEW, page.CONTAINER_VIEW, page.OBJECT_VIEW)
+
+    def operations(self, view: RequestView) -> Mapping[str, Json]:
+        return operations(view)
 
     @asynccontextmanager
     async def start(self, core: Core) -> AsyncIterator[Mount]:

@@ -1,0 +1,64 @@
+"""The contract of extensions: every name of the gateway that an extension may import (docs/EXTENDING.md).
+
+Extensions of other packages import this module, ``linked_fleet_gateway.extensions.pages.api``, and the extensions that
+they need. Names outside of these may change at any time. ``VERSION`` counts changes that break extensions.
+"""
+
+from pyoxigraph import Literal, NamedNode
+from starlette.responses import Response
+
+from linked_fleet_agent.wire.messages import Follow, Move
+from linked_fleet_gateway.actions.action_handlers import build_motion
+from linked_fleet_gateway.actions.operations import Call, Operation
+from linked_fleet_gateway.actions.plan import ActionRequest, DeferredPlan, Halt, Motion
+from linked_fleet_gateway.actions.service import MotionGuard
+from linked_fleet_gateway.base.errors import (
+    BadRequest,
+    Busy,
+    Conflict,
+    FleetError,
+    NotFound,
+    PreconditionFailed,
+    RedisUnavailable,
+    UnprocessableContent,
+)
+from linked_fleet_gateway.base.settings import ON_OFF, TEXT, Section, setting, whole_number
+from linked_fleet_gateway.fleet.invocation import Invocation, InvocationState
+from linked_fleet_gateway.fleet.model import Joint, Link, Pose, RobotModel
+from linked_fleet_gateway.fleet.robot import Robot
+from linked_fleet_gateway.http.entrance import await_turn
+from linked_fleet_gateway.http.extension import Core, Extension, Mount
+from linked_fleet_gateway.http.hosted import AsgiResponse
+from linked_fleet_gateway.http.html import NavigationEntry
+from linked_fleet_gateway.http.internal_request import ask
+from linked_fleet_gateway.http.read import read_resource
+from linked_fleet_gateway.http.request import Request
+from linked_fleet_gateway.identity.rights import Right
+from linked_fleet_gateway.rdf.graph import METRE, RADIAN, SECOND, UNITLESS, Graph, integer, timestamp
+from linked_fleet_gateway.rdf.vocabulary import DCTERMS, LDP, LF, RDF, RDFS
+from linked_fleet_gateway.resources.affordance import Demand
+from linked_fleet_gateway.resources.body_values import Body
+from linked_fleet_gateway.resources.branches import FleetBranch, Found, PropertyBranch, RequestView, RobotBranch
+from linked_fleet_gateway.resources.container import Container, Member
+from linked_fleet_gateway.resources.paths import joint_path, link_path, robot_path
+from linked_fleet_gateway.resources.property import Property
+from linked_fleet_gateway.resources.resource import Resource, blueprint_of
+from linked_fleet_gateway.resources.versioning import Source
+from linked_fleet_gateway.runtime.background import cancel_tasks, supervised
+from linked_fleet_gateway.runtime.metrics import counter, gauge, gauges
+from linked_fleet_gateway.runtime.table import Table
+from linked_fleet_gateway.shacl.terms import Namespace
+
+VERSION = 1
+
+__all__ = [
+    "DCTERMS", "LDP", "LF", "METRE", "ON_OFF", "RADIAN", "RDF", "RDFS", "SECOND", "TEXT", "UNITLESS", "VERSION",
+    "ActionRequest", "AsgiResponse", "BadRequest", "Body", "Busy", "Call", "Conflict", "Container", "Core",
+    "DeferredPlan", "Demand", "Extension", "FleetBranch", "FleetError", "Follow", "Found", "Graph", "Halt",
+    "Invocation", "InvocationState", "Joint", "Link", "Literal", "Member", "Motion", "MotionGuard", "Mount", "Move",
+    "NamedNode", "Namespace", "NavigationEntry", "NotFound", "Operation", "Pose", "PreconditionFailed", "Property",
+    "PropertyBranch", "RedisUnavailable", "Request", "RequestView", "Resource", "Response", "Right", "Robot",
+    "RobotBranch", "RobotModel", "Section", "Source", "Table", "UnprocessableContent", "ask", "await_turn",
+    "blueprint_of", "build_motion", "cancel_tasks", "counter", "gauge", "gauges", "integer", "joint_path", "link_path",
+    "read_resource", "robot_path", "setting", "supervised", "timestamp", "whole_number",
+]  # fmt: skip

@@ -1,0 +1,104 @@
+"""Writes of containers and their members, and their operations in OpenAPI."""
+
+from collections.abc import Callable
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+from pyoxigraph import Triple
+from starlette.responses import Response
+
+from linked_fleet_gateway.base.errors import NotFound
+from linked_fleet_gateway.http.body import body_type, convert_body, parse_form
+from linked_fleet_gateway.http.operations import (
+    CHANGED_RESPONSE,
+    ID_SCHEMA,
+    creation_responses,
+    header_ref,
+    patch_operation,
+    resource_path_items,
+    write_operation,
+)
+from linked_fleet_gateway.http.preconditions import resolve_under_preconditions
+from linked_fleet_gateway.http.request import Request
+from linked_fleet_gateway.http.writes import apply_patch, check_acceptable, created_response, read_patch
+from linked_fleet_gateway.rdf.serialise import JSON
+from linked_fleet_gateway.rdf.validation import ground_statements
+from linked_fleet_gateway.resources.affordance import FORM_TYPES
+from linked_fleet_gateway.resources.body_values import managed_statements, validate_body
+from linked_fleet_gateway.resources.container import AddMember, ChangeMember, Container
+from linked_fleet_gateway.resources.json_form import Json
+from linked_fleet_gateway.resources.resource import Resource
+
+if TYPE_CHECKING:
+    from linked_fleet_gateway.resources.json_form import Form
+
+
+async def add_member(request: Request, afforded: AddMember) -> Response:
+    """Create a member. The response is 201 with Location and description."""
+    container = afforded.container
+    check_acceptable(request)
+    iri = request.base + container.path
+    triples = await _read(request, container, iri)
+    id = await container.records.add(container.read(validate_body(triples, container.shape, iri)))
+    found = request.tree().resolve(container.member_path(id))
+    if not isinstance(found, Resource):
+        raise NotFound("It was deleted at once.")
+    return created_response(request, found)
+
+
+async def change_member(request: Request, afforded: ChangeMember) -> Response:
+    """Replace, patch or delete a member. The response is 204."""
+    container, id = afforded.container, afforded.id
+    change, path = await _change(request, container, request.base + container.member_path(id)), request.scope["path"]
+    while True:
+        # Evaluated in each attempt, because the member may change meanwhile, also at another gateway.
+        present = await resolve_under_preconditions(request, lambda: request.tree().resolve(path))
+        if present is None:
+            raise NotFound("It has been deleted meanwhile.")
+        if await container.records.change(id, change(present)):
+            return Response(status_code=204)
+
+
+async def _change(request: Request, container: Container[Any], iri: str) -> Callable[[Resource], Any]:
+    """Return a function from the present resource to the new record; None if the member is to be deleted."""
+    if request.method == "DELETE":
+        return lambda present: None
+    shape = container.shape
+
+    def record(triples: list[Triple], present: Resource) -> Any:
+        seen = ground_statements(present.full_graph(request.base))
+        return container.read(validate_body(triples, shape, iri, seen))
+
+    if request.method == "PUT":
+        return partial(record, await _read(request, container, iri))
+    update, own = await read_patch(request, iri), partial(managed_statements, shape=shape, iri=iri)
+    return lambda present: record(apply_patch(update, present, request.base, own), present)
+
+
+async def _read(request: Request, container: Container[Any], iri: str) -> list[Triple]:
+    media_type, form = body_type(request, FORM_TYPES), partial(_form, container)
+    return await convert_body(request, lambda content: parse_form(content, media_type, iri, request.base, form))
+
+
+def _form(container: Container[Any]) -> "Form":
+    from linked_fleet_gateway.resources.json_form import form_of
+
+    return form_of(container.shape)
+
+
+def container_operations(container: Container[Any]) -> dict[str, Json]:
+    """Return the path items (OpenAPI 3.1, 4.8.9) of a container and its members."""
+    name = container.member_type.value.rpartition("#")[2].rpartition("/")[2]
+    body: Json = {JSON: {"schema": _form(container).schema}}
+    return {
+        **resource_path_items(
+            container.path, {}, f"{name}Container", container.title,
+            post=write_operation(f"add{name}", f"Add to {container.title}", creation_responses("Added."), body),
+        ),
+        **resource_path_items(
+            f"{container.path}/{{id}}", {"id": ID_SCHEMA}, name, f"A member of {container.title}",
+            put=write_operation(f"put{name}", "Replace it", CHANGED_RESPONSE, body, [header_ref("IfMatch")]),
+            patch=patch_operation(f"patch{name}", "Change it by a SPARQL update"),
+            delete=write_operation(f"delete{name}", "Delete it", CHANGED_RESPONSE, None, [header_ref("IfMatch")]),
+        ),
+    }  # fmt: skip

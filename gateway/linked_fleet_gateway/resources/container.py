@@ -1,0 +1,238 @@
+"""Containers of records that clients create, replace and delete, and that all gateways share (LDP 1.0, 5.2). Pure."""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Generic, Protocol, TypeVar
+
+from pyoxigraph import Literal, NamedNode, Triple
+
+from linked_fleet_gateway.fleet.invocations import Invocation
+from linked_fleet_gateway.identity.rights import Right
+from linked_fleet_gateway.rdf.graph import Graph
+from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, LDP, LF
+from linked_fleet_gateway.resources.action_offer import Offer, offers_of
+from linked_fleet_gateway.resources.action_tree import resolve_action
+from linked_fleet_gateway.resources.affordance import FORM_TYPES
+from linked_fleet_gateway.resources.body_values import Body
+from linked_fleet_gateway.resources.branches import FleetBranch, Found, RequestView
+from linked_fleet_gateway.resources.resource import CONTAINER, Resource, blueprint_of
+from linked_fleet_gateway.resources.versioning import Source
+
+T = TypeVar("T")
+_BLUEPRINT = "blueprint"
+
+
+class Records(Protocol[T]):
+    """The records of a container by id, such as a ``Table``. Writes raise RedisUnavailable and ContainerFull."""
+
+    @property
+    def known(self) -> Mapping[str, T]: ...
+
+    async def add(self, record: T) -> str:
+        """Add a record and return its id."""
+
+    async def change(self, id: str, record: T | None) -> bool:
+        """Replace the known record, or remove it for None. Return False if it has changed meanwhile."""
+
+
+@dataclass(frozen=True)
+class Container(Generic[T]):
+    """A container at ``/{segment}`` whose members are records.
+
+    ``type`` and ``member_type`` are the classes of the container and of its members. Kinds of actions with
+    ``lf:offeredBy`` the class of members are actions of each member.
+    """
+
+    segment: str
+    title: str
+    type: NamedNode
+    member_type: NamedNode
+    records: Records[T]
+    shape: NamedNode
+    """Shape of the body of POST and PUT, in a file of ``Extension.shapes``."""
+    read: Callable[[Body], T]
+    """Returns the record of a body that conforms to the shape. Raises UnprocessableContent for what a shape cannot
+    say."""
+    describe: Callable[[Graph, "Member[T]"], None]
+    """Adds the statements about a member besides its types and title, and all that a client must send back."""
+    title_of: Callable[[T], str]
+    predicate: NamedNode | None = None
+    """Links the container from the fleet's description."""
+    blueprint: NamedNode = LF.ContainerShape
+    """Shape of the container itself."""
+    member_blueprint: NamedNode = LF.MemberShape
+    """Shape of a member."""
+    writing: tuple[Right, ...] = (Right.ADMIN,)
+    """Rights, one of which is needed to create, replace and delete members."""
+    reading: tuple[Right, ...] = (Right.READ,)
+    """Rights, one of which is needed to read the container and its members."""
+
+    @property
+    def path(self) -> str:
+        return "/" + self.segment
+
+    def member_path(self, id: str) -> str:
+        return f"{self.path}/{id}"
+
+    @property
+    def branch(self) -> FleetBranch:
+        """The branch of the tree, for ``Mount.branches``."""
+        return FleetBranch(self.segment, self.predicate, self._resolve, graphs=self._graphs(), container=self)
+
+    def _graphs(self) -> "Callable[[RequestView], Iterator[tuple[str, Sequence[Triple]]]] | None":
+        """Return the statements for copies of the fleet; None if not everybody who reads the fleet may read them."""
+        return self._all if self.reading == (Right.READ,) else None
+
+    def _all(self, view: RequestView) -> Iterator[tuple[str, Sequence[Triple]]]:
+        whole = self._whole(view)
+        yield self.path, whole.full_graph(view.base).triples
+        for each in self.members(view):
+            yield each.path, each.resource().full_graph(view.base).triples
+
+    def members(self, view: RequestView) -> "list[Member[T]]":
+        return [Member(self, view, id, record) for id, record in self.records.known.items()]
+
+    def member(self, view: RequestView, id: str) -> "Member[T] | None":
+        record = self.records.known.get(id)
+        return None if record is None else Member(self, view, id, record)
+
+    def _resolve(self, view: RequestView, rest: list[str]) -> Found:
+        if not rest:
+            return self._whole(view)
+        if rest == [_BLUEPRINT]:
+            return blueprint_of(self._whole(view), view.base, (self.blueprint, self.shape))
+        member = self.member(view, rest[0])
+        return None if member is None else member.resolve(rest[1:])
+
+    def _whole(self, view: RequestView) -> Resource:
+        return Resource(
+            self.path,
+            self.title,
+            lambda graph: self._describe(graph, view),
+            CONTAINER,
+            Source(lambda: [each.facts for each in self.members(view)]),
+            own_paths=(f"{self.path}/{_BLUEPRINT}",),
+            part_paths=tuple(map(self.member_path, self.records.known)),
+            affords=AddMember(self),
+        )
+
+    def _describe(self, graph: Graph, view: RequestView) -> None:
+        iri = view.iri(self.path)
+        graph.a(iri, self.type, LDP.BasicContainer, LDP.Container)
+        graph.add(iri, DCTERMS.title, Literal(self.title))
+        graph.add(iri, HYBRIT.blueprint, NamedNode(f"{iri.value}/{_BLUEPRINT}"))
+        graph.add(iri, HYBRIT.consumes, self.shape)
+        for each in self.members(view):
+            graph.add(iri, LDP.contains, each.iri)
+            each.describe(graph)
+
+
+@dataclass(frozen=True)
+class Member(Generic[T]):
+    """A member of a container, as a caller sees it."""
+
+    container: Container[T]
+    view: RequestView
+    id: str
+    record: T
+
+    @property
+    def path(self) -> str:
+        return self.container.member_path(self.id)
+
+    @property
+    def iri(self) -> NamedNode:
+        return self.view.iri(self.path)
+
+    def running(self, segment: str) -> list[Invocation]:
+        """Return the invocations of one of its actions that have not ended, newest first."""
+        of_action = self.view.invocations.of_action(f"{self.path}/actions/{segment}")
+        return [each for each in of_action if not each.state.terminal]
+
+    @property
+    def facts(self) -> tuple[Any, ...]:
+        """What determines its description, equal on all gateways."""
+        kinds = [each.definition.segment for each in self.offers()]
+        return self.id, self.record, [[each.id for each in self.running(kind)] for kind in kinds]
+
+    def offers(self, segment: str | None = None) -> list[Offer]:
+        """Return its actions, or only the one with the segment."""
+        return offers_of(self.container.member_type, self.path, self.container.title_of(self.record), segment)
+
+    def describe(self, graph: Graph) -> None:
+        """Add all statements about it."""
+        iri = self.iri
+        graph.a(iri, self.container.member_type)
+        graph.add(iri, DCTERMS.title, Literal(self.container.title_of(self.record)))
+        graph.add(iri, HYBRIT.action, *(self.view.iri(each.path) for each in self.offers()))
+        self.container.describe(graph, self)
+
+    def resource(self) -> Resource:
+        container, view, id = self.container, self.view, self.id
+
+        def facts() -> object:
+            present = container.member(view, id)
+            return None if present is None else present.facts
+
+        return Resource(
+            self.path,
+            container.title_of(self.record),
+            self._describe_alone,
+            source=Source(facts),
+            own_paths=(f"{self.path}/{_BLUEPRINT}", *(each.path for each in self.offers())),
+            affords=ChangeMember(container, id),
+        )
+
+    def _describe_alone(self, graph: Graph) -> None:
+        self.describe(graph)
+        graph.add(self.iri, HYBRIT.blueprint, NamedNode(f"{self.iri.value}/{_BLUEPRINT}"))
+        graph.add(self.iri, HYBRIT.consumes, self.container.shape)
+
+    def resolve(self, rest: list[str]) -> Found:
+        """Return the resource at the segments below its path."""
+        if not rest:
+            return self.resource()
+        if rest == [_BLUEPRINT]:
+            shapes = self.container.member_blueprint, self.container.shape
+            return blueprint_of(self.resource(), self.view.base, shapes)
+        if rest[0] == "actions" and len(rest) > 1:
+            source = Source(lambda: (self.id, self.record))
+            return resolve_action(self.offers(rest[1]), rest[1:], self.view.invocations, source, self.view.base)
+        return None
+
+
+@dataclass(frozen=True)
+class AddMember:
+    """Add a member to a container."""
+
+    container: Container[Any]
+    methods: tuple[str, ...] = field(default=("POST",), init=False)
+    body_types: tuple[str, ...] = field(default=FORM_TYPES, init=False)
+    reads: bool = field(default=False, init=False)
+
+    @property
+    def needs(self) -> tuple[Right, ...]:
+        return self.container.writing
+
+    @property
+    def reading(self) -> tuple[Right, ...]:
+        return self.container.reading
+
+
+@dataclass(frozen=True)
+class ChangeMember:
+    """Replace a member of a container, or delete it."""
+
+    container: Container[Any]
+    id: str
+    methods: tuple[str, ...] = field(default=("PUT", "PATCH", "DELETE"), init=False)
+    body_types: tuple[str, ...] = field(default=FORM_TYPES, init=False)
+    reads: bool = field(default=False, init=False)
+
+    @property
+    def needs(self) -> tuple[Right, ...]:
+        return self.container.writing
+
+    @property
+    def reading(self) -> tuple[Right, ...]:
+        return self.container.reading
