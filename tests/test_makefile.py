@@ -1,5 +1,6 @@
 """Makefile: programs that make installs."""
 
+import os
 import shutil
 import subprocess
 from pathlib import Path
@@ -9,6 +10,29 @@ import pytest
 from running import ROOT
 
 _PROGRAMS = ("sh", "id", "grep", "date")
+_EXTENSIONS = ROOT / "gateway/linked_fleet_gateway/extensions"
+
+
+def _make(*arguments: str) -> subprocess.CompletedProcess[str]:
+    command = [shutil.which("make") or "make", *arguments]
+    environment = {name: value for name, value in os.environ.items() if not name.startswith(("MAKE", "MFLAGS"))}
+    return subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, check=False)
+
+
+@pytest.mark.parametrize("name", ["wrld", "", "../http"])
+def test_an_unknown_extension_is_refused_with_the_names_of_all(name: str) -> None:
+    done = _make("test-extension", f"NAME={name}")
+    known = sorted(folder.parent.name for folder in _EXTENSIONS.glob("*/tests"))
+    assert done.returncode == 2
+    assert f"NAME={name} is no extension with tests: {' '.join(known)}\n" in done.stdout
+
+
+def test_the_tests_of_an_extension_need_the_environment_alone() -> None:
+    """Everything that would run, if nothing was there."""
+    commands = _make("test-extension", "NAME=world", "--dry-run", "--always-make").stdout
+    assert "pytest -rs gateway/linked_fleet_gateway/extensions/world/tests" in commands
+    assert "[dev" not in commands
+    assert [name for name in ("npm", "chromium", "libegl", "helm", "pip download") if name in commands] == []
 
 
 @pytest.mark.parametrize(("candidate", "installs"), [("150.0.1-1", True), ("(none)", False)])

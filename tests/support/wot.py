@@ -10,9 +10,9 @@ import sys
 from pathlib import Path
 from typing import Any
 
-import pytest
 from jsonschema import Draft7Validator, FormatChecker
 
+from needs import missing
 from running import PATIENCE_S
 
 HERE = Path(__file__).parents[2] / "gateway/linked_fleet_gateway/extensions/things/tests"
@@ -23,7 +23,7 @@ def node() -> str:
     """Return the command that runs JavaScript."""
     found = shutil.which("node") or shutil.which("node", path=str(Path(sys.executable).parent))
     if found is None or not _SCHEMA.is_file():
-        pytest.fail("node-wot is not there: make node-wot", pytrace=False)
+        missing("Node.js with node-wot", "make node-wot")
     return found
 
 

@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 from playwright.sync_api import Browser, Page, expect, sync_playwright
@@ -9,11 +10,13 @@ from playwright.sync_api import Browser, Page, expect, sync_playwright
 from browser import Browser as Client
 from chromium import DESK, EXECUTABLE, MISSING, launch
 from gateway_group import Gateway, Hub, gateway, hub
+from needs import missing
 from page_user import SIZES, PageUser, using_page
 from running import PATIENCE_S
 from small_fleet import Place, live
 from watched_page import Watched
 
+MANIFEST = Path(__file__).parents[1] / "assets" / "manifest.json"
 # a folder for the pictures of README.md, which are then taken in high resolution
 PICTURES = os.environ.get("LINKED_FLEET_PICTURES")
 NO_WEBGL = """
@@ -27,7 +30,9 @@ NO_WEBGL = """
 @pytest.fixture(scope="module")
 def chromium() -> Iterator[Browser]:
     if EXECUTABLE is None:
-        pytest.fail(f"the tests of the pages need Chromium. {MISSING}", pytrace=False)
+        missing("Chromium", MISSING)
+    if not MANIFEST.is_file():
+        missing("Chromium with the scripts of the pages", "make assets")
     expect.set_options(timeout=PATIENCE_S * 1000)
     with sync_playwright() as playwright:
         browser = launch(playwright)

@@ -1,0 +1,16 @@
+"""What tests need besides the Python environment: without it they fail, or are left out by ``make test-extension``."""
+
+import os
+from typing import NoReturn
+
+import pytest
+
+VARIABLE = "ENVIRONMENT_ALONE"
+"""Set by ``make test-extension``, which installs no program."""
+
+
+def missing(what: str, command: str) -> NoReturn:
+    """End the test that needs ``what``: skip it if only the environment is there, else fail, naming the ``command``."""
+    if VARIABLE in os.environ:
+        pytest.skip(f"left out: needs {what}; make test runs it")
+    pytest.fail(f"{what} is missing: {command}", pytrace=False)
