@@ -75,7 +75,7 @@ define install
 run="$(1)/bin/python -m pip install -q"; \
 if ! $(1)/bin/python -m pip config list | grep -q index && $$run uv; then \
   run="env UV_FIND_LINKS=$$PIP_FIND_LINKS $(1)/bin/python -m uv pip install -q --compile-bytecode"; fi; \
-$$run $(2)
+$$run $(2) || $(1)/bin/python -m pip install -q $(2)
 endef
 
 .PHONY: architecture docs demo release try-release test test-extension extension-name test-long test-all check check-collisions docs-settings docs-extending requirements fleet-check bench bench-robots bench-routers fuzz mutants soak assets pictures node-wot shacl-suite strangers chromium egl java tools wrk caddy clean helm
