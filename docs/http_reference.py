@@ -8,7 +8,8 @@ from typing import Any
 
 from linked_fleet_agent.wire.codec import layout
 from linked_fleet_agent.wire.messages import WIRE_VERSION, Description
-from linked_fleet_gateway.app.extensions import BUILT_IN, register_extensions
+from linked_fleet_gateway.app.extensions import BUILT_IN, contributions_of
+from linked_fleet_gateway.base.contributions import set_present
 from linked_fleet_gateway.extensions.openapi.extension import Documents
 from linked_fleet_gateway.fleet.events import Appeared, Described
 from linked_fleet_gateway.fleet.fleet import Fleet
@@ -56,7 +57,7 @@ def http() -> str:
 
 def description() -> dict[str, Any]:
     """Return the OpenAPI description of a gateway with all built-in extensions and a robot with each kind of value."""
-    register_extensions(BUILT_IN)
+    set_present(contributions_of(BUILT_IN))
     fleet = Fleet()
     for event in (Appeared("example", 1), Described(_robot())):
         fleet.apply(event, 0)

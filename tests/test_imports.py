@@ -23,19 +23,14 @@ def note(event, arguments):
 sys.addaudithook(note)
 for name in sys.argv[1:]:
     importlib.import_module(name)
-from linked_fleet_gateway.resources import fleet_functions, paths, property, relative_poses
-from linked_fleet_gateway.rdf import shapes
+from linked_fleet_gateway.base import contributions
 print(json.dumps({
     "threads": [each.name for each in threading.enumerate()][1:],
     "files": sorted(os.readlink(f"/proc/self/fd/{each}") for each in set(os.listdir("/proc/self/fd")) - before
                     if os.path.exists(f"/proc/self/fd/{each}")),
     "shapes": sorted(set(read)),
-    "segments": sorted((paths.reserved_at_root() - paths._CORE_AT_ROOT) |
-                       (paths.reserved_in_robot() - paths._CORE_IN_ROBOT)),
-    "objects": [str(each.names) for each in (
-        property.ROBOT_PROPERTIES, property.LINK_STATEMENTS, fleet_functions.FUNCTIONS, relative_poses.PLACEMENTS
-    ) if each.names],
-    "terms": sorted(shapes._added),
+    "contributions": [] if contributions.present()._derived == {} and contributions.present().robot_properties == () and
+                     contributions.present().at_root == contributions.CORE_AT_ROOT else ["some"],
 }))
 """
 

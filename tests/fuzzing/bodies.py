@@ -19,7 +19,8 @@ from linked_fleet_agent.wire.messages import State
 from linked_fleet_gateway.actions.action_handlers import HANDLERS
 from linked_fleet_gateway.actions.admission import validate_action_body
 from linked_fleet_gateway.actions.plan import ActionRequest, DeferredPlan, Motion, robot_time
-from linked_fleet_gateway.app.extensions import BUILT_IN, register_extensions
+from linked_fleet_gateway.app.extensions import BUILT_IN, contributions_of
+from linked_fleet_gateway.base.contributions import set_present
 from linked_fleet_gateway.base.errors import FleetError, UnprocessableContent
 from linked_fleet_gateway.extensions.reach.can_reach import LF
 from linked_fleet_gateway.extensions.reach.extension import reach
@@ -40,7 +41,7 @@ from shacl_findings import pyshacl_finds
 
 BASE = "http://127.0.0.1:8000"
 _HANDLERS = {**HANDLERS, LF.Reach: reach}
-register_extensions(BUILT_IN)
+set_present(contributions_of(BUILT_IN))
 _SYNTAXES = {"application/n-triples": RdfFormat.N_TRIPLES, "application/rdf+xml": RdfFormat.RDF_XML}
 _JSON = "application/ld+json"
 _COMPARED = 0.004

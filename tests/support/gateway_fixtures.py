@@ -11,7 +11,8 @@ from linked_fleet_agent.wire.messages import Description, State
 from linked_fleet_gateway.actions.action_handlers import HANDLERS, Plan
 from linked_fleet_gateway.actions.admission import validate_action_body
 from linked_fleet_gateway.actions.plan import ActionRequest, robot_time
-from linked_fleet_gateway.app.extensions import BUILT_IN, register_extensions
+from linked_fleet_gateway.app.extensions import BUILT_IN, contributions_of
+from linked_fleet_gateway.base.contributions import set_present
 from linked_fleet_gateway.extensions.reach.can_reach import LF
 from linked_fleet_gateway.extensions.reach.extension import reach
 from linked_fleet_gateway.fleet.events import Appeared, Described, Framed
@@ -27,13 +28,14 @@ from linked_fleet_gateway.resources.body_values import Body
 from linked_fleet_gateway.resources.resource import Resource
 from linked_fleet_gateway.resources.tree import Tree
 
-register_extensions(BUILT_IN)  # test cases are generated during collection
+EVERY_EXTENSION = contributions_of(BUILT_IN)
+set_present(EVERY_EXTENSION)  # test cases are generated during collection
 
 
 @pytest.fixture(autouse=True)
 def every_extension() -> None:
-    """Install all extensions, since another test's gateway may have had fewer."""
-    register_extensions(BUILT_IN)
+    """Have all extensions present, since another test may have set others."""
+    set_present(EVERY_EXTENSION)
 
 
 _PREFIXES = "".join(f"@prefix {prefix}: <{iri}> .\n" for prefix, iri in PREFIXES.items())

@@ -14,13 +14,14 @@ from linked_fleet_gateway.actions.service import Actions
 from linked_fleet_gateway.actions.store import ActionStore
 from linked_fleet_gateway.app.extensions import (
     ExtensionSettings,
+    contributions_of,
     create_representations,
     enabled_extensions,
     mount_extensions,
-    register_extensions,
 )
 from linked_fleet_gateway.app.metrics import MetricsCollector, Sampler, create_registry
 from linked_fleet_gateway.app.settings import GatewaySettings
+from linked_fleet_gateway.base.contributions import set_present, using
 from linked_fleet_gateway.http.endpoint import Endpoint
 from linked_fleet_gateway.http.entrance import Entrance, cors_middleware
 from linked_fleet_gateway.http.extension import Core
@@ -49,7 +50,7 @@ from linked_fleet_gateway.subscriptions.store import SubscriptionStore
 
 
 def check_shapes() -> None:
-    """Compile all shapes of the core and of the registered extensions. Raises Unsupported with shape and reason.
+    """Compile all shapes of the core and of the present extensions. Raises Unsupported with shape and reason.
 
     Shapes of actions are checked as written. The parts that COMPLETIONS adds for a robot come from code.
     """
@@ -112,11 +113,13 @@ def create_app(settings: GatewaySettings, tracing: Tracing | None = None, open_s
     Raises Unsupported for shapes that cannot be compiled.
     """
     extensions = enabled_extensions(settings.section(ExtensionSettings))
-    register_extensions(extensions)
-    check_shapes()
+    contributions = contributions_of(extensions)
+    with using(contributions):
+        check_shapes()
 
     @asynccontextmanager
     async def lifespan(_: Starlette) -> AsyncIterator[None]:
+        set_present(contributions)
         async with AsyncExitStack() as stack:
             live = await stack.enter_async_context(create_live(settings, open_session))
             embedded = None if settings.redis_url else EmbeddedRedis(settings.state_path)
@@ -188,5 +191,6 @@ def create_app(settings: GatewaySettings, tracing: Tracing | None = None, open_s
             carriers=carriers,
         ),
         lifespan,
+        contributions,
     )
     return app

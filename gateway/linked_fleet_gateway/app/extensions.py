@@ -6,29 +6,27 @@ package metadata, which may be outdated in a checkout. Foreign ones are found by
 
 import logging
 import pkgutil
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from contextlib import AsyncExitStack
 from dataclasses import dataclass, replace
 from importlib import import_module
 from importlib.metadata import entry_points
 from importlib.util import find_spec
+from itertools import chain
+from pathlib import Path
 from typing import TypeGuard
 
 import linked_fleet_gateway.extensions
 from linked_fleet_gateway.actions.plan import Motion
+from linked_fleet_gateway.base.contributions import CORE_AT_ROOT, CORE_IN_ROBOT, Contributions
 from linked_fleet_gateway.base.errors import MotionRefused
 from linked_fleet_gateway.base.settings import TEXTS, Section, setting
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.http.extension import Core, Extension, Mount
 from linked_fleet_gateway.http.representation import Representations
 from linked_fleet_gateway.identity.rights import View
-from linked_fleet_gateway.rdf.shapes import BLUEPRINTS, VOCABULARY, add_files
+from linked_fleet_gateway.rdf.shapes import ACTIONS, BLUEPRINTS, VOCABULARY
 from linked_fleet_gateway.rdf.vocabulary import LF
-from linked_fleet_gateway.resources.action_offer import add_kinds
-from linked_fleet_gateway.resources.fleet_functions import FUNCTIONS
-from linked_fleet_gateway.resources.paths import reserve
-from linked_fleet_gateway.resources.property import LINK_STATEMENTS, ROBOT_PROPERTIES
-from linked_fleet_gateway.resources.relative_poses import PLACEMENTS
 
 log = logging.getLogger(__name__)
 GROUP = "linked_fleet.extensions"
@@ -115,17 +113,27 @@ def _foreign(name: str) -> Extension:
     return kind()
 
 
-def register_extensions(extensions: Sequence[Extension]) -> None:
-    """Register in this process what the extensions add to the tree: segments, terms, shapes, kinds of actions."""
-    for extension in (*BUILT_IN, *extensions):
-        reserve(extension.at_root, extension.in_robot, extension.public)
-    add_kinds(kind for extension in extensions for kind in extension.kinds)
-    add_files(VOCABULARY, (file for extension in extensions for file in extension.vocabulary))
-    add_files(BLUEPRINTS, (file for extension in extensions for file in extension.shapes))
-    ROBOT_PROPERTIES.replace(each for extension in extensions for each in extension.robot_properties)
-    PLACEMENTS.replace(each for extension in extensions for each in extension.placements)
-    LINK_STATEMENTS.replace(each for extension in extensions for each in extension.link_statements)
-    FUNCTIONS.replace(function for extension in extensions for function in extension.functions)
+def contributions_of(extensions: Sequence[Extension]) -> Contributions:
+    """Return what the extensions add to the tree. Segments of built-in ones are reserved even if these are off."""
+    every = {each.name: each for each in (*BUILT_IN, *extensions)}.values()
+    return Contributions(
+        at_root=CORE_AT_ROOT.union(*(each.at_root for each in every)),
+        in_robot=CORE_IN_ROBOT.union(*(each.in_robot for each in every)),
+        public=frozenset(segment for each in every for segment in each.public),
+        files={
+            ACTIONS: _files(each.kinds for each in extensions),
+            VOCABULARY: _files(each.vocabulary for each in extensions),
+            BLUEPRINTS: _files(each.shapes for each in extensions),
+        },
+        robot_properties=tuple(one for each in extensions for one in each.robot_properties),
+        link_statements=tuple(one for each in extensions for one in each.link_statements),
+        placements=tuple(one for each in extensions for one in each.placements),
+        functions=tuple(one for each in extensions for one in each.functions),
+    )
+
+
+def _files(files: Iterable[tuple[Path, ...]]) -> tuple[Path, ...]:
+    return tuple(chain.from_iterable(files))
 
 
 def dependency_order(extensions: Sequence[Extension]) -> list[Extension]:

@@ -1,48 +1,15 @@
-"""Modules and objects that are imported when they are first used."""
+"""Modules that are imported when they are first used."""
 
 import logging
-from collections.abc import Iterable, Iterator
 from importlib import import_module
 from importlib.util import find_spec
-from pkgutil import resolve_name
 from types import ModuleType
-from typing import Any, Generic, TypeVar
+from typing import Any, TypeVar
 
 from linked_fleet_gateway.base.errors import LibraryMissing
 
 T = TypeVar("T")
 log = logging.getLogger(__name__)
-
-
-class AddedObjects(Generic[T]):
-    """The functions or classes of one kind that extensions add. Another process finds them by their names."""
-
-    def __init__(self) -> None:
-        self._objects: tuple[T, ...] = ()
-
-    def replace(self, objects: Iterable[T]) -> None:
-        """Replace the objects known to this process."""
-        self._objects = tuple(objects)
-
-    def replace_by_names(self, names: Iterable[str]) -> None:
-        """Replace the objects by those with the names of another process. One that cannot be imported is left out."""
-        self._objects = tuple(_resolved(names))
-
-    @property
-    def names(self) -> list[str]:
-        """The names, as ``module:attribute``."""
-        return [f"{each.__module__}:{getattr(each, '__qualname__', '')}" for each in self._objects]
-
-    def __iter__(self) -> Iterator[T]:
-        return iter(self._objects)
-
-
-def _resolved(names: Iterable[str]) -> Iterator[Any]:
-    for name in names:
-        try:
-            yield resolve_name(name)
-        except Exception:  # whatever a foreign module raises must not hide the objects of others
-            log.exception("%s of an extension cannot be imported and is left out", name)
 
 
 class LazyModule:

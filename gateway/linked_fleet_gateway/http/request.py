@@ -14,6 +14,7 @@ from starlette.types import Lifespan, Message, Receive, Scope, Send
 from starlette.websockets import WebSocket as StarletteWebSocket
 
 from linked_fleet_gateway.actions.service import Actions
+from linked_fleet_gateway.base.contributions import Contributions, set_present
 from linked_fleet_gateway.http.answers import ResponseCache
 from linked_fleet_gateway.http.arrival import Scheme, arrival_of
 from linked_fleet_gateway.http.awaited_robots import AwaitedRobots
@@ -92,17 +93,25 @@ class Gateway(Starlette):
     """True while it ends as soon as running work is done."""
     has_been_ready = False
 
-    def __init__(self, entrance: Application, lifespan: Lifespan[Starlette] | None = None) -> None:
+    def __init__(
+        self,
+        entrance: Application,
+        lifespan: Lifespan[Starlette] | None = None,
+        contributions: Contributions | None = None,
+    ) -> None:
         super().__init__(lifespan=lifespan)
         self._entrance = entrance
+        self._contributions = contributions or Contributions()
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         scope["app"] = self
+        set_present(self._contributions)
         await (self.router if scope["type"] == "lifespan" else self._entrance)(scope, receive, send)
 
     def reply_nowait(self, scope: Scope) -> Reply | None:
         """Return the response to a request that needs no waiting; None for any other."""
         scope["app"] = self
+        set_present(self._contributions)
         return self._entrance.reply_nowait(scope)
 
     def end_waits(self) -> None:

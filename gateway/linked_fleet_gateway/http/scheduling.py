@@ -17,6 +17,7 @@ from typing import TypeVar
 from starlette.types import Scope
 
 from linked_fleet_gateway.base.addresses import network_of
+from linked_fleet_gateway.base.contributions import present
 from linked_fleet_gateway.base.errors import Busy
 from linked_fleet_gateway.http.arrival import arrival_of
 from linked_fleet_gateway.resources.action_offer import action_definitions
@@ -24,6 +25,10 @@ from linked_fleet_gateway.resources.action_offer import action_definitions
 
 def stop_segments() -> frozenset[str]:
     """Return the last path segments of actions that stop something."""
+    return present().derived("segments of stops", _stop_segments)
+
+
+def _stop_segments() -> frozenset[str]:
     return frozenset(each.segment for each in action_definitions() if each.is_stop) | {"cancel"}
 
 

@@ -11,6 +11,7 @@ import threading
 import time
 from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import ThreadPoolExecutor
+from contextvars import copy_context
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -118,6 +119,7 @@ class ZenohSession:
     def __init__(self, session: zenoh.Session, connects: bool) -> None:
         self._session, self._connects = session, connects
         self._loop = asyncio.get_running_loop()
+        self._context = copy_context()  # that of the gateway, for what threads of Zenoh hand over
         self._threads = ThreadPoolExecutor(max_workers=8, thread_name_prefix="link")
         # Stops have threads of their own, so that they never wait behind a call on a congested connection.
         self._stop_threads = ThreadPoolExecutor(max_workers=16, thread_name_prefix="stop")
@@ -132,7 +134,8 @@ class ZenohSession:
     async def subscribe_frames(self, key: str, limit: int, hear: Callable[[str, Payload], None]) -> None:
         def declare() -> Any:
             frames = self._session.declare_subscriber(key, zenoh.handlers.FifoChannel(_WAITING))
-            threading.Thread(target=_read, args=(frames.handler, limit, hear), name="frames", daemon=True).start()
+            arguments = (_read, frames.handler, limit, hear)
+            threading.Thread(target=self._context.copy().run, args=arguments, name="frames", daemon=True).start()
             return frames
 
         await self._declare(declare)
@@ -197,7 +200,7 @@ class ZenohSession:
     async def ask(self, question: Question, hear: Callable[[Answer | None], None]) -> float:
         def hand_over(answer: Answer | None) -> None:
             with contextlib.suppress(RuntimeError):  # the loop was closed while the query was running
-                self._loop.call_soon_threadsafe(hear, answer)
+                self._loop.call_soon_threadsafe(hear, answer, context=self._context)
 
         if not question.blocking and question.part is None:
             return self._get(question, hand_over)

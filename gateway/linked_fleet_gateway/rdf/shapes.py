@@ -1,13 +1,14 @@
 """Turtle files of shapes/ and of extensions: vocabulary, blueprints and kinds of actions, each loaded once."""
 
 from collections.abc import Callable, Iterable, Mapping
-from functools import cache
+from functools import cache, lru_cache
 from importlib import resources
 from pathlib import Path
 
 from pyoxigraph import BlankNode, Literal, NamedNode, RdfFormat, Triple
 from pyoxigraph import parse as parse_rdf
 
+from linked_fleet_gateway.base.contributions import present
 from linked_fleet_gateway.rdf.graph import Graph, Node
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, LF, RDFS, SH
 
@@ -17,38 +18,28 @@ Complete = Callable[[Graph, Node, NamedNode], None]
 VOCABULARY, BLUEPRINTS, SUBSCRIPTIONS, ACTIONS = "vocabulary.ttl", "blueprints.ttl", "subscriptions.ttl", "actions"
 """Files of ``linked_fleet_shapes``, and its folder of kinds of actions."""
 
-_added: dict[str, tuple[Path, ...]] = {}
-
-
-def add_files(name: str, files: Iterable[Path]) -> bool:
-    """Make ``load_turtle`` read these Turtle files with shapes/NAME in this process, in place of files added earlier.
-
-    Return True if the set of files has changed.
-    """
-    before, _added[name] = added_files(name), tuple(files)
-    if _added[name] == before:
-        return False
-    load_turtle.cache_clear()
-    return True
-
 
 def added_files(name: str) -> tuple[Path, ...]:
-    """Return the files added to shapes/NAME."""
-    return _added.get(name, ())
+    """Return the files that extensions add to shapes/NAME."""
+    return present().files.get(name, ())
 
 
-@cache
 def load_turtle(name: str) -> dict[Node, list[Triple]]:
     """Return the triples by subject of the file shapes/NAME, or of all files in that folder, and of the added ones.
 
     They are parsed as one document, in the order of the files. Blank node labels are unique to the name.
     """
+    return _load(name, added_files(name))
+
+
+@lru_cache(maxsize=64)
+def _load(name: str, added: tuple[Path, ...]) -> dict[Node, list[Triple]]:
     found = resources.files("linked_fleet_shapes") / name
     if name.endswith(".ttl"):
-        files = [found, *added_files(name)]
+        files = [found, *added]
     else:
         own = [each for each in found.iterdir() if each.name.endswith(".ttl")]
-        files = sorted([*own, *added_files(name)], key=lambda each: each.name)
+        files = sorted([*own, *added], key=lambda each: each.name)
     return _read("\n".join(each.read_text(encoding="utf-8") for each in files), name.removesuffix(".ttl"))
 
 

@@ -7,16 +7,16 @@ of an action also validates it. A kind may state conditions on the robot under w
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cached_property
 from itertools import chain, islice
-from pathlib import Path
 
 from pyoxigraph import Literal, NamedNode
 
+from linked_fleet_gateway.base.contributions import present
 from linked_fleet_gateway.fleet.model import Joint
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.rdf.graph import Graph, Node
-from linked_fleet_gateway.rdf.shapes import ACTIONS, add_closure, add_files, copy_shape, load_turtle
+from linked_fleet_gateway.rdf.shapes import ACTIONS, add_closure, copy_shape, load_turtle
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HTTP, HYBRIT, LF, METHODS, RDF, RDFS, SH
 from linked_fleet_gateway.resources.annotations import named_poses
 from linked_fleet_gateway.resources.joint_kinds import kind_of
@@ -60,15 +60,12 @@ class ActionDefinition:
         return tuple(sorted(("PUT" if method == METHODS.PUT else "POST") for method in self.methods))
 
 
-def add_kinds(files: Iterable[Path]) -> None:
-    """Add the kinds of actions in these Turtle files to this process, in place of files added earlier."""
-    if add_files(ACTIONS, files):
-        action_definitions.cache_clear()
-
-
-@cache
 def action_definitions() -> tuple[ActionDefinition, ...]:
     """Return all kinds, in the order of their files."""
+    return present().derived("kinds of actions", _read_definitions)
+
+
+def _read_definitions() -> tuple[ActionDefinition, ...]:
     shapes = load_turtle(ACTIONS)
     kinds = [node for node, triples in shapes.items() if any(t.object == LF.ActionKind for t in triples)]
     return tuple(_read(kind) for kind in kinds if isinstance(kind, NamedNode))

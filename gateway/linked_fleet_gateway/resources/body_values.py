@@ -7,11 +7,11 @@ converted from bodies to records.
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cache
 from itertools import chain
 
 from pyoxigraph import BlankNode, Literal, NamedNode, Triple
 
+from linked_fleet_gateway.base.contributions import present
 from linked_fleet_gateway.base.errors import UnprocessableContent
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.rdf.graph import UNITS, Node
@@ -188,8 +188,11 @@ def robot_settings(robot: Robot) -> dict[str, Setting]:
     return {each.name: each for each in found}
 
 
-@cache
 def _validator(shape: NamedNode) -> tuple[ShaclValidator, Terms]:
+    return present().derived(("validator", shape), lambda: _new_validator(shape))
+
+
+def _new_validator(shape: NamedNode) -> tuple[ShaclValidator, Terms]:
     shapes = load_turtle(BLUEPRINTS)
     return ShaclValidator(chain.from_iterable(shapes.values()), shape), Terms.from_shapes(shapes, shape)
 

@@ -19,7 +19,7 @@ from linked_fleet_gateway.resources.invocation import describe_unchecked, unchec
 from linked_fleet_gateway.resources.joint_kinds import kind_of
 from linked_fleet_gateway.resources.paths import joint_path, lease_path, link_path, model_path, robot_path
 from linked_fleet_gateway.resources.properties import joint_properties, link_properties, robot_properties
-from linked_fleet_gateway.resources.property import LINK_STATEMENTS, Measurement, Property
+from linked_fleet_gateway.resources.property import Measurement, Property, added_link_statements
 
 _SECOND_NS = 1_000_000_000
 _MOST_FINDINGS = 32
@@ -188,7 +188,7 @@ class Describer:
             for name in names:
                 for predicate in predicates:
                     graph.add(iri, predicate, self.iri(joint_path(robot.name, name)))
-        for state in LINK_STATEMENTS:
+        for state in added_link_statements():
             for predicate, other in state(robot, link):
                 graph.add(iri, predicate, self.iri(other))
         self._annotations(graph, iri, robot)

@@ -1,11 +1,11 @@
 """Functions over the live fleet that an extension offers to query languages of other extensions, such as SPARQL."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Protocol
 
 from pyoxigraph import BlankNode, Literal, NamedNode, Triple
 
-from linked_fleet_gateway.base.lazy_imports import AddedObjects
+from linked_fleet_gateway.base.contributions import present
 from linked_fleet_gateway.fleet.robot import Robot
 
 Term = NamedNode | BlankNode | Literal | Triple
@@ -26,8 +26,9 @@ class FleetFunctions(Protocol):
         """Return the functions for these robots only. ``base`` is the public URL without trailing slash."""
 
 
-FUNCTIONS = AddedObjects[Callable[[], FleetFunctions]]()
-"""The classes of all extensions."""
+def added_functions() -> Sequence[Callable[[], FleetFunctions]]:
+    """Return the classes of functions that extensions add."""
+    return present().functions
 
 
 def path_of(base: str, term: Term) -> str:

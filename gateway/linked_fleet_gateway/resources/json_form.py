@@ -11,12 +11,13 @@ one says how values are served and accepted as JSON, in a package that must not 
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
-from functools import cached_property, lru_cache
+from functools import cached_property
 from itertools import chain
 from typing import Any
 
 from pyoxigraph import Literal, NamedNode, Triple
 
+from linked_fleet_gateway.base.contributions import present
 from linked_fleet_gateway.fleet.robot_cache import RobotCache
 from linked_fleet_gateway.rdf.graph import Graph, Node, Term
 from linked_fleet_gateway.rdf.shapes import BLUEPRINTS, load_turtle
@@ -111,9 +112,12 @@ class Form:
         return schema
 
 
-@lru_cache(maxsize=64)
 def form_of(shape: NamedNode) -> Form:
     """Return the form of a shape in shapes/linked_fleet_shapes/blueprints.ttl or in the shapes of an extension."""
+    return present().derived(("form", shape), lambda: _form_of(shape))
+
+
+def _form_of(shape: NamedNode) -> Form:
     return _Reader(chain.from_iterable(load_turtle(BLUEPRINTS).values())).form(shape)
 
 

@@ -1,20 +1,12 @@
 """Paths of the resource tree: the only place where they are built from names and parsed (docs/TREE.md)."""
 
-from collections.abc import Iterable
 from functools import lru_cache
 
 from linked_fleet_agent.wire.keys import escape, unescape
+from linked_fleet_gateway.base.contributions import present
 from linked_fleet_gateway.fleet.model import RobotModel
 
 AUDIT = "/audit"
-_CORE_AT_ROOT = frozenset(
-    {"actions", AUDIT[1:], "blueprint", "context", "health", "invocations", "linkset", "metrics", "scene"}
-    | {"subscriptions", "vocabulary"}
-)
-_CORE_IN_ROBOT = frozenset(
-    {"actions", "annotations", "blueprint", "invocations", "jointState", "lease", "linkset", "maximumSpeedScale"}
-    | {"meshes", "model", "pose", "subscriptions", "title", "twist"}
-)
 _LINK_MARK = "~link"  # no escape, because "~l" is not followed by hexadecimal digits; so it cannot be part of a name
 
 # A robot has over a hundred parts, each named in every description of it, and a fleet names all robots in turn. A cache
@@ -22,36 +14,24 @@ _LINK_MARK = "~link"  # no escape, because "~l" is not followed by hexadecimal d
 _segment, _name = lru_cache(maxsize=32_768)(escape), lru_cache(maxsize=32_768)(unescape)
 
 
-_at_root, _in_robot, _public = _CORE_AT_ROOT, _CORE_IN_ROBOT, frozenset[str]()
-
-
-def reserve(at_root: Iterable[str] = (), in_robot: Iterable[str] = (), public: Iterable[str] = ()) -> None:
-    """Reserve segments in the tree of this process: robots, joints and links with these names are escaped.
-
-    Resources below ``public`` segments contain nothing about a fleet, so that everybody may read them.
-    """
-    global _at_root, _in_robot, _public
-    _at_root, _in_robot, _public = _at_root | set(at_root), _in_robot | set(in_robot), _public | set(public)
-
-
 def reserved_at_root() -> frozenset[str]:
     """Return the segments below ``/`` that are not robots."""
-    return _at_root
+    return present().at_root
 
 
 def reserved_in_robot() -> frozenset[str]:
     """Return the segments below a robot that are not joints or links."""
-    return _in_robot
+    return present().in_robot
 
 
 def robot_path(robot: str) -> str:
     """Return the path of a robot, with a slash at its end."""
-    return f"/{_segment(robot, _at_root)}/"
+    return f"/{_segment(robot, present().at_root)}/"
 
 
 def robot_name(segment: str) -> str:
     """Return the name of a robot's segment. Raises ValueError if it is reserved or malformed."""
-    return _name(segment, _at_root)
+    return _name(segment, present().at_root)
 
 
 def robot_of(path: str) -> str | None:
@@ -70,7 +50,7 @@ def is_public(path: str) -> bool:
 
 def is_shared(path: str) -> bool:
     """Return True if the response is the same for everybody, so that shared caches may store it."""
-    return path[1:].partition("/")[0] in _public
+    return path[1:].partition("/")[0] in present().public
 
 
 def lease_path(robot: str) -> str:
@@ -87,20 +67,20 @@ def mesh_path(robot: str, file_name: str) -> str:
 
 def joint_path(robot: str, joint: str) -> str:
     """Return the path of a joint, without a slash at its end."""
-    return robot_path(robot) + _segment(joint, _in_robot)
+    return robot_path(robot) + _segment(joint, present().in_robot)
 
 
 def link_path(robot: str, model: RobotModel, link: str) -> str:
     """Return the path of a link. A link that shares its name with a joint gets a mark."""
-    return robot_path(robot) + _segment(link, _in_robot) + (_LINK_MARK if link in model.joints else "")
+    return robot_path(robot) + _segment(link, present().in_robot) + (_LINK_MARK if link in model.joints else "")
 
 
 def owner_path(path: str) -> str:
     """Return the path of the fleet, robot, joint or link at or above the existing resource at ``path``."""
     robot, *rest = path[1:].split("/")
-    if not rest or robot in _at_root:
+    if not rest or robot in present().at_root:
         return "/"
-    return f"/{robot}/" if rest[0] == "" or rest[0] in _in_robot else f"/{robot}/{rest[0]}"
+    return f"/{robot}/" if rest[0] == "" or rest[0] in present().in_robot else f"/{robot}/{rest[0]}"
 
 
 def is_below(path: str, root: str) -> bool:
@@ -110,7 +90,7 @@ def is_below(path: str, root: str) -> bool:
 
 def joint_or_link(segment: str, model: RobotModel) -> tuple[str | None, str | None]:
     """Return (joint, None) or (None, link) for a segment of ``model``. Raises ValueError if it is neither."""
-    name = _name(segment.removesuffix(_LINK_MARK), _in_robot)
+    name = _name(segment.removesuffix(_LINK_MARK), present().in_robot)
     marked = segment.endswith(_LINK_MARK)
     if name in model.joints and not marked:
         return name, None

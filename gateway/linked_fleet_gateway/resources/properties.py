@@ -35,7 +35,7 @@ from linked_fleet_gateway.resources.joint_kinds import (
     kind_of,
 )
 from linked_fleet_gateway.resources.paths import joint_path, robot_path
-from linked_fleet_gateway.resources.property import ROBOT_PROPERTIES, Measurement, Property, Sampler
+from linked_fleet_gateway.resources.property import Measurement, Property, Sampler, added_robot_properties
 from linked_fleet_gateway.resources.settable import (
     ABSOLUTE,
     setting_properties,
@@ -180,7 +180,7 @@ def robot_properties(robot: Robot, iri_of: Callable[[str], NamedNode]) -> list[P
             lambda: _joint_values(robot),
         )
     ]
-    found += [*setting_properties(robot), *(make(robot) for make in ROBOT_PROPERTIES)]
+    found += [*setting_properties(robot), *(make(robot) for make in added_robot_properties())]
     if robot.description is not None and robot.description.base == "floating":
         found.append(
             _pose_property("pose", f"pose of the base of {robot.name}", lambda: _base_pose(robot), robot, "pose")

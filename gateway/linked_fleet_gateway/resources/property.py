@@ -7,7 +7,7 @@ from typing import NamedTuple, Self
 from msgspec import Struct
 from pyoxigraph import NamedNode
 
-from linked_fleet_gateway.base.lazy_imports import AddedObjects
+from linked_fleet_gateway.base.contributions import present
 from linked_fleet_gateway.fleet.model import Link
 from linked_fleet_gateway.fleet.observation import Mark, Observation
 from linked_fleet_gateway.fleet.robot import Robot
@@ -60,8 +60,11 @@ class Property(Struct, frozen=True):
         return self.sample is not tuple
 
 
-ROBOT_PROPERTIES = AddedObjects[Callable[[Robot], Property]]()
-"""Factories of further properties of robots."""
+def added_robot_properties() -> Sequence[Callable[[Robot], Property]]:
+    """Return the functions from a robot to a property that extensions add."""
+    return present().robot_properties
 
 
-LINK_STATEMENTS = AddedObjects[Callable[[Robot, Link], Iterable[tuple[NamedNode, str]]]]()
+def added_link_statements() -> Sequence[Callable[[Robot, Link], Iterable[tuple[NamedNode, str]]]]:
+    """Return the functions from a robot and a link to predicates and paths that extensions add."""
+    return present().link_statements

@@ -4,10 +4,10 @@ Robots have a common frame if an extension places them in one.
 """
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
-from linked_fleet_gateway.base.lazy_imports import AddedObjects
+from linked_fleet_gateway.base.contributions import present
 from linked_fleet_gateway.fleet.kinematics import compose, inverse
 from linked_fleet_gateway.fleet.model import Pose
 from linked_fleet_gateway.fleet.robot import Robot
@@ -16,8 +16,10 @@ from linked_fleet_gateway.resources.paths import joint_or_link, robot_name
 
 _DECIMALS = round(-math.log10(POSE_RESOLUTION))
 
-PLACEMENTS = AddedObjects[Callable[[Robot], Pose | None]]()
-"""Functions of extensions that return the pose of a robot's own frame in the common frame, None if it is unknown."""
+
+def _placements() -> Sequence[Callable[[Robot], Pose | None]]:
+    """Return the functions of extensions from a robot to the pose of its own frame in the common one."""
+    return present().placements
 
 
 @dataclass(frozen=True)
@@ -47,7 +49,7 @@ class _Place:
     def in_common(self) -> Pose | None:
         if self.robot is None or self.pose is None:
             return self.pose
-        found = (each(self.robot) for each in PLACEMENTS)
+        found = (each(self.robot) for each in _placements())
         placement = next((each for each in found if each is not None), None)
         return None if placement is None else compose(placement, self.pose)
 

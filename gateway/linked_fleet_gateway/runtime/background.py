@@ -3,6 +3,7 @@
 import asyncio
 import time
 from collections.abc import AsyncIterator, Awaitable, Callable, Iterable
+from contextvars import copy_context
 from functools import partial
 from logging import Logger
 from typing import TypeVar
@@ -104,7 +105,7 @@ class Turns:
 
     def waker(self) -> Callable[[], object]:
         """Return a function by which any thread makes the running event loop take a turn."""
-        return partial(asyncio.get_running_loop().call_soon_threadsafe, self._wake)
+        return partial(asyncio.get_running_loop().call_soon_threadsafe, self._wake, context=copy_context())
 
     def _wake(self) -> None:
         """Take a turn now, unless one is due: each further one would go on beside it until all is done."""

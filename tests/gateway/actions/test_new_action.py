@@ -12,11 +12,12 @@ from pyoxigraph import NamedNode, Triple
 
 from linked_fleet_agent.wire.messages import Move
 from linked_fleet_gateway.actions import action_handlers as handlers
+from linked_fleet_gateway.app.extensions import BUILT_IN, contributions_of
+from linked_fleet_gateway.base.contributions import using
 from linked_fleet_gateway.base.errors import UnprocessableContent
 from linked_fleet_gateway.rdf import shapes
 from linked_fleet_gateway.rdf.validation import ShaclValidator
 from linked_fleet_gateway.rdf.vocabulary import HYBRIT, LF
-from linked_fleet_gateway.resources.action_offer import action_definitions
 from linked_fleet_gateway.resources.shape_parameters import COMPLETIONS
 
 _ROOT = Path(__file__).parents[3]
@@ -37,7 +38,7 @@ def _blocks(language: str) -> list[str]:
 
 
 def _forget() -> None:
-    for each in (shapes.load_turtle, shapes.load_turtle_file, action_definitions):
+    for each in (shapes._load, shapes.load_turtle_file):
         each.cache_clear()
 
 
@@ -55,7 +56,8 @@ def extended(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     for kind, handler in eval("{" + line + "}", {**vars(handlers), "centre": centre}).items():
         monkeypatch.setitem(handlers.HANDLERS, kind, handler)
     _forget()
-    yield
+    with using(contributions_of(BUILT_IN)):
+        yield
     monkeypatch.undo()
     _forget()
 

@@ -9,11 +9,11 @@ from types import SimpleNamespace
 import pytest
 
 from linked_fleet_gateway.app.application import _check_all, check_shapes, create_app
-from linked_fleet_gateway.app.extensions import BUILT_IN, register_extensions
+from linked_fleet_gateway.app.extensions import BUILT_IN, contributions_of
 from linked_fleet_gateway.app.settings import GatewaySettings
+from linked_fleet_gateway.base.contributions import using
 from linked_fleet_gateway.http.extension import Extension
 from linked_fleet_gateway.rdf import shapes
-from linked_fleet_gateway.resources.action_offer import action_definitions
 from linked_fleet_gateway.shacl import Unsupported
 
 _SHAPES = Path(__file__).parents[3] / "shapes" / "linked_fleet_shapes"
@@ -26,7 +26,7 @@ def change(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Change]:
     folder = Path(shutil.copytree(_SHAPES, tmp_path / "linked_fleet_shapes"))
 
     def forget() -> None:
-        for each in (shapes.load_turtle, shapes.load_turtle_file, action_definitions, _check_all):
+        for each in (shapes._load, shapes.load_turtle_file, _check_all):
             each.cache_clear()
 
     def changed(name: str, old: str, new: str) -> None:
@@ -77,9 +77,6 @@ def test_a_shape_of_an_extension_that_cannot_be_compiled_is_refused_with_its_rea
     class Gripper(Extension):
         name, shapes = "gripper", (file,)
 
-    try:
-        register_extensions([*BUILT_IN, Gripper()])
-        with pytest.raises(Unsupported, match=re.escape("<http://e.example/Bad> cannot be compiled: sh:sparql")):
-            check_shapes()
-    finally:
-        register_extensions(BUILT_IN)
+    reason = re.escape("<http://e.example/Bad> cannot be compiled: sh:sparql")
+    with using(contributions_of([*BUILT_IN, Gripper()])), pytest.raises(Unsupported, match=reason):
+        check_shapes()

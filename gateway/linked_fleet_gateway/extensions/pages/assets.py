@@ -12,6 +12,7 @@ from functools import cache
 from hashlib import blake2b
 from pathlib import Path
 
+from linked_fleet_gateway.base.contributions import present
 from linked_fleet_gateway.extensions.pages.thumbnail import SVG, drawing
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.rdf.vocabulary import LDP
@@ -67,11 +68,12 @@ def _coded(path: Path) -> dict[str, bytes]:
     return {coding: file.read_bytes() for coding, file in files.items() if file.exists()}
 
 
-_of_views: dict[str, Asset] = {}
+def _of_views() -> dict[str, Asset]:
+    return present().derived("files of views", dict)
 
 
 def add_file(path: Path) -> str:
-    """Serve a script or style of an extension in this process, and return its address, which names its content.
+    """Serve a script or style of an extension, and return its address, which names its content.
 
     Raises OSError if it cannot be read, ValueError for a file of another kind.
     """
@@ -79,7 +81,7 @@ def add_file(path: Path) -> str:
         raise ValueError(f"{path.name} is neither a script (.js) nor a style (.css)")
     content = path.read_bytes()
     name = f"{path.stem}-{blake2b(content, digest_size=8).hexdigest()}{path.suffix}"
-    _of_views[name] = Asset(_MEDIA_TYPES[path.suffix], content, {})
+    _of_views()[name] = Asset(_MEDIA_TYPES[path.suffix], content, {})
     return f"/assets/{name}"
 
 
@@ -88,7 +90,7 @@ THUMBNAIL = "thumbnail"
 
 def _asset(view: RequestView, rest: list[str]) -> Resource | None:
     name = "/".join(rest)
-    found = assets().files.get(name) or _of_views.get(name)
+    found = assets().files.get(name) or _of_views().get(name)
     if found is None:
         return None
     path, documents = "/assets/" + "/".join(rest), {found.media_type: lambda: found.content}

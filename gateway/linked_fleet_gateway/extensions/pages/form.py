@@ -14,6 +14,7 @@ from linked_fleet_client.form import all_fields, choices
 from linked_fleet_client.quantity import INTEGERS, UNIT_PATHS, UNITS
 from linked_fleet_client.shape import Bound, Field, Shape, conjunction, read_shape
 from linked_fleet_client.vocabulary import SH
+from linked_fleet_gateway.base.contributions import present
 from linked_fleet_gateway.extensions.pages import texts
 from linked_fleet_gateway.extensions.pages.form_parts import Form, Group, Leaf
 from linked_fleet_gateway.extensions.pages.values import Facts
@@ -146,8 +147,11 @@ def _written(facts: Facts) -> bytes:
     return serialize(facts.triples, format=RdfFormat.N_TRIPLES) or b""
 
 
-@lru_cache(maxsize=16)
 def _blueprint(shape: NamedNode, file: Path | None = None) -> bytes:
+    return present().derived(("blueprint in N-Triples", shape, file), lambda: _written_blueprint(shape, file))
+
+
+def _written_blueprint(shape: NamedNode, file: Path | None) -> bytes:
     graph = Graph()
     add_closure(graph, shape, file)
     return serialize(graph.triples, format=RdfFormat.N_TRIPLES) or b""

@@ -129,11 +129,15 @@ def local_name(iri: str) -> str:
     return clean(iri.rstrip("#/").replace("#", "/").rpartition("/")[2] or iri)
 
 
-@lru_cache(maxsize=4096)
 def segment_name(segment: str, depth: int) -> str:
     """Return the name that a path segment stands for; ``depth`` is 0 directly below the root."""
+    return _segment_name(segment, reserved_in_robot() if depth else reserved_at_root())
+
+
+@lru_cache(maxsize=4096)
+def _segment_name(segment: str, reserved: frozenset[str]) -> str:
     try:
-        return clean(unescape(segment.removesuffix(_LINK_MARK), reserved_in_robot() if depth else reserved_at_root()))
+        return clean(unescape(segment.removesuffix(_LINK_MARK), reserved))
     except ValueError:
         return clean(segment)
 

@@ -11,6 +11,7 @@ from typing import Any
 
 from pyoxigraph import NamedNode
 
+from linked_fleet_gateway.base.contributions import present
 from linked_fleet_gateway.extensions.pages.assets import add_file
 from linked_fleet_gateway.extensions.pages.values import Facts
 from linked_fleet_gateway.http.html import NavigationEntry
@@ -54,19 +55,28 @@ class PageView:
         return self.template.stem
 
 
-_added: dict[NamedNode, PageView] = {}
-_files: dict[NamedNode, Sequence[str]] = {}
+@dataclass
+class _Added:
+    """What extensions have added to the pages of one gateway."""
+
+    views: dict[NamedNode, PageView] = field(default_factory=dict)
+    files: dict[NamedNode, Sequence[str]] = field(default_factory=dict)
+    entries: tuple[NavigationEntry, ...] = ()
+
+
+def _added() -> _Added:
+    return present().derived("pages", _Added)
 
 
 def add_view(view: PageView) -> None:
-    """Show resources of a class by this view in this process. Raises OSError, ValueError for a file of the view."""
-    _files[view.type] = [add_file(each) for each in view.files]
-    _added[view.type] = view
+    """Show resources of a class by this view. Raises OSError, ValueError for a file of the view."""
+    _added().files[view.type] = [add_file(each) for each in view.files]
+    _added().views[view.type] = view
 
 
 def files_of(view: PageView) -> Sequence[str]:
     """Return the addresses of the files of an added view."""
-    return _files.get(view.type, ())
+    return _added().files.get(view.type, ())
 
 
 def checked_view(view: object) -> PageView:
@@ -77,17 +87,16 @@ def checked_view(view: object) -> PageView:
 
 
 def added_views() -> list[PageView]:
-    return list(_added.values())
+    return list(_added().views.values())
 
 
 def constant(name: str) -> str:
     """Return the value that an added view gives this name; empty if there is none."""
-    return next((each.constants[name] for each in _added.values() if name in each.constants), "")
+    return next((each.constants[name] for each in _added().views.values() if name in each.constants), "")
 
 
 _FLEET = NavigationEntry("Fleet", "/", 0)
 _AUDIT = NavigationEntry("Audit", AUDIT, 90)
-_entries: tuple[NavigationEntry, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -100,9 +109,8 @@ class Place:
 
 
 def set_entries(entries: Iterable[NavigationEntry]) -> None:
-    """Set the extensions' entries for the pages of this process."""
-    global _entries
-    _entries = tuple(entries)
+    """Set the extensions' entries for all pages."""
+    _added().entries = tuple(entries)
 
 
 def places(
@@ -113,9 +121,9 @@ def places(
 ) -> list[Place]:
     """Return the ordered entries for the page at ``path``; ``audited``: whether the reader may read the audit.
 
-    ``entries``: those of extensions, if not set in this process; ``root``: the address of the fleet.
+    ``entries``: those of extensions, if not set before; ``root``: the address of the fleet.
     """
-    added = _entries if entries is None else entries
+    added = _added().entries if entries is None else entries
     shown = sorted([_FLEET, *added, *([_AUDIT] if audited else [])], key=lambda each: each.rank)
     here = _section(path, shown)
     return [Place(each.title, root + each.path[1:], _current(path, each) if each is here else "") for each in shown]

@@ -17,7 +17,7 @@ from linked_fleet_gateway.rdf.vocabulary import DCTERMS, FORMAT, PREFIXES, RDFS,
 from linked_fleet_gateway.resources.affordance import EVERYTHING, Demand, Honours
 from linked_fleet_gateway.resources.branches import FleetBranch, Found, RequestView
 from linked_fleet_gateway.resources.documents import VOCABULARY
-from linked_fleet_gateway.resources.fleet_functions import FUNCTIONS as FURTHER
+from linked_fleet_gateway.resources.fleet_functions import added_functions
 from linked_fleet_gateway.resources.paths import robot_path
 from linked_fleet_gateway.resources.resource import Resource
 
@@ -83,7 +83,7 @@ def _describe(graph: Graph, view: RequestView, counts: Mapping[str, int]) -> Non
     graph.add(iri, SD.supportedLanguage, SD.SPARQL11Query)
     graph.add(iri, SD.resultFormat, *_FORMATS)
     graph.add(iri, SD.feature, SD.UnionDefaultGraph)
-    graph.add(iri, SD.extensionFunction, *FUNCTIONS, *(name for make in FURTHER for name in make().names))
+    graph.add(iri, SD.extensionFunction, *FUNCTIONS, *(name for make in added_functions() for name in make().names))
     _dataset(graph, iri, view, counts)
     for each in EXAMPLES:
         example = graph.blank(SH.SPARQLSelectExecutable)

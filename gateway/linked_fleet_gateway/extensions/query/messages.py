@@ -1,25 +1,25 @@
 """Messages between the gateway and its query process: MessagePack with a length prefix, one socket per query.
 
-The process also gets the process-wide contributions of extensions, so that it resolves the same tree.
+The process also gets the contributions of the gateway's extensions, so that it resolves the same tree.
 """
 
+import logging
+from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import Literal
+from pkgutil import resolve_name
+from typing import Any, Literal
 
 import msgspec
 from msgspec import Struct
 
 from linked_fleet_agent.wire.messages import Description
+from linked_fleet_gateway.base.contributions import Contributions, present
 from linked_fleet_gateway.fleet.invocation import Invocation, Lease
 from linked_fleet_gateway.fleet.model import Pose
 from linked_fleet_gateway.fleet.unchecked import UncheckedLink
 from linked_fleet_gateway.http.html import NOBODY, Reader
-from linked_fleet_gateway.rdf.shapes import ACTIONS, BLUEPRINTS, VOCABULARY, add_files, added_files
-from linked_fleet_gateway.resources.action_offer import add_kinds
-from linked_fleet_gateway.resources.fleet_functions import FUNCTIONS
-from linked_fleet_gateway.resources.paths import reserve, reserved_at_root, reserved_in_robot
-from linked_fleet_gateway.resources.property import LINK_STATEMENTS, ROBOT_PROPERTIES
-from linked_fleet_gateway.resources.relative_poses import PLACEMENTS
+
+log = logging.getLogger(__name__)
 
 Member = tuple[str, str]
 """Predicate and path of a statement that a branch adds."""
@@ -156,7 +156,7 @@ def decode_refusal(content: bytes) -> Refusal:
     return _refusal.decode(content)
 
 
-class Contributions(msgspec.Struct):
+class NamedContributions(msgspec.Struct):
     """Reserved segments, Turtle files, and ``module:attribute`` names of other contributions."""
 
     at_root: list[str]
@@ -170,29 +170,40 @@ class Contributions(msgspec.Struct):
 
 def contributions() -> str:
     """Return the contributions in this process as an argument of the query process."""
-    known = Contributions(
-        sorted(reserved_at_root()),
-        sorted(reserved_in_robot()),
-        {name: [str(each) for each in added_files(name)] for name in (ACTIONS, VOCABULARY, BLUEPRINTS)},
-        ROBOT_PROPERTIES.names,
-        LINK_STATEMENTS.names,
-        FUNCTIONS.names,
-        PLACEMENTS.names,
+    found = present()
+    known = NamedContributions(
+        sorted(found.at_root),
+        sorted(found.in_robot),
+        {name: [str(each) for each in files] for name, files in found.files.items()},
+        _names(found.robot_properties),
+        _names(found.link_statements),
+        _names(found.functions),
+        _names(found.placements),
     )
     return msgspec.json.encode(known).decode()
 
 
+def _names(objects: Iterable[Any]) -> list[str]:
+    return [f"{each.__module__}:{each.__qualname__}" for each in objects]
+
+
 def decode_contributions(text: str) -> Contributions:
-    return msgspec.json.decode(text, type=Contributions)
+    """Return the same contributions in this process. What cannot be imported is logged and left out."""
+    said = msgspec.json.decode(text, type=NamedContributions)
+    return Contributions(
+        at_root=frozenset(said.at_root),
+        in_robot=frozenset(said.in_robot),
+        files={name: tuple(map(Path, files)) for name, files in said.files.items()},
+        robot_properties=tuple(_resolved(said.robot_properties)),
+        link_statements=tuple(_resolved(said.link_statements)),
+        functions=tuple(_resolved(said.functions)),
+        placements=tuple(_resolved(said.placements)),
+    )
 
 
-def register(said: Contributions) -> None:
-    """Register the same contributions in this process."""
-    reserve(said.at_root, said.in_robot)
-    add_kinds(map(Path, said.files[ACTIONS]))
-    for name in (VOCABULARY, BLUEPRINTS):
-        add_files(name, map(Path, said.files[name]))
-    ROBOT_PROPERTIES.replace_by_names(said.robot_properties)
-    LINK_STATEMENTS.replace_by_names(said.link_statements)
-    FUNCTIONS.replace_by_names(said.functions)
-    PLACEMENTS.replace_by_names(said.placements)
+def _resolved(names: Iterable[str]) -> Iterator[Any]:
+    for name in names:
+        try:
+            yield resolve_name(name)
+        except Exception:  # whatever a foreign module raises must not hide the objects of others
+            log.exception("%s of an extension cannot be imported and is left out", name)

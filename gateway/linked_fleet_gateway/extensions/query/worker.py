@@ -16,6 +16,7 @@ from pathlib import Path
 
 from pyoxigraph import NamedNode, RdfFormat, parse
 
+from linked_fleet_gateway.base.contributions import set_present
 from linked_fleet_gateway.base.errors import LibraryMissing
 from linked_fleet_gateway.extensions.query.evaluation import VisibleGraphs, evaluate, preload
 from linked_fleet_gateway.extensions.query.fleet_mirror import Mirror
@@ -31,14 +32,13 @@ from linked_fleet_gateway.extensions.query.messages import (
     decode_ask,
     decode_contributions,
     encode,
-    register,
 )
 from linked_fleet_gateway.extensions.query.rdf_mirror import SHAPES, RdfMirror
 from linked_fleet_gateway.identity.rights import View
 from linked_fleet_gateway.rdf.graph import Graph
 from linked_fleet_gateway.resources.describe import Describer
 from linked_fleet_gateway.resources.documents import VOCABULARY
-from linked_fleet_gateway.resources.fleet_functions import FUNCTIONS
+from linked_fleet_gateway.resources.fleet_functions import added_functions
 from linked_fleet_gateway.resources.resource import run_steps
 
 log = logging.getLogger(__name__)
@@ -56,7 +56,7 @@ class Worker:
     def __init__(self) -> None:
         self._mirror = Mirror()
         self._rdf_mirrors: OrderedDict[str, RdfMirror] = OrderedDict()
-        self._functions = [make() for make in FUNCTIONS]
+        self._functions = [make() for make in added_functions()]
         # Loads the shapes now, because a query cannot open files.
         run_steps(Describer("http://localhost").fleet({}, (), Graph()))
 
@@ -170,7 +170,7 @@ def main() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C ends the gateway, which then ends this process
     signal.signal(signal.SIGCHLD, signal.SIG_IGN)  # the exit status of a query is not collected
     if len(sys.argv) > 2:
-        register(decode_contributions(sys.argv[2]))
+        set_present(decode_contributions(sys.argv[2]))
     with socket.socket(fileno=int(sys.argv[1])) as control:
         Worker().serve(control)
 

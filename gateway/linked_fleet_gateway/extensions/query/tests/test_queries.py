@@ -13,8 +13,9 @@ import pytest
 from pyoxigraph import Literal, NamedNode, Triple
 
 from linked_fleet_gateway.app.application import create_live
-from linked_fleet_gateway.app.extensions import BUILT_IN, register_extensions
+from linked_fleet_gateway.app.extensions import BUILT_IN, contributions_of
 from linked_fleet_gateway.app.settings import GatewaySettings
+from linked_fleet_gateway.base.contributions import set_present
 from linked_fleet_gateway.base.errors import BadRequest, FleetError
 from linked_fleet_gateway.extensions.query.messages import HypotheticalRobot
 from linked_fleet_gateway.extensions.query.service import Queries, Term
@@ -65,7 +66,7 @@ class Asking:
 def asking() -> Iterator[Asking]:
     loop = current()
     assert loop is not None
-    register_extensions(BUILT_IN)
+    set_present(contributions_of(BUILT_IN))
 
     async def enter() -> tuple[Live, Queries]:
         live = await create_live(GatewaySettings(), ZenohNetwork().gateway("queries")).__aenter__()
