@@ -83,8 +83,8 @@ endef
 demo: .venv/demo-stamp $(ASSETS)
 	@$(BIN)/python -m linked_fleet_demo --port $(PORT)
 
-# Tests marked test_all are slow and run in test-long.
-test: .venv/stamp $(ASSETS) $(NODE_WOT) $(SHACL_SUITE) chromium egl tools helm
+# Tests marked test_all are slow, or need Go or Java, and run in test-long.
+test: .venv/stamp $(ASSETS) $(NODE_WOT) $(SHACL_SUITE) chromium egl tools
 	$(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder $(SECOND_TRY) $(PYTEST_ARGS)
 
 # Tests of one extension, in an environment without the tools for documentation and releases. Tests that need another

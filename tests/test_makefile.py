@@ -35,6 +35,12 @@ def test_the_tests_of_an_extension_need_the_environment_alone() -> None:
     assert [name for name in ("npm", "chromium", "libegl", "helm", "pip download") if name in commands] == []
 
 
+@pytest.mark.parametrize(("target", "needs"), [("test", False), ("test-long", True)])
+def test_go_and_java_are_for_the_longer_tests(target: str, needs: bool) -> None:
+    commands = _make(target, "--dry-run", "--always-make").stdout
+    assert [("helm_program" in commands), ("java" in commands)] == [needs, needs]
+
+
 @pytest.mark.parametrize(("candidate", "installs"), [("150.0.1-1", True), ("(none)", False)])
 def test_chromium_is_installed_where_the_system_has_its_package(candidate: str, installs: bool, tmp_path: Path) -> None:
     """Ubuntu has none. apt would take another one there, which installs nothing in a container."""

@@ -29,6 +29,7 @@ from linked_fleet_agent.wire.trust import Credentials
 from linked_fleet_gateway.app.settings import GatewaySettings
 from running import ROOT
 
+pytestmark = pytest.mark.test_all  # needs Go, which builds Helm
 _OLDEST, _NEWEST = "1.30", "1.37"
 SMALL, PRODUCTION, EXTERNAL = (
     CHART / "ci" / f"{name}-values.yaml" for name in ("small", "production", "external-redis")

@@ -9,6 +9,7 @@ import pytest
 from histories.checking import Checker, build
 from histories.history import History
 
+pytestmark = pytest.mark.test_all  # needs Go
 MS = 1_000_000
 
 

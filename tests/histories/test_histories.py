@@ -12,15 +12,15 @@ from histories.checking import Checker
 from histories.history import History
 from histories.runs import of_processes, on_one_server, on_promoted_servers
 
-LONG = (pytest.mark.processes, pytest.mark.test_all)
+pytestmark = pytest.mark.test_all  # needs Go
 
 
 @pytest.mark.parametrize(
     ("run", "operations"),
     [
         pytest.param(on_one_server, 5_000, id="one server"),
-        pytest.param(of_processes, 4_000, id="http", marks=LONG),
-        pytest.param(on_promoted_servers, 100_000, id="stores", marks=LONG),
+        pytest.param(of_processes, 4_000, id="http", marks=pytest.mark.processes),
+        pytest.param(on_promoted_servers, 100_000, id="stores", marks=pytest.mark.processes),
     ],
 )
 def test_thousands_of_operations(

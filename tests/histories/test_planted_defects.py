@@ -9,6 +9,7 @@ from histories.checking import Checker
 from histories.runs import on_one_server
 from linked_fleet_gateway.actions import redis_scripts as scripts
 
+pytestmark = pytest.mark.test_all  # needs Go
 OPERATIONS = 1_500
 MOST_HISTORIES = 5  # a defect shows only if two clients meet at the right moment, which few do on a busy machine
 
