@@ -7,6 +7,7 @@ the deadline passes, as it ends motions whose robot reports nothing.
 import asyncio
 import logging
 import time
+import uuid
 from collections.abc import AsyncIterator, Awaitable, Callable, Collection, Iterable
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
@@ -15,9 +16,12 @@ from typing import TYPE_CHECKING
 from pyoxigraph import Triple
 
 from linked_fleet_gateway.actions.lifecycle import REPORT_TIMEOUT_S, Lifecycle
+from linked_fleet_gateway.actions.opening import Opening
+from linked_fleet_gateway.actions.plan import Caller
 from linked_fleet_gateway.actions.stop_delivery import ANSWER_TIMEOUT_S
 from linked_fleet_gateway.base.errors import AgentTimeout, FleetError
 from linked_fleet_gateway.fleet.invocations import FLEET, Invocation, InvocationState
+from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.resources.invocation import output_ntriples
 from linked_fleet_gateway.runtime.background import cancel_tasks
 from linked_fleet_gateway.subscriptions.live import Live
@@ -83,8 +87,8 @@ class Call:
 class Operations:
     """The operations of this gateway, and the cancelling of all."""
 
-    def __init__(self, live: Live, lifecycle: Lifecycle) -> None:
-        self._live, self._lifecycle = live, lifecycle
+    def __init__(self, live: Live, lifecycle: Lifecycle, opening: Opening) -> None:
+        self._live, self._lifecycle, self._opening = live, lifecycle, opening
         self._running: dict[str, asyncio.Task[None]] = {}
         self._ending = False
         lifecycle.cancel_operation = self.cancel
@@ -96,7 +100,42 @@ class Operations:
         self._live.remove_invocation_listener(self._on_invocation)
         await cancel_tasks(list(self._running.values()))
 
-    async def start(self, invocation: Invocation, operation: Operation) -> None:
+    async def operate(
+        self, action: str, operation: Operation, robot: Robot | None, caller: Caller, *, is_stop: bool = False
+    ) -> Invocation:
+        """Start an operation of a robot, or of the fleet. Return the invocation once it has accepted the request.
+
+        For a repeated key it is the first one. Raises the errors of the operation before it accepts, those of
+        ``Opening.create``, and AgentTimeout if it neither accepts nor refuses. An operation that ``is_stop`` is begun
+        whoever has the lease, and even without Redis.
+        """
+        now_ns = time.time_ns()
+        invocation = Invocation(
+            id=str(uuid.uuid4()),
+            robot=FLEET if robot is None else robot.name,
+            action=action,
+            targets={},
+            created_ns=now_ns,
+            deadline_ns=now_ns + int((ANSWER_TIMEOUT_S + REPORT_TIMEOUT_S) * 1e9),
+            client=caller.name,
+            body=caller.body,
+            operation=True,
+        )
+        if is_stop:
+            self._lifecycle.register(invocation)
+            self._lifecycle.replicated_state.save_stop(invocation)
+        else:
+            invocation, is_new = await self._opening.create(invocation, caller)
+            if not is_new:
+                return await self._opening.first(robot, invocation)
+        await self._start(invocation, operation)
+        return invocation
+
+    async def check(self, robot: Robot | None, caller: Caller) -> None:
+        """Check if an operation would be begun now, for its rehearsal. Raises the errors of ``Opening.check``."""
+        await self._opening.check(FLEET if robot is None else robot.name, caller)
+
+    async def _start(self, invocation: Invocation, operation: Operation) -> None:
         """Carry out an operation; return once it has accepted or has ended. Raises the error by which it refuses."""
         call, refusals = Call(invocation, self._lifecycle), list[FleetError]()
         task = asyncio.create_task(self._run(call, invocation, operation, refusals), name=f"operation {invocation.id}")

@@ -6,7 +6,7 @@ import time
 import uuid
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from types import TracebackType
 from typing import Protocol, Self
 
@@ -16,7 +16,8 @@ from pyoxigraph import NamedNode
 from linked_fleet_agent.wire.messages import WIRE_VERSION, Accepted, Command, Refused, Reply, Stop
 from linked_fleet_gateway.actions.action_handlers import HANDLERS, Handler, Plan
 from linked_fleet_gateway.actions.lifecycle import REPORT_TIMEOUT_S, Lifecycle
-from linked_fleet_gateway.actions.operations import Operation, Operations
+from linked_fleet_gateway.actions.opening import Opening
+from linked_fleet_gateway.actions.operations import Operations
 from linked_fleet_gateway.actions.plan import ActionRequest, Caller, DeferredPlan, Halt, Motion, build_command
 from linked_fleet_gateway.actions.refusals import (
     TICK_S,
@@ -24,14 +25,13 @@ from linked_fleet_gateway.actions.refusals import (
     StallDetector,
     agent_refusal,
     agent_timeout,
-    raise_first_refusal,
     required_lease_id,
     translate_store_errors,
     unanswered_stop,
 )
 from linked_fleet_gateway.actions.stop_delivery import ANSWER_TIMEOUT_S
-from linked_fleet_gateway.actions.store import ActionStore, MotionLimitReached
-from linked_fleet_gateway.base.errors import AgentTimeout, Busy, Conflict, FleetError, MotionRefused, RedisUnavailable
+from linked_fleet_gateway.actions.store import ActionStore
+from linked_fleet_gateway.base.errors import AgentTimeout, Busy, FleetError, MotionRefused
 from linked_fleet_gateway.fleet.invocations import FLEET, Invocation, InvocationState
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.fleet.unchecked import Finding, UncheckedLink
@@ -85,9 +85,9 @@ class Actions:
         self._guards: list[MotionGuard] = []
         self.handlers: dict[NamedNode, Handler] = dict(HANDLERS)
         """The handler of each kind of action."""
-        self._quota = MotionQuota(live.invocations, max_motions)
         self.lifecycle = Lifecycle(live, store)
-        self._operations = Operations(live, self.lifecycle)
+        self._opening = Opening(store, self.lifecycle, MotionQuota(live.invocations, max_motions))
+        self.operations = Operations(live, self.lifecycle, self._opening)
         self._tasks: list[asyncio.Task[None]] = []
         self._stalls = StallDetector()
         self._computing = asyncio.Semaphore(1)
@@ -104,12 +104,8 @@ class Actions:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         await cancel_tasks(self._tasks)
-        await self.end_operations()
+        await self.operations.close()
         await self.lifecycle.__aexit__(kind, error, trace)
-
-    async def end_operations(self) -> None:
-        """End the operations of this gateway, while what they use is still there."""
-        await self._operations.close()
 
     def add_guard(self, guard: MotionGuard) -> None:
         """Add a guard, which checks every motion before it is accepted."""
@@ -149,9 +145,9 @@ class Actions:
             lease=required_lease_id(robot) if motion.tied_to_lease else "",
             incarnation=motion.requested_at.incarnation,
         )
-        invocation, is_new = await self._create(invocation, caller)
+        invocation, is_new = await self._opening.create(invocation, caller)
         if not is_new:
-            return await self._first(robot, invocation)
+            return await self._opening.first(robot, invocation)
         lease = robot.lease
         waited_ns += await self._check(invocation, motion, caller)
         if robot.lease != lease:
@@ -163,21 +159,6 @@ class Actions:
             raise agent_refusal(robot, reply)
         self.lifecycle.record_acceptance(invocation, reply)
         return invocation
-
-    async def _create(self, invocation: Invocation, caller: Caller) -> tuple[Invocation, bool]:
-        """Store and register a new invocation, and return it with True; with False and the first id if it repeats one.
-
-        Raises the errors of ``start`` about leases, keys and limits.
-        """
-        with self._quota.count_start(caller.name) as full:
-            with translate_store_errors():
-                try:
-                    first = await self._open(invocation, caller, full)
-                except RedisUnavailable:  # perhaps after it was executed
-                    first = await self._open(invocation, caller, full)
-                if first is not None:
-                    return replace(invocation, id=first), False
-            return self.lifecycle.register(invocation), True
 
     async def _ready(self, motion: Motion, caller: Caller) -> int:
         """Wait for the guards.
@@ -238,18 +219,6 @@ class Actions:
             for guard in self._guards
         }
 
-    async def _open(self, invocation: Invocation, caller: Caller, full: bool) -> str | None:
-        try:
-            return await self._store.create(
-                invocation,
-                lease_token=caller.lease_token,
-                idempotency_key=caller.idempotency_key,
-                request_digest=caller.request_digest,
-                limit_reached=full,
-            )
-        except MotionLimitReached as error:
-            raise self._quota.limit_error(caller.name) from error
-
     def plan(self, request: ActionRequest, offer: Offer) -> Plan:
         """Let the handler of an offered action create its plan. Raises the handler's errors."""
         return self.handlers[offer.definition.iri](request)
@@ -275,12 +244,7 @@ class Actions:
         """Return the effect that ``start`` would have. Raises the same errors."""
         robot, waited_ns = motion.robot, await self._ready(motion, caller)
         self.lifecycle.stops.check_motion(robot.name)
-        if self._quota.is_exhausted(caller.name):
-            raise self._quota.limit_error(caller.name)
-        with translate_store_errors():
-            await self._store.check_lease(
-                robot.name, caller.lease_token, required_lease_id(robot) if motion.tied_to_lease else ""
-            )
+        await self._opening.check(robot.name, caller, required_lease_id(robot) if motion.tied_to_lease else "")
         began_ns = time.monotonic_ns()
         findings = await self._findings(motion, caller, "")
         waited_ns += self._stalls.elapsed_ns(began_ns)
@@ -304,56 +268,6 @@ class Actions:
             raise agent_timeout(invocation, str(error)) from error
         self.lifecycle.command_metrics.count_reply(invocation.robot, reply)
         return reply
-
-    async def _first(self, robot: Robot | None, repeated: Invocation) -> Invocation:
-        """Return the invocation of an earlier request with the same key, once it was answered."""
-        invocation = await self.lifecycle.replicated_state.fetch(repeated.robot, repeated.id)
-        if invocation is None:
-            raise Conflict("The first request with this Idempotency-Key has been answered, and its invocation deleted.")
-        await self.lifecycle.waiters.wait_until(invocation, _is_answered, ANSWER_TIMEOUT_S)
-        raise_first_refusal(robot, invocation)
-        return invocation
-
-    # -- operations -------------------------------------------------------------------------------------------------
-
-    async def operate(
-        self, action: str, operation: Operation, robot: Robot | None, caller: Caller, *, is_stop: bool = False
-    ) -> Invocation:
-        """Start an operation of a robot, or of the fleet. Return the invocation once it has accepted the request.
-
-        For a repeated key it is the first one. Raises the errors of the operation before it accepts, Controlled if
-        another caller has the robot's lease, TooManyInvocations, RedisUnavailable, and AgentTimeout if it neither
-        accepts nor refuses. An operation that ``is_stop`` is begun whoever has the lease, and even without Redis.
-        """
-        now_ns = time.time_ns()
-        invocation = Invocation(
-            id=str(uuid.uuid4()),
-            robot=FLEET if robot is None else robot.name,
-            action=action,
-            targets={},
-            created_ns=now_ns,
-            deadline_ns=now_ns + int((ANSWER_TIMEOUT_S + REPORT_TIMEOUT_S) * 1e9),
-            client=caller.name,
-            body=caller.body,
-            operation=True,
-        )
-        if is_stop:
-            self.lifecycle.register(invocation)
-            self.lifecycle.replicated_state.save_stop(invocation)
-        else:
-            invocation, is_new = await self._create(invocation, caller)
-            if not is_new:
-                return await self._first(robot, invocation)
-        await self._operations.start(invocation, operation)
-        return invocation
-
-    async def rehearse_operation(self, operation: Operation, robot: Robot | None, caller: Caller) -> Rehearsal:
-        """Return the effect that ``operate`` would have, as far as it is known before the operation begins."""
-        if self._quota.is_exhausted(caller.name):
-            raise self._quota.limit_error(caller.name)
-        with translate_store_errors():
-            await self._store.check_lease(FLEET if robot is None else robot.name, caller.lease_token)
-        return Rehearsal(operation.duration_s, ())
 
     # -- halts ------------------------------------------------------------------------------------------------------
 
@@ -384,7 +298,7 @@ class Actions:
                 self.on_stop(asked)
             self.lifecycle.register(invocation)
             if not halt.joints:
-                self._operations.stop_robots(asked)
+                self.operations.stop_robots(asked)
         except Exception:  # of an extension, for example: the stop is sent nevertheless
             log.exception("invocation %s: the stop is sent before others could hear of it", invocation.id)
         stop = Stop(version=WIRE_VERSION, id=invocation.id, joints=halt.joints, reason="stopped")
@@ -429,8 +343,3 @@ class Actions:
 
 def _unchecked(findings: Mapping[NamedNode, Finding]) -> tuple[tuple[str, UncheckedLink], ...]:
     return tuple(each for finding in findings.values() for each in finding.unchecked)
-
-
-def _is_answered(invocation: Invocation) -> bool:
-    """Return True if the agent has answered, or has not in time."""
-    return invocation.accepted or invocation.state is not InvocationState.ACCEPTED

@@ -138,7 +138,7 @@ def create_app(settings: GatewaySettings, tracing: Tracing | None = None, open_s
             )  # fmt: skip
             mounted = await mount_extensions(extensions, core, stack)
             mounts = mounted.values()
-            stack.push_async_callback(actions.end_operations)
+            stack.push_async_callback(actions.operations.close)
             await live.admit_robots()
             store = await stack.enter_async_context(SubscriptionStore(url, settings.namespace, run))
             marker = None

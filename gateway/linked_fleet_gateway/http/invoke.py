@@ -223,7 +223,7 @@ async def _halt(request: Request, offer: Offer) -> Response:
     if isinstance(plan, Operation):
         if prefer.dry_run:
             return _rehearsal(request, offer, plan, Rehearsal(plan.duration_s, ()))
-        invocation = await actions.operate(offer.path, plan, offer.robot, asking, is_stop=True)
+        invocation = await actions.operations.operate(offer.path, plan, offer.robot, asking, is_stop=True)
     else:
         assert isinstance(plan, Halt)  # a handler of a stop plans nothing else
         if prefer.dry_run:
@@ -252,8 +252,9 @@ async def _carry_out(
             plan = await actions.compute(plan)
     if isinstance(plan, Operation):
         if prefer.dry_run:
-            return _rehearsal(request, offer, plan, await actions.rehearse_operation(plan, offer.robot, asking))
-        invocation = await actions.operate(offer.path, plan, offer.robot, asking, is_stop=offer.is_stop)
+            await actions.operations.check(offer.robot, asking)
+            return _rehearsal(request, offer, plan, Rehearsal(plan.duration_s, ()))
+        invocation = await actions.operations.operate(offer.path, plan, offer.robot, asking, is_stop=offer.is_stop)
         return await _answer(request, invocation, prefer)
     assert isinstance(plan, Motion)  # a kind that is no stop does not plan a halt
     with _located(request.base):

@@ -76,7 +76,7 @@ async def invoke(
         rule=rule.id,
     )
     if isinstance(plan, Operation):
-        return await actions.operate(offer.path, plan, offer.robot, asking, is_stop=offer.is_stop)
+        return await actions.operations.operate(offer.path, plan, offer.robot, asking, is_stop=offer.is_stop)
     assert isinstance(plan, Motion)  # of another kind than a stop
     return await actions.start(offer.path, plan, asking)
 
