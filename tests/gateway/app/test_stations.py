@@ -2,6 +2,7 @@
 
 import json
 import signal
+import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -122,6 +123,8 @@ def test_a_reservation_is_an_invocation_that_both_gateways_show_and_that_ends(he
     location = answer.headers["location"]
     assert here.state(here.one, location) == "running"
     eventually(lambda: here.free(here.other, path) == 0, "the reservation at the other gateway")
+    time.sleep(40)  # longer than a gateway may be silent
+    assert [here.state(each, location) for each in (here.one, here.other)] == ["running", "running"]
     refused = here.reserve(here.other, path, 60)
     assert refused.status_code == 409 and "All 1 bays" in refused.text
     eventually(lambda: here.state(here.other, location) == "succeeded", "the end of the reservation")
