@@ -1,11 +1,11 @@
-"""The tests of ``tests/subscriptions/test_streams.py`` with a store on a cluster."""
+"""The tests of ``tests/gateway/subscriptions/test_streams.py`` with a store on a cluster."""
 
 from collections.abc import Iterator
 
 import pytest
 
 from redis_servers import Servers, cluster
-from subscriptions.test_streams import *
+from tests.gateway.subscriptions.test_streams import *
 
 pytestmark = [pytest.mark.processes, pytest.mark.test_all]
 

@@ -17,7 +17,7 @@ _BOUND = re.compile(r"([A-Za-z0-9_.-]+)(?:\[[a-z,]+\])?>=([0-9.]+)")
 _FOLLOWING = re.compile(r"opentelemetry|mujoco|protobuf|cmeel|coal|eigenpy|lib")
 _OTHERWISE = ("PIP_CONSTRAINT", "PIP_BUILD_CONSTRAINT", "PYTEST_")
 """Variables of this run that do not apply to the other environment."""
-TESTS = ("tests/agents", "tests/gateway", "gateway/linked_fleet_gateway/extensions/query", "tests/shacl")
+TESTS = ("tests/agents", "tests/gateway", "gateway/linked_fleet_gateway/extensions/query")
 
 
 def _declared() -> dict[str, str]:

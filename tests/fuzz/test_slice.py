@@ -30,7 +30,6 @@ COUNTS = {
     "foxglove": 250,
     "identities": 300,
     "mcp": 250,
-    "openapi": 250,
     "descriptions": 500,
 }
 PURE = {"wire", "bodies", "ros2", "descriptions"}

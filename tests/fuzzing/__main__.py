@@ -10,14 +10,13 @@ from fuzzing.findings import Tally
 SHARES = {
     "wire": 0.48,
     "bodies": 0.2,
-    "http": 0.1,
+    "http": 0.12,
     "sockets": 0.02,
     "foxglove": 0.02,
     "robots": 0.05,
     "ros2": 0.05,
     "identities": 0.02,
     "mcp": 0.02,
-    "openapi": 0.02,
     "descriptions": 0.02,
 }
 """Share of inputs per target: such that each takes about the same time, and more where more can go wrong."""

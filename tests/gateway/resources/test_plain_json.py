@@ -19,6 +19,7 @@ IRI = "http://127.0.0.1:8000/arm/title"
         (b"[" * 40 + b"]" * 40, "nested more than 16"),
         (b'{"value": [' + b"1," * 400 + b"1]}", "more than 400 commas and opening brackets"),
         (b'{"value": NaN}', "NaN is not JSON"),
+        (b'{"value": "\xff"}', "not UTF-8"),
     ],
 )  # fmt: skip
 def test_json_that_no_text_or_tree_can_hold_is_malformed(body: bytes, message: str) -> None:

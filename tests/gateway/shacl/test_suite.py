@@ -16,7 +16,7 @@ from linked_fleet_gateway.shacl import Data, Unsupported, compile_graph
 from linked_fleet_gateway.shacl.terms import RDF, Namespace, Node, Term
 from shacl_findings import pyshacl_reports, reported, results
 
-_ROOT = Path(__file__).parents[2]
+_ROOT = Path(__file__).parents[3]
 _SUITE = _ROOT / "build/shacl-suite/core"
 _MF = Namespace("http://www.w3.org/2001/sw/DataAccess/tests/test-manifest#", "action result")
 _SHT = Namespace("http://www.w3.org/ns/shacl-test#", "Validate dataGraph shapesGraph")
