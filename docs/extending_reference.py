@@ -104,7 +104,10 @@ def _members(cls: type) -> Iterator[tuple[str, str]]:
     for at, each in enumerate(node.body):
         if isinstance(each, ast.AnnAssign) and isinstance(each.target, ast.Name) and not each.target.id.startswith("_"):
             annotation = ast.unparse(each.annotation).strip("'")
-            yield f"{each.target.id}: {annotation}".replace("|", "\\|"), _first(_text_after(node.body, at))
+            default = (
+                "" if each.value is None or "factory" in ast.unparse(each.value) else f" = {ast.unparse(each.value)}"
+            )
+            yield f"{each.target.id}: {annotation}{default}".replace("|", "\\|"), _first(_text_after(node.body, at))
         elif isinstance(each, ast.FunctionDef | ast.AsyncFunctionDef) and not each.name.startswith("_"):
             is_property = any("property" in ast.unparse(one) for one in each.decorator_list)
             yield each.name + ("" if is_property else _arguments(each)), _first(ast.get_docstring(each))

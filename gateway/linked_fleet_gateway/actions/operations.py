@@ -19,7 +19,7 @@ from linked_fleet_gateway.actions.lifecycle import REPORT_TIMEOUT_S, Lifecycle
 from linked_fleet_gateway.actions.opening import Opening
 from linked_fleet_gateway.actions.plan import Caller
 from linked_fleet_gateway.actions.stop_delivery import ANSWER_TIMEOUT_S
-from linked_fleet_gateway.base.errors import AgentTimeout, FleetError
+from linked_fleet_gateway.base.errors import FleetError, Offline, OperationTimeout
 from linked_fleet_gateway.fleet.invocations import FLEET, Invocation, InvocationState
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.resources.invocation import output_ntriples
@@ -109,6 +109,8 @@ class Operations:
         ``Opening.create``, and AgentTimeout if it neither accepts nor refuses. An operation that ``is_stop`` is begun
         whoever has the lease, and even without Redis.
         """
+        if robot is not None and not robot.online and not is_stop:
+            raise Offline(f"Robot {robot.name} is offline; its actions answer again once it is back.")
         now_ns = time.time_ns()
         invocation = Invocation(
             id=str(uuid.uuid4()),
@@ -116,7 +118,7 @@ class Operations:
             action=action,
             targets={},
             created_ns=now_ns,
-            deadline_ns=now_ns + int((ANSWER_TIMEOUT_S + REPORT_TIMEOUT_S) * 1e9),
+            deadline_ns=now_ns + int(REPORT_TIMEOUT_S * 1e9),
             client=caller.name,
             body=caller.body,
             operation=True,
@@ -146,7 +148,7 @@ class Operations:
                 await call.answered.wait()
         except TimeoutError as error:
             await cancel_tasks([task])
-            raise AgentTimeout(f"The operation was not accepted within {ANSWER_TIMEOUT_S:g} s.") from error
+            raise OperationTimeout(f"The operation was not accepted within {ANSWER_TIMEOUT_S:g} s.") from error
         if refusals:
             raise refusals[0]
 

@@ -31,7 +31,7 @@ from linked_fleet_gateway.actions.refusals import (
 )
 from linked_fleet_gateway.actions.stop_delivery import ANSWER_TIMEOUT_S
 from linked_fleet_gateway.actions.store import ActionStore
-from linked_fleet_gateway.base.errors import AgentTimeout, Busy, FleetError, MotionRefused
+from linked_fleet_gateway.base.errors import AgentTimeout, Busy, FleetError, MotionRefused, Unimplemented
 from linked_fleet_gateway.fleet.invocations import FLEET, Invocation, InvocationState
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.fleet.unchecked import Finding, UncheckedLink
@@ -221,7 +221,10 @@ class Actions:
 
     def plan(self, request: ActionRequest, offer: Offer) -> Plan:
         """Let the handler of an offered action create its plan. Raises the handler's errors."""
-        return self.handlers[offer.definition.iri](request)
+        handler = self.handlers.get(offer.definition.iri)
+        if handler is None:
+            raise Unimplemented(f"No extension handles {offer.definition.iri.value}; Mount.handlers lacks it.")
+        return handler(request)
 
     async def compute(self, plan: DeferredPlan) -> Motion:
         """Compute a plan in a thread; one at a time, so that clients share the processor.

@@ -14,14 +14,14 @@ from linked_fleet_gateway.actions.service import Actions
 from linked_fleet_gateway.actions.store import ActionStore
 from linked_fleet_gateway.app.extensions import (
     ExtensionSettings,
-    contributions_of,
+    checked_contributions,
     create_representations,
     enabled_extensions,
     mount_extensions,
 )
 from linked_fleet_gateway.app.metrics import MetricsCollector, Sampler, create_registry
 from linked_fleet_gateway.app.settings import GatewaySettings
-from linked_fleet_gateway.base.contributions import set_present, using
+from linked_fleet_gateway.base.contributions import set_present
 from linked_fleet_gateway.http.endpoint import Endpoint
 from linked_fleet_gateway.http.entrance import Entrance, cors_middleware
 from linked_fleet_gateway.http.extension import Core
@@ -113,9 +113,7 @@ def create_app(settings: GatewaySettings, tracing: Tracing | None = None, open_s
     Raises Unsupported for shapes that cannot be compiled.
     """
     extensions = enabled_extensions(settings.section(ExtensionSettings))
-    contributions = contributions_of(extensions)
-    with using(contributions):
-        check_shapes()
+    contributions, left_out = checked_contributions(extensions, check_shapes)
 
     @asynccontextmanager
     async def lifespan(_: Starlette) -> AsyncIterator[None]:
@@ -136,7 +134,7 @@ def create_app(settings: GatewaySettings, tracing: Tracing | None = None, open_s
                 settings.public_urls, settings.state_path,
                 sections=[settings.section(each.settings) for each in extensions if each.settings],
             )  # fmt: skip
-            mounted = await mount_extensions(extensions, core, stack)
+            mounted = await mount_extensions(extensions, core, stack, left_out)
             mounts = mounted.values()
             stack.push_async_callback(actions.operations.close)
             await live.admit_robots()

@@ -6,7 +6,7 @@ package metadata, which may be outdated in a checkout. Foreign ones are found by
 
 import logging
 import pkgutil
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import AsyncExitStack
 from dataclasses import dataclass, replace
 from importlib import import_module
@@ -18,15 +18,17 @@ from typing import TypeGuard
 
 import linked_fleet_gateway.extensions
 from linked_fleet_gateway.actions.plan import Motion
-from linked_fleet_gateway.base.contributions import CORE_AT_ROOT, CORE_IN_ROBOT, Contributions
+from linked_fleet_gateway.base.contributions import CORE_AT_ROOT, CORE_IN_ROBOT, Contributions, using
 from linked_fleet_gateway.base.errors import MotionRefused
 from linked_fleet_gateway.base.settings import TEXTS, Section, setting
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.http.extension import Core, Extension, Mount
+from linked_fleet_gateway.http.html import NavigationEntry
 from linked_fleet_gateway.http.representation import Representations
 from linked_fleet_gateway.identity.rights import View
-from linked_fleet_gateway.rdf.shapes import ACTIONS, BLUEPRINTS, VOCABULARY
+from linked_fleet_gateway.rdf.shapes import ACTIONS, BLUEPRINTS, VOCABULARY, load_turtle_file
 from linked_fleet_gateway.rdf.vocabulary import LF
+from linked_fleet_gateway.resources.action_offer import action_definitions
 
 log = logging.getLogger(__name__)
 GROUP = "linked_fleet.extensions"
@@ -104,7 +106,7 @@ def _foreign(name: str) -> Extension:
     (entry_point,) = found
     try:
         kind = entry_point.load()
-    except (ImportError, AttributeError) as error:
+    except Exception as error:  # whatever its module raises
         raise ValueError(f"LINKED_FLEET_EXTENSIONS names {name!r}, which cannot be imported: {error}") from error
     if not _is_extension(kind) or kind.name != name:
         raise ValueError(
@@ -136,6 +138,52 @@ def _files(files: Iterable[tuple[Path, ...]]) -> tuple[Path, ...]:
     return tuple(chain.from_iterable(files))
 
 
+def checked_contributions(
+    extensions: Sequence[Extension], check_shapes: Callable[[], None]
+) -> tuple[Contributions, dict[str, Exception]]:
+    """Return the contributions of all extensions that can be used, and the reasons why others cannot, by name.
+
+    ``check_shapes`` raises an error for shapes that cannot be compiled. Those of built-in ones are raised here.
+    """
+    whole, reasons = contributions_of(extensions), dict[str, Exception]()
+    try:
+        for each in extensions:
+            _check_declared(each)
+        with using(whole):
+            check_shapes()
+        return whole, reasons
+    except Exception:
+        own = [each for each in extensions if type(each) in map(type, BUILT_IN)]
+        usable = list(own)
+        for each in extensions:
+            if each in own:
+                continue
+            try:
+                _check_declared(each)
+                with using(contributions_of([*own, each])):
+                    check_shapes()
+                usable.append(each)
+            except Exception as error:  # noqa: BLE001 - whatever is in its files costs this extension alone
+                reasons[each.name] = error
+        if not reasons:
+            raise
+        with using(found := contributions_of(usable)):
+            check_shapes()
+        return found, reasons
+
+
+def _check_declared(extension: Extension) -> None:
+    """Check what the class of an extension says. Raises ValueError, TypeError with the file or value that is wrong."""
+    for file in {*extension.kinds, *extension.vocabulary, *extension.shapes}:
+        try:
+            load_turtle_file(file)
+        except (OSError, SyntaxError, ValueError) as error:
+            raise ValueError(f"{file.name}: {error}") from error
+    for entry in extension.navigation:
+        if not isinstance(entry, NavigationEntry):
+            raise TypeError(f"navigation has NavigationEntry objects, not {entry!r:.80}")
+
+
 def dependency_order(extensions: Sequence[Extension]) -> list[Extension]:
     """Return the extensions, each after those that it needs or uses. Raises ValueError if that is impossible."""
     found: dict[str, Extension] = {}
@@ -150,24 +198,38 @@ def dependency_order(extensions: Sequence[Extension]) -> list[Extension]:
     return list(found.values())
 
 
-async def mount_extensions(extensions: Sequence[Extension], core: Core, stack: AsyncExitStack) -> dict[str, Mount]:
+async def mount_extensions(
+    extensions: Sequence[Extension],
+    core: Core,
+    stack: AsyncExitStack,
+    left_out: Mapping[str, Exception] | None = None,
+) -> dict[str, Mount]:
     """Start the extensions in order and add them to the tree and the guards; ``stack`` ends them.
 
-    Return them by name, without those that fail, which are faults. If one of these guards motions, all are refused.
+    Return them by name, without those that fail, which are faults, as are those ``left_out`` before. If one of these
+    guards motions, all are refused.
     """
+    left_out = left_out or {}
     for extension in BUILT_IN:
         if names := missing_requirements(extension):
             log.warning("The extension %s is off: %s is not installed.", extension.name, " and ".join(names))
     mounts = dict[str, Mount]()
+    known_extensions = [each for each in extensions if each.name not in left_out]
     for extension in extensions:
         services = [service for each in mounts.values() for service in each.services]
-        known = replace(core, services=services, extensions=extensions, extension=extension.name)
+        known = replace(core, services=services, extensions=known_extensions, extension=extension.name)
         with core.live.faults.guard("extensions", thing=extension.name):
+            if extension.name in left_out:
+                raise left_out[extension.name]
             mounts[extension.name] = await _mount(extension, known, stack)
             continue
         if extension.guards_motions:
             reason = core.live.faults.find("extensions", thing=extension.name)
             core.actions.add_guard(_MissingGuard(reason))
+    for kind in action_definitions():
+        if kind.iri not in core.actions.handlers:
+            missing = LookupError(f"no Mount.handlers has {kind.iri.value}, so it is refused")
+            core.live.faults.note("extensions", missing, thing=f"the action {kind.segment}")
     return mounts
 
 

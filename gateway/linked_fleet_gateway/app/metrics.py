@@ -102,7 +102,7 @@ class MetricsCollector(Collector):
         for name, collect in {**{each.__name__[1:]: each for each in own}, **self.extensions}.items():
             found = list[Metric]()
             with self.live.faults.guard("metrics", thing=name):
-                found = list(collect())
+                found = [_checked(each) for each in collect()]
             yield from found
         faults = self.live.faults.counts().items()
         yield gauges("faults", "Things that a part of the gateway cannot describe, and its failures.", "part", faults)
@@ -194,3 +194,10 @@ class MetricsCollector(Collector):
 
 def _sum(counts: Mapping[str, int]) -> int:
     return sum(list(counts.values()))
+
+
+def _checked(value: object) -> Metric:
+    """Return a metric of a part of the gateway. Raises TypeError if it is none."""
+    if not isinstance(value, Metric):
+        raise TypeError(f"a metric comes from counter, gauge or gauges, and is not {value!r:.80}")
+    return value

@@ -389,6 +389,12 @@ class AgentTimeout(FleetError):
     status, code, title = 504, "agent-silent", "The robot's agent did not answer in time"
 
 
+class OperationTimeout(AgentTimeout):
+    """An action that is no motion was neither accepted nor refused in time, and was ended."""
+
+    code, title = "not-accepted", "The action was not accepted in time"
+
+
 class StopUnanswered(AgentTimeout):
     """Robots have not confirmed a stop, which is repeated until they do; names of robots of either kind."""
 

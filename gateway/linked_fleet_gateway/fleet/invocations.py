@@ -206,6 +206,11 @@ class Invocations:
         """Return the invocations of one robot, or of ``FLEET``, that are not over, newest first."""
         return _newest_first(_still_open(self._open, robot).values())
 
+    def open_below(self, path: str) -> list[Invocation]:
+        """Return the invocations of actions of the thing at a path that are not over, newest first."""
+        begin = f"{path}/actions/"
+        return [one for one in self.open_of_robot(FLEET) if one.action.startswith(begin)]
+
     def robots_with_open(self) -> list[str]:
         """Return the robots with invocations that are not over."""
         return [robot for robot in list(self._open) if robot != FLEET and _still_open(self._open, robot)]

@@ -1,13 +1,14 @@
 """Writes of containers and their members, and their operations in OpenAPI."""
 
 from collections.abc import Callable
+from contextlib import suppress
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from pyoxigraph import Triple
 from starlette.responses import Response
 
-from linked_fleet_gateway.base.errors import NotFound
+from linked_fleet_gateway.base.errors import Conflict, NotFound
 from linked_fleet_gateway.http.body import body_type, convert_body, parse_form
 from linked_fleet_gateway.http.operations import (
     CHANGED_RESPONSE,
@@ -55,8 +56,18 @@ async def change_member(request: Request, afforded: ChangeMember) -> Response:
         present = await resolve_under_preconditions(request, lambda: request.tree().resolve(path))
         if present is None:
             raise NotFound("It has been deleted meanwhile.")
+        if request.method == "DELETE":
+            await _end_actions(request, container, id)
         if await container.records.change(id, change(present)):
             return Response(status_code=204)
+
+
+async def _end_actions(request: Request, container: Container[Any], id: str) -> None:
+    """Cancel what runs of the actions of a member, because nobody could do so once it is deleted."""
+    actions, live = request.services.actions, request.services.live
+    for each in live.invocations.open_below(container.member_path(id)):
+        with suppress(Conflict):  # it has just ended
+            await actions.lifecycle.cancel(each, "what it acts on is deleted")
 
 
 async def _change(request: Request, container: Container[Any], iri: str) -> Callable[[Resource], Any]:

@@ -28,7 +28,7 @@ from linked_fleet_gateway.resources.fleet_functions import FleetFunctions
 from linked_fleet_gateway.resources.property import Property
 from linked_fleet_gateway.resources.resource import Resource
 from linked_fleet_gateway.runtime.audit_log import AuditLog
-from linked_fleet_gateway.runtime.table import StoredRecords, Table
+from linked_fleet_gateway.runtime.table import MAX_RECORDS, StoredRecords, Table
 from linked_fleet_gateway.subscriptions.live import Live
 
 Reader = Callable[[Request, Resource, Any], Awaitable[ASGIApp]]
@@ -79,9 +79,8 @@ class Core:
 
     @contextmanager
     def listening(self, listener: Callable[[str | None], None]) -> Iterator[None]:
-        """Call ``listener`` at every change of any robot while the context lasts.
-
-        It is given the robot's name for a frame, even if no value changed, and None for anything else.
+        """Call ``listener`` at every change of any robot while the context lasts: with its name for a frame, even if no
+        value changed, and with None for anything else.
         """
         self.live.add_listener(listener)
         try:
@@ -91,15 +90,29 @@ class Core:
 
     @contextmanager
     def listening_to_invocations(self, listener: Callable[[Invocation], None]) -> Iterator[None]:
-        """Call ``listener`` whenever a field of an invocation changes, and once more when it is forgotten.
-
-        Those of other gateways are included, and at the start those that Redis has kept.
+        """Call ``listener`` with an invocation whenever a field of it changes, and once more when it is forgotten.
+        Those of other gateways are included, and at the start those that Redis has kept. It is the same object each time.
         """
         self.live.add_invocation_listener(listener)
         try:
             yield
         finally:
             self.live.remove_invocation_listener(listener)
+
+    def running(self, action: str) -> list[Invocation]:
+        """Return the invocations of the action at a path that have not ended, at whichever gateway, newest first."""
+        return [each for each in self.live.invocations.of_action(action) if not each.state.terminal]
+
+    async def cancel(self, invocation: str, reason: str) -> bool:
+        """Cancel the invocation with this id, at whichever gateway. Return False if it has ended, or is not known.
+
+        Raises AgentTimeout if whoever carries it out does not answer in time.
+        """
+        found = self.live.invocations.get(invocation)
+        if found is None or found.state.terminal:
+            return False
+        await self.actions.lifecycle.cancel(found, reason)
+        return True
 
     def has_ended(self, invocation: str) -> bool:
         """Return True if the invocation with this id is known to have ended, at whichever gateway."""
@@ -111,28 +124,31 @@ class Core:
         name: str,
         record: type[T],
         on_change: Callable[[str, T | None, T | None], None] = lambda id, before, after: None,
+        most: int = MAX_RECORDS,
     ) -> Table[T]:
-        """Return a table of records of the extension, which all gateways share: an async context manager.
-
-        ``record`` is a type that msgspec converts to and from JSON, such as a frozen ``msgspec.Struct``. ``on_change``
-        is called with the id and the record before and after, also for changes of other gateways.
+        """Return a table of at most ``most`` records of the extension, which all gateways share. Enter it by ``async
+        with``. ``record`` is a type that msgspec converts to and from JSON, such as a frozen ``msgspec.Struct``.
+        ``on_change`` is called with id, record before and record after (None if there is none), also for changes of
+        other gateways, and for each record while the table opens.
         """
-        stored = StoredRecords(self.redis_url, self.namespace, self.extension, name)
+        stored = StoredRecords(self.redis_url, self.namespace, self.extension, name, most)
         decode = msgspec.json.Decoder(record).decode
         return Table(stored, f"{self.extension} {name}", msgspec.json.encode, decode, on_change, self.live.faults)
 
     @asynccontextmanager
     async def open_container(
-        self, name: str, record: type[T], make: Callable[[Table[T]], Container[T]]
+        self, name: str, record: type[T], make: Callable[[Table[T]], Container[T]], most: int = MAX_RECORDS
     ) -> AsyncIterator[Container[T]]:
-        """Yield the container that ``make`` returns for a table of the extension, whose subscribers hear of changes."""
+        """Yield the container of at most ``most`` members that ``make`` returns for a table of the extension. Its
+        subscribers hear of changes.
+        """
 
         def tell(id: str, before: T | None, after: T | None) -> None:
             if before is None:
                 self.live.fan_out.add_resource(container.member_path(id))
             self.live.fan_out.mark_changed(container.member_path(id), container.path)
 
-        table = self.table(name, record, tell)
+        table = self.table(name, record, tell, most)
         container = make(table)
         async with table:
             yield container

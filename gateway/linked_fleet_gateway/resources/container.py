@@ -15,6 +15,7 @@ from linked_fleet_gateway.resources.action_tree import resolve_action
 from linked_fleet_gateway.resources.affordance import FORM_TYPES
 from linked_fleet_gateway.resources.body_values import Body
 from linked_fleet_gateway.resources.branches import FleetBranch, Found, RequestView
+from linked_fleet_gateway.resources.plain_json import add_plain_json
 from linked_fleet_gateway.resources.resource import CONTAINER, Resource, blueprint_of
 from linked_fleet_gateway.resources.versioning import Source
 
@@ -84,15 +85,14 @@ class Container(Generic[T]):
         return self._all if self.reading == (Right.READ,) else None
 
     def _all(self, view: RequestView) -> Iterator[tuple[str, Sequence[Triple]]]:
-        whole = self._whole(view)
-        yield self.path, whole.full_graph(view.base).triples
-        for each in self.members(view):
-            yield each.path, each.resource().full_graph(view.base).triples
+        yield self.path, self._whole(view).full_graph(view.base).triples
 
     def members(self, view: RequestView) -> "list[Member[T]]":
-        return [Member(self, view, id, record) for id, record in self.records.known.items()]
+        """Return the members, in an order that is the same at all gateways."""
+        return [Member(self, view, id, record) for id, record in sorted(self.records.known.items())]
 
     def member(self, view: RequestView, id: str) -> "Member[T] | None":
+        """Return the member with this id; None if there is none."""
         record = self.records.known.get(id)
         return None if record is None else Member(self, view, id, record)
 
@@ -112,7 +112,7 @@ class Container(Generic[T]):
             CONTAINER,
             Source(lambda: [each.facts for each in self.members(view)]),
             own_paths=(f"{self.path}/{_BLUEPRINT}",),
-            part_paths=tuple(map(self.member_path, self.records.known)),
+            part_paths=tuple(map(self.member_path, sorted(self.records.known))),
             affords=AddMember(self),
         )
 
@@ -157,15 +157,24 @@ class Member(Generic[T]):
 
     def offers(self, segment: str | None = None) -> list[Offer]:
         """Return its actions, or only the one with the segment."""
-        return offers_of(self.container.member_type, self.path, self.container.title_of(self.record), segment)
+        return offers_of(self.container.member_type, self.path, self.title, segment)
+
+    @property
+    def title(self) -> str:
+        """Its title; its id if the extension fails to name it, which is a fault of the gateway."""
+        with self.view.faults.guard(self.container.path, thing=f"title of {self.id}"):
+            return self.container.title_of(self.record)
+        return self.id
 
     def describe(self, graph: Graph) -> None:
         """Add all statements about it."""
         iri = self.iri
         graph.a(iri, self.container.member_type)
-        graph.add(iri, DCTERMS.title, Literal(self.container.title_of(self.record)))
+        graph.add(iri, DCTERMS.title, Literal(self.title))
         graph.add(iri, HYBRIT.action, *(self.view.iri(each.path) for each in self.offers()))
-        self.container.describe(graph, self)
+        # An error about one member must not hide the others, here and in queries.
+        with self.view.faults.guard(self.container.path, thing=f"description of {self.id}"):
+            self.container.describe(graph, self)
 
     def resource(self) -> Resource:
         container, view, id = self.container, self.view, self.id
@@ -174,14 +183,15 @@ class Member(Generic[T]):
             present = container.member(view, id)
             return None if present is None else present.facts
 
-        return Resource(
+        resource = Resource(
             self.path,
-            container.title_of(self.record),
+            self.title,
             self._describe_alone,
             source=Source(facts),
             own_paths=(f"{self.path}/{_BLUEPRINT}", *(each.path for each in self.offers())),
             affords=ChangeMember(container, id),
         )
+        return add_plain_json(resource, container.shape, view.base)
 
     def _describe_alone(self, graph: Graph) -> None:
         self.describe(graph)

@@ -184,7 +184,8 @@ class Table(Generic[T]):
             del self._known[id]
         else:
             self._known[id] = after
-        self._on_change(id, before, after)
+        with self._faults.guard(self._noun, thing="on_change"):
+            self._on_change(id, before, after)
 
     def _read(self, id: str, body: bytes | None) -> T | None:
         """Return the record; None also if it cannot be read, which stays a fault until it can, or is removed."""

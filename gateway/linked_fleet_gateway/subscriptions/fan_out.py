@@ -51,8 +51,9 @@ class FanOut:
         self._dirty: dict[Topic[Watcher], bool] = {}
         self._runnable: deque[Watcher | Broadcast[Watcher]] = deque()
         self._turns = Turns(self._work)
-        self.listeners: dict[Callable[[str | None], None], None] = {}
-        """Called at every change: with the robot's name for a frame, with None for anything else."""
+        self.listeners: dict[Callable[[str | None], None], Callable[[Exception], None]] = {}
+        """Called at every change: with the robot's name for a frame, with None for anything else. Each has a function
+        that notes its errors."""
         self.messages_rendered = self.messages_sent = self.messages_conflated = 0
         # Called for each watcher; extensions use them, for example to request pictures from a camera.
         self.on_watcher_added: Callable[[Watcher], None] = lambda watcher: None
@@ -153,8 +154,11 @@ class FanOut:
                     self._join(watcher, resource, values=True)
 
     def _tell_listeners(self, robot: str | None) -> None:
-        for hear in list(self.listeners):
-            hear(robot)
+        for hear, note in list(self.listeners.items()):
+            try:
+                hear(robot)
+            except Exception as error:  # noqa: BLE001 - of an extension: the others, and subscribers, hear of the change
+                note(error)
 
     # -- for watchers -----------------------------------------------------------------------------------------------
 

@@ -171,7 +171,8 @@ class Live:
 
         It is given the robot's name for a frame, even if no value changed, and None for anything else.
         """
-        self.fan_out.listeners[listener] = None
+        name = _name_of(listener)
+        self.fan_out.listeners[listener] = lambda error: self.faults.note("listeners", error, thing=name)
         self.fleet.frames.has_listeners = True
 
     def remove_listener(self, listener: Callable[[str | None], None]) -> None:
@@ -258,7 +259,9 @@ class Live:
             changed[name] = self._retarget(robots.get(name), moved)
         self.fan_out.mark_changed(*(self._mentions(invocation, changed) if self.fan_out.has_watchers else ()))
         for hear in list(self._invocation_listeners):
-            hear(invocation)
+            # An error of one, such as an extension, must not keep an invocation from its end, least of all a stop.
+            with self.faults.guard("listeners", thing=_name_of(hear)):
+                hear(invocation)
 
     def _mentions(self, invocation: Invocation, changed: Mapping[str, set[str]]) -> list[str]:
         """Return the paths of what mentions an invocation; ``changed`` are joints with another target, by robot."""
@@ -291,3 +294,7 @@ class Live:
             robot.targets = {joint: at for joint, at in before.items() if joint not in looked_at} | found
             robot.count_change()
         return changed
+
+
+def _name_of(listener: Callable[..., object]) -> str:
+    return f"{getattr(listener, '__module__', '')}.{getattr(listener, '__qualname__', type(listener).__name__)}"

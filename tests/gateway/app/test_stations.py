@@ -160,6 +160,35 @@ def test_a_reservation_of_a_gateway_that_dies_is_ended_by_the_other(here: Here) 
     assert here.reserve(here.other, path, 1).status_code == 204
 
 
+def test_delete_of_a_station_ends_its_reservations(here: Here) -> None:
+    path = here.add()
+    location = here.reserve(here.one, path, 600).headers["location"]
+    eventually(lambda: here.free(here.other, path) == 0, "the reservation at the other gateway")
+    assert here.other.browser.http.delete(here.other.browser.root + path[1:]).status_code == 204
+    eventually(lambda: here.get(here.one, path).status_code == 404, "the end of the station")
+    root = here.one.browser.http.get(here.one.browser.root, headers={"accept": "text/turtle"}).text
+    assert location not in root
+
+
+def test_both_gateways_show_stations_in_the_same_order(here: Here) -> None:
+    paths = [here.add(f"Dock {number}") for number in range(8)]
+    answers = [each.browser.http.get(each.browser.root + "stations") for each in (here.one, here.other)]
+    ids = [path.rpartition("/")[2] for path in paths]
+    orders = [sorted(ids, key=answer.text.index) for answer in answers]
+    assert orders[0] == orders[1]
+    member = here.get(here.one, paths[0], "application/json")
+    assert member.status_code == 200 and member.json() == {"title": "Dock 0", "bays": 1}
+
+
+def test_the_first_report_is_known_to_other_gateways_at_once(here: Here) -> None:
+    path = here.add()
+    location = here.reserve(here.one, path, 60).headers["location"]
+    url = httpx.URL(location).path
+    eventually(lambda: here.get(here.other, url).status_code == 200, "the invocation")
+    time.sleep(1)
+    assert here.state(here.other, location) == "running"
+
+
 def test_the_page_the_navigation_the_metric_and_the_operations_are_there(here: Here) -> None:
     path = here.add("Dock <1>")
     page = here.get(here.one, "/stations", "text/html").text

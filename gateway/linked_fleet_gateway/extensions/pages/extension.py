@@ -2,6 +2,7 @@
 
 from collections.abc import AsyncIterator, Mapping, Sequence
 from contextlib import asynccontextmanager
+from pathlib import Path
 
 from pyoxigraph import Triple
 
@@ -36,6 +37,9 @@ class Pages:
         return FORMS if forms else POLICY
 
 
+_BUILT_IN = Path(__file__).parents[1]
+
+
 class PagesExtension(Extension):
     name = "pages"
     at_root = ("assets",)
@@ -47,6 +51,9 @@ class PagesExtension(Extension):
         for extension in core.extensions:
             with core.live.faults.guard("pages", thing=f"views of {extension.name}"):
                 for view in extension.views():
-                    add_view(checked_view(view))
+                    checked = checked_view(view)
+                    if not checked.template.is_relative_to(_BUILT_IN):  # the tests check the others
+                        page.check_template(checked.template)
+                    add_view(checked)
         set_entries(core.navigation)
         yield Mount(branches=(BRANCH, THUMBNAILS), html=Pages())

@@ -68,6 +68,11 @@ def render(template: str, **variables: object) -> bytes:
     return _templates(folders).get_template(template).render(common | variables).encode()
 
 
+def check_template(file: Path) -> None:
+    """Raise OSError or jinja2.TemplateError for a template that cannot be used."""
+    _templates(()).parse(file.read_text(encoding="utf-8"), filename=str(file))
+
+
 def script_json(json: str) -> Markup:
     """Escape JSON for a script element, which ends at the first ``</script`` whatever is around it."""
     escaped = json.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")

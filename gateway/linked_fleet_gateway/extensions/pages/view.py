@@ -1,5 +1,6 @@
 """Pages from the triples of resources: the common frame, and the view of each kind."""
 
+import logging
 import shlex
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -19,6 +20,8 @@ from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, LDP, OWL, PROV,
 from linked_fleet_gateway.resources.action_offer import robot_offers
 from linked_fleet_gateway.resources.paths import lease_path, reserved_at_root
 from linked_fleet_gateway.resources.resource import Resource
+
+log = logging.getLogger(__name__)
 
 # The first type of a resource found in this order decides its kind.
 _KINDS: Mapping[NamedNode, tuple[str, Callable[[Facts, NamedNode], Part]]] = {
@@ -143,7 +146,12 @@ def _kind(facts: Facts, iri: NamedNode) -> tuple[str, Part, Sequence[str]]:
     types = facts.all(iri, RDF.type)
     for view in added_views():
         if view.type in types:
-            return view.kind, view.read(facts, iri), files_of(view)
+            try:
+                return view.kind, view.read(facts, iri), files_of(view)
+            except Exception:
+                # The boundary: what an extension's view cannot read is shown as triples.
+                log.exception("the view %s cannot show %s", view.kind, iri.value)
+                return "document", Part(), ()
     for type_, (kind, read) in _KINDS.items():
         if type_ in types:
             return kind, read(facts, iri), ()
