@@ -91,7 +91,9 @@ class Core:
     @contextmanager
     def listening_to_invocations(self, listener: Callable[[Invocation], None]) -> Iterator[None]:
         """Call ``listener`` with an invocation whenever a field of it changes, and once more when it is forgotten.
-        Those of other gateways are included, and at the start those that Redis has kept. It is the same object each time.
+
+        Those of other gateways are included, and at the start those that Redis has kept. It is the same object each
+        time.
         """
         self.live.add_invocation_listener(listener)
         try:
