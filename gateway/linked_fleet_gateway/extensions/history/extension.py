@@ -59,11 +59,14 @@ async def read_history(request: Request, found: Resource, past: RecordedHistory)
         return read_resource(request, resource)
 
     shown = past.select_page(parse_span(request.query_params.multi_items()))
-    async with past.history.worker():
-        name = shown.resource.path[1:].replace("/", "-")
-        names = {media_type: f"{name}.{suffix}" for media_type, suffix in _SUFFIXES.items()}
-        selected = shown.resource.with_reader_of(found).replace(query=request.url.query, file_names=names)
-        response = await asyncio.to_thread(work, selected)
+    name = shown.resource.path[1:].replace("/", "-")
+    names = {media_type: f"{name}.{suffix}" for media_type, suffix in _SUFFIXES.items()}
+    selected = shown.resource.with_reader_of(found).replace(query=request.url.query, file_names=names)
+    if request.services.representations.is_quick(request.effective_accept, selected, request.base):
+        response = work(selected)
+    else:
+        async with past.history.worker():
+            response = await asyncio.to_thread(work, selected)
     media_type = response.headers.get("content-type", "").partition(";")[0]
     file = media_type in _SUFFIXES
     page, address = shown.file if file else shown.document, request.base + shown.resource.path

@@ -10,12 +10,14 @@ from pyoxigraph import Literal, NamedNode
 
 from linked_fleet_agent.wire.messages import Description
 from linked_fleet_gateway.base.errors import BadRequest
+from linked_fleet_gateway.extensions.history.compiled import history_template, robot_history_template
 from linked_fleet_gateway.extensions.history.describe import (
     LF,
     Page,
     describe_extent,
     describe_property,
     describe_robot,
+    extent,
     page_of,
 )
 from linked_fleet_gateway.extensions.history.files import CSV, MCAP, recording, table
@@ -98,9 +100,11 @@ def _of_robot(history: History, view: RequestView, robot: Robot) -> Resource:
         joints = _joints(track, robot)
         page, file = page_of(track, span, span.observations), page_of(track, span, _most(track, span))
 
+        below = [each.removeprefix(robot_path(robot.name)) for each in measured_paths(robot)]
+
         def describe(graph: Graph) -> None:
-            parts = [(view.iri(each), view.iri(f"{each}/{SEGMENT}")) for each in measured_paths(robot)]
-            describe_robot(graph, view.base, view.iri(path), robot, history, page, parts)
+            about = Literal(title), extent(page)
+            describe_robot(graph, view.base, robot_path(robot.name), robot, history, about, below)
 
         def csv() -> bytes:
             excerpt = _kept(file, joints)
@@ -111,8 +115,9 @@ def _of_robot(history: History, view: RequestView, robot: Robot) -> Resource:
 
         documents = {CSV: csv, MCAP: mcap}
         resource = Resource(
-            path, title, describe, source=source, own_paths=own, documents=documents, publishes_changes=False
-        )
+            path, title, describe, source=source, own_paths=own, documents=documents, publishes_changes=False,
+            template=robot_history_template(view.base, robot, history, page, below),
+        )  # fmt: skip
         return HistoryPage(resource, page, file)
 
     return Resource(path, title, None, source=source, own_paths=own, remote=RecordedHistory(history, shown))
@@ -140,8 +145,9 @@ def _of_property(history: History, view: RequestView, robot: Robot, owner: str, 
             return table(series.columns, series.samples(_kept(file, joints)))
 
         resource = Resource(
-            path, title, describe, source=source, own_paths=own, documents={CSV: csv}, publishes_changes=False
-        )
+            path, title, describe, source=source, own_paths=own, documents={CSV: csv}, publishes_changes=False,
+            template=history_template(view.base, of, item, series, page),
+        )  # fmt: skip
         return HistoryPage(resource, page, file)
 
     return Resource(path, title, None, source=source, own_paths=own, remote=RecordedHistory(history, shown))
