@@ -5,6 +5,7 @@ The list, ``/history``, has the history of each robot with its extent, for peopl
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 from pyoxigraph import Literal, NamedNode
 
@@ -47,10 +48,12 @@ from linked_fleet_gateway.resources.describe import Describer
 from linked_fleet_gateway.resources.joint_kinds import kind_of
 from linked_fleet_gateway.resources.paths import joint_or_link, joint_path, link_path, mesh_path, robot_path
 from linked_fleet_gateway.resources.property import Property
-from linked_fleet_gateway.resources.resource import Resource, blueprint_of
+from linked_fleet_gateway.resources.resource import DescriptionTemplate, Resource, blueprint_of
 from linked_fleet_gateway.resources.versioning import Source
 
 SEGMENT = "history"
+_SHORT, _SHORT_OF_VECTORS = 256, 16
+"""Samples of a page that are read at once; a pose is computed from the positions of all joints above."""
 _FILE_BYTES = 8 * 2**20
 """Most bytes of frames in one file; a longer history needs several files."""
 
@@ -62,6 +65,10 @@ class HistoryPage:
     resource: Resource
     document: Page
     file: Page
+    template: Callable[[], DescriptionTemplate | None] = lambda: None
+    """Returns the kind of the document, with its samples; in a thread unless it ``is_short``."""
+    is_short: bool = False
+    """True if its samples are read in a millisecond or two."""
 
 
 @dataclass(frozen=True)
@@ -116,9 +123,9 @@ def _of_robot(history: History, view: RequestView, robot: Robot) -> Resource:
         documents = {CSV: csv, MCAP: mcap}
         resource = Resource(
             path, title, describe, source=source, own_paths=own, documents=documents, publishes_changes=False,
-            template=robot_history_template(view.base, robot, history, page, below),
         )  # fmt: skip
-        return HistoryPage(resource, page, file)
+        template = partial(robot_history_template, view.base, robot, history, page, below)
+        return HistoryPage(resource, page, file, template, is_short=True)
 
     return Resource(path, title, None, source=source, own_paths=own, remote=RecordedHistory(history, shown))
 
@@ -146,11 +153,16 @@ def _of_property(history: History, view: RequestView, robot: Robot, owner: str, 
 
         resource = Resource(
             path, title, describe, source=source, own_paths=own, documents={CSV: csv}, publishes_changes=False,
-            template=history_template(view.base, of, item, series, page),
         )  # fmt: skip
-        return HistoryPage(resource, page, file)
+        template = partial(history_template, view.base, of, item, series, page)
+        return HistoryPage(resource, page, file, template, _is_short(page, series))
 
     return Resource(path, title, None, source=source, own_paths=own, remote=RecordedHistory(history, shown))
+
+
+def _is_short(page: Page, series: Series | None) -> bool:
+    samples = 0 if page.excerpt is None else len(page.excerpt.frames)
+    return samples <= (_SHORT if series is None or len(series.columns) == 1 else _SHORT_OF_VECTORS)
 
 
 def _series(joints: Joints, robot: Robot, owner: str, item: Property) -> Series | None:

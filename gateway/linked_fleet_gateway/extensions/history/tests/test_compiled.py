@@ -7,6 +7,7 @@ from pyoxigraph import NamedNode
 
 from linked_fleet_gateway.extensions.history.compiled import history_template
 from linked_fleet_gateway.extensions.history.describe import Page, describe_property, page_of
+from linked_fleet_gateway.extensions.history.resources import _is_short
 from linked_fleet_gateway.extensions.history.span import Span, parse_span
 from linked_fleet_gateway.extensions.history.tests.test_track import S, frame, track
 from linked_fleet_gateway.extensions.history.track import Series, joint_series, link_series
@@ -83,3 +84,13 @@ def test_unknown_values_are_described() -> None:
         series is not None
         and history_template(_BASE, "/r/turn/velocity", item, series, page_of(kept, Span(), 9)) is None
     )
+
+
+def test_long_pages_are_left_to_a_thread() -> None:
+    """Those of vectors earlier, because each pose is computed."""
+    kept = track(*range(S, 300 * S, S))
+    item = _property(LF.ScalarPropertyShape, "velocity of turn")
+    turning, posed = joint_series(kept.joints, "turn", item), link_series(kept.joints, "b")
+    pages = [page_of(kept, Span(), most) for most in (16, 17, 256, 257)]
+    assert [_is_short(page, turning) for page in pages] == [True, True, True, False]
+    assert [_is_short(page, posed) for page in pages] == [True, False, False, False]
