@@ -77,7 +77,7 @@ def rows(seconds: float) -> list[Row]:
             "/other": [(path,) for path in others],
             "/unchanged": [(path, *_tags(root, path)) for path in others[::20]],
         }
-        typical = {name: typical(root, lines) for name, lines in asked.items()}
+        typical = {name: typical_response(root, lines) for name, lines in asked.items()}
         ours, theirs = dict[str, float](), dict[str, float]()
         with bare(1, typical) as (url, pid):
             for name, lines in asked.items():
@@ -138,7 +138,7 @@ def _is_listed(http: HTTPConnection, model: str) -> bool:
     return f'"{model}"'.encode() in _read(http, "/", "text/turtle")[1]
 
 
-def typical(root: str, lines: Sequence[tuple[str, ...]]) -> Constant:
+def typical_response(root: str, lines: Sequence[tuple[str, ...]]) -> Constant:
     """Return the response of median length among those to fifty of the requests."""
     found = []
     with httpx.Client(base_url=root, headers={"accept-encoding": "gzip, deflate, br, zstd"}, timeout=60) as http:

@@ -16,7 +16,7 @@ from urllib.parse import quote, urlsplit
 import httpx
 from pyoxigraph import RdfFormat, parse
 
-from bench.answers import browse, listed, typical
+from bench.answers import browse, listed, typical_response
 from bench.beside import BARE, bare
 from bench.scene import scene_of_robots
 from bench.table import Row, at_least, known
@@ -43,7 +43,7 @@ def rows(seconds: float) -> list[Row]:
         root = place.place.root
         time.sleep(_RECORDED_S)  # a history is as long as its robot has moved
         asked = _asked(root)
-        constants = {name: typical(root, lines) for name, lines in asked.items()}
+        constants = {name: typical_response(root, lines) for name, lines in asked.items()}
         found = list[Row]()
         with bare(1, constants) as (url, pid):
             for name, what in _KINDS.items():
