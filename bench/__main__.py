@@ -24,6 +24,7 @@ class Suite(NamedTuple):
 SUITES = (
     Suite("start", repeated=False),
     Suite("answers"),
+    Suite("containers"),
     Suite("encodings", repeated=False),
     Suite("large", repeated=False),
     Suite("fan_out"),

@@ -77,13 +77,13 @@ def rows(seconds: float) -> list[Row]:
             "/other": [(path,) for path in others],
             "/unchanged": [(path, *_tags(root, path)) for path in others[::20]],
         }
-        typical = {name: _typical(root, lines) for name, lines in asked.items()}
+        typical = {name: typical_response(root, lines) for name, lines in asked.items()}
         ours, theirs = dict[str, float](), dict[str, float]()
         with bare(1, typical) as (url, pid):
             for name, lines in asked.items():
                 fixed = [(name, *line[1:]) for line in lines]
-                theirs[name] = browse(url, pid, seconds, _listed(folder, "bare", fixed)).per_cpu_s
-                ours[name] = browse(root, place.pid, seconds, _listed(folder, "paths", lines)).per_cpu_s
+                theirs[name] = browse(url, pid, seconds, listed(folder, "bare", fixed)).per_cpu_s
+                ours[name] = browse(root, place.pid, seconds, listed(folder, "paths", lines)).per_cpu_s
         changed_ms, unchanged_ms = _changed(place)
     refused = _refused(seconds, [*values, *others])
     unit, walked = "1/CPU s", f"{_WALKED:,} resources read for the first time by one client"
@@ -111,7 +111,7 @@ def _refused(seconds: float, paths: Sequence[str]) -> tuple[float, float]:
     """Return the refusals per second of processor of a client far above its rate: of GETs, and of POSTs with a body."""
     with tempfile.TemporaryDirectory() as folder, scene("--requests-per-client", "1") as place:
         root, pid = place.place.root, place.pid
-        gets = browse(root, pid, seconds, _listed(folder, "all", [(path,) for path in paths]), refused=True).per_cpu_s
+        gets = browse(root, pid, seconds, listed(folder, "all", [(path,) for path in paths]), refused=True).per_cpu_s
         posts = wrk(root, pid, seconds, flags=("--script", str(_POSTS)), refused=True).per_cpu_s
     return gets, posts
 
@@ -138,7 +138,7 @@ def _is_listed(http: HTTPConnection, model: str) -> bool:
     return f'"{model}"'.encode() in _read(http, "/", "text/turtle")[1]
 
 
-def _typical(root: str, lines: Sequence[tuple[str, ...]]) -> Constant:
+def typical_response(root: str, lines: Sequence[tuple[str, ...]]) -> Constant:
     """Return the response of median length among those to fifty of the requests."""
     found = []
     with httpx.Client(base_url=root, headers={"accept-encoding": "gzip, deflate, br, zstd"}, timeout=60) as http:
@@ -215,7 +215,7 @@ def _tags(root: str, path: str) -> Iterator[str]:
         yield httpx.get(root.rstrip("/") + path, headers=headers).raise_for_status().headers["etag"]
 
 
-def _listed(folder: str, name: str, lines: Sequence[tuple[str, ...]]) -> Path:
+def listed(folder: str, name: str, lines: Sequence[tuple[str, ...]]) -> Path:
     path = Path(folder, name)
     path.write_text("".join(" ".join(line) + "\n" for line in lines))
     return path

@@ -1,12 +1,14 @@
 """A cache of responses to GET: constant parts are assembled once, values and entity tags are new each time.
 
-Responses are cached by path, Accept, base URL and the caller's view. They come from ``read_resource`` and belong to
-resources of a robot, or to such that never change. A response is valid while nothing but frames has changed the robot,
-and while the facts of the resource are equal. Requests with fields that ask for more than a representation bypass the
+Responses are cached by path, Accept or the query that replaces it, base URL and the caller's view. They come from
+``read_resource`` and belong to resources of a robot, to the list of a small fleet, or to such that never change. A
+response is valid while nothing but frames has changed the robot, and while the facts of the resource are equal; that of
+the fleet while all is equal that it shows. Requests with fields that ask for more than a representation bypass the
 cache.
 """
 
 import logging
+import re
 import weakref
 from collections.abc import Mapping
 from itertools import chain
@@ -20,10 +22,11 @@ from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.http.arrival import arrival_of, names_event_stream
 from linked_fleet_gateway.http.negotiation import GZIP, accepts_gzip, coded_tag, compress, decompress, is_compressible
 from linked_fleet_gateway.http.representation import etag, not_modified
-from linked_fleet_gateway.identity.rights import View
+from linked_fleet_gateway.identity.rights import Right, View
 from linked_fleet_gateway.rdf.templates import Document, Template
 from linked_fleet_gateway.resources.renderings import Rendering
 from linked_fleet_gateway.resources.resource import Resource
+from linked_fleet_gateway.resources.versioning import Source
 from linked_fleet_gateway.server.exchange import Reply
 from linked_fleet_gateway.server.message_heads import FieldLines, field_block
 from linked_fleet_gateway.subscriptions.live import Live
@@ -34,11 +37,12 @@ MAX_ENTRIES = 16_384
 MAX_BYTES = 24 * 1024 * 1024
 """Limit of bytes of cached contents. The oldest responses are dropped first."""
 _ASKS_MORE = frozenset({b"prefer", b"if-match", b"upgrade", b"callback", b"last-event-id"})
+_PICKED = re.compile(rb"as=[a-z]{1,16}")
 _READ = ("GET", "HEAD")
 _LONGEST_ACCEPT = 256
 _GZIP_LINE = field_block([GZIP])
-Key = tuple[bytes, bytes, str, View]
-"""Path, Accept, base URL and what the caller may see."""
+Key = tuple[bytes, bytes, str, tuple[View, bool]]
+"""Path, Accept or the query that replaces it, base URL and what the caller may see, the audit log included."""
 
 
 class ReadyResponse(Response):
@@ -105,7 +109,8 @@ class CachedResponse:
         """The observations that were written last."""
         self._block = field_block(fields)
         self._block_of_content = self._block + field_block(content_fields)
-        self._news, self._facts = _news(robot), resource.source.facts()
+        self._news = _news(robot)
+        self._facts = resource.source.facts() if robot is not None else _facts(resource.source)
 
     def _keep(self, document: Document, measured: bool) -> None:
         self._set_tag(document.content, measured)
@@ -120,7 +125,9 @@ class CachedResponse:
     def is_valid(self, live: Live) -> bool:
         """Return True if the robot still exists and nothing but frames has changed it."""
         robot = self.robot
-        return robot is None or (
+        if robot is None:
+            return _facts(self._source) == self._facts
+        return (
             live.fleet.robots.get(robot.name) is robot
             and _news(robot) == self._news
             and self._source.facts() == self._facts
@@ -244,18 +251,26 @@ def _key(scope: Scope) -> Key | None:
         arrival.is_plain_read = _is_plain_read(scope, arrival.fields)
     if not arrival.is_plain_read:
         return None
-    view = arrival.authenticated.identity.visible_robots
-    return scope["raw_path"], arrival.fields.get(b"accept", b""), arrival.base, view
+    identity = arrival.authenticated.identity
+    # The fleet links the audit log, for its readers alone (``audit.add_audit_link``).
+    view = identity.visible_robots, scope["raw_path"] == b"/" and identity.has_right(Right.ADMIN, None)
+    query = scope["query_string"]
+    asked = b"?" + query if query else arrival.fields.get(b"accept", b"")
+    return scope["raw_path"], asked, arrival.base, view
 
 
 def _is_plain_read(scope: Scope, fields: Mapping[bytes, bytes]) -> bool:
     return (
         scope["method"] in _READ
-        and not scope["query_string"]
+        and (not scope["query_string"] or _PICKED.fullmatch(scope["query_string"]) is not None)
         and len(fields.get(b"accept", b"")) <= _LONGEST_ACCEPT
         and not names_event_stream(fields)
         and _ASKS_MORE.isdisjoint(fields)
     )
+
+
+def _facts(source: Source) -> object:
+    return None if source.shown is None else source.shown()
 
 
 def _news(robot: Robot | None) -> tuple[object, ...]:

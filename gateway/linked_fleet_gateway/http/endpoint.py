@@ -300,7 +300,7 @@ def _read_nowait(request: Request) -> Reply | None:
     if not isinstance(found, Resource) or found.remote is not None:
         return None
     require_right(request, found.path, _needed(request, found))
-    return read_nowait(request, found)
+    return read_nowait(request, add_audit_link(request, found))
 
 
 async def _find(connection: Connection) -> Resource | Redirect:

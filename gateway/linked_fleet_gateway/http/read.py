@@ -224,7 +224,7 @@ def _is_cacheable(request: Request, resource: Resource, media_type: str | None) 
         return False
     if not is_compilable(resource, media_type) and (resource.source.is_measured or not resource.publishes_changes):
         return False
-    known = resource.is_static or _robot(request, resource) is not None
+    known = resource.is_static or resource.source.shown is not None or _robot(request, resource) is not None
     return known and request.services.response_cache.is_cacheable(request.scope)
 
 

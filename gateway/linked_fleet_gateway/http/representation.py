@@ -172,6 +172,15 @@ class Representations:
             return None
         return self._renderings.rendering(resource, media_type, base)
 
+    def is_quick(self, accept: str | None, resource: Resource, base: str) -> bool:
+        """Return True if the preferred representation is a copy of a known document."""
+        media_type = self.choose_media_type(accept, resource)
+        return (
+            media_type is not None
+            and media_type not in resource.documents
+            and self._copies.is_known(resource, media_type, base)
+        )
+
     def forget_robot(self, robot: str) -> None:
         """Drop what is compiled of a robot that was removed."""
         self._renderings.forget_robot(robot)

@@ -78,6 +78,8 @@ UNITS: dict[NamedNode, Unit] = {
 }
 
 
+VECTOR_AXES = (MATHS.x, MATHS.y, MATHS.z)
+QUATERNION_AXES = (*VECTOR_AXES, LF.w)
 Node = NamedNode | BlankNode
 Term = NamedNode | BlankNode | Literal
 
@@ -135,18 +137,22 @@ class Graph:
 
     def vector(self, subject: Node, predicate: NamedNode, xyz: Sequence[float] | None, unit: Unit | None) -> None:
         """Add a ``maths:Vector3D`` as in Figure 3, with its unit if there is one."""
-        node = self.blank(MATHS.Vector3D)
-        self.add(subject, predicate, node)
-        for axis, value in zip((MATHS.x, MATHS.y, MATHS.z), xyz or (None, None, None), strict=True):
-            self.add(node, axis, number(value))
+        node = self.components(subject, predicate, MATHS.Vector3D, VECTOR_AXES, map(number, xyz or (None,) * 3))
         if unit is not None:
             self.unit(node, unit)
 
     def quaternion(self, subject: Node, predicate: NamedNode, xyzw: Sequence[float] | None) -> None:
-        node = self.blank(LF.Quaternion)
+        self.components(subject, predicate, LF.Quaternion, QUATERNION_AXES, map(number, xyzw or (None,) * 4))
+
+    def components(
+        self, subject: Node, predicate: NamedNode, kind: NamedNode, axes: Sequence[NamedNode], terms: Iterable[Term]
+    ) -> BlankNode:
+        """Add a node with one term for each axis, and return it."""
+        node = self.blank(kind)
         self.add(subject, predicate, node)
-        for axis, value in zip((MATHS.x, MATHS.y, MATHS.z, LF.w), xyzw or (None,) * 4, strict=True):
-            self.add(node, axis, number(value))
+        for axis, term in zip(axes, terms, strict=True):
+            self.add(node, axis, term)
+        return node
 
     def unit(self, node: Node, unit: Unit) -> None:
         self.add(node, VOM.unit, unit.vom)

@@ -58,6 +58,14 @@ class Template:
         self.characters = sum(map(len, texts))
         """Number of characters of its text."""
 
+    @property
+    def texts(self) -> list[str]:
+        return self._texts[::2]
+
+    @property
+    def places(self) -> tuple[int, ...]:
+        return self._places
+
     def fill(self, values: Sequence[str]) -> bytes:
         # Joining takes a quarter of the time of the operator %, which parses the text.
         texts = self._texts.copy()

@@ -100,7 +100,7 @@ class Rendering:
         if form != self._form:
             self._template, self._form = self._compile(form), form
         texts = [lexical(value) for seen in measurements for value in seen.values]
-        texts += [_stamp(seen.wall_ns) if seen.wall_ns is not None else "" for seen in measurements]
+        texts += [lexical_time(seen.wall_ns) if seen.wall_ns is not None else "" for seen in measurements]
         if versions is not None:
             texts += (versions.version, versions.event_id, versions.previous or "")
         return self._template.fill(texts)
@@ -177,7 +177,7 @@ def _second(second: int) -> str:
     return timestamp(second * 1_000_000_000).value[:-4]
 
 
-def _stamp(wall_ns: int) -> str:
+def lexical_time(wall_ns: int) -> str:
     """Format a time as ``timestamp`` does, with a cached part per second."""
     second, rest_ns = divmod(wall_ns, 1_000_000_000)
     return f"{_second(second)}{rest_ns // _MILLISECOND_NS:03d}Z"

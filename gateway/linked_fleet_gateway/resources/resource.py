@@ -48,6 +48,18 @@ class DescriptionTemplate(Struct, frozen=True):
     owner: str
     describe: Callable[[Graph, str, Sequence[Literal]], None]
     values: Callable[[], tuple[Literal, ...]] = tuple
+    rows: "Rows | None" = None
+    """Further values, after those; None without."""
+
+
+class Rows(Struct, frozen=True):
+    """The values of statements that are repeated any number of times: datatypes of a row, and the texts of all rows.
+
+    Texts are such that ``is_replaceable`` is true of them.
+    """
+
+    datatypes: tuple[NamedNode, ...]
+    texts: Sequence[str]
 
 
 class TypedLink(Struct, frozen=True):

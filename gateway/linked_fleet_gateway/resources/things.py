@@ -27,6 +27,8 @@ from linked_fleet_gateway.resources.subscription import Record
 from linked_fleet_gateway.resources.subscription_resource import resolve_subscription
 from linked_fleet_gateway.resources.versioning import Source, presence_facts
 
+MAX_AT_ONCE = 16
+"""Robots that are described in one step, and whose list may be kept while what it shows is the same."""
 SubscriptionsByOwner = Mapping[str, Sequence[Record]]
 """Subscriptions by the path of their owner, as far as they have been fetched."""
 NO_SUBSCRIPTIONS: SubscriptionsByOwner = MappingProxyType({})
@@ -51,18 +53,23 @@ class Things:
             Source(
                 self._members,
                 shared_facts=lambda: [(*named, here, fault) for *named, (here, _, fault) in self._members()],
+                shown=self._shown if len(robots) <= MAX_AT_ONCE else None,
             ),
             own_paths=(
                 *("/subscriptions", "/blueprint", *(each.path for each in fleet_offers()), "/vocabulary", "/context"),
                 *(path for _, path in self._branches.fleet_links()),
             ),
             part_paths=robots,
-            steps=self._describe_fleet,
+            steps=self._describe_fleet if len(robots) > MAX_AT_ONCE else None,
             typed_links=self._branches.typed_links(),
             documents=self._branches.thing_documents(self._view),
             constant_media_types=self._branches.constant_media_types,
             has_linkset=True,
         )
+
+    def _shown(self) -> object:
+        faults = self._view.faults
+        return self._members(), faults.of_parts, [faults.find("the fleet", name) for name in self._view.robots]
 
     def _describe_fleet(self, graph: Graph) -> Iterator[None]:
         links = self._branches.fleet_links()

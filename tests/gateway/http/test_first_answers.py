@@ -15,13 +15,14 @@ from linked_fleet_gateway.http.endpoint import Endpoint
 from linked_fleet_gateway.http.representation import Representations
 from linked_fleet_gateway.http.scheduling import Offload, StopPriority
 from linked_fleet_gateway.identity.rights import Grant, Identity, Right, View
+from linked_fleet_gateway.resources import things
 from linked_fleet_gateway.resources.branches import NO_BRANCHES
 from linked_fleet_gateway.resources.tree import Tree
 from linked_fleet_gateway.server.exchange import Reply
 
 _JOINTS = {"elbow": ("revolute", '<limit lower="-1" upper="1" velocity="2" effort="3"/>')}
 _OF_ROBOT = [
-    "/r/", "/r/elbow", "/r/base", "/r/elbow/rotation", "/r/elbow/limits", "/r/elbow/blueprint",
+    "/", "/r/", "/r/elbow", "/r/base", "/r/elbow/rotation", "/r/elbow/limits", "/r/elbow/blueprint",
     "/r/elbow/actions/rotate", "/r/elbow/actions/rotate/invocations",
 ]  # fmt: skip
 _TYPES = ["text/turtle", "application/ld+json", "application/n-triples", "application/rdf+xml"]
@@ -94,6 +95,53 @@ async def test_a_client_that_has_the_representation_gets_304(place: Place) -> No
     assert (found[0], found[1][b"etag"], found[2]) == (304, tag.encode(), b"")
 
 
+async def test_the_list_of_a_small_fleet_is_kept_while_it_shows_the_same(place: Place, bench: Bench) -> None:
+    scope = place.scope("/", accept="text/turtle")
+    assert b"lf:presence lf:online" in _parts(place.endpoint.reply_nowait(scope))[2]
+    assert place.endpoint.reply_nowait(scope) is not None  # in the same turn: it is kept
+    bench.fleet.robots["r"].set_online(False)
+    await asyncio.sleep(0)
+    assert b"lf:presence lf:offline" in _parts(place.endpoint.reply_nowait(scope))[2]
+
+
+async def test_only_readers_of_the_audit_log_are_shown_its_link(place: Place) -> None:
+    """Both see the same robots, and the representations are equal."""
+    found = []
+    for rights in (frozenset({Right.ADMIN, Right.READ}), frozenset({Right.READ})):
+        scope = place.scope("/", accept="text/turtle")
+        arrival_of(scope).authenticated = Authenticated(Identity("somebody", (Grant(rights),)))
+        found.append(_parts(place.endpoint.reply_nowait(scope))[1][b"link"])
+        await asyncio.sleep(0)
+    assert [b"/audit>" in link for link in found] == [True, False]
+
+
+async def test_the_list_of_a_large_fleet_is_left_to_the_application(
+    place: Place, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It is described in steps."""
+    monkeypatch.setattr(things, "MAX_AT_ONCE", 0)
+    assert place.endpoint.reply_nowait(place.scope("/")) is None
+
+
+async def test_a_query_is_not_taken_for_an_accept_field(place: Place) -> None:
+    picked = place.scope("/r/elbow", query=b"as=jsonld")
+    assert _parts(place.endpoint.reply_nowait(picked))[1][b"content-type"] == b"application/ld+json"
+    await asyncio.sleep(0)
+    found = _parts(place.endpoint.reply_nowait(place.scope("/r/elbow", accept="as=jsonld")))
+    assert found[1][b"content-type"] == b"text/turtle; charset=utf-8"
+
+
+async def test_a_format_picked_by_the_query_is_kept_too(place: Place) -> None:
+    for accept in ("application/ld+json", "as=turtle"):
+        found = [
+            _parts(place.endpoint.reply_nowait(place.scope("/r/elbow", query=query, accept=accept)))
+            for query in (b"as=turtle", b"as=jsonld", b"as=turtle")
+            if await asyncio.sleep(0) is None
+        ]
+        types = [each[1][b"content-type"] for each in found]
+        assert types == [b"text/turtle; charset=utf-8", b"application/ld+json", b"text/turtle; charset=utf-8"]
+
+
 async def test_only_one_first_answer_is_made_in_a_turn(place: Place) -> None:
     first, second = place.scope("/r/elbow"), place.scope("/r/base")
     assert place.endpoint.reply_nowait(first) is not None
@@ -106,9 +154,9 @@ async def test_only_one_first_answer_is_made_in_a_turn(place: Place) -> None:
 @pytest.mark.parametrize(
     "more",
     [
-        {"path": "/"}, {"path": "/r"}, {"path": "/r/nothing"}, {"path": "/audit"}, {"path": "/r/elbow/linkset"},
+        {"path": "/r"}, {"path": "/r/nothing"}, {"path": "/audit"}, {"path": "/r/elbow/linkset"},
         {"path": "/r/elbow/subscriptions"}, {"path": "/subscriptions"}, {"method": "POST"}, {"method": "OPTIONS"},
-        {"query": b"as=turtle"}, {"accept": "text/event-stream"}, {"accept": "image/png"},
+        {"query": b"as=csv"}, {"query": b"as=turtle&limit=1"}, {"accept": "text/event-stream"}, {"accept": "image/png"},
         {"accept": "Text/Event-Stream, text/turtle;q=0.5"},
         {"prefer": "return=minimal"}, {"if_match": '"x"'}, {"upgrade": "callback"},
         {"accept": "application/x-jelly-rdf"}, {"path": "/r/elbow/rotation", "accept": "application/json"},

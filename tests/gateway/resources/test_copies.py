@@ -12,8 +12,9 @@ from linked_fleet_gateway.fleet.events import Appeared, Described
 from linked_fleet_gateway.fleet.fleet import Fleet
 from linked_fleet_gateway.fleet.invocations import Invocations
 from linked_fleet_gateway.rdf.serialise import TEXT_TYPES, render
+from linked_fleet_gateway.rdf.templates import Template
 from linked_fleet_gateway.rdf.vocabulary import PREFIXES
-from linked_fleet_gateway.resources.copies import Copies
+from linked_fleet_gateway.resources.copies import Copies, RowTemplate
 from linked_fleet_gateway.resources.resource import Resource
 from linked_fleet_gateway.resources.tree import Tree
 
@@ -98,3 +99,37 @@ def test_few_are_kept() -> None:
         short.document(resource, "text/turtle", _BASE)
         assert len(few._kept) <= 2
         assert sum(each.characters for each in short._kept.values()) <= 50_000
+
+
+def _rows(*texts: str, places: tuple[int, ...] = (2, 1, 4, 3, 6, 5)) -> RowTemplate:
+    return RowTemplate(Template(texts, places), 1, 2)
+
+
+_ALIKE = ("<", "=", ";", "=", ";", "=", ">")
+
+
+def test_a_text_has_any_number_of_rows_whose_values_may_be_in_another_order() -> None:
+    found = _rows(*_ALIKE)
+    assert found.fill(["0", "a", "b"]) == b"<b=a>"
+    assert found.fill(["0", "a", "b", "c", "d", "e", "f", "g", "h"]) == b"<b=a;d=c;f=e;h=g>"
+
+
+@pytest.mark.parametrize(
+    ("texts", "places"),
+    [
+        (("<", "=", ";", "-", ";", "=", ">"), (1, 2, 3, 4, 5, 6)),
+        (("<", "=", ";", "=", ",", "=", ">"), (1, 2, 3, 4, 5, 6)),
+        (_ALIKE, (1, 2, 4, 3, 5, 6)),
+        ((*_ALIKE, "!"), (1, 2, 0, 3, 4, 5, 6)),
+    ],
+)
+def test_rows_that_are_not_written_alike_are_refused(texts: tuple[str, ...], places: tuple[int, ...]) -> None:
+    with pytest.raises(ValueError, match="not written alike"):
+        _rows(*texts, places=places)
+
+
+def test_texts_that_depend_on_the_number_of_rows_differ() -> None:
+    three, places = _rows(*_ALIKE), (2, 1, 4, 3, 6, 5, 8, 7)
+    assert three.has_same_text(_rows(*_ALIKE[:-1], ";", "=", ">", places=places))
+    assert not three.has_same_text(_rows(*_ALIKE[:-1], ";", "=", "]", places=places))
+    assert not three.has_same_text(_rows("[", *_ALIKE[1:-1], ";", "=", ">", places=places))

@@ -12,22 +12,25 @@ from pyoxigraph import BlankNode, Literal, NamedNode
 from linked_fleet_gateway.extensions.history.files import CSV, MCAP
 from linked_fleet_gateway.extensions.history.recorder import History
 from linked_fleet_gateway.extensions.history.span import Span, lexical_time, query
-from linked_fleet_gateway.extensions.history.track import Excerpt, Numbers, Series, Track
+from linked_fleet_gateway.extensions.history.track import Excerpt, Series, Track
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.rdf.graph import (
     METRE,
     METRE_PER_SECOND,
+    QUATERNION_AXES,
     RADIAN_PER_SECOND,
     SECOND,
+    VECTOR_AXES,
     Graph,
+    Term,
+    Unit,
     integer,
     number,
     timestamp,
 )
-from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, HYDRA, QUDT, RDFS, SOSA
+from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, HYDRA, MATHS, QUDT, RDFS, SOSA
 from linked_fleet_gateway.rdf.vocabulary import LF as CORE
 from linked_fleet_gateway.resources.describe import Describer
-from linked_fleet_gateway.resources.paths import robot_path
 from linked_fleet_gateway.resources.property import Property
 
 LF = CORE.extended(
@@ -42,6 +45,10 @@ _VARIABLES = {
     "last": (LF.last, "xsd:duration; length of the span up to the newest sample"),
     "limit": (LF.limit, "maximum number of samples: the first ones of a span, or the newest if it has no beginning"),
 }
+
+
+Extent = tuple[Literal | NamedNode, Literal | NamedNode, Literal]
+"""The times of the oldest and newest sample, and the number of samples."""
 
 
 @dataclass(frozen=True)
@@ -73,6 +80,11 @@ class Page:
         return query(to=lexical_time(excerpt.before + 1), **self._limit)
 
     @property
+    def adjacent(self) -> tuple[NamedNode, str]:
+        """Relation and query of the adjacent page; an empty query if there is none."""
+        return (HYDRA.next, self.next) if self.span.forward else (HYDRA.previous, self.previous)
+
+    @property
     def _limit(self) -> dict[str, int]:
         return {} if self.span.limit is None else {"limit": self.span.limit}
 
@@ -86,33 +98,35 @@ def page_of(track: Track | None, span: Span, most: int) -> Page:
 
 
 def describe_robot(
-    graph: Graph, base: str, iri: NamedNode, robot: Robot, history: History, page: Page,
-    parts: Sequence[tuple[NamedNode, NamedNode]],
+    graph: Graph, base: str, path: str, robot: Robot, history: History, about: tuple[Literal, Extent],
+    parts: Sequence[str],
 ) -> None:  # fmt: skip
-    """Describe the history of a robot: its extent, its files, and the histories of its properties.
+    """Describe the history of the robot at ``path``: its extent, its files, and the histories of its properties.
 
-    ``parts`` are pairs of a property and its history. The presence of the robot says whether samples are added.
+    ``about``: its title and extent. ``parts``: the paths of properties below the robot. The presence of the robot says
+    whether samples are added.
     """
-    say, path = Describer(base), robot_path(robot.name)
-    about = say.iri(path)
+    say = Describer(base)
+    robot_iri, iri = say.iri(path), say.iri(f"{path}history")
     graph.a(iri, LF.History)
-    graph.add(iri, DCTERMS.title, Literal(f"History of {robot.name}"))
-    graph.add(iri, RDFS.seeAlso, about)
-    graph.add(iri, LF.ofRobot, about)
-    say.presence(graph, about, robot)
-    graph.add(about, LF.jointState, say.iri(path + "jointState"))
+    graph.add(iri, DCTERMS.title, about[0])
+    graph.add(iri, RDFS.seeAlso, robot_iri)
+    graph.add(iri, LF.ofRobot, robot_iri)
+    say.presence(graph, robot_iri, robot)
+    graph.add(robot_iri, LF.jointState, say.iri(path + "jointState"))
     graph.add(iri, HYBRIT.blueprint, LF.HistoryShape, NamedNode(iri.value + "/blueprint"))
     graph.scalar(iri, LF.historySpan, history.span_s, SECOND)
     graph.scalar(iri, LF.samplingPeriod, 1 / history.rate_hz, SECOND)
-    describe_extent(graph, iri, page)
+    _describe_extent(graph, iri, about[1])
     for title, span in _READY.items():
         _view(graph, iri, f"?last={span}&as=csv", f"{title}, joint states", CSV)
     _view(graph, iri, "?as=csv", "all joint states", CSV)
     _view(graph, iri, "?as=mcap", "all joint states and the model", MCAP)
     _search(graph, iri)
-    for of, part in parts:
-        graph.add(iri, DCTERMS.hasPart, part)
-        graph.add(of, LF.history, part)
+    for each in parts:
+        of = path + each
+        graph.add(iri, DCTERMS.hasPart, say.iri(f"{of}/history"))
+        graph.add(say.iri(of), LF.history, say.iri(f"{of}/history"))
 
 
 def describe_property(
@@ -120,50 +134,88 @@ def describe_property(
     series: Series | None, page: Page,
 ) -> None:  # fmt: skip
     """Describe the observations of the property ``of`` on ``page``; ``whole`` is the history of the robot."""
+    unit = None if series is None or page.excerpt is None or len(series.columns) > 1 else series.columns[0][1].qudt
+    about = About(Literal(f"History of {item.title}"), extent(page), *page.adjacent, unit)
+    describe_collection(graph, iri, of, thing, whole, about)
+    if series is None or page.excerpt is None:
+        return
+    for stamp_ns, values in series.samples(page.excerpt):
+        one = describe_observation(graph, iri, timestamp(stamp_ns))
+        describe_result(graph, one, item.shape, [number(each) for each in values])
+
+
+@dataclass(frozen=True)
+class About:
+    """The statements about a page that differ between histories. ``query``: that of the adjacent page, if any."""
+
+    title: Literal
+    extent: "Extent"
+    relation: NamedNode
+    query: str
+    unit: NamedNode | None
+
+
+def describe_collection(
+    graph: Graph, iri: NamedNode, of: NamedNode, thing: NamedNode, whole: NamedNode, about: About
+) -> None:
+    """Describe a page of observations, without them."""
     graph.a(iri, LF.History, SOSA.ObservationCollection)
-    graph.add(iri, DCTERMS.title, Literal(f"History of {item.title}"))
+    graph.add(iri, DCTERMS.title, about.title)
     graph.add(iri, RDFS.seeAlso, of, whole)
     graph.add(iri, SOSA.observedProperty, of)
     graph.add(iri, SOSA.hasFeatureOfInterest, thing)
     graph.add(iri, HYBRIT.blueprint, LF.HistoryShape, NamedNode(iri.value + "/blueprint"))
-    describe_extent(graph, iri, page)
+    _describe_extent(graph, iri, about.extent)
     for title, span in _READY.items():
         _view(graph, iri, f"?last={span}", title)
     _search(graph, iri)
-    for relation, part in ((HYDRA.next, page.next), (HYDRA.previous, page.previous)):
-        if part:
-            graph.add(iri, relation, NamedNode(f"{iri.value}?{part}"))
-    if series is None or page.excerpt is None:
-        return
-    if len(series.columns) == 1:
-        graph.add(iri, QUDT.unit, series.columns[0][1].qudt)
-    for stamp_ns, values in series.samples(page.excerpt):
-        one = graph.blank(SOSA.Observation)
-        graph.add(iri, SOSA.hasMember, one)
-        graph.add(one, SOSA.resultTime, timestamp(stamp_ns))
-        _result(graph, one, item, values)
+    if about.query:
+        graph.add(iri, about.relation, NamedNode(f"{iri.value}?{about.query}"))
+    if about.unit is not None:
+        graph.add(iri, QUDT.unit, about.unit)
 
 
-def _result(graph: Graph, one: BlankNode, item: Property, values: Numbers) -> None:
+def describe_observation(graph: Graph, iri: NamedNode, stamp: Literal) -> BlankNode:
+    """Add an observation to a page, and return it. Its result is added by the caller."""
+    one = graph.blank(SOSA.Observation)
+    graph.add(iri, SOSA.hasMember, one)
+    graph.add(one, SOSA.resultTime, stamp)
+    return one
+
+
+def describe_result(graph: Graph, one: BlankNode, shape: NamedNode, terms: Sequence[Term]) -> None:
     """Add a result: a single number as simple result, several numbers as in the description of the property."""
-    if len(values) == 1:
-        graph.add(one, SOSA.hasSimpleResult, number(values[0]))
+    if len(terms) == 1:
+        graph.add(one, SOSA.hasSimpleResult, terms[0])
         return
     result = graph.blank()
     graph.add(one, SOSA.hasResult, result)
-    if item.shape == LF.PoseShape:
-        graph.vector(result, LF.position, values[:3], METRE)
-        graph.quaternion(result, LF.orientation, values[3:])
+    if shape == LF.PoseShape:
+        _vector(graph, result, LF.position, terms[:3], METRE)
+        graph.components(result, LF.orientation, LF.Quaternion, QUATERNION_AXES, terms[3:])
     else:
-        graph.vector(result, LF.linear, values[:3], METRE_PER_SECOND)
-        graph.vector(result, LF.angular, values[3:], RADIAN_PER_SECOND)
+        _vector(graph, result, LF.linear, terms[:3], METRE_PER_SECOND)
+        _vector(graph, result, LF.angular, terms[3:], RADIAN_PER_SECOND)
+
+
+def _vector(graph: Graph, node: BlankNode, predicate: NamedNode, terms: Sequence[Term], unit: Unit) -> None:
+    graph.unit(graph.components(node, predicate, MATHS.Vector3D, VECTOR_AXES, terms), unit)
 
 
 def describe_extent(graph: Graph, iri: NamedNode, page: Page) -> None:
     """Add the times of the oldest and newest sample, and the number of samples."""
-    for term, end in ((LF.oldestSample, 0), (LF.newestSample, 1)):
-        graph.add(iri, term, LF.unknown if page.time_range is None else timestamp(page.time_range[end]))
-    graph.add(iri, LF.sampleCount, integer(page.count))
+    _describe_extent(graph, iri, extent(page))
+
+
+def extent(page: Page) -> "Extent":
+    ends = page.time_range
+    oldest, newest = (LF.unknown, LF.unknown) if ends is None else (timestamp(ends[0]), timestamp(ends[1]))
+    return oldest, newest, integer(page.count)
+
+
+def _describe_extent(graph: Graph, iri: NamedNode, terms: "Extent") -> None:
+    for predicate, term in zip((LF.oldestSample, LF.newestSample, LF.sampleCount), terms, strict=True):
+        graph.add(iri, predicate, term)
 
 
 def _view(graph: Graph, iri: NamedNode, query: str, title: str, media_type: str = "") -> None:

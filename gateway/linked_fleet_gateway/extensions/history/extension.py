@@ -1,6 +1,7 @@
 """The extension ``history``: recent values of each robot, and of each measured property.
 
-Histories are rendered in a thread and sent at the pace of the client, with links to adjacent pages.
+Short copies of known documents are filled in at once, other histories are rendered in a thread. They are sent at the
+pace of the client, with links to adjacent pages.
 """
 
 import asyncio
@@ -40,6 +41,7 @@ from linked_fleet_gateway.http.operations import (
 from linked_fleet_gateway.http.preconditions import check_preconditions
 from linked_fleet_gateway.http.read import read_resource
 from linked_fleet_gateway.http.request import Request
+from linked_fleet_gateway.rdf.serialise import TEXT_TYPES
 from linked_fleet_gateway.resources.branches import RequestView
 from linked_fleet_gateway.resources.json_form import Json
 from linked_fleet_gateway.resources.paths import robot_path
@@ -54,16 +56,25 @@ _SUFFIXES = {CSV: "csv", MCAP: "mcap"}
 async def read_history(request: Request, found: Resource, past: RecordedHistory) -> Response:
     """Return the requested part of a history, rendered in a thread. Raises BadRequest, Busy."""
 
+    representations, accept = request.services.representations, request.effective_accept
+    shown = past.select_page(parse_span(request.query_params.multi_items()))
+    name = shown.resource.path[1:].replace("/", "-")
+    names = {media_type: f"{name}.{suffix}" for media_type, suffix in _SUFFIXES.items()}
+    selected = shown.resource.with_reader_of(found).replace(query=request.url.query, file_names=names)
+    is_copied = representations.choose_media_type(accept, selected) in TEXT_TYPES
+
+    def compiled() -> Resource:
+        return selected.replace(template=shown.template()) if is_copied else selected
+
     def work(resource: Resource) -> Response:
         check_preconditions(request, resource)
         return read_resource(request, resource)
 
-    shown = past.select_page(parse_span(request.query_params.multi_items()))
-    async with past.history.worker():
-        name = shown.resource.path[1:].replace("/", "-")
-        names = {media_type: f"{name}.{suffix}" for media_type, suffix in _SUFFIXES.items()}
-        selected = shown.resource.with_reader_of(found).replace(query=request.url.query, file_names=names)
-        response = await asyncio.to_thread(work, selected)
+    if is_copied and shown.is_short and representations.is_quick(accept, known := compiled(), request.base):
+        response = work(known)
+    else:
+        async with past.history.worker():
+            response = await asyncio.to_thread(lambda: work(compiled()))
     media_type = response.headers.get("content-type", "").partition(";")[0]
     file = media_type in _SUFFIXES
     page, address = shown.file if file else shown.document, request.base + shown.resource.path

@@ -5,17 +5,20 @@ The list, ``/history``, has the history of each robot with its extent, for peopl
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 from pyoxigraph import Literal, NamedNode
 
 from linked_fleet_agent.wire.messages import Description
 from linked_fleet_gateway.base.errors import BadRequest
+from linked_fleet_gateway.extensions.history.compiled import history_template, robot_history_template
 from linked_fleet_gateway.extensions.history.describe import (
     LF,
     Page,
     describe_extent,
     describe_property,
     describe_robot,
+    extent,
     page_of,
 )
 from linked_fleet_gateway.extensions.history.files import CSV, MCAP, recording, table
@@ -45,10 +48,12 @@ from linked_fleet_gateway.resources.describe import Describer
 from linked_fleet_gateway.resources.joint_kinds import kind_of
 from linked_fleet_gateway.resources.paths import joint_or_link, joint_path, link_path, mesh_path, robot_path
 from linked_fleet_gateway.resources.property import Property
-from linked_fleet_gateway.resources.resource import Resource, blueprint_of
+from linked_fleet_gateway.resources.resource import DescriptionTemplate, Resource, blueprint_of
 from linked_fleet_gateway.resources.versioning import Source
 
 SEGMENT = "history"
+_SHORT, _SHORT_OF_VECTORS = 256, 16
+"""Samples of a page that are read at once; a pose is computed from the positions of all joints above."""
 _FILE_BYTES = 8 * 2**20
 """Most bytes of frames in one file; a longer history needs several files."""
 
@@ -60,6 +65,10 @@ class HistoryPage:
     resource: Resource
     document: Page
     file: Page
+    template: Callable[[], DescriptionTemplate | None] = lambda: None
+    """Returns the kind of the document, with its samples; in a thread unless it ``is_short``."""
+    is_short: bool = False
+    """True if its samples are read in a millisecond or two."""
 
 
 @dataclass(frozen=True)
@@ -98,9 +107,11 @@ def _of_robot(history: History, view: RequestView, robot: Robot) -> Resource:
         joints = _joints(track, robot)
         page, file = page_of(track, span, span.observations), page_of(track, span, _most(track, span))
 
+        below = [each.removeprefix(robot_path(robot.name)) for each in measured_paths(robot)]
+
         def describe(graph: Graph) -> None:
-            parts = [(view.iri(each), view.iri(f"{each}/{SEGMENT}")) for each in measured_paths(robot)]
-            describe_robot(graph, view.base, view.iri(path), robot, history, page, parts)
+            about = Literal(title), extent(page)
+            describe_robot(graph, view.base, robot_path(robot.name), robot, history, about, below)
 
         def csv() -> bytes:
             excerpt = _kept(file, joints)
@@ -111,9 +122,10 @@ def _of_robot(history: History, view: RequestView, robot: Robot) -> Resource:
 
         documents = {CSV: csv, MCAP: mcap}
         resource = Resource(
-            path, title, describe, source=source, own_paths=own, documents=documents, publishes_changes=False
-        )
-        return HistoryPage(resource, page, file)
+            path, title, describe, source=source, own_paths=own, documents=documents, publishes_changes=False,
+        )  # fmt: skip
+        template = partial(robot_history_template, view.base, robot, history, page, below)
+        return HistoryPage(resource, page, file, template, is_short=True)
 
     return Resource(path, title, None, source=source, own_paths=own, remote=RecordedHistory(history, shown))
 
@@ -140,11 +152,17 @@ def _of_property(history: History, view: RequestView, robot: Robot, owner: str, 
             return table(series.columns, series.samples(_kept(file, joints)))
 
         resource = Resource(
-            path, title, describe, source=source, own_paths=own, documents={CSV: csv}, publishes_changes=False
-        )
-        return HistoryPage(resource, page, file)
+            path, title, describe, source=source, own_paths=own, documents={CSV: csv}, publishes_changes=False,
+        )  # fmt: skip
+        template = partial(history_template, view.base, of, item, series, page)
+        return HistoryPage(resource, page, file, template, _is_short(page, series))
 
     return Resource(path, title, None, source=source, own_paths=own, remote=RecordedHistory(history, shown))
+
+
+def _is_short(page: Page, series: Series | None) -> bool:
+    samples = 0 if page.excerpt is None else len(page.excerpt.frames)
+    return samples <= (_SHORT if series is None or len(series.columns) == 1 else _SHORT_OF_VECTORS)
 
 
 def _series(joints: Joints, robot: Robot, owner: str, item: Property) -> Series | None:

@@ -233,7 +233,7 @@ def test_files_of_a_robot_without_frames_are_empty(moving: Moving, place: Place)
 
 
 def test_too_many_waiting_requests_are_told_to_come_again(moving: Moving, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Each would have samples in memory until a thread is free. Documents and files wait for the same threads."""
+    """Each would have samples in memory until a thread is free. Files and documents that are not copies wait."""
     to_thread = asyncio.to_thread
 
     async def slow(work: Callable[[], object]) -> object:
@@ -242,7 +242,11 @@ def test_too_many_waiting_requests_are_told_to_come_again(moving: Moving, monkey
 
     monkeypatch.setattr(asyncio, "to_thread", lambda work, *more: slow(partial(work, *more)))
     monkeypatch.setattr(recorder, "MAX_WAITING", 3)
-    asked = [(url, media_type) for url in (moving.whole, moving.rotation) for media_type in ("text/csv", "text/turtle")]
+    asked = [
+        (url, media_type)
+        for url in (moving.whole, moving.rotation)
+        for media_type in ("text/csv", "application/n-triples")
+    ]
     answers = at_once([partial(moving.http.get, url, headers={"accept": each}) for url, each in 3 * asked])
     assert sorted(answer.status_code for answer in answers) == [200] * 5 + [503] * 7
     for refused in (answer for answer in answers if answer.status_code == 503):
