@@ -33,6 +33,7 @@
     ├── IssuerDown                  503     issuer-away
     ├── LibraryMissing              503     library-missing
     └── AgentTimeout                504     agent-silent
+        ├── OperationTimeout        504     not-accepted
         └── StopUnanswered          504     agent-silent
 
 The problem type (RFC 9457, 3.1.1) of each is ``PROBLEMS`` followed by its code; ``http.problem`` renders them.
