@@ -11,26 +11,30 @@ from pyoxigraph import Literal, NamedNode, RdfFormat, Store, parse
 import linked_fleet_shapes
 from linked_fleet_client.cli import programs
 from linked_fleet_client.cli.main import cli
+from linked_fleet_gateway import api as contract
 from linked_fleet_gateway.app.extensions import BUILT_IN
 from linked_fleet_gateway.base.errors import PROBLEMS, FleetError
+from linked_fleet_gateway.extensions.pages import api as pages
 
 _RDF_TYPE = NamedNode("http://www.w3.org/1999/02/22-rdf-syntax-ns#type")
 _RDFS = "http://www.w3.org/2000/01/rdf-schema#"
 _TERMS = "https://w3id.org/linked-fleet#"
+
+
+def contract_modules() -> tuple[str, ...]:
+    """Return the modules that define the names of the contract of extensions."""
+    values = (getattr(module, name) for module in (contract, pages) for name in module.__all__)
+    found = {str(getattr(each, "__module__", "")) for each in values}
+    return tuple(sorted(each for each in found if each.startswith("linked_fleet_gateway.")))
+
+
 _API = {
     "The client": ("linked_fleet_client.fleet", "linked_fleet_client.reading",
                    "linked_fleet_client.quantity", "linked_fleet_client.live", "linked_fleet_client.action",
                    "linked_fleet_client.form", "linked_fleet_client.invocation", "linked_fleet_client.errors"),
     "Drivers of robots": ("linked_fleet_agent.robot", "linked_fleet_agent.agent", "linked_fleet_agent.serving",
                           "linked_fleet_agent.settings", "linked_fleet_agent.mesh_files", "linked_fleet_agent.urdf"),
-    "Extensions of gateways": ("linked_fleet_gateway.http.extension", "linked_fleet_gateway.resources.resource",
-                               "linked_fleet_gateway.resources.branches",
-                               "linked_fleet_gateway.resources.fleet_functions",
-                               "linked_fleet_gateway.http.internal_request", "linked_fleet_gateway.http.arrival",
-                               "linked_fleet_gateway.http.websocket", "linked_fleet_gateway.http.hosted",
-                               "linked_fleet_gateway.http.html", "linked_fleet_gateway.http.entrance",
-                               "linked_fleet_gateway.extensions.pages.views", "linked_fleet_gateway.base.settings",
-                               "linked_fleet_gateway.base.errors", "linked_fleet_gateway.base.faults"),
+    "Extensions of gateways": contract_modules(),
 }  # fmt: skip
 
 
