@@ -35,6 +35,7 @@ _LATER_S = 0.5  # period of looks after the robots once the address is printed
 _ONLINE = re.compile(
     r"^<([^>]+)> <https://w3id\.org/linked-fleet#presence> <https://w3id\.org/linked-fleet#online> \.$", re.M
 )
+_PLACEMENT_S = 35.0  # the answer waits for the check of motions, which starts within 30 s
 _PLACEMENT = re.compile(r"<https://w3id\.org/linked-fleet#placement> <([^>]+)> \.$", re.M)
 _UNKNOWN = "<https://w3id.org/linked-fleet#unknown>"
 
@@ -80,7 +81,7 @@ def set_placement(robot: str, where: tuple[float, float, float]) -> None:
         if _UNKNOWN in _get(placement):
             headers = {"Content-Type": "text/turtle"}
             request = urllib.request.Request(placement, body.encode(), headers, method="PUT")  # noqa: S310
-            _OPENER.open(request, timeout=2).close()
+            _OPENER.open(request, timeout=_PLACEMENT_S).close()
 
 
 def is_ready(root: str) -> bool:

@@ -57,7 +57,7 @@ async def test_what_was_not_opened_is_opened_when_it_is_saved_whoever_has_the_le
     assert {one.id for one in await b.load_invocations()} == {stop.id, of_other.id}
 
 
-@pytest.mark.parametrize("kept_s", [0.3])
+@pytest.mark.parametrize("kept_s", [1.5])  # longer than two requests take on a busy machine
 async def test_ended_invocations_expire_and_open_ones_last_until_their_deadline(
     server: Backend, a: ActionStore
 ) -> None:

@@ -88,7 +88,8 @@ _QUICK_S = 2.0
 _BREAKS = "=:"
 """Characters at which bash splits words (COMP_WORDBREAKS), but which are part of names, values and addresses."""
 
-Completer = Callable[[click.Context, click.Parameter, str], list[CompletionItem[str]]]
+# In quotes, because the class cannot be subscripted in the lowest version of click.
+Completer = Callable[[click.Context, click.Parameter, str], "list[CompletionItem[str]]"]
 
 
 def _completer(offered: Callable[[Fleet, click.Context, str], Iterable[str]]) -> Completer:
@@ -97,7 +98,7 @@ def _completer(offered: Callable[[Fleet, click.Context, str], Iterable[str]]) ->
     If the server fails it returns no words, because a shell cannot show errors.
     """
 
-    def complete(context: click.Context, _: click.Parameter, typed: str) -> list[CompletionItem[str]]:
+    def complete(context: click.Context, _: click.Parameter, typed: str) -> "list[CompletionItem[str]]":
         try:
             with context.ensure_object(Session).fleet(_QUICK_S) as fleet:
                 found = [
@@ -162,7 +163,7 @@ class _Bash(BashComplete):
         *whole, self._typed = words
         return whole, self._typed
 
-    def format_completion(self, item: CompletionItem[str]) -> str:
+    def format_completion(self, item: "CompletionItem[str]") -> str:
         cut = max(self._typed.rfind(each) for each in _BREAKS) + 1
         return f"{item.type},{item.value[cut:]}"
 
