@@ -6,7 +6,7 @@ The tree knows only the segment of a branch. The branch resolves the rest of the
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from msgspec import Struct, field
 from pyoxigraph import NamedNode, Triple
@@ -18,9 +18,6 @@ from linked_fleet_gateway.identity.rights import View
 from linked_fleet_gateway.resources.access_filter import InvocationsInView
 from linked_fleet_gateway.resources.property import Property
 from linked_fleet_gateway.resources.resource import Redirect, Resource, TypedLink
-
-if TYPE_CHECKING:
-    from linked_fleet_gateway.resources.container import Container
 
 Found = Resource | Redirect | None
 
@@ -61,8 +58,8 @@ class FleetBranch:
     """
     poses: Callable[[], Mapping[str, Pose]] | None = None
     """Poses of its resources in the common frame of robots, by path."""
-    container: "Container[Any] | None" = None
-    """The container that the resources are of, if the core answers its writes."""
+    container: Any = None
+    """The ``Container`` that the resources are of, if the core answers its writes; else None."""
     link: tuple[str, str] | None = None
     """Relation and media type of a link from ``/`` to ``/{segment}`` in its Link field and link set."""
 
@@ -148,7 +145,7 @@ class Branches:
                 yield from branch.graphs(view)
 
     @property
-    def containers(self) -> "list[Container[Any]]":
+    def containers(self) -> list[Any]:
         """The containers whose writes the core answers."""
         return [each.container for each in self.fleet_branches if each.container is not None]
 
