@@ -1,4 +1,4 @@
-"""What tests need besides the Python environment: without it they fail, or are left out by ``make test-extension``."""
+"""Needs of tests besides the Python environment: tests without them fail, or ``make test-extension`` omits them."""
 
 import os
 from typing import NoReturn

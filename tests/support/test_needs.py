@@ -1,4 +1,4 @@
-"""What a test needs besides the environment decides whether it is left out or fails."""
+"""A test without a need besides the environment is left out, or fails."""
 
 import pytest
 

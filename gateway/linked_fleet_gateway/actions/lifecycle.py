@@ -131,8 +131,12 @@ class Lifecycle:
 
     def fail(self, invocation: Invocation, reason: str) -> None:
         """End an invocation as failed."""
-        invocation.state, invocation.reason, invocation.ended_ns = InvocationState.FAILED, reason, time.time_ns()
-        self.settle(invocation)
+        self.end(invocation, InvocationState.FAILED, reason)
+
+    def end(self, invocation: Invocation, state: InvocationState, reason: str) -> None:
+        """End an invocation in a terminal state."""
+        invocation.state, invocation.reason, invocation.ended_ns = state, reason, time.time_ns()
+        self._settle(invocation)
 
     def report_operation(self, invocation: Invocation) -> None:
         """Tell all gateways how far an operation of this gateway is, and that it is carried on."""
@@ -174,7 +178,7 @@ class Lifecycle:
             invocation.state, invocation.progress = InvocationState.SUCCEEDED, 1.0
             invocation.reason, invocation.ended_ns = "no robot is online", time.time_ns()
         if invocation.state.terminal:
-            self.settle(invocation)
+            self._settle(invocation)
         else:
             self._announce(invocation)
         return unanswered, [name for name in invocation.robots if name not in unanswered]
@@ -210,8 +214,7 @@ class Lifecycle:
         else:
             self.record_acceptance(invocation, reply)
 
-    def settle(self, invocation: Invocation) -> None:
-        """Store the end of an invocation, and tell everybody who waits for it or watches it."""
+    def _settle(self, invocation: Invocation) -> None:
         self.replicated_state.store_end(invocation)
         self._announce(invocation)
 
@@ -275,7 +278,7 @@ class Lifecycle:
         if self._live.invocations.apply(robot, progress) is None:
             return
         if invocation.state.terminal:
-            self.settle(invocation)
+            self._settle(invocation)
             return
         # A motion that the robot reports as running is not over, however long it takes.
         invocation.deadline_ns = max(invocation.deadline_ns, time.time_ns() + int(REPORT_TIMEOUT_S * 1e9))
@@ -297,13 +300,13 @@ class Lifecycle:
         invocations, now_ns = self._live.invocations, time.time_ns()
         for robot in self._live.fleet.robots.values():
             for invocation in invocations.fail_earlier_runs(robot.name, robot.incarnation or 0, now_ns):
-                self.settle(invocation)
+                self._settle(invocation)
         for invocation in sorted(invocations.overdue(now_ns), key=self.replicated_state.is_own, reverse=True):
             if await self.replicated_state.is_late(invocation):
                 invocations.expire(invocation, now_ns)
                 if self.stops.is_owed(invocation.robot, invocation.id):
                     invocation.reason += f"; {_OWED}"
-                self.settle(invocation)
+                self._settle(invocation)
 
 
 async def _cancel_nothing(invocation: Invocation, reason: str) -> bool:

@@ -11,7 +11,6 @@ import uuid
 from collections.abc import AsyncIterator, Awaitable, Callable, Collection, Iterable
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 from pyoxigraph import Triple
 
@@ -22,12 +21,10 @@ from linked_fleet_gateway.actions.stop_delivery import ANSWER_TIMEOUT_S
 from linked_fleet_gateway.base.errors import FleetError, Offline, OperationTimeout
 from linked_fleet_gateway.fleet.invocations import FLEET, Invocation, InvocationState
 from linked_fleet_gateway.fleet.robot import Robot
+from linked_fleet_gateway.rdf.graph import Node
 from linked_fleet_gateway.resources.invocation import output_ntriples
 from linked_fleet_gateway.runtime.background import cancel_tasks
 from linked_fleet_gateway.subscriptions.live import Live
-
-if TYPE_CHECKING:
-    from linked_fleet_gateway.rdf.graph import Node
 
 log = logging.getLogger(__name__)
 
@@ -79,7 +76,7 @@ class Call:
         self._invocation.progress, self._invocation.reason = min(max(progress, 0.0), 1.0), reason
         self._lifecycle.report_operation(self._invocation)
 
-    def set_output(self, triples: Iterable[Triple], root: "Node") -> None:
+    def set_output(self, triples: Iterable[Triple], root: Node) -> None:
         """Set the statements about ``root`` that the invocation has as its ``lf:output``. Raises ValueError if long."""
         self._invocation.output = output_ntriples(triples, root)
 
@@ -157,20 +154,20 @@ class Operations:
             async with self._reporting(invocation):
                 await operation.run(call)
             invocation.progress = 1.0
-            self._end(invocation, InvocationState.SUCCEEDED, "")
+            self._lifecycle.end(invocation, InvocationState.SUCCEEDED, "")
         except asyncio.CancelledError:
-            self._end(invocation, *self._cancelled(invocation, call))
+            self._lifecycle.end(invocation, *self._cancelled(invocation, call))
         except FleetError as error:
             if not invocation.accepted:
                 invocation.refused = error.code
                 refusals.append(error)
-            self._end(invocation, InvocationState.FAILED, error.detail)
+            self._lifecycle.fail(invocation, error.detail)
         except Exception:
             # The boundary: whatever the code of an extension raises, the invocation ends and the caller is answered.
             log.exception("operation %s at %s failed", invocation.id, invocation.action)
             if not invocation.accepted:
                 refusals.append(FleetError("The gateway failed to carry it out; its log has the reason."))
-            self._end(invocation, InvocationState.FAILED, "the gateway failed to carry it out; its log has the reason")
+            self._lifecycle.fail(invocation, "the gateway failed to carry it out; its log has the reason")
         finally:
             call.answered.set()
 
@@ -180,10 +177,6 @@ class Operations:
         if not call.answered.is_set():
             return InvocationState.FAILED, "it was not accepted in time"
         return InvocationState.CANCELLED, invocation.cancelling or "cancelled"
-
-    def _end(self, invocation: Invocation, state: InvocationState, reason: str) -> None:
-        invocation.state, invocation.reason, invocation.ended_ns = state, reason, time.time_ns()
-        self._lifecycle.settle(invocation)
 
     @asynccontextmanager
     async def _reporting(self, invocation: Invocation) -> AsyncIterator[None]:
@@ -217,7 +210,7 @@ class Operations:
         open_ = self._live.invocations.robots_with_open() if robots is None else robots
         for robot in open_:
             for one in self._live.invocations.open_of_robot(robot):
-                if one.operation and robot != FLEET:
+                if one.operation:
                     self._lifecycle.ask_to_cancel(one, STOPPED)
 
     def _on_invocation(self, invocation: Invocation) -> None:

@@ -145,31 +145,34 @@ def checked_contributions(
 
     ``check_shapes`` raises an error for shapes that cannot be compiled. Those of built-in ones are raised here.
     """
-    whole, reasons = contributions_of(extensions), dict[str, Exception]()
     try:
-        for each in extensions:
-            _check_declared(each)
-        with using(whole):
-            check_shapes()
-        return whole, reasons
+        return _checked(extensions, check_shapes), {}
     except Exception:
+        # Each foreign one is tried alone; if none of them is to blame, the error is of a built-in one.
         own = [each for each in extensions if type(each) in map(type, BUILT_IN)]
-        usable = list(own)
-        for each in extensions:
-            if each in own:
-                continue
-            try:
-                _check_declared(each)
-                with using(contributions_of([*own, each])):
-                    check_shapes()
-                usable.append(each)
-            except Exception as error:  # noqa: BLE001 - whatever is in its files costs this extension alone
-                reasons[each.name] = error
+        others = [each for each in extensions if each not in own]
+        reasons = {each.name: error for each in others if (error := _reason([*own, each], check_shapes)) is not None}
         if not reasons:
             raise
-        with using(found := contributions_of(usable)):
-            check_shapes()
-        return found, reasons
+    return _checked([each for each in extensions if each.name not in reasons], check_shapes), reasons
+
+
+def _checked(extensions: Sequence[Extension], check_shapes: Callable[[], None]) -> Contributions:
+    """Return the contributions of extensions. Raises whatever their files and ``check_shapes`` raise."""
+    for each in extensions:
+        _check_declared(each)
+    with using(found := contributions_of(extensions)):
+        check_shapes()
+    return found
+
+
+def _reason(extensions: Sequence[Extension], check_shapes: Callable[[], None]) -> Exception | None:
+    """Return why these extensions cannot be used together; None if they can."""
+    try:
+        _checked(extensions, check_shapes)
+    except Exception as error:  # noqa: BLE001 - whatever is in the files of one costs this one alone
+        return error
+    return None
 
 
 def _check_declared(extension: Extension) -> None:

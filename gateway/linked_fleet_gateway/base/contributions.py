@@ -1,4 +1,4 @@
-"""What the extensions of one gateway add to its tree: one object for each gateway, made with it.
+"""Contributions: the additions of extensions to the tree of one gateway, one object for each gateway.
 
 Code that runs for a gateway finds the object of that gateway by ``present()``. Tasks and threads inherit it from those
 that start them (PEP 567); the application sets it for each request, and the link for messages of Zenoh.

@@ -191,6 +191,10 @@ class Invocations:
         """Return the invocations of one action, newest first."""
         return _newest_first(self._of_action.get(action, {}).values())
 
+    def open_of_action(self, action: str) -> list[Invocation]:
+        """Return the invocations of one action that are not over, newest first."""
+        return [one for one in self.of_action(action) if not one.state.terminal]
+
     def of_robot(self, robot: str) -> list[Invocation]:
         """Return the invocations of one robot, newest first; those of the fleet for ``FLEET``."""
         return self._of_robot.get(robot, [])[::-1]

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from contextlib import suppress
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from pyoxigraph import Triple
 from starlette.responses import Response
@@ -21,17 +21,14 @@ from linked_fleet_gateway.http.operations import (
 )
 from linked_fleet_gateway.http.preconditions import resolve_under_preconditions
 from linked_fleet_gateway.http.request import Request
-from linked_fleet_gateway.http.writes import apply_patch, check_acceptable, created_response, read_patch
+from linked_fleet_gateway.http.writes import check_acceptable, created_response, read_change
 from linked_fleet_gateway.rdf.serialise import JSON
 from linked_fleet_gateway.rdf.validation import ground_statements
 from linked_fleet_gateway.resources.affordance import FORM_TYPES
 from linked_fleet_gateway.resources.body_values import managed_statements, validate_body
 from linked_fleet_gateway.resources.container import AddMember, ChangeMember, Container
-from linked_fleet_gateway.resources.json_form import Json
+from linked_fleet_gateway.resources.json_form import Json, form_of
 from linked_fleet_gateway.resources.resource import Resource
-
-if TYPE_CHECKING:
-    from linked_fleet_gateway.resources.json_form import Form
 
 
 async def add_member(request: Request, afforded: AddMember) -> Response:
@@ -72,35 +69,28 @@ async def _end_actions(request: Request, container: Container[Any], id: str) -> 
 
 async def _change(request: Request, container: Container[Any], iri: str) -> Callable[[Resource], Any]:
     """Return a function from the present resource to the new record; None if the member is to be deleted."""
-    if request.method == "DELETE":
-        return lambda present: None
-    shape = container.shape
+    own = partial(managed_statements, shape=container.shape, iri=iri)
+    change = await read_change(request, iri, partial(_read, request, container, iri), own)
 
-    def record(triples: list[Triple], present: Resource) -> Any:
+    def record(present: Resource) -> Any:
+        triples = change(present)
+        if triples is None:
+            return None
         seen = ground_statements(present.full_graph(request.base))
-        return container.read(validate_body(triples, shape, iri, seen))
+        return container.read(validate_body(triples, container.shape, iri, seen))
 
-    if request.method == "PUT":
-        return partial(record, await _read(request, container, iri))
-    update, own = await read_patch(request, iri), partial(managed_statements, shape=shape, iri=iri)
-    return lambda present: record(apply_patch(update, present, request.base, own), present)
+    return record
 
 
 async def _read(request: Request, container: Container[Any], iri: str) -> list[Triple]:
-    media_type, form = body_type(request, FORM_TYPES), partial(_form, container)
+    media_type, form = body_type(request, FORM_TYPES), partial(form_of, container.shape)
     return await convert_body(request, lambda content: parse_form(content, media_type, iri, request.base, form))
-
-
-def _form(container: Container[Any]) -> "Form":
-    from linked_fleet_gateway.resources.json_form import form_of
-
-    return form_of(container.shape)
 
 
 def container_operations(container: Container[Any]) -> dict[str, Json]:
     """Return the path items (OpenAPI 3.1, 4.8.9) of a container and its members."""
     name = container.member_type.value.rpartition("#")[2].rpartition("/")[2]
-    body: Json = {JSON: {"schema": _form(container).schema}}
+    body: Json = {JSON: {"schema": form_of(container.shape).schema}}
     return {
         **resource_path_items(
             container.path, {}, f"{name}Container", container.title,

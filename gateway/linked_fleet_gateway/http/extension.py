@@ -103,7 +103,7 @@ class Core:
 
     def running(self, action: str) -> list[Invocation]:
         """Return the invocations of the action at a path that have not ended, at whichever gateway, newest first."""
-        return [each for each in self.live.invocations.of_action(action) if not each.state.terminal]
+        return self.live.invocations.open_of_action(action)
 
     async def cancel(self, invocation: str, reason: str) -> bool:
         """Cancel the invocation with this id, at whichever gateway. Return False if it has ended, or is not known.

@@ -8,7 +8,7 @@ description of the resource.
 
 import json
 import re
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Awaitable, Callable, Iterable, Sequence
 from contextlib import suppress
 from functools import partial
 from typing import TYPE_CHECKING
@@ -86,6 +86,22 @@ def apply_patch(operations: Sequence[Operation], resource: Resource, base: str, 
         "No client takes back",
     )
     return after
+
+
+async def read_change(
+    request: Request, iri: str, read: Callable[[], Awaitable[list[Triple]]], managed: Managed
+) -> Callable[[Resource], list[Triple] | None]:
+    """Read a PUT, PATCH or DELETE of the resource at ``iri``; ``read`` reads the body of PUT.
+
+    Return a function from the present resource to its new description; None if it is to be deleted.
+    """
+    if request.method == "DELETE":
+        return lambda present: None
+    if request.method == "PUT":
+        triples = await read()
+        return lambda present: triples
+    update = await read_patch(request, iri)
+    return lambda present: apply_patch(update, present, request.base, managed)
 
 
 async def control_lease(request: Request, affordance: Control) -> Response:
@@ -174,23 +190,20 @@ def _uncovered(request: Request, robot: Robot) -> Response:
 
 async def _change(request: Request, setting: Setting) -> Callable[[Resource], str | None]:
     """Return the function from the present resource to the value to store; None clears the setting."""
-    if request.method == "DELETE":
-        return lambda present: None
-    if request.method == "PUT":
-        triples = await _read_setting(request, setting)
-        return lambda present: setting.validate(
-            triples, request.base, ground_statements(present.full_graph(request.base))
-        )
-    iri = request.base + setting.path
-    update = await read_patch(request, iri)
+    change = await read_change(
+        request,
+        request.base + setting.path,
+        partial(_read_setting, request, setting),
+        partial(setting.managed_statements, base=request.base),
+    )
 
-    def patch(present: Resource) -> str:
-        after = apply_patch(
-            update, present, request.base, lambda described: setting.managed_statements(described, request.base)
-        )
-        return setting.validate(after, request.base, ground_statements(present.full_graph(request.base)))
+    def value(present: Resource) -> str | None:
+        triples = change(present)
+        if triples is None:
+            return None
+        return setting.validate(triples, request.base, ground_statements(present.full_graph(request.base)))
 
-    return patch
+    return value
 
 
 async def _read_setting(request: Request, setting: Setting) -> list[Triple]:

@@ -42,6 +42,9 @@ class InvocationsInView:
     def of_action(self, action: str) -> list[Invocation]:
         return self._seen(self._invocations.of_action(action))
 
+    def open_of_action(self, action: str) -> list[Invocation]:
+        return self._seen(self._invocations.open_of_action(action))
+
     def open_of_robot(self, robot: str) -> list[Invocation]:
         return self._seen(self._invocations.open_of_robot(robot))
 

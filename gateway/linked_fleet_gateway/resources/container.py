@@ -1,8 +1,8 @@
 """Containers of records that clients create, replace and delete, and that all gateways share (LDP 1.0, 5.2). Pure."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import Any, Generic, Protocol, TypeVar
+from dataclasses import dataclass
+from typing import Any, ClassVar, Generic, Protocol, TypeVar
 
 from pyoxigraph import Literal, NamedNode, Triple
 
@@ -146,12 +146,11 @@ class Member(Generic[T]):
 
     def running(self, segment: str) -> list[Invocation]:
         """Return the invocations of one of its actions that have not ended, newest first."""
-        of_action = self.view.invocations.of_action(f"{self.path}/actions/{segment}")
-        return [each for each in of_action if not each.state.terminal]
+        return self.view.invocations.open_of_action(f"{self.path}/actions/{segment}")
 
     @property
     def facts(self) -> tuple[Any, ...]:
-        """What determines its description, equal on all gateways."""
+        """The facts that determine its description, equal on all gateways."""
         kinds = [each.definition.segment for each in self.offers()]
         return self.id, self.record, [[each.id for each in self.running(kind)] for kind in kinds]
 
@@ -212,13 +211,12 @@ class Member(Generic[T]):
 
 
 @dataclass(frozen=True)
-class AddMember:
-    """Add a member to a container."""
+class _OfContainer:
+    """Writes of a container, by those with the rights that it asks for."""
 
     container: Container[Any]
-    methods: tuple[str, ...] = field(default=("POST",), init=False)
-    body_types: tuple[str, ...] = field(default=FORM_TYPES, init=False)
-    reads: bool = field(default=False, init=False)
+    body_types: ClassVar[tuple[str, ...]] = FORM_TYPES
+    reads: ClassVar[bool] = False
 
     @property
     def needs(self) -> tuple[Right, ...]:
@@ -230,19 +228,15 @@ class AddMember:
 
 
 @dataclass(frozen=True)
-class ChangeMember:
+class AddMember(_OfContainer):
+    """Add a member to a container."""
+
+    methods: ClassVar[tuple[str, ...]] = ("POST",)
+
+
+@dataclass(frozen=True)
+class ChangeMember(_OfContainer):
     """Replace a member of a container, or delete it."""
 
-    container: Container[Any]
     id: str
-    methods: tuple[str, ...] = field(default=("PUT", "PATCH", "DELETE"), init=False)
-    body_types: tuple[str, ...] = field(default=FORM_TYPES, init=False)
-    reads: bool = field(default=False, init=False)
-
-    @property
-    def needs(self) -> tuple[Right, ...]:
-        return self.container.writing
-
-    @property
-    def reading(self) -> tuple[Right, ...]:
-        return self.container.reading
+    methods: ClassVar[tuple[str, ...]] = ("PUT", "PATCH", "DELETE")

@@ -48,7 +48,7 @@ class Live:
         self.faults = Faults()
         self.fan_out = FanOut(self.tree, self.fleet.next_moved)
         self.fleet.frames.watched = self.fan_out.watched_robots
-        self._invocation_listeners: dict[Callable[[Invocation], None], None] = {}
+        self._invocation_listeners: dict[Callable[[Invocation], None], str] = {}
         self._branches = Branches()
         self._secured = secured
         self._judged = 0
@@ -186,7 +186,7 @@ class Live:
         It is always given the same object, whose fields change. Invocations of other gateways are included, and at the
         start those that Redis has kept, most of which ended long ago.
         """
-        self._invocation_listeners[listener] = None
+        self._invocation_listeners[listener] = _name_of(listener)
 
     def remove_invocation_listener(self, listener: Callable[[Invocation], None]) -> None:
         """Remove a listener; does nothing if it is not registered."""
@@ -258,9 +258,9 @@ class Live:
         for name in invocation.robots:
             changed[name] = self._retarget(robots.get(name), moved)
         self.fan_out.mark_changed(*(self._mentions(invocation, changed) if self.fan_out.has_watchers else ()))
-        for hear in list(self._invocation_listeners):
+        for hear, name in list(self._invocation_listeners.items()):
             # An error of one, such as an extension, must not keep an invocation from its end, least of all a stop.
-            with self.faults.guard("listeners", thing=_name_of(hear)):
+            with self.faults.guard("listeners", thing=name):
                 hear(invocation)
 
     def _mentions(self, invocation: Invocation, changed: Mapping[str, set[str]]) -> list[str]:

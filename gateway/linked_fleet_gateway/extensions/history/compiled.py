@@ -64,9 +64,7 @@ def history_template(
             describe_result(graph, describe_observation(graph, iri, stamp), item.shape, terms)
 
     def values() -> tuple[Literal, ...]:
-        oldest, newest, count = extent(page)
-        assert isinstance(oldest, Literal) and isinstance(newest, Literal)
-        return Literal(f"History of {item.title}"), oldest, newest, count, *map(Literal, parts)
+        return Literal(f"History of {item.title}"), *_extent(page), *map(Literal, parts)
 
     key, rows = ("history", item.shape, unit, relation, name, limit), (XSD.dateTime, *(XSD.float,) * (width - 1))
     return DescriptionTemplate(key, of, describe, values, Rows(rows, texts))
@@ -85,8 +83,13 @@ def robot_history_template(
         describe_robot(graph, base, owner, robot, history, (title, (oldest, newest, count)), parts)
 
     def values() -> tuple[Literal, ...]:
-        oldest, newest, count = extent(page)
-        assert isinstance(oldest, Literal) and isinstance(newest, Literal)
-        return Literal(f"History of {robot.name}"), oldest, newest, count
+        return Literal(f"History of {robot.name}"), *_extent(page)
 
     return DescriptionTemplate(("history of a robot", tuple(parts)), path, describe, values)
+
+
+def _extent(page: Page) -> tuple[Literal, Literal, Literal]:
+    """Return the extent of a history with samples, whose times are known."""
+    oldest, newest, count = extent(page)
+    assert isinstance(oldest, Literal) and isinstance(newest, Literal)
+    return oldest, newest, count

@@ -117,7 +117,7 @@ def describe_robot(
     graph.add(iri, HYBRIT.blueprint, LF.HistoryShape, NamedNode(iri.value + "/blueprint"))
     graph.scalar(iri, LF.historySpan, history.span_s, SECOND)
     graph.scalar(iri, LF.samplingPeriod, 1 / history.rate_hz, SECOND)
-    _describe_extent(graph, iri, about[1])
+    describe_extent(graph, iri, about[1])
     for title, span in _READY.items():
         _view(graph, iri, f"?last={span}&as=csv", f"{title}, joint states", CSV)
     _view(graph, iri, "?as=csv", "all joint states", CSV)
@@ -149,7 +149,7 @@ class About:
     """The statements about a page that differ between histories. ``query``: that of the adjacent page, if any."""
 
     title: Literal
-    extent: "Extent"
+    extent: Extent
     relation: NamedNode
     query: str
     unit: NamedNode | None
@@ -165,7 +165,7 @@ def describe_collection(
     graph.add(iri, SOSA.observedProperty, of)
     graph.add(iri, SOSA.hasFeatureOfInterest, thing)
     graph.add(iri, HYBRIT.blueprint, LF.HistoryShape, NamedNode(iri.value + "/blueprint"))
-    _describe_extent(graph, iri, about.extent)
+    describe_extent(graph, iri, about.extent)
     for title, span in _READY.items():
         _view(graph, iri, f"?last={span}", title)
     _search(graph, iri)
@@ -202,18 +202,14 @@ def _vector(graph: Graph, node: BlankNode, predicate: NamedNode, terms: Sequence
     graph.unit(graph.components(node, predicate, MATHS.Vector3D, VECTOR_AXES, terms), unit)
 
 
-def describe_extent(graph: Graph, iri: NamedNode, page: Page) -> None:
-    """Add the times of the oldest and newest sample, and the number of samples."""
-    _describe_extent(graph, iri, extent(page))
-
-
-def extent(page: Page) -> "Extent":
+def extent(page: Page) -> Extent:
     ends = page.time_range
     oldest, newest = (LF.unknown, LF.unknown) if ends is None else (timestamp(ends[0]), timestamp(ends[1]))
     return oldest, newest, integer(page.count)
 
 
-def _describe_extent(graph: Graph, iri: NamedNode, terms: "Extent") -> None:
+def describe_extent(graph: Graph, iri: NamedNode, terms: Extent) -> None:
+    """Add the times of the oldest and newest sample, and the number of samples."""
     for predicate, term in zip((LF.oldestSample, LF.newestSample, LF.sampleCount), terms, strict=True):
         graph.add(iri, predicate, term)
 

@@ -122,8 +122,8 @@ def _of_robot(history: History, view: RequestView, robot: Robot) -> Resource:
 
         documents = {CSV: csv, MCAP: mcap}
         resource = Resource(
-            path, title, describe, source=source, own_paths=own, documents=documents, publishes_changes=False,
-        )  # fmt: skip
+            path, title, describe, source=source, own_paths=own, documents=documents, publishes_changes=False
+        )
         template = partial(robot_history_template, view.base, robot, history, page, below)
         return HistoryPage(resource, page, file, template, is_short=True)
 
@@ -152,8 +152,8 @@ def _of_property(history: History, view: RequestView, robot: Robot, owner: str, 
             return table(series.columns, series.samples(_kept(file, joints)))
 
         resource = Resource(
-            path, title, describe, source=source, own_paths=own, documents={CSV: csv}, publishes_changes=False,
-        )  # fmt: skip
+            path, title, describe, source=source, own_paths=own, documents={CSV: csv}, publishes_changes=False
+        )
         template = partial(history_template, view.base, of, item, series, page)
         return HistoryPage(resource, page, file, template, _is_short(page, series))
 
@@ -292,6 +292,6 @@ def _describe_row(graph: Graph, view: RequestView, say: Describer, each: _Listed
     graph.a(own, LF.History)
     graph.add(own, DCTERMS.title, Literal(f"History of {each.robot.name}"))
     graph.add(own, LF.ofRobot, robot)
-    describe_extent(graph, own, each.page)
+    describe_extent(graph, own, extent(each.page))
     graph.add(robot, DCTERMS.title, Literal(each.robot.title))
     say.presence(graph, robot, each.robot)

@@ -1,4 +1,4 @@
-"""The contract of pages: what other extensions may import of this one (docs/EXTENDING.md, "A page")."""
+"""The contract of pages: the names that other extensions may import of this one (docs/EXTENDING.md)."""
 
 from linked_fleet_gateway.extensions.pages.values import Facts, Link, Value
 from linked_fleet_gateway.extensions.pages.views import PageView, Part

@@ -57,7 +57,7 @@ class PageView:
 
 @dataclass
 class _Added:
-    """What extensions have added to the pages of one gateway."""
+    """The additions of extensions to the pages of one gateway."""
 
     views: dict[NamedNode, PageView] = field(default_factory=dict)
     files: dict[NamedNode, Sequence[str]] = field(default_factory=dict)

@@ -4,7 +4,7 @@ Clients create, replace and delete objects over HTTP, and read poses in the fram
 """
 
 import re
-from collections.abc import AsyncIterator, Callable, Mapping, Sequence
+from collections.abc import AsyncIterator, Mapping, Sequence
 from contextlib import asynccontextmanager
 from functools import partial
 from pathlib import Path
@@ -45,7 +45,7 @@ from linked_fleet_gateway.http.preconditions import resolve_under_preconditions
 from linked_fleet_gateway.http.read import read_resource
 from linked_fleet_gateway.http.request import Request
 from linked_fleet_gateway.http.scheduling import Offload
-from linked_fleet_gateway.http.writes import apply_patch, read_patch
+from linked_fleet_gateway.http.writes import read_change
 from linked_fleet_gateway.rdf.graph import METRE
 from linked_fleet_gateway.rdf.serialise import JSON
 from linked_fleet_gateway.rdf.validation import ground_statements
@@ -71,7 +71,9 @@ async def post_object(world: World, request: Request, afforded: PostObject) -> R
 async def put_object(world: World, request: Request, afforded: PutObject) -> Response:
     """Replace or remove an object. The response is 204."""
     objects, path = world.objects, object_path(afforded.id)
-    change = await _change(request, request.base + path)
+    iri = request.base + path
+    own = partial(managed_statements, shape=LF.SceneObjectInput, iri=iri)
+    change = await read_change(request, iri, partial(_read, request, iri), own)
     while True:
         # Evaluated in each attempt, because the object may change meanwhile, also at another gateway.
         present = await resolve_under_preconditions(request, lambda: request.tree().resolve(path))
@@ -83,18 +85,6 @@ async def put_object(world: World, request: Request, afforded: PutObject) -> Res
             continue  # another gateway changed it while the body was read
         if await objects.change(afforded.id, thing):
             return Response(status_code=204)
-
-
-async def _change(request: Request, iri: str) -> Callable[[Resource], list[Triple] | None]:
-    """Return a function from the present resource to its new description; None if the object is to be removed."""
-    if request.method == "DELETE":
-        return lambda present: None
-    if request.method == "PUT":
-        triples = await _read(request, iri)
-        return lambda present: triples
-    update = await read_patch(request, iri)
-    own = partial(managed_statements, shape=LF.SceneObjectInput, iri=iri)
-    return lambda present: apply_patch(update, present, request.base, own)
 
 
 async def _read(request: Request, iri: str) -> list[Triple]:

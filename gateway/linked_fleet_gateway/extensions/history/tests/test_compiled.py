@@ -87,7 +87,7 @@ def test_unknown_values_are_described() -> None:
 
 
 def test_long_pages_are_left_to_a_thread() -> None:
-    """Those of vectors earlier, because each pose is computed."""
+    """Pages of vectors are long earlier, because each pose is computed."""
     kept = track(*range(S, 300 * S, S))
     item = _property(LF.ScalarPropertyShape, "velocity of turn")
     turning, posed = joint_series(kept.joints, "turn", item), link_series(kept.joints, "b")
