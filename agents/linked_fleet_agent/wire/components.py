@@ -1,0 +1,224 @@
+"""Components of robots: their declarations, and the messages about them (PROTOCOL.md, "Components"). SI units.
+
+A declaration is part of the description of its robot. What cannot be used in it is refused by itself, so that a bad
+component costs a robot neither its joints nor its other components.
+"""
+
+from collections.abc import Collection, Iterable, Iterator, Sequence
+from typing import Annotated, Any
+
+import msgspec
+from msgspec import UNSET, Meta, Raw, Struct, UnsetType, field
+
+from linked_fleet_agent.wire.messages import Identifier, Name, Unsigned
+from linked_fleet_agent.wire.schema import Iri, Prose, Schema, Title, schema_problem, value_problem
+
+COMPONENTS_VERSION = 2
+"""The version of the messages about components."""
+
+MAX_COMPONENTS, MAX_PROPERTIES, MAX_ACTIONS, MAX_EVENTS = 64, 256, 128, 128
+MAX_DECLARATIONS_BYTES = MAX_RESULT_BYTES = MAX_VALUES_BYTES = 256 * 1024
+MAX_VALUE_BYTES = MAX_FEEDBACK_BYTES = MAX_EVENT_BYTES = 16_384
+MAX_INPUT_BYTES = 65_536
+BASE = "base"
+"""The word in ``moves`` for the base of a robot, which is no joint."""
+
+Rate = Annotated[float, Meta(gt=0, le=100)]
+Duration = Annotated[float, Meta(gt=0, le=86_400)]
+
+
+class Property(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, omit_defaults=True):
+    """A value of a component. One that is ``writable`` is set by ``Operate``."""
+
+    schema: Schema
+    writable: bool = False
+
+
+class Action(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, omit_defaults=True):
+    """An action of a component.
+
+    ``moves`` names joints or ``base``; an action that moves something is a motion. ``duration_s`` is how long it may
+    take, ``stop_s`` how long it may go on after it was cancelled. One that ``rehearses`` can be asked what it would do.
+    """
+
+    title: Title = ""
+    description: Prose = ""
+    semantic_type: Iri = field(default="", name="@type")
+    input: Schema | None = None
+    feedback: Schema | None = None
+    result: Schema | None = None
+    moves: Annotated[tuple[Name, ...], Meta(max_length=256)] = ()
+    duration_s: Duration = 60.0
+    stop_s: Annotated[float, Meta(gt=0, le=30)] = 1.0
+    rehearses: bool = False
+
+
+class Event(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, omit_defaults=True):
+    """Something that happens to a component; ``data`` is what is said about it."""
+
+    title: Title = ""
+    description: Prose = ""
+    semantic_type: Iri = field(default="", name="@type")
+    data: Schema | None = None
+
+
+class Component(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, omit_defaults=True):
+    """The declaration of a component.
+
+    ``semantic_type`` is the IRI of its kind, empty for one that has none; ``link`` is where it is mounted. Its values
+    are published at ``rate_hz`` at most, and unknown when nothing was measured for ``stale_s``.
+    """
+
+    name: Name
+    title: Title = ""
+    description: Prose = ""
+    semantic_type: Iri = field(default="", name="@type")
+    link: Annotated[str, Meta(max_length=128)] = ""
+    rate_hz: Rate = 10.0
+    stale_s: Annotated[float, Meta(ge=0.1, le=3600)] = 5.0
+    properties: Annotated[dict[Name, Property], Meta(max_length=MAX_PROPERTIES)] = {}
+    actions: Annotated[dict[Name, Action], Meta(max_length=MAX_ACTIONS)] = {}
+    events: Annotated[dict[Name, Event], Meta(max_length=MAX_EVENTS)] = {}
+
+
+class Measured(Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """Values of a component at ``at_ns`` (monotonic time of the agent), those that have changed; null is unknown.
+
+    ``fault`` is why it cannot be read, and all its values are unknown then.
+    """
+
+    at_ns: Unsigned
+    values: Annotated[dict[Name, Raw], Meta(max_length=MAX_PROPERTIES)] = {}
+    fault: Annotated[str, Meta(max_length=1024)] = ""
+
+
+class Values(Struct, frozen=True, kw_only=True):
+    """Values of components. ``sequence`` grows by one with each message, so that a lost one is noticed.
+
+    The reply to a query has all values, and the ``sequence`` of the message before it.
+    """
+
+    version: int
+    incarnation: Unsigned
+    sequence: Unsigned
+    monotonic_ns: Unsigned
+    wall_ns: Unsigned
+    components: Annotated[dict[Name, Measured], Meta(max_length=MAX_COMPONENTS)] = {}
+
+
+class Operate(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """A request to carry out an action of a component, or to set a property to ``input``.
+
+    Lateness, run, id and rehearsal are those of a command.
+    """
+
+    version: int
+    id: Identifier
+    incarnation: Unsigned
+    seen_ns: Unsigned
+    time_to_live_ns: Annotated[int, Meta(gt=0, le=60_000_000_000)]
+    component: Name
+    action: Annotated[str, Meta(max_length=128)] = ""
+    property: Annotated[str, Meta(max_length=128)] = ""
+    input: Raw = Raw(b"null")
+    rehearsal: bool = False
+
+
+class Occurrence(Struct, frozen=True, kw_only=True):
+    """An event of a component. ``sequence`` counts the events of a run, also those that were not sent."""
+
+    version: int
+    incarnation: Unsigned
+    sequence: Unsigned
+    monotonic_ns: Unsigned
+    wall_ns: Unsigned
+    component: Name
+    event: Name
+    data: Raw | UnsetType = UNSET
+
+
+def read_declarations(
+    payload: bytes, links: Collection[str], joints: Collection[str]
+) -> tuple[list[Component], list[str]]:
+    """Return the components that ``payload``, a JSON array, declares, and a sentence for each that is refused."""
+    if len(payload) > MAX_DECLARATIONS_BYTES:
+        return [], [f"the components are refused: {len(payload)} bytes; {MAX_DECLARATIONS_BYTES} is the maximum"]
+    try:
+        raw = msgspec.json.decode(payload, type=list[Raw])
+    except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
+        return [], [f"the components are refused: {error}"]
+    return _accept(raw, links, joints)
+
+
+def _accept(raw: Sequence[Raw], links: Collection[str], joints: Collection[str]) -> tuple[list[Component], list[str]]:
+    accepted, refused = list[Component](), list[str]()
+    for index, each in enumerate(raw):
+        try:
+            component = msgspec.json.decode(each, type=Component)
+        except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
+            refused.append(f"component {index + 1} is refused: {error}")
+            continue
+        problem = declaration_problem(component, links, joints) or _excess(component, accepted)
+        if problem:
+            refused.append(f"component {component.name!r} is refused: {problem}")
+        else:
+            accepted.append(component)
+    return accepted, refused
+
+
+def _excess(component: Component, accepted: Sequence[Component]) -> str:
+    if any(component.name == other.name for other in accepted):
+        return "another component has this name"
+    if len(accepted) >= MAX_COMPONENTS:
+        return f"{MAX_COMPONENTS} components is the maximum"
+    for part, most in (("properties", MAX_PROPERTIES), ("actions", MAX_ACTIONS), ("events", MAX_EVENTS)):
+        if sum(len(getattr(each, part)) for each in (*accepted, component)) > most:
+            return f"{most} {part} is the maximum of a robot"
+    return ""
+
+
+def declaration_problem(component: Component, links: Collection[str], joints: Collection[str]) -> str:
+    """Return a sentence about what cannot be used in a declaration, or an empty string."""
+    if component.link and component.link not in links:
+        return f"its link {component.link!r} is none of the robot's"
+    both = component.properties.keys() & component.actions.keys()
+    if both:
+        return f"{sorted(both)[0]!r} is a property and an action"
+    for where, schema in _schemas(component):
+        if said := schema_problem(schema):
+            return f"{where}: {said}"
+    for name, action in component.actions.items():
+        unknown = [moved for moved in action.moves if moved != BASE and moved not in joints]
+        if unknown:
+            return f"action {name!r} moves {unknown[0]!r}, which is neither a joint of the robot nor {BASE!r}"
+        if action.input is not None and action.input.type != "object":
+            return f"the input of action {name!r} has the type {action.input.type!r}; it must be an object"
+    return ""
+
+
+def _schemas(component: Component) -> Iterator[tuple[str, Schema]]:
+    for name, each in component.properties.items():
+        yield f"property {name!r}", each.schema
+    for name, action in component.actions.items():
+        parts = (("input", action.input), ("feedback", action.feedback), ("result", action.result))
+        yield from _present(((f"{part} of action {name!r}", schema) for part, schema in parts))
+    yield from _present((f"event {name!r}", event.data) for name, event in component.events.items())
+
+
+def _present(parts: Iterable[tuple[str, Schema | None]]) -> Iterator[tuple[str, Schema]]:
+    return ((where, schema) for where, schema in parts if schema is not None)
+
+
+def read_value(schema: Schema, payload: bytes | Raw, most_bytes: int = MAX_VALUE_BYTES) -> tuple[Any, str]:
+    """Return a JSON value and an empty string; or None and a sentence about how it violates ``schema``.
+
+    None without a sentence is unknown: JSON null.
+    """
+    if len(bytes(payload)) > most_bytes:
+        return None, f"{len(bytes(payload))} bytes; {most_bytes} is the maximum"
+    try:
+        value = msgspec.json.decode(payload)
+    except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
+        return None, f"not JSON: {error}"
+    problem = "" if value is None else value_problem(schema, value)
+    return (None, problem) if problem else (value, "")
