@@ -3,20 +3,13 @@
 Usage: python door.py [--connect tcp/192.0.2.10:7447] and further flags of linked-fleet-agent
 """
 
-import asyncio
-import contextlib
 import math
 import os
-import signal
-import socket
-import sys
 from collections.abc import Mapping
 from pathlib import Path
 
-from linked_fleet_agent.agent import Agent
 from linked_fleet_agent.robot import Facts, Reading, RobotFaultError
-from linked_fleet_agent.serving import serve
-from linked_fleet_agent.settings import read_settings
+from linked_fleet_agent.serving import run
 from linked_fleet_agent.urdf import joints_of
 
 URDF = """
@@ -68,12 +61,5 @@ class Door:
             raise RobotFaultError(f"the servo cannot be driven: {error}") from error
 
 
-async def main() -> None:
-    asyncio.get_running_loop().add_signal_handler(signal.SIGTERM, asyncio.current_task().cancel)
-    settings = read_settings(["--robot", "door", *sys.argv[1:]], os.environ, socket.gethostname())
-    with contextlib.suppress(asyncio.CancelledError):  # the door holds
-        await serve(settings, [Agent("door", Door(PWM, ANGLE), rate_hz=settings.rate_hz)])
-
-
 if __name__ == "__main__":
-    asyncio.run(main())
+    run("door", Door(PWM, ANGLE))

@@ -5,19 +5,11 @@ Usage: python driver.py [--connect tcp/127.0.0.1:7447] and further flags of link
 The two servos are simulated. Replace the lines that end with "bus" by those that speak to yours.
 """
 
-import asyncio
-import contextlib
 import math
-import os
-import signal
-import socket
-import sys
 from collections.abc import Mapping
 
-from linked_fleet_agent.agent import Agent
 from linked_fleet_agent.robot import Facts, Reading
-from linked_fleet_agent.serving import serve
-from linked_fleet_agent.settings import read_settings
+from linked_fleet_agent.serving import run
 from linked_fleet_agent.urdf import joints_of
 
 URDF = """
@@ -68,12 +60,5 @@ class Head:
     close = stop
 
 
-async def main() -> None:
-    asyncio.get_running_loop().add_signal_handler(signal.SIGTERM, asyncio.current_task().cancel)
-    settings = read_settings(["--robot", "head", *sys.argv[1:]], os.environ, socket.gethostname())
-    with contextlib.suppress(asyncio.CancelledError):  # it holds, and says goodbye
-        await serve(settings, [Agent("head", Head(), rate_hz=settings.rate_hz)])
-
-
 if __name__ == "__main__":
-    asyncio.run(main())
+    run("head", Head())

@@ -6,8 +6,10 @@ import os
 import signal
 import socket
 import sys
+from pathlib import Path
 
 from linked_fleet_agent.agent import Agent
+from linked_fleet_agent.check import check
 from linked_fleet_agent.link import DuplicateNameError
 from linked_fleet_agent.robots.catalogue import UnavailableError
 from linked_fleet_agent.serving import Absent, load_robots, serve
@@ -20,8 +22,10 @@ _log = logging.getLogger("linked_fleet_agent")
 
 def main() -> int:
     """Run the agents and return the exit code: 0 after SIGINT or SIGTERM, 2 for unusable settings or if no robot can
-    be used, 3 if the name of the only robot is in use.
+    be used, 3 if the name of the only robot is in use. ``--check FILE`` checks a driver instead: 0 or 1.
     """
+    if sys.argv[1:2] == ["--check"]:
+        return _check(sys.argv[2:])
     try:
         settings = read_settings(sys.argv[1:], os.environ, socket.gethostname())
         logging.basicConfig(level=settings.log_level, format="%(asctime)s %(levelname)s %(name)s: %(message)s")
@@ -39,6 +43,17 @@ def main() -> int:
         if tracing is not None:
             tracing.close()
     return 0
+
+
+def _check(files: list[str]) -> int:
+    if len(files) != 1:
+        print("linked-fleet-agent: --check takes one file of Python, with a driver or components", file=sys.stderr)
+        return 2
+    lines, problems = check(Path(files[0]))
+    print(*lines, sep="\n")
+    for problem in problems:
+        print(f"wrong: {problem}", file=sys.stderr)
+    return 1 if problems else 0
 
 
 async def _run(settings: AgentSettings, agents: list[Agent], absent: list[Absent], tracing: Tracing | None) -> None:

@@ -11,23 +11,27 @@ from functools import partial
 from typing import Protocol, TypeVar
 
 from linked_fleet_agent import safety
+from linked_fleet_agent.components.host import Host, declarations_of, encoded
+from linked_fleet_agent.components.operating import Operating
 from linked_fleet_agent.demonstration import Demonstration
 from linked_fleet_agent.mesh_files import MeshFiles
 from linked_fleet_agent.motion import Measurements, Motions, Outcome, Sway
 from linked_fleet_agent.pace import elapsed_ns, every
 from linked_fleet_agent.plan import ImpossibleError, Plan, joints_of, plan
 from linked_fleet_agent.publications import Cameras, Conditions, Frames, Report, describe
-from linked_fleet_agent.robot import NewDescriptionError, Reading, Robot
+from linked_fleet_agent.robot import ComponentRobot, NewDescriptionError, Reading, Robot
 from linked_fleet_agent.sensors import JointSensor
+from linked_fleet_agent.urdf import RobotModel
 from linked_fleet_agent.wire import codec
 from linked_fleet_agent.wire.codec import VersionError, WireError
+from linked_fleet_agent.wire.components import BASE, Operate
 from linked_fleet_agent.wire.messages import Accepted, Command, Refused, Reply, Stop
 from linked_fleet_agent.wire.transport import GATEWAY_LEASE_MS
 
 _log = logging.getLogger(__name__)
 _LEAST_APART = 0.1
 """Least time between a frame and the extra frame after a stop, as a share of the tick period."""
-_M = TypeVar("_M", Command, Stop)
+_M = TypeVar("_M", Command, Stop, Operate)
 
 
 class Link(Protocol):
@@ -57,6 +61,10 @@ class Link(Protocol):
 
     def publish_condition(self, payload: bytes) -> None: ...
 
+    def publish_values(self, payload: bytes) -> None: ...
+
+    def publish_event(self, payload: bytes) -> None: ...
+
 
 def new_incarnation() -> int:
     """Return a number for this run: it grows with wall time, differs between simultaneous starts, and fits 63 bits."""
@@ -66,8 +74,8 @@ def new_incarnation() -> int:
 class Agent:
     """One robot. ``description`` and ``incarnation`` never change; everything runs on one event loop.
 
-    Raises ValueError if a demonstration names a joint that takes no commands, UrdfError for a description that gateways
-    would refuse.
+    Raises ValueError if a demonstration names a joint that takes no commands, DeclarationError and UrdfError for a
+    description that gateways would refuse.
     """
 
     def __init__(
@@ -110,11 +118,26 @@ class Agent:
         self._conditions = Conditions(self.incarnation)
         self._meshes = MeshFiles(name, self._facts.meshes)
         self._cameras = Cameras(robot, self._facts.cameras)
+        parts = robot.components() if isinstance(robot, ComponentRobot) else ()
+        declared = declarations_of(parts, RobotModel.for_urdf(self._facts.urdf).links, self._joints) if parts else []
+        self._host = Host(declared, self.incarnation, lambda: (self._monotonic_ns(), self._wall_ns()))
+        self._operating = Operating(
+            self._host, self._motions, self._seen, self._stops, self.incarnation, self._monotonic_ns
+        )
+        self._prevented = ""
         self._link: Link | None = None
         """The link while ``run`` runs, else None."""
         self._frames = Frames(self.incarnation, self._facts)
         self.description = codec.encode(
-            describe(name, self.incarnation, self._facts, rate_hz, self._meshes.offers, self._cameras.offers)
+            describe(
+                name,
+                self.incarnation,
+                self._facts,
+                rate_hz,
+                self._meshes.offers,
+                self._cameras.offers,
+                encoded(declared),
+            )
         )
 
     async def run(self, link: Link) -> None:
@@ -127,9 +150,10 @@ class Agent:
             await every(1.0 / self.rate_hz, partial(self.tick, link))
         finally:
             self._link = None
-            self._outcomes += self._motions.fail_all("the agent ends")
+            self._outcomes += [*self._motions.fail_all("the agent ends"), *self._operating.fail_all("the agent ends")]
             self._publish_progress(link, self._monotonic_ns())
             self._stop_robot()
+            self._host.close()
             self._robot.close()
 
     def tick(self, link: Link) -> None:
@@ -143,9 +167,11 @@ class Agent:
         self._watch_gateways(link, now_ns)
         if self._reading is not None:
             self._move(self._reading, elapsed_s)
+        if self._host:
+            self._tick_components(link, now_ns)
         self._publish_progress(link, now_ns)
-        faults = {} if self._reading is None else self._reading.faults
-        if (condition := self._conditions.due(self._fault or "", faults, link.arrivals, now_ns)) is not None:
+        faults, fault = {} if self._reading is None else self._reading.faults, self._fault or self._operating.fault
+        if (condition := self._conditions.due(fault, faults, link.arrivals, now_ns)) is not None:
             link.publish_condition(condition)
         if self._described_anew is not None:
             raise self._described_anew
@@ -160,6 +186,40 @@ class Agent:
         if isinstance(reply, Refused):
             _log.info("%s: command %s refused (%s): %s", self.name, reply.id, reply.code, reply.reason)
         return codec.encode(reply)
+
+    def handle_operate(self, payload: bytes) -> bytes:
+        """Check the request of an action of a component and begin it, as ``handle`` does. Never raises."""
+        self._hold_after_pause()
+        operate = _decoded(payload, Operate)
+        reply = operate if isinstance(operate, Refused) else self._operating.judge(operate, self._refuse_moving)
+        if isinstance(reply, Refused):
+            _log.info("%s: request %s refused (%s): %s", self.name, reply.id, reply.code, reply.reason)
+        return codec.encode(reply)
+
+    def values(self) -> bytes:
+        """Return the values of all components."""
+        return self._host.values()
+
+    @property
+    def has_components(self) -> bool:
+        return bool(self._host)
+
+    def _tick_components(self, link: Link, now_ns: int) -> None:
+        prevented = self._host.prevents_motion
+        if prevented and not self._prevented:
+            _log.warning("%s: %s; the robot holds", self.name, prevented)
+            self._hold(prevented)
+        self._prevented = prevented
+        self._outcomes += self._operating.step()
+        if (values := self._host.values_due(now_ns, self._wall_ns())) is not None:
+            link.publish_values(values)
+        for event in self._host.events_due():
+            link.publish_event(event)
+
+    def _hold(self, reason: str) -> None:
+        """Brake all joints and end all actions that move something. All fail with ``reason``."""
+        self._outcomes += [*self._motions.halt(reason), *self._operating.hold(reason)]
+        self._stops.record((*self._names, BASE), self._monotonic_ns())
 
     def handle_stop(self, payload: bytes) -> bytes:
         """Execute a stop, even if it is old or a duplicate. It is refused only for unknown joints. Never raises."""
@@ -186,9 +246,9 @@ class Agent:
             return
         reason = f"the agent did not run for {pause_s:.1f} s"
         _log.warning("%s: %s: it or the machine was paused; the robot holds", self.name, reason)
-        self._outcomes += self._motions.hold_after_pause(reason)
+        self._outcomes += [*self._motions.hold_after_pause(reason), *self._operating.hold(reason)]
         self.demonstration.log_ended()
-        self._stops.record(self._names, now_ns[0])
+        self._stops.record((*self._names, BASE), now_ns[0])
         self._report.repeat_later(now_ns[0])
 
     def _publish_extra_frame(self) -> None:
@@ -227,10 +287,8 @@ class Agent:
 
     def _refuse_now(self, command: Command) -> Refused | None:
         """Return the refusal of a valid command that cannot run now, or None."""
-        if self._fault is not None:
-            return Refused(command.id, "fault", f"the robot has a fault: {self._fault}"[:1024])
-        if not self._gateway_present:
-            return Refused(command.id, "fault", "no gateway is present, and the robot holds until one is")
+        if (refusal := self._refuse_moving(command.id, joints_of(command.motion))) is not None:
+            return refusal
         concerned = dict.fromkeys((*joints_of(command.motion), *command.expects))
         unknown = [name for name in concerned if not math.isfinite(self._measured.positions[name])]
         if unknown:
@@ -244,32 +302,65 @@ class Agent:
         surprise = safety.position_mismatch(command.expects, self._measured.positions, self._joints)
         return Refused(command.id, "expectation", surprise[:1024]) if surprise else None
 
+    def _refuse_moving(self, id: str, moves: Iterable[str]) -> Refused | None:
+        """Return the refusal of anything that moves the robot now, or None."""
+        if self._fault is not None:
+            return Refused(id, "fault", f"the robot has a fault: {self._fault}"[:1024])
+        if not self._gateway_present:
+            return Refused(id, "fault", "no gateway is present, and the robot holds until one is")
+        return self._operating.refuse_motion(id)
+
     def _start(self, command: Command, at_ns: int) -> Reply:
         motion = self._motions.unwound(safety.clamp(command.motion, self._joints), self._measured.positions)
         try:
             made: Plan = plan(motion, command.scale, self._motions.starts(joints_of(motion)))
         except ImpossibleError as error:
             return Refused(command.id, "limits", str(error)[:1024])
-        preempted = self._motions.preemptible_ids(made.trajectories.keys())
+        joints = tuple(made.trajectories)
+        preempted = (*self._motions.preemptible_ids(joints), *self._operating.blocking(joints))
         if not command.rehearsal:
             self._seen.add(command.id)
-            self._outcomes += self._motions.start(command.id, made)
+            self._begin(command, made)
             self.demonstration.log_ended()
         return Accepted(command.id, made.duration_s, preempted[:1024], at_ns)
+
+    def _begin(self, command: Command, made: Plan) -> None:
+        """Begin a motion now, or once the actions that move its joints have ended."""
+        joints = tuple(made.trajectories)
+        if not self._operating.blocking(joints):
+            self._outcomes += self._motions.start(command.id, made)
+            return
+        self._outcomes += [*self._operating.give_way(command.id, joints), *self._motions.release(joints, command.id)]
+        self._operating.begin_when_free(command.id, joints, partial(self._begin_late, command))
+
+    def _begin_late(self, command: Command) -> list[Outcome]:
+        """Begin a motion that has waited, from where its joints are now."""
+        joints = joints_of(command.motion)
+        motion = self._motions.unwound(safety.clamp(command.motion, self._joints), self._measured.positions)
+        try:
+            return self._motions.start(command.id, plan(motion, command.scale, self._motions.starts(joints)))
+        except ImpossibleError as error:
+            return [Outcome(command.id, "failed", joints, str(error)[:1024])]
 
     def _stop(self, stop: Stop) -> Accepted:
         now_ns = self._monotonic_ns()
         named = [self._leader(name) for name in stop.joints or self._names]
         joints = [name for name in dict.fromkeys(named) if name is not None]
-        cancelled = self._motions.stoppable_ids(joints, stop.command)[:1024]
+        acting = self._operating.stoppable(stop, joints)
+        acting_s = self._operating.stop_s(acting)
+        motions = self._motions.stoppable_ids(joints, stop.command)
+        cancelled = tuple(dict.fromkeys((*motions, *self._operating.known(acting))))[:1024]
         if stop.rehearsal:
-            return Accepted(stop.id, self._motions.braking_s(joints, stop.command), cancelled, now_ns)
+            braking_s = max(self._motions.braking_s(joints, stop.command), acting_s)
+            return Accepted(stop.id, braking_s, cancelled, now_ns)
         if stop.command:
             self._stops.cancel(stop.command)
         else:
-            self._stops.record(joints, now_ns)
+            self._stops.record(joints if stop.joints else (*joints, BASE), now_ns)
         reason = stop.reason or "stopped"
-        duration_s, outcomes = self._motions.stop(stop.id, joints, stop.command, reason)
+        others = partial(self._operating.still_running, acting)
+        self._outcomes += self._operating.stop(stop, acting)
+        duration_s, outcomes = self._motions.stop(stop.id, joints, stop.command, reason, others, acting_s)
         self._outcomes += outcomes
         if self._fault is not None:
             # Nothing can be measured, so only the driver knows if the robot stands.
@@ -345,7 +436,8 @@ class Agent:
             self._stop_robot()
         self._fault = reason
         self._reading = None
-        self._outcomes += self._motions.fail_all(f"driver fault: {reason}"[:1024])
+        why = f"driver fault: {reason}"[:1024]
+        self._outcomes += [*self._motions.fail_all(why), *self._operating.hold(why)]
 
     def _stop_robot(self) -> str:
         """Make the driver hold. Return why it could not, or an empty string."""
@@ -364,8 +456,7 @@ class Agent:
         present = link.gateway_present
         if self._gateway_present and not present:
             _log.warning("%s: the last gateway is gone; the robot holds", self.name)
-            self._outcomes += self._motions.halt("gateway lost")
-            self._stops.record(self._names, self._monotonic_ns())
+            self._hold("gateway lost")
             self._lost_ns = now_ns
         elif present and not self._gateway_present and self._lost_ns is None:
             _log.info("%s: a gateway is present", self.name)
@@ -379,7 +470,9 @@ class Agent:
         motions.setpoints.follow(reading.positions, () if idle else motions.driven, elapsed_s)
         if idle:
             return
-        setpoints, outcomes = motions.step(elapsed_s, self._measured, held=not self._gateway_present)
+        setpoints, outcomes = motions.step(
+            elapsed_s, self._measured, held=not self._gateway_present or bool(self._prevented)
+        )
         self._outcomes += outcomes
         if setpoints:
             self._send(setpoints, elapsed_s)
@@ -399,7 +492,7 @@ class Agent:
     def _publish_progress(self, link: Link, now_ns: int) -> None:
         for payload in self._report.repeat(link.arrivals, now_ns):
             link.publish_progress(payload, final=True)
-        outcomes = [*self._outcomes, *(self._motions.running_progress() if self._report.due(now_ns) else ())]
+        outcomes = [*self._outcomes, *(self._running_progress() if self._report.due(now_ns) else ())]
         if not outcomes:
             return
         wall_ns, positions = self._wall_ns(), self._measured.positions
@@ -407,6 +500,9 @@ class Agent:
             payload = self._report.write(outcome, positions, now_ns, wall_ns)
             link.publish_progress(payload, final=outcome.state != "running")
         self._outcomes.clear()
+
+    def _running_progress(self) -> list[Outcome]:
+        return [*self._motions.running_progress(), *self._operating.running_progress()]
 
 
 def _decoded(payload: bytes, kind: type[_M]) -> _M | Refused:

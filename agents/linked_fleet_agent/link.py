@@ -27,6 +27,7 @@ _MOST_WAITING = {"mesh": 32, "picture": 8, "description": 32}
 
 
 _Slow = Literal["mesh", "picture", "description"]
+_Prompt = Literal["command", "stop", "operate", "values"]
 
 
 class DuplicateNameError(Exception):
@@ -36,7 +37,8 @@ class DuplicateNameError(Exception):
 class RobotLink:
     """One robot on a shared session: ``async with RobotLink(...) as link`` declares it, leaving undeclares it.
 
-    ``on_command`` and ``on_stop`` are called on the event loop with the payload and return the payload of the reply.
+    ``on_command`` and ``on_stop`` are called on the event loop with the payload and return the payload of the reply;
+    so are ``on_operate`` and ``on_values``, which a robot with components has.
     ``on_mesh`` and ``on_picture`` are called in a thread, one call of each at a time; they may raise MeshError and
     PictureError. Entering raises DuplicateNameError if the name is still in use after three times ``lease_ms``; by then
     the token of a killed agent has expired, also on a busy machine.
@@ -54,13 +56,17 @@ class RobotLink:
         on_stop: Callable[[bytes], bytes],
         on_mesh: Callable[[bytes], bytes] | None = None,
         on_picture: Callable[[bytes], bytes] | None = None,
+        on_operate: Callable[[bytes], bytes] | None = None,
+        on_values: Callable[[], bytes] | None = None,
         lease_ms: int = 2_000,
         tracing: Tracing | None = None,
     ) -> None:
         self._session, self._keys = session, keys
         self._robot, self._incarnation, self._lease_ms = robot, incarnation, lease_ms
         self._description, self._description_tag = description, content_tag(description)
-        self._answers = {"command": on_command, "stop": on_stop}
+        self._answers: dict[_Prompt, Callable[[bytes], bytes]] = {"command": on_command, "stop": on_stop}
+        if on_operate is not None and on_values is not None:
+            self._answers |= {"operate": on_operate, "values": lambda _: on_values()}
         self._tracing = tracing
         slow: dict[_Slow, Callable[[bytes], bytes] | None] = {
             "mesh": on_mesh, "picture": on_picture, "description": lambda _: description,
@@ -109,6 +115,12 @@ class RobotLink:
     def publish_condition(self, payload: bytes) -> None:
         self._put(self._conditions, payload)
 
+    def publish_values(self, payload: bytes) -> None:
+        self._put(self._values, payload)
+
+    def publish_event(self, payload: bytes) -> None:
+        self._put(self._events, payload)
+
     def _put(self, publisher: Publisher, payload: bytes) -> None:
         try:
             publisher.put(payload)
@@ -128,6 +140,11 @@ class RobotLink:
         self._ends = declare(session.declare_publisher(progress, reliable=True, express=True))
         condition = keys.robot(robot, "condition")
         self._conditions = declare(session.declare_publisher(condition, reliable=True, express=False))
+        if "values" in self._answers:
+            # A lost message of values is noticed by its number. An event must arrive.
+            values, event = keys.robot(robot, "values"), keys.robot(robot, "event")
+            self._values = declare(session.declare_publisher(values, reliable=False, express=False))
+            self._events = declare(session.declare_publisher(event, reliable=True, express=False))
         self._gateways.declare()
         self._declare_visible()
 
@@ -144,8 +161,7 @@ class RobotLink:
     def _declarations(self) -> Iterator[Callable[[], AbstractContextManager[object]]]:
         declare, keys, robot = self._session.declare_queryable, self._keys, self._robot
         yield partial(declare, keys.robot(robot, "description"), self._answer_description)
-        kinds: tuple[Literal["command"], Literal["stop"]] = ("command", "stop")
-        for kind in kinds:
+        for kind in self._answers:
             yield partial(declare, keys.robot(robot, kind), partial(self._answer, kind))
         for slow in [kind for kind in self._slow if kind != "description"]:
             yield partial(declare, keys.robot(robot, slow), partial(self._answer_in_thread, slow))
@@ -174,9 +190,9 @@ class RobotLink:
         except PartError as error:
             return _Refusal(str(error))
 
-    def _answer(self, kind: Literal["command", "stop"], query: Query) -> None:
+    def _answer(self, kind: _Prompt, query: Query) -> None:
         payload, answer = query.payload, self._answers[kind]
-        if self._tracing is None:
+        if self._tracing is None or kind == "values":
             reply = answer(payload)
         else:
             reply = self._tracing.answer_in_span(kind, self._robot, query.traceparent, payload, answer)

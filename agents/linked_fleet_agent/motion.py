@@ -4,7 +4,7 @@ Pure: time and measurements are passed in.
 """
 
 import math
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -40,7 +40,10 @@ State = Literal["running", "succeeded", "failed", "cancelled", "preempted"]
 
 @dataclass(frozen=True)
 class Outcome:
-    """The outcome of a command; the agent publishes it as progress with the measured positions of ``joints``."""
+    """The outcome of a command; the agent publishes it as progress with the measured positions of ``joints``.
+
+    ``feedback`` and ``result`` are those of an action of a component, as JSON.
+    """
 
     command_id: str
     state: State
@@ -48,6 +51,8 @@ class Outcome:
     reason: str = ""
     progress: float = 0.0
     successor: str = ""
+    feedback: bytes | None = None
+    result: bytes | None = None
 
 
 @dataclass(frozen=True)
@@ -174,6 +179,8 @@ class _Motion:
     duration_s: float
     stopping: bool = False
     note: str = ""
+    others: Callable[[], Sequence[str]] = tuple
+    """Sentences about what else a stop waits for."""
     elapsed_s: float = 0.0
     """Time on its trajectories, which wait for joints that lag behind."""
     resting_s: float = 0.0
@@ -285,16 +292,37 @@ class Motions:
             self._axis(name).follow(trajectory)
         return [*outcomes, *self._begin(_Motion(command_id, tuple(plan.trajectories), plan.duration_s))]
 
+    def release(self, joints: Collection[str], successor: str) -> list[Outcome]:
+        """Brake ``joints`` for something else that is about to move them. Their motions are preempted."""
+        outcomes = self._end(self._on(joints), "preempted", f"replaced by command {successor}", successor)
+        for name in joints:
+            self._swaying.pop(name, None)
+        self._brake(name for name in joints if name in self._axes)
+        return outcomes
+
+    def stands(self, joints: Collection[str]) -> bool:
+        """Return True if no setpoint of ``joints`` moves."""
+        return all(self._axes[name].at_rest for name in joints if name in self._axes)
+
     def stoppable_ids(self, joints: Collection[str], command_id: str = "") -> tuple[str, ...]:
         """Return the ids of the motions that a stop of ``joints``, or of one command, would cancel."""
         return tuple(motion.command_id for motion in self._stoppable(joints, command_id))
 
-    def stop(self, stop_id: str, joints: Collection[str], command_id: str, reason: str) -> tuple[float, list[Outcome]]:
+    def stop(
+        self,
+        stop_id: str,
+        joints: Collection[str],
+        command_id: str,
+        reason: str,
+        others: Callable[[], Sequence[str]] = tuple,
+        others_s: float = 0.0,
+    ) -> tuple[float, list[Outcome]]:
         """Brake the motion ``command_id``, or all ``joints`` if it is empty. Return the braking time in seconds and
         outcomes.
 
         A joint that this agent does not move is held where it is, because something else may move it. The stop is a
         motion itself, which succeeds when its joints have been measured at a standstill. Until then setpoints are sent.
+        It also waits, ``others_s`` by itself, until ``others`` returns nothing; these are sentences for its failure.
         """
         ended = self._stoppable(joints, command_id)
         outcomes = self._end(ended, "cancelled", reason, stop_id)
@@ -308,11 +336,11 @@ class Motions:
         for name in concerned:
             self._swaying.pop(name, None)
             self._axis(name)
-        duration_s = self._brake(concerned)
+        duration_s = max(self._brake(concerned), others_s)
         # A repeated stop replaces the first one.
         self._running = [motion for motion in self._running if not (motion.stopping and motion.command_id == stop_id)]
         note = f"not measured, and so neither held nor seen to stand: {', '.join(unmeasured)}" if unmeasured else ""
-        stop = _Motion(stop_id, tuple(concerned), duration_s, stopping=True, note=note[:1024])
+        stop = _Motion(stop_id, tuple(concerned), duration_s, stopping=True, note=note[:1024], others=others)
         return duration_s, [*outcomes, *self._begin(stop)]
 
     def braking_s(self, joints: Collection[str], command_id: str = "") -> float:
@@ -415,11 +443,12 @@ class Motions:
         if motion.stopping:
             late = motion.elapsed_s > motion.duration_s + SETTLE_S
             moving = [axis.joint.name for axis in axes if not axis.stands(measured)]
-            if moving and late:
-                return self._end([motion], "failed", _not_standing(moving, measured))
+            others = motion.others()
+            if (moving or others) and late:
+                return self._end([motion], "failed", _not_standing(moving, measured, others))
             # Standstill counts from the stop on: a motion by something else may have begun a moment before it.
             soon = motion.elapsed_s < STANDSTILL_S and bool(axes)
-            return [] if moving or soon else self._succeed(motion)
+            return [] if moving or others or soon else self._succeed(motion)
         unseen = [name for name in motion.joints if not math.isfinite(measured.positions[name])]
         if unseen:
             why = measured.faults.get(unseen[0], f"the position of {unseen[0]} is not known any more")
@@ -469,10 +498,11 @@ class Motions:
                 axis.follow(reach_in(leg_s, axis.position, 0.0, target, cruise, cruise / RAMP_S, limits))
 
 
-def _not_standing(joints: Sequence[str], measured: Measurements) -> str:
+def _not_standing(joints: Sequence[str], measured: Measurements, others: Sequence[str]) -> str:
     unknown = [name for name in joints if not math.isfinite(measured.positions[name])]
     moving = [name for name in joints if name not in unknown]
     parts = [f"not come to rest: {', '.join(moving)}"] if moving else []
     parts += [f"standstill cannot be measured: {', '.join(unknown)}"] if unknown else []
     parts += [measured.faults[name] for name in unknown[:1] if name in measured.faults]
+    parts += others
     return "; ".join(parts)[:1024]

@@ -11,6 +11,8 @@ from collections import deque
 from collections.abc import Mapping, Sequence
 from itertools import islice
 
+from msgspec import UNSET, Raw
+
 from linked_fleet_agent.motion import Outcome
 from linked_fleet_agent.robot import CameraRobot, Facts, PictureError, Reading, Robot
 from linked_fleet_agent.urdf import RobotModel, UrdfError
@@ -76,6 +78,7 @@ def describe(
     rate_hz: float,
     meshes: tuple[Mesh, ...],
     cameras: tuple[Camera, ...],
+    components: bytes = b"[]",
 ) -> Description:
     """Return the description of a robot, which holds for one run of its agent, and log what it leaves out.
 
@@ -100,6 +103,7 @@ def describe(
         annotations=facts.annotations,
         meshes=meshes,
         cameras=cameras,
+        components=Raw(components),
         layout=codec.layout(len(facts.joints), facts.floating),
     )
 
@@ -153,7 +157,7 @@ class Cameras:
 PERIOD_NS = 200_000_000
 # How long ends are kept for gateways that were not present.
 KEPT_NS = 60_000_000_000
-MAX_KEPT = 256
+MAX_KEPT, MAX_KEPT_BYTES = 256, 4 * 2**20
 # A router may announce a gateway before its subscriptions, so that the first message has no receiver.
 AGAIN_NS = 1_000_000_000
 MAX_POSITIONS = 256
@@ -164,7 +168,8 @@ class Report:
 
     def __init__(self, incarnation: int) -> None:
         self._incarnation = incarnation
-        self._ends: deque[tuple[int, bytes]] = deque(maxlen=MAX_KEPT)
+        self._ends: deque[tuple[int, bytes]] = deque()
+        self._kept_bytes = 0
         self._arrivals = 0
         self._due_ns = 0
         self._again_ns: int | None = None
@@ -182,11 +187,19 @@ class Report:
             positions=dict(islice(known, MAX_POSITIONS)),
             progress=outcome.progress,
             successor=outcome.successor,
+            feedback=UNSET if outcome.feedback is None else Raw(outcome.feedback),
+            result=UNSET if outcome.result is None else Raw(outcome.result),
         )
         payload = codec.encode(progress)
         if outcome.state != "running":
-            self._ends.append((now_ns, payload))
+            self._keep(now_ns, payload)
         return payload
+
+    def _keep(self, now_ns: int, payload: bytes) -> None:
+        self._kept_bytes += len(payload)
+        while self._ends and (len(self._ends) >= MAX_KEPT or self._kept_bytes > MAX_KEPT_BYTES):
+            self._kept_bytes -= len(self._ends.popleft()[1])
+        self._ends.append((now_ns, payload))
 
     def repeat(self, arrivals: int, now_ns: int) -> list[bytes]:
         """Return the recent ends: at once if a gateway has arrived, and again a second later.

@@ -1,10 +1,11 @@
 """The interface of robot drivers. SI units: rad, m, N·m or N."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Protocol, runtime_checkable
 
+from linked_fleet_agent.components.component import Component
 from linked_fleet_agent.urdf.facts import JointFacts as JointFacts
 from linked_fleet_agent.urdf.limits import Limits as Limits
 from linked_fleet_agent.wire.messages import Base, Camera, PictureFormat
@@ -84,6 +85,14 @@ class Robot(Protocol):
 
     def close(self) -> None:
         """Release all resources; the object is not used afterwards."""
+
+
+@runtime_checkable
+class ComponentRobot(Protocol):
+    """A driver whose robot has components."""
+
+    def components(self) -> Sequence[Component]:
+        """Return them; asked once, before the robot is read. Their methods run beside the driver's own."""
 
 
 @runtime_checkable

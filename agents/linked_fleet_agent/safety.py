@@ -9,6 +9,7 @@ import msgspec
 
 from linked_fleet_agent.plan import joints_of
 from linked_fleet_agent.robot import JointFacts, Limits
+from linked_fleet_agent.wire.components import Operate
 from linked_fleet_agent.wire.messages import Accepted, Command, Expectation, Follow, Move, RefusalCode, Refused, Stop
 
 # A target computed in degrees or by inverse kinematics may exceed its limit by rounding. That much is clamped silently.
@@ -62,11 +63,14 @@ class Stops:
     def cancel(self, command_id: str) -> None:
         self._cancelled.add(command_id)
 
-    def later_stop(self, command: Command) -> str:
-        """Return a sentence about a stop executed after ``command`` was requested; empty if there is none."""
+    def later_stop(self, command: Command | Operate, moved: Iterable[str]) -> str:
+        """Return a sentence about a stop executed after ``command`` was requested; empty if there is none.
+
+        ``moved`` is what it moves.
+        """
         if command.id in self._cancelled:
             return f"the command {command.id!r} was cancelled before it arrived"
-        for name in joints_of(command.motion):
+        for name in moved:
             if command.seen_ns <= self._stopped_ns.get(name, -1):
                 return f"the robot was stopped after the command was requested ({name!r}); send a new one to move it"
         return ""
@@ -86,12 +90,20 @@ def check_command(
     problem = (
         _contradiction(command.motion)
         or _wrong_run(command, incarnation, seen)
-        or _late(command, now_ns, stops)
+        or _late(command, now_ns, stops, joints_of(command.motion))
         or next(filter(None, (_wrong_joint(name, joints) for name in dict(targets))), None)
         or next(filter(None, (_unknown(name, joints) for name in command.expects)), None)
         or next(filter(None, (_beyond(joints[name], target) for name, target in targets)), None)
     )
     return Accepted(command.id, at_ns=now_ns) if problem is None else Refused(command.id, problem[0], problem[1][:1024])
+
+
+def check_operate(
+    operate: Operate, moves: Iterable[str], *, now_ns: int, incarnation: int, seen: Container[str], stops: Stops
+) -> Refused | None:
+    """Return the refusal of an action that is for another run, repeated or late, or None."""
+    problem = _wrong_run(operate, incarnation, seen) or _late(operate, now_ns, stops, moves)
+    return None if problem is None else Refused(operate.id, problem[0], problem[1][:1024])
 
 
 def position_mismatch(
@@ -172,7 +184,7 @@ def _contradiction(motion: Move | Follow) -> _Problem:
     return None
 
 
-def _wrong_run(command: Command, incarnation: int, seen: Container[str]) -> _Problem:
+def _wrong_run(command: Command | Operate, incarnation: int, seen: Container[str]) -> _Problem:
     if command.incarnation != incarnation:
         return "incarnation", f"the command is for run {command.incarnation}, but this is run {incarnation}"
     if command.id in seen:
@@ -180,7 +192,7 @@ def _wrong_run(command: Command, incarnation: int, seen: Container[str]) -> _Pro
     return None
 
 
-def _late(command: Command, now_ns: int, stops: Stops) -> _Problem:
+def _late(command: Command | Operate, now_ns: int, stops: Stops, moved: Iterable[str]) -> _Problem:
     age_ns = now_ns - command.seen_ns
     if age_ns < 0:
         return "stale", f"seen_ns is {-age_ns} ns ahead of this agent's monotonic clock; take it from a state frame"
@@ -189,7 +201,7 @@ def _late(command: Command, now_ns: int, stops: Stops) -> _Problem:
             "stale",
             f"the command is {age_ns / 1e6:.0f} ms old, its time to live {command.time_to_live_ns / 1e6:g} ms",
         )
-    overtaken = stops.later_stop(command)
+    overtaken = stops.later_stop(command, moved)
     return ("stale", overtaken) if overtaken else None
 
 

@@ -2,15 +2,20 @@
 
 import asyncio
 import logging
+import os
+import signal
+import socket
+import sys
 from collections.abc import MutableSequence, Sequence
-from contextlib import AbstractAsyncContextManager
+from contextlib import AbstractAsyncContextManager, suppress
 from typing import NamedTuple, Protocol
 
 from linked_fleet_agent.agent import Agent, new_incarnation
+from linked_fleet_agent.components import DeclarationError
 from linked_fleet_agent.link import AbsentRobot, DuplicateNameError, RobotLink
-from linked_fleet_agent.robot import NewDescriptionError
+from linked_fleet_agent.robot import NewDescriptionError, Robot
 from linked_fleet_agent.robots.catalogue import UnavailableError, awaited, load
-from linked_fleet_agent.settings import AgentSettings, SettingsError
+from linked_fleet_agent.settings import AgentSettings, SettingsError, read_settings
 from linked_fleet_agent.tracing import Tracing
 from linked_fleet_agent.transport import Session
 from linked_fleet_agent.urdf import UrdfError
@@ -59,7 +64,7 @@ def make_agent(settings: AgentSettings, index: int) -> Agent:
     sways = [sway for name, sway in settings.sways if name == choice.name]
     try:
         return Agent(choice.name, robot, rate_hz=settings.rate_hz, sways=sways)
-    except UrdfError as error:
+    except (UrdfError, DeclarationError) as error:
         raise UnavailableError(f"{choice.name}: its description is refused: {error}") from error
     except ValueError as error:
         raise SettingsError(f"--sway: {error}") from error
@@ -83,6 +88,34 @@ def load_robots(settings: AgentSettings) -> tuple[list[Agent], list[Absent]]:
     if len(unusable) == len(settings.robots):
         raise UnavailableError("; ".join(unusable))
     return agents, absent
+
+
+def run(name: str, robot: Robot) -> None:
+    """Serve a robot under ``name`` with the settings of the command line, until SIGTERM or SIGINT.
+
+    This is the whole program of a driver. Exits with 2 for settings or a description that cannot be used, with 3 if the
+    name is in use.
+    """
+    try:
+        settings = read_settings(["--robot", name, *sys.argv[1:]], os.environ, socket.gethostname())
+        agent = Agent(name, robot, rate_hz=settings.rate_hz)
+    except (SettingsError, UrdfError, DeclarationError) as error:
+        print(f"{name}: {error}", file=sys.stderr)
+        sys.exit(2)
+    logging.basicConfig(level=settings.log_level, format="%(asctime)s %(levelname)s %(name)s: %(message)s")
+    try:
+        asyncio.run(_until_signalled(settings, agent))
+    except* DuplicateNameError as group:
+        print(f"{name}: {group.exceptions[0]}", file=sys.stderr)
+        sys.exit(3)
+
+
+async def _until_signalled(settings: AgentSettings, agent: Agent) -> None:
+    loop, serving = asyncio.get_running_loop(), asyncio.ensure_future(serve(settings, [agent]))
+    for number in (signal.SIGINT, signal.SIGTERM):
+        loop.add_signal_handler(number, serving.cancel)
+    with suppress(asyncio.CancelledError):  # it holds, and withdraws its token
+        await serving
 
 
 async def serve(
@@ -155,6 +188,8 @@ class _Served:
             on_stop=agent.handle_stop,
             on_mesh=agent.mesh,
             on_picture=agent.picture if agent.has_cameras else None,
+            on_operate=agent.handle_operate if agent.has_components else None,
+            on_values=agent.values if agent.has_components else None,
             lease_ms=self._settings.lease_ms,
             tracing=self._tracing,
         )

@@ -104,6 +104,8 @@ def read_settings(arguments: Sequence[str], environment: Mapping[str, str], host
     ``{host}`` in a robot's name becomes ``host``. Raises SettingsError.
     """
     flags = vars(_parser().parse_args(arguments))
+    if flags["check"] is not None:
+        raise SettingsError("--check FILE stands alone, without other flags")
     text: dict[str, str] = {}
     for setting in SETTINGS:
         given = flags[setting.destination]
@@ -136,6 +138,9 @@ def _parser() -> argparse.ArgumentParser:
         parser.add_argument(
             setting.flag, action="append" if setting.repeated else "store", help=f"{setting.meaning}{default}"
         )
+    parser.add_argument(
+        "--check", metavar="FILE", help="print what the fleet will see of a driver or of components, and what is wrong"
+    )
     parser.add_argument("--floating", action="store_true", help="every URDF file given has a floating base")
     return parser
 

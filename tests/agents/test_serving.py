@@ -16,7 +16,7 @@ from linked_fleet_agent.transport import Session
 class FakeAgent:
     """An agent whose run ends with ``ends`` if that is set, and else lasts."""
 
-    name, description, has_cameras = "r", b"", False
+    name, description, has_cameras, has_components = "r", b"", False, False
     handle = handle_stop = mesh = None
 
     def __init__(self, ends: Exception | None) -> None:

@@ -11,7 +11,9 @@ from typing import NamedTuple, TypeVar
 
 import msgspec
 
+from linked_fleet_agent.wire.components import Occurrence, Operate, Values
 from linked_fleet_agent.wire.messages import (
+    MAX_WIRE_VERSION,
     MIN_WIRE_VERSION,
     WIRE_VERSION,
     Base,
@@ -35,8 +37,8 @@ _HEADER = struct.Struct(_HEADER_FORMAT)
 _BASE_VALUES = 13
 _ROWS = ("positions", "velocities", "efforts")
 
-Message = Description | Command | Stop | Progress | Condition | PictureQuery
-_M = TypeVar("_M", Description, Command, Stop, Progress, Condition, PictureQuery)
+Message = Description | Command | Stop | Progress | Condition | PictureQuery | Values | Operate | Occurrence
+_M = TypeVar("_M", Description, Command, Stop, Progress, Condition, PictureQuery, Values, Operate, Occurrence)
 
 
 class WireError(ValueError):
@@ -48,8 +50,8 @@ class VersionError(WireError):
 
 
 def check_version(version: int) -> None:
-    if not MIN_WIRE_VERSION <= version <= WIRE_VERSION:
-        raise VersionError(f"wire version {version} is not supported; {MIN_WIRE_VERSION} to {WIRE_VERSION} are")
+    if not MIN_WIRE_VERSION <= version <= MAX_WIRE_VERSION:
+        raise VersionError(f"wire version {version} is not supported; {MIN_WIRE_VERSION} to {MAX_WIRE_VERSION} are")
 
 
 def layout(joint_count: int, floating: bool) -> tuple[Field, ...]:

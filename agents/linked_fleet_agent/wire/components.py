@@ -10,11 +10,9 @@ from typing import Annotated, Any
 import msgspec
 from msgspec import UNSET, Meta, Raw, Struct, UnsetType, field
 
+from linked_fleet_agent.wire.messages import COMPONENTS_VERSION as COMPONENTS_VERSION
 from linked_fleet_agent.wire.messages import Identifier, Name, Unsigned
 from linked_fleet_agent.wire.schema import Iri, Prose, Schema, Title, schema_problem, value_problem
-
-COMPONENTS_VERSION = 2
-"""The version of the messages about components."""
 
 MAX_COMPONENTS, MAX_PROPERTIES, MAX_ACTIONS, MAX_EVENTS = 64, 256, 128, 128
 MAX_DECLARATIONS_BYTES = MAX_RESULT_BYTES = MAX_VALUES_BYTES = 256 * 1024

@@ -46,11 +46,14 @@ def unescape(segment: str, reserved: Container[str] = ()) -> str:
     raise ValueError(f"{segment!r} is not the segment of a name")
 
 
-Kind = Literal["description", "state", "command", "stop", "progress", "condition", "mesh", "picture", "presence"]
+RobotKind = Literal[
+    "description", "state", "command", "stop", "progress", "condition", "mesh", "picture", "values", "operate", "event"
+]
+Kind = Literal[RobotKind, "presence"]
 
 _NAMESPACE = re.compile(r"[A-Za-z0-9_.-]+(/[A-Za-z0-9_.-]+)*")
 _ROBOT_KEY = re.compile(
-    r"robot/([^/*$?#]+)/(description|state|command|stop|progress|condition|mesh|picture|presence)(?:/(0|[1-9][0-9]{0,18}))?"
+    r"robot/([^/*$?#]+)/(description|state|command|stop|progress|condition|mesh|picture|values|operate|event|presence)(?:/(0|[1-9][0-9]{0,18}))?"
 )
 _GATEWAY_KEY = re.compile(r"gateway/([^/*$?#]+)(?:/heartbeat)?")
 
@@ -74,11 +77,7 @@ class Keys:
         if not _NAMESPACE.fullmatch(self.namespace):
             raise ValueError(f"namespace {self.namespace!r} is not a plain Zenoh key such as 'fleet' or 'site/hall-2'")
 
-    def robot(
-        self,
-        robot: str,
-        kind: Literal["description", "state", "command", "stop", "progress", "condition", "mesh", "picture"],
-    ) -> str:
+    def robot(self, robot: str, kind: RobotKind) -> str:
         return f"{self.namespace}/robot/{escape(robot)}/{kind}"
 
     def presence(self, robot: str, incarnation: int) -> str:
@@ -117,6 +116,14 @@ class Keys:
     @property
     def all_conditions(self) -> str:
         return self.all_of_kind("condition")
+
+    @property
+    def all_values(self) -> str:
+        return self.all_of_kind("values")
+
+    @property
+    def all_events(self) -> str:
+        return self.all_of_kind("event")
 
     @property
     def all_stops(self) -> str:

@@ -2,10 +2,14 @@
 
 from typing import Annotated, Literal
 
-from msgspec import Meta, Struct
+from msgspec import UNSET, Meta, Raw, Struct, UnsetType
 
+MIN_WIRE_VERSION, MAX_WIRE_VERSION = 1, 2
+"""The versions that this release speaks. Version 2 adds components, and leaves other messages as they are."""
 WIRE_VERSION = 1
-MIN_WIRE_VERSION = 1
+"""The version of messages about joints. Gateways of version 1 understand them, so that they ignore components."""
+COMPONENTS_VERSION = 2
+"""The version of messages about components."""
 
 Name = Annotated[str, Meta(min_length=1, max_length=128)]
 Identifier = Annotated[str, Meta(min_length=1, max_length=64, pattern=r"^[A-Za-z0-9-]+\Z")]
@@ -57,7 +61,10 @@ class Camera(Struct, frozen=True, kw_only=True):
 
 
 class Description(Struct, frozen=True, kw_only=True):
-    """The description of a robot by its agent; ``joints`` is the order of the arrays in its state frames."""
+    """The description of a robot by its agent; ``joints`` is the order of the arrays in its state frames.
+
+    ``components`` are read each by itself (``wire/components.py``).
+    """
 
     version: int
     robot: Name
@@ -71,6 +78,7 @@ class Description(Struct, frozen=True, kw_only=True):
     annotations: Text = ""
     meshes: Annotated[tuple[Mesh, ...], Meta(max_length=MAX_MESHES)] = ()
     cameras: Annotated[tuple[Camera, ...], Meta(max_length=MAX_CAMERAS)] = ()
+    components: Raw = Raw(b"[]")
     layout: Annotated[tuple[Field, ...], Meta(max_length=64)]
 
 
@@ -167,7 +175,17 @@ class PictureQuery(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
 
 
 RefusalCode = Literal[
-    "malformed", "version", "incarnation", "stale", "unknown-joint", "limits", "fault", "repeated", "expectation"
+    "malformed",
+    "version",
+    "incarnation",
+    "stale",
+    "unknown-joint",
+    "limits",
+    "fault",
+    "repeated",
+    "expectation",
+    "unknown-action",
+    "input",
 ]
 
 
@@ -213,7 +231,8 @@ class Condition(Struct, frozen=True, kw_only=True):
 class Progress(Struct, frozen=True, kw_only=True):
     """State of an accepted command; ``positions`` are the measured positions of its joints at ``wall_ns``.
 
-    ``progress`` is the completed share, ``successor`` the command that preempted this one.
+    ``progress`` is the completed share, ``successor`` the command that preempted this one. ``feedback`` and ``result``
+    are those of an action of a component.
     """
 
     version: int
@@ -225,3 +244,5 @@ class Progress(Struct, frozen=True, kw_only=True):
     positions: Annotated[dict[Name, float], Meta(max_length=256)] = {}
     progress: Annotated[float, Meta(ge=0, le=1)] = 0.0
     successor: Annotated[str, Meta(max_length=64)] = ""
+    feedback: Raw | UnsetType = UNSET
+    result: Raw | UnsetType = UNSET

@@ -115,7 +115,7 @@ GATEWAY, ROUTER = "gateway", "router"
 _PUBLISHING = ("put", "reply", "declare_queryable", "liveliness_token")
 _WATCHING = ("liveliness_query", "declare_liveliness_subscriber")
 _EVERYTHING = (*_PUBLISHING, *_WATCHING, "delete", "query", "declare_subscriber")
-_ASKED = ("description", "command", "stop", "mesh", "picture")
+_ASKED = ("description", "command", "stop", "mesh", "picture", "values", "operate")
 
 
 def common_name(agent: str) -> str:
@@ -136,7 +136,7 @@ def router_access_control(keys: Keys, agents: Mapping[str, Iterable[str] | None]
     """
     names = [common_name(agent) for agent in agents]
     access = _Access()
-    published = [keys.all_states, keys.all_progress, keys.all_conditions]
+    published = [keys.all_states, keys.all_progress, keys.all_conditions, keys.all_values, keys.all_events]
     access.grant("out", [GATEWAY, ROUTER, *names], "egress", _EVERYTHING, [keys.all_keys])
     access.grant("routers", [ROUTER], "ingress", _EVERYTHING, [keys.all_keys])
     access.grant("gateways hear", [GATEWAY], "ingress", ["declare_subscriber"], published)

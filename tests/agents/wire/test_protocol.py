@@ -10,7 +10,7 @@ from typing import Any, get_args, get_type_hints
 import pytest
 
 from linked_fleet_agent.long_replies import HELD_S
-from linked_fleet_agent.wire import codec, keys, messages
+from linked_fleet_agent.wire import codec, components, keys, messages, schema
 from linked_fleet_agent.wire.keys import Keys, RobotKey, escape, unescape
 from linked_fleet_agent.wire.parts import PART_BYTES, PartRequest, parse_head, parse_request
 from linked_fleet_gateway.link.long_replies import LONGEST_BYTES, MAX_TRANSFER_S, PART_TIMEOUT_S, SHORTEST_BYTES
@@ -23,6 +23,9 @@ KINDS: dict[str, Any] = {
     "progress": messages.Progress,
     "condition": messages.Condition,
     "glance": messages.PictureQuery,
+    "values": components.Values,
+    "operate": components.Operate,
+    "event": components.Occurrence,
 }
 
 
@@ -123,8 +126,7 @@ def test_the_fields_of_a_command_that_have_a_default_are_explained() -> None:
 
 def test_the_key_table_is_what_keys_are_built_from() -> None:
     documented = {row[0] for row in table("key", "kind", "declared or published by", "read by")}
-    kinds: tuple[Any, ...] = ("description", "state", "command", "stop", "progress", "condition", "mesh", "picture")
-    built = {Keys().robot("ROBOT", kind) for kind in kinds}
+    built = {Keys().robot("ROBOT", kind) for kind in get_args(keys.RobotKind)}
     built |= {Keys().presence("ROBOT", 1).replace("/1", "/{incarnation}")}
     built |= {Keys().gateway("GATEWAY"), Keys().heartbeat("GATEWAY")}
     assert documented == {key.replace("ROBOT", "{robot}").replace("GATEWAY", "{gateway}") for key in built}
@@ -142,7 +144,7 @@ def test_the_examples_of_the_escape_are_true() -> None:
 
 
 def test_the_page_is_of_the_version_that_is_spoken() -> None:
-    assert f"\nVersion {messages.WIRE_VERSION}. " in PAGE
+    assert f"\nVersion {messages.MAX_WIRE_VERSION}. " in PAGE
 
 
 def test_the_bounds_are_those_of_the_code() -> None:
@@ -160,5 +162,17 @@ def test_the_bounds_are_those_of_the_code() -> None:
         messages.MAX_MESH_BYTES,
         16,
         4096,
+        components.MAX_COMPONENTS,
+        components.MAX_PROPERTIES,
+        components.MAX_ACTIONS,
+        components.MAX_DECLARATIONS_BYTES,
+        components.MAX_INPUT_BYTES,
+        components.MAX_VALUE_BYTES,
+        schema.MAX_DEPTH,
+        schema.MAX_MEMBERS,
+        schema.MAX_ITEMS,
+        schema.MAX_TEXT,
+        schema.MAX_PATTERN,
+        schema.MAX_PATTERN_TEXT,
     ):
         assert f"{number}" in bounds or f"{number:,}" in bounds

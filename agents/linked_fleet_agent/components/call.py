@@ -1,0 +1,58 @@
+"""One run of an action, as the method that carries it out sees it."""
+
+import threading
+from typing import Generic, Protocol, TypeVar
+
+import msgspec
+
+F = TypeVar("F")
+
+
+class CancelledActionError(Exception):
+    """The action was cancelled: by a client, a stop, a newer motion, or the loss of the last gateway."""
+
+
+class Report(Protocol):
+    """Takes what an action says while it runs; may be called from any thread."""
+
+    def __call__(self, progress: float | None, reason: str, feedback: bytes | None) -> None: ...
+
+
+class Call(Generic[F]):
+    """One run of an action; ``F`` is the type of its feedback, None if it has none.
+
+    A method that runs in a thread must honour its cancellation: it waits by ``sleep``, or looks at ``cancelled``.
+    One that is ``async`` is cancelled as any task of asyncio is.
+    """
+
+    def __init__(self, id: str, report: Report) -> None:
+        self.id = id
+        """The id of the invocation."""
+        self._report, self._ended = report, threading.Event()
+        self._progress: float | None = None
+
+    @property
+    def cancelled(self) -> bool:
+        return self._ended.is_set()
+
+    def check(self) -> None:
+        """Raise CancelledActionError if the action is cancelled."""
+        if self._ended.is_set():
+            raise CancelledActionError
+
+    def sleep(self, seconds: float) -> None:
+        """Wait in a thread. Raises CancelledActionError as soon as the action is cancelled."""
+        if self._ended.wait(seconds):
+            raise CancelledActionError
+
+    def progress(self, share: float, reason: str = "") -> None:
+        """Report the completed share, 0 to 1, and in words what is being done."""
+        self._report(min(max(share, 0.0), 1.0), reason[:1024], None)
+
+    def feedback(self, value: F) -> None:
+        """Publish feedback of the declared type; ten times a second at most, the newest wins."""
+        self._report(None, "", msgspec.json.encode(value))
+
+    def cancel(self) -> None:
+        """Ask the method to end. For the agent."""
+        self._ended.set()

@@ -1,0 +1,147 @@
+"""The base class of components, and what marks their values, actions and events."""
+
+from collections.abc import Callable, Sequence
+from types import NoneType
+from typing import Any, ClassVar, Generic, NamedTuple, Self, TypeVar, overload
+
+import msgspec
+
+C = TypeVar("C", bound="Component")
+T = TypeVar("T")
+Method = TypeVar("Method", bound=Callable[..., Any])
+Moves = Sequence[str] | Callable[[Any], Sequence[str]]
+Emit = Callable[[str, bytes | None], None]
+
+
+class Component:
+    """A part of a robot that has values, actions and events: a gripper, a battery, a tool, a task.
+
+    ``kind`` is the IRI of its class in a vocabulary. Its values are read up to ``rate_hz`` times a second, all in one
+    thread; of one that is not ``blocking`` they are read on the event loop of the agent, and must be at hand. They are
+    unknown if nothing could be read for ``stale_s``. Each raises what it likes if it cannot be read.
+    """
+
+    name: str = ""
+    """The name in the fleet; the name of the class in lower case by default."""
+    title: str = ""
+    link: str = ""
+    """The link of the robot where it is mounted, if any."""
+    kind: ClassVar[str] = ""
+    rate_hz: ClassVar[float] = 10.0
+    stale_s: ClassVar[float] = 5.0
+    blocking: ClassVar[bool] = True
+    prevents_motion: str = ""
+    """A sentence why the robot must not move now, such as a protective stop; empty if it may.
+
+    While there is one, the agent ends all that moves and refuses motions. Read in each tick, so it must be at hand.
+    """
+    emit: Emit | None = None
+    """Takes events while an agent runs this component. For the agent."""
+
+    def __init_subclass__(
+        cls,
+        *,
+        kind: str | None = None,
+        rate_hz: float | None = None,
+        stale_s: float | None = None,
+        blocking: bool | None = None,
+    ) -> None:
+        super().__init_subclass__()
+        said = {"kind": kind, "rate_hz": rate_hz, "stale_s": stale_s, "blocking": blocking}
+        for attribute, given in said.items():
+            if given is not None:
+                setattr(cls, attribute, given)
+
+
+class value(Generic[C, T]):  # noqa: N801 - a decorator, as ``property``
+    """Makes a value of a method without arguments, as ``property`` does. Its annotation is its schema.
+
+    With ``@NAME.setter`` it can be set.
+    """
+
+    def __init__(self, read: Callable[[C], T]) -> None:
+        self.read = read
+        self.set: Callable[[C, T], None] | None = None
+
+    def setter(self, set_: Callable[[C, T], None]) -> Self:
+        """Mark the method that sets the value. It may have any name."""
+        self.set = set_
+        return self
+
+    @overload
+    def __get__(self, component: None, owner: type[C]) -> Self: ...
+    @overload
+    def __get__(self, component: C, owner: type[C]) -> T: ...
+    def __get__(self, component: C | None, owner: type[C]) -> Self | T:
+        return self if component is None else self.read(component)
+
+    def __set__(self, component: C, given: T) -> None:
+        if self.set is None:
+            raise AttributeError("this value cannot be set")
+        self.set(component, given)
+
+
+class ActionOptions(NamedTuple):
+    """What marks a method as an action."""
+
+    moves: Moves
+    duration_s: float
+    stop_s: float
+    title: str
+    kind: str
+    rehearse: Callable[..., float] | None
+
+
+def action(
+    *,
+    moves: Moves = (),
+    duration_s: float = 60.0,
+    stop_s: float = 1.0,
+    title: str = "",
+    kind: str = "",
+    rehearse: Callable[..., float] | None = None,
+) -> Callable[[Method], Method]:
+    """Mark a method as an action. The annotations of its parameters and of what it returns are its schemas.
+
+    A parameter ``call`` gets the ``Call``. An ``async`` method runs on the event loop, where it must not block, and any
+    other in a thread. ``moves`` names the joints that it moves, or ``BASE``, and makes it a motion. It may take
+    ``duration_s``, and ``stop_s`` after it was cancelled. ``rehearse`` has the same parameters without ``call``; it
+    returns how long the action would take, or raises ValueError with the reason why it would not be carried out.
+    """
+
+    def mark(method: Method) -> Method:
+        setattr(method, OPTIONS, ActionOptions(moves, duration_s, stop_s, title, kind, rehearse))
+        return method
+
+    return mark
+
+
+OPTIONS = "__linked_fleet_action__"
+
+
+class event(Generic[T]):  # noqa: N801 - a marker, as ``value``
+    """An event of a component: an attribute of its class, which is called with the data when it happens.
+
+    May be called from any thread. Events of a component that no agent runs are lost.
+    """
+
+    def __init__(self, data: type[T] | None = None, *, title: str = "", description: str = "", kind: str = "") -> None:
+        self.data, self.title, self.description, self.kind = data or NoneType, title, description, kind
+        self.name = ""
+
+    def __set_name__(self, owner: type[Component], name: str) -> None:
+        self.name = name
+
+    @overload
+    def __get__(self, component: None, owner: type[Component]) -> Self: ...
+    @overload
+    def __get__(self, component: Component, owner: type[Component]) -> Callable[..., None]: ...
+    def __get__(self, component: Component | None, owner: type[Component]) -> Self | Callable[..., None]:
+        if component is None:
+            return self
+
+        def happen(data: T | None = None) -> None:
+            if component.emit is not None:
+                component.emit(self.name, None if self.data is NoneType else msgspec.json.encode(data))
+
+        return happen

@@ -1,0 +1,121 @@
+"""The components of one robot, as its agent has them: declarations, values, events and the requests of actions."""
+
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from typing import Any
+
+import msgspec
+
+from linked_fleet_agent.components.component import Component
+from linked_fleet_agent.components.declaration import Declared, Task, declare
+from linked_fleet_agent.components.occurrences import Occurrences
+from linked_fleet_agent.components.operations import MAX_RUNNING, Operations
+from linked_fleet_agent.components.readings import Readings
+from linked_fleet_agent.components.schemas import DeclarationError
+from linked_fleet_agent.wire.components import MAX_INPUT_BYTES, Operate, read_declarations, read_value
+from linked_fleet_agent.wire.messages import Refused
+
+
+def declarations_of(components: Iterable[Component], links: Collection[str], joints: Collection[str]) -> list[Declared]:
+    """Return the declarations of the components of a robot. Raises DeclarationError for what gateways would refuse."""
+    declared = [declare(each) for each in components]
+    _, refused = read_declarations(encoded(declared), links, joints)
+    if refused:
+        raise DeclarationError(refused[0])
+    return declared
+
+
+def encoded(declared: Sequence[Declared]) -> bytes:
+    """Return ``components`` of a description."""
+    return msgspec.json.encode([each.said for each in declared])
+
+
+class Host:
+    """The components of one run of an agent; ``clocks`` returns its monotonic and wall time in nanoseconds."""
+
+    def __init__(self, declared: Sequence[Declared], incarnation: int, clocks: Callable[[], tuple[int, int]]) -> None:
+        self._declared = {each.said.name: each for each in declared}
+        self._clocks = clocks
+        self.operations = Operations()
+        self._readings = Readings(declared, incarnation, lambda: clocks()[0])
+        self._occurrences = Occurrences(self._declared, incarnation, clocks)
+
+    def __bool__(self) -> bool:
+        return bool(self._declared)
+
+    def values_due(self, now_ns: int, wall_ns: int) -> bytes | None:
+        """Return the message with the values that have changed, or None."""
+        return self._readings.due(now_ns, wall_ns)
+
+    def events_due(self) -> Iterator[bytes]:
+        return self._occurrences.due()
+
+    def values(self) -> bytes:
+        """Return the reply to a query for all values."""
+        return self._readings.everything(*self._clocks())
+
+    @property
+    def prevents_motion(self) -> str:
+        """A sentence why nothing must move now, or an empty string."""
+        for name, declared in self._declared.items():
+            if why := declared.component.prevents_motion:
+                return f"{name}: {why}"
+        return ""
+
+    def close(self) -> None:
+        self._readings.close()
+        self._occurrences.close()
+
+    def task_of(self, operate: Operate) -> Task | Refused:
+        """Return what a request is for, or its refusal."""
+        declared = self._declared.get(operate.component)
+        if declared is None:
+            known = ", ".join(self._declared) or "none"
+            return _refused(operate, f"this robot has no component {operate.component!r}; it has {known}")
+        if bool(operate.action) == bool(operate.property):
+            return _refused(operate, "a request names either an action or a property")
+        tasks, word = (declared.tasks, "action") if operate.action else (declared.setters, "property that can be set,")
+        task = tasks.get(operate.action or operate.property)
+        if task is None:
+            named = f"{operate.component} has no {word} {operate.action or operate.property!r}"
+            return _refused(operate, f"{named}; it has {', '.join(tasks) or 'none'}")
+        return task
+
+    def input_of(self, operate: Operate, task: Task) -> dict[str, Any] | Refused:
+        """Return the input of a request by parameter, or its refusal."""
+        if len(bytes(operate.input)) > MAX_INPUT_BYTES:
+            return _input(operate, f"it has {len(bytes(operate.input))} bytes; {MAX_INPUT_BYTES} is the maximum")
+        if operate.property:
+            schema = self._declared[operate.component].said.properties[operate.property].schema
+            value, said = read_value(schema, operate.input, MAX_INPUT_BYTES)
+            if said or value is None:
+                return _input(operate, said or "null is no value")
+            payload = b'{"value":' + bytes(operate.input) + b"}"
+        elif task.input is None:
+            empty = bytes(operate.input).strip() in (b"null", b"{}", b"")
+            return {} if empty else _input(operate, "this action has no input")
+        else:
+            payload = b"{}" if bytes(operate.input).strip() == b"null" else bytes(operate.input)
+            assert task.declared.input is not None
+            value, said = read_value(task.declared.input, payload, MAX_INPUT_BYTES)
+            if said or value is None:
+                return _input(operate, said or "null is no input")
+        assert task.input is not None
+        try:
+            given = msgspec.json.decode(payload, type=task.input)
+        except msgspec.ValidationError as error:
+            return _input(operate, str(error))
+        return {name: getattr(given, name) for name in given.__struct_fields__}
+
+    def busy(self, operate: Operate, task: Task) -> Refused | None:
+        """Return the refusal of a request that there is no room for, or None."""
+        if len(self.operations) < MAX_RUNNING:
+            return None
+        return Refused(operate.id, "fault", f"{MAX_RUNNING} actions of this robot are running, and no more may")
+
+
+def _refused(operate: Operate, reason: str) -> Refused:
+    return Refused(operate.id, "unknown-action", reason[:1024])
+
+
+def _input(operate: Operate, reason: str) -> Refused:
+    return Refused(operate.id, "input", f"the input is refused: {reason}"[:1024])
