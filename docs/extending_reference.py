@@ -7,9 +7,11 @@ import textwrap
 from collections.abc import Iterator
 from enum import Enum
 from pathlib import Path
+from types import GenericAlias
 from typing import Any
 
 from linked_fleet_gateway import api
+from linked_fleet_gateway.extensions.openapi import api as openapi
 from linked_fleet_gateway.extensions.pages import api as pages
 
 _CHOSEN = {
@@ -42,6 +44,8 @@ _CHOSEN = {
     },
 }  # fmt: skip
 """The members of classes that have more than extensions need, with their meanings, if these are not in the code."""
+DOORS = (api, pages, openapi)
+"""The modules that extensions may import."""
 PAGE = Path(__file__).with_name("EXTENDING.md")
 HEAD = "## Reference\n"
 
@@ -52,12 +56,10 @@ def page(text: str) -> str:
 
 
 def reference() -> str:
-    """Return the names of the contract in alphabetical order, each with its members."""
-    parts = [
-        "Names of `linked_fleet_gateway.api`, and of `linked_fleet_gateway.extensions.pages.api` at the end. "
-        f"This is version {api.VERSION} of the contract.\n\n"
-    ]
-    for module in (api, pages):
+    """Return the names of each module of the contract in alphabetical order, with their members."""
+    parts = [f"This is version {api.VERSION} of the contract.\n\n"]
+    for module in DOORS:
+        parts.append(f"### `{module.__name__}`\n\n{_first(inspect.getdoc(module))}\n\n")
         names = sorted((each for each in module.__all__ if each != "VERSION"), key=str.lower)
         constants = [each for each in names if not callable(getattr(module, each))]
         if constants:
@@ -71,7 +73,9 @@ def reference() -> str:
 
 
 def _rows(name: str, value: Any) -> Iterator[str]:
-    if not str(getattr(value, "__module__", "")).startswith("linked_fleet"):
+    if isinstance(value, GenericAlias):
+        yield f"| `{name}` | {_escaped(f'`{value}`')} |\n"
+    elif not str(getattr(value, "__module__", "")).startswith("linked_fleet"):
         yield f"| `{name}` | of the package {value.__module__.partition('.')[0]} |\n"
     elif inspect.isclass(value):
         yield f"| **`{name}`** | {_first(inspect.getdoc(value))} |\n"

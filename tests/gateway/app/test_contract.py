@@ -13,10 +13,11 @@ import pytest
 
 from extending_page import PAGE, example_files
 from linked_fleet_gateway import api
+from linked_fleet_gateway.extensions.openapi import api as openapi
 from linked_fleet_gateway.extensions.pages import api as pages
 
 ROOT = Path(__file__).parents[3]
-MODULES = (api, pages)
+MODULES = (api, pages, openapi)
 MOST_NAMES = 80
 """A stranger reads all of them."""
 

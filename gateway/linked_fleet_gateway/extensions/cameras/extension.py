@@ -8,26 +8,23 @@ from contextlib import asynccontextmanager
 from email.utils import formatdate
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 from starlette.responses import Response
 
-from linked_fleet_agent.wire.messages import Camera
 from linked_fleet_gateway.base.errors import NotAcceptable, PreconditionFailed
-from linked_fleet_gateway.extensions.cameras.cameras import FORMATS, camera_path, cameras_of, types_of
+from linked_fleet_gateway.extensions.cameras.cameras import FORMATS
+from linked_fleet_gateway.extensions.cameras.operations import operations
 from linked_fleet_gateway.extensions.cameras.pictures import Pictures
 from linked_fleet_gateway.extensions.cameras.resources import RobotCamera, cameras_branch, mounted_cameras
-from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.http.extension import Core, Extension, Mount
 from linked_fleet_gateway.http.fields import field
 from linked_fleet_gateway.http.negotiation import choose
-from linked_fleet_gateway.http.operations import last_segment, rdf_get_operation, resource_path_items, segment_schema
 from linked_fleet_gateway.http.preconditions import await_preconditions
 from linked_fleet_gateway.http.read import READ_METHODS, method_headers, read_resource, resource_headers
 from linked_fleet_gateway.http.representation import not_modified, precondition_holds
 from linked_fleet_gateway.http.request import Request
 from linked_fleet_gateway.resources.branches import RequestView
-from linked_fleet_gateway.resources.json_form import Json
-from linked_fleet_gateway.resources.paths import robot_path
 from linked_fleet_gateway.resources.resource import Resource
 
 # Pictures come from robots, so a browser that opens one as a document must not execute anything in it.
@@ -99,7 +96,7 @@ class CamerasExtension(Extension):
 
         return (page.VIEW,)
 
-    def operations(self, view: RequestView) -> Mapping[str, Json]:
+    def operations(self, view: RequestView) -> Mapping[str, Mapping[str, Any]]:
         return operations(view)
 
     @asynccontextmanager
@@ -111,21 +108,3 @@ class CamerasExtension(Extension):
                 subprotocols={"lf.jpeg": "image/jpeg", "lf.png": "image/png"},
                 services=(pictures,),
             )
-
-
-def operations(view: RequestView) -> dict[str, Json]:
-    """Return the path items of a robot's cameras and their pictures."""
-    found = list[tuple[Robot, Camera]]()
-    for robot in view.robots.values():
-        with view.faults.guard("OpenAPI", robot.name, "its cameras"):
-            found += [(robot, camera) for camera in cameras_of(robot).values()]
-    if not found:
-        return {}
-    of = {"robot": segment_schema(last_segment(robot_path(each.name)) for each, _ in found)}
-    one = of | {"camera": segment_schema(last_segment(camera_path(each.name, camera.name)) for each, camera in found)}
-    get = rdf_get_operation("readCamera", "A camera: its description, or its picture")
-    get["responses"]["200"]["content"] |= {media_type: {} for _, camera in found for media_type in types_of(camera)}
-    return {
-        **resource_path_items("/{robot}/cameras", of, "Cameras", "Cameras of a robot"),
-        **resource_path_items("/{robot}/cameras/{camera}", one, "Camera", "A camera", get),
-    }

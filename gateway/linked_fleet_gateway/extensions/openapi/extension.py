@@ -16,12 +16,8 @@ from typing import Any, NamedTuple
 from starlette.responses import Response
 
 from linked_fleet_gateway.extensions.openapi.components import components
-from linked_fleet_gateway.extensions.openapi.paths import FleetPaths, capitalized
-from linked_fleet_gateway.extensions.openapi.schemas import extract_alternatives, forbid_other_members, merge_null
-from linked_fleet_gateway.http.containers import container_operations
-from linked_fleet_gateway.http.extension import Core, Extension, Mount
-from linked_fleet_gateway.http.negotiation import compress
-from linked_fleet_gateway.http.operations import (
+from linked_fleet_gateway.extensions.openapi.containers import container_operations
+from linked_fleet_gateway.extensions.openapi.operations import (
     component_ref,
     error_responses,
     get_operation,
@@ -29,6 +25,10 @@ from linked_fleet_gateway.http.operations import (
     rdf_get_operation,
     write_operation,
 )
+from linked_fleet_gateway.extensions.openapi.paths import FleetPaths, capitalized
+from linked_fleet_gateway.extensions.openapi.schemas import extract_alternatives, forbid_other_members, merge_null
+from linked_fleet_gateway.http.extension import Core, Extension, Mount
+from linked_fleet_gateway.http.negotiation import compress
 from linked_fleet_gateway.http.preconditions import await_preconditions
 from linked_fleet_gateway.http.read import read_resource
 from linked_fleet_gateway.http.request import Request

@@ -10,16 +10,7 @@ from typing import Any
 from pyoxigraph import NamedNode
 
 from linked_fleet_gateway.extensions.openapi.components import ANNOTATIONS, LOCK_TOKEN
-from linked_fleet_gateway.extensions.openapi.schemas import (
-    example,
-    extract_alternatives,
-    forbid_other_members,
-    generalize_iris,
-    union,
-)
-from linked_fleet_gateway.fleet.robot import Robot
-from linked_fleet_gateway.http.fields import LINKSET_TYPES
-from linked_fleet_gateway.http.operations import (
+from linked_fleet_gateway.extensions.openapi.operations import (
     CHANGED_PLACEMENT_RESPONSE,
     CHANGED_RESPONSE,
     ID_SCHEMA,
@@ -38,6 +29,15 @@ from linked_fleet_gateway.http.operations import (
     segment_schema,
     write_operation,
 )
+from linked_fleet_gateway.extensions.openapi.schemas import (
+    example,
+    extract_alternatives,
+    forbid_other_members,
+    generalize_iris,
+    union,
+)
+from linked_fleet_gateway.fleet.robot import Robot
+from linked_fleet_gateway.http.fields import LINKSET_TYPES
 from linked_fleet_gateway.rdf.serialise import JSON
 from linked_fleet_gateway.rdf.vocabulary import LF
 from linked_fleet_gateway.resources.action_offer import Offer, fleet_offers, joint_offers, offers_of, robot_offers

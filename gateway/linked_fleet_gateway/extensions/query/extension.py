@@ -9,7 +9,7 @@ from contextlib import asynccontextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 from urllib.parse import parse_qsl, urljoin
 
 from starlette.responses import Response
@@ -25,22 +25,21 @@ from linked_fleet_gateway.extensions.query.description import (
     branch,
     endpoint_resource,
 )
+from linked_fleet_gateway.extensions.query.operations import operations
 from linked_fleet_gateway.extensions.query.service import JSON_RESULTS, Queries
 from linked_fleet_gateway.http.body import read_body
 from linked_fleet_gateway.http.extension import Core, Extension, Mount
 from linked_fleet_gateway.http.fields import field
 from linked_fleet_gateway.http.html import HTML, NavigationEntry
 from linked_fleet_gateway.http.negotiation import choose, parse_content_type
-from linked_fleet_gateway.http.operations import RDF_CONTENT, parameter, path_item, write_operation
 from linked_fleet_gateway.http.preconditions import await_preconditions
 from linked_fleet_gateway.http.problem import PROBLEM_JSON, problem
 from linked_fleet_gateway.http.read import read_resource as read_resource
 from linked_fleet_gateway.http.request import Request
 from linked_fleet_gateway.http.scheduling import Offload
-from linked_fleet_gateway.rdf.serialise import JSON, RDF_TYPES
+from linked_fleet_gateway.rdf.serialise import RDF_TYPES
 from linked_fleet_gateway.rdf.sparql_syntax import MAX_QUERY_BYTES, Dataset, Query, parse_query
 from linked_fleet_gateway.resources.branches import RequestView
-from linked_fleet_gateway.resources.json_form import Json
 from linked_fleet_gateway.resources.resource import Resource
 
 if TYPE_CHECKING:
@@ -218,7 +217,7 @@ class QueryExtension(Extension):
 
         return (page.VIEW,)
 
-    def operations(self, view: RequestView) -> Mapping[str, Json]:
+    def operations(self, view: RequestView) -> Mapping[str, Mapping[str, Any]]:
         return operations(view)
 
     @asynccontextmanager
@@ -230,25 +229,3 @@ class QueryExtension(Extension):
                 writers={PostQuery: post_query},
                 services=(queries,),
             )
-
-
-_TEXT: Json = {"type": "string", "minLength": 1, "maxLength": MAX_QUERY_BYTES, "examples": ["ASK { ?s ?p ?o }"]}
-_LONGEST_IN_URL = 1000
-"""Limit of characters of a query in a URL, where each may take a dozen; longer ones are sent by POST."""
-_RESULTS: Json = {"schema": {"type": "object", "required": ["head"]}}
-_ANSWERS: Json = {JSON_RESULTS: _RESULTS, JSON: _RESULTS, "application/sparql-results+xml": {}, "text/csv": {}}
-
-
-def operations(view: RequestView) -> dict[str, Json]:
-    """Return the path items for queries by GET and POST (SPARQL 1.1 Protocol, 2.1), with results by query form."""
-    short = _TEXT | {"maxLength": _LONGEST_IN_URL}
-    query = parameter("query", "query", short, "A query of SPARQL 1.1; without one, the endpoint describes itself.")
-    found: Json = {"200": {"description": "The result.", "content": {**_ANSWERS, **RDF_CONTENT}}}
-    body: Json = {"application/sparql-query": {"schema": _TEXT}}
-    return {
-        PATH: path_item(
-            {},
-            get=write_operation("query", "Ask the whole fleet", found, None, [query]),
-            post=write_operation("postQuery", "Ask the whole fleet by a long query", found, body),
-        )
-    }

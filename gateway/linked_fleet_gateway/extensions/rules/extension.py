@@ -6,14 +6,15 @@ from contextlib import asynccontextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import ClassVar
+from typing import Any, ClassVar
 
 from prometheus_client.metrics_core import Metric
 
 from linked_fleet_gateway.base.settings import Section, setting, whole_number
 from linked_fleet_gateway.extensions.query.service import Queries
 from linked_fleet_gateway.extensions.rules.description import ChangeRule, MakeRule, branch, rule_state
-from linked_fleet_gateway.extensions.rules.http import change_rule, operations, post_rule
+from linked_fleet_gateway.extensions.rules.http import change_rule, post_rule
+from linked_fleet_gateway.extensions.rules.operations import operations
 from linked_fleet_gateway.extensions.rules.request import RULE_SHAPE
 from linked_fleet_gateway.extensions.rules.rule_invocation import creator_of
 from linked_fleet_gateway.extensions.rules.service import Rules
@@ -21,7 +22,6 @@ from linked_fleet_gateway.extensions.rules.store import RuleStore
 from linked_fleet_gateway.http.extension import Core, Extension, Mount
 from linked_fleet_gateway.http.html import NavigationEntry
 from linked_fleet_gateway.resources.branches import RequestView
-from linked_fleet_gateway.resources.json_form import Json
 from linked_fleet_gateway.runtime.metrics import counter, gauges
 
 
@@ -50,7 +50,7 @@ class RulesExtension(Extension):
 
         return (page.RULES, page.RULE, page.FIRINGS)
 
-    def operations(self, view: RequestView) -> Mapping[str, Json]:
+    def operations(self, view: RequestView) -> Mapping[str, Mapping[str, Any]]:
         return operations(view)
 
     @asynccontextmanager

@@ -9,6 +9,7 @@ from collections.abc import AsyncIterator, Iterable, Mapping, Sequence
 from contextlib import asynccontextmanager
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 from starlette.responses import Response, StreamingResponse
 
@@ -23,26 +24,18 @@ from linked_fleet_gateway.extensions.things.directory import (
     describe_page,
 )
 from linked_fleet_gateway.extensions.things.kept_listings import InThread, KeptListing, KeptListings, LongListing
+from linked_fleet_gateway.extensions.things.operations import operations
 from linked_fleet_gateway.extensions.things.td import DIRECTORY, TD
 from linked_fleet_gateway.http.extension import Core, Extension, Mount
 from linked_fleet_gateway.http.fields import Link, field, link_header
 from linked_fleet_gateway.http.html import NavigationEntry
 from linked_fleet_gateway.http.negotiation import choose, coded_tag, preferred_coding
-from linked_fleet_gateway.http.operations import (
-    JSONLD,
-    error_responses,
-    get_operation,
-    header_ref,
-    parameter,
-    path_item,
-)
 from linked_fleet_gateway.http.read import read_resource
 from linked_fleet_gateway.http.representation import etag, not_modified
 from linked_fleet_gateway.http.request import Request
 from linked_fleet_gateway.http.scheduling import Offload
 from linked_fleet_gateway.rdf.serialise import JSON
 from linked_fleet_gateway.resources.branches import RequestView
-from linked_fleet_gateway.resources.json_form import Json
 from linked_fleet_gateway.resources.resource import Resource
 from linked_fleet_gateway.runtime.background import time_sliced
 
@@ -184,36 +177,10 @@ class ThingsExtension(Extension):
 
         return (page.VIEW,)
 
-    def operations(self, view: RequestView) -> Mapping[str, Json]:
+    def operations(self, view: RequestView) -> Mapping[str, Mapping[str, Any]]:
         return operations(view)
 
     @asynccontextmanager
     async def start(self, core: Core) -> AsyncIterator[Mount]:
         directory = Directory(core.live.fleet.robots, Offload(sys.maxsize).run)
         yield Mount(branches=BRANCHES, readers={Listing: directory.read}, formats={"td": ("Thing Description", TD)})
-
-
-_THING: Json = {"type": "object", "required": ["@context", "id", "title"]}
-_THINGS: Json = {"schema": {"type": "array", "items": _THING}}
-
-
-def operations(view: RequestView) -> dict[str, Json]:
-    """Return the operations: read the fleet's description, the directory by pages, and one thing by its id."""
-    known = [header_ref("IfNoneMatch")]
-    offset = parameter("offset", "query", {"type": "integer", "minimum": 0, "maximum": 999_999_999})
-    limit = parameter("limit", "query", {"type": "integer", "minimum": 1, "maximum": 999_999_999}, f"At most {MOST}.")
-    listed = get_operation(
-        "readThings", "Thing Descriptions", {JSONLD: _THINGS, JSON: _THINGS}, [offset, limit, *known]
-    )
-    listed["responses"] |= error_responses(["501"])
-    one: Json = {TD: {"schema": _THING}}
-    id: Json = {"type": "string", "enum": [view.base + "/"]}
-    return {
-        "/.well-known/wot": path_item(
-            {}, get=get_operation("readFleetThing", "Thing Description of the fleet", one, known)
-        ),
-        DIRECTORY: path_item({}, get=listed),
-        f"{DIRECTORY}/{{id}}": path_item(
-            {"id": id}, get=get_operation("readThing", "One Thing Description", one, known)
-        ),
-    }

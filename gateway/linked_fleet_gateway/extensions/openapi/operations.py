@@ -1,4 +1,4 @@
-"""Operations of OpenAPI 3.1 by which extensions describe their resources.
+"""Operations of OpenAPI 3.1 by which extensions describe their resources (``extensions/openapi/api.py``).
 
 The names of components are those of ``extensions/openapi/components.py``.
 """
@@ -6,11 +6,10 @@ The names of components are those of ``extensions/openapi/components.py``.
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-from linked_fleet_gateway.http.writes import PATCH_TYPES
 from linked_fleet_gateway.rdf.serialise import JSON
 from linked_fleet_gateway.resources.json_form import Json
 
-JSONLD, TURTLE = "application/ld+json", "text/turtle"
+JSONLD, TURTLE, _UPDATE = "application/ld+json", "text/turtle", "application/sparql-update"
 Parameters = Mapping[str, Json]
 """Schemas of the parameters of a path, by name."""
 MOST_NAMES = 256
@@ -88,7 +87,7 @@ def patch_operation(
     id: str, summary: str, fields: Sequence[str] = ("IfMatch",), responses: Json = CHANGED_RESPONSE
 ) -> Json:
     """Return PATCH by a SPARQL update, whose grammar no schema can express."""
-    body = {PATCH_TYPES[0]: {"schema": {"type": "string", "minLength": 1}}}
+    body = {_UPDATE: {"schema": {"type": "string", "minLength": 1}}}
     return write_operation(id, summary, responses, body, [header_ref(each) for each in fields])
 
 
@@ -97,9 +96,9 @@ def creation_responses(description: str) -> Json:
     return {"201": {"description": description, "headers": {"Location": component_ref("headers", "Location")}}}
 
 
-def segment_schema(segments: Iterable[str]) -> Json:
-    """Return the schema of a path segment that is one of these names."""
-    listed = list(dict.fromkeys(segments))
+def segment_schema(paths: Iterable[str]) -> Json:
+    """Return the schema of a path segment that is the last one of these paths."""
+    listed = list(dict.fromkeys(map(last_segment, paths)))
     return {"type": "string", "enum": listed} if 0 < len(listed) <= MOST_NAMES else {"type": "string", "minLength": 1}
 
 
@@ -109,6 +108,7 @@ def last_segment(path: str) -> str:
 
 
 def error_responses(statuses: Iterable[str]) -> Json:
+    """Return responses with problem details, by status."""
     return {status: component_ref("responses", f"E{status}") for status in statuses}
 
 
@@ -117,10 +117,12 @@ def component_ref(kind: str, name: str) -> Json:
 
 
 def header_ref(name: str) -> Json:
+    """Return one of the parameters ``IfMatch``, ``IfNoneMatch``, ``IdempotencyKey``, ``LockToken`` and ``Prefer``."""
     return component_ref("parameters", name)
 
 
 def parameter(name: str, location: str, schema: Json, description: str = "", required: bool = False) -> Json:
+    """Return a parameter; ``location`` is ``query``, ``header`` or ``path``."""
     said: Json = {"name": name, "in": location, "required": required, "schema": schema}
     return said | ({"description": description} if description else {})
 
