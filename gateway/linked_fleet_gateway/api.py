@@ -29,7 +29,6 @@ from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.http.entrance import await_turn
 from linked_fleet_gateway.http.extension import Core, Extension, Mount
 from linked_fleet_gateway.http.hosted import AsgiResponse
-from linked_fleet_gateway.http.html import NavigationEntry
 from linked_fleet_gateway.http.internal_request import ask
 from linked_fleet_gateway.http.read import read_resource
 from linked_fleet_gateway.http.request import Request
@@ -40,6 +39,7 @@ from linked_fleet_gateway.resources.affordance import Demand
 from linked_fleet_gateway.resources.body_values import Body
 from linked_fleet_gateway.resources.branches import FleetBranch, Found, PropertyBranch, RequestView, RobotBranch
 from linked_fleet_gateway.resources.container import Container, Member
+from linked_fleet_gateway.resources.html import NavigationEntry
 from linked_fleet_gateway.resources.paths import joint_path, link_path, robot_path
 from linked_fleet_gateway.resources.property import Property
 from linked_fleet_gateway.resources.resource import Resource, blueprint_of

@@ -23,12 +23,12 @@ from linked_fleet_gateway.base.errors import MotionRefused
 from linked_fleet_gateway.base.settings import TEXTS, Section, setting
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.http.extension import Core, Extension, Mount
-from linked_fleet_gateway.http.html import NavigationEntry
 from linked_fleet_gateway.http.representation import Representations
 from linked_fleet_gateway.identity.rights import View
 from linked_fleet_gateway.rdf.shapes import ACTIONS, BLUEPRINTS, VOCABULARY, load_turtle_file
 from linked_fleet_gateway.rdf.vocabulary import LF
 from linked_fleet_gateway.resources.action_offer import action_definitions
+from linked_fleet_gateway.resources.html import NavigationEntry
 
 log = logging.getLogger(__name__)
 GROUP = "linked_fleet.extensions"

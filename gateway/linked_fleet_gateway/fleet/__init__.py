@@ -6,5 +6,5 @@ queries and time. ``answers``: answers of agents, and the count of refused messa
 the URDF as a tree, link poses from it (metre, radian), and spheres that contain all reachable positions. ``geometry``:
 meshes. ``pinocchio_model``: the URDF for Pinocchio. ``invocations``, ``invocation``: state of actions, and control of
 robots. ``observation``, ``movement``, ``limit_watch``: detection of changed values, of movement, and of positions that
-are, or stay, outside their limits.
+are, or stay, outside their limits. ``functions``: functions over robots that extensions offer to query languages.
 """

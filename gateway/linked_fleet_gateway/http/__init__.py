@@ -8,7 +8,7 @@ request and its gateway. ``endpoint``: dispatches every request; ``read``, ``rep
 ``fields``: the grammar of header fields. ``scheduling`` processes long bodies in a thread, and lets a stop overtake
 waiting requests. ``audit``: the records of requests as a resource.
 
-``extension``: the interface of extensions; ``arrival.Scheme``, ``html`` and ``operations`` are further interfaces for
-them. ``internal_request`` sends requests for them, and ``hosted`` passes requests to ASGI applications of other
-packages.
+``extension``: the interface of extensions; ``arrival.Scheme`` is a further interface for them. ``content`` answers with
+what they have made themselves, ``internal_request`` sends requests for them, and ``hosted`` passes requests to ASGI
+applications of other packages.
 """

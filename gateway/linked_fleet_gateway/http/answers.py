@@ -10,7 +10,6 @@ cache.
 import logging
 import re
 import weakref
-from collections.abc import Mapping
 from itertools import chain
 from operator import is_not
 
@@ -19,7 +18,7 @@ from starlette.types import Scope
 
 from linked_fleet_gateway.fleet.observation import Observation
 from linked_fleet_gateway.fleet.robot import Robot
-from linked_fleet_gateway.http.arrival import arrival_of, names_event_stream
+from linked_fleet_gateway.http.arrival import Arrival, arrival_of
 from linked_fleet_gateway.http.negotiation import GZIP, accepts_gzip, coded_tag, compress, decompress, is_compressible
 from linked_fleet_gateway.http.representation import etag, not_modified
 from linked_fleet_gateway.identity.rights import Right, View
@@ -248,7 +247,7 @@ def _key(scope: Scope) -> Key | None:
     """Return the cache key of a request; None if it bypasses the cache."""
     arrival = arrival_of(scope)
     if arrival.is_plain_read is None:
-        arrival.is_plain_read = _is_plain_read(scope, arrival.fields)
+        arrival.is_plain_read = _is_plain_read(scope, arrival)
     if not arrival.is_plain_read:
         return None
     identity = arrival.authenticated.identity
@@ -259,12 +258,13 @@ def _key(scope: Scope) -> Key | None:
     return scope["raw_path"], asked, arrival.base, view
 
 
-def _is_plain_read(scope: Scope, fields: Mapping[bytes, bytes]) -> bool:
+def _is_plain_read(scope: Scope, arrival: Arrival) -> bool:
+    fields = arrival.fields
     return (
         scope["method"] in _READ
         and (not scope["query_string"] or _PICKED.fullmatch(scope["query_string"]) is not None)
         and len(fields.get(b"accept", b"")) <= _LONGEST_ACCEPT
-        and not names_event_stream(fields)
+        and not arrival.names_event_stream
         and _ASKS_MORE.isdisjoint(fields)
     )
 

@@ -14,17 +14,17 @@ from starlette.types import ASGIApp
 from linked_fleet_gateway.actions.action_handlers import Handler
 from linked_fleet_gateway.actions.service import Actions, MotionGuard
 from linked_fleet_gateway.base.settings import Section, SectionT, section
+from linked_fleet_gateway.fleet.functions import FleetFunctions
 from linked_fleet_gateway.fleet.invocation import Invocation
 from linked_fleet_gateway.fleet.model import Link, Pose
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.http.arrival import Scheme
-from linked_fleet_gateway.http.html import HtmlWriter, NavigationEntry
 from linked_fleet_gateway.http.request import Request
 from linked_fleet_gateway.http.websocket import WebSocketHandler
 from linked_fleet_gateway.identity.service import Identities
 from linked_fleet_gateway.resources.branches import Branch, RequestView
 from linked_fleet_gateway.resources.container import Container
-from linked_fleet_gateway.resources.fleet_functions import FleetFunctions
+from linked_fleet_gateway.resources.html import HtmlWriter, NavigationEntry
 from linked_fleet_gateway.resources.property import Property
 from linked_fleet_gateway.resources.resource import Resource
 from linked_fleet_gateway.runtime.audit_log import AuditLog
@@ -115,6 +115,12 @@ class Core:
             return False
         await self.actions.lifecycle.cancel(found, reason)
         return True
+
+    async def wait_until(
+        self, invocation: Invocation, condition: Callable[[Invocation], bool], timeout_s: float
+    ) -> bool:
+        """Wait until the invocation meets a condition; return False after the timeout, or when the gateway ends."""
+        return await self.actions.lifecycle.waiters.wait_until_or_shutdown(invocation, condition, timeout_s)
 
     def has_ended(self, invocation: str) -> bool:
         """Return True if the invocation with this id is known to have ended, at whichever gateway."""

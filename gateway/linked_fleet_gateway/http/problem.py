@@ -8,12 +8,12 @@ from typing import Any
 from pyoxigraph import BlankNode, Literal
 
 from linked_fleet_gateway.base.errors import FleetError, Statement, TooManyRequests
-from linked_fleet_gateway.http.html import HTML, HtmlWriter, Reader
 from linked_fleet_gateway.http.negotiation import choose
 from linked_fleet_gateway.rdf.graph import Graph, integer
 from linked_fleet_gateway.rdf.serialise import RDF_TYPES
 from linked_fleet_gateway.rdf.templates import Templates
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, LF, PREFIXES, SH, XSD
+from linked_fleet_gateway.resources.html import HTML, HtmlWriter, Reader
 from linked_fleet_gateway.server.exchange import Reply
 from linked_fleet_gateway.server.message_heads import field_block
 

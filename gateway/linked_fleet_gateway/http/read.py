@@ -17,7 +17,6 @@ from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.http.answers import CachedResponse, ReadyResponse
 from linked_fleet_gateway.http.callers import mark_private
 from linked_fleet_gateway.http.fields import Link, field, link_header, parse_prefer
-from linked_fleet_gateway.http.html import HTML
 from linked_fleet_gateway.http.negotiation import (
     MOST_BYTES,
     accepts_gzip,
@@ -41,6 +40,7 @@ from linked_fleet_gateway.rdf.serialise import RDF_TYPES, WriteError
 from linked_fleet_gateway.rdf.templates import Document
 from linked_fleet_gateway.rdf.vocabulary import LDP
 from linked_fleet_gateway.resources.body_values import own_statements
+from linked_fleet_gateway.resources.html import HTML
 from linked_fleet_gateway.resources.paths import robot_of
 from linked_fleet_gateway.resources.renderings import Rendering, is_compilable
 from linked_fleet_gateway.resources.resource import CONTAINER, RemoteMesh, Resource, run_steps

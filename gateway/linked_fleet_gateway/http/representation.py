@@ -13,7 +13,6 @@ from typing import TypeVar
 
 from linked_fleet_gateway.base.errors import NotAcceptable
 from linked_fleet_gateway.http.fields import LINKSET_TYPES, Link, linkset_json, linkset_text
-from linked_fleet_gateway.http.html import HTML, Formats, HtmlWriter
 from linked_fleet_gateway.http.negotiation import choose
 from linked_fleet_gateway.http.scheduling import Offload
 from linked_fleet_gateway.rdf.graph import Graph
@@ -21,6 +20,7 @@ from linked_fleet_gateway.rdf.serialise import JSON, RDF_TYPES, WriteError
 from linked_fleet_gateway.rdf.templates import Document, render_graph
 from linked_fleet_gateway.rdf.vocabulary import PREFIXES
 from linked_fleet_gateway.resources.copies import Copies
+from linked_fleet_gateway.resources.html import HTML, Formats, HtmlWriter
 from linked_fleet_gateway.resources.renderings import Rendering, Renderings, is_compilable
 from linked_fleet_gateway.resources.resource import Resource
 from linked_fleet_gateway.runtime.background import time_sliced

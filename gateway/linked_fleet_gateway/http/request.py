@@ -19,11 +19,11 @@ from linked_fleet_gateway.http.answers import ResponseCache
 from linked_fleet_gateway.http.arrival import Scheme, arrival_of
 from linked_fleet_gateway.http.awaited_robots import AwaitedRobots
 from linked_fleet_gateway.http.fields import field as field_of
-from linked_fleet_gateway.http.html import HtmlWriter, Reader
 from linked_fleet_gateway.http.representation import Representations
 from linked_fleet_gateway.http.scheduling import Offload, StopPriority, TokenBuckets
 from linked_fleet_gateway.identity.rights import Identity, Right
 from linked_fleet_gateway.identity.service import Identities
+from linked_fleet_gateway.resources.html import HtmlWriter, Reader
 from linked_fleet_gateway.resources.paths import robot_of
 from linked_fleet_gateway.resources.things import NO_SUBSCRIPTIONS, SubscriptionsByOwner
 from linked_fleet_gateway.resources.tree import Tree

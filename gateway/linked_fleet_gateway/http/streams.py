@@ -7,7 +7,6 @@ from dataclasses import replace
 from starlette.types import Receive, Scope, Send
 
 from linked_fleet_gateway.base.errors import Conflict, NotAcceptable
-from linked_fleet_gateway.http.arrival import names_event_stream
 from linked_fleet_gateway.http.audit import record_request
 from linked_fleet_gateway.http.callers import require_subtree
 from linked_fleet_gateway.http.event_stream import CACHE_CONTROL, CANCELLED_ID, serve_event_stream
@@ -51,7 +50,7 @@ _Start = Callable[[Outlet], Awaitable[Feed]]
 
 def wants_events(request: Request) -> bool:
     """Return True if Accept names event streams and prefers no other type of ours."""
-    if not names_event_stream(request.arrival.fields):
+    if not request.arrival.names_event_stream:
         return False
     ranges = parse_accept(field(request, "accept"))
     named = max((each.q for each in ranges if (each.type, each.subtype) == ("text", "event-stream")), default=0.0)

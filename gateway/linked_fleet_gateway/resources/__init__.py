@@ -10,5 +10,5 @@ their shapes that depend on the robot. ``body_values``: bodies as typed values i
 ``annotations``: values that clients may set. ``json_form``, ``plain_json``: JSON derived from shapes.
 ``binary_frames``: frames and their layouts. ``subscription``, ``subscription_change``, ``signature``: the data of a
 subscription, its changes, and signed deliveries. ``relative_poses``: poses of things relative to each other.
-``fleet_functions``: functions that extensions offer to query languages.
+``html``: the interface of the extension that renders pages.
 """

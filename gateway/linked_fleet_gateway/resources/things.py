@@ -25,7 +25,7 @@ from linked_fleet_gateway.resources.resource import CONTAINER, Resource, bluepri
 from linked_fleet_gateway.resources.settable import put_affordance
 from linked_fleet_gateway.resources.subscription import Record
 from linked_fleet_gateway.resources.subscription_resource import resolve_subscription
-from linked_fleet_gateway.resources.versioning import Source, presence_facts
+from linked_fleet_gateway.resources.versioning import Source
 
 MAX_AT_ONCE = 16
 """Robots that are described in one step, and whose list may be kept while what it shows is the same."""
@@ -77,7 +77,7 @@ class Things:
 
     def _members(self) -> list[tuple[str, str, str, RobotActivity, tuple[str, int | None, str | None]]]:
         return [
-            (name, robot.title, robot.model.name if robot.model else "", self._activity(robot), presence_facts(robot))
+            (name, robot.title, robot.model.name if robot.model else "", self._activity(robot), robot.presence_facts)
             for name, robot in self._view.robots.items()
         ]
 
@@ -159,7 +159,7 @@ class Things:
         """Return a property of the thing at the path ``owner``."""
         path = f"{owner.rstrip('/')}/{item.segment}"
         # A new description is no change of a value unless its model differs, which holds the constants.
-        source = Source(lambda: (presence_facts(robot), robot.model, item.facts(), robot.settings), item.sample, robot)
+        source = Source(lambda: (robot.presence_facts, robot.model, item.facts(), robot.settings), item.sample, robot)
 
         def measured(graph: Graph, measurements: Sequence[Measurement]) -> None:
             self.describer.property(robot, owner, item, graph, measurements[0])
@@ -208,7 +208,7 @@ def _thing(robot: Robot, properties: Sequence[Property], also: Callable[[], obje
     sampler = (lambda: tuple(chain.from_iterable(sampler() for sampler in samplers))) if samplers else tuple
     facts = [each.facts for each in properties if each.facts is not tuple]
     return Source(
-        lambda: (presence_facts(robot), robot.description, robot.settings, also(), [fact() for fact in facts]),
+        lambda: (robot.presence_facts, robot.description, robot.settings, also(), [fact() for fact in facts]),
         sampler,
         robot,
     )

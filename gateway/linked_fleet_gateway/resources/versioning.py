@@ -73,11 +73,6 @@ class Source(Struct, frozen=True):
         return self.sample is not tuple
 
 
-def presence_facts(robot: Robot) -> tuple[str, int | None, str | None]:
-    """Return the presence facts that descriptions of a robot contain."""
-    return robot.presence, None if robot.online else robot.last_seen_ns, robot.fault
-
-
 def version_of(robot: Robot, observations: tuple[Observation, ...]) -> tuple[int, int, int]:
     """Return the version: incarnation, frame counted from 1, and number of later changes without a frame."""
     frame, change = robot.news

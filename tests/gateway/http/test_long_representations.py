@@ -9,11 +9,11 @@ import pytest
 from pyoxigraph import Literal, NamedNode
 
 from linked_fleet_gateway.http import representation
-from linked_fleet_gateway.http.html import HTML, HtmlWriter
 from linked_fleet_gateway.http.representation import Representation, Representations
 from linked_fleet_gateway.http.scheduling import Offload
 from linked_fleet_gateway.rdf.graph import Graph
 from linked_fleet_gateway.rdf.serialise import RDF_TYPES
+from linked_fleet_gateway.resources.html import HTML, HtmlWriter
 from linked_fleet_gateway.resources.resource import Resource, run_steps
 from linked_fleet_gateway.runtime import background
 

@@ -12,17 +12,17 @@ from typing import Any
 
 from starlette.responses import Response
 
-from linked_fleet_gateway.base.errors import NotAcceptable, PreconditionFailed
+from linked_fleet_gateway.base.errors import NotAcceptable
 from linked_fleet_gateway.extensions.cameras.cameras import FORMATS
 from linked_fleet_gateway.extensions.cameras.operations import operations
 from linked_fleet_gateway.extensions.cameras.pictures import Pictures
 from linked_fleet_gateway.extensions.cameras.resources import RobotCamera, cameras_branch, mounted_cameras
+from linked_fleet_gateway.http.content import Content, content_headers
 from linked_fleet_gateway.http.extension import Core, Extension, Mount
 from linked_fleet_gateway.http.fields import field
 from linked_fleet_gateway.http.negotiation import choose
 from linked_fleet_gateway.http.preconditions import await_preconditions
-from linked_fleet_gateway.http.read import READ_METHODS, method_headers, read_resource, resource_headers
-from linked_fleet_gateway.http.representation import not_modified, precondition_holds
+from linked_fleet_gateway.http.read import read_resource
 from linked_fleet_gateway.http.request import Request
 from linked_fleet_gateway.resources.branches import RequestView
 from linked_fleet_gateway.resources.resource import Resource
@@ -64,24 +64,16 @@ async def _picture(
     pictures: Pictures, request: Request, resource: Resource, source: RobotCamera, media_type: str
 ) -> Response:
     """Query the robot for a picture, for GET only. Raises PreconditionFailed, Offline, AgentTimeout and Busy."""
-    headers = resource_headers(resource, request.base, "") | method_headers(resource, READ_METHODS)
-    headers |= _HEADERS | {"content-type": media_type}
+    headers = content_headers(request, resource, media_type) | _HEADERS
     if request.method == "HEAD":
-        answer = Response(headers={name: value for name, value in headers.items() if name != "etag"})
+        answer = Response(headers=headers)
         del answer.headers["content-length"]  # unknown without the picture
         return answer
     format = FORMATS[media_type]
     found = await pictures.get(source, format)
     at = found.moment
-    headers |= {
-        "etag": f'"{at.incarnation}-{at.sequence + 1}-{format}"',
-        "last-modified": formatdate(at.wall_ns // 1_000_000_000, usegmt=True),
-    }
-    if not precondition_holds(field(request, "if-match"), {headers["etag"]}):
-        raise PreconditionFailed(f"The entity tag of the present picture is {headers['etag']}.")
-    if not_modified(field(request, "if-none-match"), headers["etag"]):
-        return Response(status_code=304, headers=headers)
-    return Response(found.content, headers=headers)
+    headers["last-modified"] = formatdate(at.wall_ns // 1_000_000_000, usegmt=True)
+    return Content(found.content, f'"{at.incarnation}-{at.sequence + 1}-{format}"').response(request, headers)
 
 
 class CamerasExtension(Extension):

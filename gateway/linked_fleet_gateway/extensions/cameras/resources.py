@@ -32,7 +32,7 @@ from linked_fleet_gateway.resources.branches import RequestView, RobotBranch
 from linked_fleet_gateway.resources.describe import Describer
 from linked_fleet_gateway.resources.paths import link_path, robot_path
 from linked_fleet_gateway.resources.resource import CONTAINER, Resource, blueprint_of
-from linked_fleet_gateway.resources.versioning import Source, presence_facts
+from linked_fleet_gateway.resources.versioning import Source
 
 LF = CORE.extended(
     "Camera Cameras CameraShape CamerasShape cameras imageWidth imageHeight verticalFieldOfView nearest"
@@ -133,7 +133,7 @@ def _camera(held: Held, view: RequestView, robot: Robot, camera: Camera) -> Reso
         path,
         f"Camera {camera.name} of {robot.name}",
         partial(_describe, view=view, robot=robot, camera=camera),
-        source=Source(lambda: (presence_facts(robot), robot.description), look, robot),
+        source=Source(lambda: (robot.presence_facts, robot.description), look, robot),
         own_paths=(path + "/blueprint",),
         documents={each: partial(_content, seen, path, FORMATS[each]) for each in types},
         remote=RobotCamera(robot, camera),

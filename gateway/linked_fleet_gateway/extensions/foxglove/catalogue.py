@@ -9,7 +9,7 @@ from linked_fleet_gateway.extensions.foxglove.messages import OF_ROBOT, PICTURES
 from linked_fleet_gateway.extensions.foxglove.protocol import Channel, Parameter, Service
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.identity.rights import Identity, Right
-from linked_fleet_gateway.resources.action_offer import fleet_offers, robot_offers
+from linked_fleet_gateway.resources.action_offer import offers_at
 from linked_fleet_gateway.resources.annotations import named_poses
 from linked_fleet_gateway.resources.paths import robot_path
 from linked_fleet_gateway.subscriptions.live import Live
@@ -94,10 +94,10 @@ class Catalogue:
             yield Channel(self._id(at), at, schema[what], robot.name, what)
 
     def _find_services(self, robots: Iterable[Robot]) -> Iterator[Service]:
-        offers = [*fleet_offers()]
+        offers = offers_at(None)
         for each in robots:
             with self._live.faults.guard(_PART, each.name, "its services"):
-                offers += robot_offers(each)
+                offers += offers_at(each)
         for offer in offers:
             if offer.definition.segment in _SERVICES:
                 # The schema of a request has the names of poses and their joints.

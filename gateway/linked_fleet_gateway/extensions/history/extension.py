@@ -29,12 +29,12 @@ from linked_fleet_gateway.extensions.history.resources import (
 from linked_fleet_gateway.extensions.history.span import parse_span
 from linked_fleet_gateway.http.extension import Core, Extension, Mount
 from linked_fleet_gateway.http.fields import Link, link_header
-from linked_fleet_gateway.http.html import NavigationEntry
 from linked_fleet_gateway.http.preconditions import check_preconditions
 from linked_fleet_gateway.http.read import read_resource
 from linked_fleet_gateway.http.request import Request
 from linked_fleet_gateway.rdf.serialise import TEXT_TYPES
 from linked_fleet_gateway.resources.branches import RequestView
+from linked_fleet_gateway.resources.html import NavigationEntry
 from linked_fleet_gateway.resources.resource import Resource
 from linked_fleet_gateway.runtime.metrics import gauge
 

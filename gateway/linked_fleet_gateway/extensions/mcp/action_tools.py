@@ -127,7 +127,7 @@ async def _follow(context: MessageContext, iri: str, wait_s: float, progress: Pr
                 if invocation.state.terminal:
                     return
                 before = invocation.state, invocation.progress
-                await context.waiting.wait_until_or_shutdown(invocation, partial(_differs, before), _LOOK_S)
+                await context.core.wait_until(invocation, partial(_differs, before), _LOOK_S)
                 await asyncio.sleep(_PAUSE_S)  # many changes may share one notification
 
 

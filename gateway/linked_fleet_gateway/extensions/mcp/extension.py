@@ -28,7 +28,7 @@ from linked_fleet_gateway.http.extension import Core, Extension, Mount
 from linked_fleet_gateway.http.hosted import AsgiResponse
 from linked_fleet_gateway.http.read import read_resource
 from linked_fleet_gateway.http.request import Request
-from linked_fleet_gateway.http.scheduling import Offload, bucket_key
+from linked_fleet_gateway.http.scheduling import bucket_key
 from linked_fleet_gateway.http.streams import wants_events
 from linked_fleet_gateway.identity.rights import Right
 from linked_fleet_gateway.rdf.graph import Graph
@@ -147,9 +147,8 @@ async def post_message(sdk: Sdk, request: Request, affords: PostMessage) -> ASGI
     if request.method == "POST":
         body_type(request, PostMessage.body_types)
         content = await read_body(request, MAX_MESSAGE_BYTES)
-        offload: Offload = request.services.offload
         try:
-            message = await offload.run(partial(_parsed, content), len(content))
+            message = await request.services.offload.run(partial(_parsed, content), len(content))
         except ParseError as error:
             return _error(HTTPStatus.BAD_REQUEST, _PARSE_ERROR, f"Parse error: {error}")
         try:
@@ -158,9 +157,7 @@ async def post_message(sdk: Sdk, request: Request, affords: PostMessage) -> ASGI
             return _error(HTTPStatus.BAD_REQUEST, _INVALID_REQUEST, f"Invalid Request: {error}.")
         if may_stop and not _stops(message):
             await await_turn(request)
-    core = sdk.core
-    waiters, public_urls = core.actions.lifecycle.waiters, core.public_urls
-    context = MessageContext(request, affords.view, core.live.branches, waiters, public_urls, sdk.ending)
+    context = MessageContext(request, affords.view, sdk.core, sdk.ending)
     response = AsgiResponse(await sdk.app(), content, {KEY: context}, sdk.ending.set)
     return _unless_in_use(sdk.under_way, request, message, response)
 

@@ -23,7 +23,7 @@ from linked_fleet_gateway.extensions.mcp.message_context import KEY, MessageCont
 from linked_fleet_gateway.extensions.mcp.read_tools import Find, Query, Read, contents, resources, templates
 from linked_fleet_gateway.extensions.mcp.tool import Tool, failure_result, refusal_result
 from linked_fleet_gateway.http.internal_request import ReplyTooLong
-from linked_fleet_gateway.http.problem import problem_body
+from linked_fleet_gateway.http.problem import problem
 from linked_fleet_gateway.http.scheduling import bucket_key
 
 MOST_CALLS = 32
@@ -51,7 +51,7 @@ class Handlers:
         self._calls: Counter[str] = Counter()
 
     async def list_tools(self, context: _Context, params: object) -> types.ListToolsResult:
-        queries = _message(context).branches.fleet_branch("query") is not None
+        queries = _message(context).core.live.branches.fleet_branch("query") is not None
         return types.ListToolsResult(tools=[each.definition() for each in TOOLS if queries or each is not Query])
 
     async def call_tool(self, context: _Context, params: types.CallToolRequestParams) -> types.CallToolResult:
@@ -65,7 +65,7 @@ class Handlers:
         try:
             return await _BY_NAME[name].call(message, params.arguments or {}, context.session.report_progress)
         except FleetError as error:
-            return refusal_result(loads(problem_body(error, None)[0]))
+            return refusal_result(loads(problem(error, None)[0]))
         except ReplyTooLong as error:
             return failure_result(f"{error} Read a part of it.")
         finally:

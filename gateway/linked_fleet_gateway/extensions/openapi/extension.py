@@ -11,7 +11,7 @@ from contextlib import asynccontextmanager
 from dataclasses import dataclass
 from functools import partial
 from hashlib import blake2b
-from typing import Any, NamedTuple
+from typing import Any
 
 from starlette.responses import Response
 
@@ -27,8 +27,8 @@ from linked_fleet_gateway.extensions.openapi.operations import (
 )
 from linked_fleet_gateway.extensions.openapi.paths import FleetPaths, capitalized
 from linked_fleet_gateway.extensions.openapi.schemas import extract_alternatives, forbid_other_members, merge_null
+from linked_fleet_gateway.http.content import Content
 from linked_fleet_gateway.http.extension import Core, Extension, Mount
-from linked_fleet_gateway.http.negotiation import compress
 from linked_fleet_gateway.http.preconditions import await_preconditions
 from linked_fleet_gateway.http.read import read_resource
 from linked_fleet_gateway.http.request import Request
@@ -49,13 +49,6 @@ _METHODS = ("get", "put", "post", "patch", "delete")
 _ALWAYS, _SECURED = ("400", "404", "406", "421", "429", "431", "500", "503"), ("401", "403")
 
 
-class Document(NamedTuple):
-    """A description, and the same in gzip."""
-
-    body: bytes
-    coded: bytes
-
-
 class Documents:
     """Makes descriptions, one at a time, and caches the recently used ones."""
 
@@ -66,10 +59,10 @@ class Documents:
     ) -> None:
         """Create the cache; ``containers`` returns those whose operations follow from their shapes."""
         self._extensions, self._containers = list(extensions), containers
-        self._made: OrderedDict[bytes, Document] = OrderedDict()
+        self._made: OrderedDict[bytes, Content] = OrderedDict()
         self._turn = asyncio.Lock()
 
-    async def document(self, view: RequestView) -> Document:
+    async def document(self, view: RequestView) -> Content:
         """Return the description of everything that ``view`` shows."""
         async with self._turn:
             version = await _version(view)
@@ -83,7 +76,7 @@ class Documents:
             self._made.move_to_end(version)
             return self._made[version]
 
-    async def _make(self, view: RequestView) -> Document:
+    async def _make(self, view: RequestView) -> Content:
         fleet = FleetPaths(view)
         async for robot in time_sliced(list(view.robots.values())):
             with view.faults.guard(_PART, robot.name):
@@ -111,7 +104,7 @@ async def _version(view: RequestView) -> bytes:
     return blake2b("\n".join(facts).encode(), digest_size=16).digest()
 
 
-def _written(view: RequestView, fleet: FleetPaths, more: Mapping[str, Mapping[str, Any]]) -> Document:
+def _written(view: RequestView, fleet: FleetPaths, more: Mapping[str, Mapping[str, Any]]) -> Content:
     base, secured = view.base, view.requires_authentication
     paths = {**_own_paths(), **dict(fleet.paths()), **more}
     missing = {name: reason for name in view.robots if (reason := view.faults.find(_PART, name))}
@@ -136,7 +129,7 @@ def _written(view: RequestView, fleet: FleetPaths, more: Mapping[str, Mapping[st
     if secured:
         said["security"] = [{"bearer": []}]
     body = json.dumps(said, ensure_ascii=False, allow_nan=False).encode()
-    return Document(body, compress(body))
+    return Content.of(body)
 
 
 def _completed(item: Mapping[str, Any], secured: bool, schemas: dict[str, Json]) -> Json:

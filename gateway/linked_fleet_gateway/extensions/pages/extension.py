@@ -12,20 +12,22 @@ from linked_fleet_gateway.extensions.pages.assets import BRANCH, THUMBNAIL, THUM
 from linked_fleet_gateway.extensions.pages.page import FORMS, POLICY
 from linked_fleet_gateway.extensions.pages.views import add_view, checked_view, set_entries
 from linked_fleet_gateway.http.extension import Core, Extension, Mount
-from linked_fleet_gateway.http.html import NOBODY, Formats, Reader
+from linked_fleet_gateway.resources.html import Reader
 from linked_fleet_gateway.resources.resource import Resource
 
 
 class Pages:
-    """Implements ``linked_fleet_gateway.http.html.HtmlWriter``."""
+    """Implements ``linked_fleet_gateway.resources.html.HtmlWriter``."""
 
     modules: Sequence[str] = ("jinja2", "linked_fleet_client.quantity", "linked_fleet_gateway.extensions.pages.form")
 
     def prepare(self) -> None:
         """Compile the templates of problems, which alone are written on the event loop."""
-        self.write_problem(FleetError("a page that nobody sees"), "http://localhost/", [], NOBODY)
+        self.write_problem(FleetError("a page that nobody sees"), "http://localhost/", [], Reader())
 
-    def write_resource(self, resource: Resource, triples: Sequence[Triple], base: str, formats: Formats) -> bytes:
+    def write_resource(
+        self, resource: Resource, triples: Sequence[Triple], base: str, formats: Mapping[str, tuple[str, str]]
+    ) -> bytes:
         return page.write(resource, triples, base, formats)
 
     def write_problem(

@@ -19,10 +19,9 @@ from linked_fleet_gateway.extensions.pages.assets import assets
 from linked_fleet_gateway.extensions.pages.texts import clean
 from linked_fleet_gateway.extensions.pages.view import view_of
 from linked_fleet_gateway.extensions.pages.views import added_views, places
-from linked_fleet_gateway.http.html import Formats, Reader
-from linked_fleet_gateway.http.representation import FORMATS
 from linked_fleet_gateway.rdf import jsonld
 from linked_fleet_gateway.rdf.vocabulary import PREFIXES
+from linked_fleet_gateway.resources.html import Reader
 from linked_fleet_gateway.resources.resource import Resource
 
 if TYPE_CHECKING:
@@ -34,7 +33,7 @@ else:
 _TEMPLATES = Path(__file__).parent / "templates"
 
 
-def write(resource: Resource, triples: Sequence[Triple], base: str, formats: Formats = FORMATS) -> bytes:
+def write(resource: Resource, triples: Sequence[Triple], base: str, formats: Mapping[str, tuple[str, str]]) -> bytes:
     """Return the page of a resource; ``base`` is scheme and authority. Equal triples give equal bytes."""
     view = view_of(resource, triples, base, formats)
     data = script_json(jsonld.write_jsonld(triples, PREFIXES))

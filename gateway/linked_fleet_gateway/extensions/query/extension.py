@@ -27,19 +27,18 @@ from linked_fleet_gateway.extensions.query.description import (
 )
 from linked_fleet_gateway.extensions.query.operations import operations
 from linked_fleet_gateway.extensions.query.service import JSON_RESULTS, Queries
-from linked_fleet_gateway.http.body import read_body
+from linked_fleet_gateway.http.body import body_type, read_body
 from linked_fleet_gateway.http.extension import Core, Extension, Mount
 from linked_fleet_gateway.http.fields import field
-from linked_fleet_gateway.http.html import HTML, NavigationEntry
-from linked_fleet_gateway.http.negotiation import choose, parse_content_type
+from linked_fleet_gateway.http.negotiation import choose
 from linked_fleet_gateway.http.preconditions import await_preconditions
 from linked_fleet_gateway.http.problem import PROBLEM_JSON, problem
 from linked_fleet_gateway.http.read import read_resource as read_resource
 from linked_fleet_gateway.http.request import Request
-from linked_fleet_gateway.http.scheduling import Offload
 from linked_fleet_gateway.rdf.serialise import RDF_TYPES
 from linked_fleet_gateway.rdf.sparql_syntax import MAX_QUERY_BYTES, Dataset, Query, parse_query
 from linked_fleet_gateway.resources.branches import RequestView
+from linked_fleet_gateway.resources.html import HTML, NavigationEntry
 from linked_fleet_gateway.resources.resource import Resource
 
 if TYPE_CHECKING:
@@ -86,21 +85,11 @@ async def read_query(request: Request, resource: Resource, endpoint: Endpoint) -
 
 async def post_query(request: Request, affords: PostQuery) -> Response:
     """Answer a query in the body, either as plain text or as a form (SPARQL 1.1 Protocol, 2.1.2, 2.1.3)."""
-    media_type, _ = parse_content_type(field(request, "content-type"))
-    if media_type == _UPDATE:
+    if (field(request, "content-type") or "").partition(";")[0].strip().lower() == _UPDATE:
         raise UnsupportedMediaType(
             "SPARQL updates are not supported; robots are moved by their actions.", offered=QUERY_TYPES
         )
-    if media_type not in QUERY_TYPES:
-        raise UnsupportedMediaType(
-            f"{media_type} is not supported here; use {' or '.join(QUERY_TYPES)}.", offered=QUERY_TYPES
-        )
-    coding = (field(request, "content-encoding") or "identity").strip().lower()
-    if coding != "identity":
-        raise UnsupportedMediaType(
-            f"Content-Encoding {coding} is not supported.", headers={"Accept-Encoding": "identity"}
-        )
-    if media_type == FORM:
+    if body_type(request, QUERY_TYPES) == FORM:
         return await _answer(request, affords.endpoint, _asked(_pairs(await read_body(request, _most())), request.base))
     body = await read_body(request)
     said = _pairs(request.scope["query_string"])
@@ -163,8 +152,9 @@ async def _answer(request: Request, endpoint: Endpoint, asked: _ParsedQuery) -> 
 
 
 async def _evaluated(request: Request, endpoint: Endpoint, asked: _ParsedQuery) -> Response:
-    offload: Offload = request.services.offload
-    query = await offload.run(partial(parse_query, asked.query, request.base + PATH), len(asked.query), _SHORT)
+    query = await request.services.offload.run(
+        partial(parse_query, asked.query, request.base + PATH), len(asked.query), _SHORT
+    )
     media_type = _chosen(request, query, asked.picked)
     body = await endpoint.queries.run(
         query,

@@ -17,7 +17,7 @@ from linked_fleet_gateway.base.contributions import Contributions, present
 from linked_fleet_gateway.fleet.invocation import Invocation, Lease
 from linked_fleet_gateway.fleet.model import Pose
 from linked_fleet_gateway.fleet.unchecked import UncheckedLink
-from linked_fleet_gateway.http.html import NOBODY, Reader
+from linked_fleet_gateway.resources.html import Reader
 
 log = logging.getLogger(__name__)
 
@@ -87,7 +87,7 @@ class QueryRequest(Struct, frozen=True, kw_only=True):
     query: str
     navigation: list[tuple[str, str, int]] = []
     """Navigation entries of extensions on result pages: title, path and rank."""
-    reader: Reader = NOBODY
+    reader: Reader = Reader()
     base: str
     base_iri: str
     patterns: tuple[str, ...]

@@ -16,8 +16,8 @@ from linked_fleet_gateway.extensions.pages.views import PageView, Part, Place, a
 from linked_fleet_gateway.extensions.query.examples import EXAMPLES
 from linked_fleet_gateway.extensions.query.functions import LF
 from linked_fleet_gateway.extensions.query.messages import QueryRequest, Refused, size_refusal
-from linked_fleet_gateway.http.html import NOBODY, NavigationEntry, Reader
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, NUMERIC, PREFIXES, RDFS, SD, SH
+from linked_fleet_gateway.resources.html import NavigationEntry, Reader
 
 _CELL_BYTES = 64
 _NUMERIC = frozenset(NUMERIC)
@@ -46,7 +46,7 @@ class Problem:
 def preload() -> None:
     """Load everything that pages need: afterwards no file can be opened."""
     add_view(VIEW)  # its folder contains the template
-    _page("", "http://localhost", [], NOBODY)
+    _page("", "http://localhost", [], Reader())
 
 
 def page_of(result: QuerySolutions | QueryBoolean | Sequence[Triple], ask: QueryRequest) -> bytes:

@@ -32,7 +32,7 @@ from linked_fleet_gateway.fleet.invocations import FLEET, Invocation, Invocation
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.resources.branches import Branches
 from linked_fleet_gateway.resources.paths import robot_path
-from linked_fleet_gateway.runtime.worker import IDLE_S, Worker
+from linked_fleet_gateway.runtime.worker import Worker
 
 log = logging.getLogger(__name__)
 
@@ -115,7 +115,7 @@ def _said(robot: Robot, invocations: list[Invocation], branches: list[Member]) -
 class QueryProcess:
     """The process and its feed; ``feed`` creates one for a process without any state."""
 
-    def __init__(self, feed: Callable[[], Feed], idle_s: float = IDLE_S) -> None:
+    def __init__(self, feed: Callable[[], Feed], idle_s: float = Worker.IDLE_S) -> None:
         self._new_feed = feed
         self._feed = feed()
         self._control: socket.socket | None = None

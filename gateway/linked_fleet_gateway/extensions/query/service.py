@@ -17,11 +17,9 @@ from pyoxigraph import (
 from linked_fleet_gateway.extensions.query.messages import HypotheticalRobot, QueryRequest
 from linked_fleet_gateway.extensions.query.process import Feed, QueryProcess
 from linked_fleet_gateway.extensions.query.turns import FairTurns
-from linked_fleet_gateway.http.html import HTML, NOBODY, NavigationEntry, Reader
 from linked_fleet_gateway.identity.rights import View
 from linked_fleet_gateway.rdf.sparql_syntax import Dataset, Query, check_select, parse_query
-from linked_fleet_gateway.resources.access_filter import InvocationsInView, RobotsInView
-from linked_fleet_gateway.resources.branches import RequestView
+from linked_fleet_gateway.resources.html import HTML, NavigationEntry, Reader
 from linked_fleet_gateway.subscriptions.live import Live
 
 LIMIT_S = 5.0
@@ -32,6 +30,7 @@ MAX_SELECTED_BYTES = 2**20
 JSON_RESULTS = "application/sparql-results+json"
 
 Term = NamedNode | BlankNode | Literal
+_NOBODY = Reader()
 
 
 class Queries:
@@ -105,7 +104,7 @@ class Queries:
         instead: Sequence[HypotheticalRobot] = (),
         most: int = MAX_RESULT_BYTES,
         only_check: bool = False,
-        reader: Reader = NOBODY,
+        reader: Reader = _NOBODY,
     ) -> bytes:
         """Return the result in a media type that suits the query form.
 
@@ -115,9 +114,7 @@ class Queries:
         asked = query.dataset if dataset is None or dataset == Dataset() else dataset
 
         def make(feed: Feed) -> QueryRequest:
-            robots = RobotsInView(self._live.fleet.robots, sees)
-            invocations = InvocationsInView(self._live.invocations, sees)
-            view = RequestView(base, robots, invocations, sees)
+            view = self._live.tree(base, sees).view
             return QueryRequest(
                 news=feed.news(),
                 query=query.text,
@@ -129,7 +126,7 @@ class Queries:
                 default=asked.default,
                 named=asked.named,
                 branches=[(term.value, path) for term, path in self._live.branches.fleet_links()],
-                invocations=[each for each in feed.fleet_invocations() if invocations.get(each.id) is not None],
+                invocations=[each for each in feed.fleet_invocations() if view.invocations.get(each.id) is not None],
                 graphs=[(path, _n_triples(said)) for path, said in self._live.branches.graphs(view)],
                 media_type=media_type,
                 most_bytes=most,

@@ -20,8 +20,8 @@ from linked_fleet_gateway.extensions.rules.rule_invocation import creator_of
 from linked_fleet_gateway.extensions.rules.service import Rules
 from linked_fleet_gateway.extensions.rules.store import RuleStore
 from linked_fleet_gateway.http.extension import Core, Extension, Mount
-from linked_fleet_gateway.http.html import NavigationEntry
 from linked_fleet_gateway.resources.branches import RequestView
+from linked_fleet_gateway.resources.html import NavigationEntry
 from linked_fleet_gateway.runtime.metrics import counter, gauges
 
 

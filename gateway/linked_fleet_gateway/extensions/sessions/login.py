@@ -35,7 +35,7 @@ from linked_fleet_gateway.http.arrival import arrival_of
 from linked_fleet_gateway.http.body import read_body
 from linked_fleet_gateway.http.request import Request
 from linked_fleet_gateway.http.scheduling import TokenBuckets
-from linked_fleet_gateway.identity.issuers import BadToken, IssuerFailed, endpoint, verify_token
+from linked_fleet_gateway.identity.issuers import BadToken, IssuerFailed
 from linked_fleet_gateway.identity.rights import Claims, Credential, Identity, Right
 from linked_fleet_gateway.identity.roster import Issuer
 
@@ -126,9 +126,7 @@ class Login:
         state, nonce, verifier = (secrets.token_urlsafe(32) for _ in range(3))
         login = PendingLogin(issuer.url, state, nonce, verifier, _path(request.query_params.get("then")))
         try:
-            there = endpoint(
-                await sessions.identities.keys(issuer).discovery_document(), "authorization_endpoint", issuer.url
-            )
+            there = await sessions.identities.keys(issuer).endpoint("authorization_endpoint")
         except IssuerFailed as error:
             raise IssuerDown(f"{issuer.name} cannot be reached; try again in a moment.") from error
         challenge = urlsafe_b64encode(sha256(login.verifier.encode()).digest()).rstrip(b"=").decode()
@@ -180,12 +178,12 @@ async def _claims(request: Request, sessions: Sessions, issuer: Issuer, login: P
         "code_verifier": login.verifier,
     }
     secret = (quote(issuer.client_id, safe=""), quote(issuer.client_secret, safe="")) if issuer.client_secret else None
-    there = endpoint(await keys.discovery_document(), "token_endpoint", issuer.url)
+    there = await keys.endpoint("token_endpoint")
     answer = await sessions.identities.web.post(there, form, secret)
     token: Any = answer.get("id_token")
     if not isinstance(token, str):
         raise IssuerFailed(f"{issuer.url} gave no id_token")
-    found = await verify_token(token, issuer, keys, issuer.client_id)
+    found = await sessions.identities.verify(token, issuer, issuer.client_id)
     if not compare_digest(str(found.get("nonce", "")).encode(), login.nonce.encode()):
         raise BadToken("the nonce of its id_token is wrong")
     if found.get("azp", issuer.client_id) != issuer.client_id:

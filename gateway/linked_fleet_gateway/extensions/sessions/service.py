@@ -24,7 +24,6 @@ from linked_fleet_gateway.extensions.sessions.sealed_cookie import (
     seal_session,
 )
 from linked_fleet_gateway.identity.rights import Credential, Identity
-from linked_fleet_gateway.identity.roster import BadRoster
 from linked_fleet_gateway.identity.service import Identities
 from linked_fleet_gateway.runtime.background import cancel_tasks, supervised
 from linked_fleet_gateway.runtime.redis import Connection
@@ -65,15 +64,15 @@ class SessionKey:
 
 
 def read_key(path: Path) -> bytes:
-    """Read the key from a file. Raises BadRoster if it is invalid."""
+    """Read the key from a file. Raises ValueError if it is invalid."""
     try:
         key = base64.b64decode(path.read_bytes().strip(), validate=True)
     except OSError as error:
-        raise BadRoster(f"{path}: {error.strerror}") from error
+        raise ValueError(f"{path}: {error.strerror}") from error
     except ValueError as error:
-        raise BadRoster(f"{path}: the key of sessions is in base64") from error
+        raise ValueError(f"{path}: the key of sessions is in base64") from error
     if len(key) != KEY_BYTES:
-        raise BadRoster(f"{path} has {len(key)} bytes; the key of sessions has {KEY_BYTES}, in base64")
+        raise ValueError(f"{path} has {len(key)} bytes; the key of sessions has {KEY_BYTES}, in base64")
     return key
 
 

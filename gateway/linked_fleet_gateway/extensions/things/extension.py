@@ -3,9 +3,9 @@
 The directory is served complete or by pages (W3C WoT Discovery, 7.3.2.3), and in RDF by pages. Listings are kept.
 """
 
+import asyncio
 import re
-import sys
-from collections.abc import AsyncIterator, Iterable, Mapping, Sequence
+from collections.abc import AsyncIterator, Callable, Iterable, Mapping, Sequence
 from contextlib import asynccontextmanager
 from functools import partial
 from pathlib import Path
@@ -28,14 +28,13 @@ from linked_fleet_gateway.extensions.things.operations import operations
 from linked_fleet_gateway.extensions.things.td import DIRECTORY, TD
 from linked_fleet_gateway.http.extension import Core, Extension, Mount
 from linked_fleet_gateway.http.fields import Link, field, link_header
-from linked_fleet_gateway.http.html import NavigationEntry
-from linked_fleet_gateway.http.negotiation import choose, coded_tag, preferred_coding
+from linked_fleet_gateway.http.negotiation import choose
 from linked_fleet_gateway.http.read import read_resource
 from linked_fleet_gateway.http.representation import etag, not_modified
 from linked_fleet_gateway.http.request import Request
-from linked_fleet_gateway.http.scheduling import Offload
 from linked_fleet_gateway.rdf.serialise import JSON
 from linked_fleet_gateway.resources.branches import RequestView
+from linked_fleet_gateway.resources.html import NavigationEntry
 from linked_fleet_gateway.resources.resource import Resource
 from linked_fleet_gateway.runtime.background import time_sliced
 
@@ -97,21 +96,11 @@ class Directory:
         if isinstance(made, LongListing):
             body = made.parts if request.method == "GET" else _nothing()
             return StreamingResponse(body, headers=headers | content | {"etag": weak})
-        coding = preferred_coding(_codings(request), ("gzip",) if made.coded else ())
-        headers["etag"] = coded_tag(made.tag, coding)
-        if not_modified(field(request, "if-none-match"), headers["etag"]):
-            return Response(status_code=304, headers=headers)
-        if coding:
-            return Response(made.coded, headers=headers | content | {"content-encoding": coding})
-        return Response(made.body, headers=headers | content)
+        return made.content.response(request, headers | content)
 
     async def _version(self, listing: Listing) -> bytes:
         self._digests.forget_others(self._robots.keys())
         return await listing.version(self._digests)
-
-
-def _codings(request: Request) -> bytes:
-    return (field(request, "accept-encoding") or "").encode("latin-1")
 
 
 async def _nothing() -> AsyncIterator[bytes]:
@@ -166,6 +155,10 @@ def _count(request: Request, name: str, least: int) -> int | None:
     return int(text)
 
 
+async def _in_thread(made: Callable[[], KeptListing], size: int) -> KeptListing:
+    return await asyncio.to_thread(made)
+
+
 class ThingsExtension(Extension):
     name = "things"
     vocabulary = (Path(__file__).with_name("vocabulary.ttl"),)
@@ -182,5 +175,5 @@ class ThingsExtension(Extension):
 
     @asynccontextmanager
     async def start(self, core: Core) -> AsyncIterator[Mount]:
-        directory = Directory(core.live.fleet.robots, Offload(sys.maxsize).run)
+        directory = Directory(core.live.fleet.robots, _in_thread)
         yield Mount(branches=BRANCHES, readers={Listing: directory.read}, formats={"td": ("Thing Description", TD)})

@@ -48,7 +48,7 @@ from linked_fleet_gateway.fleet.unchecked import Finding
 from linked_fleet_gateway.fleet.xml import Vector
 from linked_fleet_gateway.identity.rights import View
 from linked_fleet_gateway.resources.invocation import unchecked_links
-from linked_fleet_gateway.runtime.worker import IDLE_S
+from linked_fleet_gateway.runtime.worker import Worker
 from linked_fleet_gateway.subscriptions.live import Live
 
 CONFIGURATION_STEP_RAD = 0.05  # also metre
@@ -135,7 +135,7 @@ class Checks:
         objects: Mapping[str, SceneObject],
         folder: Path,
         collisions: Collisions | None = None,
-        idle_s: float = IDLE_S,
+        idle_s: float = Worker.IDLE_S,
     ) -> None:
         self._live, self._objects = live, objects
         self._checker = Checker(folder, idle_s)

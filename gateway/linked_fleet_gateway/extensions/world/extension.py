@@ -29,16 +29,15 @@ from linked_fleet_gateway.extensions.world.scene import SceneObject
 from linked_fleet_gateway.extensions.world.service import World
 from linked_fleet_gateway.http.body import body_type, convert_body, parse_body, parse_form
 from linked_fleet_gateway.http.extension import Core, Extension, Mount
-from linked_fleet_gateway.http.html import NavigationEntry
 from linked_fleet_gateway.http.preconditions import resolve_under_preconditions
 from linked_fleet_gateway.http.read import read_resource
 from linked_fleet_gateway.http.request import Request
-from linked_fleet_gateway.http.scheduling import Offload
 from linked_fleet_gateway.http.writes import read_change
 from linked_fleet_gateway.rdf.serialise import JSON
 from linked_fleet_gateway.rdf.validation import ground_statements
 from linked_fleet_gateway.resources.body_values import managed_statements
 from linked_fleet_gateway.resources.branches import RequestView
+from linked_fleet_gateway.resources.html import NavigationEntry
 from linked_fleet_gateway.resources.relative_poses import relative_pose
 from linked_fleet_gateway.resources.resource import Resource
 
@@ -90,9 +89,10 @@ async def _replaced(
     """Return the object in a body, parsed in a thread if it has a mesh. Raises UnprocessableContent, Busy."""
     seen = ground_statements(resource.full_graph(request.base))
     work = partial(read_object, triples, request.base + resource.path, request.base + WORLD, present, seen)
-    offload: Offload = request.services.offload
     meshes = [each.object for each in triples if each.predicate == LF.stl]
-    return await offload.run(work, sum(len(each.value) for each in meshes if isinstance(each, Literal)))
+    return await request.services.offload.run(
+        work, sum(len(each.value) for each in meshes if isinstance(each, Literal))
+    )
 
 
 async def read_pose(world: World, request: Request, resource: Resource, asked: PoseQuery) -> Response:

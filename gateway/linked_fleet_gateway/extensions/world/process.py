@@ -33,7 +33,7 @@ from linked_fleet_gateway.fleet.geometry import file_name, meshes_of
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.fleet.unchecked import UncheckedLink, in_words
 from linked_fleet_gateway.runtime.background import cancel_tasks, supervised
-from linked_fleet_gateway.runtime.worker import IDLE_S, Worker
+from linked_fleet_gateway.runtime.worker import Worker
 from linked_fleet_gateway.subscriptions.live import Live
 
 _log = logging.getLogger(__name__)
@@ -47,7 +47,7 @@ NO_ANSWER = CheckFailed("the process that checks motions gave no answer")
 class Checker:
     """Sends one question at a time. Meshes are cached in ``folder``."""
 
-    def __init__(self, folder: Path, idle_s: float = IDLE_S) -> None:
+    def __init__(self, folder: Path, idle_s: float = Worker.IDLE_S) -> None:
         self._folder = folder
         self._known: set[str] = set()
         self._known_before = frozenset[str]()

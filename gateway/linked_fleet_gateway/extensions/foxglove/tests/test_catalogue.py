@@ -14,13 +14,13 @@ from mirrored_fleet import MirroredFleet
 
 @pytest.mark.parametrize(
     ("broken", "named"),
-    [("robot_offers", "services"), ("cameras_of", "channels"), ("named_poses", "parameters")],
+    [("offers_at", "services"), ("cameras_of", "channels"), ("named_poses", "parameters")],
 )
 def test_the_others_are_listed(monkeypatch: pytest.MonkeyPatch, broken: str, named: str) -> None:
     usual, fleet, faults = getattr(catalogue, broken), MirroredFleet(), Faults()
 
     def fails(robot: Any) -> Any:
-        if robot.name == "bad":
+        if robot is not None and robot.name == "bad":
             raise RuntimeError("planted")
         return usual(robot)
 

@@ -9,6 +9,7 @@ from linked_fleet_gateway.extensions.pages import texts
 from linked_fleet_gateway.extensions.pages.extension import Pages
 from linked_fleet_gateway.extensions.pages.page import write
 from linked_fleet_gateway.http.problem import problem
+from linked_fleet_gateway.http.representation import FORMATS
 from linked_fleet_gateway.rdf.serialise import parse
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, LF, MATHS, QUDT, RDF, RDFS, UNIT, VOM, XSD
 from linked_fleet_gateway.resources.resource import Resource
@@ -29,7 +30,7 @@ BROWSER = "text/html,application/xhtml+xml,application/xml;q=0.9,*/*;q=0.8"
 
 
 def page(*triples: Triple, path: str = "/r/", title: str = "r") -> bytes:
-    return write(Resource(path, title, lambda graph: None), triples, BASE)
+    return write(Resource(path, title, lambda graph: None), triples, BASE, FORMATS)
 
 
 def said(predicate: NamedNode, value: NamedNode | BlankNode | Literal) -> Triple:

@@ -238,7 +238,7 @@ def test_the_memory_of_listings_is_bounded(monkeypatch: pytest.MonkeyPatch) -> N
     directory = Directory({}, _at_once)
     for offset in range(30):
         _get(f"limit=5&offset={offset}", directory=directory)
-        assert sum(each.size for each in directory._kept._kept.values()) <= 200_000
+        assert sum(each.content.size for each in directory._kept._kept.values()) <= 200_000
 
 
 async def test_a_listing_of_two_states_is_not_kept() -> None:
