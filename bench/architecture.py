@@ -19,7 +19,7 @@ FOLDERS = {
 """The folder of each package."""
 ROOMS = (
     "base", "shacl", "rdf", "runtime", "server", "fleet", "identity", "resources", "link", "subscriptions", "actions",
-    "http", "api", "extensions", "app",
+    "http", "api", "faces", "serving", "extensions", "app",
 )  # fmt: skip
 """Layers ("rooms") of the gateway, the lowest first."""
 Edges = Mapping[str, set[str]]

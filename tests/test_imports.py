@@ -53,3 +53,19 @@ def test_an_import_changes_nothing(package: str) -> None:
     assert done.returncode == 0, done.stderr[-2000:]
     found = json.loads(done.stdout.splitlines()[-1])
     assert {kind: what for kind, what in found.items() if what} == {}
+
+
+_HEAVY = ("asyncio", "starlette", "zenoh", "redis", "httpx", "websockets", "prometheus_client")
+_CORE = ("api", "serving", "app", "http", "actions", "subscriptions", "link", "server", "runtime")
+
+
+@pytest.mark.parametrize("module", ["query.worker", "reach.can_reach", "world.check_process", "world.worker"])
+def test_worker_processes_load_neither_http_nor_zenoh(module: str) -> None:
+    name = f"linked_fleet_gateway.extensions.{module}"
+    done = subprocess.run(
+        [sys.executable, "-c", f"import {name}, sys; print(*sys.modules)"],
+        capture_output=True, text=True, check=True, cwd=ROOT,
+    )  # fmt: skip
+    loaded = set(done.stdout.split())
+    assert name in loaded
+    assert loaded.isdisjoint([*_HEAVY, *(f"linked_fleet_gateway.{each}" for each in _CORE)])

@@ -11,7 +11,7 @@ from linked_fleet_gateway.extensions.history.recorder import History
 from linked_fleet_gateway.extensions.history.resources import RecordedHistory, list_branch
 from linked_fleet_gateway.extensions.history.resources import history_branches as histories
 from linked_fleet_gateway.extensions.history.span import Span
-from linked_fleet_gateway.extensions.pages.assets import BRANCH as ASSETS
+from linked_fleet_gateway.extensions.pages.branches import ASSETS
 from linked_fleet_gateway.extensions.rules.description import branch as rules_branch
 from linked_fleet_gateway.extensions.rules.rule import Firing, FiringState, Rule, RuleRecord
 from linked_fleet_gateway.extensions.things.directory import BRANCHES as THINGS

@@ -146,6 +146,7 @@ def form_of_target(offer: Offer, base: str) -> Form:
 
 
 def form_in(triples: Iterable[Triple], shape: Node) -> Form:
+    """Return the JSON form of a shape described by triples."""
     return _Reader(triples).form(shape)
 
 

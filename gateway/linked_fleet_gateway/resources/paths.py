@@ -56,14 +56,17 @@ def is_shared(path: str) -> bool:
 
 
 def lease_path(robot: str) -> str:
+    """Return the path of the control lease of a robot."""
     return robot_path(robot) + "lease"
 
 
 def model_path(robot: str) -> str:
+    """Return the path of the URDF of a robot."""
     return robot_path(robot) + "model"
 
 
 def mesh_path(robot: str, file_name: str) -> str:
+    """Return the path of a mesh of a robot."""
     return f"{robot_path(robot)}meshes/{file_name}"
 
 

@@ -96,4 +96,5 @@ def _rounded(pose: Pose) -> Pose:
 
 
 def round_to_resolution(value: float) -> float:
+    """Round a number of a pose to the resolution of poses."""
     return round(value, _DECIMALS)

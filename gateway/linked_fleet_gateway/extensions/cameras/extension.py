@@ -12,20 +12,24 @@ from typing import Any
 
 from starlette.responses import Response
 
+from linked_fleet_gateway.api import (
+    Content,
+    Core,
+    Extension,
+    Mount,
+    Request,
+    RequestView,
+    Resource,
+    await_preconditions,
+    choose,
+    read_resource,
+)
 from linked_fleet_gateway.base.errors import NotAcceptable
 from linked_fleet_gateway.extensions.cameras.cameras import FORMATS
 from linked_fleet_gateway.extensions.cameras.operations import operations
 from linked_fleet_gateway.extensions.cameras.pictures import Pictures
 from linked_fleet_gateway.extensions.cameras.resources import RobotCamera, cameras_branch, mounted_cameras
-from linked_fleet_gateway.http.content import Content, content_headers
-from linked_fleet_gateway.http.extension import Core, Extension, Mount
-from linked_fleet_gateway.http.fields import field
-from linked_fleet_gateway.http.negotiation import choose
-from linked_fleet_gateway.http.preconditions import await_preconditions
-from linked_fleet_gateway.http.read import read_resource
-from linked_fleet_gateway.http.request import Request
-from linked_fleet_gateway.resources.branches import RequestView
-from linked_fleet_gateway.resources.resource import Resource
+from linked_fleet_gateway.serving import content_headers, field
 
 # Pictures come from robots, so a browser that opens one as a document must not execute anything in it.
 _HEADERS = {"cache-control": "no-store", "content-security-policy": "sandbox; default-src 'none'"}

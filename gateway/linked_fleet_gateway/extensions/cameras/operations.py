@@ -1,6 +1,7 @@
 """Operations of cameras in OpenAPI."""
 
 from linked_fleet_agent.wire.messages import Camera
+from linked_fleet_gateway.api import RequestView, robot_path
 from linked_fleet_gateway.extensions.cameras.cameras import camera_path, cameras_of, types_of
 from linked_fleet_gateway.extensions.openapi.api import (
     Json,
@@ -9,8 +10,6 @@ from linked_fleet_gateway.extensions.openapi.api import (
     segment_schema,
 )
 from linked_fleet_gateway.fleet.robot import Robot
-from linked_fleet_gateway.resources.branches import RequestView
-from linked_fleet_gateway.resources.paths import robot_path
 
 
 def operations(view: RequestView) -> dict[str, Json]:

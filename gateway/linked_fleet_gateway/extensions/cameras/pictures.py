@@ -11,6 +11,7 @@ from typing import Self
 
 from linked_fleet_agent.wire.codec import encode
 from linked_fleet_agent.wire.messages import WIRE_VERSION, Camera, PictureFormat, PictureQuery
+from linked_fleet_gateway.api import Resource, cancel_tasks, supervised
 from linked_fleet_gateway.base.errors import AgentTimeout, Busy, Offline
 from linked_fleet_gateway.extensions.cameras.cameras import (
     FORMATS,
@@ -22,11 +23,7 @@ from linked_fleet_gateway.extensions.cameras.cameras import (
 )
 from linked_fleet_gateway.extensions.cameras.resources import MAX_RATE_HZ, RobotCamera
 from linked_fleet_gateway.fleet.robot import Robot
-from linked_fleet_gateway.link.fleet_link import NoAnswer
-from linked_fleet_gateway.resources.resource import Resource
-from linked_fleet_gateway.runtime.background import cancel_tasks, supervised
-from linked_fleet_gateway.subscriptions.live import Live
-from linked_fleet_gateway.subscriptions.watcher import Watcher
+from linked_fleet_gateway.serving import Live, NoAnswer, Watcher
 
 log = logging.getLogger(__name__)
 

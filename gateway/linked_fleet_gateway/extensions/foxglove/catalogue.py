@@ -4,15 +4,13 @@ import itertools
 from collections.abc import Hashable, Iterable, Iterator
 
 from linked_fleet_agent.wire.messages import PictureFormat
+from linked_fleet_gateway.api import Right, robot_path
 from linked_fleet_gateway.extensions.cameras.cameras import camera_path, cameras_of
 from linked_fleet_gateway.extensions.foxglove.messages import OF_ROBOT, PICTURES, SCENE, schemas
 from linked_fleet_gateway.extensions.foxglove.protocol import Channel, Parameter, Service
+from linked_fleet_gateway.faces import Identity, named_poses, offers_at
 from linked_fleet_gateway.fleet.robot import Robot
-from linked_fleet_gateway.identity.rights import Identity, Right
-from linked_fleet_gateway.resources.action_offer import offers_at
-from linked_fleet_gateway.resources.annotations import named_poses
-from linked_fleet_gateway.resources.paths import robot_path
-from linked_fleet_gateway.subscriptions.live import Live
+from linked_fleet_gateway.serving import Live
 
 SPEED = "maximumSpeedScale"
 _SERVICES = ("stop", "stopAll", "assumePose")

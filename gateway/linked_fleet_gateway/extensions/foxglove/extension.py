@@ -6,14 +6,20 @@ from dataclasses import dataclass
 
 from starlette.responses import Response
 
+from linked_fleet_gateway.api import (
+    Core,
+    Extension,
+    FleetBranch,
+    Found,
+    Mount,
+    Request,
+    RequestView,
+    Resource,
+    WebSocketHandler,
+)
 from linked_fleet_gateway.extensions.cameras.pictures import Pictures
 from linked_fleet_gateway.extensions.foxglove.protocol import SUBPROTOCOLS
 from linked_fleet_gateway.extensions.world.service import World
-from linked_fleet_gateway.http.extension import Core, Extension, Mount
-from linked_fleet_gateway.http.request import Request
-from linked_fleet_gateway.http.websocket import WebSocketHandler
-from linked_fleet_gateway.resources.branches import FleetBranch, Found, RequestView
-from linked_fleet_gateway.resources.resource import Resource
 
 _PATH = "/foxglove"
 

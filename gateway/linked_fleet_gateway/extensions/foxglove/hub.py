@@ -11,6 +11,7 @@ from collections import defaultdict
 from collections.abc import Awaitable, Callable, Iterator, Mapping, Set
 from functools import partial
 
+from linked_fleet_gateway.api import SubprotocolConnection, supervised, time_sliced
 from linked_fleet_gateway.base.errors import FleetError
 from linked_fleet_gateway.extensions.cameras.pictures import Pictures
 from linked_fleet_gateway.extensions.cameras.resources import MAX_RATE_HZ
@@ -23,9 +24,7 @@ from linked_fleet_gateway.extensions.world.scene import SceneObject
 from linked_fleet_gateway.extensions.world.service import World
 from linked_fleet_gateway.fleet.invocation import Invocation
 from linked_fleet_gateway.fleet.robot import Robot
-from linked_fleet_gateway.http.websocket import SubprotocolConnection
-from linked_fleet_gateway.runtime.background import supervised, time_sliced
-from linked_fleet_gateway.subscriptions.live import Live
+from linked_fleet_gateway.serving import Live
 
 log = logging.getLogger(__name__)
 

@@ -15,6 +15,17 @@ from prometheus_client.metrics_core import Metric
 from starlette.responses import Response
 from starlette.types import Receive, Scope, Send
 
+from linked_fleet_gateway.api import (
+    Core,
+    Extension,
+    Mount,
+    NavigationEntry,
+    Request,
+    RequestView,
+    Resource,
+    gauge,
+    read_resource,
+)
 from linked_fleet_gateway.base.errors import Busy
 from linked_fleet_gateway.base.settings import Section, setting, whole_number
 from linked_fleet_gateway.extensions.history.files import CSV, MCAP
@@ -27,16 +38,8 @@ from linked_fleet_gateway.extensions.history.resources import (
     list_branch,
 )
 from linked_fleet_gateway.extensions.history.span import parse_span
-from linked_fleet_gateway.http.extension import Core, Extension, Mount
-from linked_fleet_gateway.http.fields import Link, link_header
-from linked_fleet_gateway.http.preconditions import check_preconditions
-from linked_fleet_gateway.http.read import read_resource
-from linked_fleet_gateway.http.request import Request
 from linked_fleet_gateway.rdf.serialise import TEXT_TYPES
-from linked_fleet_gateway.resources.branches import RequestView
-from linked_fleet_gateway.resources.html import NavigationEntry
-from linked_fleet_gateway.resources.resource import Resource
-from linked_fleet_gateway.runtime.metrics import gauge
+from linked_fleet_gateway.serving import WebLink, check_preconditions, link_header
 
 _PIECE_BYTES = 64 * 1024
 _LINK_BYTES = 512
@@ -68,7 +71,9 @@ async def read_history(request: Request, found: Resource, past: RecordedHistory)
     media_type = response.headers.get("content-type", "").partition(";")[0]
     file = media_type in _SUFFIXES
     page, address = shown.file if file else shown.document, request.base + shown.resource.path
-    leads = [Link(f"{address}?{query}", rel) for rel, query in (("next", page.next), ("prev", page.previous)) if query]
+    leads = [
+        WebLink(f"{address}?{query}", rel) for rel, query in (("next", page.next), ("prev", page.previous)) if query
+    ]
     if leads:
         response.headers.append("link", link_header(leads, [], limit=_LINK_BYTES))
     if len(response.body) <= _PIECE_BYTES:

@@ -1,5 +1,6 @@
 """Operations of histories in OpenAPI."""
 
+from linked_fleet_gateway.api import RequestView, robot_path
 from linked_fleet_gateway.extensions.history.files import CSV, MCAP
 from linked_fleet_gateway.extensions.history.resources import (
     HISTORIES,
@@ -13,8 +14,6 @@ from linked_fleet_gateway.extensions.openapi.api import (
     resource_path_items,
     segment_schema,
 )
-from linked_fleet_gateway.resources.branches import RequestView
-from linked_fleet_gateway.resources.paths import robot_path
 
 _TIME: Json = {"type": "string", "format": "date-time"}
 _DURATION: Json = {"type": "string", "pattern": "^PT[0-9]{1,6}S$", "examples": ["PT10S"]}

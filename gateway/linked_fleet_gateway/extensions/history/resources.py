@@ -10,6 +10,21 @@ from functools import partial
 from pyoxigraph import Literal, NamedNode
 
 from linked_fleet_agent.wire.messages import Description
+from linked_fleet_gateway.api import (
+    FleetBranch,
+    Found,
+    Property,
+    PropertyBranch,
+    RequestView,
+    Resource,
+    RobotBranch,
+    Source,
+    blueprint_of,
+    joint_path,
+    link_path,
+    robot_path,
+    thing_at,
+)
 from linked_fleet_gateway.base.errors import BadRequest
 from linked_fleet_gateway.extensions.history.compiled import history_template, robot_history_template
 from linked_fleet_gateway.extensions.history.describe import (
@@ -37,6 +52,7 @@ from linked_fleet_gateway.extensions.history.track import (
     link_series,
     samples,
 )
+from linked_fleet_gateway.faces import Describer, DescriptionTemplate, kind_of, mesh_path
 from linked_fleet_gateway.fleet.geometry import SUFFIXES, file_name, urdf_with_mesh_addresses
 from linked_fleet_gateway.fleet.model import Joint
 from linked_fleet_gateway.fleet.robot import Robot
@@ -44,13 +60,6 @@ from linked_fleet_gateway.rdf.graph import SECOND, Graph
 from linked_fleet_gateway.rdf.serialise import WriteError
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, RDFS
 from linked_fleet_gateway.rdf.vocabulary import LF as CORE_LF
-from linked_fleet_gateway.resources.branches import FleetBranch, Found, PropertyBranch, RequestView, RobotBranch
-from linked_fleet_gateway.resources.describe import Describer
-from linked_fleet_gateway.resources.joint_kinds import kind_of
-from linked_fleet_gateway.resources.paths import joint_path, link_path, mesh_path, robot_path, thing_at
-from linked_fleet_gateway.resources.property import Property
-from linked_fleet_gateway.resources.resource import DescriptionTemplate, Resource, blueprint_of
-from linked_fleet_gateway.resources.versioning import Source
 
 SEGMENT = "history"
 _SHORT, _SHORT_OF_VECTORS = 256, 16

@@ -19,25 +19,31 @@ from pyoxigraph import Literal
 from starlette.responses import Response
 from starlette.types import ASGIApp, Receive, Scope, Send
 
+from linked_fleet_gateway.api import (
+    AsgiResponse,
+    Core,
+    Extension,
+    FleetBranch,
+    Found,
+    Mount,
+    Request,
+    RequestView,
+    Resource,
+    Right,
+    await_turn,
+    body_type,
+    cancel_tasks,
+    read_body,
+    read_resource,
+)
 from linked_fleet_gateway.base.settings import Section, setting, whole_number
 from linked_fleet_gateway.extensions.mcp.envelope import InvalidMessage, UnderWay, check_envelope, request_id
 from linked_fleet_gateway.extensions.mcp.message_context import KEY, MessageContext
-from linked_fleet_gateway.http.body import body_type, read_body
-from linked_fleet_gateway.http.entrance import await_turn
-from linked_fleet_gateway.http.extension import Core, Extension, Mount
-from linked_fleet_gateway.http.hosted import AsgiResponse
-from linked_fleet_gateway.http.read import read_resource
-from linked_fleet_gateway.http.request import Request
-from linked_fleet_gateway.http.scheduling import bucket_key
-from linked_fleet_gateway.http.streams import wants_events
-from linked_fleet_gateway.identity.rights import Right
 from linked_fleet_gateway.rdf.graph import Graph
 from linked_fleet_gateway.rdf.json_input import ParseError, load_json
 from linked_fleet_gateway.rdf.serialise import JSON
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, RDFS
-from linked_fleet_gateway.resources.branches import FleetBranch, Found, RequestView
-from linked_fleet_gateway.resources.resource import Resource
-from linked_fleet_gateway.runtime.background import cancel_tasks
+from linked_fleet_gateway.serving import bucket_key, wants_events
 
 PATH, _TITLE = "/mcp", "Model Context Protocol"
 

@@ -4,12 +4,9 @@ import asyncio
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from linked_fleet_gateway.api import Core, Request, RequestView, ask
 from linked_fleet_gateway.base.errors import BadRequest
-from linked_fleet_gateway.http.extension import Core
-from linked_fleet_gateway.http.internal_request import Reply, ask
-from linked_fleet_gateway.http.problem import PROBLEM_JSON
-from linked_fleet_gateway.http.request import Request
-from linked_fleet_gateway.resources.branches import RequestView
+from linked_fleet_gateway.serving import PROBLEM_JSON, Reply
 
 KEY = "linked-fleet.context"
 """Key of the message's ``MessageContext`` in ``scope["extensions"]``."""

@@ -15,19 +15,14 @@ from mcp.shared.exceptions import MCPError
 from mcp_types import CallToolResult, TextContent
 from pydantic import Field
 
+from linked_fleet_gateway.api import joint_path, link_path, robot_of, robot_path, time_sliced
 from linked_fleet_gateway.base.errors import FleetError
 from linked_fleet_gateway.extensions.mcp.message_context import MessageContext
 from linked_fleet_gateway.extensions.mcp.tool import Progress, Target, Tool, content_result, is_text
+from linked_fleet_gateway.faces import Invoke, Offer, form_of_input, kind_of, offers_at, properties_at
 from linked_fleet_gateway.fleet.model import Joint
 from linked_fleet_gateway.fleet.robot import Robot
-from linked_fleet_gateway.http.internal_request import ReplyTooLong
-from linked_fleet_gateway.resources.action_offer import Offer, offers_at
-from linked_fleet_gateway.resources.affordance import Invoke
-from linked_fleet_gateway.resources.joint_kinds import kind_of
-from linked_fleet_gateway.resources.json_form import form_of_input
-from linked_fleet_gateway.resources.paths import joint_path, link_path, robot_of, robot_path
-from linked_fleet_gateway.resources.properties import properties_at
-from linked_fleet_gateway.runtime.background import time_sliced
+from linked_fleet_gateway.serving import ReplyTooLong
 
 _JSONLD, _TURTLE = "application/ld+json", "text/turtle"
 _ACCEPT = {

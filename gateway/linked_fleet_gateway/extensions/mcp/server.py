@@ -22,9 +22,7 @@ from linked_fleet_gateway.extensions.mcp.extension import McpSettings
 from linked_fleet_gateway.extensions.mcp.message_context import KEY, MessageContext
 from linked_fleet_gateway.extensions.mcp.read_tools import Find, Query, Read, contents, resources, templates
 from linked_fleet_gateway.extensions.mcp.tool import Tool, failure_result, refusal_result
-from linked_fleet_gateway.http.internal_request import ReplyTooLong
-from linked_fleet_gateway.http.problem import problem
-from linked_fleet_gateway.http.scheduling import bucket_key
+from linked_fleet_gateway.serving import ReplyTooLong, bucket_key, problem
 
 MOST_CALLS = 32
 """Unfinished tool calls per client. Calls that stop robots do not count."""

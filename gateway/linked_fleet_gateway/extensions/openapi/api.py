@@ -17,7 +17,7 @@ from linked_fleet_gateway.extensions.openapi.operations import (
     segment_schema,
     write_operation,
 )
-from linked_fleet_gateway.resources.json_form import Json
+from linked_fleet_gateway.faces import Json
 
 __all__ = [
     "CHANGED_RESPONSE", "ID_SCHEMA", "JSONLD", "RDF_CONTENT", "Json", "creation_responses", "error_responses",

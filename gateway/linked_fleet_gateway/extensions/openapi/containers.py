@@ -2,6 +2,7 @@
 
 from typing import Any
 
+from linked_fleet_gateway.api import Container
 from linked_fleet_gateway.extensions.openapi.operations import (
     CHANGED_RESPONSE,
     ID_SCHEMA,
@@ -11,9 +12,8 @@ from linked_fleet_gateway.extensions.openapi.operations import (
     resource_path_items,
     write_operation,
 )
+from linked_fleet_gateway.faces import Json, form_of
 from linked_fleet_gateway.rdf.serialise import JSON
-from linked_fleet_gateway.resources.container import Container
-from linked_fleet_gateway.resources.json_form import Json, form_of
 
 
 def container_operations(container: Container[Any]) -> dict[str, Json]:

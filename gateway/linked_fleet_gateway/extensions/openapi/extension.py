@@ -15,6 +15,21 @@ from typing import Any
 
 from starlette.responses import Response
 
+from linked_fleet_gateway.api import (
+    Container,
+    Content,
+    Core,
+    Extension,
+    FleetBranch,
+    Found,
+    Mount,
+    Request,
+    RequestView,
+    Resource,
+    await_preconditions,
+    read_resource,
+    time_sliced,
+)
 from linked_fleet_gateway.extensions.openapi.components import components
 from linked_fleet_gateway.extensions.openapi.containers import container_operations
 from linked_fleet_gateway.extensions.openapi.operations import (
@@ -27,18 +42,9 @@ from linked_fleet_gateway.extensions.openapi.operations import (
 )
 from linked_fleet_gateway.extensions.openapi.paths import FleetPaths, capitalized
 from linked_fleet_gateway.extensions.openapi.schemas import extract_alternatives, forbid_other_members, merge_null
-from linked_fleet_gateway.http.content import Content
-from linked_fleet_gateway.http.extension import Core, Extension, Mount
-from linked_fleet_gateway.http.preconditions import await_preconditions
-from linked_fleet_gateway.http.read import read_resource
-from linked_fleet_gateway.http.request import Request
+from linked_fleet_gateway.faces import Json
 from linked_fleet_gateway.rdf.serialise import JSON
 from linked_fleet_gateway.rdf.vocabulary import LDP
-from linked_fleet_gateway.resources.branches import FleetBranch, Found, RequestView
-from linked_fleet_gateway.resources.container import Container
-from linked_fleet_gateway.resources.json_form import Json
-from linked_fleet_gateway.resources.resource import Resource
-from linked_fleet_gateway.runtime.background import time_sliced
 
 PATH = "/openapi.json"
 TYPE = "application/vnd.oai.openapi+json;version=3.1"

@@ -6,8 +6,8 @@ The names of components are those of ``extensions/openapi/components.py``.
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
+from linked_fleet_gateway.faces import Json
 from linked_fleet_gateway.rdf.serialise import JSON
-from linked_fleet_gateway.resources.json_form import Json
 
 JSONLD, TURTLE, _UPDATE = "application/ld+json", "text/turtle", "application/sparql-update"
 Parameters = Mapping[str, Json]

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+from linked_fleet_gateway.api import Container, Property, RequestView, joint_path, link_path, robot_path
 from linked_fleet_gateway.extensions.openapi.components import ANNOTATIONS, LOCK_TOKEN
 from linked_fleet_gateway.extensions.openapi.operations import (
     CHANGED_PLACEMENT_RESPONSE,
@@ -34,18 +35,21 @@ from linked_fleet_gateway.extensions.openapi.schemas import (
     generalize_iris,
     union,
 )
+from linked_fleet_gateway.faces import (
+    Form,
+    Json,
+    Offer,
+    Setting,
+    form_of,
+    form_of_input,
+    form_of_target,
+    offers_at,
+    properties_at,
+)
 from linked_fleet_gateway.fleet.model import Joint, Link
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.rdf.serialise import JSON
 from linked_fleet_gateway.rdf.vocabulary import LF
-from linked_fleet_gateway.resources.action_offer import Offer, offers_at
-from linked_fleet_gateway.resources.body_values import Setting
-from linked_fleet_gateway.resources.branches import RequestView
-from linked_fleet_gateway.resources.container import Container
-from linked_fleet_gateway.resources.json_form import Form, Json, form_of, form_of_input, form_of_target
-from linked_fleet_gateway.resources.paths import joint_path, link_path, robot_path
-from linked_fleet_gateway.resources.properties import properties_at
-from linked_fleet_gateway.resources.property import Property
 
 _FORMAT: Json = {"type": "string", "enum": ["json", "jsonld"], "default": "json"}
 _PICKS = "The format of what is sent."

@@ -6,14 +6,14 @@ from pathlib import Path
 
 from pyoxigraph import Triple
 
+from linked_fleet_gateway.api import Core, Extension, Mount, Resource
 from linked_fleet_gateway.base.errors import FleetError
 from linked_fleet_gateway.extensions.pages import page
-from linked_fleet_gateway.extensions.pages.assets import BRANCH, THUMBNAIL, THUMBNAILS
+from linked_fleet_gateway.extensions.pages.assets import THUMBNAIL
+from linked_fleet_gateway.extensions.pages.branches import ASSETS, THUMBNAILS
 from linked_fleet_gateway.extensions.pages.page import FORMS, POLICY
 from linked_fleet_gateway.extensions.pages.views import add_view, checked_view, set_entries
-from linked_fleet_gateway.http.extension import Core, Extension, Mount
-from linked_fleet_gateway.resources.html import Reader
-from linked_fleet_gateway.resources.resource import Resource
+from linked_fleet_gateway.faces import Reader
 
 
 class Pages:
@@ -58,4 +58,4 @@ class PagesExtension(Extension):
                         page.check_template(checked.template)
                     add_view(checked)
         set_entries(core.navigation)
-        yield Mount(branches=(BRANCH, THUMBNAILS), html=Pages())
+        yield Mount(branches=(ASSETS, THUMBNAILS), html=Pages())

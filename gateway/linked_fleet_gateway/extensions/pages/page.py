@@ -19,10 +19,9 @@ from linked_fleet_gateway.extensions.pages.assets import assets
 from linked_fleet_gateway.extensions.pages.texts import clean
 from linked_fleet_gateway.extensions.pages.view import view_of
 from linked_fleet_gateway.extensions.pages.views import added_views, places
+from linked_fleet_gateway.faces import Reader, Resource
 from linked_fleet_gateway.rdf import jsonld
 from linked_fleet_gateway.rdf.vocabulary import PREFIXES
-from linked_fleet_gateway.resources.html import Reader
-from linked_fleet_gateway.resources.resource import Resource
 
 if TYPE_CHECKING:
     import jinja2

@@ -15,11 +15,9 @@ from linked_fleet_gateway.extensions.pages.root_views import audit, fleet, vocab
 from linked_fleet_gateway.extensions.pages.thing_views import DescribedSubject, describe_subject
 from linked_fleet_gateway.extensions.pages.values import Facts, Link, Row
 from linked_fleet_gateway.extensions.pages.views import LF, Part, Place, added_views, files_of, places
+from linked_fleet_gateway.faces import Resource, lease_path, offers_at
 from linked_fleet_gateway.rdf.serialise import RDF_TYPES
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, LDP, OWL, PROV, RDF, ROS, SOSA, XHV
-from linked_fleet_gateway.resources.action_offer import offers_at
-from linked_fleet_gateway.resources.paths import lease_path
-from linked_fleet_gateway.resources.resource import Resource
 
 log = logging.getLogger(__name__)
 

@@ -14,6 +14,20 @@ from urllib.parse import parse_qsl, urljoin
 
 from starlette.responses import Response
 
+from linked_fleet_gateway.api import (
+    Core,
+    Extension,
+    Mount,
+    NavigationEntry,
+    Request,
+    RequestView,
+    Resource,
+    await_preconditions,
+    body_type,
+    choose,
+    read_body,
+    read_resource,
+)
 from linked_fleet_gateway.base.errors import BadRequest, FleetError, NotAcceptable, UnsupportedMediaType
 from linked_fleet_gateway.base.lazy_imports import LazyModule
 from linked_fleet_gateway.extensions.query.description import (
@@ -27,19 +41,10 @@ from linked_fleet_gateway.extensions.query.description import (
 )
 from linked_fleet_gateway.extensions.query.operations import operations
 from linked_fleet_gateway.extensions.query.service import JSON_RESULTS, Queries
-from linked_fleet_gateway.http.body import body_type, read_body
-from linked_fleet_gateway.http.extension import Core, Extension, Mount
-from linked_fleet_gateway.http.fields import field
-from linked_fleet_gateway.http.negotiation import choose
-from linked_fleet_gateway.http.preconditions import await_preconditions
-from linked_fleet_gateway.http.problem import PROBLEM_JSON, problem
-from linked_fleet_gateway.http.read import read_resource as read_resource
-from linked_fleet_gateway.http.request import Request
+from linked_fleet_gateway.faces import HTML
 from linked_fleet_gateway.rdf.serialise import RDF_TYPES
 from linked_fleet_gateway.rdf.sparql_syntax import MAX_QUERY_BYTES, Dataset, Query, parse_query
-from linked_fleet_gateway.resources.branches import RequestView
-from linked_fleet_gateway.resources.html import HTML, NavigationEntry
-from linked_fleet_gateway.resources.resource import Resource
+from linked_fleet_gateway.serving import PROBLEM_JSON, field, problem
 
 if TYPE_CHECKING:
     from linked_fleet_gateway.extensions.query import page

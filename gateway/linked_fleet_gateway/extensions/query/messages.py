@@ -14,10 +14,10 @@ from msgspec import Struct
 
 from linked_fleet_agent.wire.messages import Description
 from linked_fleet_gateway.base.contributions import Contributions, present
+from linked_fleet_gateway.faces import Reader
 from linked_fleet_gateway.fleet.invocation import Invocation, Lease
 from linked_fleet_gateway.fleet.model import Pose
 from linked_fleet_gateway.fleet.unchecked import UncheckedLink
-from linked_fleet_gateway.resources.html import Reader
 
 log = logging.getLogger(__name__)
 

@@ -1,5 +1,6 @@
 """Operations of queries in OpenAPI."""
 
+from linked_fleet_gateway.api import RequestView
 from linked_fleet_gateway.extensions.openapi.api import RDF_CONTENT, Json, parameter, path_item, write_operation
 from linked_fleet_gateway.extensions.query.description import (
     PATH,
@@ -7,7 +8,6 @@ from linked_fleet_gateway.extensions.query.description import (
 from linked_fleet_gateway.extensions.query.service import JSON_RESULTS
 from linked_fleet_gateway.rdf.serialise import JSON
 from linked_fleet_gateway.rdf.sparql_syntax import MAX_QUERY_BYTES
-from linked_fleet_gateway.resources.branches import RequestView
 
 _TEXT: Json = {"type": "string", "minLength": 1, "maxLength": MAX_QUERY_BYTES, "examples": ["ASK { ?s ?p ?o }"]}
 _LONGEST_IN_URL = 1000

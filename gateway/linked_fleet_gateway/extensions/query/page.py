@@ -16,8 +16,8 @@ from linked_fleet_gateway.extensions.pages.views import PageView, Part, Place, a
 from linked_fleet_gateway.extensions.query.examples import EXAMPLES
 from linked_fleet_gateway.extensions.query.functions import LF
 from linked_fleet_gateway.extensions.query.messages import QueryRequest, Refused, size_refusal
+from linked_fleet_gateway.faces import NavigationEntry, Reader
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, NUMERIC, PREFIXES, RDFS, SD, SH
-from linked_fleet_gateway.resources.html import NavigationEntry, Reader
 
 _CELL_BYTES = 64
 _NUMERIC = frozenset(NUMERIC)

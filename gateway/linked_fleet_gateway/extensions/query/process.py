@@ -11,6 +11,7 @@ from asyncio.subprocess import DEVNULL
 from collections.abc import Callable
 from itertools import islice
 
+from linked_fleet_gateway.api import robot_path
 from linked_fleet_gateway.base.errors import BadRequest, Busy, FleetError, LibraryMissing
 from linked_fleet_gateway.extensions.query.messages import (
     DONE,
@@ -27,12 +28,11 @@ from linked_fleet_gateway.extensions.query.messages import (
     encode,
 )
 from linked_fleet_gateway.extensions.query.turns import QueryTooCostly, ResultTooLarge
+from linked_fleet_gateway.faces import Branches
 from linked_fleet_gateway.fleet.fleet import Fleet
 from linked_fleet_gateway.fleet.invocations import FLEET, Invocation, Invocations
 from linked_fleet_gateway.fleet.robot import Robot
-from linked_fleet_gateway.resources.branches import Branches
-from linked_fleet_gateway.resources.paths import robot_path
-from linked_fleet_gateway.runtime.worker import Worker
+from linked_fleet_gateway.serving import Worker
 
 log = logging.getLogger(__name__)
 

@@ -14,13 +14,13 @@ from pyoxigraph import (
     serialize,
 )
 
+from linked_fleet_gateway.api import NavigationEntry
 from linked_fleet_gateway.extensions.query.messages import HypotheticalRobot, QueryRequest
 from linked_fleet_gateway.extensions.query.process import Feed, QueryProcess
 from linked_fleet_gateway.extensions.query.turns import FairTurns
-from linked_fleet_gateway.identity.rights import View
+from linked_fleet_gateway.faces import HTML, Reader, View
 from linked_fleet_gateway.rdf.sparql_syntax import Dataset, Query, check_select, parse_query
-from linked_fleet_gateway.resources.html import HTML, NavigationEntry, Reader
-from linked_fleet_gateway.subscriptions.live import Live
+from linked_fleet_gateway.serving import Live
 
 LIMIT_S = 5.0
 """Limit of processor time for the evaluation of one query, in seconds."""

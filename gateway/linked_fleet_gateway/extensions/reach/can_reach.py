@@ -12,14 +12,13 @@ from typing import TYPE_CHECKING
 from pyoxigraph import Literal, NamedNode
 
 from linked_fleet_gateway.base.lazy_imports import LazyModule
+from linked_fleet_gateway.faces import commandable_joints, thing_at
 from linked_fleet_gateway.fleet.functions import Function, Term, path_of
 from linked_fleet_gateway.fleet.kinematics import ORIGIN, base_pose, compose, envelope, inverse
 from linked_fleet_gateway.fleet.model import JointKind, Link, ModelError, Pose
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.fleet.xml import Vector
 from linked_fleet_gateway.rdf.vocabulary import LF as CORE
-from linked_fleet_gateway.resources.paths import thing_at
-from linked_fleet_gateway.resources.shape_parameters import commandable_joints
 
 if TYPE_CHECKING:
     from linked_fleet_gateway.extensions.reach import inverse_kinematics as solver

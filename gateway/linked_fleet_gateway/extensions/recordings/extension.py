@@ -16,21 +16,29 @@ from uuid import UUID
 
 from pyoxigraph import Literal, NamedNode
 
+from linked_fleet_gateway.api import (
+    CONTAINER,
+    Core,
+    Extension,
+    Found,
+    Mount,
+    RequestView,
+    Resource,
+    RobotBranch,
+    Source,
+    cancel_tasks,
+    robot_path,
+    supervised,
+)
 from linked_fleet_gateway.extensions.history.files import MCAP, Level, LogMessage, recording
 from linked_fleet_gateway.extensions.history.recorder import History
 from linked_fleet_gateway.extensions.history.track import Excerpt, wall_ns
 from linked_fleet_gateway.fleet.invocation import Invocation, InvocationState
 from linked_fleet_gateway.fleet.robot import Robot
-from linked_fleet_gateway.http.extension import Core, Extension, Mount
 from linked_fleet_gateway.rdf.graph import Graph, timestamp
 from linked_fleet_gateway.rdf.serialise import NoContentYet
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, LDP, RDFS
-from linked_fleet_gateway.resources.branches import Found, RequestView, RobotBranch
-from linked_fleet_gateway.resources.paths import robot_path
-from linked_fleet_gateway.resources.resource import CONTAINER, Resource
-from linked_fleet_gateway.resources.versioning import Source
-from linked_fleet_gateway.runtime.background import cancel_tasks, supervised
-from linked_fleet_gateway.subscriptions.live import Live
+from linked_fleet_gateway.serving import Live
 
 log = logging.getLogger(__name__)
 

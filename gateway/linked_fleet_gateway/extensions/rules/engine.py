@@ -9,8 +9,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import Protocol
 
-from linked_fleet_gateway.actions.plan import robot_time
-from linked_fleet_gateway.actions.service import Actions
+from linked_fleet_gateway.api import cancel_tasks, robot_of, supervised
 from linked_fleet_gateway.base.errors import AgentTimeout, Busy, FleetError, RedisUnavailable
 from linked_fleet_gateway.extensions.query.messages import HypotheticalRobot
 from linked_fleet_gateway.extensions.query.turns import QueryTooCostly
@@ -26,11 +25,8 @@ from linked_fleet_gateway.extensions.rules.rule_invocation import (
     invoke,
 )
 from linked_fleet_gateway.extensions.rules.store import Changed, Lost, RuleStore
-from linked_fleet_gateway.identity.rights import Identity, View
-from linked_fleet_gateway.resources.invocation import invocation_path
-from linked_fleet_gateway.resources.paths import robot_of
-from linked_fleet_gateway.runtime.background import cancel_tasks, supervised
-from linked_fleet_gateway.subscriptions.live import Live
+from linked_fleet_gateway.faces import Identity, View, invocation_path
+from linked_fleet_gateway.serving import Actions, Live, robot_time
 
 log = logging.getLogger(__name__)
 

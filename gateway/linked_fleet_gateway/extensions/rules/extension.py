@@ -10,6 +10,7 @@ from typing import Any, ClassVar
 
 from prometheus_client.metrics_core import Metric
 
+from linked_fleet_gateway.api import Core, Extension, Mount, NavigationEntry, RequestView, counter, gauges
 from linked_fleet_gateway.base.settings import Section, setting, whole_number
 from linked_fleet_gateway.extensions.query.service import Queries
 from linked_fleet_gateway.extensions.rules.description import ChangeRule, MakeRule, branch, rule_state
@@ -19,10 +20,6 @@ from linked_fleet_gateway.extensions.rules.request import RULE_SHAPE
 from linked_fleet_gateway.extensions.rules.rule_invocation import creator_of
 from linked_fleet_gateway.extensions.rules.service import Rules
 from linked_fleet_gateway.extensions.rules.store import RuleStore
-from linked_fleet_gateway.http.extension import Core, Extension, Mount
-from linked_fleet_gateway.resources.branches import RequestView
-from linked_fleet_gateway.resources.html import NavigationEntry
-from linked_fleet_gateway.runtime.metrics import counter, gauges
 
 
 @dataclass(frozen=True)

@@ -14,6 +14,7 @@ from dataclasses import replace
 
 from starlette.responses import Response
 
+from linked_fleet_gateway.api import Request, Resource, Right, body_type
 from linked_fleet_gateway.base.errors import (
     BadRequest,
     FleetError,
@@ -35,13 +36,9 @@ from linked_fleet_gateway.extensions.rules.rule_invocation import find_action, m
 from linked_fleet_gateway.extensions.rules.service import Rules
 from linked_fleet_gateway.extensions.rules.store import Changed, FleetFull, Full
 from linked_fleet_gateway.extensions.rules.template import LF
-from linked_fleet_gateway.http.body import body_type, convert_body, parse_body
-from linked_fleet_gateway.http.fields import field
-from linked_fleet_gateway.http.request import Request
-from linked_fleet_gateway.http.writes import check_acceptable, created_response
-from linked_fleet_gateway.identity.rights import Claims, Identity, Right
+from linked_fleet_gateway.faces import Claims, Identity
 from linked_fleet_gateway.rdf.sparql_syntax import MAX_QUERY_BYTES, bound_iris
-from linked_fleet_gateway.resources.resource import Resource
+from linked_fleet_gateway.serving import check_acceptable, convert_body, created_response, field, parse_body
 
 
 class TooManyRules(FleetError):

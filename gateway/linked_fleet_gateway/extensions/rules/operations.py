@@ -3,6 +3,7 @@
 from functools import cache
 from itertools import chain
 
+from linked_fleet_gateway.api import RequestView
 from linked_fleet_gateway.extensions.openapi.api import (
     CHANGED_RESPONSE,
     ID_SCHEMA,
@@ -20,10 +21,9 @@ from linked_fleet_gateway.extensions.rules.request import (
     RULE_SHAPE,
 )
 from linked_fleet_gateway.extensions.rules.template import LF
+from linked_fleet_gateway.faces import form_in
 from linked_fleet_gateway.rdf.shapes import load_turtle_file
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS
-from linked_fleet_gateway.resources.branches import RequestView
-from linked_fleet_gateway.resources.json_form import form_in
 
 _CONTEXT = "https://w3id.org/linked-fleet/context"
 _MEMBERS = {

@@ -3,8 +3,8 @@
 from dataclasses import dataclass, field
 from enum import StrEnum
 
-from linked_fleet_gateway.identity.rights import Claims, View
-from linked_fleet_gateway.resources.paths import robot_of
+from linked_fleet_gateway.api import robot_of
+from linked_fleet_gateway.faces import Claims, View
 
 
 @dataclass(frozen=True)

@@ -10,23 +10,24 @@ from urllib.parse import unquote
 
 from pyoxigraph import NamedNode
 
-from linked_fleet_gateway.actions.admission import validate_action_body
-from linked_fleet_gateway.actions.operations import Operation
-from linked_fleet_gateway.actions.plan import ActionRequest, Caller, DeferredPlan, Halt, Motion, RobotTime
-from linked_fleet_gateway.actions.service import Actions
+from linked_fleet_gateway.api import (
+    ActionRequest,
+    Body,
+    DeferredPlan,
+    Halt,
+    Motion,
+    Operation,
+    Resource,
+    Right,
+    robot_of,
+)
 from linked_fleet_gateway.base.errors import InsufficientScope, UnprocessableContent
 from linked_fleet_gateway.extensions.rules.edges import Row
 from linked_fleet_gateway.extensions.rules.rule import Rule
 from linked_fleet_gateway.extensions.rules.template import fill
+from linked_fleet_gateway.faces import EVERYBODY, Identity, Invoke, Offer, Tree, input_ntriples
 from linked_fleet_gateway.fleet.invocations import Invocation
-from linked_fleet_gateway.identity.rights import EVERYBODY, Identity, Right
-from linked_fleet_gateway.identity.service import Identities
-from linked_fleet_gateway.resources.action_offer import Offer
-from linked_fleet_gateway.resources.affordance import Invoke
-from linked_fleet_gateway.resources.body_values import Body, input_ntriples
-from linked_fleet_gateway.resources.paths import robot_of
-from linked_fleet_gateway.resources.resource import Resource
-from linked_fleet_gateway.resources.tree import Tree
+from linked_fleet_gateway.serving import Actions, Caller, Identities, RobotTime, validate_action_body
 
 Moments = Mapping[str, RobotTime | None]
 

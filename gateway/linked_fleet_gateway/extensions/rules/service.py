@@ -9,7 +9,7 @@ from dataclasses import replace
 from types import TracebackType
 from typing import Self
 
-from linked_fleet_gateway.actions.service import Actions
+from linked_fleet_gateway.api import Resource, cancel_tasks, supervised
 from linked_fleet_gateway.base.errors import RedisUnavailable
 from linked_fleet_gateway.extensions.rules.description import firings_path, rule_path
 from linked_fleet_gateway.extensions.rules.edges import ChangeNotifier
@@ -18,13 +18,8 @@ from linked_fleet_gateway.extensions.rules.request import CONTAINER
 from linked_fleet_gateway.extensions.rules.rule import Firing, FiringState, Rule, RuleRecord
 from linked_fleet_gateway.extensions.rules.rule_invocation import RightsEnded
 from linked_fleet_gateway.extensions.rules.store import Changed, RuleStore
-from linked_fleet_gateway.identity.rights import Identity
-from linked_fleet_gateway.resources.affordance import Invoke
-from linked_fleet_gateway.resources.resource import Resource
-from linked_fleet_gateway.runtime.audit_log import AuditLog
-from linked_fleet_gateway.runtime.background import cancel_tasks, run_last_step, supervised
-from linked_fleet_gateway.runtime.replica import Replica, follow_changes
-from linked_fleet_gateway.subscriptions.live import Live
+from linked_fleet_gateway.faces import Identity, Invoke
+from linked_fleet_gateway.serving import Actions, AuditLog, Live, Replica, follow_changes, run_last_step
 
 log = logging.getLogger(__name__)
 

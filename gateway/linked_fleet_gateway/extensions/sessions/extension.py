@@ -15,17 +15,15 @@ from starlette.datastructures import Headers
 from starlette.responses import RedirectResponse, Response
 from starlette.types import Receive, Scope
 
+from linked_fleet_gateway.api import Core, Extension, Mount, Request, choose
 from linked_fleet_gateway.base.errors import ForeignOrigin, Unauthenticated
 from linked_fleet_gateway.base.settings import FILE, Section, setting
 from linked_fleet_gateway.extensions.sessions.cookies import read_cookie, record_session
 from linked_fleet_gateway.extensions.sessions.login import Login
 from linked_fleet_gateway.extensions.sessions.service import EndedSessions, SessionKey, Sessions
-from linked_fleet_gateway.http.arrival import Authenticated, arrival_of
-from linked_fleet_gateway.http.extension import Core, Extension, Mount
-from linked_fleet_gateway.http.negotiation import choose
-from linked_fleet_gateway.http.request import Request
+from linked_fleet_gateway.faces import HTML
 from linked_fleet_gateway.rdf.serialise import RDF_TYPES
-from linked_fleet_gateway.resources.html import HTML
+from linked_fleet_gateway.serving import Authenticated, arrival_of
 
 
 @dataclass(frozen=True)

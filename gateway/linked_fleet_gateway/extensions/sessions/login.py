@@ -17,6 +17,7 @@ from urllib.parse import parse_qs, quote, urlencode
 
 from starlette.responses import RedirectResponse, Response
 
+from linked_fleet_gateway.api import Request, Right, read_body
 from linked_fleet_gateway.base.addresses import network_of
 from linked_fleet_gateway.base.errors import (
     BadRequest,
@@ -31,13 +32,8 @@ from linked_fleet_gateway.extensions.pages.views import places
 from linked_fleet_gateway.extensions.sessions.cookies import LOGIN, read_cookie, session_of, set_cookie
 from linked_fleet_gateway.extensions.sessions.sealed_cookie import SESSION_S, PendingLogin, open_login, seal_login
 from linked_fleet_gateway.extensions.sessions.service import Sessions
-from linked_fleet_gateway.http.arrival import arrival_of
-from linked_fleet_gateway.http.body import read_body
-from linked_fleet_gateway.http.request import Request
-from linked_fleet_gateway.http.scheduling import TokenBuckets
-from linked_fleet_gateway.identity.issuers import BadToken, IssuerFailed
-from linked_fleet_gateway.identity.rights import Claims, Credential, Identity, Right
-from linked_fleet_gateway.identity.roster import Issuer
+from linked_fleet_gateway.faces import Claims, Credential, Identity
+from linked_fleet_gateway.serving import BadToken, Issuer, IssuerFailed, TokenBuckets, arrival_of
 
 
 class TooManyLogins(FleetError):

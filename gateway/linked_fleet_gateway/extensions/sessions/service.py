@@ -15,6 +15,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
+from linked_fleet_gateway.api import cancel_tasks, supervised
 from linked_fleet_gateway.base.errors import RedisUnavailable
 from linked_fleet_gateway.extensions.sessions.sealed_cookie import (
     KEY_BYTES,
@@ -23,10 +24,8 @@ from linked_fleet_gateway.extensions.sessions.sealed_cookie import (
     open_session,
     seal_session,
 )
-from linked_fleet_gateway.identity.rights import Credential, Identity
-from linked_fleet_gateway.identity.service import Identities
-from linked_fleet_gateway.runtime.background import cancel_tasks, supervised
-from linked_fleet_gateway.runtime.redis import Connection
+from linked_fleet_gateway.faces import Credential, Identity
+from linked_fleet_gateway.serving import Identities, RedisConnection
 
 log = logging.getLogger(__name__)
 
@@ -39,7 +38,7 @@ class SessionKey:
     """
 
     def __init__(self, url: str, namespace: str, file: str) -> None:
-        self._redis = Connection(url, f"{namespace}:identity:news")
+        self._redis = RedisConnection(url, f"{namespace}:identity:news")
         self._name = f"{namespace}:identity:session-key"
         self._key = read_key(Path(file)) if file else b""
         self._turn = asyncio.Lock()
@@ -87,7 +86,7 @@ class EndedSessions:
 
     def __init__(self, url: str, namespace: str) -> None:
         self._key = f"{namespace}:identity:ended"
-        self._redis = Connection(url, self._key)
+        self._redis = RedisConnection(url, self._key)
         self._ends_ns: dict[str, int] = {}  # by session id: when the session would have expired anyway
         self._untold: deque[Session] = deque(maxlen=_MOST_UNTOLD)
         self._seen = ""

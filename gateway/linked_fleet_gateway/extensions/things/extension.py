@@ -13,6 +13,18 @@ from typing import Any
 
 from starlette.responses import Response, StreamingResponse
 
+from linked_fleet_gateway.api import (
+    Core,
+    Extension,
+    Mount,
+    NavigationEntry,
+    Request,
+    RequestView,
+    Resource,
+    choose,
+    read_resource,
+    time_sliced,
+)
 from linked_fleet_gateway.base.errors import BadRequest, NotAcceptable, Unimplemented
 from linked_fleet_gateway.extensions.things.directory import (
     BRANCHES,
@@ -26,17 +38,8 @@ from linked_fleet_gateway.extensions.things.directory import (
 from linked_fleet_gateway.extensions.things.kept_listings import InThread, KeptListing, KeptListings, LongListing
 from linked_fleet_gateway.extensions.things.operations import operations
 from linked_fleet_gateway.extensions.things.td import DIRECTORY, TD
-from linked_fleet_gateway.http.extension import Core, Extension, Mount
-from linked_fleet_gateway.http.fields import Link, field, link_header
-from linked_fleet_gateway.http.negotiation import choose
-from linked_fleet_gateway.http.read import read_resource
-from linked_fleet_gateway.http.representation import etag, not_modified
-from linked_fleet_gateway.http.request import Request
 from linked_fleet_gateway.rdf.serialise import JSON
-from linked_fleet_gateway.resources.branches import RequestView
-from linked_fleet_gateway.resources.html import NavigationEntry
-from linked_fleet_gateway.resources.resource import Resource
-from linked_fleet_gateway.runtime.background import time_sliced
+from linked_fleet_gateway.serving import WebLink, etag, field, link_header, not_modified
 
 TYPES = ("application/ld+json", JSON)
 _SORTING = ("sort_by", "sort_order")
@@ -115,14 +118,14 @@ def _page_links(
     limit: int | None,
     end: int,
 ) -> str:
-    links = [Link(iri.value, "type") for iri in resource.interaction_model]
+    links = [WebLink(iri.value, "type") for iri in resource.interaction_model]
     links += _canonical(things, request.base, paged=limit is not None or offset > 0)
     if end < len(things):
-        links.append(Link(f"{request.base}{DIRECTORY}?offset={end}&limit={limit}", "next"))
+        links.append(WebLink(f"{request.base}{DIRECTORY}?offset={end}&limit={limit}", "next"))
     return link_header(links, [])
 
 
-def _canonical(things: Sequence[tuple[str, Place]], base: str, *, paged: bool) -> list[Link]:
+def _canonical(things: Sequence[tuple[str, Place]], base: str, *, paged: bool) -> list[WebLink]:
     """Return the link of a page to the collection.
 
     Its etag changes when things are added or removed, which moves pages.
@@ -130,7 +133,7 @@ def _canonical(things: Sequence[tuple[str, Place]], base: str, *, paged: bool) -
     if not paged:
         return []
     state = etag("\n".join(id for id, _ in things).encode()).strip('"')
-    return [Link(base + DIRECTORY, "canonical", etag=state)]
+    return [WebLink(base + DIRECTORY, "canonical", etag=state)]
 
 
 async def _array(listing: Listing, things: Iterable[tuple[str, Place]]) -> AsyncIterator[bytes]:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import TypeVar
 
-from linked_fleet_gateway.http.content import Content
+from linked_fleet_gateway.api import Content
 
 MAX_LISTING_BYTES = 16 * 2**20
 MAX_KEPT_BYTES = 64 * 2**20

@@ -1,5 +1,6 @@
 """Operations of Thing Descriptions in OpenAPI."""
 
+from linked_fleet_gateway.api import RequestView
 from linked_fleet_gateway.extensions.openapi.api import (
     JSONLD,
     Json,
@@ -14,7 +15,6 @@ from linked_fleet_gateway.extensions.things.directory import (
 )
 from linked_fleet_gateway.extensions.things.td import DIRECTORY, TD
 from linked_fleet_gateway.rdf.serialise import JSON
-from linked_fleet_gateway.resources.branches import RequestView
 
 _THING: Json = {"type": "object", "required": ["@context", "id", "title"]}
 _THINGS: Json = {"schema": {"type": "array", "items": _THING}}

@@ -11,20 +11,25 @@ from typing import Any
 
 from pyoxigraph import NamedNode
 
+from linked_fleet_gateway.api import Property, RequestView, joint_path, link_path, robot_path
 from linked_fleet_gateway.extensions.things.schema_types import with_types
+from linked_fleet_gateway.faces import (
+    Json,
+    Measurement,
+    Offer,
+    form_of,
+    form_of_input,
+    form_of_target,
+    kind_of,
+    offers_at,
+    part_paths,
+    properties_at,
+)
 from linked_fleet_gateway.fleet.model import Joint, Link
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.rdf.serialise import JSON
 from linked_fleet_gateway.rdf.vocabulary import HYBRIT, LF, ROS, SOSA
-from linked_fleet_gateway.resources.action_offer import Offer, offers_at
-from linked_fleet_gateway.resources.branches import RequestView
-from linked_fleet_gateway.resources.describe import part_paths
-from linked_fleet_gateway.resources.joint_kinds import kind_of
-from linked_fleet_gateway.resources.json_form import Json, form_of, form_of_input, form_of_target
-from linked_fleet_gateway.resources.paths import joint_path, link_path, robot_path
 from linked_fleet_gateway.resources.plain_json import description_json
-from linked_fleet_gateway.resources.properties import properties_at
-from linked_fleet_gateway.resources.property import Measurement, Property
 
 TD, DIRECTORY = "application/td+json", "/things"
 """Media type of a Thing Description, and path of the directory."""

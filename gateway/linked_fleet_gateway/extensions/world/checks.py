@@ -18,7 +18,7 @@ from types import TracebackType
 from typing import Self
 
 from linked_fleet_agent.wire.messages import Follow, Move
-from linked_fleet_gateway.actions.plan import Motion
+from linked_fleet_gateway.api import Motion
 from linked_fleet_gateway.base.errors import Busy
 from linked_fleet_gateway.extensions.world.collisions import Collisions, Unchecked
 from linked_fleet_gateway.extensions.world.messages import (
@@ -42,14 +42,12 @@ from linked_fleet_gateway.extensions.world.placement import (
 from linked_fleet_gateway.extensions.world.process import Checker, Preparation, is_placed, key_of
 from linked_fleet_gateway.extensions.world.refusals import Refusals
 from linked_fleet_gateway.extensions.world.scene import SceneObject
+from linked_fleet_gateway.faces import View, unchecked_links
 from linked_fleet_gateway.fleet.model import Pose
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.fleet.unchecked import Finding
 from linked_fleet_gateway.fleet.xml import Vector
-from linked_fleet_gateway.identity.rights import View
-from linked_fleet_gateway.resources.invocation import unchecked_links
-from linked_fleet_gateway.runtime.worker import Worker
-from linked_fleet_gateway.subscriptions.live import Live
+from linked_fleet_gateway.serving import Live, Worker
 
 CONFIGURATION_STEP_RAD = 0.05  # also metre
 MOST_CONFIGURATIONS = 24

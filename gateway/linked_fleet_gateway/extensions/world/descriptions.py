@@ -10,6 +10,7 @@ from functools import cache
 
 from pyoxigraph import Literal, NamedNode, Triple
 
+from linked_fleet_gateway.api import Body, link_path, robot_path
 from linked_fleet_gateway.base.errors import UnprocessableContent
 from linked_fleet_gateway.base.faults import Faults
 from linked_fleet_gateway.extensions.world.placement import (
@@ -32,16 +33,13 @@ from linked_fleet_gateway.extensions.world.scene import (
     TriangleMesh,
     read_stl,
 )
+from linked_fleet_gateway.faces import Field, Form, RelativePose, Value, form_of, model_path, validate_body
 from linked_fleet_gateway.fleet.model import Pose
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.rdf.graph import METRE, Graph, Node
 from linked_fleet_gateway.rdf.validation import refuse_statements
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, HYDRA, LDP, RDF, RDFS
 from linked_fleet_gateway.rdf.vocabulary import LF as CORE_LF
-from linked_fleet_gateway.resources.body_values import Body, validate_body
-from linked_fleet_gateway.resources.json_form import Field, Form, Value, form_of
-from linked_fleet_gateway.resources.paths import link_path, model_path, robot_path
-from linked_fleet_gateway.resources.relative_poses import RelativePose
 
 OBJECTS, POSES = f"{WORLD}/objects", f"{WORLD}/pose"
 STL = "model/stl"

@@ -13,6 +13,17 @@ from urllib.parse import unquote
 from pyoxigraph import Literal, Triple
 from starlette.responses import Response
 
+from linked_fleet_gateway.api import (
+    Core,
+    Extension,
+    Mount,
+    NavigationEntry,
+    Request,
+    RequestView,
+    Resource,
+    body_type,
+    read_resource,
+)
 from linked_fleet_gateway.base.errors import BadRequest, NotFound
 from linked_fleet_gateway.extensions.world.descriptions import (
     OBJECTS,
@@ -27,19 +38,10 @@ from linked_fleet_gateway.extensions.world.placement import LF, WORLD, placement
 from linked_fleet_gateway.extensions.world.resources import PoseQuery, PostObject, PutObject
 from linked_fleet_gateway.extensions.world.scene import SceneObject
 from linked_fleet_gateway.extensions.world.service import World
-from linked_fleet_gateway.http.body import body_type, convert_body, parse_body, parse_form
-from linked_fleet_gateway.http.extension import Core, Extension, Mount
-from linked_fleet_gateway.http.preconditions import resolve_under_preconditions
-from linked_fleet_gateway.http.read import read_resource
-from linked_fleet_gateway.http.request import Request
-from linked_fleet_gateway.http.writes import read_change
+from linked_fleet_gateway.faces import managed_statements, relative_pose
 from linked_fleet_gateway.rdf.serialise import JSON
 from linked_fleet_gateway.rdf.validation import ground_statements
-from linked_fleet_gateway.resources.body_values import managed_statements
-from linked_fleet_gateway.resources.branches import RequestView
-from linked_fleet_gateway.resources.html import NavigationEntry
-from linked_fleet_gateway.resources.relative_poses import relative_pose
-from linked_fleet_gateway.resources.resource import Resource
+from linked_fleet_gateway.serving import convert_body, parse_body, parse_form, read_change, resolve_under_preconditions
 
 MAX_BODY_BYTES = 768 * 1024  # of a mesh in Base64
 MAX_TRIPLES = 200

@@ -2,6 +2,7 @@
 
 import re
 
+from linked_fleet_gateway.api import RequestView, robot_path
 from linked_fleet_gateway.extensions.openapi.api import (
     CHANGED_RESPONSE,
     ID_SCHEMA,
@@ -23,8 +24,6 @@ from linked_fleet_gateway.extensions.world.descriptions import (
 from linked_fleet_gateway.extensions.world.placement import LF, WORLD
 from linked_fleet_gateway.rdf.graph import METRE
 from linked_fleet_gateway.rdf.serialise import JSON
-from linked_fleet_gateway.resources.branches import RequestView
-from linked_fleet_gateway.resources.paths import robot_path
 
 _BALL: Json = {
     "title": "a ball",

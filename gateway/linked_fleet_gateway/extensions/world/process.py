@@ -16,6 +16,7 @@ from pathlib import Path
 import msgspec
 
 from linked_fleet_agent.wire.messages import Description
+from linked_fleet_gateway.api import cancel_tasks, supervised
 from linked_fleet_gateway.base.errors import FleetError
 from linked_fleet_gateway.extensions.world.messages import (
     Answer,
@@ -32,9 +33,7 @@ from linked_fleet_gateway.extensions.world.scene import MAX_OBJECTS, SceneObject
 from linked_fleet_gateway.fleet.geometry import file_name, meshes_of
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.fleet.unchecked import UncheckedLink, in_words
-from linked_fleet_gateway.runtime.background import cancel_tasks, supervised
-from linked_fleet_gateway.runtime.worker import Worker
-from linked_fleet_gateway.subscriptions.live import Live
+from linked_fleet_gateway.serving import Live, Worker
 
 _log = logging.getLogger(__name__)
 

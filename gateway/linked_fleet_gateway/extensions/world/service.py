@@ -11,6 +11,7 @@ from typing import Self
 
 from pyoxigraph import Triple
 
+from linked_fleet_gateway.api import FleetBranch, Found, RequestView, Table
 from linked_fleet_gateway.extensions.world.checks import Checks
 from linked_fleet_gateway.extensions.world.collisions import Collisions
 from linked_fleet_gateway.extensions.world.descriptions import OBJECTS, describe_frame, describe_objects, object_path
@@ -20,9 +21,7 @@ from linked_fleet_gateway.extensions.world.scene import MAX_OBJECTS, SceneObject
 from linked_fleet_gateway.fleet.kinematics import ORIGIN
 from linked_fleet_gateway.fleet.model import Pose
 from linked_fleet_gateway.rdf.graph import Graph
-from linked_fleet_gateway.resources.branches import FleetBranch, Found, RequestView
-from linked_fleet_gateway.runtime.table import StoredRecords, Table
-from linked_fleet_gateway.subscriptions.live import Live
+from linked_fleet_gateway.serving import Live, StoredRecords
 
 NOUN = "objects in the world"
 
