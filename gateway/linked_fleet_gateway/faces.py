@@ -9,8 +9,8 @@ from linked_fleet_gateway.identity.rights import EVERYBODY, Claims, Credential, 
 from linked_fleet_gateway.resources.action_offer import Offer, offers_at
 from linked_fleet_gateway.resources.affordance import Invoke
 from linked_fleet_gateway.resources.annotations import named_poses
-from linked_fleet_gateway.resources.body_values import Setting, input_ntriples, managed_statements, validate_body
-from linked_fleet_gateway.resources.branches import Branches, ThingDocument
+from linked_fleet_gateway.resources.body_values import Setting, managed_statements, validate_body
+from linked_fleet_gateway.resources.branches import ThingDocument
 from linked_fleet_gateway.resources.describe import Describer, last_frame, part_paths
 from linked_fleet_gateway.resources.documents import VOCABULARY, describe_terms
 from linked_fleet_gateway.resources.html import HTML, NavigationEntry, Reader
@@ -54,12 +54,12 @@ from linked_fleet_gateway.resources.versioning import Reading
 VERSION = 1
 
 __all__ = [
-    "EVERYBODY", "HTML", "VERSION", "VOCABULARY", "Branches", "Claims", "Credential", "Describer",
+    "EVERYBODY", "HTML", "VERSION", "VOCABULARY", "Claims", "Credential", "Describer",
     "DescriptionTemplate", "Field", "Form", "Identity", "Invoke", "Json", "Measurement", "NavigationEntry", "Offer",
     "Property", "Reader", "Reading", "RelativePose", "Resource", "Right", "Rows", "Setting", "ThingDocument",
     "TokenHash", "Tree", "Value", "View", "commandable_joints", "describe_invocation", "describe_lease",
     "describe_request_shape", "describe_terms", "form_in", "form_of", "form_of_input", "form_of_target",
-    "input_ntriples", "invocation_path", "joint_path", "kind_of", "last_frame", "lease_path", "lexical_time",
+    "invocation_path", "joint_path", "kind_of", "last_frame", "lease_path", "lexical_time",
     "link_path", "managed_statements", "mesh_path", "model_path", "named_poses", "offers_at", "part_paths",
     "properties_at", "relative_pose", "robot_of", "robot_path", "round_to_resolution", "run_steps", "thing_at",
     "unchecked_links", "validate_body",

@@ -4,19 +4,16 @@ They are for own forms of bodies, preconditions, protocols and logins, and for w
 tables of an own form, and invocations for a client. ``VERSION`` counts changes that break extensions.
 """
 
-from linked_fleet_gateway.actions.admission import validate_action_body
 from linked_fleet_gateway.actions.plan import Caller, RobotTime, robot_time
-from linked_fleet_gateway.actions.service import Actions
 from linked_fleet_gateway.http.arrival import Authenticated, arrival_of
 from linked_fleet_gateway.http.body import convert_body, parse_body, parse_form
-from linked_fleet_gateway.http.content import content_headers
 from linked_fleet_gateway.http.fields import Link as WebLink
-from linked_fleet_gateway.http.fields import field, link_header
+from linked_fleet_gateway.http.fields import link_header
 from linked_fleet_gateway.http.internal_request import Reply, ReplyTooLong
 from linked_fleet_gateway.http.preconditions import check_preconditions, resolve_under_preconditions
 from linked_fleet_gateway.http.problem import PROBLEM_JSON, problem
-from linked_fleet_gateway.http.representation import etag, not_modified
-from linked_fleet_gateway.http.scheduling import TokenBuckets, bucket_key, stop_segments
+from linked_fleet_gateway.http.representation import not_modified
+from linked_fleet_gateway.http.scheduling import TokenBuckets, stop_segments
 from linked_fleet_gateway.http.streams import wants_events
 from linked_fleet_gateway.http.websocket import ConnectionEnded, frame
 from linked_fleet_gateway.http.writes import check_acceptable, created_response, read_change
@@ -24,23 +21,21 @@ from linked_fleet_gateway.identity.issuers import BadToken, IssuerFailed
 from linked_fleet_gateway.identity.roster import Issuer
 from linked_fleet_gateway.identity.service import Identities
 from linked_fleet_gateway.link.fleet_link import NoAnswer
-from linked_fleet_gateway.runtime.audit_log import AuditLog
 from linked_fleet_gateway.runtime.background import run_last_step
 from linked_fleet_gateway.runtime.redis import Connection as RedisConnection
 from linked_fleet_gateway.runtime.replica import Replica, follow_changes
 from linked_fleet_gateway.runtime.table import StoredRecords
 from linked_fleet_gateway.runtime.worker import Worker
 from linked_fleet_gateway.subscriptions.live import Live
-from linked_fleet_gateway.subscriptions.watcher import Watcher
 
 VERSION = 1
 
 __all__ = [
-    "PROBLEM_JSON", "VERSION", "Actions", "AuditLog", "Authenticated", "BadToken", "Caller", "ConnectionEnded",
+    "PROBLEM_JSON", "VERSION", "Authenticated", "BadToken", "Caller", "ConnectionEnded",
     "Identities", "Issuer", "IssuerFailed", "Live", "NoAnswer", "RedisConnection", "Replica", "Reply",
-    "ReplyTooLong", "RobotTime", "StoredRecords", "TokenBuckets", "Watcher", "WebLink", "Worker", "arrival_of",
-    "bucket_key", "check_acceptable", "check_preconditions", "content_headers", "convert_body", "created_response",
-    "etag", "field", "follow_changes", "frame", "link_header", "not_modified", "parse_body", "parse_form",
+    "ReplyTooLong", "RobotTime", "StoredRecords", "TokenBuckets", "WebLink", "Worker", "arrival_of",
+    "check_acceptable", "check_preconditions", "convert_body", "created_response",
+    "follow_changes", "frame", "link_header", "not_modified", "parse_body", "parse_form",
     "problem", "read_change", "resolve_under_preconditions", "robot_time", "run_last_step", "stop_segments",
-    "validate_action_body", "wants_events",
+    "wants_events",
 ]  # fmt: skip

@@ -7,7 +7,6 @@ from typing import Self
 from starlette.responses import Response
 
 from linked_fleet_gateway.base.errors import PreconditionFailed
-from linked_fleet_gateway.http.fields import field
 from linked_fleet_gateway.http.negotiation import coded_tag, compress, is_compressible, preferred_coding
 from linked_fleet_gateway.http.read import READ_METHODS, method_headers, resource_headers
 from linked_fleet_gateway.http.representation import etag, not_modified, precondition_holds
@@ -29,6 +28,13 @@ class Content:
         coded = compress(body) if is_compressible(body, measured=False, max_bytes=len(body)) else b""
         return cls(body, etag(body), coded)
 
+    @staticmethod
+    def headers(request: Request, resource: Resource, media_type: str) -> dict[str, str]:
+        """Return the fields of a response to GET of the resource in a media type, apart from its entity tag."""
+        headers = resource_headers(resource, request.base, "") | method_headers(resource, READ_METHODS)
+        del headers["etag"]
+        return headers | {"content-type": media_type}
+
     @property
     def size(self) -> int:
         """Number of bytes in memory."""
@@ -38,9 +44,9 @@ class Content:
         """Return the content, in gzip if the client prefers that, or 304. Raises PreconditionFailed."""
         coding = preferred_coding(_accepted_codings(request), ("gzip",) if self.coded else ())
         tagged = {**headers, "etag": coded_tag(self.etag, coding)}
-        if not precondition_holds(field(request, "if-match"), {self.etag}):
+        if not precondition_holds(request.field("if-match"), {self.etag}):
             raise PreconditionFailed(f"The entity tag of the present content is {self.etag}.")
-        if not_modified(field(request, "if-none-match"), tagged["etag"]):
+        if not_modified(request.field("if-none-match"), tagged["etag"]):
             del tagged["content-type"]
             return Response(status_code=304, headers=tagged)
         if coding:
@@ -48,12 +54,5 @@ class Content:
         return Response(self.body, headers=tagged)
 
 
-def content_headers(request: Request, resource: Resource, media_type: str) -> dict[str, str]:
-    """Return the header fields of a response to GET of the resource in a media type, apart from its entity tag."""
-    headers = resource_headers(resource, request.base, "") | method_headers(resource, READ_METHODS)
-    del headers["etag"]
-    return headers | {"content-type": media_type}
-
-
 def _accepted_codings(request: Request) -> bytes:
-    return (field(request, "accept-encoding") or "").encode("latin-1")
+    return (request.field("accept-encoding") or "").encode("latin-1")

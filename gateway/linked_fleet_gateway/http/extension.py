@@ -1,6 +1,6 @@
 """The interface of extensions: packages that add a capability to the gateway without changes outside their folder."""
 
-from collections.abc import AsyncIterator, Awaitable, Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import AsyncIterator, Awaitable, Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractAsyncContextManager, asynccontextmanager, contextmanager, nullcontext
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -8,10 +8,12 @@ from typing import Any, ClassVar, TypeVar
 
 import msgspec
 from prometheus_client.metrics_core import Metric
-from pyoxigraph import NamedNode
+from pyoxigraph import NamedNode, Triple
 from starlette.types import ASGIApp
 
 from linked_fleet_gateway.actions.action_handlers import Handler
+from linked_fleet_gateway.actions.execution import invoke
+from linked_fleet_gateway.actions.plan import Caller, RobotTime
 from linked_fleet_gateway.actions.service import Actions, MotionGuard
 from linked_fleet_gateway.base.settings import Section, SectionT, section
 from linked_fleet_gateway.fleet.functions import FleetFunctions
@@ -22,6 +24,7 @@ from linked_fleet_gateway.http.arrival import Scheme
 from linked_fleet_gateway.http.request import Request
 from linked_fleet_gateway.http.websocket import WebSocketHandler
 from linked_fleet_gateway.identity.service import Identities
+from linked_fleet_gateway.resources.action_offer import Offer
 from linked_fleet_gateway.resources.branches import Branch, RequestView
 from linked_fleet_gateway.resources.container import Container
 from linked_fleet_gateway.resources.html import HtmlWriter, NavigationEntry
@@ -100,6 +103,33 @@ class Core:
             yield
         finally:
             self.live.remove_invocation_listener(listener)
+
+    @contextmanager
+    def listening_to_stops(self, listener: Callable[[Collection[str] | None], None]) -> Iterator[None]:
+        """Call ``listener`` with the robots (None: all) that a client stops, before the stop is sent.
+
+        Stops of rules, and of single joints, are not included. An error of it does not keep the stop from its robots.
+        """
+        self.actions.stop_listeners.append(listener)
+        try:
+            yield
+        finally:
+            self.actions.stop_listeners.remove(listener)
+
+    async def invoke(
+        self,
+        offer: Offer,
+        base: str,
+        caller: Caller,
+        statements: Sequence[Triple] = (),
+        moment: RobotTime | None = None,
+    ) -> Invocation:
+        """Invoke an action for a client, with the rights in ``caller``, and return the accepted invocation.
+
+        ``statements`` are those of the body, whose IRIs begin with ``base``. ``moment`` is the time of its robot at
+        which the client knew the fleet: a stop since then takes precedence. Raises FleetError.
+        """
+        return await invoke(self.actions, offer, base, caller, statements, moment)
 
     def running(self, action: str) -> list[Invocation]:
         """Return the invocations of the action at a path that have not ended, at whichever gateway, newest first."""

@@ -20,7 +20,7 @@ from linked_fleet_gateway.http.arrival import Scheme, arrival_of
 from linked_fleet_gateway.http.awaited_robots import AwaitedRobots
 from linked_fleet_gateway.http.fields import field as field_of
 from linked_fleet_gateway.http.representation import Representations
-from linked_fleet_gateway.http.scheduling import Offload, StopPriority, TokenBuckets
+from linked_fleet_gateway.http.scheduling import Offload, StopPriority, TokenBuckets, bucket_key
 from linked_fleet_gateway.identity.rights import Identity, Right
 from linked_fleet_gateway.identity.service import Identities
 from linked_fleet_gateway.resources.html import HtmlWriter, Reader
@@ -150,6 +150,15 @@ class _Resolved(HTTPConnection):
     def shown_on_pages(self) -> bool:
         """True if the page shows who has logged in."""
         return self.arrival.authenticated.shown_on_pages
+
+    def field(self, name: str) -> str | None:
+        """Return all lines of a list-valued field as one value (RFC 9110, 5.3); None if there is none."""
+        return field_of(self, name)
+
+    @property
+    def client_key(self) -> str:
+        """The identity of the caller, or without one its network, by which limits count clients."""
+        return bucket_key(self.scope)
 
     @property
     def effective_accept(self) -> str | None:

@@ -29,7 +29,6 @@ from linked_fleet_gateway.extensions.cameras.cameras import FORMATS
 from linked_fleet_gateway.extensions.cameras.operations import operations
 from linked_fleet_gateway.extensions.cameras.pictures import Pictures
 from linked_fleet_gateway.extensions.cameras.resources import RobotCamera, cameras_branch, mounted_cameras
-from linked_fleet_gateway.serving import content_headers, field
 
 # Pictures come from robots, so a browser that opens one as a document must not execute anything in it.
 _HEADERS = {"cache-control": "no-store", "content-security-policy": "sandbox; default-src 'none'"}
@@ -42,7 +41,7 @@ def _picture_type(request: Request, resource: Resource) -> str | None:
     """
     if "as" in request.query_params:
         return None
-    accept, source = field(request, "accept"), resource.remote
+    accept, source = request.field("accept"), resource.remote
     offered = (*request.services.representations.media_types, *resource.documents)
     chosen = choose(accept, offered)
     if (
@@ -68,7 +67,7 @@ async def _picture(
     pictures: Pictures, request: Request, resource: Resource, source: RobotCamera, media_type: str
 ) -> Response:
     """Query the robot for a picture, for GET only. Raises PreconditionFailed, Offline, AgentTimeout and Busy."""
-    headers = content_headers(request, resource, media_type) | _HEADERS
+    headers = Content.headers(request, resource, media_type) | _HEADERS
     if request.method == "HEAD":
         answer = Response(headers=headers)
         del answer.headers["content-length"]  # unknown without the picture

@@ -43,7 +43,7 @@ from linked_fleet_gateway.rdf.graph import Graph
 from linked_fleet_gateway.rdf.json_input import ParseError, load_json
 from linked_fleet_gateway.rdf.serialise import JSON
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, RDFS
-from linked_fleet_gateway.serving import bucket_key, wants_events
+from linked_fleet_gateway.serving import wants_events
 
 PATH, _TITLE = "/mcp", "Model Context Protocol"
 
@@ -169,7 +169,7 @@ async def post_message(sdk: Sdk, request: Request, affords: PostMessage) -> ASGI
 
 
 def _unless_in_use(under_way: UnderWay, request: Request, message: dict[str, Any], response: ASGIApp) -> ASGIApp:
-    client, session = bucket_key(request.scope), request.headers.get("mcp-session-id", "")
+    client, session = request.client_key, request.headers.get("mcp-session-id", "")
 
     async def answer(scope: Scope, receive: Receive, send: Send) -> None:
         try:

@@ -22,7 +22,7 @@ from linked_fleet_gateway.extensions.mcp.extension import McpSettings
 from linked_fleet_gateway.extensions.mcp.message_context import KEY, MessageContext
 from linked_fleet_gateway.extensions.mcp.read_tools import Find, Query, Read, contents, resources, templates
 from linked_fleet_gateway.extensions.mcp.tool import Tool, failure_result, refusal_result
-from linked_fleet_gateway.serving import ReplyTooLong, bucket_key, problem
+from linked_fleet_gateway.serving import ReplyTooLong, problem
 
 MOST_CALLS = 32
 """Unfinished tool calls per client. Calls that stop robots do not count."""
@@ -56,7 +56,7 @@ class Handlers:
         message, name = _message(context), params.name
         if name not in _BY_NAME:
             raise MCPError(types.INVALID_PARAMS, f"Unknown tool: {name[:100]}")
-        client = "" if name == "stop" else bucket_key(message.request.scope)
+        client = "" if name == "stop" else message.request.client_key
         if client and self._calls[client] >= MOST_CALLS:
             return failure_result(f"{MOST_CALLS} of your calls have not ended yet; wait for one of them.")
         self._calls[client] += 1
@@ -91,7 +91,8 @@ class Sessions(StreamableHTTPSessionManager):
     most_of_client = 0
 
     async def handle_request(self, scope: Scope, receive: Receive, send: Send) -> None:
-        user = AuthenticatedUser(AccessToken(token="", client_id=bucket_key(scope), scopes=[]))
+        message: MessageContext = scope["extensions"][KEY]
+        user = AuthenticatedUser(AccessToken(token="", client_id=message.request.client_key, scopes=[]))
         await super().handle_request({**scope, "user": user}, receive, send)
 
     def _admit_session(self, requestor: AuthorizationContext | None) -> StreamableHTTPServerTransport | None:

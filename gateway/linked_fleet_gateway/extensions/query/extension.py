@@ -44,7 +44,7 @@ from linked_fleet_gateway.extensions.query.service import JSON_RESULTS, Queries
 from linked_fleet_gateway.faces import HTML
 from linked_fleet_gateway.rdf.serialise import RDF_TYPES
 from linked_fleet_gateway.rdf.sparql_syntax import MAX_QUERY_BYTES, Dataset, Query, parse_query
-from linked_fleet_gateway.serving import PROBLEM_JSON, field, problem
+from linked_fleet_gateway.serving import PROBLEM_JSON, problem
 
 if TYPE_CHECKING:
     from linked_fleet_gateway.extensions.query import page
@@ -90,7 +90,7 @@ async def read_query(request: Request, resource: Resource, endpoint: Endpoint) -
 
 async def post_query(request: Request, affords: PostQuery) -> Response:
     """Answer a query in the body, either as plain text or as a form (SPARQL 1.1 Protocol, 2.1.2, 2.1.3)."""
-    if (field(request, "content-type") or "").partition(";")[0].strip().lower() == _UPDATE:
+    if (request.field("content-type") or "").partition(";")[0].strip().lower() == _UPDATE:
         raise UnsupportedMediaType(
             "SPARQL updates are not supported; robots are moved by their actions.", offered=QUERY_TYPES
         )
@@ -146,7 +146,7 @@ async def _answer(request: Request, endpoint: Endpoint, asked: _ParsedQuery) -> 
         return await _evaluated(request, endpoint, asked)
     except FleetError as error:
         html = request.services.representations.html
-        accept = field(request, "accept") if asked.picked is None else _PICKED.get(asked.picked)
+        accept = request.field("accept") if asked.picked is None else _PICKED.get(asked.picked)
         if html is None or choose(accept, (PROBLEM_JSON, *RDF_TYPES, HTML)) != HTML:
             raise
         _, headers = problem(error, HTML, html=html)
@@ -182,7 +182,7 @@ def _chosen(request: Request, query: Query, picked: str | None) -> str:
         offered = tuple(each for each in offered if each != HTML)
     if picked is not None and picked not in _PICKED:
         raise NotAcceptable(f"&as= picks one of {', '.join(_PICKED)}.", offered=tuple(_PICKED))
-    accept = field(request, "accept") if picked is None else _PICKED[picked]
+    accept = request.field("accept") if picked is None else _PICKED[picked]
     chosen = choose(accept, offered)
     if chosen is None:
         raise NotAcceptable(f"Results of {query.form} are available as {', '.join(offered)}.", offered=offered)

@@ -8,8 +8,10 @@ import logging
 import socket
 import time
 from asyncio.subprocess import DEVNULL
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from itertools import islice
+
+from pyoxigraph import NamedNode
 
 from linked_fleet_gateway.api import robot_path
 from linked_fleet_gateway.base.errors import BadRequest, Busy, FleetError, LibraryMissing
@@ -28,7 +30,6 @@ from linked_fleet_gateway.extensions.query.messages import (
     encode,
 )
 from linked_fleet_gateway.extensions.query.turns import QueryTooCostly, ResultTooLarge
-from linked_fleet_gateway.faces import Branches
 from linked_fleet_gateway.fleet.fleet import Fleet
 from linked_fleet_gateway.fleet.invocations import FLEET, Invocation, Invocations
 from linked_fleet_gateway.fleet.robot import Robot
@@ -45,14 +46,18 @@ _CHUNK = 256 * 1024
 _ALONE = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
 
 
+Links = Callable[[Robot, str], Sequence[tuple[NamedNode, str]]]
+"""Returns predicate and path of the branches that the description of a robot at a path links."""
+
+
 class Feed:
     """The state known to one query process.
 
     Call ``news`` and encode its result in one turn of the event loop, because it refers to live objects.
     """
 
-    def __init__(self, fleet: Fleet, invocations: Invocations, branches: Callable[[], Branches]) -> None:
-        self._fleet, self._invocations, self._branches = fleet, invocations, branches
+    def __init__(self, fleet: Fleet, invocations: Invocations, links: Links) -> None:
+        self._fleet, self._invocations, self._links = fleet, invocations, links
         self._said: dict[str, tuple[object, ...]] = {}
         self._frames: dict[str, bytes | None] = {}
 
@@ -61,7 +66,7 @@ class Feed:
         robots, frames = [], {}
         for name, robot in self._fleet.robots.items():
             invocations = recent_invocations(self._invocations, name)
-            branches = self._branches().robot_links(robot, robot_path(name))
+            branches = self._links(robot, robot_path(name))
             key = _key(robot, invocations, branches)
             if key != self._said.get(name):
                 self._said[name] = key

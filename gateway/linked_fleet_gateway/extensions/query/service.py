@@ -41,7 +41,9 @@ class Queries:
         self._live, self._limit_s = live, limit_s
         self._navigation = [(each.title, each.path, each.rank) for each in navigation]
         self._turns = FairTurns()
-        self._process = QueryProcess(lambda: Feed(live.fleet, live.invocations, lambda: live.branches))
+        self._process = QueryProcess(
+            lambda: Feed(live.fleet, live.invocations, lambda robot, path: live.branches.robot_links(robot, path))
+        )
 
     async def __aenter__(self) -> "Queries":
         return self

@@ -54,22 +54,20 @@ class RulesExtension(Extension):
     async def start(self, core: Core) -> AsyncIterator[Mount]:
         queries = core.service(Queries)
         rules = Rules(
-            core.live,
-            core.actions,
+            core,
             RuleStore(core.redis_url, core.namespace, core.run),
             partial(queries.select, client=_CLIENT),
             queries.check,
             lambda rule: creator_of(rule, core.identities),
-            core.audit,
             core.section(RuleSettings).per_client,
-            core.public_urls,
         )
-        async with rules:
-            yield Mount(
-                branches=(branch(rules.known),),
-                writers={MakeRule: partial(post_rule, rules), ChangeRule: partial(change_rule, rules)},
-                metrics=lambda: _metrics(rules),
-            )
+        with core.listening_to_stops(rules.note_stop):
+            async with rules:
+                yield Mount(
+                    branches=(branch(rules.known),),
+                    writers={MakeRule: partial(post_rule, rules), ChangeRule: partial(change_rule, rules)},
+                    metrics=lambda: _metrics(rules),
+                )
 
 
 def _metrics(rules: Rules) -> Iterator[Metric]:

@@ -38,7 +38,7 @@ from linked_fleet_gateway.extensions.rules.store import Changed, FleetFull, Full
 from linked_fleet_gateway.extensions.rules.template import LF
 from linked_fleet_gateway.faces import Claims, Identity
 from linked_fleet_gateway.rdf.sparql_syntax import MAX_QUERY_BYTES, bound_iris
-from linked_fleet_gateway.serving import check_acceptable, convert_body, created_response, field, parse_body
+from linked_fleet_gateway.serving import check_acceptable, convert_body, created_response, parse_body
 
 
 class TooManyRules(FleetError):
@@ -78,7 +78,7 @@ async def change_rule(rules: Rules, request: Request, afforded: ChangeRule) -> R
     if request.method == "DELETE":
         async with _refusals(rules):
             # Without a precondition the rule is deleted whatever its revision.
-            revision = None if field(request, "if-match") is None else known.revision
+            revision = None if request.field("if-match") is None else known.revision
             if not await rules.remove(known.rule, revision):
                 raise NotFound("The rule has been deleted meanwhile.")
         return Response(status_code=204)
@@ -90,7 +90,7 @@ async def change_rule(rules: Rules, request: Request, afforded: ChangeRule) -> R
                 await rules.write(changed, known)
                 return Response(status_code=204)
             except Changed:
-                if field(request, "if-match") is not None:
+                if request.field("if-match") is not None:
                     raise
                 # The client set no precondition, and the rule was written concurrently, for example because its robot
                 # was stopped.

@@ -3,13 +3,13 @@
 import asyncio
 import logging
 import time
-from collections.abc import Awaitable, Callable, Collection, Sequence
+from collections.abc import Awaitable, Callable, Collection
 from contextlib import suppress
 from dataclasses import replace
 from types import TracebackType
 from typing import Self
 
-from linked_fleet_gateway.api import Resource, cancel_tasks, supervised
+from linked_fleet_gateway.api import Core, Resource, cancel_tasks, supervised
 from linked_fleet_gateway.base.errors import RedisUnavailable
 from linked_fleet_gateway.extensions.rules.description import firings_path, rule_path
 from linked_fleet_gateway.extensions.rules.edges import ChangeNotifier
@@ -19,7 +19,7 @@ from linked_fleet_gateway.extensions.rules.rule import Firing, FiringState, Rule
 from linked_fleet_gateway.extensions.rules.rule_invocation import RightsEnded
 from linked_fleet_gateway.extensions.rules.store import Changed, RuleStore
 from linked_fleet_gateway.faces import Identity, Invoke
-from linked_fleet_gateway.serving import Actions, AuditLog, Live, Replica, follow_changes, run_last_step
+from linked_fleet_gateway.serving import Replica, follow_changes, run_last_step
 
 log = logging.getLogger(__name__)
 
@@ -37,26 +37,25 @@ class Rules:
 
     def __init__(
         self,
-        live: Live,
-        actions: Actions,
+        core: Core,
         store: RuleStore,
         select: Select,
         check: Check,
         creator_of: Callable[[Rule], Identity],
-        audit: AuditLog,
         limit: int,
-        bases: Sequence[str] = (),
     ) -> None:
-        self._live, self._store, self._audit, self.limit = live, store, audit, limit
-        self.bases = bases
+        self._live, self._store, self._audit, self.limit = core.live, store, core.audit, limit
+        self.bases = core.public_urls
         """The public URLs of the fleet."""
         self.check = check
         """Returns the variables of a condition, given its base and the client. Raises BadRequest, PayloadTooLarge."""
         self.known: dict[str, RuleRecord] = {}
         self._replica = Replica(store.load, store.read, self._put)
         refresh = self._replica.refresh
-        self._engine = Engine(live, actions, store, self.known, select, creator_of, refresh, self._noted, bases)
-        self._changes = ChangeNotifier(live, self._engine.wake)
+        self._engine = Engine(
+            core.live, core.invoke, store, self.known, select, creator_of, refresh, self._noted, self.bases
+        )
+        self._changes = ChangeNotifier(core.live, self._engine.wake)
         self._stopping: dict[str, str] = {}
         """Reasons of rules disabled here that Redis does not know yet."""
         self._written = asyncio.Event()
@@ -64,7 +63,6 @@ class Rules:
         self._serving_since_s: float | None = None
         self._awaited: set[str] | None = None
         self._tasks: list[asyncio.Task[None]] = []
-        actions.on_stop = self._stopped
 
     async def __aenter__(self) -> Self:
         self._tasks = [
@@ -126,7 +124,7 @@ class Rules:
         """
         return await self._replica.write(rule.id, self._store.remove(rule, revision))
 
-    def _stopped(self, robots: Collection[str] | None) -> None:
+    def note_stop(self, robots: Collection[str] | None) -> None:
         """Disable rules after a stop of these robots (None: all). The stop itself is executed first."""
         asyncio.get_running_loop().call_soon(self._disable_movers, robots)
 

@@ -8,6 +8,7 @@ import re
 from collections.abc import AsyncIterator, Callable, Iterable, Mapping, Sequence
 from contextlib import asynccontextmanager
 from functools import partial
+from hashlib import blake2b
 from pathlib import Path
 from typing import Any
 
@@ -39,7 +40,7 @@ from linked_fleet_gateway.extensions.things.kept_listings import InThread, KeptL
 from linked_fleet_gateway.extensions.things.operations import operations
 from linked_fleet_gateway.extensions.things.td import DIRECTORY, TD
 from linked_fleet_gateway.rdf.serialise import JSON
-from linked_fleet_gateway.serving import WebLink, etag, field, link_header, not_modified
+from linked_fleet_gateway.serving import WebLink, link_header, not_modified
 
 TYPES = ("application/ld+json", JSON)
 _SORTING = ("sort_by", "sort_order")
@@ -79,7 +80,7 @@ class Directory:
         """Return the descriptions of a page, or of all things: from the cache, else made now."""
         version = await self._version(listing)
         key = version + repr((offset, limit)).encode()
-        weak = "W/" + etag(key)  # of a listing that is not kept: its body is not known before it is sent
+        weak = _weak_tag(key)  # of a listing that is not kept: its body is not known before it is sent
         made: KeptListing | LongListing | None = self._kept.find(key)
         headers = {"vary": "Accept, Accept-Encoding", "cache-control": "no-cache", "x-content-type-options": "nosniff"}
         content = {"content-type": media_type, "allow": "GET, HEAD, OPTIONS"}
@@ -87,7 +88,7 @@ class Directory:
             things = await listing.things()
             end = len(things) if limit is None else offset + min(limit, MOST)
             link = _page_links(request, resource, things, offset, limit, end)
-            if not_modified(field(request, "if-none-match"), weak):
+            if not_modified(request.field("if-none-match"), weak):
                 return Response(status_code=304, headers=headers | {"link": link, "etag": weak})
 
             async def is_current() -> bool:
@@ -104,6 +105,10 @@ class Directory:
     async def _version(self, listing: Listing) -> bytes:
         self._digests.forget_others(self._robots.keys())
         return await listing.version(self._digests)
+
+
+def _weak_tag(key: bytes) -> str:
+    return f'W/"{blake2b(key, digest_size=16).hexdigest()}"'
 
 
 async def _nothing() -> AsyncIterator[bytes]:
@@ -132,7 +137,7 @@ def _canonical(things: Sequence[tuple[str, Place]], base: str, *, paged: bool) -
     """
     if not paged:
         return []
-    state = etag("\n".join(id for id, _ in things).encode()).strip('"')
+    state = blake2b("\n".join(id for id, _ in things).encode(), digest_size=16).hexdigest()
     return [WebLink(base + DIRECTORY, "canonical", etag=state)]
 
 
