@@ -22,10 +22,8 @@ from linked_fleet_gateway.resources.invocation import (
 )
 from linked_fleet_gateway.resources.joint_kinds import kind_of
 from linked_fleet_gateway.resources.json_form import (
-    Field,
     Form,
     Json,
-    Value,
     form_in,
     form_of,
     form_of_input,
@@ -54,13 +52,12 @@ from linked_fleet_gateway.resources.versioning import Reading
 VERSION = 1
 
 __all__ = [
-    "EVERYBODY", "HTML", "VERSION", "VOCABULARY", "Claims", "Credential", "Describer",
-    "DescriptionTemplate", "Field", "Form", "Identity", "Invoke", "Json", "Measurement", "NavigationEntry", "Offer",
-    "Property", "Reader", "Reading", "RelativePose", "Resource", "Right", "Rows", "Setting", "ThingDocument",
-    "TokenHash", "Tree", "Value", "View", "commandable_joints", "describe_invocation", "describe_lease",
-    "describe_request_shape", "describe_terms", "form_in", "form_of", "form_of_input", "form_of_target",
-    "invocation_path", "joint_path", "kind_of", "last_frame", "lease_path", "lexical_time",
-    "link_path", "managed_statements", "mesh_path", "model_path", "named_poses", "offers_at", "part_paths",
-    "properties_at", "relative_pose", "robot_of", "robot_path", "round_to_resolution", "run_steps", "thing_at",
-    "unchecked_links", "validate_body",
+    "EVERYBODY", "HTML", "VERSION", "VOCABULARY", "Claims", "Credential", "Describer", "DescriptionTemplate",
+    "Form", "Identity", "Invoke", "Json", "Measurement", "NavigationEntry", "Offer", "Property", "Reader",
+    "Reading", "RelativePose", "Resource", "Right", "Rows", "Setting", "ThingDocument", "TokenHash", "Tree", "View",
+    "commandable_joints", "describe_invocation", "describe_lease", "describe_request_shape", "describe_terms",
+    "form_in", "form_of", "form_of_input", "form_of_target", "invocation_path", "joint_path", "kind_of",
+    "last_frame", "lease_path", "lexical_time", "link_path", "managed_statements", "mesh_path", "model_path",
+    "named_poses", "offers_at", "part_paths", "properties_at", "relative_pose", "robot_of", "robot_path",
+    "round_to_resolution", "run_steps", "thing_at", "unchecked_links", "validate_body",
 ]  # fmt: skip

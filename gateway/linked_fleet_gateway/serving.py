@@ -11,7 +11,7 @@ from linked_fleet_gateway.http.fields import Link as WebLink
 from linked_fleet_gateway.http.fields import link_header
 from linked_fleet_gateway.http.internal_request import Reply, ReplyTooLong
 from linked_fleet_gateway.http.preconditions import check_preconditions, resolve_under_preconditions
-from linked_fleet_gateway.http.problem import PROBLEM_JSON, problem
+from linked_fleet_gateway.http.problem import problem
 from linked_fleet_gateway.http.representation import not_modified
 from linked_fleet_gateway.http.scheduling import TokenBuckets, stop_segments
 from linked_fleet_gateway.http.streams import wants_events
@@ -23,7 +23,7 @@ from linked_fleet_gateway.identity.service import Identities
 from linked_fleet_gateway.link.fleet_link import NoAnswer
 from linked_fleet_gateway.runtime.background import run_last_step
 from linked_fleet_gateway.runtime.redis import Connection as RedisConnection
-from linked_fleet_gateway.runtime.replica import Replica, follow_changes
+from linked_fleet_gateway.runtime.replica import Replica
 from linked_fleet_gateway.runtime.table import StoredRecords
 from linked_fleet_gateway.runtime.worker import Worker
 from linked_fleet_gateway.subscriptions.live import Live
@@ -31,11 +31,9 @@ from linked_fleet_gateway.subscriptions.live import Live
 VERSION = 1
 
 __all__ = [
-    "PROBLEM_JSON", "VERSION", "Authenticated", "BadToken", "Caller", "ConnectionEnded",
-    "Identities", "Issuer", "IssuerFailed", "Live", "NoAnswer", "RedisConnection", "Replica", "Reply",
-    "ReplyTooLong", "RobotTime", "StoredRecords", "TokenBuckets", "WebLink", "Worker", "arrival_of",
-    "check_acceptable", "check_preconditions", "convert_body", "created_response",
-    "follow_changes", "frame", "link_header", "not_modified", "parse_body", "parse_form",
-    "problem", "read_change", "resolve_under_preconditions", "robot_time", "run_last_step", "stop_segments",
-    "wants_events",
+    "VERSION", "Authenticated", "BadToken", "Caller", "ConnectionEnded", "Identities", "Issuer", "IssuerFailed",
+    "Live", "NoAnswer", "RedisConnection", "Replica", "Reply", "ReplyTooLong", "RobotTime", "StoredRecords",
+    "TokenBuckets", "WebLink", "Worker", "arrival_of", "check_acceptable", "check_preconditions", "convert_body",
+    "created_response", "frame", "link_header", "not_modified", "parse_body", "parse_form", "problem",
+    "read_change", "resolve_under_preconditions", "robot_time", "run_last_step", "stop_segments", "wants_events",
 ]  # fmt: skip

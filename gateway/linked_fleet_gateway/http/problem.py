@@ -7,7 +7,7 @@ from typing import Any
 
 from pyoxigraph import BlankNode, Literal
 
-from linked_fleet_gateway.base.errors import FleetError, Statement, TooManyRequests
+from linked_fleet_gateway.base.errors import PROBLEM_JSON, FleetError, Statement, TooManyRequests
 from linked_fleet_gateway.http.negotiation import choose
 from linked_fleet_gateway.rdf.graph import Graph, integer
 from linked_fleet_gateway.rdf.serialise import RDF_TYPES
@@ -17,7 +17,6 @@ from linked_fleet_gateway.resources.html import HTML, HtmlWriter, Reader
 from linked_fleet_gateway.server.exchange import Reply
 from linked_fleet_gateway.server.message_heads import field_block
 
-PROBLEM_JSON = "application/problem+json"
 # Not those of descriptions, which texts from bodies of requests would displace.
 _templates = Templates(max_characters=1024 * 1024)
 # RFC 9457 defines no names for these; they are those of the SHACL vocabulary without the word "result"

@@ -5,8 +5,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from linked_fleet_gateway.api import Core, Request, RequestView, ask
-from linked_fleet_gateway.base.errors import BadRequest
-from linked_fleet_gateway.serving import PROBLEM_JSON, Reply
+from linked_fleet_gateway.base.errors import PROBLEM_JSON, BadRequest
+from linked_fleet_gateway.serving import Reply
 
 KEY = "linked-fleet.context"
 """Key of the message's ``MessageContext`` in ``scope["extensions"]``."""

@@ -28,7 +28,7 @@ from linked_fleet_gateway.api import (
     read_body,
     read_resource,
 )
-from linked_fleet_gateway.base.errors import BadRequest, FleetError, NotAcceptable, UnsupportedMediaType
+from linked_fleet_gateway.base.errors import PROBLEM_JSON, BadRequest, FleetError, NotAcceptable, UnsupportedMediaType
 from linked_fleet_gateway.base.lazy_imports import LazyModule
 from linked_fleet_gateway.extensions.query.description import (
     FORM,
@@ -41,10 +41,11 @@ from linked_fleet_gateway.extensions.query.description import (
 )
 from linked_fleet_gateway.extensions.query.operations import operations
 from linked_fleet_gateway.extensions.query.service import JSON_RESULTS, Queries
+from linked_fleet_gateway.extensions.query.sparql import Dataset, Query, parse_query
 from linked_fleet_gateway.faces import HTML
 from linked_fleet_gateway.rdf.serialise import RDF_TYPES
-from linked_fleet_gateway.rdf.sparql_syntax import MAX_QUERY_BYTES, Dataset, Query, parse_query
-from linked_fleet_gateway.serving import PROBLEM_JSON, problem
+from linked_fleet_gateway.rdf.sparql_syntax import MAX_QUERY_BYTES
+from linked_fleet_gateway.serving import problem
 
 if TYPE_CHECKING:
     from linked_fleet_gateway.extensions.query import page

@@ -12,9 +12,10 @@ from typing import TYPE_CHECKING
 from pyoxigraph import Literal, NamedNode
 
 from linked_fleet_gateway.base.lazy_imports import LazyModule
+from linked_fleet_gateway.extensions.reach.envelope import envelope
 from linked_fleet_gateway.faces import commandable_joints, thing_at
 from linked_fleet_gateway.fleet.functions import Function, Term, path_of
-from linked_fleet_gateway.fleet.kinematics import ORIGIN, base_pose, compose, envelope, inverse
+from linked_fleet_gateway.fleet.kinematics import ORIGIN, base_pose, compose, inverse
 from linked_fleet_gateway.fleet.model import JointKind, Link, ModelError, Pose
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.fleet.xml import Vector

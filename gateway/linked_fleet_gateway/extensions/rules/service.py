@@ -19,7 +19,7 @@ from linked_fleet_gateway.extensions.rules.rule import Firing, FiringState, Rule
 from linked_fleet_gateway.extensions.rules.rule_invocation import RightsEnded
 from linked_fleet_gateway.extensions.rules.store import Changed, RuleStore
 from linked_fleet_gateway.faces import Identity, Invoke
-from linked_fleet_gateway.serving import Replica, follow_changes, run_last_step
+from linked_fleet_gateway.serving import Replica, run_last_step
 
 log = logging.getLogger(__name__)
 
@@ -66,7 +66,7 @@ class Rules:
 
     async def __aenter__(self) -> Self:
         self._tasks = [
-            await follow_changes("rules", log, self._replica.load, self._replica.refresh, self._store.news),
+            await self._replica.follow("rules", log, self._store.news),
             supervised(self._keep, "serve rules", log, "rules are not served", 0.0),
         ]
         return self

@@ -33,7 +33,7 @@ from linked_fleet_gateway.extensions.world.scene import (
     TriangleMesh,
     read_stl,
 )
-from linked_fleet_gateway.faces import Field, Form, RelativePose, Value, form_of, model_path, validate_body
+from linked_fleet_gateway.faces import Form, RelativePose, form_of, model_path, validate_body
 from linked_fleet_gateway.fleet.model import Pose
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.rdf.graph import METRE, Graph, Node
@@ -185,9 +185,7 @@ _KINDS = {each.value: each for each in (LF.Obstacle, LF.KeepOutZone)}
 @cache
 def object_form() -> Form:
     """Return the form of an object in plain JSON: the members of its shape, and its kind."""
-    kind = Value({"type": "string", "enum": list(_KINDS)}, terms=_KINDS)
-    known = form_of(LF.SceneObjectInput).fields
-    return Form((*known, Field("kind", (RDF.type,), kind, max_count=1, description="an obstacle by default")))
+    return form_of(LF.SceneObjectInput).with_choice("kind", RDF.type, _KINDS, "an obstacle by default")
 
 
 def read_object(
