@@ -15,6 +15,7 @@ from linked_fleet_gateway.actions.action_handlers import Handler
 from linked_fleet_gateway.actions.execution import invoke
 from linked_fleet_gateway.actions.plan import Caller, RobotTime
 from linked_fleet_gateway.actions.service import Actions, MotionGuard
+from linked_fleet_gateway.base.faults import Faults
 from linked_fleet_gateway.base.settings import Section, SectionT, section
 from linked_fleet_gateway.fleet.functions import FleetFunctions
 from linked_fleet_gateway.fleet.invocation import Invocation
@@ -75,6 +76,11 @@ class Core:
     def robots(self) -> Mapping[str, Robot]:
         """All robots by name, whoever may see them."""
         return self.live.fleet.robots
+
+    @property
+    def faults(self) -> Faults:
+        """The faults of the gateway: an error ``with core.faults.guard(…)`` is one of what the arguments name."""
+        return self.live.faults
 
     def mark_changed(self, *paths: str) -> None:
         """Tell the subscribers of resources that these have changed."""

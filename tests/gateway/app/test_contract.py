@@ -112,7 +112,13 @@ def test_every_class_and_function_says_what_it_is(name: str, value: object) -> N
         assert value.__doc__, name
 
 
-@pytest.mark.parametrize("cls", [api.Container, api.Core, api.Mount, api.Extension, api.Operation, pages.PageView])
+_WHOLE = (
+    api.Container, api.Content, api.Core, api.Mount, api.Extension, api.Operation, pages.PageView, faces.Describer,
+    faces.Form, faces.Identity, faces.Measurement, faces.View, serving.Authenticated, serving.Caller, serving.Worker,
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("cls", _WHOLE)
 def test_every_field_is_on_the_page(cls: type) -> None:
     fields = [each.name for each in dataclasses.fields(cls)] if dataclasses.is_dataclass(cls) else []
     hooks = [each for each in vars(cls) if not each.startswith("_")]

@@ -39,12 +39,13 @@ class FoxgloveExtension(Extension):
     async def start(self, core: Core) -> AsyncIterator[Mount]:
         from linked_fleet_gateway.extensions.foxglove.hub import Hub
 
-        hub = Hub(core.live, core.optional_service(Pictures), core.optional_service(World))
-        yield Mount(
-            branches=(FleetBranch(_PATH[1:], None, _resolve),),
-            readers={FoxgloveEndpoint: _read},
-            websocket_handlers={FoxgloveEndpoint: WebSocketHandler(SUBPROTOCOLS, hub.serve)},
-        )
+        hub = Hub(core, core.optional_service(Pictures), core.optional_service(World))
+        with core.listening_to_invocations(hub.hear):
+            yield Mount(
+                branches=(FleetBranch(_PATH[1:], None, _resolve),),
+                readers={FoxgloveEndpoint: _read},
+                websocket_handlers={FoxgloveEndpoint: WebSocketHandler(SUBPROTOCOLS, hub.serve)},
+            )
 
 
 def _resolve(view: RequestView, rest: list[str]) -> Found:

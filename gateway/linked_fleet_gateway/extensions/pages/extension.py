@@ -51,7 +51,7 @@ class PagesExtension(Extension):
     @asynccontextmanager
     async def start(self, core: Core) -> AsyncIterator[Mount]:
         for extension in core.extensions:
-            with core.live.faults.guard("pages", thing=f"views of {extension.name}"):
+            with core.faults.guard("pages", thing=f"views of {extension.name}"):
                 for view in extension.views():
                     checked = checked_view(view)
                     if not checked.template.is_relative_to(_BUILT_IN):  # the tests check the others

@@ -27,7 +27,7 @@ def test_the_others_are_listed(monkeypatch: pytest.MonkeyPatch, broken: str, nam
     for name in ("bad", "good"):
         fleet.describe(name)
     monkeypatch.setattr(catalogue, broken, fails)
-    found = Catalogue(cast(Any, SimpleNamespace(fleet=fleet.fleet, faults=faults)), True)
+    found = Catalogue(cast(Any, SimpleNamespace(robots=fleet.fleet.robots, faults=faults)), True)
     assert found.update()
     parameters = found.parameters(EVERYBODY)
     listed = {
