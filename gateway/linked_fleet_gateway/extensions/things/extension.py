@@ -183,5 +183,5 @@ class ThingsExtension(Extension):
 
     @asynccontextmanager
     async def start(self, core: Core) -> AsyncIterator[Mount]:
-        directory = Directory(core.live.fleet.robots, _in_thread)
+        directory = Directory(core.robots, _in_thread)
         yield Mount(branches=BRANCHES, readers={Listing: directory.read}, formats={"td": ("Thing Description", TD)})
