@@ -17,9 +17,9 @@ from pyoxigraph import (
 from linked_fleet_gateway.api import NavigationEntry
 from linked_fleet_gateway.extensions.query.messages import HypotheticalRobot, QueryRequest
 from linked_fleet_gateway.extensions.query.process import Feed, QueryProcess
-from linked_fleet_gateway.extensions.query.sparql import Dataset, Query, check_select, parse_query
 from linked_fleet_gateway.extensions.query.turns import FairTurns
 from linked_fleet_gateway.faces import HTML, Reader, View
+from linked_fleet_gateway.rdf.sparql_syntax import Dataset, Query, check_select, parse_query
 from linked_fleet_gateway.serving import Live
 
 LIMIT_S = 5.0
