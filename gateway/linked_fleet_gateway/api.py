@@ -27,14 +27,13 @@ from linked_fleet_gateway.base.settings import ON_OFF, TEXT, Section, setting, w
 from linked_fleet_gateway.fleet.invocation import Invocation, InvocationState
 from linked_fleet_gateway.fleet.model import Joint, Link, Pose, RobotModel
 from linked_fleet_gateway.fleet.robot import Robot
-from linked_fleet_gateway.http.body import body_type, read_body
+from linked_fleet_gateway.http.body import body_type
 from linked_fleet_gateway.http.content import Content
 from linked_fleet_gateway.http.entrance import await_turn
 from linked_fleet_gateway.http.extension import Core, Extension, Mount
 from linked_fleet_gateway.http.hosted import AsgiResponse
 from linked_fleet_gateway.http.internal_request import ask
 from linked_fleet_gateway.http.negotiation import choose
-from linked_fleet_gateway.http.preconditions import await_preconditions
 from linked_fleet_gateway.http.read import read_resource
 from linked_fleet_gateway.http.request import Request
 from linked_fleet_gateway.http.websocket import SubprotocolConnection, WebSocketHandler
@@ -65,8 +64,8 @@ __all__ = [
     "Mount", "Move", "NamedNode", "Namespace", "NavigationEntry", "NotFound", "Operation", "Pose",
     "PreconditionFailed", "Property", "PropertyBranch", "RedisUnavailable", "Request", "RequestView", "Resource",
     "Response", "Right", "Robot", "RobotBranch", "RobotModel", "Section", "Source", "SubprotocolConnection",
-    "Table", "UnprocessableContent", "WebSocketHandler", "ask", "await_preconditions", "await_turn", "blueprint_of",
-    "body_type", "build_motion", "cancel_tasks", "choose", "counter", "gauge", "gauges", "integer", "joint_path",
-    "link_path", "read_body", "read_resource", "robot_of", "robot_path", "setting", "supervised", "thing_at",
-    "time_sliced", "timestamp", "whole_number",
+    "Table", "UnprocessableContent", "WebSocketHandler", "ask", "await_turn", "blueprint_of", "body_type",
+    "build_motion", "cancel_tasks", "choose", "counter", "gauge", "gauges", "integer", "joint_path", "link_path",
+    "read_resource", "robot_of", "robot_path", "setting", "supervised", "thing_at", "time_sliced", "timestamp",
+    "whole_number",
 ]  # fmt: skip

@@ -6,11 +6,15 @@ tables of an own form, and invocations for a client. ``VERSION`` counts changes 
 
 from linked_fleet_gateway.actions.plan import Caller, RobotTime, robot_time
 from linked_fleet_gateway.http.arrival import Authenticated, arrival_of
-from linked_fleet_gateway.http.body import convert_body, parse_body, parse_form
+from linked_fleet_gateway.http.body import convert_body, parse_body, parse_form, read_body
 from linked_fleet_gateway.http.fields import Link as WebLink
 from linked_fleet_gateway.http.fields import link_header
 from linked_fleet_gateway.http.internal_request import Reply, ReplyTooLong
-from linked_fleet_gateway.http.preconditions import check_preconditions, resolve_under_preconditions
+from linked_fleet_gateway.http.preconditions import (
+    await_preconditions,
+    check_preconditions,
+    resolve_under_preconditions,
+)
 from linked_fleet_gateway.http.problem import problem
 from linked_fleet_gateway.http.representation import not_modified
 from linked_fleet_gateway.http.scheduling import TokenBuckets, stop_segments
@@ -33,7 +37,8 @@ VERSION = 1
 __all__ = [
     "VERSION", "Authenticated", "BadToken", "Caller", "ConnectionEnded", "Identities", "Issuer", "IssuerFailed",
     "Live", "NoAnswer", "RedisConnection", "Replica", "Reply", "ReplyTooLong", "RobotTime", "StoredRecords",
-    "TokenBuckets", "WebLink", "Worker", "arrival_of", "check_acceptable", "check_preconditions", "convert_body",
-    "created_response", "frame", "link_header", "not_modified", "parse_body", "parse_form", "problem",
-    "read_change", "resolve_under_preconditions", "robot_time", "run_last_step", "stop_segments", "wants_events",
+    "TokenBuckets", "WebLink", "Worker", "arrival_of", "await_preconditions", "check_acceptable",
+    "check_preconditions", "convert_body", "created_response", "frame", "link_header", "not_modified", "parse_body",
+    "parse_form", "problem", "read_body", "read_change", "resolve_under_preconditions", "robot_time",
+    "run_last_step", "stop_segments", "wants_events",
 ]  # fmt: skip

@@ -20,7 +20,6 @@ from linked_fleet_gateway.api import (
     Request,
     RequestView,
     Resource,
-    await_preconditions,
     choose,
     read_resource,
 )
@@ -29,6 +28,7 @@ from linked_fleet_gateway.extensions.cameras.cameras import FORMATS
 from linked_fleet_gateway.extensions.cameras.operations import operations
 from linked_fleet_gateway.extensions.cameras.pictures import Pictures
 from linked_fleet_gateway.extensions.cameras.resources import RobotCamera, cameras_branch, mounted_cameras
+from linked_fleet_gateway.serving import await_preconditions
 
 # Pictures come from robots, so a browser that opens one as a document must not execute anything in it.
 _HEADERS = {"cache-control": "no-store", "content-security-policy": "sandbox; default-src 'none'"}

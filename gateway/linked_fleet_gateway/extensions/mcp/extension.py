@@ -33,7 +33,6 @@ from linked_fleet_gateway.api import (
     await_turn,
     body_type,
     cancel_tasks,
-    read_body,
     read_resource,
 )
 from linked_fleet_gateway.base.settings import Section, setting, whole_number
@@ -43,7 +42,7 @@ from linked_fleet_gateway.rdf.graph import Graph
 from linked_fleet_gateway.rdf.json_input import ParseError, load_json
 from linked_fleet_gateway.rdf.serialise import JSON
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, RDFS
-from linked_fleet_gateway.serving import wants_events
+from linked_fleet_gateway.serving import read_body, wants_events
 
 PATH, _TITLE = "/mcp", "Model Context Protocol"
 

@@ -26,7 +26,6 @@ from linked_fleet_gateway.api import (
     Request,
     RequestView,
     Resource,
-    await_preconditions,
     read_resource,
     time_sliced,
 )
@@ -45,6 +44,7 @@ from linked_fleet_gateway.extensions.openapi.schemas import extract_alternatives
 from linked_fleet_gateway.faces import Json
 from linked_fleet_gateway.rdf.serialise import JSON
 from linked_fleet_gateway.rdf.vocabulary import LDP
+from linked_fleet_gateway.serving import await_preconditions
 
 PATH = "/openapi.json"
 TYPE = "application/vnd.oai.openapi+json;version=3.1"

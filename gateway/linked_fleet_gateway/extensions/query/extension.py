@@ -22,10 +22,8 @@ from linked_fleet_gateway.api import (
     Request,
     RequestView,
     Resource,
-    await_preconditions,
     body_type,
     choose,
-    read_body,
     read_resource,
 )
 from linked_fleet_gateway.base.errors import PROBLEM_JSON, BadRequest, FleetError, NotAcceptable, UnsupportedMediaType
@@ -44,7 +42,7 @@ from linked_fleet_gateway.extensions.query.service import JSON_RESULTS, Queries
 from linked_fleet_gateway.faces import HTML
 from linked_fleet_gateway.rdf.serialise import RDF_TYPES
 from linked_fleet_gateway.rdf.sparql_syntax import MAX_QUERY_BYTES, Dataset, Query, parse_query
-from linked_fleet_gateway.serving import problem
+from linked_fleet_gateway.serving import await_preconditions, problem, read_body
 
 if TYPE_CHECKING:
     from linked_fleet_gateway.extensions.query import page

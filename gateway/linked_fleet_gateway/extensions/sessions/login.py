@@ -17,7 +17,7 @@ from urllib.parse import parse_qs, quote, urlencode
 
 from starlette.responses import RedirectResponse, Response
 
-from linked_fleet_gateway.api import Request, Right, read_body
+from linked_fleet_gateway.api import Request, Right
 from linked_fleet_gateway.base.addresses import network_of
 from linked_fleet_gateway.base.errors import (
     BadRequest,
@@ -33,7 +33,7 @@ from linked_fleet_gateway.extensions.sessions.cookies import LOGIN, read_cookie,
 from linked_fleet_gateway.extensions.sessions.sealed_cookie import SESSION_S, PendingLogin, open_login, seal_login
 from linked_fleet_gateway.extensions.sessions.service import Sessions
 from linked_fleet_gateway.faces import Claims, Credential, Identity
-from linked_fleet_gateway.serving import BadToken, Issuer, IssuerFailed, TokenBuckets, arrival_of
+from linked_fleet_gateway.serving import BadToken, Issuer, IssuerFailed, TokenBuckets, arrival_of, read_body
 
 
 class TooManyLogins(FleetError):
