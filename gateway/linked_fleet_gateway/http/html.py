@@ -39,6 +39,22 @@ class Reader:
 NOBODY = Reader()
 
 
+@dataclass(frozen=True)
+class PageContext:
+    """What the page of a resource shows besides the resource."""
+
+    reader: Reader = NOBODY
+    query: str = ""
+    """The query of the request, which links to other representations repeat."""
+    links_subscriptions: bool = True
+    """True if the page links the Subscriptions container, which not every reader of the page may read."""
+    warning: str = ""
+    """A sentence about the gateway."""
+
+
+NO_CONTEXT = PageContext()
+
+
 class HtmlWriter(Protocol):
     modules: Sequence[str]
     """Modules that are slow to import and needed for pages only."""
@@ -46,7 +62,9 @@ class HtmlWriter(Protocol):
     def prepare(self) -> None:
         """Load what the first page needs besides; called in a thread when the modules are loaded."""
 
-    def write_resource(self, resource: Resource, triples: Sequence[Triple], base: str, formats: Formats) -> bytes:
+    def write_resource(
+        self, resource: Resource, triples: Sequence[Triple], base: str, formats: Formats, context: PageContext
+    ) -> bytes:
         """Return the page of a resource; ``base`` is scheme and authority."""
 
     def write_problem(

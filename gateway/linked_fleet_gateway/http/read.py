@@ -17,7 +17,7 @@ from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.http.answers import CachedResponse, ReadyResponse
 from linked_fleet_gateway.http.callers import mark_private
 from linked_fleet_gateway.http.fields import Link, field, link_header, parse_prefer
-from linked_fleet_gateway.http.html import HTML
+from linked_fleet_gateway.http.html import HTML, NO_CONTEXT, PageContext
 from linked_fleet_gateway.http.negotiation import (
     MOST_BYTES,
     accepts_gzip,
@@ -27,6 +27,7 @@ from linked_fleet_gateway.http.negotiation import (
     is_compressible,
     preferred_coding,
 )
+from linked_fleet_gateway.http.page_context import page_context
 from linked_fleet_gateway.http.representation import (
     Representation,
     content_type,
@@ -110,8 +111,9 @@ _FOR_EVER = "public, max-age=31536000, immutable"
 
 def read_resource(request: Request, resource: Resource) -> Response:
     """Return the representation that the client prefers, or 304. Raises NotAcceptable."""
-    representation = request.services.representations.negotiate(*_asked(request, resource))
-    return _response(request, resource, representation, MOST_BYTES)
+    context = page_context(request, resource.path)
+    representation = request.services.representations.negotiate(*_asked(request, resource), context)
+    return _response(request, resource, context, representation, MOST_BYTES)
 
 
 async def read_interleaved(request: Request, resource: Resource) -> Response:
@@ -120,13 +122,14 @@ async def read_interleaved(request: Request, resource: Resource) -> Response:
     Other requests get turns if it takes long, and long contents are compressed too.
     """
     asked, threads = _asked(request, resource), request.services.writing_offload
-    representation = await request.services.representations.negotiate_interleaved(*asked, threads)
+    context = page_context(request, resource.path)
+    representation = await request.services.representations.negotiate_interleaved(*asked, context, threads)
     body, coded = representation.body, b""
     is_long = len(body) > MOST_BYTES and not resource.coded_contents
-    coding = _coding(request, resource, representation, len(body)) if is_long else ""
+    coding = _coding(request, resource, context, representation, len(body)) if is_long else ""
     if coding and not not_modified(field(request, "if-none-match"), coded_tag(representation.etag, coding)):
         coded = await threads.run(partial(compress, body), len(body), MOST_BYTES)
-    return _response(request, resource, representation, len(body), coded)
+    return _response(request, resource, context, representation, len(body), coded)
 
 
 def _asked(request: Request, resource: Resource) -> tuple[str | None, Resource, str]:
@@ -156,7 +159,12 @@ def read_nowait(request: Request, resource: Resource) -> Reply | None:
 
 
 def _response(
-    request: Request, resource: Resource, representation: Representation, most: int, coded: bytes = b""
+    request: Request,
+    resource: Resource,
+    context: PageContext,
+    representation: Representation,
+    most: int,
+    coded: bytes = b"",
 ) -> Response:
     """Return the representation in the preferred coding, or 304. Contents above ``most`` bytes have no coding.
 
@@ -167,9 +175,9 @@ def _response(
         rendering = request.services.representations.rendering(resource, media_type, request.base)
         document = representation.document or Document(representation.body)
         return ReadyResponse(_cached(request, resource, media_type, document if rendering is None else rendering))
-    headers, of_content = _fields(request, resource, media_type)
+    headers, of_content = _fields(request, resource, media_type, context)
     tag, body = representation.etag, representation.body
-    coding = _coding(request, resource, representation, most)
+    coding = _coding(request, resource, context, representation, most)
     headers["etag"] = coded_tag(tag, coding)
     if not_modified(field(request, "if-none-match"), headers["etag"]):
         return Response(status_code=304, headers=headers)
@@ -179,7 +187,9 @@ def _response(
     return Response(body, headers=headers | of_content)
 
 
-def _fields(request: Request, resource: Resource, media_type: str) -> tuple[dict[str, str], dict[str, str]]:
+def _fields(
+    request: Request, resource: Resource, media_type: str, context: PageContext = NO_CONTEXT
+) -> tuple[dict[str, str], dict[str, str]]:
     """Return the fields of every response, with an empty ETag, and those that a 304 does not have."""
     representations = request.services.representations
     headers = resource_headers(resource, request.base, "")
@@ -188,7 +198,7 @@ def _fields(request: Request, resource: Resource, media_type: str) -> tuple[dict
         headers["preference-applied"] = "return=representation"
     if media_type == HTML and representations.html is not None:
         headers["content-security-policy"] = representations.html.content_security_policy(
-            bool(resource.reader or resource.has_form)
+            bool(context.reader.name or resource.has_form)
         )
     elif media_type.endswith("xml"):
         headers["content-security-policy"] = _NOTHING
@@ -202,18 +212,20 @@ def _accepted_codings(request: Request) -> bytes:
     return (field(request, "accept-encoding") or "").encode("latin-1")
 
 
-def _coding(request: Request, resource: Resource, representation: Representation, most: int) -> str:
+def _coding(
+    request: Request, resource: Resource, context: PageContext, representation: Representation, most: int
+) -> str:
     """Return the content coding that the client prefers; empty for none. Contents above ``most`` bytes have none."""
-    return preferred_coding(_accepted_codings(request), _codings(resource, representation, most))
+    return preferred_coding(_accepted_codings(request), _codings(resource, context, representation, most))
 
 
-def _codings(resource: Resource, representation: Representation, most: int) -> tuple[str, ...]:
+def _codings(resource: Resource, context: PageContext, representation: Representation, most: int) -> tuple[str, ...]:
     """Return the available content codings of a representation."""
     media_type = representation.media_type
     if resource.coded_contents:
         return tuple(resource.coded_contents)
     text = media_type.startswith("text/") or media_type.endswith(("json", "xml", "n-triples"))
-    secret = media_type == HTML and bool(resource.reader)
+    secret = media_type == HTML and bool(context.reader.name)
     coded = text and not secret and is_compressible(representation.body, resource.describe_measured is not None, most)
     return ("gzip",) if coded else ()
 

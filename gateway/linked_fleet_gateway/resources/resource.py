@@ -114,30 +114,12 @@ class Resource(Struct, frozen=True):
     """Observations of the measured values that it shows, in the order of its properties."""
     silent_samplers: tuple[Sampler, ...] = ()
     """Further ones, after those, whose change is no news."""
-    query: str = ""
-    """The query of the request, if it makes a difference."""
     publishes_changes: bool = True
     """True if its changes can be followed."""
     values_only_in_documents: bool = False
     """True if measured values appear only in ``documents`` and do not change the description."""
     has_form: bool = False
     """True if its page submits a form without a script."""
-    reader: str = ""
-    """Name of the person who is logged in and reads it as a page."""
-    rights: tuple[str, ...] | None = None
-    """The reader's rights on its subject; None if authentication is off."""
-    may_read_audit: bool = False
-    """True if the reader may read the audit log."""
-    links_subscriptions: bool = True
-    """True if its page links its Subscriptions container, which not every reader of the page may read."""
-    warning: str = ""
-    """A sentence about the gateway that its page shows."""
-
-    def with_reader_of(self, other: "Resource") -> "Resource":
-        """Return this resource with the reader of ``other``."""
-        return self.replace(
-            reader=other.reader, rights=other.rights, may_read_audit=other.may_read_audit, warning=other.warning
-        )
 
     def replace(self, **fields: Any) -> "Resource":
         """Return a copy with these fields."""

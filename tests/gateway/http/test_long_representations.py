@@ -9,7 +9,7 @@ import pytest
 from pyoxigraph import Literal, NamedNode
 
 from linked_fleet_gateway.http import representation
-from linked_fleet_gateway.http.html import HTML, HtmlWriter
+from linked_fleet_gateway.http.html import HTML, NO_CONTEXT, HtmlWriter
 from linked_fleet_gateway.http.representation import Representation, Representations
 from linked_fleet_gateway.http.scheduling import Offload
 from linked_fleet_gateway.rdf.graph import Graph
@@ -44,7 +44,7 @@ class _Pages:
 @pytest.mark.parametrize("media_type", RDF_TYPES)
 def test_the_document_is_that_of_a_description_at_once(media_type: str) -> None:
     representations = Representations()
-    found = asyncio.run(representations.negotiate_interleaved(media_type, _LONG, _BASE, Offload()))
+    found = asyncio.run(representations.negotiate_interleaved(media_type, _LONG, _BASE, NO_CONTEXT, Offload()))
     assert found == representations.negotiate(media_type, _LONG, _BASE)
 
 
@@ -59,7 +59,7 @@ def test_others_run_between_the_steps(monkeypatch: pytest.MonkeyPatch) -> None:
 
     async def run() -> Representation:
         others = asyncio.create_task(count())
-        found = await Representations().negotiate_interleaved(None, _LONG, _BASE, Offload())
+        found = await Representations().negotiate_interleaved(None, _LONG, _BASE, NO_CONTEXT, Offload())
         others.cancel()
         return found
 
@@ -83,8 +83,8 @@ def test_long_representations_are_written_in_a_thread(monkeypatch: pytest.Monkey
 
     async def run() -> None:
         for media_type in RDF_TYPES:
-            await representations.negotiate_interleaved(media_type, _LONG, _BASE, Offload())
-        await representations.negotiate_interleaved(HTML, short, _BASE, Offload())
+            await representations.negotiate_interleaved(media_type, _LONG, _BASE, NO_CONTEXT, Offload())
+        await representations.negotiate_interleaved(HTML, short, _BASE, NO_CONTEXT, Offload())
 
     asyncio.run(run())
     assert len(threads) == len(RDF_TYPES) and len(pages.threads) == 1
@@ -95,6 +95,6 @@ def test_its_tags_are_those_of_its_documents() -> None:
     representations = Representations()
 
     async def tags() -> list[str]:
-        return [tag async for tag in representations.etags_interleaved(_LONG, _BASE, Offload())]
+        return [tag async for tag in representations.etags_interleaved(_LONG, _BASE, NO_CONTEXT, Offload())]
 
     assert asyncio.run(tags()) == list(representations.etags(_LONG, _BASE))

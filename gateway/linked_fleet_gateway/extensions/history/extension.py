@@ -60,7 +60,7 @@ async def read_history(request: Request, found: Resource, past: RecordedHistory)
     shown = past.select_page(parse_span(request.query_params.multi_items()))
     name = shown.resource.path[1:].replace("/", "-")
     names = {media_type: f"{name}.{suffix}" for media_type, suffix in _SUFFIXES.items()}
-    selected = shown.resource.with_reader_of(found).replace(query=request.url.query, file_names=names)
+    selected = shown.resource.replace(file_names=names)
     is_copied = representations.choose_media_type(accept, selected) in TEXT_TYPES
 
     def compiled() -> Resource:

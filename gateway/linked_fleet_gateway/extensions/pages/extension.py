@@ -12,7 +12,7 @@ from linked_fleet_gateway.extensions.pages.assets import BRANCH, THUMBNAIL, THUM
 from linked_fleet_gateway.extensions.pages.page import FORMS, POLICY
 from linked_fleet_gateway.extensions.pages.views import add_view, checked_view, set_entries
 from linked_fleet_gateway.http.extension import Core, Extension, Mount
-from linked_fleet_gateway.http.html import NOBODY, Formats, Reader
+from linked_fleet_gateway.http.html import NOBODY, Formats, PageContext, Reader
 from linked_fleet_gateway.resources.resource import Resource
 
 
@@ -25,8 +25,10 @@ class Pages:
         """Compile the templates of problems, which alone are written on the event loop."""
         self.write_problem(FleetError("a page that nobody sees"), "http://localhost/", [], NOBODY)
 
-    def write_resource(self, resource: Resource, triples: Sequence[Triple], base: str, formats: Formats) -> bytes:
-        return page.write(resource, triples, base, formats)
+    def write_resource(
+        self, resource: Resource, triples: Sequence[Triple], base: str, formats: Formats, context: PageContext
+    ) -> bytes:
+        return page.write(resource, triples, base, formats, context)
 
     def write_problem(
         self, error: FleetError, instance: str | None, report: Sequence[Mapping[str, str]], reader: Reader | None
