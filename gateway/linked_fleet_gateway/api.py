@@ -40,6 +40,7 @@ from linked_fleet_gateway.resources.affordance import Demand
 from linked_fleet_gateway.resources.body_values import Body
 from linked_fleet_gateway.resources.branches import FleetBranch, Found, PropertyBranch, RequestView, RobotBranch
 from linked_fleet_gateway.resources.container import Container, Member
+from linked_fleet_gateway.resources.description import InSteps
 from linked_fleet_gateway.resources.paths import joint_path, link_path, robot_path
 from linked_fleet_gateway.resources.property import Property
 from linked_fleet_gateway.resources.resource import Resource, blueprint_of
@@ -54,11 +55,11 @@ VERSION = 1
 __all__ = [
     "DCTERMS", "LDP", "LF", "METRE", "ON_OFF", "RADIAN", "RDF", "RDFS", "SECOND", "TEXT", "UNITLESS", "VERSION",
     "ActionRequest", "AsgiResponse", "BadRequest", "Body", "Busy", "Call", "Conflict", "Container", "Core",
-    "DeferredPlan", "Demand", "Extension", "FleetBranch", "FleetError", "Follow", "Found", "Graph", "Halt",
+    "DeferredPlan", "Demand", "Extension", "FleetBranch", "FleetError", "Follow", "Found", "Graph", "Halt", "InSteps",
     "Invocation", "InvocationState", "Joint", "Link", "Literal", "Member", "Motion", "MotionGuard", "Mount", "Move",
     "NamedNode", "Namespace", "NavigationEntry", "NotFound", "Operation", "Pose", "PreconditionFailed", "Property",
     "PropertyBranch", "RedisUnavailable", "Request", "RequestView", "Resource", "Response", "Right", "Robot",
     "RobotBranch", "RobotModel", "Section", "Source", "Table", "UnprocessableContent", "ask", "await_turn",
-    "blueprint_of", "build_motion", "cancel_tasks", "counter", "gauge", "gauges", "integer", "joint_path", "link_path",
-    "read_resource", "robot_path", "setting", "supervised", "timestamp", "whole_number",
+    "blueprint_of", "build_motion", "cancel_tasks", "counter", "gauge", "gauges", "integer", "joint_path",
+    "link_path", "read_resource", "robot_path", "setting", "supervised", "timestamp", "whole_number",
 ]  # fmt: skip

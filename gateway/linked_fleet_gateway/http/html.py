@@ -1,6 +1,6 @@
 """The interface for pages: an extension may render resources and problems as HTML."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -52,7 +52,8 @@ class PageContext:
     """A sentence about the gateway."""
 
 
-NO_CONTEXT = PageContext()
+Context = Callable[[], PageContext]
+"""Returns the context of a page; called for pages only."""
 
 
 class HtmlWriter(Protocol):

@@ -1,6 +1,7 @@
 """If-Match and, for writes, If-None-Match (RFC 9110, 13.1.1 and 13.1.2)."""
 
 from collections.abc import Callable, Iterator
+from functools import partial
 
 from linked_fleet_gateway.base.errors import PreconditionFailed
 from linked_fleet_gateway.http.demands import stops
@@ -23,7 +24,7 @@ async def await_preconditions(request: Request, resource: Resource) -> None:
     check, services = _Check(request, resource), request.services
     if not check.needed:
         return
-    context = page_context(request, resource.path)
+    context = partial(page_context, request, resource.path)
     tags = services.representations.etags_interleaved(resource, request.base, context, services.writing_offload)
     async for tag in tags:
         if check.is_decided_by(tag):
@@ -49,7 +50,7 @@ def _version(request: Request, resource: Resource) -> str:
 
 
 def _etags(request: Request, resource: Resource) -> Iterator[str]:
-    context = page_context(request, resource.path)
+    context = partial(page_context, request, resource.path)
     return request.services.representations.etags(resource, request.base, context)
 
 

@@ -17,7 +17,7 @@ from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.http.answers import CachedResponse, ReadyResponse
 from linked_fleet_gateway.http.callers import mark_private
 from linked_fleet_gateway.http.fields import Link, field, link_header, parse_prefer
-from linked_fleet_gateway.http.html import HTML, NO_CONTEXT, PageContext
+from linked_fleet_gateway.http.html import HTML, Context, PageContext
 from linked_fleet_gateway.http.negotiation import (
     MOST_BYTES,
     accepts_gzip,
@@ -42,9 +42,10 @@ from linked_fleet_gateway.rdf.serialise import RDF_TYPES, WriteError
 from linked_fleet_gateway.rdf.templates import Document
 from linked_fleet_gateway.rdf.vocabulary import LDP
 from linked_fleet_gateway.resources.body_values import own_statements
+from linked_fleet_gateway.resources.description import InSteps
 from linked_fleet_gateway.resources.paths import robot_of
-from linked_fleet_gateway.resources.renderings import Rendering, is_compilable
-from linked_fleet_gateway.resources.resource import CONTAINER, RemoteMesh, Resource, run_steps
+from linked_fleet_gateway.resources.resource import CONTAINER, RemoteMesh, Resource
+from linked_fleet_gateway.resources.templates import Rendering, is_measured
 from linked_fleet_gateway.server.exchange import Reply
 
 _MINIMAL, _CONTAINMENT = LDP.PreferMinimalContainer.value, LDP.PreferContainment.value
@@ -80,18 +81,12 @@ def preferred_part(request: Request, resource: Resource) -> ContainerPart | None
 
 def restrict_to_part(resource: Resource, part: ContainerPart, base: str) -> Resource:
     """Return the container with this part of its description, which has an entity tag of its own."""
-    assert resource.describe is not None
-    steps = partial(_steps, resource, part, NamedNode(base + resource.path))
-    return resource.replace(describe=lambda graph: run_steps(steps(graph)), steps=steps)
+    return resource.replace(describe=InSteps(partial(_steps, resource, part, NamedNode(base + resource.path))))
 
 
 def _steps(resource: Resource, part: ContainerPart, iri: NamedNode, graph: Graph) -> Iterator[None]:
-    assert resource.describe is not None
     whole = Graph()
-    if resource.steps is None:
-        resource.describe(whole)
-    else:
-        yield from resource.steps(whole)
+    yield from resource.own_steps(whole)
     about = set(own_statements(whole.triples, iri))
     for number, triple in enumerate(whole.triples):
         if number % _AT_ONCE == 0:
@@ -111,7 +106,7 @@ _FOR_EVER = "public, max-age=31536000, immutable"
 
 def read_resource(request: Request, resource: Resource) -> Response:
     """Return the representation that the client prefers, or 304. Raises NotAcceptable."""
-    context = page_context(request, resource.path)
+    context = partial(page_context, request, resource.path)
     representation = request.services.representations.negotiate(*_asked(request, resource), context)
     return _response(request, resource, context, representation, MOST_BYTES)
 
@@ -122,7 +117,7 @@ async def read_interleaved(request: Request, resource: Resource) -> Response:
     Other requests get turns if it takes long, and long contents are compressed too.
     """
     asked, threads = _asked(request, resource), request.services.writing_offload
-    context = page_context(request, resource.path)
+    context = partial(page_context, request, resource.path)
     representation = await request.services.representations.negotiate_interleaved(*asked, context, threads)
     body, coded = representation.body, b""
     is_long = len(body) > MOST_BYTES and not resource.coded_contents
@@ -145,7 +140,7 @@ def read_nowait(request: Request, resource: Resource) -> Reply | None:
     """
     representations, asked = request.services.representations, _asked(request, resource)
     media_type = representations.choose_media_type(*asked[:2])
-    if resource.steps is not None or not _is_cacheable(request, resource, media_type):
+    if resource.is_long or not _is_cacheable(request, resource, media_type):
         return None
     assert media_type is not None  # otherwise nothing is cacheable
     if (rendering := representations.rendering(resource, media_type, request.base)) is not None:
@@ -161,7 +156,7 @@ def read_nowait(request: Request, resource: Resource) -> Reply | None:
 def _response(
     request: Request,
     resource: Resource,
-    context: PageContext,
+    context: Context,
     representation: Representation,
     most: int,
     coded: bytes = b"",
@@ -188,7 +183,7 @@ def _response(
 
 
 def _fields(
-    request: Request, resource: Resource, media_type: str, context: PageContext = NO_CONTEXT
+    request: Request, resource: Resource, media_type: str, context: Context = PageContext
 ) -> tuple[dict[str, str], dict[str, str]]:
     """Return the fields of every response, with an empty ETag, and those that a 304 does not have."""
     representations = request.services.representations
@@ -198,7 +193,7 @@ def _fields(
         headers["preference-applied"] = "return=representation"
     if media_type == HTML and representations.html is not None:
         headers["content-security-policy"] = representations.html.content_security_policy(
-            bool(context.reader.name or resource.has_form)
+            bool(resource.has_form or context().reader.name)
         )
     elif media_type.endswith("xml"):
         headers["content-security-policy"] = _NOTHING
@@ -212,21 +207,19 @@ def _accepted_codings(request: Request) -> bytes:
     return (field(request, "accept-encoding") or "").encode("latin-1")
 
 
-def _coding(
-    request: Request, resource: Resource, context: PageContext, representation: Representation, most: int
-) -> str:
+def _coding(request: Request, resource: Resource, context: Context, representation: Representation, most: int) -> str:
     """Return the content coding that the client prefers; empty for none. Contents above ``most`` bytes have none."""
     return preferred_coding(_accepted_codings(request), _codings(resource, context, representation, most))
 
 
-def _codings(resource: Resource, context: PageContext, representation: Representation, most: int) -> tuple[str, ...]:
+def _codings(resource: Resource, context: Context, representation: Representation, most: int) -> tuple[str, ...]:
     """Return the available content codings of a representation."""
     media_type = representation.media_type
     if resource.coded_contents:
         return tuple(resource.coded_contents)
     text = media_type.startswith("text/") or media_type.endswith(("json", "xml", "n-triples"))
-    secret = media_type == HTML and bool(context.reader.name)
-    coded = text and not secret and is_compressible(representation.body, resource.describe_measured is not None, most)
+    secret = media_type == HTML and bool(context().reader.name)
+    coded = text and not secret and is_compressible(representation.body, resource.shows_values, most)
     return ("gzip",) if coded else ()
 
 
@@ -234,9 +227,9 @@ def _is_cacheable(request: Request, resource: Resource, media_type: str | None) 
     """Return True if the response can be cached: RDF that lasts, or of a robot and with changes that are known."""
     if media_type not in RDF_TYPES or media_type in resource.documents or resource.linkset_of is not None:
         return False
-    if not is_compilable(resource, media_type) and (resource.source.is_measured or not resource.publishes_changes):
+    if not is_measured(resource, media_type) and (resource.source.is_measured or not resource.publishes_changes):
         return False
-    known = resource.is_static or resource.source.shown is not None or _robot(request, resource) is not None
+    known = resource.source.shown is not None or _robot(request, resource) is not None
     return known and request.services.response_cache.is_cacheable(request.scope)
 
 

@@ -45,10 +45,11 @@ from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, RDFS
 from linked_fleet_gateway.rdf.vocabulary import LF as CORE_LF
 from linked_fleet_gateway.resources.branches import FleetBranch, Found, PropertyBranch, RequestView, RobotBranch
 from linked_fleet_gateway.resources.describe import Describer
+from linked_fleet_gateway.resources.description import DescriptionTemplate
 from linked_fleet_gateway.resources.joint_kinds import kind_of
 from linked_fleet_gateway.resources.paths import joint_or_link, joint_path, link_path, mesh_path, robot_path
 from linked_fleet_gateway.resources.property import Property
-from linked_fleet_gateway.resources.resource import DescriptionTemplate, Resource, blueprint_of
+from linked_fleet_gateway.resources.resource import Resource, blueprint_of
 from linked_fleet_gateway.resources.versioning import Source
 
 SEGMENT = "history"

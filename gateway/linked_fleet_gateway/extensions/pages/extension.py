@@ -28,7 +28,7 @@ class Pages:
     def write_resource(
         self, resource: Resource, triples: Sequence[Triple], base: str, formats: Formats, context: PageContext
     ) -> bytes:
-        return page.write(resource, triples, base, formats, context)
+        return page.write(resource, triples, base, context, formats)
 
     def write_problem(
         self, error: FleetError, instance: str | None, report: Sequence[Mapping[str, str]], reader: Reader | None

@@ -19,7 +19,7 @@ from linked_fleet_gateway.extensions.pages.assets import assets
 from linked_fleet_gateway.extensions.pages.texts import clean
 from linked_fleet_gateway.extensions.pages.view import view_of
 from linked_fleet_gateway.extensions.pages.views import added_views, places
-from linked_fleet_gateway.http.html import NO_CONTEXT, Formats, PageContext, Reader
+from linked_fleet_gateway.http.html import Formats, PageContext, Reader
 from linked_fleet_gateway.http.representation import FORMATS
 from linked_fleet_gateway.rdf import jsonld
 from linked_fleet_gateway.rdf.vocabulary import PREFIXES
@@ -35,11 +35,7 @@ _TEMPLATES = Path(__file__).parent / "templates"
 
 
 def write(
-    resource: Resource,
-    triples: Sequence[Triple],
-    base: str,
-    formats: Formats = FORMATS,
-    context: PageContext = NO_CONTEXT,
+    resource: Resource, triples: Sequence[Triple], base: str, context: PageContext, formats: Formats = FORMATS
 ) -> bytes:
     """Return the page of a resource; ``base`` is scheme and authority. Equal triples give equal bytes."""
     view = view_of(resource, triples, base, formats, context)

@@ -14,7 +14,7 @@ from linked_fleet_gateway.extensions.pages.root_views import audit, fleet, vocab
 from linked_fleet_gateway.extensions.pages.thing_views import DescribedSubject, describe_subject
 from linked_fleet_gateway.extensions.pages.values import Facts, Link, Row
 from linked_fleet_gateway.extensions.pages.views import LF, Part, Place, added_views, files_of, places
-from linked_fleet_gateway.http.html import NO_CONTEXT, Formats, PageContext
+from linked_fleet_gateway.http.html import Formats, PageContext
 from linked_fleet_gateway.rdf.serialise import RDF_TYPES
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, LDP, OWL, PROV, RDF, ROS, SOSA, XHV
 from linked_fleet_gateway.resources.action_offer import robot_offers
@@ -104,9 +104,7 @@ class View:
         return self.iri.partition("?")[0]  # the IRI of some resources has the query
 
 
-def view_of(
-    resource: Resource, triples: Sequence[Triple], base: str, formats: Formats, context: PageContext = NO_CONTEXT
-) -> View:
+def view_of(resource: Resource, triples: Sequence[Triple], base: str, formats: Formats, context: PageContext) -> View:
     """Return the view of a resource; ``base`` is scheme and authority, without a slash at its end."""
     iri, facts = NamedNode(base + resource.path), Facts(triples, base + "/")
     kind, part, files = _kind(facts, iri)

@@ -19,11 +19,11 @@ from linked_fleet_gateway.rdf.graph import Graph, Node, Term
 from linked_fleet_gateway.rdf.shapes import BLUEPRINTS, load_turtle
 from linked_fleet_gateway.rdf.vocabulary import LF
 from linked_fleet_gateway.resources.describe import Describer, last_frame
+from linked_fleet_gateway.resources.description import run_steps
 from linked_fleet_gateway.resources.documents import VOCABULARY, describe_terms
 from linked_fleet_gateway.resources.invocation import describe_invocation, describe_lease, invocation_path
 from linked_fleet_gateway.resources.paths import joint_path, link_path, robot_of, robot_path
 from linked_fleet_gateway.resources.property import Measurement, Property
-from linked_fleet_gateway.resources.resource import run_steps
 
 SHAPES = "/blueprint"
 

@@ -8,7 +8,7 @@ from linked_fleet_gateway.base import errors
 from linked_fleet_gateway.extensions.pages import texts
 from linked_fleet_gateway.extensions.pages.extension import Pages
 from linked_fleet_gateway.extensions.pages.page import write
-from linked_fleet_gateway.http.html import NO_CONTEXT, PageContext, Reader
+from linked_fleet_gateway.http.html import PageContext, Reader
 from linked_fleet_gateway.http.problem import problem
 from linked_fleet_gateway.rdf.serialise import parse
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, LF, MATHS, QUDT, RDF, RDFS, UNIT, VOM, XSD
@@ -26,11 +26,12 @@ EVIL = (
     "{{ 7 * 7 }}{% raw %}",
     "]]>&lt;&amp;&#60;",
 )
+NOBODY_READS = PageContext()
 BROWSER = "text/html,application/xhtml+xml,application/xml;q=0.9,*/*;q=0.8"
 
 
-def page(*triples: Triple, path: str = "/r/", title: str = "r", context: PageContext = NO_CONTEXT) -> bytes:
-    return write(Resource(path, title, lambda graph: None), triples, BASE, context=context)
+def page(*triples: Triple, path: str = "/r/", title: str = "r", context: PageContext = NOBODY_READS) -> bytes:
+    return write(Resource(path, title, lambda graph: None), triples, BASE, context)
 
 
 def said(predicate: NamedNode, value: NamedNode | BlankNode | Literal) -> Triple:
