@@ -44,6 +44,7 @@ from linked_fleet_gateway.resources.affordance import Demand
 from linked_fleet_gateway.resources.body_values import Body
 from linked_fleet_gateway.resources.branches import FleetBranch, Found, PropertyBranch, RequestView, RobotBranch
 from linked_fleet_gateway.resources.container import Container, Member
+from linked_fleet_gateway.resources.description import InSteps
 from linked_fleet_gateway.resources.html import NavigationEntry
 from linked_fleet_gateway.resources.paths import joint_path, link_path, robot_of, robot_path, thing_at
 from linked_fleet_gateway.resources.property import Property
@@ -60,8 +61,8 @@ __all__ = [
     "CONTAINER", "DCTERMS", "LDP", "LF", "METRE", "ON_OFF", "RADIAN", "RDF", "RDFS", "SECOND", "TEXT", "UNITLESS",
     "VERSION", "ActionRequest", "AsgiResponse", "BadRequest", "Body", "Busy", "Call", "Conflict", "Container",
     "Content", "Core", "DeferredPlan", "Demand", "Extension", "FleetBranch", "FleetError", "Follow", "Found",
-    "Graph", "Halt", "Invocation", "InvocationState", "Joint", "Link", "Literal", "Member", "Motion", "MotionGuard",
-    "Mount", "Move", "NamedNode", "Namespace", "NavigationEntry", "NotFound", "Operation", "Pose",
+    "Graph", "Halt", "InSteps", "Invocation", "InvocationState", "Joint", "Link", "Literal", "Member", "Motion",
+    "MotionGuard", "Mount", "Move", "NamedNode", "Namespace", "NavigationEntry", "NotFound", "Operation", "Pose",
     "PreconditionFailed", "Property", "PropertyBranch", "RedisUnavailable", "Request", "RequestView", "Resource",
     "Response", "Right", "Robot", "RobotBranch", "RobotModel", "Section", "Source", "SubprotocolConnection",
     "Table", "UnprocessableContent", "WebSocketHandler", "ask", "await_turn", "blueprint_of", "body_type",

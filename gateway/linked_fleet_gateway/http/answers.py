@@ -23,8 +23,9 @@ from linked_fleet_gateway.http.negotiation import GZIP, accepts_gzip, coded_tag,
 from linked_fleet_gateway.http.representation import etag, not_modified
 from linked_fleet_gateway.identity.rights import Right, View
 from linked_fleet_gateway.rdf.templates import Document, Template
-from linked_fleet_gateway.resources.renderings import Rendering
+from linked_fleet_gateway.resources.description import MeasuredDescription
 from linked_fleet_gateway.resources.resource import Resource
+from linked_fleet_gateway.resources.templates import Rendering
 from linked_fleet_gateway.resources.versioning import Source
 from linked_fleet_gateway.server.exchange import Reply
 from linked_fleet_gateway.server.message_heads import FieldLines, field_block
@@ -83,7 +84,7 @@ class CachedResponse:
         fields: FieldLines,
         content_fields: FieldLines,
     ) -> None:
-        """Create a response; ``robot`` is None if it lasts (``Resource.is_static``).
+        """Create a response; ``robot`` is None if it belongs to none (``Source.shown``).
 
         ``fields``: those of every response except ETag; ``content_fields``: those absent from a 304. Of a document that
         a template has made, the values are kept, and not the template, which is dropped when there are too many. Other
@@ -102,8 +103,8 @@ class CachedResponse:
         self.size = 0
         """Approximate size of the cached content in bytes."""
         if isinstance(written, Document):
-            self._keep(written, resource.describe_measured is not None)
-        self._quiet = resource.silent_samplers
+            self._keep(written, resource.shows_values)
+        self._quiet = resource.describe.silent if isinstance(resource.describe, MeasuredDescription) else ()
         self._shown: tuple[Observation, ...] = ()
         """The observations that were written last."""
         self._block = field_block(fields)

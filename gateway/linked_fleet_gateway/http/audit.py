@@ -9,9 +9,10 @@ from linked_fleet_gateway.base.errors import NotFound
 from linked_fleet_gateway.http.request import AUDIT_RIGHTS, Connection
 from linked_fleet_gateway.rdf.graph import Graph, integer, timestamp
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, LDP, LF, PROV, RDFS, XHV
+from linked_fleet_gateway.resources.description import InSteps
 from linked_fleet_gateway.resources.paths import AUDIT as PATH
 from linked_fleet_gateway.resources.paths import robot_of, robot_path
-from linked_fleet_gateway.resources.resource import CONTAINER, Resource, run_steps
+from linked_fleet_gateway.resources.resource import CONTAINER, Resource
 from linked_fleet_gateway.runtime.audit_log import PAGE_SIZE, AuditEntry, AuditLog
 from linked_fleet_gateway.runtime.log import current_request
 
@@ -40,9 +41,7 @@ async def audit_resource(connection: Connection) -> Resource:
     except ValueError as error:
         raise NotFound(f"There is no such page: {error}.") from error
     steps = partial(_steps, connection.base, path, entries)
-    return Resource(
-        path, "Audit", lambda graph: run_steps(steps(graph)), CONTAINER, publishes_changes=False, steps=steps
-    )
+    return Resource(path, "Audit", InSteps(steps), CONTAINER, publishes_changes=False)
 
 
 def is_audit_path(path: str) -> bool:

@@ -32,7 +32,6 @@ from linked_fleet_gateway.http.entrance import await_turn
 from linked_fleet_gateway.http.extension import Mount, Reader, Writer
 from linked_fleet_gateway.http.fields import field
 from linked_fleet_gateway.http.invoke import end_invocation, invoke, put_target
-from linked_fleet_gateway.http.operator_endpoints import store_warning
 from linked_fleet_gateway.http.preconditions import await_preconditions
 from linked_fleet_gateway.http.problem import problem, rate_refusal
 from linked_fleet_gateway.http.read import (
@@ -218,7 +217,7 @@ class Endpoint:
         if isinstance(found, Redirect):
             return found
         if request.method in READ_METHODS or request.is_safe or not _CONDITIONS.isdisjoint(request.arrival.fields):
-            found = _read_by(request, found)  # preconditions are about what the caller reads
+            found = add_audit_link(request, found)  # preconditions are about what the caller reads
         # Rights are checked before methods, so that a 405 never reveals what is possible to callers without rights.
         require_right(request, found.path, _needed(request, found))
         if request.method not in (allow := allowed_methods(found)):
@@ -274,7 +273,7 @@ async def _check_again(request: Request) -> None:
     """Check the preconditions once more, because the resource may have changed while its body arrived."""
     found = await _find(request)
     if isinstance(found, Resource):
-        await await_preconditions(request, _read_by(request, found))
+        await await_preconditions(request, add_audit_link(request, found))
 
 
 def _use_canonical_path(scope: Scope, to: Redirect) -> None:
@@ -327,19 +326,6 @@ def _resolve(connection: Connection, subscriptions: SubscriptionsByOwner = NO_SU
     if found is None:
         raise NotFound(f"There is no resource at {path[:_LONGEST_NAMED]}; browse from {connection.base}/.")
     return found
-
-
-def _read_by(request: Request, found: Resource) -> Resource:
-    """Return the resource with its reader, and what only some readers are shown."""
-    reader = request.reader(found.path)
-    found = found.replace(
-        reader=reader.name,
-        rights=reader.rights,
-        may_read_audit=reader.may_read_audit,
-        links_subscriptions=request.caller.has_any_right(SUBSCRIPTIONS_RIGHTS, robot_of(found.path)),
-        warning=store_warning(request.services),
-    )
-    return add_audit_link(request, found)
 
 
 def _is_stored(path: str) -> bool:

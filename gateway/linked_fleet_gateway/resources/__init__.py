@@ -4,7 +4,7 @@
 ``paths``: names in paths. ``resource``: the result of resolving a path; ``affordance``: its methods other than reading.
 ``access_filter``: the part that a caller may see. ``things``, ``describe``, ``property``, ``properties``,
 ``joint_kinds``, ``invocation``, ``subscription_resource``, ``documents``: descriptions. ``versioning``: definition of
-change. ``renderings``: measured values compiled, for GET and for messages; ``copies``: documents of one kind.
+change. ``description``: how they are described; ``templates``: documents into which values are put anew.
 ``action_offer``, ``shape_parameters``, ``joint_limits``: kinds of actions, the things that offer them, and the parts of
 their shapes that depend on the robot. ``body_values``: bodies as typed values in SI units. ``settable``,
 ``annotations``: values that clients may set. ``json_form``, ``plain_json``: JSON derived from shapes.

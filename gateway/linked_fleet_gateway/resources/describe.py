@@ -11,7 +11,7 @@ from linked_fleet_gateway.base.faults import Faults
 from linked_fleet_gateway.fleet.model import Joint, Link, RobotModel
 from linked_fleet_gateway.fleet.observation import Observation
 from linked_fleet_gateway.fleet.robot import Robot
-from linked_fleet_gateway.rdf.graph import Graph, timestamp
+from linked_fleet_gateway.rdf.graph import Graph, moment, timestamp
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, LDP, LF, RDFS, ROS, SOSA, XHV, XSD
 from linked_fleet_gateway.resources.action_offer import Offer, fleet_offers, joint_offers, robot_offers
 from linked_fleet_gateway.resources.annotations import annotate
@@ -224,7 +224,7 @@ class Describer:
             self.presence(graph, iri, robot)
 
     def _last_frame(self, graph: Graph, iri: NamedNode, seen: Measurement) -> None:
-        graph.add(iri, LF.lastFrame, LF.unknown if seen.wall_ns is None else timestamp(seen.wall_ns))
+        graph.add(iri, LF.lastFrame, moment(seen.wall_ns))
 
     def _interface(self, graph: Graph, path: str, shape: NamedNode) -> None:
         iri, stem = self.iri(path), path.rstrip("/")

@@ -11,8 +11,9 @@ from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.rdf import shapes
 from linked_fleet_gateway.rdf.graph import Graph, integer
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, LDP, LF, OWL, PREFIXES, RDF, RDFS
+from linked_fleet_gateway.resources.description import InSteps
 from linked_fleet_gateway.resources.paths import mesh_path, model_path, robot_path
-from linked_fleet_gateway.resources.resource import RemoteMesh, Resource, blueprint_of, run_steps
+from linked_fleet_gateway.resources.resource import RemoteMesh, Resource, blueprint_of
 from linked_fleet_gateway.resources.versioning import Source
 
 VOCABULARY = "/vocabulary"
@@ -21,7 +22,7 @@ _DESCRIBES = (RDF.type, RDFS.label, RDFS.comment)
 
 def vocabulary_resource(base: str) -> Resource:
     steps = partial(_vocabulary, base)
-    return Resource(VOCABULARY, "Vocabulary", lambda graph: run_steps(steps(graph)), steps=steps, is_static=True)
+    return Resource(VOCABULARY, "Vocabulary", InSteps(steps), source=Source(shown=tuple))
 
 
 def context_resource() -> Resource:

@@ -1,6 +1,6 @@
 """The interface for pages: an extension may render resources and problems as HTML."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -39,6 +39,23 @@ class Reader:
 NOBODY = Reader()
 
 
+@dataclass(frozen=True)
+class PageContext:
+    """What the page of a resource shows besides the resource."""
+
+    reader: Reader = NOBODY
+    query: str = ""
+    """The query of the request, which links to other representations repeat."""
+    links_subscriptions: bool = True
+    """True if the page links the Subscriptions container, which not every reader of the page may read."""
+    warning: str = ""
+    """A sentence about the gateway."""
+
+
+Context = Callable[[], PageContext]
+"""Returns the context of a page; called for pages only."""
+
+
 class HtmlWriter(Protocol):
     modules: Sequence[str]
     """Modules that are slow to import and needed for pages only."""
@@ -46,7 +63,9 @@ class HtmlWriter(Protocol):
     def prepare(self) -> None:
         """Load what the first page needs besides; called in a thread when the modules are loaded."""
 
-    def write_resource(self, resource: Resource, triples: Sequence[Triple], base: str, formats: Formats) -> bytes:
+    def write_resource(
+        self, resource: Resource, triples: Sequence[Triple], base: str, formats: Formats, context: PageContext
+    ) -> bytes:
         """Return the page of a resource; ``base`` is scheme and authority."""
 
     def write_problem(

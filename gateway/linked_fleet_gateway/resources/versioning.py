@@ -47,7 +47,10 @@ class Source(Struct, frozen=True):
     shared_facts: Callable[[], Any] | None = None
     """The facts that are equal on all gateways, if that is not true of ``facts``."""
     shown: Callable[[], Any] | None = None
-    """All that its description depends on, if it belongs to no robot and that is read quickly."""
+    """All that its description depends on, if it belongs to no robot and that is read quickly.
+
+    ``tuple`` says that it never changes.
+    """
     is_final: Callable[[], bool] = bool
     """Returns True if the resource will never change again."""
 

@@ -1,4 +1,4 @@
-"""Histories of single numbers as copies of one document for each kind of them (``resources/copies.py``)."""
+"""Histories of single numbers by one template for each kind of them (``resources/templates.py``)."""
 
 import math
 from collections.abc import Sequence

@@ -53,21 +53,22 @@ async def read_history(request: Request, found: Resource, past: RecordedHistory)
     shown = past.select_page(parse_span(request.query_params.multi_items()))
     name = shown.resource.path[1:].replace("/", "-")
     names = {media_type: f"{name}.{suffix}" for media_type, suffix in _SUFFIXES.items()}
-    selected = shown.resource.with_reader_of(found).replace(query=request.url.query, file_names=names)
-    is_copied = representations.choose_media_type(accept, selected) in TEXT_TYPES
+    selected = shown.resource.replace(file_names=names)
+    is_text = representations.choose_media_type(accept, selected) in TEXT_TYPES
 
-    def compiled() -> Resource:
-        return selected.replace(template=shown.template()) if is_copied else selected
+    def templated() -> Resource:
+        template = shown.template() if is_text else None
+        return selected if template is None else selected.replace(describe=template)
 
     def work(resource: Resource) -> Response:
         check_preconditions(request, resource)
         return read_resource(request, resource)
 
-    if is_copied and shown.is_short and representations.is_quick(accept, known := compiled(), request.base):
+    if is_text and shown.is_short and representations.is_quick(accept, known := templated(), request.base):
         response = work(known)
     else:
         async with past.history.worker():
-            response = await asyncio.to_thread(lambda: work(compiled()))
+            response = await asyncio.to_thread(lambda: work(templated()))
     media_type = response.headers.get("content-type", "").partition(";")[0]
     file = media_type in _SUFFIXES
     page, address = shown.file if file else shown.document, request.base + shown.resource.path

@@ -13,7 +13,7 @@ from linked_fleet_gateway.extensions.pages.assets import THUMBNAIL
 from linked_fleet_gateway.extensions.pages.branches import ASSETS, THUMBNAILS
 from linked_fleet_gateway.extensions.pages.page import FORMS, POLICY
 from linked_fleet_gateway.extensions.pages.views import add_view, checked_view, set_entries
-from linked_fleet_gateway.faces import Reader
+from linked_fleet_gateway.faces import PageContext, Reader
 
 
 class Pages:
@@ -26,9 +26,14 @@ class Pages:
         self.write_problem(FleetError("a page that nobody sees"), "http://localhost/", [], Reader())
 
     def write_resource(
-        self, resource: Resource, triples: Sequence[Triple], base: str, formats: Mapping[str, tuple[str, str]]
+        self,
+        resource: Resource,
+        triples: Sequence[Triple],
+        base: str,
+        formats: Mapping[str, tuple[str, str]],
+        context: PageContext,
     ) -> bytes:
-        return page.write(resource, triples, base, formats)
+        return page.write(resource, triples, base, context, formats)
 
     def write_problem(
         self, error: FleetError, instance: str | None, report: Sequence[Mapping[str, str]], reader: Reader | None

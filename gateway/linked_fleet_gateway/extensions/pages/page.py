@@ -19,7 +19,7 @@ from linked_fleet_gateway.extensions.pages.assets import assets
 from linked_fleet_gateway.extensions.pages.texts import clean
 from linked_fleet_gateway.extensions.pages.view import view_of
 from linked_fleet_gateway.extensions.pages.views import added_views, places
-from linked_fleet_gateway.faces import Reader, Resource
+from linked_fleet_gateway.faces import PageContext, Reader, Resource
 from linked_fleet_gateway.rdf import jsonld
 from linked_fleet_gateway.rdf.vocabulary import PREFIXES
 
@@ -32,12 +32,17 @@ else:
 _TEMPLATES = Path(__file__).parent / "templates"
 
 
-def write(resource: Resource, triples: Sequence[Triple], base: str, formats: Mapping[str, tuple[str, str]]) -> bytes:
+def write(
+    resource: Resource,
+    triples: Sequence[Triple],
+    base: str,
+    context: PageContext,
+    formats: Mapping[str, tuple[str, str]],
+) -> bytes:
     """Return the page of a resource; ``base`` is scheme and authority. Equal triples give equal bytes."""
-    view = view_of(resource, triples, base, formats)
+    view = view_of(resource, triples, base, formats, context)
     data = script_json(jsonld.write_jsonld(triples, PREFIXES))
-    reader = Reader(resource.reader, resource.rights, resource.may_read_audit)
-    return render(f"{view.kind}.html", view=view, data=data, places=view.places, reader=reader)
+    return render(f"{view.kind}.html", view=view, data=data, places=view.places, reader=context.reader)
 
 
 def write_problem(

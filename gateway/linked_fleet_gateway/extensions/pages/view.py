@@ -15,7 +15,7 @@ from linked_fleet_gateway.extensions.pages.root_views import audit, fleet, vocab
 from linked_fleet_gateway.extensions.pages.thing_views import DescribedSubject, describe_subject
 from linked_fleet_gateway.extensions.pages.values import Facts, Link, Row
 from linked_fleet_gateway.extensions.pages.views import LF, Part, Place, added_views, files_of, places
-from linked_fleet_gateway.faces import Resource, lease_path, offers_at
+from linked_fleet_gateway.faces import PageContext, Resource, lease_path, offers_at
 from linked_fleet_gateway.rdf.serialise import RDF_TYPES
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, LDP, OWL, PROV, RDF, ROS, SOSA, XHV
 
@@ -85,27 +85,37 @@ class View:
     @property
     def formats(self) -> list[tuple[str, str, str]]:
         """Name, media type and address of every other representation."""
-        rest = f"&{self.query}" if self.query else ""
+        address, rest = self._address, f"&{self.query}" if self.query else ""
         offered = {*RDF_TYPES, *self.documents}
         return [
-            (name, media_type, f"{self.iri}?as={key}{rest}")
+            (name, media_type, f"{address}?as={key}{rest}")
             for key, (name, media_type) in self.offered.items()
             if media_type in offered
         ]
 
     @property
     def curl(self) -> str:
-        return f"curl -H 'Accept: text/turtle' {shlex.quote(self.iri + (f'?{self.query}' if self.query else ''))}"
+        return f"curl -H 'Accept: text/turtle' {shlex.quote(self._address + (f'?{self.query}' if self.query else ''))}"
+
+    @property
+    def _address(self) -> str:
+        return self.iri.partition("?")[0]  # the IRI of some resources has the query
 
 
-def view_of(resource: Resource, triples: Sequence[Triple], base: str, formats: Mapping[str, tuple[str, str]]) -> View:
+def view_of(
+    resource: Resource,
+    triples: Sequence[Triple],
+    base: str,
+    formats: Mapping[str, tuple[str, str]],
+    context: PageContext,
+) -> View:
     """Return the view of a resource; ``base`` is scheme and authority, without a slash at its end."""
     iri, facts = NamedNode(base + resource.path), Facts(triples, base + "/")
     kind, part, files = _kind(facts, iri)
-    subscriptions = facts.one(iri, HYBRIT.subscriptions) if resource.links_subscriptions else None
+    subscriptions = facts.one(iri, HYBRIT.subscriptions) if context.links_subscriptions else None
     return View(
         iri=iri.value,
-        query=resource.query,
+        query=context.query,
         documents=tuple(resource.documents),
         offered=formats,
         root=facts.root,
@@ -130,8 +140,8 @@ def view_of(resource: Resource, triples: Sequence[Triple], base: str, formats: M
         others=[
             describe_subject(facts, each) for each in facts.outline.headings if each != iri and each not in part.done
         ],
-        places=places(resource.path, resource.may_read_audit, root=facts.root),
-        warning=resource.warning,
+        places=places(resource.path, context.reader.may_read_audit, root=facts.root),
+        warning=context.warning,
         scripts=[each for each in files if each.endswith(".js")],
         styles=[each for each in files if each.endswith(".css")],
     )

@@ -81,7 +81,7 @@ async def read_query(request: Request, resource: Resource, endpoint: Endpoint) -
     said = _pairs(request.scope["query_string"])
     if any(name in ("query", "update") for name, _ in said):
         return await _answer(request, endpoint, _asked(said, request.base))
-    answer = endpoint_resource(endpoint, await _counts(endpoint, request.caller_name)).with_reader_of(resource)
+    answer = endpoint_resource(endpoint, await _counts(endpoint, request.caller_name))
     await await_preconditions(request, answer)
     return read_resource(request, answer)
 

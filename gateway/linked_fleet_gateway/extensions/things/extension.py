@@ -71,7 +71,7 @@ class Directory:
             describe = partial(
                 describe_page, listing.view, await listing.things(), offset, min(limit or MOST_LISTED, MOST_LISTED)
             )
-            return read_resource(request, resource.replace(describe=describe, remote=None, query=request.url.query))
+            return read_resource(request, resource.replace(describe=describe, remote=None))
         return await self._written(request, resource, listing, offset, limit, media_type)
 
     async def _written(

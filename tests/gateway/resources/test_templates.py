@@ -1,4 +1,4 @@
-"""A copied document has the same bytes as a newly written one."""
+"""A filled document has the same bytes as a newly written one."""
 
 from collections.abc import Iterator
 
@@ -12,10 +12,10 @@ from linked_fleet_gateway.fleet.events import Appeared, Described
 from linked_fleet_gateway.fleet.fleet import Fleet
 from linked_fleet_gateway.fleet.invocations import Invocations
 from linked_fleet_gateway.rdf.serialise import TEXT_TYPES, render
-from linked_fleet_gateway.rdf.templates import Template
+from linked_fleet_gateway.rdf.templates import RowTemplate, Template
 from linked_fleet_gateway.rdf.vocabulary import PREFIXES
-from linked_fleet_gateway.resources.copies import Copies, RowTemplate
 from linked_fleet_gateway.resources.resource import Resource
+from linked_fleet_gateway.resources.templates import Templates
 from linked_fleet_gateway.resources.tree import Tree
 
 _BASE = "http://example.org:8000"
@@ -55,50 +55,50 @@ def _described() -> Iterator[Resource]:
 
 
 @pytest.mark.parametrize("media_type", sorted(TEXT_TYPES))
-def test_a_copy_equals_the_rendered_document(media_type: str) -> None:
-    copies, copied = Copies(), 0
+def test_a_filled_document_equals_the_written_one(media_type: str) -> None:
+    templates, filled = Templates(), 0
     for resource in _described():
-        copy = copies.document(resource, media_type, _BASE)
-        if copy is not None:
-            copied += 1
+        found = templates.document(resource, media_type, _BASE)
+        if found is not None:
+            filled += 1
             written = render(resource.full_graph(_BASE).triples, media_type, PREFIXES, base=_BASE + resource.path)
-            assert copy.content == written, resource.path
-    assert copied > 80
+            assert found.content == written, resource.path
+    assert filled > 80
 
 
 @pytest.mark.parametrize("end", ["actions/rotate", "targetRotation/blueprint"])
 def test_joints_with_other_limits_share_a_document(end: str) -> None:
     """A robot with two such joints has one text for both, into which their names and limits go."""
-    copies = Copies()
+    templates = Templates()
     found = [each for each in _described() if each.path in (f"/r/turn/{end}", f"/r/lean/{end}")]
-    one, other = [copies.document(each, "text/turtle", _BASE) for each in found]
-    assert one is not None and other is not None and len(copies._kept) == 1
+    one, other = [templates.document(each, "text/turtle", _BASE) for each in found]
+    assert one is not None and other is not None and len(templates) == 1
     assert b"-57.29577" in one.content and b"-57.29577" not in other.content and b"lean" in other.content
 
 
-def test_titles_with_other_characters_are_not_copied() -> None:
+def test_titles_with_other_characters_are_not_filled_in() -> None:
     """Some syntaxes would escape them."""
-    copies = Copies()
+    templates = Templates()
     resource = next(each for each in _described() if each.path.endswith("/hold"))
     assert resource.template is not None
-    odd = structs.replace(resource.template, values=lambda: (Literal('a "title"'),))
-    assert copies.document(resource.replace(template=odd), "text/turtle", _BASE) is None
+    odd = structs.replace(resource.template, literals=lambda: (Literal('a "title"'),))
+    assert templates.document(resource.replace(describe=odd), "text/turtle", _BASE) is None
 
 
-def test_resources_without_a_template_are_not_copied() -> None:
-    copies = Copies()
-    resource = next(_described())
-    assert copies.document(resource.replace(template=None), "text/turtle", _BASE) is None
-    assert copies.document(resource, "application/x-jelly-rdf", _BASE) is None
+def test_resources_without_a_template_are_not_filled_in() -> None:
+    templates, resource = Templates(), next(_described())
+    plain = resource.template.__call__
+    assert templates.document(resource.replace(describe=plain), "text/turtle", _BASE) is None
+    assert templates.document(resource, "application/x-jelly-rdf", _BASE) is None
 
 
 def test_few_are_kept() -> None:
-    few, short = Copies(max_templates=2), Copies(max_characters=50_000)
+    few, short = Templates(max_templates=2), Templates(max_characters=50_000)
     for resource in _described():
         few.document(resource, "text/turtle", _BASE)
         short.document(resource, "text/turtle", _BASE)
-        assert len(few._kept) <= 2
-        assert sum(each.characters for each in short._kept.values()) <= 50_000
+        assert len(few) <= 2
+        assert short.of_kinds.characters <= 50_000
 
 
 def _rows(*texts: str, places: tuple[int, ...] = (2, 1, 4, 3, 6, 5)) -> RowTemplate:

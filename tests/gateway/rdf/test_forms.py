@@ -7,9 +7,9 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 from pyoxigraph import BlankNode, Literal, NamedNode
 
+from linked_fleet_gateway.rdf.forms import MAX_TEMPLATES, FormTemplates
 from linked_fleet_gateway.rdf.graph import Graph, Node, Term
 from linked_fleet_gateway.rdf.serialise import TEXT_TYPES, WriteError, render
-from linked_fleet_gateway.rdf.templates import MAX_TEMPLATES, Templates
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, LF, PREFIXES, RDF, XSD
 
 ROOT = "http://fleet.example:8000"
@@ -56,7 +56,7 @@ def _written(graph: Graph, media_type: str, base: str) -> bytes | None:
         return None
 
 
-def _filled(templates: Templates, graph: Graph, media_type: str, base: str) -> bytes | None:
+def _filled(templates: FormTemplates, graph: Graph, media_type: str, base: str) -> bytes | None:
     try:
         return templates.render(graph, media_type, PREFIXES, base=base)
     except WriteError:
@@ -71,7 +71,7 @@ def _filled(templates: Templates, graph: Graph, media_type: str, base: str) -> b
 )
 def test_any_description(one: Statements, other: Statements, of: NamedNode) -> None:
     """The first and second of a form, those after them, and others between."""
-    templates = Templates()
+    templates = FormTemplates()
     for media_type in TEXT_TYPES:
         for statements in (one, other, one, other, one):
             graph = _graph(*statements)
@@ -97,7 +97,7 @@ def _thing(robot: str, joint: str, neighbour: str, title: str, value: str) -> tu
 
 @pytest.mark.parametrize("media_type", TEXT_TYPES)
 def test_things_of_one_form_share_a_template(media_type: str) -> None:
-    templates = Templates()
+    templates = FormTemplates()
     for named in (
         ("r", "j", "k", "a title", "0.5"),
         ("robot", "elbow", "wrist", "elbow of robot", "-1.25"),
@@ -111,7 +111,7 @@ def test_things_of_one_form_share_a_template(media_type: str) -> None:
 @pytest.mark.parametrize("media_type", TEXT_TYPES)
 def test_values_written_differently_have_another_template(media_type: str) -> None:
     """Names that are equal by chance, texts with quotes, and names with a colon."""
-    templates = Templates()
+    templates = FormTemplates()
     for named in (
         ("r", "j", "k", "t", "0.5"), ("r", "j", "k", "t", "0.5"),
         ("r", "r", "k", "t", "0.5"), ("r", "j", "j", "t", "0.5"),
@@ -123,7 +123,7 @@ def test_values_written_differently_have_another_template(media_type: str) -> No
 
 def test_labels_of_blank_nodes_do_not_matter() -> None:
     """A parser gives each a new one."""
-    templates, base = Templates(), f"{ROOT}/a"
+    templates, base = FormTemplates(), f"{ROOT}/a"
     for label in ("b1", "a", "shape-7"):
         graph = _graph(*[(BlankNode(label), LF.value, Literal(text)) for text in ("x", label)])
         assert templates.render(graph, "text/turtle", PREFIXES, base=base) == _written(graph, "text/turtle", base)
@@ -131,11 +131,11 @@ def test_labels_of_blank_nodes_do_not_matter() -> None:
 
 
 def test_they_are_bounded() -> None:
-    """With one too many, all are dropped."""
-    templates = Templates()
+    """The oldest are dropped first."""
+    templates = FormTemplates()
     iri = NamedNode(f"{ROOT}/a")
     for number in range(MAX_TEMPLATES + 1):
         graph = _graph((iri, LF.value, NamedNode(f"urn:x:{number}")))
         for _ in range(2):
             templates.render(graph, "text/turtle", PREFIXES, base=iri.value)
-    assert len(templates) == 1
+    assert len(templates) == MAX_TEMPLATES
