@@ -11,7 +11,13 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[1]
-PACKAGES = ("agents/linked_fleet_agent", "gateway/linked_fleet_gateway", "client/linked_fleet_client", "demo")
+PACKAGES = (
+    "agents/linked_fleet_agent",
+    "gateway/linked_fleet_gateway",
+    "gateway/linked_fleet_doctor",
+    "client/linked_fleet_client",
+    "demo",
+)
 MODULES = sorted(
     path
     for package in PACKAGES

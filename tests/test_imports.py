@@ -11,6 +11,7 @@ ROOT = Path(__file__).parents[1]
 PACKAGES = {
     "linked_fleet_agent": ROOT / "agents/linked_fleet_agent",
     "linked_fleet_gateway": ROOT / "gateway/linked_fleet_gateway",
+    "linked_fleet_doctor": ROOT / "gateway/linked_fleet_doctor",
     "linked_fleet_client": ROOT / "client/linked_fleet_client",
 }
 _PROGRAM = """

@@ -11,8 +11,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from datetime import UTC, datetime
 
 from linked_fleet_agent.wire.trust import is_loopback, unauthenticated_endpoints
-from linked_fleet_gateway.app.doctor import certificates, libraries, machine, redis_server, zenoh_routers
-from linked_fleet_gateway.app.doctor.finding import Finding, format_findings, summary
+from linked_fleet_doctor import certificates, libraries, machine, redis_server, zenoh_routers
+from linked_fleet_doctor.finding import Finding, format_findings, summary
 from linked_fleet_gateway.app.settings import GatewaySettings, exposure_problems
 
 _REDIS_S = 10.0

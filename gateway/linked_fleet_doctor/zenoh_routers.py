@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 
 from linked_fleet_agent.wire.keys import Keys
 from linked_fleet_agent.wire.trust import Credentials
-from linked_fleet_gateway.app.doctor.finding import Finding
+from linked_fleet_doctor.finding import Finding
 from linked_fleet_gateway.link.transport import LinkError
 from linked_fleet_gateway.link.zenoh_session import open_session
 

@@ -16,10 +16,10 @@ from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.x509.oid import NameOID
 
 from certificates import made
-from linked_fleet_gateway.app.doctor.__main__ import examine
-from linked_fleet_gateway.app.doctor.finding import Finding, summary
-from linked_fleet_gateway.app.doctor.libraries import check_libraries
-from linked_fleet_gateway.app.doctor.redis_server import _clock
+from linked_fleet_doctor.__main__ import examine
+from linked_fleet_doctor.finding import Finding, summary
+from linked_fleet_doctor.libraries import check_libraries
+from linked_fleet_doctor.redis_server import _clock
 from redis_servers import single
 from running import free_port, process
 
@@ -182,7 +182,7 @@ def _wire(folder: Path, who: str) -> tuple[str, ...]:
 
 
 def test_the_command_says_it_line_by_line_and_by_its_exit_code(tmp_path: Path) -> None:
-    command = [sys.executable, "-P", "-m", "linked_fleet_gateway.app.doctor", "--zenoh-listen"]
+    command = [sys.executable, "-P", "-m", "linked_fleet_doctor", "--zenoh-listen"]
     for url, code, last in (("", 0, "nothing is wrong"), ("ftp://x", 1, "1 thing is wrong")):
         flags = [f"tcp/127.0.0.1:{free_port()}", "--port", str(free_port()), "--state-dir", str(tmp_path)]
         environment = {**os.environ, "REDIS_URL": url}

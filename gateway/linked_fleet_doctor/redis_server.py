@@ -8,7 +8,7 @@ from collections.abc import AsyncIterator
 from pathlib import Path
 from typing import Any
 
-from linked_fleet_gateway.app.doctor.finding import Finding
+from linked_fleet_doctor.finding import Finding
 from linked_fleet_gateway.base.errors import RedisUnavailable
 from linked_fleet_gateway.runtime.redis import Connection, InvalidUrl
 from linked_fleet_gateway.subscriptions.redis_scripts import Keys

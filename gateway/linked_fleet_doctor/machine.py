@@ -12,7 +12,7 @@ import ssl
 import sys
 from collections.abc import Iterator, Sequence
 
-from linked_fleet_gateway.app.doctor.finding import Finding
+from linked_fleet_doctor.finding import Finding
 
 _ERROR = 5  # TIME_ERROR of adjtimex(2): the clock is not synchronised
 _TIMEX_BYTES = 1024  # struct timex has 208 bytes on 64 bits; all zeros queries without a change

@@ -9,7 +9,7 @@ from urllib.parse import urlsplit
 from cryptography import x509
 
 from linked_fleet_agent.wire.trust import Credentials, check_pair
-from linked_fleet_gateway.app.doctor.finding import Finding
+from linked_fleet_doctor.finding import Finding
 
 _SOON = timedelta(days=21)
 

@@ -6,7 +6,7 @@ import sys
 from asyncio.subprocess import DEVNULL, PIPE
 from collections.abc import Sequence
 
-from linked_fleet_gateway.app.doctor.finding import Finding
+from linked_fleet_doctor.finding import Finding
 
 LIBRARIES = {
     "pinocchio": "reach and lf:canReach fail, and motions of placed robots are refused",
