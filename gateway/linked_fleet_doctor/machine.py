@@ -21,7 +21,7 @@ _TIMEX_BYTES = 1024  # struct timex has 208 bytes on 64 bits; all zeros queries 
 def check_machine() -> Finding:
     """Check that the clock is synchronised, on which times of values, certificates and lags of frames depend."""
     if not sys.platform.startswith("linux"):
-        return Finding("clocks", "that of this machine is not checked: it has no adjtimex", note=True)
+        return Finding("clocks", "that of this machine is not checked: it has no adjtimex", is_note=True)
     state = ctypes.CDLL(None, use_errno=True).adjtimex(ctypes.create_string_buffer(_TIMEX_BYTES))
     if state == _ERROR:
         sentence = "nobody sets the clock of this machine, as far as its kernel knows"

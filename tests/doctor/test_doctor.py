@@ -19,6 +19,7 @@ from certificates import made
 from linked_fleet_doctor.__main__ import examine
 from linked_fleet_doctor.finding import Finding, summary
 from linked_fleet_doctor.libraries import check_libraries
+from linked_fleet_doctor.machine import check_machine
 from linked_fleet_doctor.redis_server import _clock
 from redis_servers import single
 from running import free_port, process
@@ -188,3 +189,9 @@ def test_the_command_says_it_line_by_line_and_by_its_exit_code(tmp_path: Path) -
         environment = {**os.environ, "REDIS_URL": url}
         done = subprocess.run([*command, *flags], capture_output=True, text=True, env=environment)
         assert (done.returncode, done.stdout.splitlines()[-1]) == (code, last), done.stderr
+
+
+def test_the_clock_of_a_machine_that_is_not_linux_is_a_note(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "platform", "darwin")
+    found = check_machine()
+    assert found.is_note and not found.is_fault
