@@ -14,7 +14,8 @@ ROOT = Path(__file__).parents[1]
 EXTENSIONS = ROOT / "gateway/linked_fleet_gateway/extensions"
 FOLDERS = {
     "linked_fleet_agent": "agents", "linked_fleet_gateway": "gateway", "linked_fleet_client": "client",
-    "linked_fleet_doctor": "gateway", "linked_fleet_demo": "demo", "bench": ".", "fuzzing": "tests",
+    "linked_fleet_doctor": "gateway", "linked_fleet_valkey": "gateway", "linked_fleet_demo": "demo",
+    "bench": ".", "fuzzing": "tests",
 }  # fmt: skip
 """The folder of each package."""
 ROOMS = (

@@ -32,7 +32,6 @@ from linked_fleet_gateway.http.entrance import await_turn
 from linked_fleet_gateway.http.extension import Mount, Reader, Writer
 from linked_fleet_gateway.http.fields import field
 from linked_fleet_gateway.http.invoke import end_invocation, invoke, put_target
-from linked_fleet_gateway.http.operator_endpoints import store_warning
 from linked_fleet_gateway.http.preconditions import await_preconditions
 from linked_fleet_gateway.http.problem import problem, rate_refusal
 from linked_fleet_gateway.http.read import (
@@ -337,7 +336,7 @@ def _read_by(request: Request, found: Resource) -> Resource:
         rights=reader.rights,
         may_read_audit=reader.may_read_audit,
         links_subscriptions=request.caller.has_any_right(SUBSCRIPTIONS_RIGHTS, robot_of(found.path)),
-        warning=store_warning(request.services),
+        warning=request.services.data_warning(),
     )
     return add_audit_link(request, found)
 

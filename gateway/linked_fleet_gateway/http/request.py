@@ -28,8 +28,6 @@ from linked_fleet_gateway.resources.paths import robot_of
 from linked_fleet_gateway.resources.things import NO_SUBSCRIPTIONS, SubscriptionsByOwner
 from linked_fleet_gateway.resources.tree import Tree
 from linked_fleet_gateway.runtime.audit_log import AuditLog
-from linked_fleet_gateway.runtime.embedded_redis import EmbeddedRedis
-from linked_fleet_gateway.runtime.store_marker import StoreMarker
 from linked_fleet_gateway.server.exchange import Reply
 from linked_fleet_gateway.subscriptions.live import Live
 from linked_fleet_gateway.subscriptions.service import Subscriptions
@@ -57,9 +55,8 @@ class Services:
     subscriptions: Subscriptions
     audit: AuditLog
     identities: Identities | None
-    embedded: EmbeddedRedis | None
-    store_marker: StoreMarker | None = None
-    """Notices lost data of an external Redis."""
+    data_warning: Callable[[], str] = str
+    """Returns a sentence about data in Redis that are lost; empty without any."""
     offload: Offload = field(default_factory=Offload)
     writing_offload: Offload = field(default_factory=partial(Offload, sys.maxsize))
     """Writes long representations; the number of connections is their only limit."""

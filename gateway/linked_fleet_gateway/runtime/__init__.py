@@ -1,9 +1,9 @@
 """Runtime: everything that needs asyncio, Redis or a child process. Pure packages do not import it.
 
 ``redis``: the connection to Redis or Valkey, one server or a cluster; the only module that imports redis;
-``redis_exchange`` sends commands to one server. ``embedded_redis``: the server that a gateway starts if none is
-configured; ``damaged_data`` keeps data that it cannot load. ``background``: supervised loops, reliable end of tasks,
-long work in slices. ``worker``: child processes. ``replica``: state shared through Redis, and this gateway's copy.
+``redis_exchange`` sends commands to one server; ``store_marker`` notices that it has lost its data. ``background``:
+supervised loops, reliable end of tasks, long work in slices. ``worker``: child processes. ``replica``: state shared
+through Redis, and this gateway's copy.
 ``audit_log``: audit records, in the log and in Redis. ``log``, ``tracing``: the current request, log formats, spans.
 ``metrics``: counters, and their Prometheus form.
 

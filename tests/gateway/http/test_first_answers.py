@@ -38,7 +38,7 @@ class Place:
         self._app = SimpleNamespace(
             services=SimpleNamespace(
                 live=live, response_cache=ResponseCache(), representations=Representations(), identities=None,
-                stop_priority=StopPriority(), embedded=None, store_marker=None, writing_offload=Offload(),
+                stop_priority=StopPriority(), data_warning=str, writing_offload=Offload(),
                 subscriptions=None,
             )
         )  # fmt: skip

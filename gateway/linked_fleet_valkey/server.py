@@ -1,10 +1,10 @@
-"""The embedded Valkey server: a child process on a Unix socket, shared by the gateways of one state folder.
+"""The embedded server: a child process on a Unix socket, shared by the gateways of one state folder.
 
 Two locks of the folder ensure a single server. A gateway holds ``lock`` while it looks for a server or starts one. The
 server inherits ``server.lock`` and holds it while it lives, even if it hangs or is shutting down, because two servers
 would corrupt the same data.
 
-Data that the server cannot load is set aside (``runtime.damaged_data``), so that a gateway does not stay without Redis
+Data that the server cannot load is set aside (``damaged_data``), so that a gateway does not stay without Redis
 for ever. Without a server the gateway behaves as during an outage of Redis.
 """
 
@@ -20,15 +20,14 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager, suppress
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Self
 from urllib.parse import quote
 
-from linked_fleet_gateway.runtime import damaged_data as damage
-from linked_fleet_gateway.runtime.background import cancel_tasks, supervised
+from linked_fleet_valkey import damaged_data as damage
 
 _log = logging.getLogger(__name__)
 
@@ -38,6 +37,7 @@ _PATIENCE_S = 30.0  # wait for another gateway's start, for a terminating server
 _CLOSE_TIMEOUT_S = 5.0
 _ANSWER_S = 1.0
 _POLL_S = 0.01
+_RETRY_S = 1.0  # pause after an unexpected error
 # pause between the end of a server and the next attempt, longer after each failure
 _PAUSES_S = (0.1, 0.2, 0.5, 1.0, 2.0)
 _SOCKET_BYTES = 100  # bytes of the path; the lowest limit of an operating system is 103
@@ -63,10 +63,12 @@ class EmbeddedRedis:
 
     While it is open, a server that terminates is replaced on the same data, also if another gateway had started it, and
     a failed start is retried. ``damaged_copies`` names data that could not be loaded and is still kept. Enter it in the
-    main thread, because the server ends with the thread that started it.
+    main thread, because the server ends with the thread that started it. ``contents`` names, in warnings, what is lost
+    with the data.
     """
 
-    def __init__(self, state_dir: Path) -> None:
+    def __init__(self, state_dir: Path, contents: str = "all data") -> None:
+        self._contents = contents
         self._dir = state_dir.absolute()
         self._socket = _socket_path(self._dir)
         self._child: subprocess.Popen[bytes] | None = None
@@ -78,13 +80,16 @@ class EmbeddedRedis:
     def url(self) -> str:
         return f"unix://{quote(str(self._socket))}"
 
+    @property
+    def warning(self) -> str:
+        """A sentence about data that could not be loaded and is still kept; empty without any."""
+        return damage.damage_warning(self.damaged_copies, self._contents)
+
     async def __aenter__(self) -> Self:
         self._tried.clear()
         self._tasks = [
-            supervised(self._replace, "replace the embedded server", _log, "the gateway has no Redis"),
-            supervised(
-                self._look, "look for data that are set aside", _log, "the state folder cannot be read", _LOOK_S
-            ),
+            _repeated(self._replace, "the embedded server is not replaced", _RETRY_S),
+            _repeated(self._look, "the state folder cannot be read", _LOOK_S),
         ]
         try:
             async with asyncio.timeout(_OPENING_S):
@@ -97,7 +102,9 @@ class EmbeddedRedis:
         return self
 
     async def __aexit__(self, *_: object) -> None:
-        await cancel_tasks(self._tasks)
+        for task in self._tasks:
+            task.cancel()
+        await asyncio.gather(*self._tasks, return_exceptions=True)
         await self._end()
 
     async def _replace(self) -> None:
@@ -118,7 +125,7 @@ class EmbeddedRedis:
         with suppress(OSError):  # an unusable folder is reported by the server start
             names = await asyncio.to_thread(damage.damaged_copies, self._dir)
             if set(names) - set(self.damaged_copies):  # set aside by an earlier run or by another gateway
-                _log.warning("%s State folder: %s", damage.damage_warning(names), self._dir)
+                _log.warning("%s State folder: %s", damage.damage_warning(names, self._contents), self._dir)
             self.damaged_copies = names
 
     async def _ensure(self) -> None:
@@ -167,7 +174,7 @@ class EmbeddedRedis:
 
     def _report(self, reason: str) -> None:
         self.damaged_copies = damage.damaged_copies(self._dir)
-        _log.error("%s State folder: %s. Reason: %s", damage.damage_warning(self.damaged_copies), self._dir, reason)
+        _log.error("%s State folder: %s. Reason: %s", self.warning, self._dir, reason)
 
     async def _start(self) -> None:
         async with _locked(self._dir / "server.lock", "the server before has not ended") as lock:
@@ -191,6 +198,20 @@ class EmbeddedRedis:
             self._child.kill()
             self._child.wait()
         self._child = None
+
+
+def _repeated(step: Callable[[], Awaitable[None]], failure: str, pause_s: float) -> asyncio.Task[None]:
+    """Start a task that calls ``step`` until it is cancelled, ``pause_s`` after each return or unexpected error."""
+
+    async def repeat() -> None:
+        while True:
+            try:
+                await step()
+            except Exception:  # noqa: BLE001 - the boundary of the task, which would never run again
+                _log.exception("%s; it is tried again", failure)
+            await asyncio.sleep(pause_s)
+
+    return asyncio.create_task(repeat(), name=f"embedded server: {step.__name__}")
 
 
 def _configuration(state_dir: Path, socket: Path) -> list[str]:
@@ -296,7 +317,8 @@ async def _answer(socket: Path) -> bytes | None:
 async def _ping(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> bytes:
     try:
         writer.write(b"PING\r\n")
-        return (await asyncio.wait_for(reader.readline(), _ANSWER_S)).rstrip()
+        async with asyncio.timeout(_ANSWER_S):
+            return (await reader.readline()).rstrip()
     except (OSError, TimeoutError):
         return b""
 

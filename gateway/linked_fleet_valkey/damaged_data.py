@@ -6,11 +6,6 @@ from pathlib import Path
 
 DATA = "appendonlydir"
 """Folder of the append-only file, as Valkey names it."""
-LOST_DATA = (
-    "subscriptions and messages that were not delivered, invocations, idempotency keys, control leases, settings and "
-    "annotations of robots, objects of the world, rules, sessions and the audit"
-)
-"""All data that gateways keep in Redis, as text."""
 _DAMAGED = f"{DATA}.damaged-"
 _MANIFEST = "appendonly.aof.manifest"
 
@@ -47,11 +42,11 @@ def damaged_copies(state_dir: Path) -> tuple[str, ...]:
     return tuple(sorted(path.name for path in state_dir.iterdir() if path.name.startswith(_DAMAGED)))
 
 
-def damage_warning(names: tuple[str, ...]) -> str:
-    """Return a warning that names the folders with damaged data; empty if there are none."""
+def damage_warning(names: tuple[str, ...], contents: str) -> str:
+    """Return a warning that names the folders with damaged data, and their contents; empty if there are none."""
     if not names:
         return ""
     return (
         f"The embedded server could not load its data and started without them. They are kept in the state folder as "
-        f"{', '.join(names)}. Forgotten are {LOST_DATA}. Delete or move that folder to end this warning."
+        f"{', '.join(names)}. Forgotten are {contents}. Delete or move that folder to end this warning."
     )
