@@ -14,10 +14,13 @@ ROOT = Path(__file__).parents[1]
 EXTENSIONS = ROOT / "gateway/linked_fleet_gateway/extensions"
 FOLDERS = {
     "linked_fleet_agent": "agents", "linked_fleet_gateway": "gateway", "linked_fleet_client": "client",
-    "linked_fleet_doctor": "gateway", "linked_fleet_valkey": "gateway", "linked_fleet_demo": "demo",
-    "bench": ".", "fuzzing": "tests",
+    "linked_fleet_doctor": "gateway", "linked_fleet_server": "gateway", "linked_fleet_valkey": "gateway",
+    "linked_fleet_demo": "demo", "bench": ".", "fuzzing": "tests",
 }  # fmt: skip
 """The folder of each package."""
+SERVER = "linked_fleet_server"
+BESIDE = (SERVER, "linked_fleet_valkey", "linked_fleet_doctor")
+"""Packages beside the gateway: the servers that it uses, and the checks that use it."""
 ROOMS = (
     "base", "shacl", "rdf", "runtime", "server", "fleet", "identity", "resources", "link", "subscriptions", "actions",
     "http", "api", "extensions", "app",
@@ -111,8 +114,10 @@ def circles(edges: Edges) -> list[list[str]]:
 
 
 def room_of(module: str) -> str:
-    """Return the layer of a module of the gateway; for an extension its name."""
+    """Return the layer of a module of the gateway or its server; for an extension its name."""
     parts = module.split(".")
+    if parts[0] == SERVER:
+        return "server"
     if len(parts) < 2 or parts[1] == "__main__":
         return "app"
     return ".".join(parts[1:3]) if parts[1] == "extensions" and len(parts) > 2 else parts[1]
@@ -160,6 +165,9 @@ def main() -> None:
     print("\n| measure | |\n|---|---|")
     print(f"| core of the gateway, SHACL apart | {core:,} lines, {code[False]:,} of them code |")
     print(f"| extensions | {extensions:,} lines, {code[True]:,} of them code |")
+    for package in BESIDE:
+        count = sum(len(path.read_text().splitlines()) for path in modules(package).values())
+        print(f"| `{package}` | {count:,} lines |")
     print(f"| modules outside tests, bench and fuzz | {product} |")
     print(f"| imports of the core that run up | {len(back)} |")
     print(f"| imports from one extension to another | {len(up) - len(back)} |")

@@ -15,6 +15,7 @@ PACKAGES = (
     "agents/linked_fleet_agent",
     "gateway/linked_fleet_gateway",
     "gateway/linked_fleet_doctor",
+    "gateway/linked_fleet_server",
     "gateway/linked_fleet_valkey",
     "client/linked_fleet_client",
     "demo",

@@ -27,9 +27,9 @@ from linked_fleet_gateway.rdf.templates import Document, Template
 from linked_fleet_gateway.resources.renderings import Rendering
 from linked_fleet_gateway.resources.resource import Resource
 from linked_fleet_gateway.resources.versioning import Source
-from linked_fleet_gateway.server.exchange import Reply
-from linked_fleet_gateway.server.message_heads import FieldLines, field_block
 from linked_fleet_gateway.subscriptions.live import Live
+from linked_fleet_server.exchange import Reply
+from linked_fleet_server.message_heads import FieldLines, field_block
 
 log = logging.getLogger(__name__)
 

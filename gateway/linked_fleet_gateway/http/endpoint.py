@@ -78,8 +78,8 @@ from linked_fleet_gateway.resources.paths import owner_path, robot_of
 from linked_fleet_gateway.resources.resource import Redirect, RemoteMesh, Resource
 from linked_fleet_gateway.resources.subscription_resource import container_path
 from linked_fleet_gateway.resources.things import NO_SUBSCRIPTIONS, SubscriptionsByOwner
-from linked_fleet_gateway.server.exchange import Reply
 from linked_fleet_gateway.subscriptions.service import Subscriptions
+from linked_fleet_server.exchange import Reply
 
 log = logging.getLogger(__name__)
 

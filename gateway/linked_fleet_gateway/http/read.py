@@ -44,7 +44,7 @@ from linked_fleet_gateway.resources.body_values import own_statements
 from linked_fleet_gateway.resources.paths import robot_of
 from linked_fleet_gateway.resources.renderings import Rendering, is_compilable
 from linked_fleet_gateway.resources.resource import CONTAINER, RemoteMesh, Resource, run_steps
-from linked_fleet_gateway.server.exchange import Reply
+from linked_fleet_server.exchange import Reply
 
 _MINIMAL, _CONTAINMENT = LDP.PreferMinimalContainer.value, LDP.PreferContainment.value
 # A basic container has no membership triples other than containment, so omitting them changes nothing.

@@ -28,9 +28,9 @@ from linked_fleet_gateway.resources.paths import robot_of
 from linked_fleet_gateway.resources.things import NO_SUBSCRIPTIONS, SubscriptionsByOwner
 from linked_fleet_gateway.resources.tree import Tree
 from linked_fleet_gateway.runtime.audit_log import AuditLog
-from linked_fleet_gateway.server.exchange import Reply
 from linked_fleet_gateway.subscriptions.live import Live
 from linked_fleet_gateway.subscriptions.service import Subscriptions
+from linked_fleet_server.exchange import Reply
 
 AUDIT_RIGHTS = (Right.ADMIN,)
 """The rights, any of which permits reading the audit log."""

@@ -21,8 +21,8 @@ from linked_fleet_gateway.identity.service import Identities
 from linked_fleet_gateway.rdf.serialise import TEXT_TYPES
 from linked_fleet_gateway.resources.paths import robot_of
 from linked_fleet_gateway.resources.resource import Resource
-from linked_fleet_gateway.server.websocket_protocol import WEBSOCKET, WebSocketProtocol
 from linked_fleet_gateway.subscriptions.broadcast import Ending, Feed, Message, Outlet
+from linked_fleet_server.websocket_protocol import WEBSOCKET, WebSocketProtocol
 
 
 def is_binary(media_type: str) -> bool:

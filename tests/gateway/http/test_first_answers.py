@@ -18,7 +18,7 @@ from linked_fleet_gateway.identity.rights import Grant, Identity, Right, View
 from linked_fleet_gateway.resources import things
 from linked_fleet_gateway.resources.branches import NO_BRANCHES
 from linked_fleet_gateway.resources.tree import Tree
-from linked_fleet_gateway.server.exchange import Reply
+from linked_fleet_server.exchange import Reply
 
 _JOINTS = {"elbow": ("revolute", '<limit lower="-1" upper="1" velocity="2" effort="3"/>')}
 _OF_ROBOT = [

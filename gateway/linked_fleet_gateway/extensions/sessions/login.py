@@ -17,7 +17,6 @@ from urllib.parse import parse_qs, quote, urlencode
 
 from starlette.responses import RedirectResponse, Response
 
-from linked_fleet_gateway.base.addresses import network_of
 from linked_fleet_gateway.base.errors import (
     BadRequest,
     FleetError,
@@ -38,6 +37,7 @@ from linked_fleet_gateway.http.scheduling import TokenBuckets
 from linked_fleet_gateway.identity.issuers import BadToken, IssuerFailed, endpoint, verify_token
 from linked_fleet_gateway.identity.rights import Claims, Credential, Identity, Right
 from linked_fleet_gateway.identity.roster import Issuer
+from linked_fleet_server.addresses import network_of
 
 
 class TooManyLogins(FleetError):

@@ -4,8 +4,9 @@
 connection of HTTP/1.1; ``request_reader`` reads its requests with httptools, and ``exchange`` is one request and its
 response. ``websocket_protocol``: a connection of WebSockets, whose frames are those of websockets. ``connection``: what
 both have. ``message_heads``: heads of requests and responses. ``connection_limits``: number of connections, deadlines,
-bytes that wait for readers. ``tls``: encrypted connections, and certificates that are replaced.
+bytes that wait for readers. ``addresses``: the network of a client. ``tls``: encrypted connections, and certificates
+that are replaced.
 
-The room knows no resource: its application is an ASGI application with one more method, ``reply_nowait``, which returns
-responses that are ready.
+It knows no resource and imports nothing of the gateway: its application is an ASGI application with one more method,
+``reply_nowait``, which returns responses that are ready.
 """

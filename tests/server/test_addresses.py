@@ -2,7 +2,7 @@
 
 import pytest
 
-from linked_fleet_gateway.base.addresses import network_of
+from linked_fleet_server.addresses import network_of
 
 
 @pytest.mark.parametrize(

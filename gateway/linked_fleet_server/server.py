@@ -9,11 +9,11 @@ from typing import Any, Protocol
 import uvicorn
 from starlette.types import Receive, Scope, Send
 
-from linked_fleet_gateway.server.connection_limits import Sockets
-from linked_fleet_gateway.server.exchange import Reply
-from linked_fleet_gateway.server.protocol import HttpProtocol
-from linked_fleet_gateway.server.tls import Certificate, tls_protocol_factory
-from linked_fleet_gateway.server.websocket_protocol import WebSocketProtocol
+from linked_fleet_server.connection_limits import Sockets
+from linked_fleet_server.exchange import Reply
+from linked_fleet_server.protocol import HttpProtocol
+from linked_fleet_server.tls import Certificate, tls_protocol_factory
+from linked_fleet_server.websocket_protocol import WebSocketProtocol
 
 _DRAIN_S = 5  # for running requests; a robot that does not answer takes up to 2 s
 _WEBSOCKET_BYTES = 4096  # clients send only short messages

@@ -16,7 +16,7 @@ from asyncio.transports import Transport
 from collections import Counter
 from collections.abc import Callable
 
-from linked_fleet_gateway.server.tls import file_descriptor, unsent_bytes
+from linked_fleet_server.tls import file_descriptor, unsent_bytes
 
 _SPARE_FILES = 256  # for Zenoh, Redis, receivers of callbacks and the log
 

@@ -15,8 +15,8 @@ from websockets.http11 import Request
 from websockets.protocol import State
 from websockets.server import ServerProtocol
 
-from linked_fleet_gateway.server.connection import Connection, ServerState
-from linked_fleet_gateway.server.message_heads import FIELDS, error_response, field_block, status_line
+from linked_fleet_server.connection import Connection, ServerState
+from linked_fleet_server.message_heads import FIELDS, error_response, field_block, status_line
 
 log = logging.getLogger(__name__)
 WEBSOCKET = "linked-fleet.websocket"

@@ -14,19 +14,19 @@ from urllib.parse import unquote
 import uvicorn
 from starlette.types import Scope
 
-from linked_fleet_gateway.base.addresses import network_of
-from linked_fleet_gateway.server.connection import Connection, ServerState, address
-from linked_fleet_gateway.server.connection_limits import BODY_S, HEAD_S, MAX_HEAD_BYTES, Deadline, Sockets
-from linked_fleet_gateway.server.exchange import Exchange, Reply, response_bytes
-from linked_fleet_gateway.server.message_heads import (
+from linked_fleet_server.addresses import network_of
+from linked_fleet_server.connection import Connection, ServerState, address
+from linked_fleet_server.connection_limits import BODY_S, HEAD_S, MAX_HEAD_BYTES, Deadline, Sockets
+from linked_fleet_server.exchange import Exchange, Reply, response_bytes
+from linked_fleet_server.message_heads import (
     FIELDS,
     TOO_MANY_CONNECTIONS,
     HeadError,
     error_response,
     split_pieces,
 )
-from linked_fleet_gateway.server.request_reader import RequestReader
-from linked_fleet_gateway.server.websocket_protocol import CLOSE_S
+from linked_fleet_server.request_reader import RequestReader
+from linked_fleet_server.websocket_protocol import CLOSE_S
 
 log = logging.getLogger(__name__)
 HTTP = "linked-fleet.http"

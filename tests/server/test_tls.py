@@ -1,6 +1,7 @@
 """TLS below the gateway's protocol classes: buffered bytes are noticed, certificates are replaced without a restart."""
 
 import asyncio
+import logging
 import socket
 import ssl
 import subprocess
@@ -16,11 +17,12 @@ from websockets.asyncio.client import connect as client
 from certificates import made
 from linked_fleet_gateway.http.event_stream import serve_event_stream
 from linked_fleet_gateway.http.websocket import serve_websocket
-from linked_fleet_gateway.server.connection_limits import HIGH_WATER_BYTES, Sockets
-from linked_fleet_gateway.server.protocol import HTTP, HttpProtocol
-from linked_fleet_gateway.server.tls import HANDSHAKE_S, Certificate, tls_protocol_factory, unsent_bytes
-from linked_fleet_gateway.server.websocket_protocol import WEBSOCKET, WebSocketProtocol
+from linked_fleet_gateway.runtime.background import supervised
 from linked_fleet_gateway.subscriptions.broadcast import Message
+from linked_fleet_server.connection_limits import HIGH_WATER_BYTES, Sockets
+from linked_fleet_server.protocol import HTTP, HttpProtocol
+from linked_fleet_server.tls import HANDSHAKE_S, Certificate, tls_protocol_factory, unsent_bytes
+from linked_fleet_server.websocket_protocol import WEBSOCKET, WebSocketProtocol
 from serving import Channel, fill, run_on_sockets, serving, until
 
 LARGE = 20_000
@@ -258,8 +260,8 @@ def test_files_that_change_are_noticed(folder: Path, tmp_path: Path, caplog: pyt
         for ending in pair:
             put("router", ending)
         used = Certificate(str(pair["pem"]), str(pair["key"]))
-        following = used.reload_on_change(0.01)
-        with caplog.at_level("INFO", "linked_fleet_gateway.server.tls"):
+        following = supervised(used.reload_if_changed, "follow", logging.getLogger(__name__), "it fails", 0.01)
+        with caplog.at_level("INFO", "linked_fleet_server.tls"):
             put("gateway", "pem")
             await until(lambda: "the certificate in use stays" in caplog.text)
             assert "new connections" not in caplog.text

@@ -5,7 +5,7 @@ from asyncio.transports import BaseTransport, Transport
 from collections.abc import Callable, Coroutine
 from typing import Any, Protocol, cast
 
-from linked_fleet_gateway.server.connection_limits import STALL_S, BoundedWriter
+from linked_fleet_server.connection_limits import STALL_S, BoundedWriter
 
 
 class ServerState(Protocol):

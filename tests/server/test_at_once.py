@@ -9,9 +9,9 @@ from starlette.requests import Request
 from starlette.responses import Response
 from starlette.types import Receive, Scope, Send
 
-from linked_fleet_gateway.server.exchange import Reply
-from linked_fleet_gateway.server.message_heads import field_block
-from linked_fleet_gateway.server.protocol import HttpProtocol
+from linked_fleet_server.exchange import Reply
+from linked_fleet_server.message_heads import field_block
+from linked_fleet_server.protocol import HttpProtocol
 from serving import connect, serving, until
 
 pytestmark = pytest.mark.virtual

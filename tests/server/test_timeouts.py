@@ -10,8 +10,8 @@ from starlette.requests import ClientDisconnect, Request
 from starlette.responses import Response
 from starlette.types import ASGIApp, Receive, Scope, Send
 
-from linked_fleet_gateway.server.connection_limits import MAX_HEAD_BYTES, Sockets
-from linked_fleet_gateway.server.protocol import HttpProtocol
+from linked_fleet_server.connection_limits import MAX_HEAD_BYTES, Sockets
+from linked_fleet_server.protocol import HttpProtocol
 from serving import connect, serving, until
 
 pytestmark = pytest.mark.virtual

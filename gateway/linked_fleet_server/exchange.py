@@ -8,8 +8,8 @@ from http import HTTPStatus
 
 from starlette.types import ASGIApp, Message, Scope
 
-from linked_fleet_gateway.server.connection import Connection
-from linked_fleet_gateway.server.message_heads import (
+from linked_fleet_server.connection import Connection
+from linked_fleet_server.message_heads import (
     FieldLines,
     error_response,
     field_block,

@@ -5,8 +5,8 @@ from typing import Any, Protocol
 
 import httptools
 
-from linked_fleet_gateway.server.connection_limits import MAX_HEAD_BYTES
-from linked_fleet_gateway.server.message_heads import (
+from linked_fleet_server.connection_limits import MAX_HEAD_BYTES
+from linked_fleet_server.message_heads import (
     FRAMING,
     HeadError,
     RequestLineReader,

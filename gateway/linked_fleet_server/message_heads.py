@@ -10,7 +10,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from http import HTTPStatus
 from typing import NamedTuple
 
-from linked_fleet_gateway.server.connection_limits import MAX_HEAD_BYTES
+from linked_fleet_server.connection_limits import MAX_HEAD_BYTES
 
 _PARSEABLE = re.compile(rb"(?:GET|HEAD|OPTIONS|POST|PUT|PATCH|DELETE) /[\x21-\x7e]* HTTP/1\.[01]\r?\n")
 """Request lines that the parser can get unchanged."""

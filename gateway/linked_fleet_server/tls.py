@@ -11,8 +11,7 @@ from pathlib import Path
 from typing import Any, Protocol, cast
 
 from linked_fleet_agent.wire.trust import check_pair
-from linked_fleet_gateway.base.addresses import network_of
-from linked_fleet_gateway.runtime.background import supervised
+from linked_fleet_server.addresses import network_of
 
 log = logging.getLogger(__name__)
 CHECK_S = 10.0
@@ -42,11 +41,8 @@ class Certificate:
         else:
             log.info("new connections get the certificate of %s as it is now", self._certificate)
 
-    def reload_on_change(self, check_s: float = CHECK_S) -> asyncio.Task[None]:
-        """Start a task that reloads the files when they have changed."""
-        return supervised(self._look, "follow the certificate", log, "the certificate in use stays", check_s)
-
-    async def _look(self) -> None:
+    async def reload_if_changed(self) -> None:
+        """Reload the files if they have changed; to be called every ``CHECK_S``."""
         if self._state() != self._seen:
             self.reload()
 

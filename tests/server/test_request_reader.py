@@ -2,8 +2,8 @@
 
 import pytest
 
-from linked_fleet_gateway.server.message_heads import HeadError
-from linked_fleet_gateway.server.request_reader import RequestReader
+from linked_fleet_server.message_heads import HeadError
+from linked_fleet_server.request_reader import RequestReader
 
 _GET = b"GET /a?b=c HTTP/1.1\r\nHost: test\r\nAccept: x\r\nACCEPT: y\r\n\r\n"
 _POST = b"POST /b HTTP/1.1\r\nHost: test\r\nContent-Length: 3\r\n\r\nabc"
