@@ -33,6 +33,7 @@ from linked_fleet_gateway.http.html import NavigationEntry
 from linked_fleet_gateway.http.internal_request import ask
 from linked_fleet_gateway.http.read import read_resource
 from linked_fleet_gateway.http.request import Request
+from linked_fleet_gateway.http.request_events import RequestEvent
 from linked_fleet_gateway.identity.rights import Right
 from linked_fleet_gateway.rdf.graph import METRE, RADIAN, SECOND, UNITLESS, Graph, integer, timestamp
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, LDP, LF, RDF, RDFS
@@ -57,8 +58,8 @@ __all__ = [
     "DeferredPlan", "Demand", "Extension", "FleetBranch", "FleetError", "Follow", "Found", "Graph", "Halt",
     "Invocation", "InvocationState", "Joint", "Link", "Literal", "Member", "Motion", "MotionGuard", "Mount", "Move",
     "NamedNode", "Namespace", "NavigationEntry", "NotFound", "Operation", "Pose", "PreconditionFailed", "Property",
-    "PropertyBranch", "RedisUnavailable", "Request", "RequestView", "Resource", "Response", "Right", "Robot",
-    "RobotBranch", "RobotModel", "Section", "Source", "Table", "UnprocessableContent", "ask", "await_turn",
-    "blueprint_of", "build_motion", "cancel_tasks", "counter", "gauge", "gauges", "integer", "joint_path", "link_path",
-    "read_resource", "robot_path", "setting", "supervised", "timestamp", "whole_number",
+    "PropertyBranch", "RedisUnavailable", "Request", "RequestEvent", "RequestView", "Resource", "Response", "Right",
+    "Robot", "RobotBranch", "RobotModel", "Section", "Source", "Table", "UnprocessableContent", "ask", "await_turn",
+    "blueprint_of", "build_motion", "cancel_tasks", "counter", "gauge", "gauges", "integer", "joint_path",
+    "link_path", "read_resource", "robot_path", "setting", "supervised", "timestamp", "whole_number",
 ]  # fmt: skip

@@ -5,7 +5,7 @@ A gateway does not start with a shape that cannot be compiled.
 
 from collections.abc import AsyncIterator
 from contextlib import AsyncExitStack, asynccontextmanager, closing
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 
 from starlette.applications import Starlette
@@ -22,11 +22,13 @@ from linked_fleet_gateway.app.extensions import (
 from linked_fleet_gateway.app.metrics import MetricsCollector, Sampler, create_registry
 from linked_fleet_gateway.app.settings import GatewaySettings
 from linked_fleet_gateway.base.contributions import set_present
+from linked_fleet_gateway.http.audit import audit_branch, record
 from linked_fleet_gateway.http.endpoint import Endpoint
 from linked_fleet_gateway.http.entrance import Entrance, cors_middleware
 from linked_fleet_gateway.http.extension import Core
 from linked_fleet_gateway.http.forwarding import Authorities
 from linked_fleet_gateway.http.request import Gateway, Services
+from linked_fleet_gateway.http.request_events import RequestEvents
 from linked_fleet_gateway.http.scheduling import StopPriority, TokenBuckets
 from linked_fleet_gateway.identity.service import Identities
 from linked_fleet_gateway.link.transport import Opener
@@ -124,13 +126,16 @@ def create_app(settings: GatewaySettings, tracing: Tracing | None = None, open_s
             url = settings.redis_url if embedded is None else (await stack.enter_async_context(embedded)).url
             run = new_run_name()
             audit = await stack.enter_async_context(AuditLog(url, settings.namespace))
+            live.add_branches(audit_branch(audit))
+            request_events = RequestEvents(live.faults)
+            request_events.listeners[partial(record, audit)] = "audit"
             identities = None
             if settings.identities:
                 identities = await stack.enter_async_context(Identities(settings.identities))
             action_store = await stack.enter_async_context(ActionStore(url, settings.namespace, run))
             actions = await stack.enter_async_context(Actions(live, action_store, settings.invocations_per_client))
             core = Core(
-                live, actions, audit, identities, url, settings.namespace, run,
+                live, actions, request_events, identities, url, settings.namespace, run,
                 settings.public_urls, settings.state_path,
                 sections=[settings.section(each.settings) for each in extensions if each.settings],
             )  # fmt: skip
@@ -160,7 +165,7 @@ def create_app(settings: GatewaySettings, tracing: Tracing | None = None, open_s
                 {name: each.metrics for name, each in mounted.items()},
             )
             app.services = Services(
-                live, actions, subscriptions, audit, identities,
+                live, actions, subscriptions, request_events, identities,
                 data_warning=lambda: kept.warning,
                 stop_priority=StopPriority(carriers), rates=rates,
                 representations=create_representations(mounts), registry=create_registry(numbers),

@@ -6,60 +6,40 @@ from functools import partial
 from pyoxigraph import Literal, NamedNode
 
 from linked_fleet_gateway.base.errors import NotFound
-from linked_fleet_gateway.http.request import AUDIT_RIGHTS, Connection
+from linked_fleet_gateway.http.request_events import RequestEvent
+from linked_fleet_gateway.identity.rights import Right
 from linked_fleet_gateway.rdf.graph import Graph, integer, timestamp
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, LDP, LF, PROV, RDFS, XHV
+from linked_fleet_gateway.resources.branches import FleetBranch, RequestView
 from linked_fleet_gateway.resources.paths import AUDIT as PATH
-from linked_fleet_gateway.resources.paths import robot_of, robot_path
+from linked_fleet_gateway.resources.paths import robot_path
 from linked_fleet_gateway.resources.resource import CONTAINER, Resource, run_steps
 from linked_fleet_gateway.runtime.audit_log import PAGE_SIZE, AuditEntry, AuditLog
-from linked_fleet_gateway.runtime.log import current_request
 
-_NOTHING_DONE = (401, 404, 405)
-_LONGEST = 500
+RIGHTS = (Right.ADMIN,)
 
 
-def record_request(connection: Connection, event: str, status: int | None, location: str = "") -> None:
-    """Record a request that was executed, or refused although its resource was found."""
-    if status in _NOTHING_DONE:
-        return
-    audit: AuditLog = connection.services.audit
-    asked, path = current_request(), connection.scope["path"][:_LONGEST]
-    audit.record(
-        connection.caller_name, event, path, robot_of(path) or "", "" if status is None else str(status),
-        "" if asked is None else asked.id, location.removeprefix(connection.base).partition("?")[0],
-    )  # fmt: skip
+def audit_branch(log: AuditLog) -> FleetBranch:
+    """Return the branch of the pages of the log."""
+
+    async def load(view: RequestView, rest: list[str]) -> Resource:
+        path = "/".join((PATH, *rest))
+        try:
+            entries = await log.read_page("/".join(rest))
+        except ValueError as error:
+            raise NotFound(f"There is no such page: {error}.") from error
+        steps = partial(_steps, view.base, path, entries)
+        return Resource(
+            path, "Audit", lambda graph: run_steps(steps(graph)), CONTAINER, publishes_changes=False, steps=steps
+        )
+
+    return FleetBranch(PATH[1:], None, reading=RIGHTS, load=load)
 
 
-async def audit_resource(connection: Connection) -> Resource:
-    """Return a page of entries, newest first. Raises NotFound, RedisUnavailable."""
-    path: str = connection.scope["path"]
-    audit: AuditLog = connection.services.audit
-    try:
-        entries = await audit.read_page(path.removeprefix(PATH).removeprefix("/"))
-    except ValueError as error:
-        raise NotFound(f"There is no such page: {error}.") from error
-    steps = partial(_steps, connection.base, path, entries)
-    return Resource(
-        path, "Audit", lambda graph: run_steps(steps(graph)), CONTAINER, publishes_changes=False, steps=steps
-    )
-
-
-def is_audit_path(path: str) -> bool:
-    return path == PATH or path.startswith(PATH + "/")
-
-
-def add_audit_link(connection: Connection, resource: Resource) -> Resource:
-    """Add a link to the audit log to the fleet and its link set, for callers who may read it.
-
-    The RDF does not contain the link, because it is equal for all callers with the same view, like messages about it.
-    """
-    if not connection.caller.has_any_right(AUDIT_RIGHTS, None):
-        return resource
-    if resource.path == "/":
-        return resource.replace(own_paths=(*resource.own_paths, PATH))
-    of = resource.linkset_of
-    return resource if of is None or of.path != "/" else resource.replace(linkset_of=add_audit_link(connection, of))
+def record(log: AuditLog, event: RequestEvent) -> None:
+    """Record an event."""
+    status = "" if event.status is None else str(event.status)
+    log.record(event.client, event.event, event.path, event.robot, status, event.request, event.created)
 
 
 def _steps(base: str, path: str, entries: list[tuple[str, AuditEntry]], graph: Graph) -> Iterator[None]:

@@ -23,9 +23,13 @@ from linked_fleet_gateway.base.errors import (
     UnsupportedMediaType,
 )
 from linked_fleet_gateway.http.answers import ReadyResponse
-from linked_fleet_gateway.http.audit import add_audit_link, audit_resource, is_audit_path, record_request
 from linked_fleet_gateway.http.awaiting_stream import AwaitingStream, awaits_robot
-from linked_fleet_gateway.http.callers import SUBSCRIPTIONS_RIGHTS, require_right, visible_subscriptions
+from linked_fleet_gateway.http.callers import (
+    SUBSCRIPTIONS_RIGHTS,
+    require_right,
+    visible_subscriptions,
+    with_restricted_links,
+)
 from linked_fleet_gateway.http.containers import add_member, change_member
 from linked_fleet_gateway.http.demands import check_demands, refuse_demands, stops
 from linked_fleet_gateway.http.entrance import await_turn
@@ -44,7 +48,7 @@ from linked_fleet_gateway.http.read import (
     read_nowait,
     restrict_to_part,
 )
-from linked_fleet_gateway.http.request import AUDIT_RIGHTS, Connection, Request, WebSocket, gateway_of
+from linked_fleet_gateway.http.request import Connection, Request, WebSocket, gateway_of
 from linked_fleet_gateway.http.scheduling import may_stop
 from linked_fleet_gateway.http.streams import EventStream, is_cancelled_stream, open_websocket, wants_events
 from linked_fleet_gateway.http.subscribe import (
@@ -72,7 +76,7 @@ from linked_fleet_gateway.resources.affordance import (
     Subscribe,
     rights_to_read,
 )
-from linked_fleet_gateway.resources.branches import Found
+from linked_fleet_gateway.resources.branches import Branches, Found
 from linked_fleet_gateway.resources.container import AddMember, ChangeMember
 from linked_fleet_gateway.resources.paths import owner_path, robot_of
 from linked_fleet_gateway.resources.resource import Redirect, RemoteMesh, Resource
@@ -126,8 +130,10 @@ class Endpoint:
         """
         services = gateway_of(scope).services
         reply = services.response_cache.find(scope, services.live)
-        if reply is not None or not services.response_cache.is_cacheable(scope) or _is_stored(scope["path"]):
+        if reply is not None or not services.response_cache.is_cacheable(scope):
             return reply
+        if _is_stored(services.live.branches, scope["path"]):
+            return None
         if not services.stop_priority.try_take_turn():
             return None
         try:
@@ -143,7 +149,7 @@ class Endpoint:
         answer = await self._answered(request)
         does = wants_callback(request) or (request.method not in READ_METHODS and not request.is_safe)
         if isinstance(answer, Response) and does:
-            record_request(request, request.method, answer.status_code, answer.headers.get("location", ""))
+            request.report(request.method, answer.status_code, answer.headers.get("location", ""))
         return answer
 
     async def _answered(self, request: Request) -> ASGIApp:
@@ -246,7 +252,7 @@ class Endpoint:
         try:
             found = await _find(websocket)
             if isinstance(found, Resource):
-                require_right(websocket, found.path, rights_to_read(found.affords))
+                require_right(websocket, found.path, _reading(websocket, found))
                 require_right(websocket, found.path, (Right.SUBSCRIBE,))
                 await self._open(websocket, found)
             else:
@@ -282,12 +288,15 @@ def _use_canonical_path(scope: Scope, to: Redirect) -> None:
 
 
 def _needed(request: Request, resource: Resource) -> Sequence[Right]:
-    if is_audit_path(resource.path):
-        return AUDIT_RIGHTS
     affords = resource.affords
     if affords is not None and request.method in affords.methods:
         return affords.needs
-    return SUBSCRIPTIONS_RIGHTS if isinstance(affords, Subscribe) else rights_to_read(affords)
+    return SUBSCRIPTIONS_RIGHTS if isinstance(affords, Subscribe) else _reading(request, resource)
+
+
+def _reading(connection: Connection, resource: Resource) -> Sequence[Right]:
+    """Return the rights, one of which is needed to read the resource."""
+    return connection.services.live.branches.reading(resource.path) or rights_to_read(resource.affords)
 
 
 def _read_nowait(request: Request) -> Reply | None:
@@ -299,15 +308,16 @@ def _read_nowait(request: Request) -> Reply | None:
     if not isinstance(found, Resource) or found.remote is not None:
         return None
     require_right(request, found.path, _needed(request, found))
-    return read_nowait(request, add_audit_link(request, found))
+    return read_nowait(request, with_restricted_links(request, found))
 
 
 async def _find(connection: Connection) -> Resource | Redirect:
     """Find the resource of the request. Raises NotFound, BadRequest, RedisUnavailable."""
     path: str = connection.scope["path"]
-    if is_audit_path(path):
-        require_right(connection, path, AUDIT_RIGHTS)
-        return await audit_resource(connection)
+    if (branch := connection.services.live.branches.stored_branch(path)) is not None:
+        assert branch.load is not None
+        require_right(connection, path, branch.reading or (Right.READ,))
+        return await branch.load(connection.tree().view, path.split("/")[2:])
     shows_subscriptions = "/subscriptions" in path
     return _resolve(
         connection, await _subscriptions_shown(connection, path) if shows_subscriptions else NO_SUBSCRIPTIONS
@@ -334,16 +344,16 @@ def _read_by(request: Request, found: Resource) -> Resource:
     found = found.replace(
         reader=reader.name,
         rights=reader.rights,
-        may_read_audit=reader.may_read_audit,
+        restricted_paths=reader.restricted_paths,
         links_subscriptions=request.caller.has_any_right(SUBSCRIPTIONS_RIGHTS, robot_of(found.path)),
         warning=request.services.data_warning(),
     )
-    return add_audit_link(request, found)
+    return with_restricted_links(request, found)
 
 
-def _is_stored(path: str) -> bool:
-    """Return True for a path of what Redis has: the audit, and subscriptions."""
-    return is_audit_path(path) or path.startswith(container_path(owner_path(path)))
+def _is_stored(branches: Branches, path: str) -> bool:
+    """Return True for a path of what Redis has: branches that are read from a store, and subscriptions."""
+    return branches.stored_branch(path) is not None or path.startswith(container_path(owner_path(path)))
 
 
 async def _subscriptions_shown(connection: Connection, path: str) -> SubscriptionsByOwner:

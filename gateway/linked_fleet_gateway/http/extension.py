@@ -20,6 +20,7 @@ from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.http.arrival import Scheme
 from linked_fleet_gateway.http.html import HtmlWriter, NavigationEntry
 from linked_fleet_gateway.http.request import Request
+from linked_fleet_gateway.http.request_events import RequestEvent, RequestEvents
 from linked_fleet_gateway.http.websocket import WebSocketHandler
 from linked_fleet_gateway.identity.service import Identities
 from linked_fleet_gateway.resources.branches import Branch, RequestView
@@ -27,7 +28,6 @@ from linked_fleet_gateway.resources.container import Container
 from linked_fleet_gateway.resources.fleet_functions import FleetFunctions
 from linked_fleet_gateway.resources.property import Property
 from linked_fleet_gateway.resources.resource import Resource
-from linked_fleet_gateway.runtime.audit_log import AuditLog
 from linked_fleet_gateway.runtime.table import MAX_RECORDS, StoredRecords, Table
 from linked_fleet_gateway.subscriptions.live import Live
 
@@ -44,7 +44,7 @@ class Core:
 
     live: Live
     actions: Actions
-    audit: AuditLog
+    request_events: RequestEvents
     identities: Identities | None
     redis_url: str
     namespace: str
@@ -100,6 +100,21 @@ class Core:
             yield
         finally:
             self.live.remove_invocation_listener(listener)
+
+    @contextmanager
+    def listening_to_requests(self, listener: Callable[[RequestEvent], None]) -> Iterator[None]:
+        """Call ``listener`` when a request other than a read has been executed, or refused although its resource was
+        found, and when a stream begins or ends, while the context lasts. An error of it is a fault of the extension.
+        """
+        self.request_events.listeners[listener] = self.extension
+        try:
+            yield
+        finally:
+            del self.request_events.listeners[listener]
+
+    def tell_of_request(self, event: RequestEvent) -> None:
+        """Tell those who listen to requests of something that the extension has done in the name of a client."""
+        self.request_events.tell(event)
 
     def running(self, action: str) -> list[Invocation]:
         """Return the invocations of the action at a path that have not ended, at whichever gateway, newest first."""

@@ -126,8 +126,8 @@ class Resource(Struct, frozen=True):
     """Name of the person who is logged in and reads it as a page."""
     rights: tuple[str, ...] | None = None
     """The reader's rights on its subject; None if authentication is off."""
-    may_read_audit: bool = False
-    """True if the reader may read the audit log."""
+    restricted_paths: tuple[str, ...] = ()
+    """Paths of restricted branches that the reader may read."""
     links_subscriptions: bool = True
     """True if its page links its Subscriptions container, which not every reader of the page may read."""
     warning: str = ""
@@ -136,7 +136,7 @@ class Resource(Struct, frozen=True):
     def with_reader_of(self, other: "Resource") -> "Resource":
         """Return this resource with the reader of ``other``."""
         return self.replace(
-            reader=other.reader, rights=other.rights, may_read_audit=other.may_read_audit, warning=other.warning
+            reader=other.reader, rights=other.rights, restricted_paths=other.restricted_paths, warning=other.warning
         )
 
     def replace(self, **fields: Any) -> "Resource":

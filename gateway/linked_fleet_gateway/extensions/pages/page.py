@@ -38,7 +38,7 @@ def write(resource: Resource, triples: Sequence[Triple], base: str, formats: For
     """Return the page of a resource; ``base`` is scheme and authority. Equal triples give equal bytes."""
     view = view_of(resource, triples, base, formats)
     data = script_json(jsonld.write_jsonld(triples, PREFIXES))
-    reader = Reader(resource.reader, resource.rights, resource.may_read_audit)
+    reader = Reader(resource.reader, resource.rights, resource.restricted_paths)
     return render(f"{view.kind}.html", view=view, data=data, places=view.places, reader=reader)
 
 
@@ -54,7 +54,7 @@ def write_problem(
         detail=texts.readable_title(error.detail, root) if root else error.detail,
         instance=instance,
         root=root,
-        places=places(address.path if address else None, bool(reader and reader.may_read_audit)),
+        places=places(address.path if address else None, reader.restricted_paths if reader else ()),
         reader=reader,
         members={name: value for name, value in error.members.items() if value},
         report=report,

@@ -132,7 +132,7 @@ def view_of(resource: Resource, triples: Sequence[Triple], base: str, formats: F
         others=[
             describe_subject(facts, each) for each in facts.outline.headings if each != iri and each not in part.done
         ],
-        places=places(resource.path, resource.may_read_audit, root=facts.root),
+        places=places(resource.path, resource.restricted_paths, root=facts.root),
         warning=resource.warning,
         scripts=[each for each in files if each.endswith(".js")],
         styles=[each for each in files if each.endswith(".css")],

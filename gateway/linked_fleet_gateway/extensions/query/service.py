@@ -40,7 +40,7 @@ class Queries:
     def __init__(self, live: Live, limit_s: float = LIMIT_S, navigation: Sequence[NavigationEntry] = ()) -> None:
         """Create the service; ``navigation`` are the entries of extensions for result pages."""
         self._live, self._limit_s = live, limit_s
-        self._navigation = [(each.title, each.path, each.rank) for each in navigation]
+        self._navigation = [(each.title, each.path, each.rank, each.restricted) for each in navigation]
         self._turns = FairTurns()
         self._process = QueryProcess(lambda: Feed(live.fleet, live.invocations, lambda: live.branches))
 

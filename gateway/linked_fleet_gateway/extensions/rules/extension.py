@@ -63,7 +63,7 @@ class RulesExtension(Extension):
             partial(queries.select, client=_CLIENT),
             queries.check,
             lambda rule: creator_of(rule, core.identities),
-            core.audit,
+            core.tell_of_request,
             core.section(RuleSettings).per_client,
             core.public_urls,
         )

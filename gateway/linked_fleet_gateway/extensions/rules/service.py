@@ -18,10 +18,10 @@ from linked_fleet_gateway.extensions.rules.request import CONTAINER
 from linked_fleet_gateway.extensions.rules.rule import Firing, FiringState, Rule, RuleRecord
 from linked_fleet_gateway.extensions.rules.rule_invocation import RightsEnded
 from linked_fleet_gateway.extensions.rules.store import Changed, RuleStore
+from linked_fleet_gateway.http.request_events import RequestEvent
 from linked_fleet_gateway.identity.rights import Identity
 from linked_fleet_gateway.resources.affordance import Invoke
 from linked_fleet_gateway.resources.resource import Resource
-from linked_fleet_gateway.runtime.audit_log import AuditLog
 from linked_fleet_gateway.runtime.background import cancel_tasks, run_last_step, supervised
 from linked_fleet_gateway.runtime.replica import Replica, follow_changes
 from linked_fleet_gateway.subscriptions.live import Live
@@ -48,11 +48,11 @@ class Rules:
         select: Select,
         check: Check,
         creator_of: Callable[[Rule], Identity],
-        audit: AuditLog,
+        tell: Callable[[RequestEvent], None],
         limit: int,
         bases: Sequence[str] = (),
     ) -> None:
-        self._live, self._store, self._audit, self.limit = live, store, audit, limit
+        self._live, self._store, self._tell, self.limit = live, store, tell, limit
         self.bases = bases
         """The public URLs of the fleet."""
         self.check = check
@@ -238,8 +238,8 @@ class Rules:
     def _noted(self, rule: Rule, number: int, firing: Firing) -> None:
         target = f"{firings_path(rule)}/{number}"
         robot = target_robot(rule, firing)
-        status = {FiringState.ACCEPTED: "202", FiringState.UNKNOWN: "504"}.get(firing.state, "409")
-        self._audit.record(rule.creator or rule.client, "RULE", target, robot, status, "", firing.invocation)
+        status = {FiringState.ACCEPTED: 202, FiringState.UNKNOWN: 504}.get(firing.state, 409)
+        self._tell(RequestEvent(rule.creator or rule.client, "RULE", target, robot, status, created=firing.invocation))
 
 
 def _reason_of_stop(rule: Rule, robots: Collection[str] | None) -> str:

@@ -10,6 +10,7 @@ import math
 import secrets
 import time
 from base64 import urlsafe_b64encode
+from collections.abc import Sequence
 from hashlib import sha256
 from hmac import compare_digest
 from typing import Any
@@ -83,7 +84,9 @@ class Login:
             return await self._return(request, sessions)
         if method == "POST":
             return await self._with_token(request, sessions)
-        return _page(sessions, _path(request.query_params.get("then")), request.caller)
+        return _page(
+            sessions, _path(request.query_params.get("then")), request.caller, restricted_paths=request.restricted_paths
+        )
 
     def _failed(self, request: Request, error: BadToken) -> None:
         """Count a failed login and log it. Raises TooManyLogins beyond the limit of the address.
@@ -225,6 +228,7 @@ def _page(
     wrong: str = "",
     status: int = 200,
     failed: str = "",
+    restricted_paths: Sequence[str] = (),
 ) -> Response:
     """Render the page; ``wrong`` is an error of the entered token, ``failed`` one of a login at an issuer."""
     issuers = [
@@ -235,7 +239,7 @@ def _page(
     known = caller is not None and bool(caller.name)
     page = render(
         "login.html",
-        places=places(None, caller.has_any_right((Right.ADMIN,), None) if caller else False) if known else [],
+        places=places(None, restricted_paths) if known else [],
         name=caller.name if caller else "",
         rights=_rights(caller) if caller else [],
         issuers=issuers,
