@@ -5,7 +5,7 @@ A gateway does not start with a shape that cannot be compiled.
 
 from collections.abc import AsyncIterator
 from contextlib import AsyncExitStack, asynccontextmanager, closing
-from functools import cache, partial
+from functools import cache
 from pathlib import Path
 
 from starlette.applications import Starlette
@@ -22,7 +22,6 @@ from linked_fleet_gateway.app.extensions import (
 from linked_fleet_gateway.app.metrics import MetricsCollector, Sampler, create_registry
 from linked_fleet_gateway.app.settings import GatewaySettings
 from linked_fleet_gateway.base.contributions import set_present
-from linked_fleet_gateway.http.audit import audit_branch, record
 from linked_fleet_gateway.http.endpoint import Endpoint
 from linked_fleet_gateway.http.entrance import Entrance, cors_middleware
 from linked_fleet_gateway.http.extension import Core
@@ -38,7 +37,6 @@ from linked_fleet_gateway.rdf.shapes import ACTIONS, BLUEPRINTS, SUBSCRIPTIONS, 
 from linked_fleet_gateway.rdf.vocabulary import LF, RDF, SH
 from linked_fleet_gateway.resources.action_offer import CONDITIONS, action_definitions
 from linked_fleet_gateway.resources.shape_parameters import COMPLETIONS
-from linked_fleet_gateway.runtime.audit_log import AuditLog
 from linked_fleet_gateway.runtime.metrics import RequestMetrics
 from linked_fleet_gateway.runtime.store_marker import LOST_DATA, StoreMarker
 from linked_fleet_gateway.runtime.tracing import Tracing
@@ -125,10 +123,7 @@ def create_app(settings: GatewaySettings, tracing: Tracing | None = None, open_s
             embedded = None if settings.redis_url else EmbeddedRedis(settings.state_path, LOST_DATA)
             url = settings.redis_url if embedded is None else (await stack.enter_async_context(embedded)).url
             run = new_run_name()
-            audit = await stack.enter_async_context(AuditLog(url, settings.namespace))
-            live.add_branches(audit_branch(audit))
             request_events = RequestEvents(live.faults)
-            request_events.listeners[partial(record, audit)] = "audit"
             identities = None
             if settings.identities:
                 identities = await stack.enter_async_context(Identities(settings.identities))

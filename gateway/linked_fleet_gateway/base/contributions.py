@@ -14,7 +14,7 @@ from typing import Any, TypeVar, cast
 T = TypeVar("T")
 
 CORE_AT_ROOT = frozenset(
-    {"actions", "audit", "blueprint", "context", "health", "invocations", "linkset", "metrics", "scene"}
+    {"actions", "blueprint", "context", "health", "invocations", "linkset", "metrics", "scene"}
     | {"subscriptions", "vocabulary"}
 )
 """Segments below ``/`` that are resources of the fleet itself."""

@@ -116,7 +116,7 @@ LF = Namespace(
     # predicates: what actions take and invocations tell
     " speed speedScale precondition tolerance tiedTo waypoint atTime poseName namedPose input duration progress"
     " preempts preemptedBy positionResidual orientationResidual answer ofRobot currentTask"
-    " lastMoved moving modelName batteryCharge Audit InvocationList"
+    " lastMoved moving modelName batteryCharge InvocationList"
     # predicates: control and settings
     " lease holder expires leaseDuration targetRotation targetTranslation annotations maximumSpeedScale"
     # predicates: subscriptions and their messages

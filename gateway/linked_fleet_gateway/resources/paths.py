@@ -6,7 +6,6 @@ from linked_fleet_agent.wire.keys import escape, unescape
 from linked_fleet_gateway.base.contributions import present
 from linked_fleet_gateway.fleet.model import RobotModel
 
-AUDIT = "/audit"
 _LINK_MARK = "~link"  # no escape, because "~l" is not followed by hexadecimal digits; so it cannot be part of a name
 
 # A robot has over a hundred parts, each named in every description of it, and a fleet names all robots in turn. A cache

@@ -33,7 +33,7 @@ class StoreMarker:
 
     def __init__(self, url: str, namespace: str, check_s: float = CHECK_S) -> None:
         self._key, self._check_s = f"{namespace}:mark", check_s
-        self._redis = Connection(url, f"{namespace}:audit")
+        self._redis = Connection(url, self._key)
         self._seen: bytes | None = None
         self._tasks: list[asyncio.Task[None]] = []
         self.warning = ""

@@ -1,21 +1,31 @@
-"""Audit records of requests, and the resource ``/audit`` with its pages, for administrators."""
+"""The resource ``/audit`` with its pages."""
 
 from collections.abc import Iterator
 from functools import partial
 
-from pyoxigraph import Literal, NamedNode
+from linked_fleet_gateway.api import (
+    DCTERMS,
+    LDP,
+    RDFS,
+    Graph,
+    Literal,
+    NamedNode,
+    NotFound,
+    RequestView,
+    Resource,
+    Right,
+    integer,
+    robot_path,
+    timestamp,
+)
+from linked_fleet_gateway.extensions.audit.log import PAGE_SIZE, AuditEntry, AuditLog
+from linked_fleet_gateway.rdf.vocabulary import LF as CORE
+from linked_fleet_gateway.rdf.vocabulary import PROV, XHV
+from linked_fleet_gateway.resources.branches import FleetBranch
+from linked_fleet_gateway.resources.resource import CONTAINER, run_steps
 
-from linked_fleet_gateway.base.errors import NotFound
-from linked_fleet_gateway.http.request_events import RequestEvent
-from linked_fleet_gateway.identity.rights import Right
-from linked_fleet_gateway.rdf.graph import Graph, integer, timestamp
-from linked_fleet_gateway.rdf.vocabulary import DCTERMS, LDP, LF, PROV, RDFS, XHV
-from linked_fleet_gateway.resources.branches import FleetBranch, RequestView
-from linked_fleet_gateway.resources.paths import AUDIT as PATH
-from linked_fleet_gateway.resources.paths import robot_path
-from linked_fleet_gateway.resources.resource import CONTAINER, Resource, run_steps
-from linked_fleet_gateway.runtime.audit_log import PAGE_SIZE, AuditEntry, AuditLog
-
+LF = CORE.extended("Audit")
+PATH = "/audit"
 RIGHTS = (Right.ADMIN,)
 
 
@@ -34,12 +44,6 @@ def audit_branch(log: AuditLog) -> FleetBranch:
         )
 
     return FleetBranch(PATH[1:], None, reading=RIGHTS, load=load)
-
-
-def record(log: AuditLog, event: RequestEvent) -> None:
-    """Record an event."""
-    status = "" if event.status is None else str(event.status)
-    log.record(event.client, event.event, event.path, event.robot, status, event.request, event.created)
 
 
 def _steps(base: str, path: str, entries: list[tuple[str, AuditEntry]], graph: Graph) -> Iterator[None]:
