@@ -29,7 +29,7 @@ CORE_IN_ROBOT = frozenset(
 class Contributions:
     """The contributions of all extensions that are on, and the segments of all that are built in.
 
-    The last four fields are functions and classes whose types the room ``resources`` knows.
+    The last five public fields are functions and classes whose types the rooms ``resources`` and ``http`` know.
     """
 
     at_root: frozenset[str] = CORE_AT_ROOT
@@ -44,6 +44,8 @@ class Contributions:
     link_statements: tuple[Any, ...] = ()
     placements: tuple[Any, ...] = ()
     functions: tuple[Any, ...] = ()
+    patches: Mapping[str, Any] = field(default_factory=dict)
+    """Readers of bodies of PATCH by their media type."""
     _derived: dict[Hashable, Any] = field(default_factory=dict)
 
     def derived(self, key: Hashable, make: Callable[[], T]) -> T:

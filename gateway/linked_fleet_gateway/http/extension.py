@@ -22,6 +22,7 @@ from linked_fleet_gateway.http.html import HtmlWriter, NavigationEntry
 from linked_fleet_gateway.http.request import Request
 from linked_fleet_gateway.http.request_events import RequestEvent, RequestEvents
 from linked_fleet_gateway.http.websocket import WebSocketHandler
+from linked_fleet_gateway.http.writes import PatchReader
 from linked_fleet_gateway.identity.service import Identities
 from linked_fleet_gateway.resources.branches import Branch, RequestView
 from linked_fleet_gateway.resources.container import Container
@@ -262,6 +263,11 @@ class Extension:
     """Further statements about links: functions of robot and link, which return predicates and paths."""
     functions: ClassVar[tuple[type[FleetFunctions], ...]] = ()
     """Functions over the live fleet for query languages. The module of the class is imported by other processes too."""
+    patches: ClassVar[Mapping[str, PatchReader]] = {}
+    """Readers of bodies of PATCH by their media type: functions of body and base IRI, called in a thread if it is long.
+
+    Each returns a function from the triples of a description to the changed ones. Both raise errors of the contract.
+    """
     settings: ClassVar[type[Section] | None] = None
     """Section of settings, with its own prefix."""
     navigation: ClassVar[tuple[NavigationEntry, ...]] = ()

@@ -35,7 +35,7 @@ from linked_fleet_gateway.http.representation import (
     typed_links,
 )
 from linked_fleet_gateway.http.request import Request
-from linked_fleet_gateway.http.writes import PATCH_TYPES
+from linked_fleet_gateway.http.writes import patch_types
 from linked_fleet_gateway.rdf.graph import Graph
 from linked_fleet_gateway.rdf.serialise import RDF_TYPES, WriteError
 from linked_fleet_gateway.rdf.templates import Document
@@ -285,7 +285,10 @@ def resource_headers(resource: Resource, base: str, etag: str) -> dict[str, str]
 
 def allowed_methods(resource: Resource) -> tuple[str, ...]:
     """Return the methods of the resource."""
-    return READ_METHODS if resource.affords is None else (*READ_METHODS, *resource.affords.methods)
+    if resource.affords is None:
+        return READ_METHODS
+    methods = (*READ_METHODS, *resource.affords.methods)
+    return methods if "PATCH" not in methods or patch_types() else tuple(each for each in methods if each != "PATCH")
 
 
 def method_headers(resource: Resource, allow: Sequence[str]) -> dict[str, str]:
@@ -294,7 +297,7 @@ def method_headers(resource: Resource, allow: Sequence[str]) -> dict[str, str]:
     if resource.affords is not None and (taken := resource.affords.body_types):
         fields = {"POST": "accept-post", "PUT": "accept-put"}
         headers |= {fields[method]: ", ".join(taken) for method in allow if method in fields}
-        headers |= {"accept-patch": ", ".join(PATCH_TYPES)} if "PATCH" in allow else {}
+        headers |= {"accept-patch": ", ".join(patch_types())} if "PATCH" in allow else {}
     return headers
 
 

@@ -5,8 +5,9 @@ only. Updates run on the event loop, so every step counts towards a limit.
 """
 
 import secrets
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 from pyoxigraph import BlankNode, Literal, NamedNode, Triple
 
@@ -43,6 +44,15 @@ class Operation:
     delete: Sequence[Pattern] = ()
     insert: Sequence[Pattern] = ()
     where: Sequence[Pattern] = ()
+
+
+def read_patch(content: bytes, iri: str) -> Callable[[Sequence[Triple]], list[Triple]]:
+    """Return the update in a body of PATCH. Raises BadRequest, PayloadTooLarge."""
+    try:
+        operations = parse_update(content.decode("utf-8-sig"), iri)
+    except UnicodeDecodeError as error:
+        raise BadRequest("The update is not UTF-8.") from error
+    return partial(apply_update, operations=operations)
 
 
 def parse_update(text: str, base: str) -> list[Operation]:
