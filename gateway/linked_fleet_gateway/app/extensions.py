@@ -27,7 +27,6 @@ from linked_fleet_gateway.http.html import NavigationEntry
 from linked_fleet_gateway.http.representation import Representations
 from linked_fleet_gateway.identity.rights import View
 from linked_fleet_gateway.rdf.shapes import ACTIONS, BLUEPRINTS, VOCABULARY, load_turtle_file
-from linked_fleet_gateway.rdf.sparql_update import read_patch
 from linked_fleet_gateway.rdf.vocabulary import LF
 from linked_fleet_gateway.resources.action_offer import action_definitions
 
@@ -132,8 +131,7 @@ def contributions_of(extensions: Sequence[Extension]) -> Contributions:
         link_statements=tuple(one for each in extensions for one in each.link_statements),
         placements=tuple(one for each in extensions for one in each.placements),
         functions=tuple(one for each in extensions for one in each.functions),
-        patches={"application/sparql-update": read_patch}
-        | {media_type: read for each in extensions for media_type, read in each.patches.items()},
+        patches={media_type: read for each in extensions for media_type, read in each.patches.items()},
     )
 
 

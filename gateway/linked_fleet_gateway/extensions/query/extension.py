@@ -26,6 +26,7 @@ from linked_fleet_gateway.extensions.query.description import (
     endpoint_resource,
 )
 from linked_fleet_gateway.extensions.query.service import JSON_RESULTS, Queries
+from linked_fleet_gateway.extensions.query.sparql_syntax import Dataset, Query, parse_query
 from linked_fleet_gateway.http.body import read_body
 from linked_fleet_gateway.http.extension import Core, Extension, Mount
 from linked_fleet_gateway.http.fields import field
@@ -38,7 +39,7 @@ from linked_fleet_gateway.http.read import read_resource as read_resource
 from linked_fleet_gateway.http.request import Request
 from linked_fleet_gateway.http.scheduling import Offload
 from linked_fleet_gateway.rdf.serialise import JSON, RDF_TYPES
-from linked_fleet_gateway.rdf.sparql_syntax import MAX_QUERY_BYTES, Dataset, Query, parse_query
+from linked_fleet_gateway.rdf.sparql_tokens import MAX_QUERY_BYTES
 from linked_fleet_gateway.resources.branches import RequestView
 from linked_fleet_gateway.resources.json_form import Json
 from linked_fleet_gateway.resources.resource import Resource

@@ -16,10 +16,10 @@ from pyoxigraph import (
 
 from linked_fleet_gateway.extensions.query.messages import HypotheticalRobot, QueryRequest
 from linked_fleet_gateway.extensions.query.process import Feed, QueryProcess
+from linked_fleet_gateway.extensions.query.sparql_syntax import Dataset, Query, check_select, parse_query
 from linked_fleet_gateway.extensions.query.turns import FairTurns
 from linked_fleet_gateway.http.html import HTML, NOBODY, NavigationEntry, Reader
 from linked_fleet_gateway.identity.rights import View
-from linked_fleet_gateway.rdf.sparql_syntax import Dataset, Query, check_select, parse_query
 from linked_fleet_gateway.resources.access_filter import InvocationsInView, RobotsInView
 from linked_fleet_gateway.resources.branches import RequestView
 from linked_fleet_gateway.subscriptions.live import Live

@@ -25,6 +25,7 @@ from linked_fleet_gateway.base.errors import (
     PreconditionFailed,
     UnprocessableContent,
 )
+from linked_fleet_gateway.extensions.query.sparql_syntax import bound_iris
 from linked_fleet_gateway.extensions.rules.description import ChangeRule, MakeRule, rule_path
 from linked_fleet_gateway.extensions.rules.request import (
     CONTAINER,
@@ -55,7 +56,7 @@ from linked_fleet_gateway.http.request import Request
 from linked_fleet_gateway.http.writes import check_acceptable, created_response
 from linked_fleet_gateway.identity.rights import Claims, Identity, Right
 from linked_fleet_gateway.rdf.shapes import load_turtle_file
-from linked_fleet_gateway.rdf.sparql_syntax import MAX_QUERY_BYTES, bound_iris
+from linked_fleet_gateway.rdf.sparql_tokens import MAX_QUERY_BYTES
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS
 from linked_fleet_gateway.resources.branches import RequestView
 from linked_fleet_gateway.resources.json_form import Json, form_in

@@ -13,7 +13,7 @@ from pyoxigraph import BlankNode, Literal, NamedNode, Triple
 
 from linked_fleet_gateway.base.errors import BadRequest, PayloadTooLarge, UnprocessableContent
 from linked_fleet_gateway.rdf.parsing import ParseError, parse
-from linked_fleet_gateway.rdf.sparql_syntax import Token, syntax_error, tokenize
+from linked_fleet_gateway.rdf.sparql_tokens import Token, syntax_error, tokenize
 
 MAX_STEPS = 5_000
 """Most comparisons of a pattern with a triple and triples built from templates."""

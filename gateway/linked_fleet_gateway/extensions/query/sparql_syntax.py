@@ -7,50 +7,17 @@ stack. This one pass over tokens finds the query form, its dataset and its varia
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import NamedTuple
 from urllib.parse import urljoin
 
 from linked_fleet_gateway.base.errors import BadRequest, PayloadTooLarge
+from linked_fleet_gateway.rdf.sparql_tokens import Token, syntax_error, tokenize
 from linked_fleet_gateway.rdf.vocabulary import PREFIXES
 
-MAX_QUERY_BYTES = 32 * 1024
-MAX_DEPTH = 64
 MAX_DECLARATIONS = 256
 """Most BASE, PREFIX and FROM in one query: each is resolved against the previous one."""
 MAX_IRI = 2048
 FORMS = ("SELECT", "ASK", "CONSTRUCT", "DESCRIBE")
 _UPDATES = frozenset({"INSERT", "DELETE", "LOAD", "CLEAR", "CREATE", "DROP", "COPY", "MOVE", "ADD", "WITH"})
-
-# Strings are consumed whole, closed or not, so that hostile input takes one pass. Prefixes are limited to 64 characters
-# for the same reason.
-_TOKEN = re.compile(
-    r"""(?P<space>[\x20\t\r\n]+|\#[^\r\n]*+)
-    |(?P<iri><(?:[^<>"{}|^`\\\x00-\x20]|\\u[0-9A-Fa-f]{4}|\\U[0-9A-Fa-f]{8})*+>)
-    |(?P<string>\"{3}(?:\\.|(?!\"{3}).)*+(?:\"{3})?|'{3}(?:\\.|(?!'{3}).)*+(?:'{3})?
-        |"(?:\\.|[^"\\\r\n])*+"?|'(?:\\.|[^'\\\r\n])*+'?)
-    |(?P<variable>[?$]\w+)
-    |(?P<language>@[A-Za-z][A-Za-z0-9-]*+)
-    |(?P<name>_:[\w.·-]++|(?:[^\W\d_][\w.·-]{0,63}+)?:(?:[\w.:·-]|%[0-9A-Fa-f]{2}|\\.)*+)
-    |(?P<word>[A-Za-z_]\w*+)
-    |(?P<number>[0-9.]++(?:[eE][+-]?+[0-9]++)?)
-    |(?P<open>[({\[])
-    |(?P<close>[)}\]])
-    |(?P<other>.)""",
-    re.VERBOSE | re.DOTALL,
-)
-
-_NO_TEXT = re.compile("[\0\ud800-\udfff]")
-
-
-class Token(NamedTuple):
-    kind: str
-    text: str
-    start: int
-
-    @property
-    def word(self) -> str:
-        """The token as a keyword in capitals; empty for other tokens."""
-        return self.text.upper() if self.kind == "word" else ""
 
 
 @dataclass(frozen=True)
@@ -145,32 +112,6 @@ def _listed(tokens: list[Token], variable: str) -> Iterator[Token]:
             if names and names[column % len(names)] == variable and each.kind in ("iri", "name"):
                 yield each
             column += 1
-
-
-def syntax_error(detail: str, text: str, token: Token) -> BadRequest:
-    """Return an error with line and column of the token, from 1."""
-    before = text[: token.start]
-    return BadRequest(detail, line=before.count("\n") + 1, column=token.start - before.rfind("\n"))
-
-
-def tokenize(text: str) -> list[Token]:
-    """Return all tokens except white space and comments; bounded in length and nesting."""
-    if len(text.encode("utf-8", "surrogatepass")) > MAX_QUERY_BYTES:
-        raise PayloadTooLarge(f"The query has more than {MAX_QUERY_BYTES} bytes.")
-    if _NO_TEXT.search(text):
-        raise BadRequest("The query has characters in it that no text has.")
-    tokens: list[Token] = []
-    depth = 0
-    for match in _TOKEN.finditer(text):
-        kind = match.lastgroup or ""
-        if kind == "space":
-            continue
-        token = Token(kind, match[0], match.start())
-        tokens.append(token)
-        depth += (kind == "open") - (kind == "close")
-        if depth > MAX_DEPTH:
-            raise syntax_error(f"Brackets are nested more than {MAX_DEPTH} deep.", text, token)
-    return tokens
 
 
 def _projected(tokens: list[Token]) -> Iterator[str]:
