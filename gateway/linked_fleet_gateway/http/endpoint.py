@@ -44,7 +44,6 @@ from linked_fleet_gateway.http.read import (
     method_headers,
     preferred_part,
     read_interleaved,
-    read_mesh,
     read_nowait,
     restrict_to_part,
 )
@@ -79,7 +78,7 @@ from linked_fleet_gateway.resources.affordance import (
 from linked_fleet_gateway.resources.branches import Branches, Found
 from linked_fleet_gateway.resources.container import AddMember, ChangeMember
 from linked_fleet_gateway.resources.paths import owner_path, robot_of
-from linked_fleet_gateway.resources.resource import Redirect, RemoteMesh, Resource
+from linked_fleet_gateway.resources.resource import Redirect, Resource
 from linked_fleet_gateway.resources.subscription_resource import container_path
 from linked_fleet_gateway.resources.things import NO_SUBSCRIPTIONS, SubscriptionsByOwner
 from linked_fleet_gateway.subscriptions.service import Subscriptions
@@ -100,7 +99,8 @@ class Endpoint:
     """The ASGI application for every path and method (R0.10: a 405 has the Allow field of its own resource)."""
 
     def __init__(self, mounts: Iterable[Mount] = ()) -> None:
-        self._readers, self._writers = dict(_READERS), dict(_WRITERS)
+        self._readers: dict[type, Reader] = {}
+        self._writers = dict(_WRITERS)
         self._websocket_handlers: dict[type, WebSocketHandler] = {}
         for mount in mounts:
             self._readers.update(mount.readers)
@@ -417,6 +417,3 @@ def problem_response(request: Connection, error: FleetError) -> Response:
     body, headers = problem(error, field(request, "accept"), instance, request.services.representations.html, reader)
     # HEAD has the headers of GET including Content-Length; the server leaves out the body.
     return Response(body, error.status, headers)
-
-
-_READERS: dict[type, Reader] = {RemoteMesh: read_mesh}

@@ -12,7 +12,6 @@ from pyoxigraph import NamedNode
 from starlette.datastructures import MutableHeaders
 from starlette.responses import Response
 
-from linked_fleet_gateway.base.errors import NotAcceptable, PreconditionFailed
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.http.answers import CachedResponse, ReadyResponse
 from linked_fleet_gateway.http.callers import mark_private
@@ -21,7 +20,6 @@ from linked_fleet_gateway.http.html import HTML
 from linked_fleet_gateway.http.negotiation import (
     MOST_BYTES,
     accepts_gzip,
-    choose,
     coded_tag,
     compress,
     is_compressible,
@@ -31,7 +29,6 @@ from linked_fleet_gateway.http.representation import (
     Representation,
     content_type,
     not_modified,
-    precondition_holds,
     typed_links,
 )
 from linked_fleet_gateway.http.request import Request
@@ -43,7 +40,7 @@ from linked_fleet_gateway.rdf.vocabulary import LDP
 from linked_fleet_gateway.resources.body_values import own_statements
 from linked_fleet_gateway.resources.paths import robot_of
 from linked_fleet_gateway.resources.renderings import Rendering, is_compilable
-from linked_fleet_gateway.resources.resource import CONTAINER, RemoteMesh, Resource, run_steps
+from linked_fleet_gateway.resources.resource import CONTAINER, Resource, run_steps
 from linked_fleet_server.exchange import Reply
 
 _MINIMAL, _CONTAINMENT = LDP.PreferMinimalContainer.value, LDP.PreferContainment.value
@@ -251,24 +248,6 @@ def _cached(request: Request, resource: Resource, media_type: str, written: Docu
     assert reply is not None  # the document holds its template
     services.response_cache.store(request.scope, answer)
     return reply
-
-
-async def read_mesh(request: Request, resource: Resource, remote: RemoteMesh) -> Response:
-    """Answer from the known size and digest, and query the robot only if the bytes are needed."""
-    mesh = remote.mesh
-    etag = f'"{mesh.sha256}"'
-    if choose(field(request, "accept"), (mesh.type,)) is None:
-        raise NotAcceptable(f"Available here: {mesh.type}.", offered=(mesh.type,))
-    if not precondition_holds(field(request, "if-match"), {etag}):
-        raise PreconditionFailed(f"The entity tag of this mesh is {etag}.")
-    headers = resource_headers(resource, request.base, etag) | {"content-security-policy": _NOTHING}
-    if not_modified(field(request, "if-none-match"), etag):
-        return Response(status_code=304, headers=headers)
-    headers |= {"content-type": mesh.type, "content-length": str(mesh.size)} | method_headers(
-        resource, allowed_methods(resource)
-    )
-    content = b"" if request.method == "HEAD" else await request.services.live.meshes.get(remote.robot, mesh)
-    return Response(content, headers=headers)
 
 
 def resource_headers(resource: Resource, base: str, etag: str) -> dict[str, str]:

@@ -89,7 +89,7 @@ LF = Namespace(
     "Fleet Robot Joint ContinuousJoint PrismaticJoint FixedJoint FloatingJoint PlanarJoint Invocation Blueprint"
     " ScalarProperty Translation Limits Pose Twist Point Inertia Mimicry JointState JointSample FrameLayout FrameField"
     " Quaternion Problem Stream WebSocketStream EventStream ActionKind Rehearsal ControlLease TextProperty"
-    " SpeedScale Annotations NamedPose JointTargets JointTrajectory TargetPosition Model Mesh"
+    " SpeedScale Annotations NamedPose JointTargets JointTrajectory TargetPosition"
     # kinds of actions
     " Rotate RotateBy Translate TranslateBy Hold MoveJoints FollowTrajectory AssumePose StopRobot StopAll"
     " CancelInvocation"
@@ -100,7 +100,7 @@ LF = Namespace(
     " ActionShape"
     " ContainerShape MemberShape"
     " ControlLeaseShape ControlLeaseInput TextPropertyShape TextInput AnnotationsShape SpeedScaleShape SpeedScaleInput"
-    " TargetPositionShape ModelShape MeshShape FrameLayoutShape"
+    " TargetPositionShape FrameLayoutShape"
     # individuals
     " unknown online offline faulty accepted running succeeded failed cancelled preempted free held"
     " thisAlone withProperties wholeSubtree active"
@@ -128,9 +128,7 @@ LF = Namespace(
     " position positionUnit velocityUnit effortUnit orientation origin frame w linear angular"
     " ixx ixy ixz iyy iyz izz"
     # predicates: the binary frame (desideratum D5)
-    " frameLayout fieldName fieldType byteOffset valueCount field byteOrder ofProperty valuePath"
-    # predicates: geometry (desideratum D5)
-    " model mesh byteSize sha256",
+    " frameLayout fieldName fieldType byteOffset valueCount field byteOrder byteSize ofProperty valuePath",
 )
 
 PREFIXES: dict[str, str] = {

@@ -56,14 +56,6 @@ def lease_path(robot: str) -> str:
     return robot_path(robot) + "lease"
 
 
-def model_path(robot: str) -> str:
-    return robot_path(robot) + "model"
-
-
-def mesh_path(robot: str, file_name: str) -> str:
-    return f"{robot_path(robot)}meshes/{file_name}"
-
-
 def joint_path(robot: str, joint: str) -> str:
     """Return the path of a joint, without a slash at its end."""
     return robot_path(robot) + _segment(joint, present().in_robot)

@@ -8,8 +8,6 @@ from msgspec import Struct, field
 from msgspec.structs import replace
 from pyoxigraph import Literal, NamedNode
 
-from linked_fleet_agent.wire.messages import Mesh
-from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.rdf.graph import Graph
 from linked_fleet_gateway.rdf.shapes import describe_blueprint
 from linked_fleet_gateway.rdf.vocabulary import LDP
@@ -27,13 +25,6 @@ Steps = Callable[[Graph], Iterator[None]]
 def run_steps(steps: Iterable[None]) -> None:
     """Execute all steps at once."""
     deque(steps, maxlen=0)
-
-
-class RemoteMesh(Struct, frozen=True):
-    """A mesh that must be fetched from ``robot``; its metadata are known."""
-
-    robot: Robot
-    mesh: Mesh
 
 
 class DescriptionTemplate(Struct, frozen=True):

@@ -37,7 +37,7 @@ from linked_fleet_gateway.extensions.history.track import (
     link_series,
     samples,
 )
-from linked_fleet_gateway.fleet.geometry import SUFFIXES, file_name, urdf_with_mesh_addresses
+from linked_fleet_gateway.extensions.models.geometry import SUFFIXES, file_name, mesh_path, urdf_with_mesh_addresses
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.rdf.graph import SECOND, Graph
 from linked_fleet_gateway.rdf.serialise import WriteError
@@ -46,7 +46,7 @@ from linked_fleet_gateway.rdf.vocabulary import LF as CORE_LF
 from linked_fleet_gateway.resources.branches import FleetBranch, Found, PropertyBranch, RequestView, RobotBranch
 from linked_fleet_gateway.resources.describe import Describer
 from linked_fleet_gateway.resources.joint_kinds import kind_of
-from linked_fleet_gateway.resources.paths import joint_or_link, joint_path, link_path, mesh_path, robot_path
+from linked_fleet_gateway.resources.paths import joint_or_link, joint_path, link_path, robot_path
 from linked_fleet_gateway.resources.property import Property
 from linked_fleet_gateway.resources.resource import DescriptionTemplate, Resource, blueprint_of
 from linked_fleet_gateway.resources.versioning import Source

@@ -18,7 +18,7 @@ from linked_fleet_gateway.http.html import NavigationEntry
 from linked_fleet_gateway.rdf.turtle import Subject
 from linked_fleet_gateway.rdf.vocabulary import LF as CORE
 
-LF = CORE.extended("Audit Directory cameras history placement world")
+LF = CORE.extended("Audit Directory Model cameras history model placement world")
 
 
 @dataclass(frozen=True)

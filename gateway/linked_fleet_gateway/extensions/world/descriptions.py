@@ -12,6 +12,7 @@ from pyoxigraph import Literal, NamedNode, Triple
 
 from linked_fleet_gateway.base.errors import UnprocessableContent
 from linked_fleet_gateway.base.faults import Faults
+from linked_fleet_gateway.extensions.models.geometry import model_path
 from linked_fleet_gateway.extensions.world.placement import (
     LF,
     PLACEMENT,
@@ -40,7 +41,7 @@ from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, HYDRA, LDP, RDF
 from linked_fleet_gateway.rdf.vocabulary import LF as CORE_LF
 from linked_fleet_gateway.resources.body_values import Body, validate_body
 from linked_fleet_gateway.resources.json_form import Field, Form, Value, form_of
-from linked_fleet_gateway.resources.paths import link_path, model_path, robot_path
+from linked_fleet_gateway.resources.paths import link_path, robot_path
 from linked_fleet_gateway.resources.relative_poses import RelativePose
 
 OBJECTS, POSES = f"{WORLD}/objects", f"{WORLD}/pose"

@@ -1,12 +1,11 @@
-"""The geometry of a robot: the meshes that its agent serves, and its URDF with their URLs. Pure."""
+"""The geometry of a robot: the meshes that its agent serves, and its URDF with their URLs."""
 
 from collections.abc import Mapping
 from xml.etree import ElementTree
 
 from linked_fleet_agent.urdf.writer import plain_element
 from linked_fleet_agent.wire.messages import Mesh
-from linked_fleet_gateway.fleet.model import RobotModel
-from linked_fleet_gateway.fleet.robot import Robot
+from linked_fleet_gateway.api import Robot, RobotModel, robot_path
 
 SUFFIXES: Mapping[str, str] = {
     "model/stl": "stl",
@@ -15,6 +14,18 @@ SUFFIXES: Mapping[str, str] = {
     "model/gltf-binary": "glb",
 }
 """File suffixes by media type; meshes of other types are ignored."""
+
+
+MODEL, MESHES = "model", "meshes"
+"""Segments below a robot."""
+
+
+def model_path(robot: str) -> str:
+    return robot_path(robot) + MODEL
+
+
+def mesh_path(robot: str, file_name: str) -> str:
+    return f"{robot_path(robot)}{MESHES}/{file_name}"
 
 
 def file_name(mesh: Mesh) -> str:

@@ -7,11 +7,11 @@ import pytest
 
 from linked_fleet_agent.wire.messages import Mesh
 from linked_fleet_gateway.base.errors import AgentTimeout, Busy, Offline
+from linked_fleet_gateway.extensions.models import meshes
+from linked_fleet_gateway.extensions.models.meshes import Meshes
 from linked_fleet_gateway.fleet.events import Frames
 from linked_fleet_gateway.fleet.robot import Robot
-from linked_fleet_gateway.link import meshes
 from linked_fleet_gateway.link.fleet_link import NoAnswer
-from linked_fleet_gateway.link.meshes import Meshes
 
 
 def _mesh(content: bytes) -> Mesh:
