@@ -16,6 +16,7 @@ PACKAGES = (
     "gateway/linked_fleet_gateway",
     "gateway/linked_fleet_doctor",
     "gateway/linked_fleet_server",
+    "gateway/linked_fleet_shacl",
     "gateway/linked_fleet_valkey",
     "client/linked_fleet_client",
     "demo",

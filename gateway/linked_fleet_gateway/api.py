@@ -48,7 +48,7 @@ from linked_fleet_gateway.resources.versioning import Source
 from linked_fleet_gateway.runtime.background import cancel_tasks, supervised
 from linked_fleet_gateway.runtime.metrics import counter, gauge, gauges
 from linked_fleet_gateway.runtime.table import Table
-from linked_fleet_gateway.shacl.terms import Namespace
+from linked_fleet_shacl.terms import Namespace
 
 VERSION = 1
 

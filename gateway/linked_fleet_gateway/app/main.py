@@ -22,9 +22,9 @@ from linked_fleet_gateway.runtime.background import supervised
 from linked_fleet_gateway.runtime.log import configure_logging
 from linked_fleet_gateway.runtime.redis import InvalidUrl
 from linked_fleet_gateway.runtime.tracing import Tracing, open_tracing
-from linked_fleet_gateway.shacl import Unsupported
 from linked_fleet_server.server import Server
 from linked_fleet_server.tls import CHECK_S, Certificate
+from linked_fleet_shacl import Unsupported
 
 _log = logging.getLogger(__name__)
 _UNSENT_BYTES = 16 * 1024

@@ -5,7 +5,7 @@ The namespaces are closed: a term that is not listed raises AttributeError, so t
 in ``lf`` and described in shapes/linked_fleet_shapes/vocabulary.ttl. Extensions add terms of their own to ``lf``.
 """
 
-from linked_fleet_gateway.shacl.terms import Namespace
+from linked_fleet_shacl.terms import Namespace
 
 RDF = Namespace("http://www.w3.org/1999/02/22-rdf-syntax-ns#", "type first rest nil Property")
 RDFS = Namespace("http://www.w3.org/2000/01/rdf-schema#", "seeAlso label comment Class subClassOf")

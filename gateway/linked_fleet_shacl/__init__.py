@@ -13,11 +13,11 @@ The number of results is bounded (``check.MOST``), and so is the time: data may 
 package depends on pyoxigraph and not on the gateway.
 """
 
-from linked_fleet_gateway.shacl.check import CompiledGraph, CompiledShape
-from linked_fleet_gateway.shacl.compiler import Compiler, compile_graph, compile_shape
-from linked_fleet_gateway.shacl.data import Data
-from linked_fleet_gateway.shacl.report import Statement, Violation, report
-from linked_fleet_gateway.shacl.statements import Unsupported
+from linked_fleet_shacl.check import CompiledGraph, CompiledShape
+from linked_fleet_shacl.compiler import Compiler, compile_graph, compile_shape
+from linked_fleet_shacl.data import Data
+from linked_fleet_shacl.report import Statement, Violation, report
+from linked_fleet_shacl.statements import Unsupported
 
 __all__ = [
     "CompiledGraph",

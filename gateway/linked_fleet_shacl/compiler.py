@@ -5,9 +5,9 @@ from dataclasses import replace
 
 from pyoxigraph import BlankNode, Literal, NamedNode, Triple
 
-from linked_fleet_gateway.shacl.check import CompiledGraph, CompiledShape, Constraint, Count, Relation, Shape
-from linked_fleet_gateway.shacl.constraints import COUNTS, EACH
-from linked_fleet_gateway.shacl.data import (
+from linked_fleet_shacl.check import CompiledGraph, CompiledShape, Constraint, Count, Relation, Shape
+from linked_fleet_shacl.constraints import COUNTS, EACH
+from linked_fleet_shacl.data import (
     Reach,
     alternative_path,
     inverse_path,
@@ -16,9 +16,9 @@ from linked_fleet_gateway.shacl.data import (
     repeated_path,
     sequence_path,
 )
-from linked_fleet_gateway.shacl.relations import RELATIONS
-from linked_fleet_gateway.shacl.report import TermTexts, shortened, term_text
-from linked_fleet_gateway.shacl.statements import (
+from linked_fleet_shacl.relations import RELATIONS
+from linked_fleet_shacl.report import TermTexts, shortened, term_text
+from linked_fleet_shacl.statements import (
     TARGETS,
     Statements,
     Unsupported,
@@ -28,7 +28,7 @@ from linked_fleet_gateway.shacl.statements import (
     natural_number,
     targets,
 )
-from linked_fleet_gateway.shacl.terms import PREFIXES, RDF, SHACL, Node, Term
+from linked_fleet_shacl.terms import PREFIXES, RDF, SHACL, Node, Term
 
 _KNOWN = frozenset(
     (*COUNTS, *RELATIONS, *EACH, *TARGETS, SHACL.property, SHACL.path, SHACL.flags, SHACL.ignoredProperties, SHACL.name,

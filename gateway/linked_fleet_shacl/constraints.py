@@ -9,10 +9,10 @@ from operator import ge, gt, le, lt
 
 from pyoxigraph import BlankNode, Literal, NamedNode
 
-from linked_fleet_gateway.shacl.check import Constraint, Count, Either, Shape, Switch, Values
-from linked_fleet_gateway.shacl.data import Data, comparable_number
-from linked_fleet_gateway.shacl.report import shortened, term_text
-from linked_fleet_gateway.shacl.statements import (
+from linked_fleet_shacl.check import Constraint, Count, Either, Shape, Switch, Values
+from linked_fleet_shacl.data import Data, comparable_number
+from linked_fleet_shacl.report import shortened, term_text
+from linked_fleet_shacl.statements import (
     Shapes,
     Statements,
     Unsupported,
@@ -22,7 +22,7 @@ from linked_fleet_gateway.shacl.statements import (
     natural_number,
     text_of,
 )
-from linked_fleet_gateway.shacl.terms import NUMERIC, SHACL, Number, Term, well_typed
+from linked_fleet_shacl.terms import NUMERIC, SHACL, Number, Term, well_typed
 
 _FEWEST_BRANCHES = 4  # branches of an sh:or; with fewer, a lookup of the applicable one does not pay
 _KINDS: Mapping[Term, tuple[tuple[type, ...], str]] = {

@@ -5,7 +5,7 @@ from collections.abc import Callable, Collection, Iterable, Mapping, Sequence, S
 
 from pyoxigraph import Literal, NamedNode, Triple
 
-from linked_fleet_gateway.shacl.terms import RDF, RDFS, Node, Number, Term, number
+from linked_fleet_shacl.terms import RDF, RDFS, Node, Number, Term, number
 
 Reach = Callable[["Data", Term], Collection[Term]]
 

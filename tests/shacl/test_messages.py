@@ -5,9 +5,9 @@ from pyoxigraph import BlankNode, Literal, NamedNode, Triple
 
 from linked_fleet_gateway.rdf.graph import integer
 from linked_fleet_gateway.rdf.vocabulary import PREFIXES, VOM
-from linked_fleet_gateway.shacl import Data, Violation, compile_shape, report
-from linked_fleet_gateway.shacl.report import TermTexts, shortened
-from linked_fleet_gateway.shacl.terms import SHACL, XSD
+from linked_fleet_shacl import Data, Violation, compile_shape, report
+from linked_fleet_shacl.report import TermTexts, shortened
+from linked_fleet_shacl.terms import SHACL, XSD
 from shacl_findings import EX, turtle
 
 _WORDS = TermTexts(PREFIXES)

@@ -2,7 +2,7 @@
 
 import pytest
 
-from linked_fleet_gateway.shacl import compile_graph
+from linked_fleet_shacl import compile_graph
 from shacl_findings import pyshacl_reports, reported, turtle
 
 _BODY = "ex:body a ex:Shape ; ex:q ex:b . ex:b a ex:Under . ex:Under rdfs:subClassOf ex:Shape ."

@@ -9,9 +9,9 @@ from itertools import islice
 
 from pyoxigraph import NamedNode, Triple
 
-from linked_fleet_gateway.shacl.data import Data, Reach
-from linked_fleet_gateway.shacl.report import TermTexts, Violation, shortened
-from linked_fleet_gateway.shacl.terms import SHACL, Node, Term
+from linked_fleet_shacl.data import Data, Reach
+from linked_fleet_shacl.report import TermTexts, Violation, shortened
+from linked_fleet_shacl.terms import SHACL, Node, Term
 
 MOST = 25  # violations in a report; more would not help its reader
 _MOST_DETAILS = 50

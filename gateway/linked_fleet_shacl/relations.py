@@ -5,10 +5,10 @@ from collections.abc import Callable, Iterable, Mapping
 
 from pyoxigraph import Literal, NamedNode
 
-from linked_fleet_gateway.shacl.check import Relation, Values
-from linked_fleet_gateway.shacl.data import Data
-from linked_fleet_gateway.shacl.statements import Shapes, Statements, Unsupported, at_most_one, boolean, predicate_of
-from linked_fleet_gateway.shacl.terms import SHACL, Term
+from linked_fleet_shacl.check import Relation, Values
+from linked_fleet_shacl.data import Data
+from linked_fleet_shacl.statements import Shapes, Statements, Unsupported, at_most_one, boolean, predicate_of
+from linked_fleet_shacl.terms import SHACL, Term
 
 
 def _unique_lang(_shapes: Shapes, stated: Statements, _depth: int) -> Iterable[Relation]:

@@ -9,10 +9,10 @@ from typing import Protocol
 
 from pyoxigraph import BlankNode, Literal, NamedNode, Triple
 
-from linked_fleet_gateway.shacl.check import Shape
-from linked_fleet_gateway.shacl.data import Data
-from linked_fleet_gateway.shacl.report import TermTexts, term_text
-from linked_fleet_gateway.shacl.terms import RDF, RDFS, SHACL, XSD, Node, Term
+from linked_fleet_shacl.check import Shape
+from linked_fleet_shacl.data import Data
+from linked_fleet_shacl.report import TermTexts, term_text
+from linked_fleet_shacl.terms import RDF, RDFS, SHACL, XSD, Node, Term
 
 Statements = Mapping[NamedNode, Sequence[Term]]
 

@@ -12,11 +12,11 @@ from urllib.parse import unquote
 import pytest
 from pyoxigraph import NamedNode, RdfFormat, Triple, parse
 
-from linked_fleet_gateway.shacl import Data, Unsupported, compile_graph
-from linked_fleet_gateway.shacl.terms import RDF, Namespace, Node, Term
+from linked_fleet_shacl import Data, Unsupported, compile_graph
+from linked_fleet_shacl.terms import RDF, Namespace, Node, Term
 from shacl_findings import pyshacl_reports, reported, results
 
-_ROOT = Path(__file__).parents[3]
+_ROOT = Path(__file__).parents[2]
 _SUITE = _ROOT / "build/shacl-suite/core"
 _MF = Namespace("http://www.w3.org/2001/sw/DataAccess/tests/test-manifest#", "action result")
 _SHT = Namespace("http://www.w3.org/ns/shacl-test#", "Validate dataGraph shapesGraph")
@@ -84,7 +84,7 @@ def test_the_page_tells_what_is_passed_and_what_is_refused() -> None:
             rows.append(f"| {component} | {len(found) - len(refused)} | {len(refused)} | {why} |\n")
         else:
             passed.append(f"{component} {len(found)}")
-    page = (_ROOT / "gateway/linked_fleet_gateway/shacl/CONFORMANCE.md").read_text()
+    page = (_ROOT / "gateway/linked_fleet_shacl/CONFORMANCE.md").read_text()
     assert page.endswith("|---|---|---|---|\n" + "".join(rows)), "".join(rows)
     said = f"with their number: {', '.join(passed)}."
     assert said in " ".join(page.split()), said

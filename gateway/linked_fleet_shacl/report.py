@@ -7,7 +7,7 @@ from typing import NamedTuple, TypeVar
 
 from pyoxigraph import BlankNode, Literal, NamedNode, Triple
 
-from linked_fleet_gateway.shacl.terms import NUMERIC, PREFIXES, RDF, SHACL, XSD, Node, Term
+from linked_fleet_shacl.terms import NUMERIC, PREFIXES, RDF, SHACL, XSD, Node, Term
 
 _T = TypeVar("_T", NamedNode | BlankNode, NamedNode | BlankNode | Literal)
 _LONGEST = 80  # characters of one term in a message

@@ -11,9 +11,9 @@ from pyoxigraph import BlankNode, Literal, NamedNode, Triple
 from linked_fleet_gateway.rdf.graph import Graph, integer
 from linked_fleet_gateway.rdf.shapes import load_turtle
 from linked_fleet_gateway.rdf.vocabulary import HYBRIT, LF, VOM, XSD
-from linked_fleet_gateway.shacl import compile_graph
-from linked_fleet_gateway.shacl.check import MOST
-from linked_fleet_gateway.shacl.terms import RDF, RDFS, SHACL, Node, Term
+from linked_fleet_shacl import compile_graph
+from linked_fleet_shacl.check import MOST
+from linked_fleet_shacl.terms import RDF, RDFS, SHACL, Node, Term
 from properties import examples
 from shacl_findings import EX, compiled_finds, pyshacl_finds, pyshacl_reports, reported, to_rdflib, turtle
 
