@@ -27,7 +27,7 @@ def contract_modules() -> tuple[str, ...]:
     """Return the modules that define the names of the contract of extensions."""
     values = (getattr(each, name) for each in (contract, faces, serving, pages, openapi) for name in each.__all__)
     found = {str(getattr(each, "__module__", "")) for each in values}
-    return tuple(sorted(each for each in found if each.startswith("linked_fleet_gateway.")))
+    return tuple(sorted(each for each in found if each.startswith(("linked_fleet_gateway.", "linked_fleet_shacl."))))
 
 
 _API = {

@@ -11,6 +11,10 @@ ROOT = Path(__file__).parents[1]
 PACKAGES = {
     "linked_fleet_agent": ROOT / "agents/linked_fleet_agent",
     "linked_fleet_gateway": ROOT / "gateway/linked_fleet_gateway",
+    "linked_fleet_doctor": ROOT / "gateway/linked_fleet_doctor",
+    "linked_fleet_server": ROOT / "gateway/linked_fleet_server",
+    "linked_fleet_shacl": ROOT / "gateway/linked_fleet_shacl",
+    "linked_fleet_valkey": ROOT / "gateway/linked_fleet_valkey",
     "linked_fleet_client": ROOT / "client/linked_fleet_client",
 }
 _PROGRAM = """
@@ -46,7 +50,7 @@ def _modules(package: str) -> list[str]:
 @pytest.mark.parametrize("package", PACKAGES)
 def test_an_import_changes_nothing(package: str) -> None:
     modules = _modules(package)
-    assert len(modules) > 5
+    assert len(modules) >= 3
     done = subprocess.run(
         [sys.executable, "-c", _PROGRAM, *modules], capture_output=True, text=True, check=False, cwd=ROOT
     )

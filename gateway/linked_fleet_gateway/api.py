@@ -36,6 +36,7 @@ from linked_fleet_gateway.http.internal_request import ask
 from linked_fleet_gateway.http.negotiation import choose
 from linked_fleet_gateway.http.read import read_resource
 from linked_fleet_gateway.http.request import Request
+from linked_fleet_gateway.http.request_events import RequestEvent
 from linked_fleet_gateway.http.websocket import SubprotocolConnection, WebSocketHandler
 from linked_fleet_gateway.identity.rights import Right
 from linked_fleet_gateway.rdf.graph import METRE, RADIAN, SECOND, UNITLESS, Graph, integer, timestamp
@@ -53,7 +54,7 @@ from linked_fleet_gateway.resources.versioning import Source
 from linked_fleet_gateway.runtime.background import cancel_tasks, supervised, time_sliced
 from linked_fleet_gateway.runtime.metrics import counter, gauge, gauges
 from linked_fleet_gateway.runtime.table import Table
-from linked_fleet_gateway.shacl.terms import Namespace
+from linked_fleet_shacl.terms import Namespace
 
 VERSION = 1
 
@@ -63,10 +64,10 @@ __all__ = [
     "Content", "Core", "DeferredPlan", "Demand", "Extension", "FleetBranch", "FleetError", "Follow", "Found",
     "Graph", "Halt", "InSteps", "Invocation", "InvocationState", "Joint", "Link", "Literal", "Member", "Motion",
     "MotionGuard", "Mount", "Move", "NamedNode", "Namespace", "NavigationEntry", "NotFound", "Operation", "Pose",
-    "PreconditionFailed", "Property", "PropertyBranch", "RedisUnavailable", "Request", "RequestView", "Resource",
-    "Response", "Right", "Robot", "RobotBranch", "RobotModel", "Section", "Source", "SubprotocolConnection",
-    "Table", "UnprocessableContent", "WebSocketHandler", "ask", "await_turn", "blueprint_of", "body_type",
-    "build_motion", "cancel_tasks", "choose", "counter", "gauge", "gauges", "integer", "joint_path", "link_path",
-    "read_resource", "robot_of", "robot_path", "setting", "supervised", "thing_at", "time_sliced", "timestamp",
-    "whole_number",
+    "PreconditionFailed", "Property", "PropertyBranch", "RedisUnavailable", "Request", "RequestEvent",
+    "RequestView", "Resource", "Response", "Right", "Robot", "RobotBranch", "RobotModel", "Section", "Source",
+    "SubprotocolConnection", "Table", "UnprocessableContent", "WebSocketHandler", "ask", "await_turn",
+    "blueprint_of", "body_type", "build_motion", "cancel_tasks", "choose", "counter", "gauge", "gauges", "integer",
+    "joint_path", "link_path", "read_resource", "robot_of", "robot_path", "setting", "supervised", "thing_at",
+    "time_sliced", "timestamp", "whole_number",
 ]  # fmt: skip

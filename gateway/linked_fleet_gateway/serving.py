@@ -20,7 +20,7 @@ from linked_fleet_gateway.http.representation import not_modified
 from linked_fleet_gateway.http.scheduling import TokenBuckets, stop_segments
 from linked_fleet_gateway.http.streams import wants_events
 from linked_fleet_gateway.http.websocket import ConnectionEnded, frame
-from linked_fleet_gateway.http.writes import check_acceptable, created_response, read_change
+from linked_fleet_gateway.http.writes import check_acceptable, created_response, patch_types, read_change
 from linked_fleet_gateway.identity.issuers import BadToken, IssuerFailed
 from linked_fleet_gateway.identity.roster import Issuer
 from linked_fleet_gateway.identity.service import Identities
@@ -39,6 +39,6 @@ __all__ = [
     "Live", "NoAnswer", "RedisConnection", "Replica", "Reply", "ReplyTooLong", "RobotTime", "StoredRecords",
     "TokenBuckets", "WebLink", "Worker", "arrival_of", "await_preconditions", "check_acceptable",
     "check_preconditions", "convert_body", "created_response", "frame", "link_header", "not_modified", "parse_body",
-    "parse_form", "problem", "read_body", "read_change", "resolve_under_preconditions", "robot_time",
+    "parse_form", "patch_types", "problem", "read_body", "read_change", "resolve_under_preconditions", "robot_time",
     "run_last_step", "stop_segments", "wants_events",
 ]  # fmt: skip

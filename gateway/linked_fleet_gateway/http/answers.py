@@ -21,15 +21,16 @@ from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.http.arrival import Arrival, arrival_of
 from linked_fleet_gateway.http.negotiation import GZIP, accepts_gzip, coded_tag, compress, decompress, is_compressible
 from linked_fleet_gateway.http.representation import etag, not_modified
-from linked_fleet_gateway.identity.rights import Right, View
+from linked_fleet_gateway.identity.rights import View
 from linked_fleet_gateway.rdf.templates import Document, Template
+from linked_fleet_gateway.resources.branches import Branches
 from linked_fleet_gateway.resources.description import MeasuredDescription
 from linked_fleet_gateway.resources.resource import Resource
 from linked_fleet_gateway.resources.templates import Rendering
 from linked_fleet_gateway.resources.versioning import Source
-from linked_fleet_gateway.server.exchange import Reply
-from linked_fleet_gateway.server.message_heads import FieldLines, field_block
 from linked_fleet_gateway.subscriptions.live import Live
+from linked_fleet_server.exchange import Reply
+from linked_fleet_server.message_heads import FieldLines, field_block
 
 log = logging.getLogger(__name__)
 
@@ -41,8 +42,8 @@ _PICKED = re.compile(rb"as=[a-z]{1,16}")
 _READ = ("GET", "HEAD")
 _LONGEST_ACCEPT = 256
 _GZIP_LINE = field_block([GZIP])
-Key = tuple[bytes, bytes, str, tuple[View, bool]]
-"""Path, Accept or the query that replaces it, base URL and what the caller may see, the audit log included."""
+Key = tuple[bytes, bytes, str, tuple[View, tuple[str, ...]]]
+"""Path, Accept or the query that replaces it, base URL and what the caller may see, restricted branches included."""
 
 
 class ReadyResponse(Response):
@@ -252,11 +253,16 @@ def _key(scope: Scope) -> Key | None:
     if not arrival.is_plain_read:
         return None
     identity = arrival.authenticated.identity
-    # The fleet links the audit log, for its readers alone (``audit.add_audit_link``).
-    view = identity.visible_robots, scope["raw_path"] == b"/" and identity.has_right(Right.ADMIN, None)
+    # The fleet links restricted branches for their readers alone.
+    view = identity.visible_robots, _branches(scope).restricted_paths(identity) if scope["raw_path"] == b"/" else ()
     query = scope["query_string"]
     asked = b"?" + query if query else arrival.fields.get(b"accept", b"")
     return scope["raw_path"], asked, arrival.base, view
+
+
+def _branches(scope: Scope) -> Branches:
+    branches: Branches = scope["app"].services.live.branches
+    return branches
 
 
 def _is_plain_read(scope: Scope, arrival: Arrival) -> bool:

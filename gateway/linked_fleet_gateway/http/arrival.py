@@ -12,7 +12,7 @@ from starlette.responses import Response
 from starlette.types import Receive, Scope
 
 from linked_fleet_gateway.identity.rights import EVERYBODY, Identity
-from linked_fleet_gateway.server.message_heads import FIELDS, join_fields
+from linked_fleet_server.message_heads import FIELDS, join_fields
 
 
 def _always() -> bool:

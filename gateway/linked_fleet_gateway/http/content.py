@@ -13,6 +13,8 @@ from linked_fleet_gateway.http.representation import etag, not_modified, precond
 from linked_fleet_gateway.http.request import Request
 from linked_fleet_gateway.resources.resource import Resource
 
+_OF_CONTENT = ("content-type", "content-length")
+
 
 @dataclass(frozen=True)
 class Content:
@@ -44,14 +46,24 @@ class Content:
         """Return the content, in gzip if the client prefers that, or 304. Raises PreconditionFailed."""
         coding = preferred_coding(_accepted_codings(request), ("gzip",) if self.coded else ())
         tagged = {**headers, "etag": coded_tag(self.etag, coding)}
-        if not precondition_holds(request.field("if-match"), {self.etag}):
-            raise PreconditionFailed(f"The entity tag of the present content is {self.etag}.")
-        if not_modified(request.field("if-none-match"), tagged["etag"]):
-            del tagged["content-type"]
-            return Response(status_code=304, headers=tagged)
+        if (known := self.known(request, tagged, self.etag)) is not None:
+            return known
         if coding:
             return Response(self.coded, headers=tagged | {"content-encoding": coding})
         return Response(self.body, headers=tagged)
+
+    @staticmethod
+    def known(request: Request, headers: Mapping[str, str], etag: str = "") -> Response | None:
+        """Return 304 if the client has the content with the entity tag in ``headers`` already, else None.
+
+        ``etag`` is that of the content without coding, if it has another. Raises PreconditionFailed.
+        """
+        plain = etag or headers["etag"]
+        if not precondition_holds(request.field("if-match"), {plain}):
+            raise PreconditionFailed(f"The entity tag of the present content is {plain}.")
+        if not not_modified(request.field("if-none-match"), headers["etag"]):
+            return None
+        return Response(status_code=304, headers={name: headers[name] for name in headers if name not in _OF_CONTENT})
 
 
 def _accepted_codings(request: Request) -> bytes:

@@ -33,7 +33,7 @@ from linked_fleet_gateway.resources.html import HtmlWriter
 from linked_fleet_gateway.runtime.log import RequestContext, begin_request, choose_request_id
 from linked_fleet_gateway.runtime.metrics import RequestMetrics
 from linked_fleet_gateway.runtime.tracing import Tracing
-from linked_fleet_gateway.server.exchange import Reply
+from linked_fleet_server.exchange import Reply
 
 
 class RateLimiter:

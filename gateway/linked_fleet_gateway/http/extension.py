@@ -23,7 +23,9 @@ from linked_fleet_gateway.fleet.model import Link, Pose
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.http.arrival import Scheme
 from linked_fleet_gateway.http.request import Request
+from linked_fleet_gateway.http.request_events import RequestEvent, RequestEvents
 from linked_fleet_gateway.http.websocket import WebSocketHandler
+from linked_fleet_gateway.http.writes import PatchReader
 from linked_fleet_gateway.identity.service import Identities
 from linked_fleet_gateway.resources.action_offer import Offer
 from linked_fleet_gateway.resources.branches import Branch, RequestView
@@ -31,7 +33,6 @@ from linked_fleet_gateway.resources.container import Container
 from linked_fleet_gateway.resources.html import HtmlWriter, NavigationEntry
 from linked_fleet_gateway.resources.property import Property
 from linked_fleet_gateway.resources.resource import Resource
-from linked_fleet_gateway.runtime.audit_log import AuditLog
 from linked_fleet_gateway.runtime.table import MAX_RECORDS, StoredRecords, Table
 from linked_fleet_gateway.subscriptions.live import Live
 
@@ -48,7 +49,7 @@ class Core:
 
     live: Live
     actions: Actions
-    audit: AuditLog
+    request_events: RequestEvents
     identities: Identities | None
     redis_url: str
     namespace: str
@@ -136,6 +137,21 @@ class Core:
         which the client knew the fleet: a stop since then takes precedence. Raises FleetError.
         """
         return await invoke(self.actions, offer, base, caller, statements, moment)
+
+    @contextmanager
+    def listening_to_requests(self, listener: Callable[[RequestEvent], None]) -> Iterator[None]:
+        """Call ``listener`` when a request other than a read has been executed, or refused although its resource was
+        found, and when a stream begins or ends, while the context lasts. An error of it is a fault of the extension.
+        """
+        self.request_events.listeners[listener] = self.extension
+        try:
+            yield
+        finally:
+            del self.request_events.listeners[listener]
+
+    def tell_of_request(self, event: RequestEvent) -> None:
+        """Tell those who listen to requests of something that the extension has done in the name of a client."""
+        self.request_events.tell(event)
 
     def running(self, action: str) -> list[Invocation]:
         """Return the invocations of the action at a path that have not ended, at whichever gateway, newest first."""
@@ -289,6 +305,11 @@ class Extension:
     """Further statements about links: functions of robot and link, which return predicates and paths."""
     functions: ClassVar[tuple[type[FleetFunctions], ...]] = ()
     """Functions over the live fleet for query languages. The module of the class is imported by other processes too."""
+    patches: ClassVar[Mapping[str, PatchReader]] = {}
+    """Readers of bodies of PATCH by their media type: functions of body and base IRI, called in a thread if it is long.
+
+    Each returns a function from the triples of a description to the changed ones. Both raise errors of the contract.
+    """
     settings: ClassVar[type[Section] | None] = None
     """Section of settings, with its own prefix."""
     navigation: ClassVar[tuple[NavigationEntry, ...]] = ()

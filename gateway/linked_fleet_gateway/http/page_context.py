@@ -1,7 +1,6 @@
 """What the page of a resource shows of the request and of the gateway."""
 
 from linked_fleet_gateway.http.callers import SUBSCRIPTIONS_RIGHTS
-from linked_fleet_gateway.http.operator_endpoints import store_warning
 from linked_fleet_gateway.http.request import Request
 from linked_fleet_gateway.resources.html import PageContext
 from linked_fleet_gateway.resources.paths import robot_of
@@ -13,7 +12,7 @@ def page_context(request: Request, path: str) -> PageContext:
         request.reader(path),
         _query(request.url.query) if request.scope["query_string"] else "",
         request.caller.has_any_right(SUBSCRIPTIONS_RIGHTS, robot_of(path)),
-        store_warning(request.services),
+        request.services.data_warning(),
     )
 
 

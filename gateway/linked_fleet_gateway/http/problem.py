@@ -14,8 +14,8 @@ from linked_fleet_gateway.rdf.graph import Graph, integer
 from linked_fleet_gateway.rdf.serialise import RDF_TYPES
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, LF, PREFIXES, SH, XSD
 from linked_fleet_gateway.resources.html import HTML, HtmlWriter, Reader
-from linked_fleet_gateway.server.exchange import Reply
-from linked_fleet_gateway.server.message_heads import field_block
+from linked_fleet_server.exchange import Reply
+from linked_fleet_server.message_heads import field_block
 
 # Not those of descriptions, which texts from bodies of requests would displace.
 _templates = FormTemplates(max_characters=1024 * 1024)

@@ -12,7 +12,6 @@ from pyoxigraph import NamedNode
 from starlette.datastructures import MutableHeaders
 from starlette.responses import Response
 
-from linked_fleet_gateway.base.errors import NotAcceptable, PreconditionFailed
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.http.answers import CachedResponse, ReadyResponse
 from linked_fleet_gateway.http.callers import mark_private
@@ -20,7 +19,6 @@ from linked_fleet_gateway.http.fields import Link, field, link_header, parse_pre
 from linked_fleet_gateway.http.negotiation import (
     MOST_BYTES,
     accepts_gzip,
-    choose,
     coded_tag,
     compress,
     is_compressible,
@@ -31,11 +29,10 @@ from linked_fleet_gateway.http.representation import (
     Representation,
     content_type,
     not_modified,
-    precondition_holds,
     typed_links,
 )
 from linked_fleet_gateway.http.request import Request
-from linked_fleet_gateway.http.writes import PATCH_TYPES
+from linked_fleet_gateway.http.writes import patch_types
 from linked_fleet_gateway.rdf.graph import Graph
 from linked_fleet_gateway.rdf.serialise import RDF_TYPES, WriteError
 from linked_fleet_gateway.rdf.templates import Document
@@ -44,9 +41,9 @@ from linked_fleet_gateway.resources.body_values import own_statements
 from linked_fleet_gateway.resources.description import InSteps
 from linked_fleet_gateway.resources.html import HTML, Context, PageContext
 from linked_fleet_gateway.resources.paths import robot_of
-from linked_fleet_gateway.resources.resource import CONTAINER, RemoteMesh, Resource
+from linked_fleet_gateway.resources.resource import CONTAINER, Resource
 from linked_fleet_gateway.resources.templates import Rendering, is_measured
-from linked_fleet_gateway.server.exchange import Reply
+from linked_fleet_server.exchange import Reply
 
 _MINIMAL, _CONTAINMENT = LDP.PreferMinimalContainer.value, LDP.PreferContainment.value
 # A basic container has no membership triples other than containment, so omitting them changes nothing.
@@ -258,24 +255,6 @@ def _cached(request: Request, resource: Resource, media_type: str, written: Docu
     return reply
 
 
-async def read_mesh(request: Request, resource: Resource, remote: RemoteMesh) -> Response:
-    """Answer from the known size and digest, and query the robot only if the bytes are needed."""
-    mesh = remote.mesh
-    etag = f'"{mesh.sha256}"'
-    if choose(field(request, "accept"), (mesh.type,)) is None:
-        raise NotAcceptable(f"Available here: {mesh.type}.", offered=(mesh.type,))
-    if not precondition_holds(field(request, "if-match"), {etag}):
-        raise PreconditionFailed(f"The entity tag of this mesh is {etag}.")
-    headers = resource_headers(resource, request.base, etag) | {"content-security-policy": _NOTHING}
-    if not_modified(field(request, "if-none-match"), etag):
-        return Response(status_code=304, headers=headers)
-    headers |= {"content-type": mesh.type, "content-length": str(mesh.size)} | method_headers(
-        resource, allowed_methods(resource)
-    )
-    content = b"" if request.method == "HEAD" else await request.services.live.meshes.get(remote.robot, mesh)
-    return Response(content, headers=headers)
-
-
 def resource_headers(resource: Resource, base: str, etag: str) -> dict[str, str]:
     """Return the fields of every response to GET of the resource."""
     headers = {
@@ -290,7 +269,10 @@ def resource_headers(resource: Resource, base: str, etag: str) -> dict[str, str]
 
 def allowed_methods(resource: Resource) -> tuple[str, ...]:
     """Return the methods of the resource."""
-    return READ_METHODS if resource.affords is None else (*READ_METHODS, *resource.affords.methods)
+    if resource.affords is None:
+        return READ_METHODS
+    methods = (*READ_METHODS, *resource.affords.methods)
+    return methods if "PATCH" not in methods or patch_types() else tuple(each for each in methods if each != "PATCH")
 
 
 def method_headers(resource: Resource, allow: Sequence[str]) -> dict[str, str]:
@@ -299,7 +281,7 @@ def method_headers(resource: Resource, allow: Sequence[str]) -> dict[str, str]:
     if resource.affords is not None and (taken := resource.affords.body_types):
         fields = {"POST": "accept-post", "PUT": "accept-put"}
         headers |= {fields[method]: ", ".join(taken) for method in allow if method in fields}
-        headers |= {"accept-patch": ", ".join(PATCH_TYPES)} if "PATCH" in allow else {}
+        headers |= {"accept-patch": ", ".join(patch_types())} if "PATCH" in allow else {}
     return headers
 
 

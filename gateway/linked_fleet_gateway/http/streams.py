@@ -7,7 +7,6 @@ from dataclasses import replace
 from starlette.types import Receive, Scope, Send
 
 from linked_fleet_gateway.base.errors import Conflict, NotAcceptable
-from linked_fleet_gateway.http.audit import record_request
 from linked_fleet_gateway.http.callers import require_subtree
 from linked_fleet_gateway.http.event_stream import CACHE_CONTROL, CANCELLED_ID, serve_event_stream
 from linked_fleet_gateway.http.fields import field
@@ -136,14 +135,12 @@ async def _live(
         watcher = subscriptions.streams.open(subscription, outlet, last)
         return watcher
 
-    record_request(
-        connection, "subscribe", 101 if subscription.kind is Kind.WEBSOCKET else 200, subscription_path(subscription)
-    )
+    connection.report("subscribe", 101 if subscription.kind is Kind.WEBSOCKET else 200, subscription_path(subscription))
     try:
         with _guarded(connection, subscription):
             await serve(start)
     finally:
-        record_request(connection, "unsubscribe", None, subscription_path(subscription))
+        connection.report("unsubscribe", None, subscription_path(subscription))
         subscriptions.streams.close(subscription, watcher, reopenable=posted)
 
 

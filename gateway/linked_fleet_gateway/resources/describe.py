@@ -17,7 +17,7 @@ from linked_fleet_gateway.resources.action_offer import Offer, fleet_offers, joi
 from linked_fleet_gateway.resources.annotations import annotate
 from linked_fleet_gateway.resources.invocation import describe_unchecked, unchecked_links
 from linked_fleet_gateway.resources.joint_kinds import kind_of
-from linked_fleet_gateway.resources.paths import joint_path, lease_path, link_path, model_path, robot_path
+from linked_fleet_gateway.resources.paths import joint_path, lease_path, link_path, robot_path
 from linked_fleet_gateway.resources.properties import joint_properties, link_properties, robot_properties
 from linked_fleet_gateway.resources.property import Measurement, Property, added_link_statements
 
@@ -133,7 +133,6 @@ class Describer:
         graph.add(iri, LF.finding, *map(Literal, _all_findings(robot.model)))
         graph.add(iri, LF.baseMobility, Literal(robot.description.base))
         graph.add(iri, LF.rootLink, self.iri(link_path(robot.name, robot.model, robot.model.root)))
-        graph.add(iri, LF.model, self.iri(model_path(robot.name)))
         graph.add(iri, DCTERMS.hasPart, *(self.iri(part) for part in part_paths(robot)))
         self._properties(graph, path, self.robot_properties(robot), None if measurements is None else measurements[:-1])
         for joint in robot.model.joints.values():

@@ -16,11 +16,15 @@ Formats = Mapping[str, tuple[str, str]]
 
 @dataclass(frozen=True)
 class NavigationEntry:
-    """A link on all pages, ordered by ``rank``; the fleet has 0, the audit log 90."""
+    """A link on all pages, ordered by ``rank``; the fleet has 0.
+
+    ``restricted``: only readers who have one of the rights in ``FleetBranch.reading`` of its branch get the link.
+    """
 
     title: str
     path: str
     rank: int = 50
+    restricted: bool = False
 
 
 @dataclass(frozen=True)
@@ -28,12 +32,13 @@ class Reader:
     """The reader of a page.
 
     ``name``: that of the person who has logged in, else empty. ``rights``: over the resource of the page, None if
-    authentication is off. ``may_read_audit``: True if the reader may read the audit log.
+    authentication is off. ``restricted_paths``: those of restricted branches (``FleetBranch.reading``) that the reader
+    may read.
     """
 
     name: str = ""
     rights: tuple[str, ...] | None = None
-    may_read_audit: bool = False
+    restricted_paths: tuple[str, ...] = ()
 
 
 NOBODY = Reader()

@@ -8,7 +8,6 @@ from linked_fleet_gateway.base.contributions import present
 from linked_fleet_gateway.fleet.model import Joint, Link, RobotModel
 from linked_fleet_gateway.fleet.robot import Robot
 
-AUDIT = "/audit"
 _LINK_MARK = "~link"  # no escape, because "~l" is not followed by hexadecimal digits; so it cannot be part of a name
 
 # A robot has over a hundred parts, each named in every description of it, and a fleet names all robots in turn. A cache
@@ -58,16 +57,6 @@ def is_shared(path: str) -> bool:
 def lease_path(robot: str) -> str:
     """Return the path of the control lease of a robot."""
     return robot_path(robot) + "lease"
-
-
-def model_path(robot: str) -> str:
-    """Return the path of the URDF of a robot."""
-    return robot_path(robot) + "model"
-
-
-def mesh_path(robot: str, file_name: str) -> str:
-    """Return the path of a mesh of a robot."""
-    return f"{robot_path(robot)}meshes/{file_name}"
 
 
 def joint_path(robot: str, joint: str) -> str:

@@ -7,8 +7,6 @@ from msgspec import Struct, field
 from msgspec.structs import replace
 from pyoxigraph import Literal, NamedNode
 
-from linked_fleet_agent.wire.messages import Mesh
-from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.rdf.graph import Graph
 from linked_fleet_gateway.rdf.shapes import describe_blueprint
 from linked_fleet_gateway.rdf.vocabulary import LDP
@@ -25,13 +23,6 @@ from linked_fleet_gateway.resources.versioning import Source
 
 _OF_SUBSCRIPTIONS = (Subscribe, ChangeSubscription, ResumeSubscription)
 CONTAINER = (LDP.Resource, LDP.BasicContainer)
-
-
-class RemoteMesh(Struct, frozen=True):
-    """A mesh that must be fetched from ``robot``; its metadata are known."""
-
-    robot: Robot
-    mesh: Mesh
 
 
 class TypedLink(Struct, frozen=True):

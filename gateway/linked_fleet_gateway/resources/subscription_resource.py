@@ -23,7 +23,7 @@ from linked_fleet_gateway.resources.affordance import ChangeSubscription, Resume
 from linked_fleet_gateway.resources.resource import CONTAINER, Resource, blueprint_of
 from linked_fleet_gateway.resources.signature import decode_secret
 from linked_fleet_gateway.resources.subscription import DeliveryState, Depth, Kind, Record, Subscription
-from linked_fleet_gateway.shacl import (
+from linked_fleet_shacl import (
     CompiledGraph,
     CompiledShape,
     Data,

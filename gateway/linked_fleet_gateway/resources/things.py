@@ -18,7 +18,7 @@ from linked_fleet_gateway.resources.branches import Branches, RequestView
 from linked_fleet_gateway.resources.describe import Describer, RobotActivity, last_frame, part_paths
 from linked_fleet_gateway.resources.description import InSteps, MeasuredDescription, run_steps
 from linked_fleet_gateway.resources.invocation import describe_lease, invocation_path
-from linked_fleet_gateway.resources.paths import joint_path, lease_path, link_path, model_path, robot_path
+from linked_fleet_gateway.resources.paths import joint_path, lease_path, link_path, robot_path
 from linked_fleet_gateway.resources.plain_json import add_plain_json
 from linked_fleet_gateway.resources.properties import joint_properties, link_properties
 from linked_fleet_gateway.resources.property import Measurement, Property, Sampler
@@ -95,7 +95,6 @@ class Things:
         path = robot_path(robot.name)
         properties = self.describer.robot_properties(robot) if robot.model else []
         actions = (*(each.path for each in robot_offers(robot)), lease_path(robot.name))
-        actions += (model_path(robot.name),) if robot.model else ()
         branches = self._branches.robot_links(robot, path)
         actions += tuple(found for _, found in branches)
         return Resource(

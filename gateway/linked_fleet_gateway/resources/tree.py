@@ -17,7 +17,7 @@ from linked_fleet_gateway.resources.action_offer import Offer, fleet_offers, joi
 from linked_fleet_gateway.resources.action_tree import invocation_of, resolve_action
 from linked_fleet_gateway.resources.binary_frames import resolve_layout
 from linked_fleet_gateway.resources.branches import NO_BRANCHES, Branches, Found, RequestView
-from linked_fleet_gateway.resources.documents import context_resource, resolve_geometry, vocabulary_resource
+from linked_fleet_gateway.resources.documents import context_resource, vocabulary_resource
 from linked_fleet_gateway.resources.joint_kinds import kind_of
 from linked_fleet_gateway.resources.paths import (
     is_below,
@@ -117,8 +117,7 @@ class Tree:
                 return thing if rest == [""] else self._things.owned_resource(thing, rest, (LF.RobotShape,))
             if (branch := self._branches.robot_branch(robot, rest[0])) is not None:
                 return branch.resolve(self.view, robot, rest[1:])
-            own = self._of_robot(robot, rest) or resolve_geometry(robot, rest, self._base)
-            return own or self._property(
+            return self._of_robot(robot, rest) or self._property(
                 robot, robot_path(robot.name), self._things.describer.robot_properties(robot), rest
             )
         if robot.model is None:

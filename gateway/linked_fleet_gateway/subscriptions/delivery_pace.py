@@ -14,7 +14,7 @@ from contextlib import AsyncExitStack, asynccontextmanager
 from datetime import UTC
 from email.utils import parsedate_to_datetime
 
-from linked_fleet_gateway.base.addresses import network_of
+from linked_fleet_server.addresses import network_of
 
 FIRST_DELAY_S = 0.5
 MAX_DELAY_S = 300.0

@@ -18,7 +18,6 @@ from linked_fleet_gateway.fleet.presence import Run, SilentRuns
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.identity.rights import ALL, View
 from linked_fleet_gateway.link.fleet_link import FleetLink
-from linked_fleet_gateway.link.meshes import Meshes
 from linked_fleet_gateway.link.transport import Session
 from linked_fleet_gateway.resources.branches import Branch, Branches
 from linked_fleet_gateway.resources.invocation import invocation_path, invocations_path
@@ -72,7 +71,6 @@ class Live:
             lambda robot, progress: self.on_progress(robot, progress),
             self.fleet.frames,
         )
-        self.meshes = Meshes(self.link.mesh)
 
     @property
     def accepted_frames(self) -> int:
@@ -150,7 +148,6 @@ class Live:
         self._sweeping.cancel()
         self._unchecked.clear()
         self.fleet.frames.reader.close()
-        self.meshes.close()
         await self.link.__aexit__(kind, error, trace)
 
     def tree(self, base: str, view: View = ALL, subscriptions: SubscriptionsByOwner = NO_SUBSCRIPTIONS) -> Tree:

@@ -120,6 +120,7 @@ class HistorySettings(Section):
 
 class HistoryExtension(Extension):
     name = "history"
+    needs = ("models",)
     vocabulary = (Path(__file__).with_name("vocabulary.ttl"),)
     shapes = (Path(__file__).with_name("shapes.ttl"),)
     at_root = ("history",)

@@ -52,8 +52,8 @@ from linked_fleet_gateway.extensions.history.track import (
     link_series,
     samples,
 )
-from linked_fleet_gateway.faces import Describer, DescriptionTemplate, kind_of, mesh_path
-from linked_fleet_gateway.fleet.geometry import SUFFIXES, file_name, urdf_with_mesh_addresses
+from linked_fleet_gateway.extensions.models.geometry import SUFFIXES, file_name, mesh_path, urdf_with_mesh_addresses
+from linked_fleet_gateway.faces import Describer, DescriptionTemplate, kind_of
 from linked_fleet_gateway.fleet.model import Joint
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.rdf.graph import SECOND, Graph

@@ -36,7 +36,6 @@ from linked_fleet_gateway.extensions.openapi.operations import (
     error_responses,
     get_operation,
     path_item,
-    rdf_get_operation,
     write_operation,
 )
 from linked_fleet_gateway.extensions.openapi.paths import FleetPaths, capitalized
@@ -173,7 +172,6 @@ def _own_paths() -> dict[str, Json]:
     described: Json = {TYPE: {"schema": {"type": "object", "required": ["openapi"]}}, JSON: {}}
     return {
         PATH: path_item({}, get=get_operation("readOpenApi", "This description", described)),
-        "/audit": path_item({}, get=rdf_get_operation("readAudit", "Commands and changes, newest first")),
         "/health/live": path_item({}, get=write_operation("readLive", "The process serves", live)),
     }
 

@@ -8,6 +8,7 @@ from typing import Any
 
 from linked_fleet_gateway.faces import Json
 from linked_fleet_gateway.rdf.serialise import JSON
+from linked_fleet_gateway.serving import patch_types
 
 JSONLD, TURTLE, _UPDATE = "application/ld+json", "text/turtle", "application/sparql-update"
 Parameters = Mapping[str, Json]
@@ -86,9 +87,9 @@ def write_operation(
 def patch_operation(
     id: str, summary: str, fields: Sequence[str] = ("IfMatch",), responses: Json = CHANGED_RESPONSE
 ) -> Json:
-    """Return PATCH by a SPARQL update, whose grammar no schema can express."""
-    body = {_UPDATE: {"schema": {"type": "string", "minLength": 1}}}
-    return write_operation(id, summary, responses, body, [header_ref(each) for each in fields])
+    """Return PATCH by a text, whose grammar no schema can express; empty if no extension reads patches."""
+    body = {each: {"schema": {"type": "string", "minLength": 1}} for each in patch_types()}
+    return {} if not body else write_operation(id, summary, responses, body, [header_ref(each) for each in fields])
 
 
 def creation_responses(description: str) -> Json:
@@ -128,12 +129,14 @@ def parameter(name: str, location: str, schema: Json, description: str = "", req
 
 
 def path_item(parameters: Parameters, **methods: Json) -> Json:
-    """Return the methods of one path. The first values of all parameters' enums, as examples, name one resource."""
+    """Return the methods of one path that are not empty. The first values of all parameters' enums, as examples, name
+    one resource.
+    """
     said = [
         parameter(name, "path", schema, required=True) | ({"example": schema["enum"][0]} if "enum" in schema else {})
         for name, schema in parameters.items()
     ]
-    return ({"parameters": said} if said else {}) | methods
+    return ({"parameters": said} if said else {}) | {name: each for name, each in methods.items() if each}
 
 
 FORMAT_DESCRIPTION = "The format; without it, Accept picks one, and Turtle is sent to who says nothing."

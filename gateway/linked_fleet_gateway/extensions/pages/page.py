@@ -57,7 +57,7 @@ def write_problem(
         detail=texts.readable_title(error.detail, root) if root else error.detail,
         instance=instance,
         root=root,
-        places=places(address.path if address else None, bool(reader and reader.may_read_audit)),
+        places=places(address.path if address else None, reader.restricted_paths if reader else ()),
         reader=reader,
         members={name: value for name, value in error.members.items() if value},
         report=report,

@@ -274,38 +274,3 @@ def position(value: float, unit: str) -> str:
         return "an unknown position"
     shown = converted(value, unit) or f"{number(value)} {unit}".rstrip()
     return shown.replace("-", "\N{MINUS SIGN}")
-
-
-# -- the audit ------------------------------------------------------------------------------------------------------
-
-_DONE = {
-    "PUT": "set",
-    "POST": "add to",
-    "PATCH": "change",
-    "DELETE": "delete",
-    "subscribe": "subscribe to",
-    "unsubscribe": "end a subscription to",
-}
-
-
-def audit_text(what: str, path: str) -> str:
-    """Describe an audited request in words; ``what`` is its method, or the event of a stream."""
-    found = segments(path, "/")
-    if what == "RULE":
-        return f"by a rule: {task(path, '/')}"
-    if _ACTIONS in found[:-1] and what in ("PUT", "POST"):
-        return task(path, "/")
-    if what == "DELETE" and "invocations" in found[:-1]:
-        return f"stop {task(path, '/')}"
-    if what == "POST" and found[-1:] == ["subscriptions"]:
-        return f"subscribe to {thing('/'.join(found[:-1]), '/')}"
-    return f"{_DONE.get(what, term_in_words(what))} {thing(path, '/')}"
-
-
-def outcome(status: int | None) -> tuple[str, str]:
-    """Return the outcome of a request in words and as a state; ``status`` is None without a response."""
-    if status is None:
-        return "ended", "idle"
-    if status < 400:
-        return "done", "succeeded"
-    return (f"refused ({status})", "cancelled") if status < 500 else (f"failed ({status})", "failed")

@@ -182,7 +182,7 @@ def robot(facts: Facts, iri: NamedNode) -> Part:
         "pose": facts.iri_of(iri, LF.pose),
         "placement": facts.iri_of(iri, LF.placement),
         "objects": constant("objects"),
-        "model": path_below(getattr(facts.one(iri, LF.model), "value", f"{iri.value}model"), facts.root),
+        "model": _model(facts, iri),
         "tasks": [facts.link(each) for each in facts.all(iri, LF.currentTask) if isinstance(each, NamedNode)],
         "panel": panel,
         "actions": robot_panel.other_actions(actions(facts, iri), panel),
@@ -256,6 +256,13 @@ def _pose(facts: Facts, node: Term) -> NamedPose:
         if isinstance(joint := facts.one(each, LF.ofJoint), NamedNode)
     ]
     return NamedPose(facts.text(node, DCTERMS.title) if isinstance(node, BlankNode) else "", targets)
+
+
+def _model(facts: Facts, iri: NamedNode) -> str:
+    """Return the path of the model, also of one that is still to come; empty if a described robot has none."""
+    stated = facts.one(iri, LF.model)
+    awaited = facts.one(iri, LF.rootLink) is None
+    return path_below(getattr(stated, "value", f"{iri.value}model"), facts.root) if stated or awaited else ""
 
 
 def _first(facts: Facts, subject: Term | None, predicate: NamedNode) -> Value | None:

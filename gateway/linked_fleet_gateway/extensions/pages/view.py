@@ -11,7 +11,7 @@ from pyoxigraph import NamedNode, Triple
 from linked_fleet_gateway.base.contributions import present
 from linked_fleet_gateway.extensions.pages import action_views, texts
 from linked_fleet_gateway.extensions.pages import thing_views as things
-from linked_fleet_gateway.extensions.pages.root_views import audit, fleet, vocabulary
+from linked_fleet_gateway.extensions.pages.root_views import fleet, vocabulary
 from linked_fleet_gateway.extensions.pages.thing_views import DescribedSubject, describe_subject
 from linked_fleet_gateway.extensions.pages.values import Facts, Link, Row
 from linked_fleet_gateway.extensions.pages.views import LF, Part, Place, added_views, files_of, places
@@ -24,7 +24,6 @@ log = logging.getLogger(__name__)
 # The first type of a resource found in this order decides its kind.
 _KINDS: Mapping[NamedNode, tuple[str, Callable[[Facts, NamedNode], Part]]] = {
     LF.Fleet: ("fleet", fleet),
-    LF.Audit: ("audit", audit),
     LF.InvocationList: ("invocations", action_views.invocations),
     OWL.Ontology: ("vocabulary", vocabulary),
     LF.Robot: ("robot", things.robot),
@@ -140,7 +139,7 @@ def view_of(
         others=[
             describe_subject(facts, each) for each in facts.outline.headings if each != iri and each not in part.done
         ],
-        places=places(resource.path, context.reader.may_read_audit, root=facts.root),
+        places=places(resource.path, context.reader.restricted_paths, root=facts.root),
         warning=context.warning,
         scripts=[each for each in files if each.endswith(".js")],
         styles=[each for each in files if each.endswith(".css")],

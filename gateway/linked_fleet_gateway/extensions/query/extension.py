@@ -39,9 +39,10 @@ from linked_fleet_gateway.extensions.query.description import (
 )
 from linked_fleet_gateway.extensions.query.operations import operations
 from linked_fleet_gateway.extensions.query.service import JSON_RESULTS, Queries
+from linked_fleet_gateway.extensions.query.sparql_syntax import Dataset, Query, parse_query
 from linked_fleet_gateway.faces import HTML
 from linked_fleet_gateway.rdf.serialise import RDF_TYPES
-from linked_fleet_gateway.rdf.sparql_syntax import MAX_QUERY_BYTES, Dataset, Query, parse_query
+from linked_fleet_gateway.rdf.sparql_tokens import MAX_QUERY_BYTES
 from linked_fleet_gateway.serving import await_preconditions, problem, read_body
 
 if TYPE_CHECKING:

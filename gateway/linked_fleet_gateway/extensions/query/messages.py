@@ -85,7 +85,7 @@ class QueryRequest(Struct, frozen=True, kw_only=True):
 
     news: News
     query: str
-    navigation: list[tuple[str, str, int]] = []
+    navigation: list[tuple[str, str, int, bool]] = []
     """Navigation entries of extensions on result pages: title, path and rank."""
     reader: Reader = Reader()
     base: str

@@ -17,9 +17,9 @@ from pyoxigraph import (
 from linked_fleet_gateway.api import NavigationEntry
 from linked_fleet_gateway.extensions.query.messages import HypotheticalRobot, QueryRequest
 from linked_fleet_gateway.extensions.query.process import Feed, QueryProcess
+from linked_fleet_gateway.extensions.query.sparql_syntax import Dataset, Query, check_select, parse_query
 from linked_fleet_gateway.extensions.query.turns import FairTurns
 from linked_fleet_gateway.faces import HTML, Reader, View
-from linked_fleet_gateway.rdf.sparql_syntax import Dataset, Query, check_select, parse_query
 from linked_fleet_gateway.serving import Live
 
 LIMIT_S = 5.0
@@ -39,7 +39,7 @@ class Queries:
     def __init__(self, live: Live, limit_s: float = LIMIT_S, navigation: Sequence[NavigationEntry] = ()) -> None:
         """Create the service; ``navigation`` are the entries of extensions for result pages."""
         self._live, self._limit_s = live, limit_s
-        self._navigation = [(each.title, each.path, each.rank) for each in navigation]
+        self._navigation = [(each.title, each.path, each.rank, each.restricted) for each in navigation]
         self._turns = FairTurns()
         self._process = QueryProcess(
             lambda: Feed(live.fleet, live.invocations, lambda robot, path: live.branches.robot_links(robot, path))

@@ -24,6 +24,7 @@ from linked_fleet_gateway.base.errors import (
     PreconditionFailed,
     UnprocessableContent,
 )
+from linked_fleet_gateway.extensions.query.sparql_syntax import bound_iris
 from linked_fleet_gateway.extensions.rules.description import ChangeRule, MakeRule, rule_path
 from linked_fleet_gateway.extensions.rules.request import (
     CONTAINER,
@@ -37,7 +38,7 @@ from linked_fleet_gateway.extensions.rules.service import Rules
 from linked_fleet_gateway.extensions.rules.store import Changed, FleetFull, Full
 from linked_fleet_gateway.extensions.rules.template import LF
 from linked_fleet_gateway.faces import Claims, Identity
-from linked_fleet_gateway.rdf.sparql_syntax import MAX_QUERY_BYTES, bound_iris
+from linked_fleet_gateway.rdf.sparql_tokens import MAX_QUERY_BYTES
 from linked_fleet_gateway.serving import check_acceptable, convert_body, created_response, parse_body
 
 

@@ -9,7 +9,7 @@ from dataclasses import replace
 from types import TracebackType
 from typing import Self
 
-from linked_fleet_gateway.api import Core, Resource, cancel_tasks, supervised
+from linked_fleet_gateway.api import Core, RequestEvent, Resource, cancel_tasks, supervised
 from linked_fleet_gateway.base.errors import RedisUnavailable
 from linked_fleet_gateway.extensions.rules.description import firings_path, rule_path
 from linked_fleet_gateway.extensions.rules.edges import ChangeNotifier
@@ -44,7 +44,7 @@ class Rules:
         creator_of: Callable[[Rule], Identity],
         limit: int,
     ) -> None:
-        self._live, self._store, self._audit, self.limit = core.live, store, core.audit, limit
+        self._live, self._store, self._tell, self.limit = core.live, store, core.tell_of_request, limit
         self.bases = core.public_urls
         """The public URLs of the fleet."""
         self.check = check
@@ -231,8 +231,8 @@ class Rules:
     def _noted(self, rule: Rule, number: int, firing: Firing) -> None:
         target = f"{firings_path(rule)}/{number}"
         robot = target_robot(rule, firing)
-        status = {FiringState.ACCEPTED: "202", FiringState.UNKNOWN: "504"}.get(firing.state, "409")
-        self._audit.record(rule.creator or rule.client, "RULE", target, robot, status, "", firing.invocation)
+        status = {FiringState.ACCEPTED: 202, FiringState.UNKNOWN: 504}.get(firing.state, 409)
+        self._tell(RequestEvent(rule.creator or rule.client, "RULE", target, robot, status, created=firing.invocation))
 
 
 def _reason_of_stop(rule: Rule, robots: Collection[str] | None) -> str:

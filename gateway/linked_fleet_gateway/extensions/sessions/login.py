@@ -10,6 +10,7 @@ import math
 import secrets
 import time
 from base64 import urlsafe_b64encode
+from collections.abc import Sequence
 from hashlib import sha256
 from hmac import compare_digest
 from typing import Any
@@ -18,7 +19,6 @@ from urllib.parse import parse_qs, quote, urlencode
 from starlette.responses import RedirectResponse, Response
 
 from linked_fleet_gateway.api import Request, Right
-from linked_fleet_gateway.base.addresses import network_of
 from linked_fleet_gateway.base.errors import (
     BadRequest,
     FleetError,
@@ -34,6 +34,7 @@ from linked_fleet_gateway.extensions.sessions.sealed_cookie import SESSION_S, Pe
 from linked_fleet_gateway.extensions.sessions.service import Sessions
 from linked_fleet_gateway.faces import Claims, Credential, Identity
 from linked_fleet_gateway.serving import BadToken, Issuer, IssuerFailed, TokenBuckets, arrival_of, read_body
+from linked_fleet_server.addresses import network_of
 
 
 class TooManyLogins(FleetError):
@@ -79,7 +80,9 @@ class Login:
             return await self._return(request, sessions)
         if method == "POST":
             return await self._with_token(request, sessions)
-        return _page(sessions, _path(request.query_params.get("then")), request.caller)
+        return _page(
+            sessions, _path(request.query_params.get("then")), request.caller, restricted_paths=request.restricted_paths
+        )
 
     def _failed(self, request: Request, error: BadToken) -> None:
         """Count a failed login and log it. Raises TooManyLogins beyond the limit of the address.
@@ -219,6 +222,7 @@ def _page(
     wrong: str = "",
     status: int = 200,
     failed: str = "",
+    restricted_paths: Sequence[str] = (),
 ) -> Response:
     """Render the page; ``wrong`` is an error of the entered token, ``failed`` one of a login at an issuer."""
     issuers = [
@@ -229,7 +233,7 @@ def _page(
     known = caller is not None and bool(caller.name)
     page = render(
         "login.html",
-        places=places(None, caller.has_any_right((Right.ADMIN,), None) if caller else False) if known else [],
+        places=places(None, restricted_paths) if known else [],
         name=caller.name if caller else "",
         rights=_rights(caller) if caller else [],
         issuers=issuers,

@@ -20,6 +20,7 @@ from typing import Self
 from linked_fleet_agent.wire.messages import Follow, Move
 from linked_fleet_gateway.api import Motion
 from linked_fleet_gateway.base.errors import Busy
+from linked_fleet_gateway.extensions.models.meshes import Meshes
 from linked_fleet_gateway.extensions.world.collisions import Collisions, Unchecked
 from linked_fleet_gateway.extensions.world.messages import (
     Check,
@@ -130,6 +131,7 @@ class Checks:
     def __init__(
         self,
         live: Live,
+        meshes: Meshes,
         objects: Mapping[str, SceneObject],
         folder: Path,
         collisions: Collisions | None = None,
@@ -137,7 +139,7 @@ class Checks:
     ) -> None:
         self._live, self._objects = live, objects
         self._checker = Checker(folder, idle_s)
-        self._preparation = Preparation(live, self._checker)
+        self._preparation = Preparation(live, meshes, self._checker)
         self._collisions = collisions or Collisions(live.fan_out.mark_changed)
         self._refusals = Refusals(live.fleet.robots, objects)
         self._waiting = self._early = 0

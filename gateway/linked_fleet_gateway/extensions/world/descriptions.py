@@ -13,6 +13,7 @@ from pyoxigraph import Literal, NamedNode, Triple
 from linked_fleet_gateway.api import Body, link_path, robot_path
 from linked_fleet_gateway.base.errors import UnprocessableContent
 from linked_fleet_gateway.base.faults import Faults
+from linked_fleet_gateway.extensions.models.geometry import model_path
 from linked_fleet_gateway.extensions.world.placement import (
     LF,
     PLACEMENT,
@@ -33,7 +34,7 @@ from linked_fleet_gateway.extensions.world.scene import (
     TriangleMesh,
     read_stl,
 )
-from linked_fleet_gateway.faces import Form, RelativePose, form_of, model_path, validate_body
+from linked_fleet_gateway.faces import Form, RelativePose, form_of, validate_body
 from linked_fleet_gateway.fleet.model import Pose
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.rdf.graph import METRE, Graph, Node

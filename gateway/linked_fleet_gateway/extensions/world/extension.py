@@ -25,6 +25,7 @@ from linked_fleet_gateway.api import (
     read_resource,
 )
 from linked_fleet_gateway.base.errors import BadRequest, NotFound
+from linked_fleet_gateway.extensions.models.meshes import Meshes
 from linked_fleet_gateway.extensions.world.descriptions import (
     OBJECTS,
     POSES,
@@ -136,6 +137,7 @@ PREPARING = "the shapes of robots are being prepared for the check of their moti
 
 class WorldExtension(Extension):
     name = "world"
+    needs = ("models",)
     guards_motions = True
     at_root = ("world",)
     in_robot = ("placement",)
@@ -155,7 +157,8 @@ class WorldExtension(Extension):
 
     @asynccontextmanager
     async def start(self, core: Core) -> AsyncIterator[Mount]:
-        async with World(core.live, core.redis_url, core.namespace, core.state_path / "meshes") as world:
+        meshes, folder = core.service(Meshes), core.state_path / "meshes"
+        async with World(core.live, meshes, core.redis_url, core.namespace, folder) as world:
             yield Mount(
                 branches=(world.branch,),
                 readers={PoseQuery: partial(read_pose, world)},

@@ -28,6 +28,7 @@ LF = CORE.extended(
     " WorldShape PlacementShape PlacementInput SceneObjectShape SceneObjectsShape SceneObjectInput"
     " PoseInFrameShape PoseInFrame world placement inFrame poseOf objects poses geometry size radius"
     " length stl Collisions Collision CollisionsShape collisions collision meets collisionFree acceptsUnchecked"
+    " model mesh"
 )
 
 log = logging.getLogger(__name__)

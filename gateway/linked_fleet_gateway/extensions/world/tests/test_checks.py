@@ -16,6 +16,7 @@ from linked_fleet_agent.wire.messages import Description, Mesh, Move, State
 from linked_fleet_gateway.actions.plan import TIME_TO_LIVE_NS, Motion, RobotTime, build_command
 from linked_fleet_gateway.app.application import create_live
 from linked_fleet_gateway.app.settings import GatewaySettings
+from linked_fleet_gateway.extensions.models.meshes import Meshes
 from linked_fleet_gateway.extensions.world import checks
 from linked_fleet_gateway.extensions.world.checks import Checks
 from linked_fleet_gateway.extensions.world.collisions import Collides, Unchecked, UncheckedLinks
@@ -29,7 +30,6 @@ from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.fleet.unchecked import Finding, UncheckedLink
 from linked_fleet_gateway.identity.rights import ALL, View
 from linked_fleet_gateway.link.fleet_link import NoAnswer
-from linked_fleet_gateway.link.meshes import Meshes
 from linked_fleet_gateway.runtime.worker import Worker
 from meshes import channel, stl
 from virtual.zenoh_network import ZenohNetwork
@@ -55,9 +55,8 @@ class Scene:
 
     def __init__(self, folder: Path, idle_s: float = Worker.IDLE_S) -> None:
         self.live = create_live(GatewaySettings(), ZenohNetwork().gateway("g"))
-        self.live.meshes = Meshes(self._ask)
         self.objects: dict[str, SceneObject] = {}
-        self.checks = Checks(self.live, self.objects, folder, idle_s=idle_s)
+        self.checks = Checks(self.live, Meshes(self._ask), self.objects, folder, idle_s=idle_s)
         self.asked: dict[str, asyncio.Event] = {}
         self.let: dict[str, asyncio.Event] = {}
         self.silent: set[str] = set()
