@@ -41,12 +41,12 @@ from linked_fleet_gateway.runtime.metrics import RequestMetrics
 from linked_fleet_gateway.runtime.store_marker import LOST_DATA, StoreMarker
 from linked_fleet_gateway.runtime.tracing import Tracing
 from linked_fleet_gateway.subscriptions.live import Live
-from linked_fleet_gateway.subscriptions.network import Network
 from linked_fleet_gateway.subscriptions.service import Subscriptions, new_run_name
 from linked_fleet_gateway.subscriptions.store import SubscriptionStore
 from linked_fleet_server.connection_limits import Sockets, limit_to_file_descriptors
 from linked_fleet_shacl import Compiler, Unsupported
 from linked_fleet_valkey.server import EmbeddedRedis
+from linked_fleet_webhooks.network import Network
 
 
 def check_shapes() -> None:

@@ -34,9 +34,9 @@ from linked_fleet_gateway.resources.resource import Resource
 from linked_fleet_gateway.resources.subscription import Delivery, DeliveryState, Depth, Kind, Record, Subscription
 from linked_fleet_gateway.resources.subscription_resource import SubscriptionRequest as Wanted
 from linked_fleet_gateway.resources.subscription_resource import container_path, read_request, subscription_path
-from linked_fleet_gateway.subscriptions.network import ForbiddenHost, check_callback_url
 from linked_fleet_gateway.subscriptions.service import Subscriptions
 from linked_fleet_gateway.subscriptions.store import SubscriptionLimitReached, SubscriptionNotHeld
+from linked_fleet_webhooks.network import ForbiddenHost, check_callback_url
 
 OPTIONS = ("depth", "interval", "deadband", "last-event-id")
 MAX_INTERVAL_S = 86_400.0

@@ -8,7 +8,7 @@ change. ``description``: how they are described; ``templates``: documents into w
 ``action_offer``, ``shape_parameters``, ``joint_limits``: kinds of actions, the things that offer them, and the parts of
 their shapes that depend on the robot. ``body_values``: bodies as typed values in SI units. ``settable``,
 ``annotations``: values that clients may set. ``json_form``, ``plain_json``: JSON derived from shapes.
-``binary_frames``: frames and their layouts. ``subscription``, ``subscription_change``, ``signature``: the data of a
-subscription, its changes, and signed deliveries. ``relative_poses``: poses of things relative to each other.
-``html``: the interface of the extension that renders pages.
+``binary_frames``: frames and their layouts. ``subscription``, ``subscription_change``: the data of a
+subscription, and its changes. ``relative_poses``: poses of things relative to each other. ``html``: the interface of
+the extension that renders pages.
 """

@@ -5,7 +5,7 @@ check). Therefore a host is resolved once, each of its addresses is judged here,
 those.
 """
 
-# ruff: noqa: N818  (named for what is the case, as in linked_fleet_gateway.base.errors)
+# ruff: noqa: N818  (named for what is the case)
 
 import asyncio
 import ipaddress

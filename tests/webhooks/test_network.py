@@ -14,7 +14,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from linked_fleet_gateway.subscriptions.network import (
+from linked_fleet_webhooks.network import (
     Address,
     ForbiddenHost,
     Lookup,

@@ -5,8 +5,8 @@ from collections.abc import Awaitable, Callable, Sequence
 
 import pytest
 
-from linked_fleet_gateway.subscriptions import delivery_pace as handshakes_module
-from linked_fleet_gateway.subscriptions.delivery_pace import ConsentThrottle
+from linked_fleet_webhooks import delivery_pace as handshakes_module
+from linked_fleet_webhooks.delivery_pace import ConsentThrottle
 
 HOUR_S = 3600.0
 

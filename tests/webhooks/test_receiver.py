@@ -9,8 +9,8 @@ from typing import TypeVar
 
 import pytest
 
-from linked_fleet_gateway.subscriptions.network import ForbiddenHost, Lookup, Network, system_lookup
-from linked_fleet_gateway.subscriptions.receiver import ConsentResponse, DeliveryOutcome, NoConsent, Receiver, Verdict
+from linked_fleet_webhooks.network import ForbiddenHost, Lookup, Network, system_lookup
+from linked_fleet_webhooks.receiver import ConsentResponse, DeliveryOutcome, NoConsent, Receiver, Verdict
 from receivers import Answer, consents, receiving, redirect, retry_after
 from receivers import Receiver as CallbackReceiver
 from running import free_port

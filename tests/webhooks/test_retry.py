@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from linked_fleet_gateway.subscriptions.delivery_pace import MAX_DELAY_S, MAX_RETRY_AFTER_S, backoff_s, retry_after_s
+from linked_fleet_webhooks.delivery_pace import MAX_DELAY_S, MAX_RETRY_AFTER_S, backoff_s, retry_after_s
 
 NOW_S = datetime(1994, 11, 6, 8, 49, 7, tzinfo=UTC).timestamp()
 

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from linked_fleet_gateway.subscriptions.network import Network
-from linked_fleet_gateway.subscriptions.receiver import DeliveryOutcome, Receiver, Verdict
+from linked_fleet_webhooks.network import Network
+from linked_fleet_webhooks.receiver import DeliveryOutcome, Receiver, Verdict
 from receivers import receiving
 
 pytestmark = pytest.mark.processes

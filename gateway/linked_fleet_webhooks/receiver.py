@@ -4,7 +4,7 @@ It works below ``httpx.AsyncClient`` on purpose: this layer keeps no cookies, fo
 from the environment and logs no URL, whose query may be a secret.
 """
 
-# ruff: noqa: N818  (named for what is the case, as in linked_fleet_gateway.base.errors)
+# ruff: noqa: N818  (named for what is the case)
 
 import asyncio
 import importlib.metadata
@@ -14,11 +14,11 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 from functools import cache
-from typing import TYPE_CHECKING
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
 
-from linked_fleet_gateway.base.lazy_imports import LazyModule
-from linked_fleet_gateway.subscriptions.delivery_pace import ConsentThrottle, retry_after_s
-from linked_fleet_gateway.subscriptions.network import (
+from linked_fleet_webhooks.delivery_pace import ConsentThrottle, retry_after_s
+from linked_fleet_webhooks.network import (
     Address,
     ForbiddenHost,
     Network,
@@ -29,7 +29,16 @@ from linked_fleet_gateway.subscriptions.network import (
 if TYPE_CHECKING:
     import httpx
 else:
-    httpx = LazyModule("httpx")
+
+    class _Httpx:
+        """The module httpx, imported when it is first used: many gateways have no callbacks."""
+
+        def __getattr__(self, name: str) -> Any:
+            value = getattr(import_module("httpx"), name)
+            setattr(self, name, value)
+            return value
+
+    httpx = _Httpx()
 
 TIMEOUT_S = 10.0
 MAX_READ_BYTES = 4096
