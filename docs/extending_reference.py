@@ -36,12 +36,6 @@ _CHOSEN = {
          "affords", "documents", "remote", "file_names", "immutable",
          "publishes_changes", "replace", "full_graph"), "",
     ),
-    "Actions": {
-        "plan": "", "compute": "", "start": "", "halt": "",
-        "operations": "`operate` carries out an `Operation`.",
-        "on_stop": "Called with the stopped robots (None: all) whenever somebody stops robots.",
-    },
-    "Branches": dict.fromkeys(("fleet_branch", "fleet_links", "containers", "graphs", "poses"), ""),
     "Identities": {
         "roster": "The contents of the file of identities.", "bearer": "", "identity_of": "", "keys": "", "verify": "",
         "web": "HTTP requests to issuers.", "end_revoked": "",
