@@ -34,7 +34,7 @@ from linked_fleet_gateway.resources.html import HtmlWriter, NavigationEntry
 from linked_fleet_gateway.resources.property import Property
 from linked_fleet_gateway.resources.resource import Resource
 from linked_fleet_gateway.runtime.table import MAX_RECORDS, StoredRecords, Table
-from linked_fleet_gateway.subscriptions.live import Live
+from linked_fleet_gateway.subscriptions.live import Live, name_of
 
 Reader = Callable[[Request, Resource, Any], Awaitable[ASGIApp]]
 """Answers GET of a resource; the last argument is its ``remote``."""
@@ -115,13 +115,19 @@ class Core:
     def listening_to_stops(self, listener: Callable[[Collection[str] | None], None]) -> Iterator[None]:
         """Call ``listener`` with the robots (None: all) that a client stops, before the stop is sent.
 
-        Stops of rules, and of single joints, are not included. An error of it does not keep the stop from its robots.
+        Stops of rules, and of single joints, are not included. An error of it is a fault of the extension, and does not
+        keep the stop from its robots.
         """
-        self.actions.stop_listeners.append(listener)
+
+        def hear(robots: Collection[str] | None) -> None:
+            with self.faults.guard("listeners", thing=name_of(listener)):
+                listener(robots)
+
+        self.actions.stop_listeners.append(hear)
         try:
             yield
         finally:
-            self.actions.stop_listeners.remove(listener)
+            self.actions.stop_listeners.remove(hear)
 
     async def invoke(
         self,

@@ -168,7 +168,7 @@ class Live:
 
         It is given the robot's name for a frame, even if no value changed, and None for anything else.
         """
-        name = _name_of(listener)
+        name = name_of(listener)
         self.fan_out.listeners[listener] = lambda error: self.faults.note("listeners", error, thing=name)
         self.fleet.frames.has_listeners = True
 
@@ -183,7 +183,7 @@ class Live:
         It is always given the same object, whose fields change. Invocations of other gateways are included, and at the
         start those that Redis has kept, most of which ended long ago.
         """
-        self._invocation_listeners[listener] = _name_of(listener)
+        self._invocation_listeners[listener] = name_of(listener)
 
     def remove_invocation_listener(self, listener: Callable[[Invocation], None]) -> None:
         """Remove a listener; does nothing if it is not registered."""
@@ -293,5 +293,6 @@ class Live:
         return changed
 
 
-def _name_of(listener: Callable[..., object]) -> str:
+def name_of(listener: Callable[..., object]) -> str:
+    """Return the name of a listener in faults."""
     return f"{getattr(listener, '__module__', '')}.{getattr(listener, '__qualname__', type(listener).__name__)}"
