@@ -32,12 +32,12 @@ from linked_fleet_gateway.http.scheduling import Offload, bucket_key
 from linked_fleet_gateway.http.streams import wants_events
 from linked_fleet_gateway.identity.rights import Right
 from linked_fleet_gateway.rdf.graph import Graph
-from linked_fleet_gateway.rdf.json_input import ParseError, load_json
 from linked_fleet_gateway.rdf.serialise import JSON
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, RDFS
 from linked_fleet_gateway.resources.branches import FleetBranch, Found, RequestView
 from linked_fleet_gateway.resources.resource import Resource
 from linked_fleet_gateway.runtime.background import cancel_tasks
+from linked_fleet_rdf.json_input import ParseError, load_json
 
 PATH, _TITLE = "/mcp", "Model Context Protocol"
 

@@ -21,9 +21,9 @@ from linked_fleet_gateway.extensions.pages.view import view_of
 from linked_fleet_gateway.extensions.pages.views import added_views, places
 from linked_fleet_gateway.http.html import Formats, Reader
 from linked_fleet_gateway.http.representation import FORMATS
-from linked_fleet_gateway.rdf import jsonld
 from linked_fleet_gateway.rdf.vocabulary import PREFIXES
 from linked_fleet_gateway.resources.resource import Resource
+from linked_fleet_rdf import jsonld
 
 if TYPE_CHECKING:
     import jinja2
