@@ -16,11 +16,19 @@ FOLDERS = {
     "linked_fleet_agent": "agents", "linked_fleet_gateway": "gateway", "linked_fleet_client": "client",
     "linked_fleet_doctor": "gateway", "linked_fleet_server": "gateway", "linked_fleet_valkey": "gateway",
     "linked_fleet_shacl": "gateway", "linked_fleet_webhooks": "gateway",
+    "linked_fleet_rdf": "gateway",
     "linked_fleet_demo": "demo", "bench": ".", "fuzzing": "tests",
 }  # fmt: skip
 """The folder of each package."""
 SERVER = "linked_fleet_server"
-BESIDE = (SERVER, "linked_fleet_shacl", "linked_fleet_valkey", "linked_fleet_webhooks", "linked_fleet_doctor")
+BESIDE = (
+    SERVER,
+    "linked_fleet_rdf",
+    "linked_fleet_shacl",
+    "linked_fleet_valkey",
+    "linked_fleet_webhooks",
+    "linked_fleet_doctor",
+)
 """Packages beside the gateway: those that it uses, and the checks that use it."""
 ROOMS = (
     "base", "rdf", "runtime", "server", "fleet", "identity", "resources", "link", "subscriptions", "actions",

@@ -17,6 +17,7 @@ PACKAGES = (
     "gateway/linked_fleet_doctor",
     "gateway/linked_fleet_server",
     "gateway/linked_fleet_shacl",
+    "gateway/linked_fleet_rdf",
     "gateway/linked_fleet_webhooks",
     "gateway/linked_fleet_valkey",
     "client/linked_fleet_client",

@@ -16,6 +16,7 @@ PACKAGES = {
     "linked_fleet_shacl": ROOT / "gateway/linked_fleet_shacl",
     "linked_fleet_valkey": ROOT / "gateway/linked_fleet_valkey",
     "linked_fleet_webhooks": ROOT / "gateway/linked_fleet_webhooks",
+    "linked_fleet_rdf": ROOT / "gateway/linked_fleet_rdf",
     "linked_fleet_client": ROOT / "client/linked_fleet_client",
 }
 _PROGRAM = """

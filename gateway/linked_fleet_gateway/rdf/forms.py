@@ -20,7 +20,7 @@ from linked_fleet_gateway.rdf import vocabulary
 from linked_fleet_gateway.rdf.graph import Graph, Node, Term
 from linked_fleet_gateway.rdf.serialise import N_TRIPLES, TEXT_TYPES, n_triples, render
 from linked_fleet_gateway.rdf.templates import Document, Key, Markers, Template, TemplateCache, is_replaceable
-from linked_fleet_gateway.rdf.turtle import TYPE
+from linked_fleet_rdf.turtle import TYPE
 from linked_fleet_shacl.terms import Namespace
 
 MAX_TEMPLATES = 2048

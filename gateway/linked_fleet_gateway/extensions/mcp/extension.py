@@ -39,10 +39,10 @@ from linked_fleet_gateway.base.settings import Section, setting, whole_number
 from linked_fleet_gateway.extensions.mcp.envelope import InvalidMessage, UnderWay, check_envelope, request_id
 from linked_fleet_gateway.extensions.mcp.message_context import KEY, MessageContext
 from linked_fleet_gateway.rdf.graph import Graph
-from linked_fleet_gateway.rdf.json_input import ParseError, load_json
 from linked_fleet_gateway.rdf.serialise import JSON
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, RDFS
 from linked_fleet_gateway.serving import read_body, wants_events
+from linked_fleet_rdf.json_input import ParseError, load_json
 
 PATH, _TITLE = "/mcp", "Model Context Protocol"
 

@@ -21,8 +21,8 @@ from linked_fleet_gateway.extensions.pages.values import Facts
 from linked_fleet_gateway.faces import Right, describe_request_shape
 from linked_fleet_gateway.rdf.graph import Graph
 from linked_fleet_gateway.rdf.shapes import BLUEPRINTS, add_closure, load_turtle
-from linked_fleet_gateway.rdf.turtle import Term
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HTTP, HYBRIT, LF, NUMERIC, VOM, XSD
+from linked_fleet_rdf.turtle import Term
 
 _NUMBERS = frozenset(URIRef(each.value) for each in NUMERIC)
 _EXACT = frozenset({URIRef(XSD.decimal.value), URIRef(XSD.double.value)})

@@ -20,8 +20,8 @@ from linked_fleet_gateway.extensions.pages.texts import clean
 from linked_fleet_gateway.extensions.pages.view import view_of
 from linked_fleet_gateway.extensions.pages.views import added_views, places
 from linked_fleet_gateway.faces import PageContext, Reader, Resource
-from linked_fleet_gateway.rdf import jsonld
 from linked_fleet_gateway.rdf.vocabulary import PREFIXES
+from linked_fleet_rdf import jsonld
 
 if TYPE_CHECKING:
     import jinja2

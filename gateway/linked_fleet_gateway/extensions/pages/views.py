@@ -15,8 +15,8 @@ from linked_fleet_gateway.base.contributions import present
 from linked_fleet_gateway.extensions.pages.assets import add_file
 from linked_fleet_gateway.extensions.pages.values import Facts
 from linked_fleet_gateway.faces import NavigationEntry
-from linked_fleet_gateway.rdf.turtle import Subject
 from linked_fleet_gateway.rdf.vocabulary import LF as CORE
+from linked_fleet_rdf.turtle import Subject
 
 LF = CORE.extended("Audit Directory Model cameras history model placement world")
 

@@ -25,8 +25,8 @@ from linked_fleet_gateway.extensions.world.placement import LF
 from linked_fleet_gateway.extensions.world.scene import Box, SceneObject
 from linked_fleet_gateway.fleet.model import Pose
 from linked_fleet_gateway.rdf.graph import Graph
-from linked_fleet_gateway.rdf.turtle import Term
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, LDP, MATHS, RDF, RDFS
+from linked_fleet_rdf.turtle import Term
 
 if TYPE_CHECKING:
     from linked_fleet_gateway.extensions.pages import form

@@ -10,10 +10,8 @@ from collections.abc import Mapping, Sequence
 
 from pyoxigraph import BlankNode, Literal, NamedNode, Triple
 
-from linked_fleet_gateway.rdf import vocabulary as vocab
-from linked_fleet_gateway.rdf.vocabulary import RDF
-
-TYPE, FIRST, REST, NIL = RDF.type, RDF.first, RDF.rest, RDF.nil
+_RDF = "http://www.w3.org/1999/02/22-rdf-syntax-ns#"
+TYPE, FIRST, REST, NIL = (NamedNode(_RDF + name) for name in ("type", "first", "rest", "nil"))
 MAX_NESTING = 32
 
 Subject = NamedNode | BlankNode
@@ -120,7 +118,7 @@ class Outline:
                     pending.append((value, below))
 
 
-XSD = vocab.XSD.iri
+XSD = "http://www.w3.org/2001/XMLSchema#"
 # Narrower than PN_LOCAL: IRIs with escapes, ':' or non-ASCII letters are written in full.
 _LOCAL_NAME = re.compile(r"(?:[A-Za-z0-9_](?:[A-Za-z0-9_.-]*[A-Za-z0-9_-])?)?")
 _BARE = {

@@ -11,8 +11,8 @@ from typing import Any
 from pyoxigraph import BlankNode, Literal, NamedNode, RdfFormat, Triple
 from pyoxigraph import parse as oxigraph_parse
 
-from linked_fleet_gateway.rdf.json_input import InputTooLargeError, ParseError, check_jsonld
-from linked_fleet_gateway.rdf.turtle import REST
+from linked_fleet_rdf.json_input import InputTooLargeError, ParseError, check_jsonld
+from linked_fleet_rdf.turtle import REST
 
 __all__ = ["MAX_LENGTH", "PARSEABLE", "ParseError", "parse"]
 

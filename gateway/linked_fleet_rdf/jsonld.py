@@ -12,7 +12,7 @@ from typing import Any
 
 from pyoxigraph import BlankNode, Literal, NamedNode, Triple
 
-from linked_fleet_gateway.rdf.turtle import TYPE, XSD, Names, Outline, Properties, Subject, Term
+from linked_fleet_rdf.turtle import TYPE, XSD, Names, Outline, Properties, Subject, Term
 
 _INTEGER = re.compile(r"0|-?[1-9][0-9]{0,14}")
 _DOUBLE = re.compile(r"(-?[0-9]\.[0-9]+)E(-?[0-9]{1,2})")
