@@ -24,7 +24,11 @@ async def make_plan(
 ) -> Motion | Halt | Operation:
     """Return the plan that the handler of the action makes of a body. Raises the handler's errors."""
     plan = actions.plan(ActionRequest(base, body, offer.robot, offer.joint, moment, offer.thing), offer)
-    return await actions.compute(plan) if isinstance(plan, DeferredPlan) else plan
+    if isinstance(plan, DeferredPlan):
+        plan = await actions.compute(plan)
+    # A stop takes no lease, and other kinds do not take the right to stop.
+    assert not isinstance(plan, Motion if offer.is_stop else Halt)
+    return plan
 
 
 async def carry_out(actions: Actions, offer: Offer, plan: Motion | Halt | Operation, caller: Caller) -> Invocation:

@@ -137,7 +137,7 @@ class Core:
         statements: Sequence[Triple] = (),
         moment: RobotTime | None = None,
     ) -> Invocation:
-        """Invoke an action for a client, with the rights in ``caller``, and return the accepted invocation.
+        """Invoke an action for a client, and return the accepted invocation. The extension has checked its rights.
 
         ``statements`` are those of the body, whose IRIs begin with ``base``. ``moment`` is the time of its robot at
         which the client knew the fleet: a stop since then takes precedence. Raises FleetError.
